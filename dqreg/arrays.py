@@ -1,0 +1,178 @@
+"""Validation at the door: turn what a caller gave into checked float64 arrays, or say what is wrong.
+
+Inside the package the types are trusted; every public function checks its arrays here, once.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dqreg.errors import InputError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+# A rotation read from a text file with seven digits is good to about 1e-6.
+RIGID_TOLERANCE = 1e-5
+
+
+def as_float(value: Any, name: str) -> FloatArray:
+    """Float64 array of what was given.
+
+    Parameters
+    ----------
+    value : array_like
+        Numbers of any shape.
+    name : str
+        What the caller calls it, for the message.
+
+    Returns
+    -------
+    ndarray
+        C-contiguous float64; the input itself where it already is one.
+
+    Raises
+    ------
+    InputError
+        If the value cannot be read as real numbers.
+    """
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind == "c":
+            raise TypeError("complex numbers")
+        return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be an array of real numbers; got {type(value).__name__} ({error})") from error
+
+
+def as_vectors(value: Any, name: str, *, finite: bool = True) -> FloatArray:
+    """Rows of three numbers, (n, 3).
+
+    Parameters
+    ----------
+    value : array_like, (n, 3)
+        Points or directions.
+    name : str
+        What the caller calls it, for the message.
+    finite : bool
+        Whether NaN or infinity is an error.
+
+    Returns
+    -------
+    ndarray, (n, 3)
+        Float64, C-contiguous.
+
+    Raises
+    ------
+    InputError
+        If the shape is not (n, 3), or a row is not finite while ``finite`` is asked for.
+    """
+    array = as_float(value, name)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InputError(f"{name} must have shape (n, 3), one x, y, z row per item; got shape {array.shape}")
+    if finite:
+        require_finite(array, name)
+    return array
+
+
+def as_weights(value: Any, name: str, count: int) -> FloatArray:
+    """One finite weight >= 0 for each of ``count`` items.
+
+    Parameters
+    ----------
+    value : array_like or float
+        One number for all, or one per item.
+    name : str
+        What the caller calls it, for the message.
+    count : int
+        How many items there are.
+
+    Returns
+    -------
+    ndarray, (count,)
+        Float64 weights.
+
+    Raises
+    ------
+    InputError
+        If the number of weights differs, or one is negative or not finite.
+    """
+    array = as_float(value, name)
+    if array.ndim == 0:
+        array = np.full(count, float(array))
+    if array.shape != (count,):
+        raise InputError(f"{name} must be one number or {count} numbers, one per item; got shape {array.shape}")
+    require_finite(array, name)
+    if count and array.min() < 0.0:
+        raise InputError(f"{name} must not be negative; the smallest is {array.min():g}. Use 0 to leave an item out")
+    return array
+
+
+def as_pose(value: Any, name: str) -> FloatArray:
+    """Rigid 4x4 pose.
+
+    Parameters
+    ----------
+    value : array_like, (4, 4)
+        Rotation, translation and the row 0 0 0 1.
+    name : str
+        What the caller calls it, for the message.
+
+    Returns
+    -------
+    ndarray, (4, 4)
+        The pose as given, its rotation block replaced by the nearest rotation.
+
+    Raises
+    ------
+    InputError
+        If the shape, the last row, the lengths of the rotation's columns or its handedness are wrong.
+    """
+    T = as_float(value, name)
+    if T.shape != (4, 4):
+        raise InputError(f"{name} must be a 4x4 matrix; got shape {T.shape}")
+    require_finite(T, name)
+    if np.abs(T[3] - [0.0, 0.0, 0.0, 1.0]).max() > RIGID_TOLERANCE:
+        raise InputError(f"{name} must have the last row 0 0 0 1; got {T[3].tolist()}. Was it transposed?")
+    R = T[:3, :3]
+    if np.linalg.det(R) < 0.0:
+        raise InputError(f"{name} holds a mirror image (determinant {np.linalg.det(R):.6g}); a rigid pose has +1")
+    gap = np.abs(R.T @ R - np.eye(3)).max()
+    if gap > RIGID_TOLERANCE:
+        raise InputError(
+            f"{name} is not rigid: its rotation block departs from orthonormal by {gap:.3g} "
+            f"(allowed {RIGID_TOLERANCE:g}). Remove any scale or shear first"
+        )
+    U, _, Vt = np.linalg.svd(R)
+    pose = T.copy()
+    pose[:3, :3] = U @ Vt
+    pose[3] = [0.0, 0.0, 0.0, 1.0]
+    return pose
+
+
+def require_finite(array: FloatArray, name: str) -> None:
+    """Raise unless every number is finite.
+
+    Parameters
+    ----------
+    array : ndarray
+        Numbers to look at.
+    name : str
+        What the caller calls it, for the message.
+
+    Raises
+    ------
+    InputError
+        If a number is NaN or infinite; the message counts them and names the first.
+    """
+    # One sum is three times faster than looking at each number, and finite unless something is wrong or huge.
+    if np.isfinite(array.sum()):
+        return
+    bad = ~np.isfinite(array)
+    if bad.any():
+        first = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise InputError(f"{name} holds {int(bad.sum())} numbers that are NaN or infinite, the first at {first}")
