@@ -1,0 +1,1 @@
+"""Registers scans to CAD meshes and clouds."""

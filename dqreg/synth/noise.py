@@ -1,0 +1,149 @@
+"""What goes wrong in a scan: range noise, lost returns, strays and mixed pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from dqreg.arrays import BoolArray, FloatArray
+from dqreg.errors import InputError
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Error model of a virtual scanner; nothing goes wrong by default.
+
+    Attributes
+    ----------
+    range_sigma : float
+        Standard deviation of the range at head-on incidence, a length in the unit of the part.
+    grazing_growth : float
+        How fast it grows with the incidence angle i: sigma = range_sigma (1 + grazing_growth (1 / cos i -
+        1)).
+    dropout : float
+        Share of returns lost at the most grazing incidence: a return is lost with probability dropout (1 -
+        cos i).
+    max_incidence_rad : float
+        Beyond this incidence angle nothing returns; less than pi / 2.
+    outlier_share : float
+        Share of the returns that become strays, uniform in an enlarged bounding box of the part.
+    outlier_box : float
+        Size of that box over the size of the bounding box.
+    mixed_share : float
+        Share of the returns at a depth step that become mixed pixels: somewhere between their own range and
+        that of the next pixel in the row.
+    mixed_step : float
+        Least difference of ranges that is a depth step, in diagonals of the part.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be; the message names it.
+
+    Examples
+    --------
+    >>> Noise(range_sigma=0.05, outlier_share=0.02).outlier_box
+    1.2
+    """
+
+    range_sigma: float = 0.0
+    grazing_growth: float = 0.0
+    dropout: float = 0.0
+    max_incidence_rad: float = float(np.deg2rad(85.0))
+    outlier_share: float = 0.0
+    outlier_box: float = 1.2
+    mixed_share: float = 0.0
+    mixed_step: float = 0.01
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value < np.inf:
+                raise InputError(f"{field.name} must be a number that is not negative; got {value!r}")
+        for name in ("dropout", "outlier_share", "mixed_share"):
+            if getattr(self, name) > 1.0:
+                raise InputError(f"{name} is a share and must not be above 1; got {getattr(self, name)!r}")
+        if not 0.0 < self.max_incidence_rad < 0.5 * np.pi:
+            raise InputError(
+                f"max_incidence_rad must lie between 0 and a right angle; got {self.max_incidence_rad!r} rad"
+            )
+
+    def draw(self, ranges: FloatArray, cosines: FloatArray, diagonal: float, rng: np.random.Generator) -> Errors:
+        """Draw the errors of all pixels.
+
+        Parameters
+        ----------
+        ranges : ndarray, (k, rows, columns)
+            True range of each pixel of each view; NaN where the ray meets nothing.
+        cosines : ndarray, (k, rows, columns)
+            Cosine of the incidence angle; negative where the face is met from behind, NaN where there is
+            none.
+        diagonal : float
+            Diagonal of the part, in the unit of the ranges.
+        rng : numpy.random.Generator
+            Source of randomness; the same numbers are taken from it whatever the rays meet.
+
+        Returns
+        -------
+        Errors
+            One entry a pixel, in the order of ``ranges.ravel()``.
+
+        Examples
+        --------
+        >>> errors = Noise().draw(np.ones((1, 2, 2)), np.ones((1, 2, 2)), 1.0, np.random.default_rng(0))
+        >>> errors.is_kept.tolist()
+        [True, True, True, True]
+        """
+        gauss = rng.standard_normal(ranges.size)
+        lost, stray, mixed = rng.random((3, ranges.size))
+        in_box = rng.uniform(-0.5, 0.5, (ranges.size, 3))
+        cosine = cosines.ravel()
+        is_kept = (cosine > np.cos(self.max_incidence_rad)) & (lost >= self.dropout * (1.0 - cosine))
+        safe_cosine = np.where(is_kept, cosine, 1.0)
+        sigma = self.range_sigma * (1.0 + self.grazing_growth * (1.0 / safe_cosine - 1.0))
+        step = _step_to_next(ranges)
+        is_stray = stray < self.outlier_share
+        is_mixed = (np.abs(step) > self.mixed_step * diagonal) & (mixed < self.mixed_share) & ~is_stray
+        # Below its threshold the number that chose the pixel is itself uniform: it also says how far to go.
+        towards_next = np.where(is_mixed, mixed, 0.0) / (self.mixed_share or 1.0) * step
+        return Errors(
+            is_kept=is_kept,
+            is_stray=is_stray,
+            is_mixed=is_mixed,
+            sigma=sigma,
+            range_error=np.where(is_mixed, towards_next, sigma * gauss),
+            in_box=self.outlier_box * in_box,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Errors of all pixels of a scan, as `Noise.draw` gives them.
+
+    Attributes
+    ----------
+    is_kept : ndarray, (n,)
+        Whether the pixel brings a point back.
+    is_stray, is_mixed : ndarray, (n,)
+        Whether that point is a stray or a mixed pixel.
+    sigma : ndarray, (n,)
+        Standard deviation of the range noise.
+    range_error : ndarray, (n,)
+        What to add to the range.
+    in_box : ndarray, (n, 3)
+        Place of the stray from the part's centre, in sizes of its bounding box.
+    """
+
+    is_kept: BoolArray
+    is_stray: BoolArray
+    is_mixed: BoolArray
+    sigma: FloatArray
+    range_error: FloatArray
+    in_box: FloatArray
+
+
+def _step_to_next(ranges: FloatArray) -> FloatArray:
+    """Range of the next pixel in the row minus its own, (n,); zero where either meets nothing."""
+    step = np.diff(ranges, axis=2, append=np.nan).ravel()
+    return np.where(np.isfinite(step), step, 0.0)

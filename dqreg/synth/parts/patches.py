@@ -1,0 +1,252 @@
+"""Flat and curved patches of triangles, and the weld that makes one mesh of them.
+
+A patch in the plane is an array (n, 3, 2) of triangles, counter-clockwise; in space it is (n, 3, 3), and the
+normal by the right-hand rule looks out of the material. Patches that meet must share their vertices bit for
+bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from dqreg.arrays import FloatArray, IntArray
+from dqreg.errors import InputError
+
+
+def circle(centre: Sequence[float], diameter: float, segments: int) -> FloatArray:
+    """Regular polygon inscribed in a circle.
+
+    Parameters
+    ----------
+    centre : sequence of 2 floats
+        Centre in the plane.
+    diameter : float
+        Diameter of the circle, through the corners.
+    segments : int
+        Number of corners, a multiple of four that is at least 8.
+
+    Returns
+    -------
+    ndarray, (segments, 2)
+        Corners, counter-clockwise from the first axis.
+
+    Raises
+    ------
+    InputError
+        If ``segments`` does not fit.
+
+    Examples
+    --------
+    >>> circle((1.0, 0.0), 4.0, 8)[0].tolist()
+    [3.0, 0.0]
+    """
+    if segments < 8 or segments % 4:
+        raise InputError(f"segments must be a multiple of 4 and at least 8; got {segments}")
+    angle = np.arange(segments) * (2.0 * np.pi / segments)
+    return np.asarray(centre, dtype=np.float64) + 0.5 * diameter * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def grid(u: Sequence[float] | FloatArray, v: Sequence[float] | FloatArray) -> FloatArray:
+    """Rectangle cut into cells along given lines, two triangles a cell.
+
+    Parameters
+    ----------
+    u, v : sequence of float
+        Increasing positions of the lines along the first and the second axis.
+
+    Returns
+    -------
+    ndarray, (2 (len(u) - 1) (len(v) - 1), 3, 2)
+        Counter-clockwise triangles.
+
+    Examples
+    --------
+    >>> grid([0.0, 1.0], [0.0, 1.0, 2.0]).shape
+    (4, 3, 2)
+    """
+    U, V = np.meshgrid(u, v, indexing="ij")
+    P = np.stack([U, V], axis=-1)
+    a, b, c, d = P[:-1, :-1], P[1:, :-1], P[1:, 1:], P[:-1, 1:]
+    return np.stack([a, b, c, a, c, d], axis=-2).reshape(-1, 3, 2)
+
+
+def fan(polygon: Sequence[Sequence[float]] | FloatArray) -> FloatArray:
+    """Triangles from the first corner of a polygon to all its other edges.
+
+    Parameters
+    ----------
+    polygon : array_like, (k, 2) or (k, 3)
+        Corners in order; every edge must be seen from the first corner.
+
+    Returns
+    -------
+    ndarray, (k - 2, 3, 2) or (k - 2, 3, 3)
+        Triangles that wind as the polygon does.
+
+    Examples
+    --------
+    >>> fan([[0, 0], [2, 0], [2, 1], [0, 1]]).shape
+    (2, 3, 2)
+    """
+    P = np.asarray(polygon, dtype=np.float64)
+    return np.stack([np.broadcast_to(P[0], P[2:].shape), P[1:-1], P[2:]], axis=1)
+
+
+def ring(u: tuple[float, float], v: tuple[float, float], hole: FloatArray) -> FloatArray:
+    """Rectangle with one round hole, without a vertex on its sides other than the four corners.
+
+    Parameters
+    ----------
+    u, v : (float, float)
+        Low and high end of the rectangle along each axis.
+    hole : ndarray, (k, 2)
+        Polygon from `circle`, inside the rectangle.
+
+    Returns
+    -------
+    ndarray, (k + 4, 3, 2)
+        Counter-clockwise triangles.
+
+    Raises
+    ------
+    InputError
+        If the hole does not fit into the rectangle.
+
+    Notes
+    -----
+    Each quarter of the hole is joined to the corner that lies the same way, and each side of the rectangle to
+    the vertex of the hole that is nearest to it. Both always see each other, wherever the hole lies.
+
+    Examples
+    --------
+    >>> ring((0.0, 4.0), (0.0, 4.0), circle((2.0, 2.0), 1.0, 8)).shape
+    (12, 3, 2)
+    """
+    low, high = hole.min(axis=0), hole.max(axis=0)
+    if low[0] <= u[0] or high[0] >= u[1] or low[1] <= v[0] or high[1] >= v[1]:
+        raise InputError(
+            f"a round of diameter {high[0] - low[0]:g} about ({hole[:, 0].mean():g}, {hole[:, 1].mean():g}) "
+            f"does not fit into its face, {u[0]:g} to {u[1]:g} by {v[0]:g} to {v[1]:g}; make it smaller"
+        )
+    quarter = len(hole) // 4
+    corners = np.array([[u[1], v[1]], [u[0], v[1]], [u[0], v[0]], [u[1], v[0]]])
+    rounds = np.stack([hole, np.repeat(corners, quarter, axis=0), np.roll(hole, -1, axis=0)], axis=1)
+    sides = np.stack([corners, np.roll(corners, -1, axis=0), np.roll(hole[::quarter], -1, axis=0)], axis=1)
+    return np.concatenate([rounds, sides])
+
+
+def annulus(outer: FloatArray, inner: FloatArray) -> FloatArray:
+    """Flat band between two polygons with the same number of corners.
+
+    Parameters
+    ----------
+    outer, inner : ndarray, (k, 2)
+        Polygons from `circle`, counter-clockwise, about the same centre.
+
+    Returns
+    -------
+    ndarray, (2 k, 3, 2)
+        Counter-clockwise triangles.
+
+    Examples
+    --------
+    >>> annulus(circle((0, 0), 2.0, 8), circle((0, 0), 1.0, 8)).shape
+    (16, 3, 2)
+    """
+    a, b, c, d = inner, outer, np.roll(outer, -1, axis=0), np.roll(inner, -1, axis=0)
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def lift(triangles: FloatArray, axis: int, height: float, *, outward: int = 1) -> FloatArray:
+    """Put plane triangles into space, across one coordinate axis.
+
+    Parameters
+    ----------
+    triangles : ndarray, (n, 3, 2)
+        Counter-clockwise triangles; their two coordinates become the axes ``axis + 1`` and ``axis + 2``
+        (cyclic).
+    axis : int
+        Axis across which the patch lies: 0, 1 or 2.
+    height : float
+        Its position along that axis.
+    outward : int
+        +1 if the outside is towards the positive axis, -1 if towards the negative.
+
+    Returns
+    -------
+    ndarray, (n, 3, 3)
+        Triangles whose normal points to the outside.
+
+    Examples
+    --------
+    >>> lift(np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]), 2, 5.0)[0].tolist()
+    [[0.0, 0.0, 5.0], [1.0, 0.0, 5.0], [0.0, 1.0, 5.0]]
+    """
+    space = np.full((*triangles.shape[:2], 3), float(height))
+    space[..., (axis + 1) % 3] = triangles[..., 0]
+    space[..., (axis + 2) % 3] = triangles[..., 1]
+    return space if outward > 0 else space[:, ::-1]
+
+
+def walls(
+    outline: FloatArray, axis: int, span: tuple[float, float], *, outward: int = 1, closed: bool = True
+) -> FloatArray:
+    """Side faces of the prism over an outline.
+
+    Parameters
+    ----------
+    outline : ndarray, (k, 2)
+        Corners, counter-clockwise about the material, in the axes ``axis + 1`` and ``axis + 2`` (cyclic).
+    axis : int
+        Axis along which the outline is drawn out.
+    span : (float, float)
+        Where the prism begins and ends along that axis.
+    outward : int
+        +1 if the material is inside the outline, -1 if outside (a hole).
+    closed : bool
+        Whether the last corner is joined to the first.
+
+    Returns
+    -------
+    ndarray, (2 k or 2 k - 2, 3, 3)
+        Triangles whose normal points out of the material.
+
+    Examples
+    --------
+    >>> walls(circle((0, 0), 1.0, 8), 2, (0.0, 3.0)).shape
+    (16, 3, 3)
+    """
+    count = len(outline) if closed else len(outline) - 1
+    corners = np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)[:count]
+    low, high = (lift(corners, axis, height) for height in span)
+    a, b, c, d = low[:, 0], low[:, 1], high[:, 1], high[:, 0]
+    space = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return space if outward > 0 else space[:, ::-1]
+
+
+def weld(patches: Iterable[FloatArray]) -> tuple[FloatArray, IntArray]:
+    """One indexed mesh of many patches; vertices that are equal bit for bit become one.
+
+    Parameters
+    ----------
+    patches : iterable of ndarray, (n, 3, 3)
+        Triangles in space.
+
+    Returns
+    -------
+    vertices : ndarray, (v, 3)
+        Float64, sorted.
+    faces : ndarray, (f, 3)
+        Int64 indices into ``vertices``, in the order given.
+
+    Examples
+    --------
+    >>> vertices, faces = weld([lift(grid([0, 1], [0, 1]), 2, 0.0)])
+    >>> vertices.shape, faces.shape
+    ((4, 3), (2, 3))
+    """
+    soup = np.concatenate(list(patches)).reshape(-1, 3) + 0.0  # + 0.0 turns -0.0 into 0.0
+    vertices, inverse = np.unique(soup, axis=0, return_inverse=True)
+    return vertices, inverse.reshape(-1, 3).astype(np.int64)

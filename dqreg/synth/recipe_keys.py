@@ -1,0 +1,228 @@
+"""Checked access to a recipe's keys; every error names the key as the reader of the file knows it."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+
+from dqreg.errors import InputError
+
+Made = TypeVar("Made")
+
+
+def require_known(table: Mapping[str, Any], known: Iterable[str], prefix: str) -> None:
+    """Raise if a table holds a key that means nothing.
+
+    Parameters
+    ----------
+    table : mapping
+        Keys as written.
+    known : iterable of str
+        Keys that mean something.
+    prefix : str
+        Name of the table with a dot, or nothing at the top.
+
+    Raises
+    ------
+    InputError
+        If a key is not known; the message names it and the nearest one that is.
+
+    Examples
+    --------
+    >>> require_known({"seed": 1}, ["seed", "units"], "")
+    """
+    known = list(known)
+    for key in table:
+        if key not in known:
+            near = difflib.get_close_matches(key, known, 1)
+            hint = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(known)}"
+            raise InputError(f"recipe: {prefix}{key} is not known; {hint}")
+
+
+def get_table(data: Mapping[str, Any], name: str, known: Iterable[str] | None) -> dict[str, Any]:
+    """Return one table of the recipe.
+
+    Parameters
+    ----------
+    data : mapping
+        The whole recipe.
+    name : str
+        Name of the table.
+    known : iterable of str, optional
+        Keys that may be in it; None leaves them to the caller.
+
+    Returns
+    -------
+    dict
+        The table; empty if it is not there.
+
+    Raises
+    ------
+    InputError
+        If it is not a table, or holds an unknown key.
+
+    Examples
+    --------
+    >>> get_table({"start": {"offset": 0.1}}, "start", ["offset"])
+    {'offset': 0.1}
+    """
+    table = data.get(name, {})
+    if not isinstance(table, dict):
+        raise InputError(f"recipe: {name} must be a table, [{name}]; got {table!r}")
+    if known is not None:
+        require_known(table, known, f"{name}.")
+    return dict(table)
+
+
+def get_number(table: Mapping[str, Any], name: str, default: float) -> float:
+    """Return a number that is not negative.
+
+    Parameters
+    ----------
+    table : mapping
+        Table that holds it.
+    name : str
+        Its name with that of the table: ``table.key``.
+    default : float
+        Value if it is not there.
+
+    Returns
+    -------
+    float
+        The number.
+
+    Raises
+    ------
+    InputError
+        If it is not a number, negative or not finite.
+
+    Examples
+    --------
+    >>> get_number({"offset": 2}, "start.offset", 0.1)
+    2.0
+    """
+    value = table.get(name.rpartition(".")[2], default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value < np.inf:
+        raise InputError(f"recipe: {name} must be a number that is not negative; got {value!r}")
+    return float(value)
+
+
+def get_text(table: Mapping[str, Any], name: str, default: str, choices: Iterable[str] = ()) -> str:
+    """Return a text, one of a few if these are given.
+
+    Parameters
+    ----------
+    table : mapping
+        Table that holds it.
+    name : str
+        Its name, with that of the table unless it stands at the top.
+    default : str
+        Value if it is not there.
+    choices : iterable of str
+        What it may be; anything if empty.
+
+    Returns
+    -------
+    str
+        The text.
+
+    Raises
+    ------
+    InputError
+        If it is no text, or none of the choices.
+
+    Examples
+    --------
+    >>> get_text({}, "units", "mm", ["mm", "m"])
+    'mm'
+    """
+    value, choices = table.get(name.rpartition(".")[2], default), list(choices)
+    if not isinstance(value, str) or not value or (choices and value not in choices):
+        expected = f"one of {', '.join(choices)}" if choices else "a text"
+        raise InputError(f"recipe: {name} must be {expected}; got {value!r}")
+    return value
+
+
+def check_seed(value: Any) -> int:
+    """Return a seed, a whole number that is not negative.
+
+    Parameters
+    ----------
+    value : int
+        What was given.
+
+    Returns
+    -------
+    int
+        The same.
+
+    Raises
+    ------
+    InputError
+        If it is anything else.
+
+    Examples
+    --------
+    >>> check_seed(7)
+    7
+    """
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        given = "it is missing" if value is None else f"got {value!r}"
+        raise InputError(f"recipe: seed must be a whole number that is not negative; {given}")
+    return value
+
+
+def build(kind: Callable[..., Made], name: str, table: Mapping[str, Any]) -> Made:
+    """Make an object from a table, angles turned from degrees to radians.
+
+    Parameters
+    ----------
+    kind : callable
+        What makes the object; takes keywords. A key ``angle_deg`` of the table becomes its keyword
+        ``angle_rad``.
+    name : str
+        Name of the table.
+    table : mapping
+        Its keys and values.
+
+    Returns
+    -------
+    object
+        What ``kind`` returns.
+
+    Raises
+    ------
+    InputError
+        If a key is unknown, or ``kind`` finds a value wrong; the message names the key.
+
+    Examples
+    --------
+    >>> build(lambda width=1.0: width, "part", {"width": 3.0})
+    3.0
+    """
+    keywords = inspect.signature(kind).parameters
+    require_known(table, [_in_degrees(key) for key in keywords], f"{name}.")
+    values = {key: table[_in_degrees(key)] for key in keywords if _in_degrees(key) in table}
+    for key in values:
+        if key.endswith("_rad"):
+            values[key] = float(np.deg2rad(get_number(table, f"{name}.{_in_degrees(key)}", 0.0)))
+    try:
+        return kind(**values)
+    except InputError as error:
+        raise InputError(f"recipe: {name}{_named(str(error), keywords)}") from error
+    except (TypeError, ValueError) as error:
+        raise InputError(f"recipe: a value in [{name}] cannot be used: {error}") from error
+
+
+def _in_degrees(key: str) -> str:
+    return key.removesuffix("_rad") + "_deg" if key.endswith("_rad") else key
+
+
+def _named(message: str, keywords: Iterable[str]) -> str:
+    """Put a message behind the name of a table: ".key ..." if it begins with a keyword, else ": ..."."""
+    key = message.split(" ")[0].partition("[")[0]
+    return f".{_in_degrees(key)}{message.removeprefix(key)}" if key in keywords else f": {message}"
