@@ -1,0 +1,39 @@
+"""Closed-form solvers: from given matches of points and directions to the pose.
+
+- `solve` (also ``dqreg.solve``): the closed form of 1991 with plain squared distances; `solve_many` does thousands
+  of small problems in one call; `likelihood_weights` and `normal_variance` turn noise into weights.
+- `walker1991`, `svd`, `horn`: the same pose by the papers' own letters, slow and literal, to measure others by.
+- `moments_of`, `Moments`, `solve_moments`, `cost_of_pose`: the parts, for loops that have checked their arrays.
+"""
+
+from dqreg.solvers.arun import svd
+from dqreg.solvers.batch import Fits, solve_many
+from dqreg.solvers.closed_form import solve_moments
+from dqreg.solvers.euclidean import solve
+from dqreg.solvers.fit import Fit
+from dqreg.solvers.jia import horn
+from dqreg.solvers.likelihood import LikelihoodWeights, likelihood_weights, normal_variance
+from dqreg.solvers.matches import Matches, read_matches
+from dqreg.solvers.moments import Moments, moments_of
+from dqreg.solvers.pose_cost import cost_of_pose
+from dqreg.solvers.walker import WalkerFit, walker1991
+
+__all__ = [
+    "Fit",
+    "Fits",
+    "LikelihoodWeights",
+    "Matches",
+    "Moments",
+    "WalkerFit",
+    "cost_of_pose",
+    "horn",
+    "likelihood_weights",
+    "moments_of",
+    "normal_variance",
+    "read_matches",
+    "solve",
+    "solve_many",
+    "solve_moments",
+    "svd",
+    "walker1991",
+]

@@ -1,0 +1,177 @@
+"""`dqreg.solve_many`: thousands of small problems in one call, by the same closed form as `solve`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg.arrays import BoolArray, FloatArray
+from dqreg.errors import InputError
+from dqreg.solvers.batch_input import FeatureSet, read_features
+from dqreg.solvers.batch_sums import BatchSums, residual_sums, sum_block
+from dqreg.solvers.closed_form import SMALLEST_GAP
+
+# Numbers a block of problems holds a side: its temporaries stay in the cache.
+BLOCK_NUMBERS = 16384
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fits:
+    """One fit a problem; a degenerate problem has NaN in its pose, cost and rms, never an identity.
+
+    Attributes
+    ----------
+    T_target_source : ndarray, (b, 4, 4)
+        Poses that map source coordinates to target coordinates.
+    cost, rms : ndarray, (b,)
+        The minimised sums, from the residuals; the weighted root mean square distances of the points.
+    eigenvalue_gap : ndarray, (b,)
+        Relative gaps as `Fit` has them, of degenerate problems too; NaN where no point carries weight.
+    degenerate : ndarray, (b,) of bool
+        Where `solve` would raise `DegenerateGeometryError`.
+    """
+
+    T_target_source: FloatArray
+    cost: FloatArray
+    rms: FloatArray
+    eigenvalue_gap: FloatArray
+    degenerate: BoolArray
+
+
+def solve_many(
+    points_source: ArrayLike,
+    points_target: ArrayLike,
+    directions_source: ArrayLike | None = None,
+    directions_target: ArrayLike | None = None,
+    point_weights: ArrayLike | None = None,
+    direction_weights: ArrayLike | None = None,
+    *,
+    offsets: ArrayLike | None = None,
+    direction_offsets: ArrayLike | None = None,
+) -> Fits:
+    """Solve b independent problems, each as `solve` would.
+
+    Equal sizes come as (b, n, 3) arrays. Different sizes come as all rows below each other, (total, 3), with b + 1
+    offsets: problem i holds the rows ``offsets[i]`` up to, without, ``offsets[i + 1]``. Points and directions choose
+    their form apart from each other.
+
+    Parameters
+    ----------
+    points_source, points_target : array_like, (b, n, 3) or (total, 3)
+        Matched points.
+    directions_source, directions_target : array_like, (b, m, 3) or (total, 3), optional
+        Matched directions, weighed as given.
+    point_weights, direction_weights : array_like, (b, n) or (total,), or float, optional
+        beta and alpha >= 0; 1 where not given, 0 rejects the match.
+    offsets, direction_offsets : array_like of int, (b + 1,), optional
+        From 0 up to the number of rows; equal neighbours are a problem without rows.
+
+    Returns
+    -------
+    Fits
+        Poses, costs, rms, gaps and the mask of degenerate problems. No degenerate problem disturbs another.
+
+    Raises
+    ------
+    InputError
+        If a shape, count, offset, weight or number anywhere is wrong: then nothing is solved.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> triangle = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]])
+    >>> line = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
+    >>> fits = solve_many([triangle, line], [triangle + 1.0, line + 1.0])
+    >>> fits.degenerate.tolist(), fits.T_target_source[0, :3, 3].round(12).tolist()
+    ([False, True], [1.0, 1.0, 1.0])
+    """
+    points = read_features(points_source, points_target, point_weights, offsets, "points")
+    count = points.count
+    if (directions_source is None) != (directions_target is None):
+        missing = "directions_source" if directions_source is None else "directions_target"
+        raise InputError(f"{missing} is missing; give the directions of both sides or of neither")
+    directions = None
+    if directions_source is not None and directions_target is not None:
+        directions = read_features(
+            directions_source, directions_target, direction_weights, direction_offsets, "directions"
+        )
+        if directions.count != count:
+            raise InputError(f"points hold {count} problems and directions {directions.count}; give one set a problem")
+    elif direction_weights is not None or direction_offsets is not None:
+        raise InputError("direction_weights or direction_offsets was given without directions")
+    nan = np.full(count, np.nan)
+    fits = Fits(np.full((count, 4, 4), np.nan), nan, nan.copy(), nan.copy(), np.ones(count, dtype=bool))
+    for chosen in _blocks(points, directions):
+        _solve_block(chosen, points, directions, fits)
+    return fits
+
+
+def _blocks(points: FeatureSet, directions: FeatureSet | None) -> list[slice] | list[np.ndarray]:
+    """Problems to take together: neighbours where all sizes are equal, else problems of like size."""
+    sizes = points.sizes if directions is None else points.sizes + directions.sizes
+    if points.is_even and (directions is None or directions.is_even):
+        step = max(1, BLOCK_NUMBERS // max(1, int(sizes.max(initial=1))))
+        return [slice(i, min(i + step, points.count)) for i in range(0, points.count, step)]
+    order = np.argsort(sizes, kind="stable")
+    # Blocks hold problems whose sizes agree within a power of two, and no more numbers than fit.
+    scale = np.ceil(np.log2(np.maximum(sizes[order], 1))).astype(int)
+    blocks = []
+    for group in np.split(order, np.flatnonzero(np.diff(scale)) + 1):
+        if group.size:
+            parts = -(-group.size * int(sizes[group].max(initial=1)) // BLOCK_NUMBERS)
+            blocks += np.array_split(group, min(max(parts, 1), group.size))
+    return blocks
+
+
+def _solve_block(chosen: slice | np.ndarray, points: FeatureSet, directions: FeatureSet | None, fits: Fits) -> None:
+    p, q, beta = points.take(chosen)
+    sides = None if directions is None else directions.take(chosen)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sums = sum_block(p, q, beta, sides)
+        values, vectors = np.linalg.eigh(_quaternion_forms(sums.H))
+        R = _rotations(vectors[:, :, 3].T)
+        lambda_1, lambda_2 = values[:, 3], values[:, 2]
+        good = (sums.weight > 0.0) & (lambda_1 - lambda_2 > SMALLEST_GAP * sums.reach + sums.floor)
+        gap = np.where(lambda_1 > 0.0, (lambda_1 - lambda_2) / lambda_1, 0.0)
+        point_cost, direction_cost = residual_sums(R, sums, beta, sides)
+        rms = np.sqrt(point_cost / sums.weight)
+    T = np.zeros((*lambda_1.shape, 4, 4))
+    T[:, :3, :3] = R.transpose(2, 0, 1)
+    T[:, :3, 3] = _translations(R, sums).T
+    T[:, 3, 3] = 1.0
+    fits.T_target_source[chosen] = np.where(good[:, None, None], T, np.nan)
+    fits.cost[chosen] = np.where(good, point_cost + direction_cost, np.nan)
+    fits.rms[chosen] = np.where(good, rms, np.nan)
+    fits.eigenvalue_gap[chosen] = np.where(sums.weight > 0.0, gap, np.nan)
+    fits.degenerate[chosen] = ~good
+
+
+def _quaternion_forms(H: FloatArray) -> FloatArray:
+    """`closed_form.quaternion_form` of every H in a stack (3, 3, b)."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = H
+    N = np.zeros((H.shape[2], 4, 4))
+    # eigh reads the lower triangle only.
+    N[:, 0, 0], N[:, 1, 1], N[:, 2, 2], N[:, 3, 3] = xx + yy + zz, xx - yy - zz, yy - xx - zz, zz - xx - yy
+    N[:, 1, 0], N[:, 2, 0], N[:, 3, 0] = zy - yz, xz - zx, yx - xy
+    N[:, 2, 1], N[:, 3, 1], N[:, 3, 2] = xy + yx, xz + zx, yz + zy
+    return N
+
+
+def _rotations(r: FloatArray) -> FloatArray:
+    """Rotation matrices (3, 3, b) of unit quaternions (4, b), scalar first."""
+    w, x, y, z = r
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
+def _translations(R: FloatArray, sums: BatchSums) -> FloatArray:
+    turned = np.einsum("ijb,jb->ib", R - np.eye(3)[:, :, None], sums.mean_source)
+    t: FloatArray = (sums.mean_target - sums.mean_source) - turned
+    return t

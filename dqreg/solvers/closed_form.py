@@ -1,0 +1,221 @@
+"""The closed form of 1991 from the sums: a 4x4 eigenproblem for the rotation, then the translation.
+
+For a unit quaternion r = (w, x, y, z) with the rotation R(r) the cost of matched points p, q and directions m, n,
+
+    E = sum beta |R p + t - q|^2 + sum alpha |R m - n|^2,
+
+is least for ``t = mean_q - R mean_p`` (Walker, Shao and Volz 1991, eq. 45), and then
+
+    E = constant - 2 r^T N r,    constant = sum beta (|p'|^2 + |q'|^2) + sum alpha (|m|^2 + |n|^2),
+
+with p', q' the points about their weighted means. N is linear in ``H = sum beta q' p'^T + sum alpha n m^T``:
+
+        | Hxx+Hyy+Hzz  Hzy-Hyz       Hxz-Hzx       Hyx-Hxy      |
+    N = | Hzy-Hyz      Hxx-Hyy-Hzz   Hxy+Hyx       Hxz+Hzx      |
+        | Hxz-Hzx      Hxy+Hyx      -Hxx+Hyy-Hzz   Hyz+Hzy      |
+        | Hyx-Hxy      Hxz+Hzx       Hyz+Hzy      -Hxx-Hyy+Hzz  |
+
+so r is its eigenvector of the largest eigenvalue lambda_1. The paper's A (eq. 47) is ``2 N`` with every beta divided
+by four, plus a multiple of the identity, and its order of components puts w last. N has trace zero: lambda_1 > 0
+unless H = 0. With the singular values s1 >= s2 >= |s3| of H (s3 negative where det H is) lambda_1 = s1 + s2 + s3 and
+``lambda_1 - lambda_2 = 2 (s2 + s3)``: the gap closes where H has rank one, as for points on a line.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.errors import DegenerateGeometryError
+from dqreg.solvers.fit import Fit
+from dqreg.solvers.moments import Moments
+
+# Gap lambda_1 - lambda_2, in units of the largest lambda_1 such data could have, below which it is rounding:
+# points on a line leave some 1e-16, a strip a millionth as wide as long leaves 1e-12.
+SMALLEST_GAP = 1e-12
+# Points that lie within this of each other, measured in their distance from the origin, are one point.
+SAME_POINT = 8.0 * float(np.finfo(np.float64).eps)
+
+
+def solve_moments(moments: Moments) -> Fit:
+    """Pose from the sums alone, without the points.
+
+    Parameters
+    ----------
+    moments : Moments
+        Finite sums over all matches.
+
+    Returns
+    -------
+    Fit
+        Its cost is ``constant - 2 lambda_1``, a difference of like numbers: its error is some 1e-15 of the constant,
+        so an rms below 1e-7 of the size of the part is rounding. It is never negative: what rounding takes below
+        zero is zero. `solve` and `cost_of_pose` evaluate the residuals where that matters.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        If no point carries weight, or the matches leave a turn free.
+
+    Examples
+    --------
+    >>> from dqreg.solvers.moments import moments_of
+    >>> p = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]])
+    >>> solve_moments(moments_of(p, p + [1.0, 2.0, 3.0])).T_target_source[:3, 3].round(12).tolist()
+    [1.0, 2.0, 3.0]
+    """
+    if not moments.point_weight > 0.0:
+        raise DegenerateGeometryError(no_weight_message())
+    H, reach, floor = rotation_sums(moments)
+    values, vectors = np.linalg.eigh(quaternion_form(H))
+    lambda_2, lambda_1 = float(values[2]), float(values[3])
+    gap = require_determined(lambda_1, lambda_2, reach, floor)
+    T = pose_from_quaternion(vectors[:, 3], moments)
+    # tr(R^T H) of the points alone; that of the directions is the rest of lambda_1.
+    point_fit = float(np.vdot(T[:3, :3], moments.point_cross))
+    point_cost = moments.spread_source + moments.spread_target - 2.0 * point_fit
+    return Fit(
+        T,
+        max(moments.constant - 2.0 * lambda_1, 0.0),
+        math.sqrt(max(point_cost, 0.0) / moments.point_weight),
+        gap,
+    )
+
+
+def rotation_sums(moments: Moments) -> tuple[FloatArray, float, float]:
+    """What decides the rotation: H, the largest lambda_1 it could have, and the part of it that may be rounding.
+
+    Parameters
+    ----------
+    moments : Moments
+        Sums with a positive weight of points.
+
+    Returns
+    -------
+    H : ndarray, (3, 3)
+        ``sum beta q' p'^T + sum alpha n m^T``; without the points where those of one side coincide.
+    reach : float
+        Bound of lambda_1 by Cauchy and Schwarz, attained where the matches fit exactly.
+    floor : float
+        Gap that the rounding of the coordinates themselves could make.
+    """
+    m = moments
+    grain_source = SAME_POINT**2 * m.point_weight * float(m.mean_source @ m.mean_source)
+    grain_target = SAME_POINT**2 * m.point_weight * float(m.mean_target @ m.mean_target)
+    reach = math.sqrt(m.length_source) * math.sqrt(m.length_target)
+    if m.spread_source <= grain_source or m.spread_target <= grain_target:
+        return m.direction_cross, reach, 0.0
+    reach += math.sqrt(m.spread_source) * math.sqrt(m.spread_target)
+    return m.point_cross + m.direction_cross, reach, math.sqrt(grain_source) * math.sqrt(grain_target)
+
+
+def require_determined(lambda_1: float, lambda_2: float, reach: float, floor: float = 0.0) -> float:
+    """Relative gap of the two largest eigenvalues, if it is more than rounding.
+
+    Parameters
+    ----------
+    lambda_1, lambda_2 : float
+        The largest and the second eigenvalue of a 4x4 matrix of trace zero.
+    reach : float
+        The largest lambda_1 that such data could have.
+    floor : float
+        Gap that may be rounding of the coordinates.
+
+    Returns
+    -------
+    float
+        ``(lambda_1 - lambda_2) / lambda_1``.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        If a turn leaves the cost unchanged.
+
+    Examples
+    --------
+    >>> require_determined(2.0, 1.0, reach=2.0)
+    0.5
+    """
+    gap = lambda_1 - lambda_2
+    relative = gap / lambda_1 if lambda_1 > 0.0 else 0.0
+    if not gap > SMALLEST_GAP * reach + floor:
+        of_reach = gap / reach if reach > 0.0 else 0.0
+        raise DegenerateGeometryError(
+            f"the matches do not determine the rotation: the relative gap of the two largest eigenvalues is "
+            f"{relative:.3g} ({of_reach:.3g} of what a perfect fit of such data reaches; more than {SMALLEST_GAP:g} "
+            "is needed). All points on one line or in one place? Add a point off that line or a direction across it"
+        )
+    return relative
+
+
+def no_weight_message() -> str:
+    """What to say when no point carries weight, so that nothing fixes the translation."""
+    return (
+        "no matched point carries weight, so the translation is not determined (relative gap: none); "
+        "directions fix the rotation only. Add at least one point of positive weight"
+    )
+
+
+def quaternion_form(H: FloatArray) -> FloatArray:
+    """N, the quadratic form of the rotation's fit ``tr(R(r)^T H) = r^T N r`` in the quaternion r = (w, x, y, z).
+
+    Parameters
+    ----------
+    H : ndarray, (3, 3)
+        ``sum w b a^T`` over target vectors b and source vectors a.
+
+    Returns
+    -------
+    ndarray, (4, 4)
+        Symmetric, trace zero; written out at the top of this file.
+
+    Examples
+    --------
+    >>> quaternion_form(np.eye(3)).diagonal().tolist()
+    [3.0, -1.0, -1.0, -1.0]
+    """
+    # Plain numbers: sixteen of them are quicker so than as arrays, and the loop calls this once a step.
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = H.tolist()
+    wx, wy, wz = zy - yz, xz - zx, yx - xy
+    return np.array(
+        (
+            (xx + yy + zz, wx, wy, wz),
+            (wx, xx - yy - zz, xy + yx, xz + zx),
+            (wy, xy + yx, yy - xx - zz, yz + zy),
+            (wz, xz + zx, yz + zy, zz - xx - yy),
+        )
+    )
+
+
+def pose_from_quaternion(r: FloatArray, moments: Moments) -> FloatArray:
+    """4x4 pose with the rotation of r that carries the source's mean to the target's.
+
+    Parameters
+    ----------
+    r : ndarray, (4,)
+        Unit quaternion w, x, y, z.
+    moments : Moments
+        Holds the two means.
+
+    Returns
+    -------
+    ndarray, (4, 4)
+        T_target_source.
+    """
+    w, x, y, z = r.tolist()
+    px, py, pz = moments.mean_source.tolist()
+    qx, qy, qz = moments.mean_target.tolist()
+    # R - I first: of small turns of points far from the origin R mean_p would keep too few digits.
+    xx, xy, xz = -2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
+    yx, yy, yz = 2.0 * (x * y + w * z), -2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
+    zx, zy, zz = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), -2.0 * (x * x + y * y)
+    return np.array(
+        (
+            (1.0 + xx, xy, xz, (qx - px) - (xx * px + xy * py + xz * pz)),
+            (yx, 1.0 + yy, yz, (qy - py) - (yx * px + yy * py + yz * pz)),
+            (zx, zy, 1.0 + zz, (qz - pz) - (zx * px + zy * py + zz * pz)),
+            (0.0, 0.0, 0.0, 1.0),
+        )
+    )

@@ -1,0 +1,55 @@
+"""What a solver answers: the pose, its cost, and how firmly the matches hold its rotation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from dqreg.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from dqreg.rigid.dual_quaternion import DualQuaternion
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Pose that minimises a weighted sum of squares over given matches.
+
+    Attributes
+    ----------
+    T_target_source : ndarray, (4, 4)
+        Maps source coordinates to target coordinates, p_target = R p_source + t.
+    cost : float
+        The minimised sum; for points its unit is weight times length squared.
+    rms : float
+        Weighted root mean square distance of the matched points, a length; directions do not enter.
+    eigenvalue_gap : float
+        ``(lambda_1 - lambda_2) / lambda_1`` of the two largest eigenvalues of the 4x4 matrix (its trace taken
+        out), between 0 and 4/3. Near 0 some turn leaves the cost unchanged: the rotation is not determined.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> fit = Fit(np.eye(4), cost=0.0, rms=0.0, eigenvalue_gap=1.0)
+    >>> fit.dual_quaternion.real.tolist()
+    [1.0, 0.0, 0.0, 0.0]
+    """
+
+    T_target_source: FloatArray
+    cost: float
+    rms: float
+    eigenvalue_gap: float
+
+    @cached_property
+    def dual_quaternion(self) -> DualQuaternion:
+        """The pose as a unit dual quaternion, built when first asked for.
+
+        Returns
+        -------
+        DualQuaternion
+            Real part: the rotation; dual part: half the translation times the real part.
+        """
+        from dqreg.rigid.dual_quaternion import DualQuaternion
+
+        return DualQuaternion.from_matrix(self.T_target_source)

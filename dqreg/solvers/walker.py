@@ -1,0 +1,186 @@
+"""`dqreg.solvers.walker1991`: the algorithm of the paper by its own numbers, to measure others by.
+
+M. W. Walker, L. Shao and R. A. Volz, "Estimating 3-D location parameters using dual number quaternions", CVGIP: Image
+Understanding 54 (1991). Equation numbers stand at the lines. Quaternions in this file are the paper's: the scalar
+comes last. Superscript 0 is the model, our source; the tilde is the measurement, our target.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg.arrays import FloatArray
+from dqreg.errors import DegenerateGeometryError
+from dqreg.solvers.centred import weights_of
+from dqreg.solvers.closed_form import no_weight_message, require_determined
+from dqreg.solvers.fit import Fit
+from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
+from dqreg.solvers.pose_cost import cost_of_pose
+
+
+@dataclass(frozen=True, eq=False)
+class WalkerFit(Fit):
+    """A fit with the quantities of the paper beside it.
+
+    Attributes
+    ----------
+    r, s : ndarray, (4,)
+        Real and dual part of the dual quaternion in the paper's order, the scalar last.
+    lambda_1 : float
+        Largest eigenvalue of A (eq. 46).
+    constant : float
+        Eq. (38), which holds for directions of unit length; then ``cost = constant - lambda_1`` (eq. 50).
+    """
+
+    r: FloatArray
+    s: FloatArray
+    lambda_1: float
+    constant: float
+
+
+def walker1991(
+    points_source: ArrayLike,
+    points_target: ArrayLike,
+    directions_source: ArrayLike | None = None,
+    directions_target: ArrayLike | None = None,
+    point_weights: ArrayLike | None = None,
+    direction_weights: ArrayLike | None = None,
+) -> WalkerFit:
+    """Pose by the DQ localization algorithm as published, with its weights and its half-scaled position quaternions.
+
+    A position quaternion is half the point (eq. 26), so beta weighs a quarter of the squared distance:
+    ``walker1991`` with beta is `solve` with ``beta / 4``, in pose and in cost. As published the points are not
+    centred, so points far from the origin lose digits; `solve` does not.
+
+    Parameters
+    ----------
+    points_source, points_target : array_like, (n, 3)
+        Modelled points p^0 and measured points p~.
+    directions_source, directions_target : array_like, (m, 3), optional
+        Modelled directions n^0 and measured directions n~, of unit length in the paper.
+    point_weights, direction_weights : array_like or float, optional
+        beta and alpha; 1 where not given.
+
+    Returns
+    -------
+    WalkerFit
+        ``cost`` is the paper's E (eq. 31); ``rms`` is the distance of the points, not its half.
+
+    Raises
+    ------
+    InputError
+        As `solve`.
+    DegenerateGeometryError
+        As `solve`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]])
+    >>> walker1991(points, points + [1, 2, 3]).T_target_source[:3, 3].round(12).tolist()
+    [1.0, 2.0, 3.0]
+    """
+    matches = read_matches(
+        points_source, points_target, directions_source, directions_target, point_weights, direction_weights
+    )
+    refuse_bad_values(matches)
+    beta, alpha = weights_of(matches)
+    if not beta.sum() > 0.0:
+        raise DegenerateGeometryError(no_weight_message())
+    p0 = 0.5 * _with_zero(matches.points_source)  # (26)
+    p = 0.5 * _with_zero(matches.points_target)  # (26)
+    n0 = _with_zero(matches.directions_source)  # (27)
+    n = _with_zero(matches.directions_target)  # (27)
+    C1 = -2.0 * _sum_QtW(alpha, n, n0) - 2.0 * _sum_QtW(beta, p, p0)  # (35)
+    C2 = beta.sum() * np.eye(4)  # (36)
+    C3 = 2.0 * np.einsum("i,iab->ab", beta, W(p0) - Q(p))  # (37)
+    constant = 2.0 * alpha.sum() + beta @ ((p0 * p0).sum(axis=1) + (p * p).sum(axis=1))  # (38)
+    inverse = np.linalg.inv(C2 + C2.T)
+    A = 0.5 * (C3.T @ inverse @ C3 - C1 - C1.T)  # (47)
+    values, vectors = np.linalg.eigh(A)  # (46)
+    r = vectors[:, 3]  # of the largest eigenvalue: (50)
+    s = -inverse @ C3 @ r  # (45)
+    return _as_fit(r, s, values, float(constant), matches)
+
+
+def Q(a: FloatArray) -> FloatArray:
+    """Matrices of a product from the left, ``Q(a) b = a b`` (eq. 15).
+
+    Parameters
+    ----------
+    a : ndarray, (..., 4)
+        Quaternions, scalar last.
+
+    Returns
+    -------
+    ndarray, (..., 4, 4)
+        ``[[a4 I + K(a), a], [-a^T, a4]]``.
+
+    Examples
+    --------
+    >>> Q(np.array([0.0, 0, 0, 1])).tolist() == np.eye(4).tolist()
+    True
+    """
+    return _matrix(a, 1.0)
+
+
+def W(a: FloatArray) -> FloatArray:
+    """Matrices of a product from the right, ``W(a) b = b a`` (eq. 16).
+
+    Parameters
+    ----------
+    a : ndarray, (..., 4)
+        Quaternions, scalar last.
+
+    Returns
+    -------
+    ndarray, (..., 4, 4)
+        ``[[a4 I - K(a), a], [-a^T, a4]]``.
+
+    Examples
+    --------
+    >>> W(np.array([0.0, 0, 0, 1])).tolist() == np.eye(4).tolist()
+    True
+    """
+    return _matrix(a, -1.0)
+
+
+def _matrix(a: FloatArray, side: float) -> FloatArray:
+    a1, a2, a3, a4 = np.moveaxis(a, -1, 0)
+    k1, k2, k3 = side * a1, side * a2, side * a3
+    rows = [[a4, -k3, k2, a1], [k3, a4, -k1, a2], [-k2, k1, a4, a3], [-a1, -a2, -a3, a4]]  # K by (5)
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def _sum_QtW(weights: FloatArray, measured: FloatArray, model: FloatArray) -> FloatArray:
+    total: FloatArray = np.einsum("i,iba,ibc->ac", weights, Q(measured), W(model))
+    return total
+
+
+def _with_zero(vectors: FloatArray) -> FloatArray:
+    return np.concatenate([vectors, np.zeros((len(vectors), 1))], axis=1)
+
+
+def _as_fit(r: FloatArray, s: FloatArray, values: FloatArray, constant: float, matches: Matches) -> WalkerFit:
+    # A is 2 N plus a multiple of the identity; the gap of N, which `solve` reports, needs that multiple taken out.
+    centre = values.mean()
+    gap = require_determined(float(values[3] - centre), float(values[2] - centre), reach=constant)
+    T = np.eye(4)
+    T[:3, :3] = (W(r).T @ Q(r))[:3, :3]  # (18)
+    T[:3, 3] = 2.0 * (W(r).T @ s)[:3]  # (19), (20)
+    point_cost, direction_cost = cost_of_pose(T, matches)
+    beta = weights_of(matches)[0]
+    return WalkerFit(
+        T,
+        cost=0.25 * point_cost + direction_cost,  # (31)
+        rms=math.sqrt(point_cost / beta.sum()),
+        eigenvalue_gap=gap,
+        r=r,
+        s=s,
+        lambda_1=float(values[3]),
+        constant=constant,
+    )
