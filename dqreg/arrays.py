@@ -42,10 +42,13 @@ def as_float(value: Any, name: str) -> FloatArray:
     """
     try:
         array = np.asarray(value)
-        if array.dtype.kind == "c":
-            raise TypeError("complex numbers")
+        if array.dtype.kind not in "fiubO":
+            raise TypeError(f"NumPy type {array.dtype}")
+        # NumPy would read None as NaN without a word.
+        if array.dtype.kind == "O" and any(item is None for item in array.flat):
+            raise TypeError("it holds None")
         return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be an array of real numbers; got {type(value).__name__} ({error})") from error
 
 
@@ -139,10 +142,13 @@ def as_pose(value: Any, name: str) -> FloatArray:
     if np.abs(T[3] - [0.0, 0.0, 0.0, 1.0]).max() > RIGID_TOLERANCE:
         raise InputError(f"{name} must have the last row 0 0 0 1; got {T[3].tolist()}. Was it transposed?")
     R = T[:3, :3]
-    if np.linalg.det(R) < 0.0:
-        raise InputError(f"{name} holds a mirror image (determinant {np.linalg.det(R):.6g}); a rigid pose has +1")
-    gap = np.abs(R.T @ R - np.eye(3)).max()
-    if gap > RIGID_TOLERANCE:
+    # Numbers near float64's limit overflow to infinity or NaN, and neither is within the tolerance.
+    with np.errstate(over="ignore", invalid="ignore"):
+        determinant = np.linalg.det(R)
+        gap = np.abs(R.T @ R - np.eye(3)).max()
+    if determinant < 0.0:
+        raise InputError(f"{name} holds a mirror image (determinant {determinant:.6g}); a rigid pose has +1")
+    if not gap <= RIGID_TOLERANCE:
         raise InputError(
             f"{name} is not rigid: its rotation block departs from orthonormal by {gap:.3g} "
             f"(allowed {RIGID_TOLERANCE:g}). Remove any scale or shear first"
@@ -170,8 +176,10 @@ def require_finite(array: FloatArray, name: str) -> None:
         If a number is NaN or infinite; the message counts them and names the first.
     """
     # One sum is three times faster than looking at each number, and finite unless something is wrong or huge.
-    if np.isfinite(array.sum()):
-        return
+    # Infinities of both signs, or a sum beyond float64, are no news here: the look at each number decides.
+    with np.errstate(over="ignore", invalid="ignore"):
+        if np.isfinite(array.sum()):
+            return
     bad = ~np.isfinite(array)
     if bad.any():
         first = tuple(int(i) for i in np.argwhere(bad)[0])

@@ -5,7 +5,9 @@ from __future__ import annotations
 import ctypes
 import functools
 import importlib
+import platform
 import re
+import sys
 from types import ModuleType
 
 from dqreg.errors import MissingDependencyError
@@ -44,7 +46,8 @@ def load_open3d() -> ModuleType:
     _preload_libusb()
     try:
         open3d = importlib.import_module("open3d")
-    except (ImportError, OSError) as error:
+    except Exception as error:
+        # A wheel that does not fit NumPy or the system fails in its own ways; each means that there is no Open3D.
         raise MissingDependencyError(explain(error)) from error
     open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)
     return open3d
@@ -74,15 +77,26 @@ def explain(error: BaseException) -> str:
         package = APT_PACKAGES.get(name)
         remedy = f"apt-get install {package}" if package else f"apt-file search {name}, then install that package"
         return f"Open3D cannot load: the system library {name} is missing; run: {remedy}"
-    if isinstance(error, ModuleNotFoundError):
-        return f"Open3D cannot load: the Python package {error.name!r} is missing; run: pip install {error.name}"
-    return f"Open3D cannot load: {error}; run: pip install --force-reinstall dqreg"
+    missing = (error.name or "") if isinstance(error, ModuleNotFoundError) else ""
+    # A part of Open3D that is missing is no package of its own: the wheel is damaged.
+    if missing and not missing.startswith("open3d."):
+        package = _wheel() if missing == "open3d" else missing.partition(".")[0]
+        return f"Open3D cannot load: the Python package {package!r} is missing; run: pip install {package}"
+    return f"Open3D cannot load: {error}; run: pip install --force-reinstall {_wheel()}"
+
+
+def _wheel() -> str:
+    # The same choice as in pyproject.toml: the two wheels unpack into one folder and must not meet.
+    on_linux = sys.platform == "linux" and platform.machine() == "x86_64"
+    return "open3d-cpu" if on_linux else "open3d"
 
 
 def _preload_libusb() -> None:
     # The wheel libusb-package carries a library of the same SONAME; once loaded for all, Open3D's own look-up finds it.
     try:
         libusb_package = importlib.import_module("libusb_package")
-        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+        path = libusb_package.get_library_path()
+        if path is not None:
+            ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
     except (ImportError, OSError):
         return  # the system may have libusb itself; if not, Open3D's own error names it

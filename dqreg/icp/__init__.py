@@ -1,0 +1,44 @@
+"""The ICP loop and its parts.
+
+`Icp` is the loop at one width of its robust kernel; `run_graduated` takes it from a rough start to the last digit.
+Estimators, kernels, weights and stopping rules are values that can be exchanged.
+"""
+
+from __future__ import annotations
+
+from dqreg.icp.estimators import ESTIMATORS, points_and_normals, points_only, svd_points
+from dqreg.icp.graduated import find_basin, run_graduated, width_floor
+from dqreg.icp.kernels import Huber, InlierMixture, LeastSquares, Tukey, Welsch
+from dqreg.icp.loop import NO_POSE, Icp, Run
+from dqreg.icp.pairs import Pairs, correspond
+from dqreg.icp.stage import Level, Plan, Schedule
+from dqreg.icp.stopping import Stopping
+from dqreg.icp.weights import NormalAngle, Robust, Trimmed, WithinDistance
+
+__all__ = [
+    "ESTIMATORS",
+    "NO_POSE",
+    "Huber",
+    "Icp",
+    "InlierMixture",
+    "LeastSquares",
+    "Level",
+    "NormalAngle",
+    "Pairs",
+    "Plan",
+    "Robust",
+    "Run",
+    "Schedule",
+    "Stopping",
+    "Trimmed",
+    "Tukey",
+    "Welsch",
+    "WithinDistance",
+    "correspond",
+    "find_basin",
+    "points_and_normals",
+    "points_only",
+    "run_graduated",
+    "svd_points",
+    "width_floor",
+]

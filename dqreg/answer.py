@@ -1,0 +1,152 @@
+"""From the end of a run to the answer: back to the caller's frames, with the evidence and the verdict."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.geometry import Scan
+from dqreg.icp import NO_POSE, InlierMixture, Plan, Run
+from dqreg.result import Alternative, Direction, Registration
+from dqreg.rigid import pose
+from dqreg.target import CentredSource, IndexedTarget
+from dqreg.trust import Evidence, Information, covariance_of, information_of, judge, observe_directions
+
+
+def to_work(T_target_source: FloatArray, origin_target: FloatArray, origin_source: FloatArray) -> FloatArray:
+    """The same motion between the centred frames.
+
+    Parameters
+    ----------
+    T_target_source : ndarray, (4, 4)
+        Pose between the caller's frames.
+    origin_target, origin_source : ndarray, (3,)
+        What was subtracted from the coordinates of either side.
+
+    Returns
+    -------
+    ndarray, (4, 4)
+        Pose between the centred frames.
+    """
+    R, t = T_target_source[:3, :3], T_target_source[:3, 3]
+    return pose.from_parts(R, R @ origin_source + t - origin_target)
+
+
+def from_work(T_work: FloatArray, origin_target: FloatArray, origin_source: FloatArray) -> FloatArray:
+    """Inverse of `to_work`.
+
+    Parameters
+    ----------
+    T_work : ndarray, (4, 4)
+        Pose between the centred frames.
+    origin_target, origin_source : ndarray, (3,)
+        What was subtracted from the coordinates of either side.
+
+    Returns
+    -------
+    ndarray, (4, 4)
+        Pose between the caller's frames.
+    """
+    R, t = T_work[:3, :3], T_work[:3, 3]
+    return pose.from_parts(R, t + origin_target - R @ origin_source)
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What a registration ended with, in the centred frames."""
+
+    run: Run
+    mixture: InlierMixture
+    scan: Scan
+    source: CentredSource
+    target: IndexedTarget
+    plan: Plan
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a pose to speak of."""
+        return self.run.status not in NO_POSE and bool(self.run.history)
+
+    def registration(
+        self, alternatives: tuple[Alternative, ...], timings: dict[str, float], settings: dict[str, Any]
+    ) -> Registration:
+        """The answer in the caller's frames.
+
+        Parameters
+        ----------
+        alternatives : tuple of Alternative
+            Other poses as good, in the caller's frames.
+        timings : dict
+            Seconds per stage.
+        settings : dict
+            What was asked for; what was resolved is added.
+
+        Returns
+        -------
+        Registration
+            With verdict and evidence.
+        """
+        information = self._information() if self.found else None
+        directions = observe_directions(information) if information else ()
+        T = np.full((4, 4), np.nan)
+        if self.found:
+            T = from_work(self.run.T_target_source, self.target.origin, self.source.origin)
+        weights, distances = self.run.weights, self.run.pairs.distances
+        return Registration(
+            T_target_source=T,
+            verdict=judge(self._evidence(directions, alternatives)),
+            status=self.run.status,
+            covariance=covariance_of(information) if information else np.full((6, 6), np.nan),
+            observability=directions,
+            alternatives=alternatives,
+            history=self.run.history,
+            rms=float(np.sqrt(weights @ distances**2 / weights.sum())) if self.found else np.nan,
+            inlier_fraction=float(weights.mean()) if self.found else 0.0,
+            timings=timings,
+            settings={**settings, **self._resolved()},
+        )
+
+    def _information(self) -> Information:
+        pairs = self.run.pairs
+        points = pose.apply(self.run.T_target_source, self.scan.points)
+        normals, surface = pairs.closest.normals, self.target.surface
+        along = np.einsum("ij,ij->i", points - pairs.closest.points, normals)
+        lever = 0.5 * surface.diagonal
+        held = information_of(points, normals, along, self.run.weights, lever, np.zeros(3))
+        # The words name places in the caller's frame.
+        return dataclasses.replace(held, centre=self.target.origin)
+
+    def _evidence(self, directions: tuple[Direction, ...], alternatives: tuple[Alternative, ...]) -> Evidence:
+        return Evidence(
+            status=self.run.status,
+            found=self.found,
+            inliers=float(self.run.weights.sum()),
+            share_near=self.mixture.share,
+            width=self.mixture.scale,
+            expected=self.scan.noise,
+            spacing=self.scan.spacing,
+            to_cloud=self.target.kind == "cloud",
+            max_distance=self.plan.max_distance,
+            directions=directions,
+            alternatives=alternatives,
+        )
+
+    def _resolved(self) -> dict[str, Any]:
+        return {
+            "max_distance": self.plan.max_distance,
+            "width": self.mixture.scale,
+            "source_noise": self.scan.noise,
+            "source_spacing": self.scan.spacing,
+            "source_points": self.scan.total,
+            "source_dropped": self.source.cloud.dropped,
+            "source_scale": self.source.scale,
+            "used_points": len(self.scan),
+            "normals_oriented": self.run.pairs.same_sign,
+            "target_kind": self.target.kind,
+            "target_dropped": self.target.geometry.dropped,
+            "diagonal": self.target.surface.diagonal,
+            "centre": self.target.origin.tolist(),
+        }

@@ -1,0 +1,109 @@
+"""Writing a file whole or not at all: a reader never meets a half-written result.
+
+The bytes go to a temporary file beside the goal, reach the disk, and take its name in one step.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+from pathlib import Path
+
+from dqreg.errors import InputError
+
+
+def require_writable(path: str | os.PathLike[str]) -> Path:
+    """Path of a file that can be written; asked before long work, so that its result is not lost.
+
+    Parameters
+    ----------
+    path : str or path
+        The file to be written later. It need not exist; its folder must.
+
+    Returns
+    -------
+    Path
+        The same path.
+
+    Raises
+    ------
+    InputError
+        If the path is a folder, its folder is missing or may not be written, or the file is write-protected.
+
+    Examples
+    --------
+    >>> require_writable("result.json").name
+    'result.json'
+    """
+    goal = _as_path(path)
+    folder = goal.parent
+    if goal.is_dir():
+        raise InputError(f"cannot write {goal}: it is a folder; give the name of a file in it")
+    if not folder.exists():
+        raise InputError(f"cannot write {goal}: the folder {folder} does not exist; create it first")
+    if not folder.is_dir():
+        raise InputError(f"cannot write {goal}: {folder} is a file, not a folder")
+    if goal.exists() and not os.access(goal, os.W_OK):
+        raise InputError(f"cannot write {goal}: the file is write-protected; choose another name")
+    if (goal.is_file() or not goal.exists()) and not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"cannot write {goal}: no permission to create files in {folder.absolute()}")
+    return goal
+
+
+def write_atomically(path: str | os.PathLike[str], content: bytes | str) -> None:
+    """Write a whole file; on any failure the old file, or none, is left.
+
+    Parameters
+    ----------
+    path : str or path
+        The file to write. An existing file is replaced and keeps its permissions; a symbolic link stays one.
+    content : bytes or str
+        What the file shall hold; text is written as UTF-8, its line ends as given.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, as `require_writable` says, or the system refuses (a full disk).
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_atomically(Path(folder) / "note.txt", "done")
+    ...     (Path(folder) / "note.txt").read_text()
+    'done'
+    """
+    goal = require_writable(path)
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    try:
+        if goal.exists() and not goal.is_file():
+            goal.write_bytes(data)  # a device or a pipe: there is nothing to put in its place
+        else:
+            _replace(Path(os.path.realpath(goal)), data)
+    except OSError as error:
+        raise InputError(f"cannot write {goal}: {error.strerror or error}") from error
+
+
+def _replace(goal: Path, data: bytes) -> None:
+    # The name is short and drawn, so that long names fit and two writers never share a temporary file.
+    temporary = goal.with_name(f".{secrets.token_hex(8)}.tmp")
+    try:
+        with temporary.open("xb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        if goal.exists():
+            temporary.chmod(goal.stat().st_mode & 0o7777)
+        temporary.replace(goal)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _as_path(path: str | os.PathLike[str]) -> Path:
+    try:
+        goal = Path(path)
+    except TypeError as error:
+        raise InputError(f"a path must be text or a pathlib path; got {type(path).__name__}") from error
+    if "\0" in str(goal):
+        raise InputError(f"a path must not hold a null character; got {str(goal)!r}")
+    return goal

@@ -1,0 +1,99 @@
+"""The points of one file as plain arrays, cleaned of rows that hold no measurement."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from dqreg.arrays import BoolArray, FloatArray
+from dqreg.files.opening import unreadable
+
+
+@dataclasses.dataclass(frozen=True)
+class CloudData:
+    """What a file says about a cloud of points.
+
+    Attributes
+    ----------
+    points : ndarray, (n, 3)
+        Finite positions in the file's frame and unit, n >= 1, with every digit that the file holds.
+    normals : ndarray, (n, 3) or None
+        One direction per point, finite and not zero, its length as in the file.
+    viewpoint : ndarray, (3,) or None
+        Where the sensor stood, in the same frame, if the file says so.
+    units : str or None
+        Length unit ("m", "mm", ...), if the format states one.
+    dropped : int
+        Rows left out: a position with NaN or infinity, or a promised normal that is missing.
+    """
+
+    points: FloatArray
+    normals: FloatArray | None = None
+    viewpoint: FloatArray | None = None
+    units: str | None = None
+    dropped: int = 0
+
+
+def make_cloud(
+    path: Path, points: FloatArray, normals: FloatArray | None = None, viewpoint: FloatArray | None = None
+) -> CloudData:
+    """Cloud of a file, without the rows that are not usable.
+
+    A row goes if its position is not finite. Where the file gives normals, a row without a usable one (NaN or
+    zero, as cameras write it at edges) goes too; if no row has one, the points stay without.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the message.
+    points : ndarray, (n, 3)
+        Positions as read.
+    normals : ndarray, (n, 3), optional
+        Normals as read.
+    viewpoint : ndarray, (3,), optional
+        Where the sensor stood.
+
+    Returns
+    -------
+    CloudData
+        The usable rows and the count of the others.
+
+    Raises
+    ------
+    InputError
+        If no point is left.
+
+    Examples
+    --------
+    >>> cloud = make_cloud(Path("a.ply"), np.array([[0.0, 0.0, 1.0], [np.nan, 0.0, 0.0]]))
+    >>> cloud.points.tolist(), cloud.dropped
+    ([[0.0, 0.0, 1.0]], 1)
+    """
+    if not len(points):
+        raise unreadable(path, "no points", "at least one")
+    keep = _finite_rows(points)
+    if not keep.any():
+        raise unreadable(path, f"{len(points)} points, all NaN or infinite", "at least one finite point")
+    if normals is not None:
+        directed = keep & _is_direction(normals)
+        normals, keep = (normals, directed) if directed.any() else (None, keep)
+    if not keep.all():
+        points, normals = points[keep], None if normals is None else normals[keep]
+    return CloudData(
+        points=np.ascontiguousarray(points, dtype=np.float64),
+        normals=None if normals is None else np.ascontiguousarray(normals, dtype=np.float64),
+        viewpoint=viewpoint,
+        dropped=int(len(keep) - np.count_nonzero(keep)),
+    )
+
+
+def _finite_rows(rows: FloatArray) -> BoolArray:
+    finite: BoolArray = np.asarray(np.isfinite(rows).all(axis=1))
+    return finite
+
+
+def _is_direction(normals: FloatArray) -> BoolArray:
+    usable: BoolArray = _finite_rows(normals) & np.asarray((normals != 0.0).any(axis=1))
+    return usable

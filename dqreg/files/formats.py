@@ -1,0 +1,159 @@
+"""The formats that can be read: which extension goes to which reader, and the three ways to ask.
+
+PLY may hold either; every other format is for clouds or for meshes. A mesh is never taken for a cloud:
+its vertices sit where a mesher put them, dense in fillets and absent from flats, and measure nothing.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from dqreg.files.cloud_data import CloudData
+from dqreg.files.mesh_data import MeshData
+from dqreg.files.meshes import read_mesh_file
+from dqreg.files.numpy_files import read_npy, read_npz
+from dqreg.files.opening import require_own_kind, require_readable, unreadable
+from dqreg.files.pcd import read_pcd
+from dqreg.files.ply import read_ply
+from dqreg.files.tables import read_table
+
+READERS: dict[str, Callable[[Path], CloudData | MeshData]] = {
+    ".ply": read_ply,
+    ".pcd": read_pcd,
+    ".xyz": read_table,
+    ".xyzn": read_table,
+    ".txt": read_table,
+    ".csv": read_table,
+    ".npy": read_npy,
+    ".npz": read_npz,
+    ".stl": read_mesh_file,
+    ".obj": read_mesh_file,
+    ".off": read_mesh_file,
+    ".glb": read_mesh_file,
+    ".gltf": read_mesh_file,
+    ".3mf": read_mesh_file,
+}
+
+_EXACT = "exact CAD surfaces; export the part as STL, PLY or OBJ from the CAD program"
+_SCAN = "a scanner's format; export the scan as PLY, for example with CloudCompare"
+# Formats that users do have, and what to do about them.
+FOREIGN = {
+    **dict.fromkeys((".step", ".stp", ".iges", ".igs", ".brep", ".x_t", ".sldprt", ".ipt", ".3dm"), _EXACT),
+    **dict.fromkeys((".las", ".laz", ".e57", ".pts", ".ptx", ".bin"), _SCAN),
+}
+
+
+def read_geometry(path: str | os.PathLike[str]) -> CloudData | MeshData:
+    r"""Mesh of a file that has faces, cloud of any other.
+
+    Parameters
+    ----------
+    path : str or path
+        A file with one of the extensions in `READERS`, in upper or lower case.
+
+    Returns
+    -------
+    CloudData or MeshData
+        Plain float64 arrays in the file's own frame and unit.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, empty, damaged, cut short, of an unknown kind or not what its name says.
+    MissingDependencyError
+        If the format needs a package that is not installed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     scan = Path(folder) / "scan.csv"
+    ...     _ = scan.write_text("x,y,z\n0,0,1\n4400000.123456,0,1\nnan,0,0\n")
+    ...     cloud = read_geometry(scan)
+    >>> cloud.points.shape, cloud.dropped
+    ((2, 3), 1)
+    """
+    place = require_readable(path)
+    extension = place.suffix.lower()
+    if extension not in READERS:
+        raise unreadable(place, *_unknown(extension))
+    require_own_kind(place, extension)
+    return READERS[extension](place)
+
+
+def read_cloud(path: str | os.PathLike[str]) -> CloudData:
+    """Cloud of a file.
+
+    Parameters
+    ----------
+    path : str or path
+        As in `read_geometry`.
+
+    Returns
+    -------
+    CloudData
+        Points, and what else the file says about them.
+
+    Raises
+    ------
+    InputError
+        As in `read_geometry`, and if the file holds a mesh: its vertices are not taken for points.
+
+    Examples
+    --------
+    >>> read_cloud("no_such.ply")
+    Traceback (most recent call last):
+    ...
+    dqreg.errors.InputError: cannot read no_such.ply: found no such file; expected the path of a scan or part
+    """
+    data = read_geometry(path)
+    if isinstance(data, MeshData):
+        found = f"a mesh of {len(data.faces)} faces"
+        expected = "a cloud of points; pass the mesh as the target, or points of it as an array"
+        raise unreadable(Path(path), found, expected)
+    return data
+
+
+def read_mesh(path: str | os.PathLike[str]) -> MeshData:
+    """Mesh of a file.
+
+    Parameters
+    ----------
+    path : str or path
+        As in `read_geometry`.
+
+    Returns
+    -------
+    MeshData
+        Vertices and triangles.
+
+    Raises
+    ------
+    InputError
+        As in `read_geometry`, and if the file holds points without faces.
+
+    Examples
+    --------
+    >>> read_mesh("no_such.stl")
+    Traceback (most recent call last):
+    ...
+    dqreg.errors.InputError: cannot read no_such.stl: found no such file; expected the path of a scan or part
+    """
+    data = read_geometry(path)
+    if isinstance(data, CloudData):
+        raise unreadable(Path(path), f"{len(data.points)} points and no faces", "a mesh of triangles")
+    return data
+
+
+def _unknown(extension: str) -> tuple[str, str]:
+    known = " ".join(sorted(READERS))
+    if extension in FOREIGN:
+        found, _, remedy = FOREIGN[extension].partition("; ")
+        return f"{extension}: {found}", f"one of {known}; {remedy}"
+    near = difflib.get_close_matches(extension, READERS, n=1, cutoff=0.5)
+    hint = f"; did you mean {near[0]}?" if near else ""
+    found = f"the extension {extension!r}" if extension else "a name without extension"
+    return found, f"one of {known}{hint}"

@@ -1,0 +1,125 @@
+"""The triangles of one file as plain arrays, checked, with touching triangles sharing their vertices."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from dqreg.arrays import FloatArray, IntArray
+from dqreg.files.opening import unreadable
+
+# Two corners nearer than this, in extents of the part, are one. CAD programs write 0 and 1e-17 for the same corner
+# (so do three of nine real parts tried), while float32, the resolution of STL, tells nothing below 6e-8 apart.
+SAME_VERTEX = 1e-9
+
+
+@dataclasses.dataclass(frozen=True)
+class MeshData:
+    """What a file says about a surface of triangles.
+
+    Attributes
+    ----------
+    vertices : ndarray, (v, 3)
+        Finite positions in the file's frame and unit; each one different and used by a face.
+    faces : ndarray, (f, 3) int64
+        Vertex indices of each triangle, f >= 1, counter-clockwise from outside if the file keeps to that.
+    units : str or None
+        Length unit ("m", "mm", ...), if the format states one.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    units: str | None = None
+
+
+def make_mesh(path: Path, vertices: FloatArray, faces: IntArray, units: str | None = None) -> MeshData:
+    """Mesh of a file, its identical vertices merged.
+
+    Formats without an index (STL) repeat a vertex in each triangle; only merging tells which triangles meet.
+    Vertices merge if they differ by rounding only, relative to the size of the part.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the message.
+    vertices : ndarray, (v, 3)
+        Positions as read.
+    faces : ndarray, (f, 3) int
+        Indices as read.
+    units : str, optional
+        Length unit.
+
+    Returns
+    -------
+    MeshData
+        The same triangles in the same order, also those without area; unused vertices are gone.
+
+    Raises
+    ------
+    InputError
+        If there are no faces, an index points outside the vertices, or a used vertex is not finite.
+
+    Examples
+    --------
+    >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    >>> mesh = make_mesh(Path("a.stl"), corners, np.array([[0, 1, 2], [4, 3, 5]]))
+    >>> len(mesh.vertices), len(mesh.faces)
+    (4, 2)
+    """
+    if not len(faces):
+        raise unreadable(path, f"{len(vertices)} vertices and no faces", "a mesh of triangles; was the file cut short?")
+    faces = np.asarray(faces, dtype=np.int64)
+    low, high = int(faces.min()), int(faces.max())
+    if low < 0 or high >= len(vertices):
+        stray = low if low < 0 else high
+        expected = f"indices from 0 to {len(vertices) - 1}" if len(vertices) else "vertices"
+        raise unreadable(path, f"a face that names vertex {stray}", expected)
+    used, faces = np.unique(faces, return_inverse=True)
+    corners = np.asarray(vertices, dtype=np.float64)[used]
+    bad = int(np.count_nonzero(~np.isfinite(corners).all(axis=1)))
+    if bad:
+        raise unreadable(path, f"{bad} vertices of faces that are NaN or infinite", "finite vertices")
+    corners, merged = merge_identical(corners)
+    return MeshData(vertices=corners, faces=merged[faces.reshape(-1, 3)], units=units)
+
+
+def merge_identical(vertices: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Different vertices only, and where each given one went.
+
+    Vertices are the same if they round to the same node of a grid through the origin with a spacing of
+    `SAME_VERTEX` times the largest extent. The first of them in the file keeps its exact place for all.
+
+    Parameters
+    ----------
+    vertices : ndarray, (v, 3)
+        Finite positions.
+
+    Returns
+    -------
+    distinct : ndarray, (d, 3)
+        Each position once, in the order of first appearance.
+    place : ndarray, (v,) int64
+        ``distinct[place]`` equals ``vertices`` up to that spacing.
+
+    Examples
+    --------
+    >>> distinct, place = merge_identical(np.array([[1.0, 0, 0], [0, 0, 0], [1, 0, 0]]))
+    >>> distinct.tolist(), place.tolist()
+    ([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], [0, 1, 0])
+    """
+    with np.errstate(over="ignore"):
+        spacing = SAME_VERTEX * float(np.ptp(vertices, axis=0).max())
+        # A single point, or an extent beyond float64, has no grid; then only equal numbers are the same.
+        nodes = np.round(vertices / spacing) if 0.0 < spacing < np.inf else vertices
+    order = np.lexsort(nodes.T)
+    ranked = nodes[order]
+    opens = np.concatenate([[True], (ranked[1:] != ranked[:-1]).any(axis=1)])
+    group = np.zeros(len(vertices), dtype=np.int64)
+    group[order] = np.cumsum(opens) - 1
+    # lexsort is stable, so the first of a group is its first appearance in the file.
+    first = order[opens]
+    by_appearance = np.argsort(first)
+    rank = np.argsort(by_appearance)
+    return vertices[first[by_appearance]], rank[group].astype(np.int64)

@@ -1,0 +1,154 @@
+"""Mesh files read with trimesh: STL, OBJ, OFF, glTF and 3MF."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dqreg.arrays import FloatArray, IntArray
+from dqreg.errors import MissingDependencyError
+from dqreg.files.mesh_data import MeshData, make_mesh
+from dqreg.files.opening import unreadable
+
+# glTF is in metres by definition; 3MF states one of these words. Other formats are silent, and so are we.
+UNIT_WORDS = {
+    "micron": "um",
+    "millimeter": "mm",
+    "centimeter": "cm",
+    "inch": "inch",
+    "foot": "ft",
+    "meter": "m",
+}
+
+
+def read_mesh_file(path: Path) -> MeshData:
+    """Triangles of a mesh file; the bodies of a scene are put in their places and joined.
+
+    Parameters
+    ----------
+    path : Path
+        A readable .stl, .obj, .off, .glb, .gltf or .3mf file; materials and textures are ignored.
+
+    Returns
+    -------
+    MeshData
+        Triangles (polygons are cut up), identical vertices merged, and the unit where the format states one.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged, cut short or holds no faces.
+    MissingDependencyError
+        If the format needs a package that is not installed.
+    """
+    extension = path.suffix.lower()
+    if extension == ".stl":
+        _require_whole_stl(path)
+    loaded = _load(path)
+    vertices, faces = _joined(path, loaded)
+    if extension == ".off":
+        _require_off_faces(path, len(faces))
+    if extension == ".obj":
+        _require_whole_obj(path)
+    units = "m" if extension in (".glb", ".gltf") else None
+    if extension == ".3mf":
+        units = UNIT_WORDS.get(str(loaded.units))
+    return make_mesh(path, vertices, faces, units)
+
+
+def _load(path: Path) -> Any:
+    import trimesh
+
+    options: dict[str, Any] = {"skip_materials": True} if path.suffix.lower() == ".obj" else {}
+    try:
+        with _silent("trimesh"):
+            return trimesh.load(path, process=False, **options)
+    except ImportError as error:
+        package = error.name or str(error)
+        need = f"trimesh needs the package {package!r} for {path.suffix}"
+        raise MissingDependencyError(f"cannot read {path}: {need}; run: pip install {package}") from error
+    except Exception as error:
+        # A damaged file may raise anything in the depths of a parser; each is the same news to the user.
+        reason = f"{type(error).__name__}: {error}"
+        raise unreadable(
+            path, f"what trimesh cannot parse ({reason})", f"a whole {path.suffix.lower()} mesh"
+        ) from error
+
+
+@contextlib.contextmanager
+def _silent(logger: str) -> Iterator[None]:
+    # Without any handler, Python writes a library's warnings to stderr; what matters is raised as an error here.
+    handler = logging.NullHandler()
+    logging.getLogger(logger).addHandler(handler)
+    try:
+        yield
+    finally:
+        logging.getLogger(logger).removeHandler(handler)
+
+
+def _joined(path: Path, loaded: Any) -> tuple[FloatArray, IntArray]:
+    import trimesh
+
+    if not isinstance(loaded, trimesh.Scene):
+        bodies = [(np.eye(4), loaded)]
+    else:
+        placed = (loaded.graph[node] for node in loaded.graph.nodes_geometry)
+        bodies = [(np.asarray(pose, dtype=np.float64), loaded.geometry[name]) for pose, name in placed]
+    all_vertices, all_faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
+    for pose, body in bodies:
+        vertices = np.asarray(body.vertices, dtype=np.float64)
+        if vertices.ndim != 2 or vertices.shape[1] != 3:
+            raise unreadable(path, f"vertices of shape {vertices.shape}", "three coordinates each; was it cut short?")
+        # Points and curves in a scene have no faces.
+        faces = np.asarray(getattr(body, "faces", ()), dtype=np.int64).reshape(-1, 3)
+        if not np.array_equal(pose, np.eye(4)):
+            vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
+        # A mirroring placement turns the triangles inside out; turning their sense puts that right.
+        mirrored = np.linalg.det(pose[:3, :3]) < 0.0
+        # An index outside its own body must not land in the next one.
+        stray = (faces < 0) | (faces >= len(vertices))
+        all_faces.append(np.where(stray, -1, faces + count)[:, :: -1 if mirrored else 1])
+        all_vertices.append(vertices)
+        count += len(vertices)
+    return np.concatenate(all_vertices), np.concatenate(all_faces)
+
+
+def _require_whole_stl(path: Path) -> None:
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        head = stream.read(512)
+        stream.seek(max(0, size - 512))
+        tail = stream.read()
+    promised = 84 + 50 * int.from_bytes(head[80:84], "little")
+    if size == promised:
+        return
+    # Binary files may begin with the word solid too, but no text holds a null byte.
+    if b"\0" in head or not head.lstrip().lower().startswith(b"solid"):
+        found = f"{size} bytes" if size < 84 else f"a header that promises {promised} bytes in a file of {size}"
+        raise unreadable(path, found, "an STL mesh of 84 bytes and 50 for each triangle; was the file cut short?")
+    if b"endsolid" not in tail.lower():
+        raise unreadable(path, "a text STL without its endsolid line", "a whole file; was it cut short?")
+
+
+def _require_off_faces(path: Path, found: int) -> None:
+    # trimesh reads as many faces as there are, so a file that ends between two of them passes unnoticed.
+    with path.open(errors="replace") as stream:
+        words = (word for line in stream for word in line.split("#")[0].split())
+        counts = [int(word) for word in itertools.islice((word for word in words if word.isdecimal()), 2)]
+    if len(counts) == 2 and found < counts[1]:
+        raise unreadable(path, f"{found} triangles", f"at least the {counts[1]} faces of its header; was it cut short?")
+
+
+def _require_whole_obj(path: Path) -> None:
+    # OBJ has no count of anything; a last face with two corners is all that a cut leaves to see.
+    with path.open("rb") as stream:
+        stream.seek(max(0, path.stat().st_size - 4096))
+        last = stream.read().splitlines()[-1].split()
+    if last[:1] == [b"f"] and len(last) < 4:
+        raise unreadable(path, "a last face with fewer than three corners", "a whole file; was it cut short?")

@@ -1,0 +1,131 @@
+"""Is there a file to read, and is it what its name says? Asked before any reader sees it."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from pathlib import Path
+
+from dqreg.errors import InputError
+
+# How known files begin, what to call them, and the extensions under which they may stand.
+SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
+    (b"ply\n", "a PLY file", (".ply",)),
+    (b"ply\r", "a PLY file", (".ply",)),
+    (b"# .PCD", "a PCD file", (".pcd",)),
+    (b"\x93NUMPY", "a NumPy .npy file", (".npy",)),
+    (b"PK\x03\x04", "a zip archive", (".npz", ".3mf")),
+    (b"glTF", "a binary glTF (.glb) file", (".glb",)),
+    (b"ISO-10303-21", "a STEP file", ()),
+    (b"\xff\xd8\xff", "a JPEG image", ()),
+    (b"\x89PNG", "a PNG image", ()),
+    (b"%PDF", "a PDF document", ()),
+    (b"\x1f\x8b", "a gzip archive (unpack it first)", ()),
+    (b"LASF", "a LAS or LAZ scan", ()),
+    (b"ASTM-E57", "an E57 scan", ()),
+    (b"version https://git-lfs", "a Git LFS pointer (fetch the file itself with: git lfs pull)", ()),
+    (b"<!DOCTYPE html", "a web page", ()),
+    (b"<!doctype html", "a web page", ()),
+    (b"<html", "a web page", ()),
+)
+
+
+def unreadable(path: Path, found: str, expected: str) -> InputError:
+    """Error of a file that cannot be read, worded the same everywhere.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    found : str
+        What it holds.
+    expected : str
+        What it should hold, or what to do.
+
+    Returns
+    -------
+    InputError
+        To be raised by the caller.
+
+    Examples
+    --------
+    >>> str(unreadable(Path("a.ply"), "no points", "at least one"))
+    'cannot read a.ply: found no points; expected at least one'
+    """
+    return InputError(f"cannot read {path}: found {found}; expected {expected}")
+
+
+def require_readable(path: str | os.PathLike[str]) -> Path:
+    """Path of a file that exists, may be read and is not empty.
+
+    Parameters
+    ----------
+    path : str or path
+        What the caller gave.
+
+    Returns
+    -------
+    Path
+        The same path.
+
+    Raises
+    ------
+    InputError
+        If nothing is there (near names are offered), or a folder, or an empty file, or one that may not be read.
+
+    Examples
+    --------
+    >>> require_readable("no_such_scan.ply")
+    Traceback (most recent call last):
+    ...
+    dqreg.errors.InputError: cannot read no_such_scan.ply: found no such file; expected the path of a scan or part
+    """
+    try:
+        place = Path(path)
+    except TypeError as error:
+        raise InputError(f"a path must be text or a pathlib path; got {type(path).__name__}") from error
+    try:
+        if place.is_dir():
+            raise unreadable(place, "a folder", "one file in it")
+        if not place.exists():
+            raise unreadable(place, "no such file", _near_names(place))
+        if not place.is_file():
+            raise unreadable(place, "a device or a pipe", "a file on disk")
+        with place.open("rb") as stream:
+            if not stream.read(1):
+                raise unreadable(place, "an empty file (0 bytes)", "a scan or a part; was its transfer cut short?")
+    except OSError as error:
+        raise unreadable(place, (error.strerror or str(error)).lower(), "a file that may be read") from error
+    return place
+
+
+def require_own_kind(path: Path, extension: str) -> None:
+    """Raise if the first bytes show that a file is of another kind than its extension says.
+
+    Parameters
+    ----------
+    path : Path
+        A readable file.
+    extension : str
+        Its extension in lower case, with the dot.
+
+    Raises
+    ------
+    InputError
+        If the file begins as one of another kind; the message says which.
+    """
+    with path.open("rb") as stream:
+        head = stream.read(64)
+    for beginning, kind, extensions in SIGNATURES:
+        if head.startswith(beginning) and extension not in extensions:
+            remedy = f"; rename it to {extensions[0]}" if len(extensions) == 1 else ""
+            raise unreadable(path, kind, f"what the extension {extension} promises{remedy}")
+
+
+def _near_names(path: Path) -> str:
+    try:
+        names = [entry.name for entry in path.parent.iterdir()]
+    except OSError:
+        return f"the path of a scan or part; the folder {path.parent} cannot be listed"
+    near = difflib.get_close_matches(path.name, names, n=2)
+    return f"perhaps {' or '.join(near)} in the same folder" if near else "the path of a scan or part"

@@ -1,0 +1,113 @@
+"""A checked triangle mesh: vertices, faces, and what follows from them."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from dqreg.arrays import FloatArray, IntArray, as_vectors
+from dqreg.errors import InputError
+
+
+@dataclasses.dataclass(frozen=True)
+class Mesh:
+    """Triangles of a part, float64; faces without area are left out and counted.
+
+    Parameters
+    ----------
+    vertices : array_like, (v, 3)
+        Corner positions in the part's frame, any length unit.
+    faces : array_like of int, (f, 3)
+        Three vertex indices per triangle, counter-clockwise seen from outside.
+    units : str, optional
+        Length unit, where the file says so.
+
+    Attributes
+    ----------
+    dropped : int
+        Faces left out because they have no area.
+
+    Raises
+    ------
+    InputError
+        If there is no face with an area, an index points outside the vertices, or a used vertex is not finite.
+
+    Examples
+    --------
+    >>> mesh = Mesh([[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0, 1, 2]])
+    >>> mesh.face_normals.tolist(), mesh.diagonal
+    ([[0.0, 0.0, 1.0]], 2.8284271247461903)
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    units: str | None = None
+    dropped: int = dataclasses.field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        vertices = as_vectors(self.vertices, "vertices", finite=False)
+        faces = _checked_faces(self.faces, len(vertices))
+        if not np.isfinite(vertices[faces]).all():
+            raise InputError("the mesh uses a vertex that is NaN or infinite; repair the mesh first")
+        doubled_area = np.linalg.norm(_doubled_area_vectors(vertices, faces), axis=1)
+        # Below float64's own resolution of the coordinates, an "area" is rounding.
+        solid = doubled_area > np.finfo(float).eps * np.ptp(vertices[faces].reshape(-1, 3), axis=0).max() ** 2
+        if not solid.any():
+            raise InputError(f"the mesh has {len(faces)} faces, none with an area; a target needs triangles")
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", np.ascontiguousarray(faces[solid]))
+        object.__setattr__(self, "dropped", int(len(faces) - np.count_nonzero(solid)))
+
+    @cached_property
+    def corners(self) -> FloatArray:
+        """The three corner positions of each face, (f, 3, 3)."""
+        return self.vertices[self.faces]
+
+    @cached_property
+    def face_normals(self) -> FloatArray:
+        """Unit normal of each face, (f, 3), by the right-hand rule over its corners."""
+        across = _doubled_area_vectors(self.vertices, self.faces)
+        unit: FloatArray = across / np.linalg.norm(across, axis=1, keepdims=True)
+        return unit
+
+    @cached_property
+    def face_areas(self) -> FloatArray:
+        """Area of each face, (f,)."""
+        areas: FloatArray = 0.5 * np.linalg.norm(_doubled_area_vectors(self.vertices, self.faces), axis=1)
+        return areas
+
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """Lowest and highest corner of the bounding box of the used vertices, (2, 3)."""
+        used = self.corners.reshape(-1, 3)
+        return np.stack([used.min(axis=0), used.max(axis=0)])
+
+    @property
+    def centre(self) -> FloatArray:
+        """Middle of the bounding box, (3,)."""
+        middle: FloatArray = self.bounds.mean(axis=0)
+        return middle
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the bounding box's diagonal: the size S that relative lengths refer to."""
+        return float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
+
+
+def _checked_faces(value: Any, vertex_count: int) -> IntArray:
+    faces = np.asarray(value)
+    if faces.size == 0:
+        raise InputError("the mesh has no faces; a cloud of points goes in as an (n, 3) array or a PointCloud")
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+        raise InputError(f"faces must be integers of shape (f, 3); got {faces.dtype} of shape {faces.shape}")
+    if faces.min() < 0 or faces.max() >= vertex_count:
+        raise InputError(f"faces refer to vertices {faces.min()}..{faces.max()}, but there are {vertex_count}")
+    return faces.astype(np.int64)
+
+
+def _doubled_area_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)

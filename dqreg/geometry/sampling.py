@@ -1,0 +1,41 @@
+"""Points on the surface of a mesh, for a mesh that is the source."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg.geometry.cloud import PointCloud
+from dqreg.geometry.mesh import Mesh
+
+
+def sample_mesh(mesh: Mesh, count: int, rng: np.random.Generator) -> PointCloud:
+    """Points spread over the faces in proportion to their areas, with the faces' normals.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Where to sample.
+    count : int
+        How many points.
+    rng : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    PointCloud
+        Oriented points in the frame of the mesh.
+
+    Examples
+    --------
+    >>> triangle = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> cloud = sample_mesh(triangle, 100, np.random.default_rng(0))
+    >>> len(cloud), bool((cloud.points.sum(axis=1) <= 1.0).all())
+    (100, True)
+    """
+    areas = mesh.face_areas
+    faces = rng.choice(len(areas), size=count, p=areas / areas.sum())
+    # The square root makes the distance from the first corner uniform in area (Turk 1990).
+    across, along = np.sqrt(rng.uniform(size=(count, 1))), rng.uniform(size=(count, 1))
+    a, b, c = (mesh.corners[faces, k] for k in range(3))
+    points = (1.0 - across) * a + across * (1.0 - along) * b + across * along * c
+    return PointCloud(points, mesh.face_normals[faces], units=mesh.units)

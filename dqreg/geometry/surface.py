@@ -1,0 +1,53 @@
+"""What the loop needs of a target: one question, "what is closest?", the same for a cloud and a mesh."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Protocol
+
+from dqreg.arrays import FloatArray, IntArray
+
+
+@dataclasses.dataclass(frozen=True)
+class Closest:
+    """The closest place on a surface for each query point.
+
+    Attributes
+    ----------
+    points : ndarray, (n, 3)
+        Closest points, in the surface's frame.
+    normals : ndarray, (n, 3)
+        Unit normal of the surface there.
+    distances : ndarray, (n,)
+        Euclidean distance from the query to the closest point, >= 0.
+    elements : ndarray of int, (n,)
+        Which cloud point or which face it is.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    distances: FloatArray
+    elements: IntArray
+
+
+class Surface(Protocol):
+    """A target that can be asked for its closest points; read-only after it is built, so threads may share it."""
+
+    @property
+    def diagonal(self) -> float:
+        """Diagonal of the bounding box, the size S."""
+        ...
+
+    @property
+    def centre(self) -> FloatArray:
+        """Middle of the bounding box, (3,)."""
+        ...
+
+    @property
+    def oriented(self) -> bool:
+        """Whether the normals point outwards for sure (a mesh), or only up to sign (an estimate)."""
+        ...
+
+    def closest(self, points: FloatArray) -> Closest:
+        """Answer for each query point, (n, 3), n >= 0."""
+        ...

@@ -1,0 +1,95 @@
+"""Anderson acceleration of the loop's fixed-point iteration, on screw coordinates, guarded by the energy.
+
+Closed-form steps with closest points converge linearly: tangential sliding shrinks by a constant factor an
+iteration. The last few steps tell where the sequence is heading (Anderson 1965; for ICP Pavlov et al. 2018).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.rigid import pose, twist
+
+WINDOW = 5
+# Least-squares directions weaker than this against the strongest are noise.
+CUTOFF = 1e-6
+# Rounding of the energy, not a rise.
+SLACK = 1e-12
+
+
+class Anderson:
+    """Extrapolates poses; one instance serves one run.
+
+    Poses are written as twists relative to a reference, with the turn about the middle of the moved points and the
+    shift in units of their size, so that both parts of the six numbers are of one kind.
+
+    Parameters
+    ----------
+    reference : ndarray, (4, 4)
+        Pose that the coordinates start from.
+    centre : ndarray, (3,)
+        Middle of the source points, source frame.
+    size : float
+        Their extent, a length.
+    """
+
+    def __init__(self, reference: FloatArray, centre: FloatArray, size: float) -> None:
+        self._frame = np.eye(4)
+        self._frame[:3, 3] = reference[:3, :3] @ centre + reference[:3, 3]
+        self._base = pose.inverse(self._frame) @ reference
+        self._size = size
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the past, for example because the cost itself has changed."""
+        self._positions: list[FloatArray] = []
+        self._steps: list[FloatArray] = []
+        self._plain: FloatArray | None = None
+        self._energy = np.inf
+
+    def propose(self, T: FloatArray, T_next: FloatArray, energy: float) -> tuple[FloatArray, bool]:
+        """Where to go from T, given that the plain iteration would go to T_next.
+
+        Parameters
+        ----------
+        T : ndarray, (4, 4)
+            Pose at which the correspondences were found.
+        T_next : ndarray, (4, 4)
+            What the closed form answered.
+        energy : float
+            Cost at T.
+
+        Returns
+        -------
+        T_proposed : ndarray, (4, 4)
+            The next pose to try.
+        sound : bool
+            False where T came from an extrapolation that raised the energy: then T is dropped, the plain step that
+            the extrapolation had replaced is returned, and the past is forgotten.
+        """
+        if self._plain is not None and energy > self._energy * (1.0 + SLACK):
+            back = self._plain
+            self.restart()
+            return back, False
+        position, target = self._coordinates(T), self._coordinates(T_next)
+        self._positions.append(position)
+        self._steps.append(target - position)
+        del self._positions[: -WINDOW - 1], self._steps[: -WINDOW - 1]
+        self._energy, self._plain = energy, None
+        if len(self._steps) < 2:
+            return T_next, True
+        self._plain = T_next
+        step_changes = np.diff(self._steps, axis=0).T
+        position_changes = np.diff(self._positions, axis=0).T
+        mix = np.linalg.lstsq(step_changes, self._steps[-1], rcond=CUTOFF)[0]
+        return self._pose(target - (position_changes + step_changes) @ mix), True
+
+    def _coordinates(self, T: FloatArray) -> FloatArray:
+        relative = pose.inverse(self._frame) @ T @ pose.inverse(self._base)
+        coordinates: FloatArray = twist.log(relative) / np.r_[1.0, 1.0, 1.0, [self._size] * 3]
+        return coordinates
+
+    def _pose(self, coordinates: FloatArray) -> FloatArray:
+        T: FloatArray = self._frame @ twist.exp(coordinates * np.r_[1.0, 1.0, 1.0, [self._size] * 3]) @ self._base
+        return T

@@ -1,0 +1,91 @@
+"""Estimators: from weighted pairs to an absolute pose, always from the untouched source points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.icp.pairs import Pairs
+from dqreg.solvers import Fit, moments_of, solve_moments, svd
+
+Estimator = Callable[[Pairs, FloatArray, float], Fit]
+
+
+def points_and_normals(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+    """Walker, Shao and Volz's closed form on points and normals.
+
+    With point variance ``noise^2`` and normals fitted to k neighbours (variance ``sigma_r^2 / (k lever)``), maximum
+    likelihood asks for ``alpha / beta = k lever noise^2 / sigma_r^2``. The k points of a neighbourhood share their
+    evidence, so k falls away; and the ratio of variances is held at one at most, because far from the answer
+    ``noise`` measures the misfit and not the sensor.
+
+    Parameters
+    ----------
+    pairs : Pairs
+        Correspondences, n of them.
+    weights : ndarray, (n,)
+        Weight beta of each pair of points.
+    noise : float
+        Scale of the distances at this stage, a length; infinity where no scale was estimated.
+
+    Returns
+    -------
+    Fit
+        Absolute pose.
+    """
+    scan = pairs.scan
+    with np.errstate(divide="ignore", invalid="ignore"):
+        trust = np.minimum((noise / scan.residuals) ** 2, 1.0)
+    alpha = weights * scan.levers * np.where(scan.levers > 0.0, trust, 0.0)
+    used = (alpha > 0.0) & pairs.closest.normals.any(axis=1)
+    if not used.any():
+        return points_only(pairs, weights, noise)
+    kept = weights > 0.0
+    moments = moments_of(
+        scan.points[kept],
+        pairs.closest.points[kept],
+        weights[kept],
+        pairs.source_directions[used],
+        pairs.closest.normals[used],
+        alpha[used],
+    )
+    return solve_moments(moments)
+
+
+def points_only(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+    """The same closed form on points alone.
+
+    Parameters
+    ----------
+    pairs, weights, noise
+        As in `points_and_normals`; the scale is not used.
+
+    Returns
+    -------
+    Fit
+        Absolute pose.
+    """
+    kept = weights > 0.0
+    return solve_moments(moments_of(pairs.scan.points[kept], pairs.closest.points[kept], weights[kept]))
+
+
+def svd_points(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+    """Arun's SVD on points alone: the yardstick.
+
+    Parameters
+    ----------
+    pairs, weights, noise
+        As in `points_and_normals`; the scale is not used.
+
+    Returns
+    -------
+    Fit
+        Absolute pose.
+    """
+    kept = weights > 0.0
+    return svd(pairs.scan.points[kept], pairs.closest.points[kept], point_weights=weights[kept])
+
+
+ESTIMATORS: dict[str, Estimator] = {"dq": points_and_normals, "dq-points": points_only, "svd": svd_points}

@@ -1,0 +1,206 @@
+"""The loop: correspond, weigh, solve, compare, stop. Everything it uses is a part that can be exchanged."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.errors import DegenerateGeometryError
+from dqreg.geometry.prepare import Scan
+from dqreg.geometry.surface import Surface
+from dqreg.icp.acceleration import Anderson
+from dqreg.icp.estimators import Estimator, points_and_normals
+from dqreg.icp.kernels import Kernel, LeastSquares
+from dqreg.icp.pairs import Pairs, correspond
+from dqreg.icp.stopping import Stopping
+from dqreg.icp.weights import Robust, Weight, product
+from dqreg.result import Iteration
+from dqreg.rigid import pose
+
+Observer = Callable[[Iteration], object]
+
+# A pose has six unknowns and a pair of points fixes at most one of them for good: its distance along the normal.
+FEWEST_PAIRS = 6
+# Ways to end that leave no pose to speak of.
+NO_POSE = ("no correspondences", "degenerate correspondences")
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """Where a run of the loop ended.
+
+    Attributes
+    ----------
+    T_target_source : ndarray, (4, 4)
+        Last pose.
+    status : str
+        "converged", "stalled", "iteration limit", "stopped by observer", "no correspondences" or
+        "degenerate correspondences" (on a line, say).
+    history : tuple of Iteration
+        One record an iteration.
+    pairs : Pairs
+        Correspondences of the last iteration.
+    weights : ndarray, (n,)
+        Their weights.
+    """
+
+    T_target_source: FloatArray
+    status: str
+    history: tuple[Iteration, ...]
+    pairs: Pairs
+    weights: FloatArray
+
+    @property
+    def ended_early(self) -> bool:
+        """Whether there is no point in going on from here."""
+        return self.status in NO_POSE or self.status == "stopped by observer"
+
+
+@dataclasses.dataclass(frozen=True)
+class Icp:
+    """An ICP loop put together from its parts.
+
+    Attributes
+    ----------
+    estimator : callable
+        From weighted pairs to an absolute pose.
+    kernel : Kernel
+        Robust kernel of the distances; held fixed during a run, so that the energy has one meaning.
+    gates : tuple of callables
+        Further factors of the weights: distance, normal angle, trimming.
+    stopping : Stopping
+        When to end.
+    accelerate : bool
+        Whether Anderson acceleration extrapolates the steps.
+    stage : str
+        Name of this run in the records.
+
+    Examples
+    --------
+    >>> from dqreg.geometry import CloudSurface, PointCloud, prepare_scan
+    >>> cloud = PointCloud(np.random.default_rng(0).uniform(size=(500, 3)))
+    >>> start = pose.from_parts(np.eye(3), [0.01, -0.02, 0.01])
+    >>> run = Icp().run(prepare_scan(cloud), CloudSurface(cloud), start)
+    >>> run.status, bool(np.allclose(run.T_target_source, np.eye(4), atol=1e-12))
+    ('converged', True)
+    """
+
+    estimator: Estimator = points_and_normals
+    kernel: Kernel = LeastSquares()
+    gates: tuple[Weight, ...] = ()
+    stopping: Stopping = Stopping()
+    accelerate: bool = True
+    stage: str = "loop"
+
+    def run(
+        self, scan: Scan, surface: Surface, start: FloatArray, observe: Observer | None = None, first: int = 1
+    ) -> Run:
+        """Alternate between closest points and closed form until nothing moves.
+
+        Parameters
+        ----------
+        scan : Scan
+            Source; it stays as it is, each pose is solved from its untouched points.
+        surface : Surface
+            Target.
+        start : ndarray, (4, 4)
+            Pose to begin with.
+        observe : callable, optional
+            Called with each `Iteration`; the run ends if it returns False.
+        first : int
+            Number of the first iteration, where a run continues an earlier one.
+
+        Returns
+        -------
+        Run
+            Pose, status, history and the last correspondences.
+        """
+        T = start
+        history: list[Iteration] = []
+        motions: list[float] = []
+        spread = Spread.of(scan.points)
+        anderson = Anderson(start, spread.mean, spread.size)
+        while True:
+            began = time.perf_counter()
+            pairs = correspond(scan, surface, T)
+            gate = product(self.gates, pairs)
+            weights = gate * Robust(self.kernel)(pairs)
+            if np.count_nonzero(weights) < FEWEST_PAIRS:
+                return Run(T, "no correspondences", tuple(history), pairs, weights)
+            energy = self._energy(pairs, gate)
+            try:
+                T_next = self.estimator(pairs, weights, self.kernel.scale).T_target_source
+            except DegenerateGeometryError:
+                return Run(T, "degenerate correspondences", tuple(history), pairs, weights)
+            T_new, sound = anderson.propose(T, T_next, energy) if self.accelerate else (T_next, True)
+            motions.append(spread.motion(T, T_next) / surface.diagonal if sound else np.inf)
+            record = self._record(first + len(history), pairs, weights, energy, T_next, motions[-1], began)
+            history.append(record)
+            if observe is not None and observe(record) is False:
+                return Run(T_next, "stopped by observer", tuple(history), pairs, weights)
+            if status := self.stopping.status(motions):
+                return Run(T_next, status, tuple(history), pairs, weights)
+            T = T_new
+
+    def _energy(self, pairs: Pairs, gate: FloatArray) -> float:
+        # A pair that a gate rejects costs as much as the farthest one that passes could: else losing pairs would pay.
+        farthest = pairs.distances.max(where=gate > 0.0, initial=0.0)
+        limits = [w.limit for w in self.gates if hasattr(w, "limit")]
+        cap = min([*limits, np.inf]) if limits else farthest
+        return float(self.kernel.cost(np.where(gate > 0.0, pairs.distances, cap)).mean())
+
+    def _record(
+        self, number: int, pairs: Pairs, weights: FloatArray, energy: float, T: FloatArray, motion: float, began: float
+    ) -> Iteration:
+        total = float(weights.sum())
+        return Iteration(
+            number=number,
+            stage=self.stage,
+            points=len(pairs.distances),
+            pairs=int(np.count_nonzero(weights)),
+            inlier_fraction=total / len(weights),
+            rms=float(np.sqrt(weights @ pairs.distances**2 / total)),
+            scale=self.kernel.scale,
+            energy=energy,
+            turn_rad=float(pose.angle_between(pairs.T_target_source, T)),
+            motion=motion,
+            seconds=time.perf_counter() - began,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Spread:
+    """Mean and second moment of the source points: all that the size of a motion depends on.
+
+    Attributes
+    ----------
+    mean : ndarray, (3,)
+        Mean of the points.
+    covariance : ndarray, (3, 3)
+        Their covariance.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+
+    @staticmethod
+    def of(points: FloatArray) -> Spread:
+        """Moments of points, (n, 3)."""
+        mean = points.mean(axis=0)
+        centred = points - mean
+        return Spread(mean, centred.T @ centred / len(points))
+
+    @property
+    def size(self) -> float:
+        """Root mean square distance of the points from their mean."""
+        return float(np.sqrt(np.trace(self.covariance)))
+
+    def motion(self, T_a: FloatArray, T_b: FloatArray) -> float:
+        """Root mean square distance that the points travel between two poses, without moving any of them."""
+        change = T_b - T_a
+        A, b = change[:3, :3], change[:3, 3]
+        return float(np.sqrt(np.trace(A @ self.covariance @ A.T) + np.sum((A @ self.mean + b) ** 2)))

@@ -1,0 +1,76 @@
+"""What one iteration compares: moved source points and their closest places on the target."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.geometry.prepare import Scan
+from dqreg.geometry.surface import Closest, Surface
+from dqreg.rigid import pose
+
+
+@dataclasses.dataclass(frozen=True)
+class Pairs:
+    """Correspondences of a scan at one pose.
+
+    Attributes
+    ----------
+    scan : Scan
+        The source, untouched, in its own frame.
+    T_target_source : ndarray, (4, 4)
+        The pose at which the target was asked.
+    closest : Closest
+        Closest place on the target for each scan point, in the target frame.
+    same_sign : bool
+        Whether both sides' normals have known signs, so that they may be compared as they are.
+    """
+
+    scan: Scan
+    T_target_source: FloatArray
+    closest: Closest
+    same_sign: bool
+
+    @property
+    def distances(self) -> FloatArray:
+        """Distance of each pair, (n,)."""
+        return self.closest.distances
+
+    @cached_property
+    def normal_cosines(self) -> FloatArray:
+        """Cosine between the moved source normal and the target normal, (n,); 0 where either is unknown."""
+        # One product with the rotated target normals instead of a turn of every source normal.
+        back = self.closest.normals @ self.T_target_source[:3, :3]
+        cosines: FloatArray = np.einsum("ij,ij->i", back, self.scan.normals)
+        return cosines
+
+    @cached_property
+    def source_directions(self) -> FloatArray:
+        """Source normals with the sign that agrees with the target's, (n, 3)."""
+        if self.same_sign:
+            return self.scan.normals
+        return self.scan.normals * np.where(self.normal_cosines < 0.0, -1.0, 1.0)[:, None]
+
+
+def correspond(scan: Scan, surface: Surface, T_target_source: FloatArray) -> Pairs:
+    """Ask the surface for the closest place of every scan point.
+
+    Parameters
+    ----------
+    scan : Scan
+        Source.
+    surface : Surface
+        Target.
+    T_target_source : ndarray, (4, 4)
+        Current pose.
+
+    Returns
+    -------
+    Pairs
+        One pair per scan point; nothing is rejected yet.
+    """
+    closest = surface.closest(pose.apply(T_target_source, scan.points))
+    return Pairs(scan, T_target_source, closest, same_sign=scan.oriented and surface.oriented)

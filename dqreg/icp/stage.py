@@ -1,0 +1,173 @@
+"""One level of points: run the loop at one width, learn the next width, until the width settles."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.geometry.prepare import Scan
+from dqreg.geometry.surface import Surface
+from dqreg.icp.estimators import Estimator
+from dqreg.icp.kernels import InlierMixture
+from dqreg.icp.loop import Icp, Observer, Run
+from dqreg.icp.stopping import Stopping
+from dqreg.icp.weights import NormalAngle, WithinDistance
+
+# A stage is converged when it moves less than this share of its own width.
+STAGE_TOLERANCE = 0.03
+# The width is settled when learning changes it by less than this factor.
+SETTLED = 0.97
+# The largest fall of the width from one stage to the next.
+STEEPEST = 0.5
+# Points from which on the sampling error, not the width, says how far a level is worth converging.
+FEW = 2_000
+# Beyond this the two normals are of different faces, once the pose is near.
+NEAR_ANGLE_RAD = np.deg2rad(60.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What a graduated run needs to know beyond the data.
+
+    Attributes
+    ----------
+    estimator : callable
+        From weighted pairs to a pose.
+    max_distance : float
+        Largest distance of a pair, target units.
+    max_angle_rad : float
+        Largest angle between normals once the width is small; at the start it is 90 degrees.
+    accelerate : bool
+        Whether the loop extrapolates.
+    stopping : Stopping
+        Tolerance of the last stage and the iteration limit of each stage.
+    """
+
+    estimator: Estimator
+    max_distance: float
+    max_angle_rad: float = NEAR_ANGLE_RAD
+    accelerate: bool = True
+    stopping: Stopping = Stopping()
+
+
+@dataclasses.dataclass(frozen=True)
+class Schedule:
+    """How fast the width may fall.
+
+    Attributes
+    ----------
+    name : str
+        Shown with each iteration.
+    stages : int
+        Widths at most.
+    iterations : int or None
+        Iterations at each width at most; None leaves it to the plan.
+    rounds : int
+        EM rounds between two widths.
+    """
+
+    name: str
+    stages: int
+    iterations: int | None
+    rounds: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Level:
+    """Points of one level, against the target.
+
+    Attributes
+    ----------
+    scan : Scan
+        The points.
+    surface : Surface
+        The target.
+    plan : Plan
+        Parts and limits.
+    floor : float
+        Smallest width.
+    last : bool
+        Whether the plan's own tolerance is asked for.
+    """
+
+    scan: Scan
+    surface: Surface
+    plan: Plan
+    floor: float
+    last: bool
+
+    def descend(
+        self, mixture: InlierMixture, start: FloatArray, schedule: Schedule, observe: Observer | None, first: int
+    ) -> tuple[Run, InlierMixture]:
+        """Run at falling widths until the width settles.
+
+        Parameters
+        ----------
+        mixture : InlierMixture
+            Width and share of inliers to begin with.
+        start : ndarray, (4, 4)
+            Pose to begin with.
+        schedule : Schedule
+            How fast the width may fall.
+        observe : callable, optional
+            Called with each iteration.
+        first : int
+            Number of the first iteration.
+
+        Returns
+        -------
+        Run
+            The last stage, with the history of all.
+        InlierMixture
+            Width and share at the end.
+        """
+        run = self._run(mixture, start, schedule, observe, first)
+        history = run.history
+        for _ in range(schedule.stages - 1):
+            if run.ended_early:
+                break
+            settled, mixture = self._learn(mixture, run, schedule)
+            if settled and run.history[-1].motion <= self._tolerance(mixture):
+                break
+            run = self._run(mixture, run.T_target_source, schedule, observe, first + len(history))
+            history += run.history
+        return dataclasses.replace(run, history=history), mixture
+
+    def surprise(self, mixture: InlierMixture, run: Run) -> float:
+        """Mean negative log-likelihood of the distances at the end of a run: the lower, the better it explains them."""
+        near = run.weights > 0.0
+        learned = mixture.learned(run.pairs.distances[near], floor=self.floor, rounds=100)
+        return learned.surprise(run.pairs.distances[near], rejected=int(np.count_nonzero(~near)))
+
+    def _run(
+        self, mixture: InlierMixture, start: FloatArray, schedule: Schedule, observe: Observer | None, first: int
+    ) -> Run:
+        plan = self.plan
+        iterations = schedule.iterations or plan.stopping.iterations
+        # Far from the answer normals say little; the angle closes as the width does.
+        angle = np.clip(np.pi * mixture.scale / plan.max_distance, plan.max_angle_rad, np.pi / 2)
+        icp = Icp(
+            estimator=plan.estimator,
+            kernel=mixture,
+            gates=(WithinDistance(plan.max_distance), NormalAngle(float(angle))),
+            stopping=dataclasses.replace(plan.stopping, tolerance=self._tolerance(mixture), iterations=iterations),
+            accelerate=plan.accelerate and iterations > 1,
+            stage=schedule.name,
+        )
+        return icp.run(self.scan, self.surface, start, observe, first)
+
+    def _tolerance(self, mixture: InlierMixture) -> float:
+        tolerance = STAGE_TOLERANCE * mixture.scale / self.surface.diagonal
+        if len(self.scan) > FEW:
+            # Points fewer than the last level's cannot place the part better than this: no use in going on.
+            tolerance *= 10.0 / float(np.sqrt(len(self.scan)))
+        return min(tolerance, self.plan.stopping.tolerance) if self.last else tolerance
+
+    def _learn(self, mixture: InlierMixture, run: Run, schedule: Schedule) -> tuple[bool, InlierMixture]:
+        near = run.weights > 0.0
+        learned = mixture.learned(run.pairs.distances[near], floor=self.floor, rounds=schedule.rounds)
+        width = max(learned.scale, STEEPEST * mixture.scale)
+        settled = SETTLED * mixture.scale <= width <= mixture.scale / SETTLED
+        return settled, dataclasses.replace(learned, scale=width)

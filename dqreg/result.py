@@ -1,0 +1,310 @@
+"""The answer of a registration: pose, verdict, and everything needed to judge it; saved and loaded as JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg.arrays import FloatArray, as_vectors
+from dqreg.atomic import write_atomically
+from dqreg.errors import InputError
+from dqreg.rigid import DualQuaternion, pose
+
+Level = Literal["accepted", "suspect", "failed"]
+FORMAT = "dqreg registration 1"
+
+
+@dataclasses.dataclass(frozen=True)
+class Iteration:
+    """Record of one iteration.
+
+    Attributes
+    ----------
+    number : int
+        1 for the first.
+    stage : str
+        Which run of the loop it belongs to. "patient" and "quick" both begin at the start pose, and one of them is
+        dropped; "fine" goes on from the other.
+    points : int
+        Source points used.
+    pairs : int
+        Pairs with a weight above zero.
+    inlier_fraction : float
+        Mean weight of all points used.
+    rms : float
+        Weighted root mean square distance of the pairs, before the step.
+    scale : float
+        Width of the robust kernel.
+    energy : float
+        Mean robust cost before the step, a length squared.
+    turn_rad : float
+        Rotation of the step.
+    motion : float
+        Root mean square motion of the points in the step, in sizes of the target; infinite where an extrapolation
+        was taken back.
+    seconds : float
+        Wall time.
+    """
+
+    number: int
+    stage: str
+    points: int
+    pairs: int
+    inlier_fraction: float
+    rms: float
+    scale: float
+    energy: float
+    turn_rad: float
+    motion: float
+    seconds: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Verdict:
+    """Whether the pose may be trusted, and why.
+
+    Attributes
+    ----------
+    level : {"accepted", "suspect", "failed"}
+        What to do with the pose: use it, look at it, throw it away.
+    reasons : tuple of str
+        Sentences, the weightiest first.
+    """
+
+    level: Level
+    reasons: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Direction:
+    """One of six independent motions of the part, and how firmly the matches hold it.
+
+    Attributes
+    ----------
+    strength : float
+        1 would be all pairs working against this motion with the longest lever; 0 is free.
+    sigma : float
+        Standard deviation of the pose along it, as the largest displacement on the part; NaN where it is free.
+    words : str
+        The motion in words.
+    """
+
+    strength: float
+    sigma: float
+    words: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Alternative:
+    """Another pose that explains the scan about as well.
+
+    Attributes
+    ----------
+    T_target_source : ndarray, (4, 4)
+        The pose.
+    score : float
+        Truncated root mean square distance of the scan under it, target units; the smaller the better.
+    """
+
+    T_target_source: FloatArray
+    score: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Registration:
+    """Result of registering a source to a target.
+
+    Attributes
+    ----------
+    T_target_source : ndarray, (4, 4)
+        Maps source coordinates to target coordinates; all NaN where no pose was found.
+    verdict : Verdict
+        Level and reasons.
+    status : str
+        How the loop ended.
+    covariance : ndarray, (6, 6)
+        Of the twist (rotation vector first, then translation) of a left increment in the target frame about the
+        centre of the target's bounding box (``settings["centre"]``): ``T_true = about(exp(twist), centre) @ T``.
+        NaN along directions that the matches leave free, and everywhere where no pose was found.
+    observability : tuple of Direction
+        Six directions, the weakest first.
+    alternatives : tuple of Alternative
+        Other poses that explain the scan about as well.
+    history : tuple of Iteration
+        One record an iteration.
+    rms : float
+        Root mean square distance of the inliers, target units; NaN where there are none.
+    inlier_fraction : float
+        Mean probability of a source point to be an inlier, over all points used.
+    timings : dict
+        Seconds per stage.
+    settings : dict
+        Every setting as resolved, lengths in target units.
+    """
+
+    T_target_source: FloatArray
+    verdict: Verdict
+    status: str
+    covariance: FloatArray
+    observability: tuple[Direction, ...]
+    alternatives: tuple[Alternative, ...]
+    history: tuple[Iteration, ...]
+    rms: float
+    inlier_fraction: float
+    timings: dict[str, float]
+    settings: dict[str, Any]
+
+    @property
+    def dual_quaternion(self) -> DualQuaternion:
+        """The pose as a unit dual quaternion; raises `InputError` where no pose was found."""
+        return DualQuaternion.from_matrix(self._found())
+
+    def apply(self, points: ArrayLike) -> FloatArray:
+        """Move points of the source into the target frame.
+
+        Parameters
+        ----------
+        points : array_like, (n, 3)
+            Source coordinates, in the source's own unit.
+
+        Returns
+        -------
+        ndarray, (n, 3)
+            Target coordinates, in the target's unit.
+
+        Raises
+        ------
+        InputError
+            If no pose was found.
+        """
+        checked = as_vectors(points, "points")
+        return pose.apply(self._found(), checked * self.settings.get("source_scale", 1.0))
+
+    def inverse(self) -> FloatArray:
+        """The pose T_source_target, (4, 4), from target coordinates to source coordinates (in target units).
+
+        Returns
+        -------
+        ndarray, (4, 4)
+            Inverse pose.
+        """
+        return pose.inverse(self._found())
+
+    def _found(self) -> FloatArray:
+        if not np.isfinite(self.T_target_source).all():
+            raise InputError(f"this registration found no pose: {'; '.join(self.verdict.reasons)}")
+        return self.T_target_source
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain lists, numbers and strings under the attribute names; NaN and infinity become None.
+
+        Returns
+        -------
+        dict
+            What `save` writes.
+        """
+        names = [field.name for field in dataclasses.fields(self)]
+        plain = {name: _plain(getattr(self, name)) for name in names}
+        found = bool(np.isfinite(self.T_target_source).all())
+        dq = self.dual_quaternion if found else None
+        plain["dual_quaternion"] = {"real": _plain(dq.real), "dual": _plain(dq.dual)} if dq else None
+        return {"format": FORMAT, **plain}
+
+    def save(self, path: str | Path) -> None:
+        """Write the result as JSON, whole or not at all.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        write_atomically(Path(path), json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+
+    @staticmethod
+    def load(path: str | Path) -> Registration:
+        """Read what `save` wrote.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to read.
+
+        Returns
+        -------
+        Registration
+            Equal to the saved one.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, is not JSON, or is not a registration.
+        """
+        try:
+            values = json.loads(Path(path).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path} is no readable result file: {error}") from error
+        if not isinstance(values, dict) or values.get("format") != FORMAT:
+            raise InputError(f'{path} is no dqreg result: expected the key "format" to be {FORMAT!r}')
+        try:
+            return _from_dict(values)
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"{path} is a damaged dqreg result: {type(error).__name__} {error}") from error
+
+
+def _from_dict(values: dict[str, Any]) -> Registration:
+    return Registration(
+        T_target_source=_array(values["T_target_source"], (4, 4)),
+        verdict=Verdict(values["verdict"]["level"], tuple(values["verdict"]["reasons"])),
+        status=values["status"],
+        covariance=_array(values["covariance"], (6, 6)),
+        observability=tuple(
+            Direction(_number(d["strength"]), _number(d["sigma"]), d["words"]) for d in values["observability"]
+        ),
+        alternatives=tuple(
+            Alternative(_array(a["T_target_source"], (4, 4)), _number(a["score"])) for a in values["alternatives"]
+        ),
+        history=tuple(_iteration(record) for record in values["history"]),
+        rms=_number(values["rms"]),
+        inlier_fraction=_number(values["inlier_fraction"]),
+        timings=values["timings"],
+        settings=values["settings"],
+    )
+
+
+def _iteration(record: dict[str, Any]) -> Iteration:
+    # The only number of a record that may not be finite is a motion that was taken back.
+    finite: dict[str, Any] = {key: np.inf if value is None else value for key, value in record.items()}
+    return Iteration(**finite)
+
+
+def _array(rows: Any, shape: tuple[int, ...]) -> FloatArray:
+    # None becomes NaN in a float array.
+    return np.array(rows, dtype=np.float64).reshape(shape)
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else float(value)
+
+
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(item) for item in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,211 @@
+"""What the rigid maths accepts: arrays whose last axes hold quaternions, triples, rotations or poses.
+
+Every function of this room takes single values and stacks of them, so the leading axes stay free.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg.arrays import RIGID_TOLERANCE, FloatArray, as_float
+from dqreg.errors import InputError
+
+
+def as_quaternions(value: ArrayLike, name: str) -> FloatArray:
+    """Quaternions, scalar first.
+
+    Parameters
+    ----------
+    value : array_like, (..., 4)
+        Components w, x, y, z in the last axis.
+    name : str
+        What the caller calls it, for the message.
+
+    Returns
+    -------
+    ndarray, (..., 4)
+        Float64.
+
+    Raises
+    ------
+    InputError
+        If the last axis does not hold four numbers.
+
+    Examples
+    --------
+    >>> as_quaternions([1, 0, 0, 0], "q").shape
+    (4,)
+    """
+    return _with_last_axes(value, name, (4,), "quaternions w, x, y, z in the last axis")
+
+
+def as_unit_quaternions(value: ArrayLike, name: str) -> FloatArray:
+    """Quaternions of norm 1, as given: a length that is off is reported, never mended.
+
+    Parameters
+    ----------
+    value : array_like, (..., 4)
+        Components w, x, y, z in the last axis.
+    name : str
+        What the caller calls it, for the message.
+
+    Returns
+    -------
+    ndarray, (..., 4)
+        Float64.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, or a norm differs from 1 by more than ``RIGID_TOLERANCE`` or is not finite.
+
+    Examples
+    --------
+    >>> as_unit_quaternions([0, 0, 0, 1], "q").tolist()
+    [0.0, 0.0, 0.0, 1.0]
+    """
+    array = as_quaternions(value, name)
+    off = np.abs(np.linalg.norm(array, axis=-1) - 1.0)
+    # The comparison is written so that NaN fails it.
+    if not np.all(off <= RIGID_TOLERANCE):
+        raise InputError(
+            f"{name} must have norm 1; the norm is off by {np.max(off):.3g} (allowed {RIGID_TOLERANCE:g}). "
+            "Use quaternion.normalize first if only its direction counts"
+        )
+    return array
+
+
+def as_triples(value: ArrayLike, name: str) -> FloatArray:
+    """Vectors of three numbers.
+
+    Parameters
+    ----------
+    value : array_like, (..., 3)
+        Components x, y, z in the last axis.
+    name : str
+        What the caller calls it, for the message.
+
+    Returns
+    -------
+    ndarray, (..., 3)
+        Float64.
+
+    Raises
+    ------
+    InputError
+        If the last axis does not hold three numbers.
+
+    Examples
+    --------
+    >>> as_triples([[1, 2, 3]], "points").shape
+    (1, 3)
+    """
+    return _with_last_axes(value, name, (3,), "x, y, z in the last axis")
+
+
+def as_directions(value: ArrayLike, name: str) -> FloatArray:
+    """Directions as unit vectors: only the direction counts, so a length other than 1 is no fault.
+
+    Parameters
+    ----------
+    value : array_like, (..., 3)
+        Vectors longer than zero.
+    name : str
+        What the caller calls it, for the message.
+
+    Returns
+    -------
+    ndarray, (..., 3)
+        Unit vectors.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, or a vector is zero or not finite.
+
+    Examples
+    --------
+    >>> as_directions([0, 0, 5], "axis").tolist()
+    [0.0, 0.0, 1.0]
+    """
+    array = as_triples(value, name)
+    # Divided by the largest component first, so that the squares neither overflow nor vanish.
+    largest = np.max(np.abs(array), axis=-1, keepdims=True)
+    if not np.all((largest > 0.0) & np.isfinite(largest)):
+        raise InputError(f"{name} must have a direction; got a vector that is zero or not finite")
+    scaled = array / largest
+    return np.asarray(scaled / np.linalg.norm(scaled, axis=-1, keepdims=True))
+
+
+def as_rotations(value: ArrayLike, name: str) -> FloatArray:
+    """Rotation matrices, as given.
+
+    Parameters
+    ----------
+    value : array_like, (..., 3, 3)
+        Orthonormal matrices with determinant +1.
+    name : str
+        What the caller calls it, for the message.
+
+    Returns
+    -------
+    ndarray, (..., 3, 3)
+        Float64.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, or a matrix departs from a rotation by more than ``RIGID_TOLERANCE``.
+
+    Examples
+    --------
+    >>> as_rotations(np.eye(3), "R").shape
+    (3, 3)
+    """
+    R = _with_last_axes(value, name, (3, 3), "3x3 matrices in the last two axes")
+    gap = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
+    if not np.all(gap <= RIGID_TOLERANCE):
+        raise InputError(
+            f"{name} must be a rotation; it departs from orthonormal by {np.max(gap):.3g} "
+            f"(allowed {RIGID_TOLERANCE:g}). Remove any scale or shear first"
+        )
+    if np.any(np.linalg.det(R) < 0.0):
+        raise InputError(f"{name} holds a mirror image (determinant -1); a rotation has +1")
+    return R
+
+
+def as_poses(value: ArrayLike, name: str) -> FloatArray:
+    """Poses, looked at for their shape only: the helpers that use this run inside loops.
+
+    Parameters
+    ----------
+    value : array_like, (..., 4, 4)
+        Rigid poses.
+    name : str
+        What the caller calls it, for the message.
+
+    Returns
+    -------
+    ndarray, (..., 4, 4)
+        Float64.
+
+    Raises
+    ------
+    InputError
+        If the last two axes are not 4x4.
+
+    Examples
+    --------
+    >>> as_poses(np.eye(4), "T").shape
+    (4, 4)
+    """
+    return _with_last_axes(value, name, (4, 4), "4x4 poses in the last two axes")
+
+
+def _with_last_axes(value: ArrayLike, name: str, last: tuple[int, ...], words: str) -> FloatArray:
+    # A float64 array passes untouched, whatever its strides: NumPy's operations take it as it is.
+    array = value if isinstance(value, np.ndarray) and value.dtype == np.float64 else as_float(value, name)
+    if array.shape[-len(last) :] != last:
+        raise InputError(f"{name} must hold {words}; got shape {array.shape}")
+    return array

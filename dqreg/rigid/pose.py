@@ -1,0 +1,293 @@
+"""Fast helpers on 4x4 poses ``T_target_source``: p_target = R p_source + t.
+
+They run inside loops and trust that a pose is rigid; ``dqreg.arrays.as_pose`` is the check at the door.
+Nothing here changes its arguments, and read-only or strided arrays are taken as they are. A pose of NaN gives
+points of NaN.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg.arrays import FloatArray
+from dqreg.errors import InputError
+from dqreg.rigid.operands import as_poses, as_triples
+from dqreg.rigid.quaternion_algebra import normalize
+from dqreg.rigid.quaternion_matrices import to_matrix
+from dqreg.rigid.twist import adjoint, exp, log
+
+__all__ = [
+    "about",
+    "adjoint",
+    "angle_between",
+    "apply",
+    "exp",
+    "from_parts",
+    "inverse",
+    "log",
+    "offset_between",
+    "random",
+    "rotate",
+]
+
+
+def apply(T_target_source: ArrayLike, points_source: ArrayLike) -> FloatArray:
+    """Move points by a pose: ``R p + t``.
+
+    Parameters
+    ----------
+    T_target_source : array_like, (4, 4)
+        Rigid pose.
+    points_source : array_like, (..., 3)
+        Points, usually (n, 3).
+
+    Returns
+    -------
+    ndarray, (..., 3)
+        Points in the target frame, float64.
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong.
+
+    Examples
+    --------
+    >>> apply(from_parts(np.eye(3), [1, 2, 3]), [[10, 20, 30]]).tolist()
+    [[11.0, 22.0, 33.0]]
+    """
+    T = _one_pose(T_target_source, "T_target_source")
+    # A contiguous 3x3 and three column sums in place: twice as fast on a million points as `P @ R.T + t`.
+    moved: FloatArray = as_triples(points_source, "points_source") @ np.ascontiguousarray(T[:3, :3].T)
+    for axis in range(3):
+        moved[..., axis] += T[axis, 3]
+    return moved
+
+
+def rotate(T_target_source: ArrayLike, directions_source: ArrayLike) -> FloatArray:
+    """Turn directions by a pose: ``R m``, without the translation.
+
+    Parameters
+    ----------
+    T_target_source : array_like, (4, 4)
+        Rigid pose.
+    directions_source : array_like, (..., 3)
+        Directions, usually (n, 3).
+
+    Returns
+    -------
+    ndarray, (..., 3)
+        Directions in the target frame, float64.
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong.
+
+    Examples
+    --------
+    >>> rotate(from_parts(np.eye(3), [1, 2, 3]), [[0, 0, 1]]).tolist()
+    [[0.0, 0.0, 1.0]]
+    """
+    T = _one_pose(T_target_source, "T_target_source")
+    R_transposed = np.ascontiguousarray(T[:3, :3].T)
+    turned: FloatArray = as_triples(directions_source, "directions_source") @ R_transposed
+    return turned
+
+
+def from_parts(R: ArrayLike, t: ArrayLike) -> FloatArray:
+    """Pose of a rotation matrix and a translation (Walker eq. 1).
+
+    Parameters
+    ----------
+    R : array_like, (..., 3, 3)
+        Rotation matrices.
+    t : array_like, (..., 3)
+        Translations.
+
+    Returns
+    -------
+    ndarray, (..., 4, 4)
+        Poses.
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong.
+
+    Examples
+    --------
+    >>> from_parts(np.eye(3), [1, 2, 3])[:3].tolist()
+    [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0]]
+    """
+    rotation, translation = np.asarray(R, dtype=np.float64), as_triples(t, "t")
+    if rotation.shape[-2:] != (3, 3):
+        raise InputError(f"R must hold 3x3 matrices in the last two axes; got shape {rotation.shape}")
+    T = np.zeros((*np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1]), 4, 4))
+    T[..., :3, :3] = rotation
+    T[..., :3, 3] = translation
+    T[..., 3, 3] = 1.0
+    return T
+
+
+def inverse(T_target_source: ArrayLike) -> FloatArray:
+    """Inverse pose in closed form: ``R^T``, ``-R^T t``.
+
+    Parameters
+    ----------
+    T_target_source : array_like, (..., 4, 4)
+        Rigid poses.
+
+    Returns
+    -------
+    ndarray, (..., 4, 4)
+        T_source_target.
+
+    Raises
+    ------
+    InputError
+        If a pose is not 4x4.
+
+    Examples
+    --------
+    >>> inverse(from_parts(np.eye(3), [1, 2, 3]))[:3, 3].tolist()
+    [-1.0, -2.0, -3.0]
+    """
+    T = as_poses(T_target_source, "T_target_source")
+    R_back = np.swapaxes(T[..., :3, :3], -1, -2)
+    return from_parts(R_back, -(R_back @ T[..., :3, 3, np.newaxis])[..., 0])
+
+
+def angle_between(T_a: ArrayLike, T_b: ArrayLike) -> FloatArray:
+    """Angle of the rotation that leads from one pose to the other.
+
+    By atan2 of the skew part and the trace, so that small angles and angles near pi keep their digits; the
+    arc cosine of the trace cannot tell 1e-9 from 0.
+
+    Parameters
+    ----------
+    T_a, T_b : array_like, (..., 4, 4)
+        Rigid poses into the same frame.
+
+    Returns
+    -------
+    ndarray, (...)
+        Radians in [0, pi]; a single number for two single poses.
+
+    Raises
+    ------
+    InputError
+        If a pose is not 4x4.
+
+    Examples
+    --------
+    >>> round(float(angle_between(np.eye(4), exp([0, 0, 0.25, 7, 8, 9]))), 12)
+    0.25
+    """
+    R_a, R_b = as_poses(T_a, "T_a")[..., :3, :3], as_poses(T_b, "T_b")[..., :3, :3]
+    R = np.swapaxes(R_a, -1, -2) @ R_b
+    skew = R - np.swapaxes(R, -1, -2)
+    # Every 2 sin(angle) u_i stands twice in the skew matrix, hence the root of two.
+    twice_sine = np.linalg.norm(skew, axis=(-2, -1)) / np.sqrt(2.0)
+    return np.asarray(np.arctan2(twice_sine, np.trace(R, axis1=-2, axis2=-1) - 1.0))
+
+
+def offset_between(T_a: ArrayLike, T_b: ArrayLike, at: ArrayLike | None = None) -> FloatArray:
+    """Distance between where the two poses put the same point.
+
+    Parameters
+    ----------
+    T_a, T_b : array_like, (..., 4, 4)
+        Rigid poses into the same frame.
+    at : array_like, (..., 3), optional
+        Source point or points to compare at; the source origin if not given. Where parts lie far from their
+        origin, compare at the part: there the answer means something.
+
+    Returns
+    -------
+    ndarray, (...)
+        Distances in the unit of the poses.
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong.
+
+    Examples
+    --------
+    >>> round(float(offset_between(np.eye(4), exp([0, 0, np.pi, 0, 0, 0]), at=[1, 0, 0])), 12)
+    2.0
+    """
+    # The difference of the poses is formed first: two far points would cancel digits.
+    difference = as_poses(T_a, "T_a") - as_poses(T_b, "T_b")
+    apart = difference[..., :3, 3]
+    if at is not None:
+        apart = apart + (difference[..., :3, :3] @ as_triples(at, "at")[..., np.newaxis])[..., 0]
+    return np.asarray(np.linalg.norm(apart, axis=-1))
+
+
+def about(T: ArrayLike, centre: ArrayLike) -> FloatArray:
+    """Carry out the motion T about a given centre instead of the origin: ``R (p - centre) + centre + t``.
+
+    Parameters
+    ----------
+    T : array_like, (..., 4, 4)
+        Rigid poses.
+    centre : array_like, (..., 3)
+        Point that the rotation leaves in place.
+
+    Returns
+    -------
+    ndarray, (..., 4, 4)
+        Poses.
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong.
+
+    Examples
+    --------
+    >>> apply(about(exp([0, 0, np.pi, 0, 0, 0]), [1, 0, 0]), [[1, 0, 0], [3, 0, 0]]).round(12).tolist()
+    [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]
+    """
+    poses, c = as_poses(T, "T"), as_triples(centre, "centre")
+    R = poses[..., :3, :3]
+    return from_parts(R, poses[..., :3, 3] + c - (R @ c[..., np.newaxis])[..., 0])
+
+
+def random(rng: np.random.Generator, *, reach: float = 0.0, shape: tuple[int, ...] = ()) -> FloatArray:
+    """Poses drawn uniformly: all rotations alike, translations alike within a ball.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of randomness.
+    reach : float
+        Radius of the ball, in the unit of the translation; 0 draws rotations only.
+    shape : tuple of int
+        Leading axes; none for a single pose.
+
+    Returns
+    -------
+    ndarray, (..., 4, 4)
+        Rigid poses.
+
+    Examples
+    --------
+    >>> random(np.random.default_rng(0), reach=10.0, shape=(5,)).shape
+    (5, 4, 4)
+    """
+    R = to_matrix(normalize(rng.standard_normal((*shape, 4))))
+    direction = rng.standard_normal((*shape, 3))
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    # The cube root makes equal volumes equally likely.
+    return from_parts(R, reach * np.cbrt(rng.uniform(size=(*shape, 1))) * direction)
+
+
+def _one_pose(T: ArrayLike, name: str) -> FloatArray:
+    array = as_poses(T, name)
+    if array.ndim != 2:
+        raise InputError(f"{name} must be one 4x4 pose; got shape {array.shape}")
+    return array

@@ -1,0 +1,88 @@
+"""Quaternion functions on arrays (..., 4), scalar first (w, x, y, z); leading axes broadcast.
+
+The index of Jia's notes in code: algebra (section 2), rotation (3), sequences (4), powers (appendix A),
+derivatives and integration (B), interpolation (C), Jacobians (D). Public as ``dqreg.quaternion``.
+"""
+
+from dqreg.rigid.product_jacobians import (
+    d_pq_d_p,
+    d_pq_d_q,
+    d_pqc_d_p,
+    d_pqc_d_q,
+    d_qv_d_q,
+    d_qv_d_v,
+    d_vq_d_q,
+    d_vq_d_v,
+)
+from dqreg.rigid.quaternion_algebra import (
+    add,
+    canonical,
+    conjugate,
+    cross_matrix,
+    inverse,
+    multiply,
+    norm,
+    normalize,
+)
+from dqreg.rigid.quaternion_interpolation import interpolate_axis_angle, slerp
+from dqreg.rigid.quaternion_kinematics import (
+    angular_acceleration,
+    angular_velocity,
+    derivative,
+    integrate,
+    second_derivative,
+)
+from dqreg.rigid.quaternion_matrices import from_matrix, left_matrix, right_matrix, to_matrix
+from dqreg.rigid.quaternion_powers import exp, log, polar, power
+from dqreg.rigid.quaternion_rotation import (
+    compose,
+    compose_frames,
+    from_axis_angle,
+    rotate,
+    rotate_frame,
+    to_axis_angle,
+)
+from dqreg.rigid.rotation_jacobians import d_rotate_d_q, d_rotate_d_v, d_rotate_frame_d_v
+
+__all__ = [
+    "add",
+    "angular_acceleration",
+    "angular_velocity",
+    "canonical",
+    "compose",
+    "compose_frames",
+    "conjugate",
+    "cross_matrix",
+    "d_pq_d_p",
+    "d_pq_d_q",
+    "d_pqc_d_p",
+    "d_pqc_d_q",
+    "d_qv_d_q",
+    "d_qv_d_v",
+    "d_rotate_d_q",
+    "d_rotate_d_v",
+    "d_rotate_frame_d_v",
+    "d_vq_d_q",
+    "d_vq_d_v",
+    "derivative",
+    "exp",
+    "from_axis_angle",
+    "from_matrix",
+    "integrate",
+    "interpolate_axis_angle",
+    "inverse",
+    "left_matrix",
+    "log",
+    "multiply",
+    "norm",
+    "normalize",
+    "polar",
+    "power",
+    "right_matrix",
+    "rotate",
+    "rotate_frame",
+    "second_derivative",
+    "slerp",
+    "to_axis_angle",
+    "to_matrix",
+]

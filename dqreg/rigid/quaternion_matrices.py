@@ -1,0 +1,176 @@
+"""Quaternions as matrices: the 4x4 matrices of a product and the 3x3 matrix of a rotation, both ways.
+
+Equation numbers: Jia, *Quaternions* (2020), section 3 and appendix D; Walker, Shao and Volz (1991), who write
+the scalar last, so that their matrices are ours with the first row and column moved to the end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg.arrays import FloatArray
+from dqreg.rigid.operands import as_quaternions, as_rotations, as_unit_quaternions
+from dqreg.rigid.quaternion_algebra import canonical, cross_matrix
+
+
+def left_matrix(p: ArrayLike) -> FloatArray:
+    """Matrix of a product from the left: ``left_matrix(p) @ q`` is p q (Jia eq. 37; Walker eq. 15: Q).
+
+    Parameters
+    ----------
+    p : array_like, (..., 4)
+        Quaternions, scalar first.
+
+    Returns
+    -------
+    ndarray, (..., 4, 4)
+        Rows and columns in the order w, x, y, z.
+
+    Raises
+    ------
+    InputError
+        If the last axis does not hold four numbers.
+
+    Examples
+    --------
+    >>> (left_matrix([3, 1, -2, 1]) @ [2, -1, 2, 3]).tolist()
+    [8.0, -9.0, -2.0, 11.0]
+    """
+    return _product_matrix(as_quaternions(p, "p"), 1.0)
+
+
+def right_matrix(q: ArrayLike) -> FloatArray:
+    """Matrix of a product from the right: ``right_matrix(q) @ p`` is p q (Jia eq. 35; Walker eq. 16: W).
+
+    Parameters
+    ----------
+    q : array_like, (..., 4)
+        Quaternions, scalar first.
+
+    Returns
+    -------
+    ndarray, (..., 4, 4)
+        Rows and columns in the order w, x, y, z.
+
+    Raises
+    ------
+    InputError
+        If the last axis does not hold four numbers.
+
+    Examples
+    --------
+    >>> (right_matrix([2, -1, 2, 3]) @ [3, 1, -2, 1]).tolist()
+    [8.0, -9.0, -2.0, 11.0]
+    """
+    return _product_matrix(as_quaternions(q, "q"), -1.0)
+
+
+def to_matrix(q: ArrayLike) -> FloatArray:
+    """Rotation matrix of a unit quaternion (Jia section 3, after eq. 8; Walker eqs. 4 and 17).
+
+    Parameters
+    ----------
+    q : array_like, (..., 4)
+        Unit quaternions, scalar first.
+
+    Returns
+    -------
+    ndarray, (..., 3, 3)
+        R with R v = q v q*: ``(q0^2 - |q|^2) I + 2 q q^T + 2 q0 [q x]``.
+
+    Raises
+    ------
+    InputError
+        If the last axis does not hold four numbers, or a norm is not 1.
+
+    Examples
+    --------
+    >>> to_matrix([0.5, 0.5, 0.5, 0.5]).tolist()
+    [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    """
+    return operator_matrix(as_unit_quaternions(q, "q"))
+
+
+def operator_matrix(q: ArrayLike) -> FloatArray:
+    """Matrix of v -> q v q* for quaternions of any norm: |q|^2 times a rotation.
+
+    Parameters
+    ----------
+    q : array_like, (..., 4)
+        Quaternions, scalar first.
+
+    Returns
+    -------
+    ndarray, (..., 3, 3)
+        ``(q0^2 - |q|^2) I + 2 q q^T + 2 q0 [q x]``, q in bars and products being the vector part.
+
+    Raises
+    ------
+    InputError
+        If the last axis does not hold four numbers.
+
+    Examples
+    --------
+    >>> operator_matrix([0, 0, 0, 2]).tolist()
+    [[-4.0, 0.0, 0.0], [0.0, -4.0, 0.0], [0.0, 0.0, 4.0]]
+    """
+    array = as_quaternions(q, "q")
+    scalar, vector = array[..., 0, np.newaxis, np.newaxis], array[..., 1:]
+    square = np.sum(vector * vector, axis=-1)[..., np.newaxis, np.newaxis]
+    outer = vector[..., :, np.newaxis] * vector[..., np.newaxis, :]
+    return np.asarray((scalar**2 - square) * np.eye(3) + 2.0 * outer + 2.0 * scalar * cross_matrix(vector))
+
+
+def from_matrix(R: ArrayLike) -> FloatArray:
+    """Find the unit quaternion of a rotation matrix (the way back of Jia section 3; Walker eqs. 21-24).
+
+    Walker divides by r4 unless it is zero, which loses digits near half-turns. Here all four columns of
+    ``4 q q^T`` are formed, and the one with the largest diagonal element, which is at least 1, is made a unit
+    vector: eqs. 21-22 are its first column, eqs. 23-24 the other three at a half-turn.
+
+    Parameters
+    ----------
+    R : array_like, (..., 3, 3)
+        Rotation matrices.
+
+    Returns
+    -------
+    ndarray, (..., 4)
+        Unit quaternions, scalar first, in canonical sign (first non-zero component positive).
+
+    Raises
+    ------
+    InputError
+        If a matrix is not 3x3, not orthonormal, or a mirror image.
+
+    Examples
+    --------
+    A half-turn about z:
+
+    >>> from_matrix([[-1, 0, 0], [0, -1, 0], [0, 0, 1]]).tolist()
+    [0.0, 0.0, 0.0, 1.0]
+    """
+    m = as_rotations(R, "R")
+    trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
+    columns = np.zeros((*m.shape[:-2], 4, 4))
+    columns[..., 0, 0] = 1.0 + trace
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        columns[..., i + 1, i + 1] = 1.0 + 2.0 * m[..., i, i] - trace
+        skew, mixed = m[..., k, j] - m[..., j, k], m[..., i, j] + m[..., j, i]
+        columns[..., 0, i + 1] = columns[..., i + 1, 0] = skew
+        columns[..., i + 1, j + 1] = columns[..., j + 1, i + 1] = mixed
+    diagonal = np.diagonal(columns, axis1=-2, axis2=-1)
+    largest = np.argmax(diagonal, axis=-1)[..., np.newaxis, np.newaxis]
+    column = np.take_along_axis(columns, largest, axis=-2)[..., 0, :]
+    return canonical(column / np.linalg.norm(column, axis=-1, keepdims=True))
+
+
+def _product_matrix(q: FloatArray, side: float) -> FloatArray:
+    scalar, vector = q[..., 0], q[..., 1:]
+    matrix = np.zeros((*q.shape, 4))
+    matrix[..., 0, 0] = scalar
+    matrix[..., 0, 1:] = -vector
+    matrix[..., 1:, 0] = vector
+    matrix[..., 1:, 1:] = scalar[..., np.newaxis, np.newaxis] * np.eye(3) + side * cross_matrix(vector)
+    return matrix

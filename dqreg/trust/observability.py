@@ -1,0 +1,53 @@
+"""The six independent motions of the part in words, the least held first."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.result import Direction
+from dqreg.trust.covariance import Information
+
+
+def observe_directions(information: Information) -> tuple[Direction, ...]:
+    """How firmly each motion is held, and what it is.
+
+    Parameters
+    ----------
+    information : Information
+        From `information_of`.
+
+    Returns
+    -------
+    tuple of Direction
+        Six, the weakest first.
+
+    Examples
+    --------
+    >>> info = Information(np.array([0.0, 1, 1, 1, 1, 1]), np.eye(6)[::-1].T, 100.0, 0.1, 2.0, np.zeros(3))
+    >>> observe_directions(info)[0].words
+    'free to shift along (0.00, 0.00, 1.00)'
+    """
+    directions = []
+    for value, vector, free in zip(information.values, information.vectors.T, information.free, strict=True):
+        sigma = np.nan if free else information.sigma / np.sqrt(information.weight * value)
+        held = "free to" if free else "held against a"
+        directions.append(Direction(float(value), float(sigma), f"{held} {_motion(vector, information)}"))
+    return tuple(directions)
+
+
+def _motion(scaled: FloatArray, information: Information) -> str:
+    turn, shift = scaled[:3] / information.lever, scaled[3:]
+    if np.linalg.norm(scaled[:3]) < np.linalg.norm(shift):
+        return f"shift along {_words(shift)}"
+    # The point of the screw axis nearest to the centre.
+    through = information.centre + np.cross(turn, shift) / (turn @ turn)
+    return f"turn about the axis through ({through[0]:.4g}, {through[1]:.4g}, {through[2]:.4g}) along {_words(turn)}"
+
+
+def _words(vector: FloatArray) -> str:
+    unit = vector / np.linalg.norm(vector)
+    # An axis has no sign; the largest component is shown positive, and minus zero as zero.
+    unit = unit * np.sign(unit[np.abs(unit).argmax()])
+    x, y, z = np.where(np.abs(unit) < 0.005, 0.0, unit)
+    return f"({x:.2f}, {y:.2f}, {z:.2f})"

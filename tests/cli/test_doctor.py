@@ -1,0 +1,147 @@
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from dqreg.cli import doctor as room
+from dqreg.cli.doctor import Check, doctor, examine
+from dqreg.errors import MissingDependencyError
+
+LIBGL = "Open3D cannot load: the system library libGL.so.1 is missing; run: apt-get install libgl1"
+
+
+def install(monkeypatch: pytest.MonkeyPatch, **versions: str | None) -> None:
+    """Pretend that these distributions have these versions, or (None) are missing."""
+    real = importlib.metadata.version
+
+    def version(name: str) -> str:
+        key = name.replace("-", "_")
+        if key not in versions:
+            return real(name)
+        found = versions[key]
+        if found is None:
+            raise importlib.metadata.PackageNotFoundError(name)
+        return found
+
+    monkeypatch.setattr(importlib.metadata, "version", version)
+
+
+def by_name() -> dict[str, Check]:
+    return {check.name: check for check in examine()}
+
+
+def break_open3d(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> Any:
+        raise MissingDependencyError(LIBGL)
+
+    monkeypatch.setattr(room, "load_open3d", fail)
+
+
+def test_here_all_that_is_required_works() -> None:
+    checks = by_name()
+    required = {"Python", "dqreg", "numpy", "scipy", "open3d", "trimesh", "click", "rich", "processor cores"}
+    assert required <= set(checks)
+    assert all(checks[name].ok and checks[name].version and not checks[name].remedy for name in required)
+    assert int(checks["processor cores"].version or 0) >= 1
+    assert checks["numpy"].version == importlib.metadata.version("numpy")
+
+
+def test_checks_are_frozen() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        examine()[0].ok = False  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("name", ["numpy", "scipy", "trimesh", "click", "rich"])
+def test_a_missing_part_fails_with_its_command(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    install(monkeypatch, **{name: None})
+    assert by_name()[name] == Check(name, None, ok=False, remedy=f"pip install {name}")
+
+
+@pytest.mark.parametrize("name", ["kiss-icp", "small-gicp"])
+def test_a_missing_peer_is_no_failure(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    install(monkeypatch, **{name.replace("-", "_"): None})
+    assert by_name()[name] == Check(name, None, ok=True, remedy=f"pip install {name}")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Open3D's Linux wheels need libusb")
+def test_a_missing_libusb_wheel_is_no_failure_while_open3d_loads(monkeypatch: pytest.MonkeyPatch) -> None:
+    install(monkeypatch, libusb_package=None)
+    check = by_name()["libusb-package"]
+    assert (check.version, check.ok, check.remedy) == (None, True, "pip install libusb-package")
+
+
+def test_open3d_fails_with_the_sentence_of_the_gate(monkeypatch: pytest.MonkeyPatch) -> None:
+    break_open3d(monkeypatch)
+    assert by_name()["open3d"] == Check("open3d", None, ok=False, remedy=LIBGL)
+
+
+def test_two_open3ds_must_not_meet(monkeypatch: pytest.MonkeyPatch) -> None:
+    install(monkeypatch, open3d="0.19.0", open3d_cpu="0.20.0")
+    check = by_name()["one Open3D only"]
+    assert not check.ok
+    assert check.version == "open3d 0.19.0 and open3d-cpu 0.20.0"
+    assert check.remedy == "pip uninstall -y open3d open3d-cpu && pip install open3d-cpu"
+    install(monkeypatch, open3d=None, open3d_cpu="0.20.0")
+    assert "one Open3D only" not in by_name()
+
+
+def test_an_old_python_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(room, "LEAST_PYTHON", (99, 0))
+    check = by_name()["Python"]
+    assert not check.ok
+    assert check.remedy == "install Python 99.0 or newer"
+
+
+def test_the_source_folder_counts_as_dqreg(monkeypatch: pytest.MonkeyPatch) -> None:
+    install(monkeypatch, dqreg=None)
+    assert by_name()["dqreg"].ok
+
+
+def test_piped_output_is_one_plain_line_per_check() -> None:
+    result = CliRunner().invoke(doctor, [])
+    assert result.exit_code == 0, result.output
+    lines = [line.split("\t") for line in result.output.splitlines()]
+    assert [line[1] for line in lines] == [check.name for check in examine()]
+    assert {line[0] for line in lines} <= {"ok", "optional"}
+    assert "\x1b" not in result.output
+
+
+def test_a_failure_is_marked_and_ends_with_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    break_open3d(monkeypatch)
+    result = CliRunner().invoke(doctor, [])
+    assert result.exit_code == 1
+    assert f"FAIL\topen3d\tmissing\t{LIBGL}" in result.output.splitlines()
+
+
+def test_an_optional_part_does_not_change_the_exit_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    install(monkeypatch, kiss_icp=None)
+    result = CliRunner().invoke(doctor, [])
+    assert result.exit_code == 0
+    assert "optional\tkiss-icp\tmissing\tpip install kiss-icp" in result.output.splitlines()
+
+
+def test_a_terminal_gets_a_table_with_every_remedy_whole(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    break_open3d(monkeypatch)
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    with pytest.raises(SystemExit) as ended:
+        doctor([])
+    assert ended.value.code == 1
+    table = capsys.readouterr().out
+    assert LIBGL in table
+    assert "what to do" in table
+    assert all(check.name in table for check in examine())
+
+
+def test_importing_the_command_loads_nothing_heavy() -> None:
+    heavy = "('open3d', 'scipy', 'trimesh', 'numpy', 'rich.table')"
+    code = f"import sys, dqreg.cli.doctor; sys.exit(any(name in sys.modules for name in {heavy}))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,132 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from scipy.spatial.transform import Rotation, Slerp
+
+from dqreg.errors import InputError
+from dqreg.rigid import quaternion as quat
+from dqreg.rigid.quaternion_interpolation import interpolate_axis
+from tests.strategies import floats, unit_quaternions, unit_vectors
+
+fast = settings(deadline=None, max_examples=80)
+FRACTIONS = np.linspace(0, 1, 11)
+
+
+@fast
+@given(unit_quaternions(), unit_quaternions())
+def test_slerp_ends_and_constant_speed(r1, r2):
+    path = quat.slerp(r1, r2, FRACTIONS)
+    np.testing.assert_allclose(path[[0, -1]], [r1, r2], atol=1e-14)
+    np.testing.assert_allclose(quat.norm(path), 1, atol=1e-14)
+    # Every step is the same rotation in the world frame.
+    steps = quat.multiply(path[1:], quat.conjugate(path[:-1]))
+    np.testing.assert_allclose(steps, np.broadcast_to(steps[0], steps.shape), atol=1e-14)
+
+
+@fast
+@given(unit_quaternions(), unit_quaternions(), floats(0, 1))
+def test_slerp_is_the_great_arc(r1, r2, tau):
+    cosine = np.clip(r1 @ r2, -1, 1)
+    phi = np.arctan2(np.linalg.norm(r2 - cosine * r1), cosine)
+    assume(1e-3 < phi < np.pi - 1e-3)
+    arc = (np.sin((1 - tau) * phi) * r1 + np.sin(tau * phi) * r2) / np.sin(phi)
+    np.testing.assert_allclose(quat.slerp(r1, r2, tau), arc, atol=1e-12)
+
+
+@fast
+@given(unit_quaternions(), unit_quaternions())
+def test_the_shorter_turn_agrees_with_scipy(r1, r2):
+    assume(abs(r1 @ r2) > 1e-6)  # at a half-turn both ways are equally short
+    both = Rotation.from_quat([r1, r2], scalar_first=True)
+    expected = Slerp([0, 1], both)(FRACTIONS).as_matrix()
+    np.testing.assert_allclose(quat.to_matrix(quat.slerp(r1, r2, FRACTIONS, shorter_turn=True)), expected, atol=1e-9)
+
+
+def test_the_notes_formula_follows_the_sign_it_is_given():
+    r1, r2 = quat.from_axis_angle([0, 0, 1], 0.2), quat.from_axis_angle([0, 0, 1], 0.6)
+    np.testing.assert_allclose(quat.slerp(r1, r2, 0.5), quat.from_axis_angle([0, 0, 1], 0.4), atol=1e-15)
+    long_way = quat.from_axis_angle([0, 0, 1], 0.4 - np.pi)
+    np.testing.assert_allclose(quat.slerp(r1, -r2, 0.5), long_way, atol=1e-15)
+    np.testing.assert_allclose(quat.slerp(r1, -r2, 0.5, shorter_turn=True), quat.slerp(r1, r2, 0.5), atol=1e-15)
+
+
+@fast
+@given(unit_quaternions(), unit_quaternions())
+def test_axis_and_angle_interpolation_ends(r1, r2):
+    path = quat.interpolate_axis_angle(r1, r2, FRACTIONS)
+    np.testing.assert_allclose(quat.norm(path), 1, atol=1e-14)
+    np.testing.assert_allclose(path[[0, -1]], [r1, r2], atol=1e-14)
+
+
+@fast
+@given(unit_quaternions(), unit_quaternions())
+def test_axis_and_angle_change_at_constant_rates(r1, r2):
+    for r in (r1, r2):
+        # The axis must be readable all the way: 1e-3 keeps its rounding below 1e-12.
+        assume(np.linalg.norm(r[1:]) > 1e-3)
+    half1, half2 = (np.arctan2(np.linalg.norm(r[1:]), r[0]) for r in (r1, r2))
+    axes, angles = quat.to_axis_angle(quat.interpolate_axis_angle(r1, r2, FRACTIONS))
+    np.testing.assert_allclose(angles, 2 * ((1 - FRACTIONS) * half1 + FRACTIONS * half2), atol=1e-12)  # eq. 29
+    strides = np.linalg.norm(np.diff(axes, axis=0), axis=1)
+    np.testing.assert_allclose(strides, strides[0], atol=1e-11)
+
+
+@fast
+@given(unit_quaternions(), unit_quaternions(), floats(0, 1))
+def test_equation_33(r1, r2, tau):
+    assume(min(np.linalg.norm(r1[1:]), np.linalg.norm(r2[1:])) > 1e-3)
+    (u1, theta1), (u2, theta2) = quat.to_axis_angle(r1), quat.to_axis_angle(r2)
+    phi = np.arctan2(np.linalg.norm(np.cross(u1, u2)), u1 @ u2)  # eq. 31
+    assume(1e-3 < phi < np.pi - 1e-3)
+    half = ((1 - tau) * theta1 + tau * theta2) / 2
+    u = (np.sin((1 - tau) * phi) * u1 + np.sin(tau * phi) * u2) / np.sin(phi)  # eq. 32
+    expected = [np.cos(half), *(np.sin(half) * u)]
+    np.testing.assert_allclose(quat.interpolate_axis_angle(r1, r2, tau), expected, atol=1e-11)
+
+
+@fast
+@given(unit_vectors(), floats(0, 1))
+def test_opposite_axes_meet_in_the_vertical_plane(u, tau):
+    # After eq. 30: the plane's normal is (-u_y, u_x, 0), or x for vertical axes.
+    middle = interpolate_axis(u, -u, tau)
+    normal = np.array([-u[1], u[0], 0]) if np.hypot(u[0], u[1]) > 0 else np.array([1.0, 0, 0])
+    assert np.linalg.norm(middle) == pytest.approx(1, abs=1e-14)
+    assert middle @ normal == pytest.approx(0, abs=1e-14)
+    assert u @ middle == pytest.approx(np.cos(tau * np.pi), abs=1e-14)
+
+
+@pytest.mark.parametrize("gap_rad", [0.0, 1e-15, 1e-9, 1e-7])
+def test_nearly_equal_and_nearly_opposite_axes(gap_rad):
+    u = np.array([0.6, 0.0, 0.8])
+    near = np.cos(gap_rad) * u + np.sin(gap_rad) * np.array([0.0, 1.0, 0.0])
+    for end in (near, -near):
+        path = interpolate_axis(u, end, FRACTIONS)
+        np.testing.assert_allclose(np.linalg.norm(path, axis=1), 1, atol=1e-14)
+        np.testing.assert_allclose(path[[0, -1]], [u, end], atol=1e-14)
+
+
+def test_a_rotation_that_does_not_turn_takes_the_other_axis():
+    quarter = quat.from_axis_angle([0, 1, 0], np.pi / 2)
+    expected = quat.from_axis_angle([0, 1, 0], np.pi / 8)
+    np.testing.assert_allclose(quat.interpolate_axis_angle([1, 0, 0, 0], quarter, 0.25), expected, atol=1e-15)
+    np.testing.assert_allclose(quat.interpolate_axis_angle(quarter, [1, 0, 0, 0], 0.75), expected, atol=1e-15)
+    np.testing.assert_array_equal(quat.interpolate_axis_angle([1, 0, 0, 0], [1, 0, 0, 0], 0.5), [1, 0, 0, 0])
+
+
+def test_stacks():
+    rng = np.random.default_rng(5)
+    r1, r2 = quat.normalize(rng.normal(size=(2, 4, 4)))
+    for blend in (quat.slerp, quat.interpolate_axis_angle):
+        path = blend(r1, r2, FRACTIONS[:, None])
+        assert path.shape == (11, 4, 4)
+        np.testing.assert_allclose(path[3, 2], blend(r1[2], r2[2], FRACTIONS[3]), atol=1e-15)
+
+
+@pytest.mark.parametrize("blend", [quat.slerp, quat.interpolate_axis_angle])
+def test_errors(blend):
+    with pytest.raises(InputError, match="r2 must have norm 1"):
+        blend([1, 0, 0, 0], np.zeros(4), 0.5)
+    with pytest.raises(InputError, match="r1 must hold"):
+        blend([1, 0, 0], [1, 0, 0, 0], 0.5)

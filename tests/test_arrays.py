@@ -1,0 +1,189 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy.spatial.transform import Rotation
+
+from dqreg.arrays import RIGID_TOLERANCE, as_float, as_pose, as_vectors, as_weights, require_finite
+from dqreg.errors import InputError
+
+ANY = hnp.arrays(np.float64, hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4))
+ANGLES = st.floats(-4.0, 4.0)
+SHIFTS = hnp.arrays(np.float64, 3, elements=st.floats(-1e6, 1e6))
+
+
+@settings(deadline=None)
+@given(ANY)
+def test_float_arrays_pass_unchanged(array: np.ndarray) -> None:
+    result = as_float(array, "it")
+    np.testing.assert_array_equal(result, array)
+    assert result.shape == array.shape
+    assert result.dtype == np.float64
+    assert result.flags.c_contiguous
+
+
+def test_what_is_right_already_is_not_copied() -> None:
+    array = np.zeros((4, 3))
+    assert np.shares_memory(as_float(array, "it"), array)
+    assert np.shares_memory(as_vectors(array, "it"), array)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [[[1, 2, 3]], ((1, 2, 3),), np.array([[1, 2, 3]], dtype=np.int8), np.array([[1, 2, 3]], dtype=">f4")],
+)
+def test_anything_numeric_becomes_float64_rows(value: Any) -> None:
+    rows = as_vectors(value, "it")
+    assert rows.tolist() == [[1.0, 2.0, 3.0]]
+    assert rows.dtype == np.float64
+
+
+def test_strided_input_becomes_contiguous() -> None:
+    array = np.arange(12.0).reshape(3, 4).T[:, ::-1]
+    assert as_vectors(array, "it").flags.c_contiguous
+    np.testing.assert_array_equal(as_vectors(array, "it"), array)
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"),
+    [
+        ("abc", "str"),
+        (None, "NoneType"),
+        ([[1, 2], [3]], "list"),
+        (np.array([1j]), "ndarray"),
+        (object(), "object"),
+        ([["1", "2", "3"]], "list"),
+        ([[1, 2, None]], "list"),
+        (np.array(["2020-01-01"], dtype="M8[D]"), "ndarray"),
+        ([10**400], "list"),
+    ],
+)
+def test_what_is_no_array_of_numbers_is_named(value: Any, kind: str) -> None:
+    with pytest.raises(InputError, match=f"^points must be an array of real numbers; got {kind} "):
+        as_float(value, "points")
+
+
+@pytest.mark.parametrize("shape", [(3,), (2, 2), (2, 4), (1, 2, 3), (), (0,)])
+def test_other_shapes_are_named(shape: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match=r"^scan must have shape \(n, 3\), .*; got shape \("):
+        as_vectors(np.zeros(shape), "scan")
+
+
+def test_no_rows_are_rows() -> None:
+    assert as_vectors(np.zeros((0, 3)), "it").shape == (0, 3)
+
+
+@settings(deadline=None)
+@given(hnp.arrays(np.float64, st.tuples(st.integers(1, 5), st.just(3)), elements=st.floats()))
+def test_finite_is_decided_number_by_number(rows: np.ndarray) -> None:
+    bad = ~np.isfinite(rows)
+    if not bad.any():
+        as_vectors(rows, "it")
+        return
+    first = tuple(int(k) for k in np.argwhere(bad)[0])
+    with pytest.raises(InputError) as caught:
+        as_vectors(rows, "it")
+    assert str(caught.value) == f"it holds {bad.sum()} numbers that are NaN or infinite, the first at {first}"
+    np.testing.assert_array_equal(as_vectors(rows, "it", finite=False), rows)
+
+
+@pytest.mark.parametrize("array", [[1.7e308, 1.7e308], [-1.7e308, -1.7e308], []])
+def test_a_sum_beyond_float64_is_no_infinity(array: list[float]) -> None:
+    require_finite(np.array(array), "it")
+
+
+def test_infinities_that_cancel_are_found() -> None:
+    with pytest.raises(InputError, match=r"it holds 2 numbers .* the first at \(1,\)"):
+        require_finite(np.array([0.0, np.inf, -np.inf]), "it")
+
+
+def test_one_weight_serves_all() -> None:
+    assert as_weights(2, "weights", 3).tolist() == [2.0, 2.0, 2.0]
+    assert as_weights([0, 1, 2], "weights", 3).tolist() == [0.0, 1.0, 2.0]
+    assert as_weights([], "weights", 0).shape == (0,)
+    assert as_weights(1.0, "weights", 0).shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ([1, 2], r"one number or 3 numbers, one per item; got shape \(2,\)"),
+        ([[1, 2, 3]], r"got shape \(1, 3\)"),
+        ([1, 1, -0.5], "must not be negative; the smallest is -0.5. Use 0"),
+        (-1, "the smallest is -1"),
+        ([1, np.nan, 1], "1 numbers that are NaN"),
+        (np.inf, "3 numbers that are NaN or infinite"),
+        (["a", "b", "c"], "must be an array of real numbers"),
+    ],
+)
+def test_bad_weights_are_named(value: Any, message: str) -> None:
+    with pytest.raises(InputError, match=f"^weights .*{message}"):
+        as_weights(value, "weights", 3)
+
+
+@settings(deadline=None)
+@given(hnp.arrays(np.float64, 3, elements=ANGLES), SHIFTS, st.floats(0.0, 1e-6))
+def test_a_pose_becomes_exactly_rigid(turn: np.ndarray, shift: np.ndarray, rounding: float) -> None:
+    R = Rotation.from_rotvec(turn).as_matrix()
+    T = np.eye(4)
+    T[:3, :3] = R + rounding * np.array([[1, -1, 1], [0, 1, -1], [1, 0, -1]])
+    T[:3, 3] = shift
+    given_pose = T.copy()
+    pose = as_pose(T, "start")
+    np.testing.assert_array_equal(T, given_pose)
+    np.testing.assert_allclose(pose[:3, :3].T @ pose[:3, :3], np.eye(3), rtol=0, atol=1e-14)
+    assert np.linalg.det(pose[:3, :3]) == pytest.approx(1.0, abs=1e-14)
+    np.testing.assert_array_equal(pose[:3, 3], shift)
+    assert pose[3].tolist() == [0.0, 0.0, 0.0, 1.0]
+    # The nearest rotation is no further off than the one that was disturbed: the gap at most doubles.
+    assert np.linalg.norm(pose[:3, :3] - R) <= 2 * np.linalg.norm(T[:3, :3] - R) + 1e-14
+
+
+def test_seven_digits_of_a_text_file_are_enough() -> None:
+    T = np.eye(4)
+    T[:3, :3] = np.round(Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix(), 7)
+    as_pose(T, "start")
+
+
+def pose(**parts: Any) -> np.ndarray:
+    T = np.eye(4)
+    T[:3, :3] = parts.get("R", T[:3, :3])
+    T[3] = parts.get("last", T[3])
+    T[:3, 3] = parts.get("t", T[:3, 3])
+    return T
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (np.eye(3), r"a 4x4 matrix; got shape \(3, 3\)"),
+        (np.eye(4)[:3], r"got shape \(3, 4\)"),
+        (pose(t=[1, np.nan, 0]), r"1 numbers that are NaN or infinite, the first at \(1, 3\)"),
+        (pose(t=[1, 2, 3]).T, "the last row 0 0 0 1; got .* Was it transposed"),
+        (pose(last=[0, 0, 0, 2]), "the last row"),
+        (pose(R=np.diag([1, 1, -1])), "a mirror image .determinant -1"),
+        (pose(R=2 * np.eye(3)), "not rigid: .* Remove any scale"),
+        (pose(R=[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]), "not rigid"),
+        (pose(R=(1 + RIGID_TOLERANCE) * np.eye(3)), "not rigid"),
+        (pose(R=np.zeros((3, 3))), "not rigid"),
+        (pose(R=1e200 * np.eye(3)), "not rigid"),
+        # Without fused multiply-add the overflow leaves NaN here, which no comparison finds too large.
+        (pose(R=1e200 * np.array([[1, 1, 0], [-1, 1, 0], [0, 0, 1]])), "not rigid"),
+        ("identity", "must be an array of real numbers; got str"),
+    ],
+)
+def test_a_pose_that_is_not_rigid_is_named(value: Any, message: str) -> None:
+    with pytest.raises(InputError, match=f"^start .*{message}"):
+        as_pose(value, "start")
+
+
+def test_importing_arrays_loads_nothing_heavy() -> None:
+    code = "import sys, dqreg.arrays; sys.exit(any(name in sys.modules for name in ('open3d', 'scipy', 'trimesh')))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
