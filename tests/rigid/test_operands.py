@@ -59,5 +59,5 @@ def test_rotations_pass_and_their_mirror_images_do_not(R):
     ],
 )
 def test_errors_name_the_argument(check, bad):
-    with pytest.raises(InputError, match="^thing must"):
+    with pytest.raises(InputError, match=r"^thing must"):
         check(bad, "thing")
