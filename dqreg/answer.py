@@ -9,11 +9,16 @@ import numpy as np
 
 from dqreg.arrays import FloatArray
 from dqreg.geometry import Scan
-from dqreg.icp import NO_POSE, InlierMixture, Plan, Run
+from dqreg.icp import NO_POSE, InlierMixture, Plan, Run, width_floor
 from dqreg.result import Alternative, Direction, Registration
 from dqreg.rigid import pose
 from dqreg.target import CentredSource, IndexedTarget
 from dqreg.trust import Evidence, Information, covariance_of, information_of, judge, observe_directions
+
+# Share of the largest distance within which a point ought to lie on the target: farther off stands the table.
+NEAR = 0.25
+# Widths within which a point counts as lying on the target; real scans have longer tails than a Gaussian.
+ON = 4.0
 
 
 def to_work(T_target_source: FloatArray, origin_target: FloatArray, origin_source: FloatArray) -> FloatArray:
@@ -120,13 +125,17 @@ class Outcome:
         return dataclasses.replace(held, centre=self.target.origin)
 
     def _evidence(self, directions: tuple[Direction, ...], alternatives: tuple[Alternative, ...]) -> Evidence:
+        near = NEAR * self.plan.max_distance
+        distances = self.run.pairs.distances
+        close, on = (int(np.count_nonzero(distances <= d)) for d in (near, min(ON * self.mixture.scale, near)))
         return Evidence(
             status=self.run.status,
             found=self.found,
             inliers=float(self.run.weights.sum()),
-            share_near=self.mixture.share,
+            share_near=on / close if close else 0.0,
+            near=near,
             width=self.mixture.scale,
-            expected=self.scan.noise,
+            expected=max(self.scan.noise, width_floor(self.scan, self.target.surface)),
             spacing=self.scan.spacing,
             to_cloud=self.target.kind == "cloud",
             max_distance=self.plan.max_distance,

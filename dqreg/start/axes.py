@@ -25,7 +25,8 @@ AS_GOOD = 0.05
 # Poses closer than this, in radians and in sizes of the target, are the same.
 SAME_ANGLE_RAD, SAME_OFFSET = np.deg2rad(5.0), 0.02
 
-_SCREENING = Schedule("search", stages=40, iterations=1, rounds=1)
+# Patient, because centres of a partial scan and of the whole part do not agree.
+_SCREENING = Schedule("search", stages=30, iterations=None, rounds=30)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,7 +138,7 @@ def principal_axes(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray
 
 def _moments(shape: Scan | PointCloud | Mesh) -> tuple[FloatArray, FloatArray]:
     if isinstance(shape, Mesh):
-        # Exact moments of the surface: a triangle's second moment about its corners' mean is a twelfth of their scatter.
+        # Exact moments of the surface: a triangle's second moment is a twelfth of its corners' scatter.
         weights = shape.face_areas / shape.face_areas.sum()
         centres = shape.corners.mean(axis=1)
         spread = shape.corners - centres[:, None, :]

@@ -6,8 +6,8 @@ import dataclasses
 
 from dqreg.result import Alternative, Direction, Level, Verdict
 
-# Inliers fewer than this share of the points near the target: a wrong minimum, another part, or much clutter.
-FEW_INLIERS = 0.5
+# Points on the target fewer than this share of the points near it: a wrong minimum, another part, or much clutter.
+FEW_INLIERS = 0.7
 # Inliers fewer than this cannot carry a pose of six unknowns with anything left to check it.
 FEWEST_INLIERS = 30
 # Distances this many times the scan's own noise: the shapes differ, or the pose is wrong.
@@ -26,8 +26,8 @@ class Evidence:
         Whether there is a pose at all.
     inliers : float
         Sum of the inlier probabilities.
-    share_near : float
-        Share of inliers among the points within the largest distance of the target.
+    share_near, near : float
+        Share of points that lie on the target among those that come within the distance ``near`` of it.
     width, expected, spacing : float
         Standard deviation of the inliers' distances, the scan's own noise, and its spacing; all lengths.
     to_cloud : bool
@@ -44,6 +44,7 @@ class Evidence:
     found: bool
     inliers: float
     share_near: float
+    near: float
     width: float
     expected: float
     spacing: float
@@ -85,7 +86,7 @@ def _why_nothing(evidence: Evidence) -> str:
 def _summary(evidence: Evidence) -> str:
     return (
         f"{evidence.inliers:.0f} points lie on the target to {evidence.width:.3g} (one sigma), "
-        f"{100 * evidence.share_near:.0f} % of those within {evidence.max_distance:.3g} of it; all six motions are held"
+        f"{100 * evidence.share_near:.0f} % of those within {evidence.near:.3g} of it; all six motions are held"
     )
 
 
@@ -95,7 +96,7 @@ def _doubts(evidence: Evidence) -> list[str]:
         doubts.append(f"only {evidence.inliers:.0f} points lie on the target: too few to check the pose with")
     if evidence.share_near < FEW_INLIERS:
         doubts.append(
-            f"only {100 * evidence.share_near:.0f} % of the points within {evidence.max_distance:.3g} of the target "
+            f"only {100 * evidence.share_near:.0f} % of the points within {evidence.near:.3g} of the target "
             f"lie on it (to {evidence.width:.3g}): a wrong minimum, another part, or much clutter"
         )
     expected = max(evidence.expected, evidence.spacing if evidence.to_cloud else 0.0)

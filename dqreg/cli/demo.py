@@ -1,0 +1,73 @@
+"""`dqreg demo`: the main job on the part and scan that ship with the package, judged against the known truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import click
+import numpy as np
+from rich.console import Console
+
+from dqreg.arrays import FloatArray
+from dqreg.atomic import require_writable
+from dqreg.report import make_progress, print_summary
+
+
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("dqreg-demo"), show_default=True,
+              help="Folder for the files it writes.")  # fmt: skip
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+def demo(out: Path, quiet: bool) -> int:
+    """Register the shipped scan of a bracket to its CAD model, from 20 degrees off.
+
+    The scan is virtual: three views that see 58 % of the surface, 0.05 mm of noise, 2 % outliers. Its true pose is
+    known, so the error can be printed.
+    """
+    from dqreg.cli.register import write_outputs
+    from dqreg.register import register
+    from dqreg.synth import demo_case, load_case
+
+    out.mkdir(parents=True, exist_ok=True)
+    result_path, aligned_path = (require_writable(out / name) for name in ("result.json", "aligned.ply"))
+    case = load_case(demo_case())
+    console = Console(quiet=quiet)
+    console.print(
+        f"scan {case.scan.name} to {case.part.name} ({case.units}), start {case.truth['start_angle_deg']:g} degrees "
+        f"and {case.truth['start_offset']:.3g} {case.units} off",
+        highlight=False,
+        soft_wrap=True,
+    )
+    with make_progress(console, quiet=quiet) as progress:
+        result = register(
+            case.scan, case.part, case.T_start, source_units=case.units, target_units=case.units, observe=progress
+        )
+    print_summary(console, result)
+    if np.isfinite(result.rms):
+        _print_error(console, result.T_target_source, case.T_target_source, case.part, case.units, case.truth)
+    write_outputs(result, case.scan, result_path, aligned_path, console)
+    return 0 if result.verdict.level == "accepted" else 1
+
+
+def _print_error(
+    console: Console,
+    T: FloatArray,
+    T_truth: FloatArray,
+    part: Path,
+    units: str,
+    truth: Mapping[str, object],
+) -> None:
+    from dqreg.files import read_mesh
+    from dqreg.rigid import pose
+    from dqreg.synth import rms_vertex_displacement, worst_vertex_displacement
+
+    vertices = read_mesh(part).vertices
+    angle = np.rad2deg(pose.angle_between(T, T_truth))
+    worst = worst_vertex_displacement(T, T_truth, vertices)
+    rms = rms_vertex_displacement(T, T_truth, vertices)
+    console.print(
+        f"against the truth: {angle:.2e} degrees; vertices of the part off by {rms:.2e} {units} rms, {worst:.2e} "
+        f"{units} at worst (no method can beat {truth['cramer_rao_rms']:.2e} rms on this scan: Cramer-Rao)",
+        highlight=False,
+        soft_wrap=True,
+    )

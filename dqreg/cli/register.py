@@ -1,0 +1,132 @@
+"""`dqreg register SCAN TARGET`: one registration, from files to files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+
+from dqreg.atomic import require_writable
+from dqreg.errors import InputError
+from dqreg.report import make_progress, print_summary
+from dqreg.result import Registration
+
+UNITS = click.Choice(["mm", "cm", "m", "inch", "ft"])
+FILE = click.Path(path_type=Path)
+
+
+@click.command("register")
+@click.argument("scan", type=FILE)
+@click.argument("target", type=FILE)
+@click.option("--start", default="none", show_default=True, metavar="none|identity|FILE", help="Where to begin: FILE "
+              "holds a 4x4 T_target_source as text, or a result.json.")  # fmt: skip
+@click.option("--out", type=FILE, help="Write the result as JSON.")
+@click.option("--aligned", type=FILE, help="Write the scan in the target's frame as PLY.")
+@click.option("--method", default="auto", show_default=True, help="auto, dq, dq-points or svd.")
+@click.option("--effort", default="normal", show_default=True, help="fast, normal or best: points of the last level.")
+@click.option("--max-distance", type=float, help="Largest distance of a pair, target units  [default: 0.2 sizes].")
+@click.option("--max-angle", "max_angle_deg", type=float, default=60.0, show_default=True, help="Largest angle between "
+              "normals, degrees.")  # fmt: skip
+@click.option("--source-units", type=UNITS, help="Length unit of SCAN.")
+@click.option("--target-units", type=UNITS, help="Length unit of TARGET.")
+@click.option("--seed", type=int, default=0, show_default=True)
+@click.option("--no-acceleration", "accelerate", flag_value=False, default=True, help="Plain steps, no extrapolation.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+def register_command(
+    scan: Path, target: Path, start: str, out: Path | None, aligned: Path | None, quiet: bool, **options: Any
+) -> int:
+    r"""Find the pose that puts SCAN on TARGET (a CAD mesh or another scan).
+
+    \b
+    dqreg register scan.ply part.stl
+    dqreg register scan.pcd part.stl --start nominal.txt --out result.json
+    dqreg register moved.ply fixed.ply --start identity --aligned moved_on_fixed.ply
+    """
+    from dqreg.register import register
+
+    for path in (out, aligned):
+        if path is not None:
+            require_writable(path)  # asked before the work starts, so that no result is lost after it
+    console = Console(quiet=quiet)
+    with make_progress(console, quiet=quiet) as progress:
+        result = register(scan, target, read_start(start), observe=progress, **options)
+    print_summary(console, result)
+    write_outputs(result, scan, out, aligned, console)
+    return 0 if result.verdict.level == "accepted" else 1
+
+
+def read_start(text: str) -> Any:
+    """What ``--start`` means: None, "identity", or a pose read from a file.
+
+    Parameters
+    ----------
+    text : str
+        The option's value.
+
+    Returns
+    -------
+    None, str or ndarray
+        As `dqreg.register` takes it.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read as a pose.
+
+    Examples
+    --------
+    >>> read_start("none"), read_start("identity")
+    (None, 'identity')
+    """
+    if text == "none":
+        return None
+    if text == "identity":
+        return text
+    path = Path(text)
+    if not path.is_file():
+        raise InputError(f"--start must be none, identity or a file with a 4x4 pose; there is no file {text!r}")
+    if path.suffix.lower() == ".json":
+        loaded = Registration.load(path)
+        loaded.inverse()  # raises in words where that result found no pose
+        return loaded.T_target_source
+    try:
+        numbers = np.loadtxt(path, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--start {text}: not a 4x4 pose of plain numbers ({error})") from error
+    return numbers
+
+
+def write_outputs(result: Registration, scan: Path, out: Path | None, aligned: Path | None, console: Console) -> None:
+    """Write the result and the moved scan.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer.
+    scan : Path
+        Source file, read again for its points.
+    out, aligned : Path or None
+        Where to; None writes nothing.
+    console : Console
+        Told what was written.
+    """
+    if out is not None:
+        result.save(out)
+        console.print(f"wrote {out}", highlight=False, markup=False, soft_wrap=True)
+    if aligned is None:
+        return
+    if not np.isfinite(result.rms):
+        console.print(f"not written: {aligned} (no pose was found)", highlight=False, markup=False, soft_wrap=True)
+        return
+    from dqreg.files import CloudData, read_geometry, write_cloud
+
+    data = read_geometry(scan)
+    points = data.points if isinstance(data, CloudData) else data.vertices
+    normals = data.normals if isinstance(data, CloudData) else None
+    if normals is not None:
+        normals = normals @ result.T_target_source[:3, :3].T
+    write_cloud(aligned, result.apply(points), normals)
+    console.print(f"wrote {aligned}", highlight=False, markup=False, soft_wrap=True)

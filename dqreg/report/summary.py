@@ -1,0 +1,71 @@
+"""The answer in a few lines: verdict, pose, how exact, and what was used."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.console import Console
+
+from dqreg.result import Registration
+
+COLOURS = {"accepted": "green", "suspect": "yellow", "failed": "red"}
+
+
+def summary_rows(result: Registration) -> list[tuple[str, str]]:
+    """Names and values of the summary, without the verdict.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer.
+
+    Returns
+    -------
+    list of (str, str)
+        Lengths carry the target's unit where it is known.
+    """
+    settings = result.settings
+    unit = settings["target_units"] or "target units"
+    rows = [
+        ("status", f"{result.status} after {len(result.history)} iterations, {result.timings['total']:.2f} s"),
+        (
+            "source",
+            f"{settings['source_points']} points ({settings['used_points']} used, {settings['source_dropped']} dropped), "
+            f"spacing {settings['source_spacing']:.4g}, noise {settings['source_noise']:.4g} {unit}",
+        ),
+        (
+            "target",
+            f"{settings['target_kind']}, size {settings['diagonal']:.5g} {unit}; "
+            f"pairs up to {settings['max_distance']:.4g} {unit}",
+        ),
+    ]
+    if settings["source_scale"] != 1.0:
+        rows.append(("units", f"source converted from {settings['source_units']}: x {settings['source_scale']:g}"))
+    if np.isfinite(result.rms):
+        rows.append(
+            ("inliers", f"{100 * result.inlier_fraction:.1f} % of the points, rms distance {result.rms:.4g} {unit}")
+        )
+        weakest = result.observability[0]
+        rows.append(("least held", f"{weakest.words} (one sigma {weakest.sigma:.2g} {unit})"))
+    return rows
+
+
+def print_summary(console: Console, result: Registration) -> None:
+    """Print the verdict, the rows and the pose.
+
+    Parameters
+    ----------
+    console : Console
+        Where to.
+    result : Registration
+        The answer.
+    """
+    level = result.verdict.level
+    console.print(f"[bold {COLOURS[level]}]{level.upper()}[/]")
+    for reason in result.verdict.reasons:
+        console.print(f"  {reason}", highlight=False, markup=False, soft_wrap=True)
+    for name, value in summary_rows(result):
+        console.print(f"{name:>10}  {value}", highlight=False, markup=False, soft_wrap=True)
+    if np.isfinite(result.rms):
+        console.print("T_target_source", highlight=False)
+        for row in result.T_target_source:
+            console.print("  " + " ".join(f"{x: .12e}" for x in row), highlight=False, soft_wrap=True)
