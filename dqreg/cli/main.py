@@ -18,7 +18,7 @@ BAD_INPUT = 2
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(package_name="dqreg")
 def cli() -> None:
-    r"""Registers scans to CAD meshes and clouds.
+    """Registers scans to CAD meshes and clouds.
 
     \b
     dqreg demo                                     see it work on a part that ships with the package

@@ -38,7 +38,7 @@ FILE = click.Path(path_type=Path)
 def register_command(
     scan: Path, target: Path, start: str, out: Path | None, aligned: Path | None, quiet: bool, **options: Any
 ) -> int:
-    r"""Find the pose that puts SCAN on TARGET (a CAD mesh or another scan).
+    """Find the pose that puts SCAN on TARGET (a CAD mesh or another scan).
 
     \b
     dqreg register scan.ply part.stl

@@ -14,7 +14,7 @@ from rich.console import Console
 @click.option("--seed", type=int, help="Instead of the recipe's own seed.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def synth(recipe: Path, out: Path | None, seed: int | None, quiet: bool) -> int:
-    r"""Make the case that RECIPE (TOML) describes: scan.ply, part.stl, truth.json and the recipe itself.
+    """Make the case that RECIPE (TOML) describes: scan.ply, part.stl, truth.json and the recipe itself.
 
     \b
     dqreg synth datasets_synth/bracket/recipe.toml --out my_bracket --seed 7

@@ -53,13 +53,13 @@ class Lines(Silent):
 
     def __init__(self, console: Console) -> None:
         self._console = console
-
-    def __enter__(self) -> Self:
-        self._console.out("  ".join(f"{name:>13}" for name in COLUMNS), highlight=False)
-        return self
+        self._begun = False
 
     def __call__(self, iteration: Iteration) -> None:
-        """Print one line."""
+        """Print one line, under the names of the columns at first."""
+        if not self._begun:
+            self._console.out("  ".join(f"{name:>13}" for name in COLUMNS), highlight=False)
+            self._begun = True
         self._console.out("  ".join(f"{cell:>13}" for cell in cells(iteration)), highlight=False)
 
 
@@ -71,15 +71,17 @@ class LiveTable(Silent):
         self._live = Live(console=console, refresh_per_second=8)
 
     def __enter__(self) -> Self:
-        self._live.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._live.update(self._table(), refresh=True)
-        self._live.stop()
+        if self._rows:
+            self._live.update(self._table(), refresh=True)
+            self._live.stop()
 
     def __call__(self, iteration: Iteration) -> None:
         """Show the latest iterations."""
+        if not self._rows:
+            self._live.start()
         self._rows = [*self._rows[1 - ROWS :], iteration]
         self._live.update(self._table())
 

@@ -11,7 +11,7 @@ from dqreg.errors import InputError
 from dqreg.rigid import DualNumber
 from tests.strategies import floats
 
-fast = settings(deadline=None, max_examples=60)
+fast = settings(deadline=None, max_examples=40)
 dual_numbers = st.builds(DualNumber, floats(-10, 10), floats(-10, 10))
 
 

@@ -15,7 +15,7 @@ from dqreg.rigid import DualQuaternion, pose
 from dqreg.rigid import quaternion as quat
 from tests.strategies import floats, points, poses, unit_vectors
 
-fast = settings(deadline=None, max_examples=80)
+fast = settings(deadline=None, max_examples=50)
 FRACTIONS = np.linspace(0, 1, 9)
 twists = st.tuples(unit_vectors(), floats(0, 3.1), unit_vectors(), floats(0, 100)).map(
     lambda draw: np.concatenate([draw[1] * draw[0], draw[3] * draw[2]])

@@ -30,7 +30,7 @@ def test_everything_else_becomes_float64():
 
 
 @fast
-@given(unit_vectors(), floats(1e-150, 1e150))
+@given(unit_vectors(), floats(1e-300, 1e300))
 def test_directions_lose_their_length_only(u, length):
     np.testing.assert_allclose(as_directions(length * u, "axis"), u, atol=1e-15)
 

@@ -12,7 +12,7 @@ from dqreg.errors import InputError
 from dqreg.rigid import pose
 from tests.strategies import floats, points, poses, unit_vectors
 
-fast = settings(deadline=None, max_examples=80)
+fast = settings(deadline=None, max_examples=50)
 
 
 def reach(*matrices):

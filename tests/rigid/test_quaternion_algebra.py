@@ -8,7 +8,7 @@ from dqreg.errors import InputError
 from dqreg.rigid import quaternion as quat
 from tests.strategies import quaternions, unit_quaternions, unit_vectors
 
-fast = settings(deadline=None, max_examples=60)
+fast = settings(deadline=None, max_examples=40)
 i, j, k = np.eye(4)[1:]
 
 

@@ -10,7 +10,7 @@ from dqreg.rigid import quaternion as quat
 from dqreg.rigid.quaternion_interpolation import interpolate_axis
 from tests.strategies import floats, unit_quaternions, unit_vectors
 
-fast = settings(deadline=None, max_examples=80)
+fast = settings(deadline=None, max_examples=50)
 FRACTIONS = np.linspace(0, 1, 11)
 
 

@@ -9,7 +9,7 @@ from dqreg.errors import InputError
 from dqreg.rigid import quaternion as quat
 from tests.strategies import quaternions, rotations, unit_quaternions
 
-fast = settings(deadline=None, max_examples=100)
+fast = settings(deadline=None, max_examples=50)
 
 
 @fast

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from dqreg.rigid import quaternion as quat
 from tests.strategies import floats, quaternions, unit_quaternions, unit_vectors
 
-fast = settings(deadline=None, max_examples=80)
+fast = settings(deadline=None, max_examples=50)
 
 
 @fast

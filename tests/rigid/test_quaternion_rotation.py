@@ -9,7 +9,7 @@ from dqreg.errors import InputError
 from dqreg.rigid import quaternion as quat
 from tests.strategies import angles, points, unit_quaternions, unit_vectors
 
-fast = settings(deadline=None, max_examples=60)
+fast = settings(deadline=None, max_examples=40)
 
 
 @fast

@@ -9,7 +9,7 @@ from dqreg.rigid import quaternion as quat
 from tests.rigid.finite_differences import ROUNDING, jacobian
 from tests.strategies import unit_quaternions, unit_vectors
 
-fast = settings(deadline=None, max_examples=60)
+fast = settings(deadline=None, max_examples=40)
 
 
 def sandwich(q, v):

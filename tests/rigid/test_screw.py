@@ -11,7 +11,7 @@ from dqreg.rigid import quaternion as quat
 from dqreg.rigid.screw import screw_from_parts, screw_to_parts
 from tests.strategies import floats, poses, unit_vectors
 
-fast = settings(deadline=None, max_examples=80)
+fast = settings(deadline=None, max_examples=50)
 places = st.tuples(*[floats(-10, 10)] * 3).map(np.array)
 
 

@@ -14,7 +14,7 @@ from dqreg.rigid.twist import left_jacobian, left_jacobian_inverse
 from tests.rigid.finite_differences import ROUNDING, jacobian
 from tests.strategies import floats, poses, unit_vectors
 
-fast = settings(deadline=None, max_examples=80)
+fast = settings(deadline=None, max_examples=50)
 LENGTHS_RAD = st.one_of(
     st.sampled_from([0.0, 1e-300, 1e-12, 1e-7, 0.0999999, 0.1, np.pi - 1e-7, np.pi]), floats(0, 3.14)
 )

@@ -9,7 +9,7 @@ from dqreg.rigid import DualQuaternion
 from dqreg.rigid import quaternion as quat
 from tests.strategies import poses, quaternions, unit_quaternions
 
-fast = settings(deadline=None, max_examples=60)
+fast = settings(deadline=None, max_examples=40)
 LAST = [1, 2, 3, 0]  # scalar first to scalar last
 E = np.array([0.0, 0.0, 0.0, 1.0])
 EPS = 1e-14
