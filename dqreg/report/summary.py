@@ -29,8 +29,8 @@ def summary_rows(result: Registration) -> list[tuple[str, str]]:
         ("status", f"{result.status} after {len(result.history)} iterations, {result.timings['total']:.2f} s"),
         (
             "source",
-            f"{settings['source_points']} points, {settings['used_points']} used, {settings['source_dropped']} dropped; "
-            f"spacing {settings['source_spacing']:.4g}, noise {settings['source_noise']:.4g} {unit}",
+            f"{settings['source_points']} points, {settings['used_points']} used, {settings['source_dropped']} "
+            f"dropped; spacing {settings['source_spacing']:.4g}, noise {settings['source_noise']:.4g} {unit}",
         ),
         (
             "target",

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dqreg.cli.main import main
+from dqreg.files import read_cloud, read_mesh
+from dqreg.rigid import pose
+from dqreg.synth import demo_case, load_case, worst_vertex_displacement
+
+
+def run(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return int(stop.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def case():
+    return load_case(demo_case())
+
+
+@pytest.fixture
+def start(tmp_path, case):
+    np.savetxt(tmp_path / "start.txt", case.T_start)
+    return tmp_path / "start.txt"
+
+
+def test_register_writes_what_it_says(tmp_path, case, start, capsys):
+    out, aligned = tmp_path / "result.json", tmp_path / "aligned.ply"
+    code = run("register", case.scan, case.part, "--start", start, "--out", out, "--aligned", aligned)
+    text = capsys.readouterr().out
+    assert code == 0
+    assert "ACCEPTED" in text
+    assert f"wrote {out}" in text
+    T = np.array(json.loads(out.read_text())["T_target_source"])
+    # Truth: truth.json of the shipped case; 2e-5 S is six times the Cramer-Rao bound of this scan.
+    assert worst_vertex_displacement(T, case.T_target_source, read_mesh(case.part).vertices) < 2e-5 * case.part_diagonal
+    moved = pose.apply(T, read_cloud(case.scan).points)
+    # Float32 in the PLY file: 156 mm in steps of 1e-5.
+    np.testing.assert_allclose(read_cloud(aligned).points, moved, atol=2e-5)
+
+
+def test_a_result_is_a_start(tmp_path, case, start):
+    out = tmp_path / "result.json"
+    assert run("register", case.scan, case.part, "--start", start, "--out", out, "--quiet") == 0
+    assert run("register", case.scan, case.part, "--start", out, "--effort", "fast", "--quiet") == 0
+
+
+def test_quiet_prints_nothing(case, start, capsys):
+    run("register", case.scan, case.part, "--start", start, "--quiet", "--effort", "fast")
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == ("", "")
+
+
+def test_piped_iterations_are_one_line_each(case, start, capsys):
+    run("register", case.scan, case.part, "--start", start, "--effort", "fast")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split()[:2] == ["iteration", "stage"]
+    numbers = [int(line.split()[0]) for line in lines[1:] if line.strip()[:1].isdigit() and "patient" in line]
+    assert numbers == list(range(1, len(numbers) + 1))
+
+
+def test_not_accepted_is_exit_1(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    flat = np.column_stack([rng.uniform(size=(2000, 2)), np.zeros(2000)])
+    np.save(tmp_path / "a.npy", flat)
+    np.save(tmp_path / "b.npy", flat + np.array([0.001, 0.0, 0.001]))
+    assert run("register", tmp_path / "a.npy", tmp_path / "b.npy", "--start", "identity") == 1
+    assert "free to" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["register", "no.ply", "{part}"], "no.ply"),
+        (["register", "{scan}", "no.stl"], "no.stl"),
+        (["register", "{scan}", "{part}", "--method", "foo"], "'foo'"),
+        (["register", "{scan}", "{part}", "--effort", "huge"], "'huge'"),
+        (["register", "{scan}", "{part}", "--start", "nowhere.txt"], "nowhere.txt"),
+        (["register", "{scan}", "{part}", "--start", "{scan}"], "4x4"),
+        (["register", "{scan}", "{part}", "--start", "{mirror}"], "mirror"),
+        (["register", "{scan}", "{part}", "--out", "no/such/folder/r.json"], "folder"),
+        (["register", "{scan}", "{part}", "--max-distance", "-1"], "-1"),
+        (["register", "{scan}"], "TARGET"),
+        (["register", "{scan}", "{part}", "--strt", "none"], "--start"),
+        (["regster"], "regster"),
+        (["synth", "no.toml"], "no.toml"),
+    ],
+)
+def test_bad_input_is_exit_2_and_one_line(arguments, said, tmp_path, case, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    np.savetxt(tmp_path / "mirror.txt", np.diag([1.0, 1.0, -1.0, 1.0]))
+    names = {"scan": case.scan, "part": case.part, "mirror": tmp_path / "mirror.txt"}
+    before = sorted(tmp_path.iterdir())
+    assert run(*(a.format(**names) for a in arguments)) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("dqreg: error: ")
+    assert captured.err.count("\n") == 1
+    assert said in captured.err
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_demo_reports_the_true_error(tmp_path, capsys):
+    assert run("demo", "--out", tmp_path / "demo") == 0
+    text = capsys.readouterr().out
+    assert "against the truth" in text
+    assert sorted(p.name for p in (tmp_path / "demo").iterdir()) == ["aligned.ply", "result.json"]
+
+
+def test_synth_makes_a_case(tmp_path, case):
+    assert run("synth", case.folder / case.recipe.name, "--out", tmp_path / "made", "--seed", "3", "--quiet") == 0
+    assert load_case(tmp_path / "made").seed == 3
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import sys\nfrom dqreg.cli.main import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "print([m for m in ('open3d', 'scipy', 'trimesh', 'matplotlib') if m in sys.modules])"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    assert answer.stdout.splitlines()[-1] == "[]"

@@ -1,0 +1,41 @@
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from rich.console import Console
+
+from dqreg import register
+from dqreg.report import print_summary, summary_rows
+
+
+def shown(result) -> str:
+    text = io.StringIO()
+    print_summary(Console(file=text, width=60), result)
+    return text.getvalue()
+
+
+def test_same_numbers_as_the_result():
+    cloud = np.random.default_rng(0).normal(size=(500, 3))
+    result = register(cloud, cloud + 0.01, "identity")
+    text = shown(result)
+    assert result.verdict.level.upper() in text
+    assert f"{result.rms:.4g}" in text
+    # The pose is printed with all the digits that a start file needs.
+    printed = np.array([[float(x) for x in line.split()] for line in text.splitlines()[-4:]])
+    np.testing.assert_allclose(printed, result.T_target_source, rtol=1e-11, atol=1e-12)
+
+
+def test_a_failure_has_reasons_and_no_pose():
+    cloud = np.random.default_rng(0).normal(size=(500, 3))
+    result = register(cloud, cloud + 1e3, "identity")
+    text = shown(result)
+    assert "FAILED" in text
+    assert "T_target_source" not in text
+    assert "inliers" not in dict(summary_rows(result))
+
+
+def test_conversion_is_said():
+    cloud = np.random.default_rng(0).normal(size=(500, 3))
+    rows = dict(summary_rows(register(cloud / 1e3, cloud, "identity", source_units="m", target_units="mm")))
+    assert rows["units"] == "source converted from m: x 1000"
