@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import time
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from dqreg.errors import InputError
 from dqreg.geometry.prepare import Scan, prepare_scan
 from dqreg.icp import ESTIMATORS, Plan, Stopping, run_graduated
 from dqreg.result import Alternative, Iteration, Registration
-from dqreg.start import search_axes
+from dqreg.start import PairTable, search
 from dqreg.target import CentredSource, IndexedTarget, centre_source, index_target
 
 # Points of the last level.
@@ -33,6 +34,11 @@ class Target:
     """
 
     indexed: IndexedTarget
+
+    @cached_property
+    def pairs(self) -> PairTable:
+        """What the search for a start looks up; built when first needed, the same whoever builds it."""
+        return PairTable.of(self.indexed.geometry, self.indexed.surface)
 
     def register(self, scan: Any, start: Any = None, **options: Any) -> Registration:
         """Register a scan to this target; see `register` for the options.
@@ -196,7 +202,8 @@ def register(
     began = time.perf_counter()
     options = Options(method, max_distance, max_angle_deg, effort, seed, accelerate, max_iterations, tolerance)
     T_start = _read_start(start)
-    indexed = target.indexed if isinstance(target, Target) else index_target(target)
+    prepared = target if isinstance(target, Target) else Target(index_target(target))
+    indexed = prepared.indexed
     centred = centre_source(source, source_units, target_units or indexed.units, np.random.default_rng(seed))
     timings = {"read": time.perf_counter() - began}
     with _timed(timings, "prepare"):
@@ -204,7 +211,7 @@ def register(
         scan = prepare_scan(centred.cloud, EFFORTS[effort])
         plan = options.plan(max_distance or REACH * min(surface.diagonal, scan.diagonal))
     with _timed(timings, "start"):
-        T_work, alternatives = _begin(T_start, scan, indexed, centred, plan)
+        T_work, alternatives = _begin(T_start, scan, prepared, centred, plan, seed)
     with _timed(timings, "register"):
         run, mixture = run_graduated(scan, surface, T_work, plan, observe)
     settings = {
@@ -236,12 +243,13 @@ def _read_start(start: Any) -> FloatArray | None:
 
 
 def _begin(
-    T_start: FloatArray | None, scan: Scan, indexed: IndexedTarget, centred: CentredSource, plan: Plan
+    T_start: FloatArray | None, scan: Scan, prepared: Target, centred: CentredSource, plan: Plan, seed: int
 ) -> tuple[FloatArray, tuple[Alternative, ...]]:
     """Start pose between the two centred frames, and other poses as good."""
+    indexed = prepared.indexed
     if T_start is not None:
         return to_work(T_start, indexed.origin, centred.origin), ()
-    found = search_axes(scan, indexed.surface, indexed.geometry, plan)
+    found = search(scan, indexed.surface, indexed.geometry, plan, prepared.pairs, np.random.default_rng(seed))
     if not found:
         return np.eye(4), ()
     others = tuple(Alternative(from_work(c.T_target_source, indexed.origin, centred.origin), c.rms) for c in found[1:])

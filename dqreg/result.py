@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray, as_vectors
+from dqreg.arrays import FloatArray, as_pose, as_vectors
 from dqreg.atomic import write_atomically
 from dqreg.errors import InputError
 from dqreg.rigid import DualQuaternion, pose
@@ -251,45 +251,78 @@ class Registration:
         """
         try:
             values = json.loads(Path(path).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise InputError(f"{path} is no readable result file: {error}") from error
         if not isinstance(values, dict) or values.get("format") != FORMAT:
             raise InputError(f'{path} is no dqreg result: expected the key "format" to be {FORMAT!r}')
         try:
             return _from_dict(values)
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, ArithmeticError) as error:
             raise InputError(f"{path} is a damaged dqreg result: {type(error).__name__} {error}") from error
 
 
 def _from_dict(values: dict[str, Any]) -> Registration:
     return Registration(
-        T_target_source=_array(values["T_target_source"], (4, 4)),
-        verdict=Verdict(values["verdict"]["level"], tuple(values["verdict"]["reasons"])),
-        status=values["status"],
+        T_target_source=_pose(values["T_target_source"]),
+        verdict=Verdict(_level(values["verdict"]["level"]), tuple(map(_text, _of(list, values["verdict"]["reasons"])))),
+        status=_text(values["status"]),
         covariance=_array(values["covariance"], (6, 6)),
         observability=tuple(
-            Direction(_number(d["strength"]), _number(d["sigma"]), d["words"]) for d in values["observability"]
+            Direction(_number(d["strength"]), _number(d["sigma"]), _text(d["words"])) for d in values["observability"]
         ),
         alternatives=tuple(
-            Alternative(_array(a["T_target_source"], (4, 4)), _number(a["score"])) for a in values["alternatives"]
+            Alternative(_pose(a["T_target_source"]), _number(a["score"])) for a in values["alternatives"]
         ),
         history=tuple(_iteration(record) for record in values["history"]),
         rms=_number(values["rms"]),
         inlier_fraction=_number(values["inlier_fraction"]),
-        timings=values["timings"],
-        settings=values["settings"],
+        timings={key: _number(seconds) for key, seconds in _of(dict, values["timings"]).items()},
+        settings=_of(dict, values["settings"]),
     )
 
 
 def _iteration(record: dict[str, Any]) -> Iteration:
-    # The only number of a record that may not be finite is a motion that was taken back.
-    finite: dict[str, Any] = {key: np.inf if value is None else value for key, value in record.items()}
-    return Iteration(**finite)
+    fields: dict[str, Any] = {
+        key: _text(value) if key == "stage" else _of((int, float, type(None)), value)
+        for key, value in _of(dict, record).items()
+    }
+    # A motion is infinite where an extrapolation was taken back; anything else that is not finite was NaN.
+    missing = {key: np.inf if key == "motion" else np.nan for key, value in fields.items() if value is None}
+    return Iteration(**{**fields, **missing})
+
+
+def _of(kind: type | tuple[type, ...], value: Any) -> Any:
+    if not isinstance(value, kind):
+        raise TypeError(f"cannot use {value!r:.60}")
+    return value
+
+
+def _text(value: Any) -> str:
+    text: str = _of(str, value)
+    return text
+
+
+def _level(value: Any) -> Level:
+    if value not in get_args(Level):
+        raise ValueError(f"unknown level {value!r:.60}; known are {', '.join(get_args(Level))}")
+    level: Level = value
+    return level
+
+
+def _pose(rows: Any) -> FloatArray:
+    T = _array(rows, (4, 4))
+    if not np.isnan(T).all():
+        # Looked at, but kept as it was: to the last bit.
+        as_pose(T, "T_target_source")
+    return T
 
 
 def _array(rows: Any, shape: tuple[int, ...]) -> FloatArray:
     # None becomes NaN in a float array.
-    return np.array(rows, dtype=np.float64).reshape(shape)
+    array = np.array(rows, dtype=np.float64)
+    if array.shape != shape:
+        raise ValueError(f"an array of shape {array.shape} instead of {shape}")
+    return array
 
 
 def _number(value: float | None) -> float:

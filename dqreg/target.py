@@ -113,7 +113,7 @@ def index_target(target: Any) -> IndexedTarget:
     geometry = read_any(target, "target")
     if isinstance(geometry, Mesh):
         origin = geometry.centre
-        return IndexedTarget(Mesh(geometry.vertices - origin, geometry.faces, geometry.units), origin)
+        return IndexedTarget(dataclasses.replace(geometry, vertices=geometry.vertices - origin), origin)
     require_spread(geometry.points, "target")
     origin = 0.5 * (geometry.points.min(axis=0) + geometry.points.max(axis=0))
     return IndexedTarget(moved(geometry, -origin, 1.0), origin)

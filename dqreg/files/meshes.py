@@ -70,7 +70,8 @@ def _load(path: Path) -> Any:
         with _silent("trimesh"):
             return trimesh.load(path, process=False, **options)
     except ImportError as error:
-        package = error.name or str(error)
+        # trimesh raises the error of a missing reader anew, without its name: the quoted word is the package.
+        package = error.name or str(error).strip("'").rpartition("'")[2]
         need = f"trimesh needs the package {package!r} for {path.suffix}"
         raise MissingDependencyError(f"cannot read {path}: {need}; run: pip install {package}") from error
     except Exception as error:

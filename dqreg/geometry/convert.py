@@ -10,6 +10,15 @@ from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 
+# How trimesh may spell the units we know; any other is as good as none.
+UNIT_WORDS = {
+    **dict.fromkeys(["um", "micron", "microns"], "um"),
+    **dict.fromkeys(["mm", "millimeter", "millimeters"], "mm"),
+    **dict.fromkeys(["cm", "centimeter", "centimeters"], "cm"),
+    **dict.fromkeys(["m", "meter", "meters"], "m"),
+    **dict.fromkeys(["in", "inch", "inches"], "inch"),
+    **dict.fromkeys(["ft", "foot", "feet"], "ft"),
+}
 ACCEPTED = "an (n, 3) array, a dqreg.PointCloud, an Open3D cloud or mesh (legacy or tensor), a trimesh cloud or mesh"
 
 
@@ -76,7 +85,7 @@ def _from_trimesh(value: Any, name: str) -> PointCloud | Mesh:
     if hasattr(value, "geometry") and hasattr(value, "to_mesh"):
         value = value.to_mesh()
     if hasattr(value, "faces"):
-        return Mesh(np.array(value.vertices), np.array(value.faces), units=value.units)
+        return Mesh(np.array(value.vertices), np.array(value.faces), units=UNIT_WORDS.get(value.units))
     if hasattr(value, "vertices"):
         return PointCloud(np.array(value.vertices))
     raise InputError(f"a trimesh {type(value).__name__} is neither a cloud nor a mesh; {name} must be {ACCEPTED}")

@@ -24,11 +24,8 @@ class Mesh:
         Three vertex indices per triangle, counter-clockwise seen from outside.
     units : str, optional
         Length unit, where the file says so.
-
-    Attributes
-    ----------
     dropped : int
-        Faces left out because they have no area.
+        Faces left out so far because they have no area; those found here are added.
 
     Raises
     ------
@@ -45,7 +42,7 @@ class Mesh:
     vertices: FloatArray
     faces: IntArray
     units: str | None = None
-    dropped: int = dataclasses.field(default=0, init=False)
+    dropped: int = 0
 
     def __post_init__(self) -> None:
         vertices = as_vectors(self.vertices, "vertices", finite=False)
@@ -59,7 +56,7 @@ class Mesh:
             raise InputError(f"the mesh has {len(faces)} faces, none with an area; a target needs triangles")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", np.ascontiguousarray(faces[solid]))
-        object.__setattr__(self, "dropped", int(len(faces) - np.count_nonzero(solid)))
+        object.__setattr__(self, "dropped", self.dropped + int(len(faces) - np.count_nonzero(solid)))
 
     @cached_property
     def corners(self) -> FloatArray:

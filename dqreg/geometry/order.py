@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dqreg.arrays import FloatArray, IntArray
+from dqreg.arrays import BoolArray, FloatArray, IntArray
+
+CodeArray = NDArray[np.uint64]
 
 BITS = 21
 
@@ -27,12 +30,7 @@ def morton_order(points: FloatArray) -> IntArray:
     >>> morton_order(np.array([[9.0, 9, 9], [0, 0, 0], [0, 0, 1]])).tolist()
     [1, 2, 0]
     """
-    low = points.min(axis=0)
-    extent = float((points.max(axis=0) - low).max())
-    cells = 0.0 if extent == 0.0 else (2**BITS - 1) / extent
-    grid = ((points - low) * cells).astype(np.uint64)
-    code = _spread(grid[:, 0]) << np.uint64(2) | _spread(grid[:, 1]) << np.uint64(1) | _spread(grid[:, 2])
-    return np.argsort(code, kind="stable")
+    return np.argsort(_codes(points), kind="stable")
 
 
 def distinct_in_order(points: FloatArray) -> IntArray:
@@ -56,15 +54,32 @@ def distinct_in_order(points: FloatArray) -> IntArray:
     >>> distinct_in_order(np.array([[1.0, 0, 0], [0, 0, 0], [1, 0, 0]])).tolist()
     [1, 0]
     """
-    order = morton_order(points)
-    walked = points[order]
-    # Copies share their Morton code, so they stand next to each other unless other points share that cell too.
-    fresh = np.ones(len(order), dtype=bool)
-    fresh[1:] = (walked[1:] != walked[:-1]).any(axis=1)
+    codes = _codes(points)
+    order = np.argsort(codes, kind="stable")
+    fresh, mixed = _news(points[order], codes[order])
+    if mixed:
+        # Different points share a cell and may stand between copies: rare, so only then all three numbers sort as well.
+        order = np.lexsort((*points.T, codes))
+        fresh, _ = _news(points[order], codes[order])
     return order[fresh]
 
 
-def _spread(cell: np.ndarray[tuple[int], np.dtype[np.uint64]]) -> np.ndarray[tuple[int], np.dtype[np.uint64]]:
+def _news(walked: FloatArray, codes: CodeArray) -> tuple[BoolArray, bool]:
+    # Which points differ from the one before, and whether two such share a cell.
+    fresh = np.ones(len(walked), dtype=bool)
+    fresh[1:] = (walked[1:] != walked[:-1]).any(axis=1)
+    return fresh, bool((fresh[1:] & (codes[1:] == codes[:-1])).any())
+
+
+def _codes(points: FloatArray) -> CodeArray:
+    low = points.min(axis=0)
+    extent = float((points.max(axis=0) - low).max())
+    cells = 0.0 if extent == 0.0 else (2**BITS - 1) / extent
+    grid = ((points - low) * cells).astype(np.uint64)
+    return _spread(grid[:, 0]) << np.uint64(2) | _spread(grid[:, 1]) << np.uint64(1) | _spread(grid[:, 2])
+
+
+def _spread(cell: CodeArray) -> CodeArray:
     # Two zero bits between each two bits of the cell number.
     for shift, mask in (
         (32, 0x1F00000000FFFF),

@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 from dqreg.errors import UnitsError
 
-METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254, "ft": 0.3048}
+# Exact by definition, so that their ratios are rounded once.
+METRES = {
+    "um": Fraction(1, 1_000_000),
+    "mm": Fraction(1, 1_000),
+    "cm": Fraction(1, 100),
+    "m": Fraction(1),
+    "inch": Fraction(254, 10_000),
+    "ft": Fraction(3_048, 10_000),
+}
 
 
 def factor(source: str | None, target: str | None) -> float:
@@ -13,7 +23,7 @@ def factor(source: str | None, target: str | None) -> float:
     Parameters
     ----------
     source, target : str or None
-        One of "mm", "cm", "m", "inch", "ft".
+        One of "um", "mm", "cm", "m", "inch", "ft".
 
     Returns
     -------
@@ -35,5 +45,4 @@ def factor(source: str | None, target: str | None) -> float:
             raise UnitsError(f"unknown length unit {name!r}; known are {', '.join(METRES)}")
     if source is None or target is None:
         return 1.0
-    # The ratio of the two table entries, without the rounding that 1 / 1e-3 would bring.
-    return 1.0 if source == target else round(METRES[source] / METRES[target], 15)
+    return float(METRES[source] / METRES[target])

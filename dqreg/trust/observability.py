@@ -8,6 +8,9 @@ from dqreg.arrays import FloatArray
 from dqreg.result import Direction
 from dqreg.trust.covariance import Information
 
+# A free motion is a turn if that much of its unit vector is one: an axis ten levers away still counts, rounding not.
+FREE_TURN = 0.1
+
 
 def observe_directions(information: Information) -> tuple[Direction, ...]:
     """How firmly each motion is held, and what it is.
@@ -28,17 +31,26 @@ def observe_directions(information: Information) -> tuple[Direction, ...]:
     >>> observe_directions(info)[0].words
     'free to shift along (0.00, 0.00, 1.00)'
     """
+    free = information.free
+    vectors = np.hstack([_untangled(information.vectors[:, free]), information.vectors[:, ~free]])
     directions = []
-    for value, vector, free in zip(information.values, information.vectors.T, information.free, strict=True):
-        sigma = np.nan if free else information.sigma / np.sqrt(information.weight * value)
-        held = "free to" if free else "held against a"
-        directions.append(Direction(float(value), float(sigma), f"{held} {_motion(vector, information)}"))
+    for value, vector, is_free in zip(information.values, vectors.T, free, strict=True):
+        sigma = np.nan if is_free else information.sigma / np.sqrt(information.weight * value)
+        held, share = ("free to", FREE_TURN) if is_free else ("held against a", np.sqrt(0.5))
+        directions.append(Direction(float(value), float(sigma), f"{held} {_motion(vector, share, information)}"))
     return tuple(directions)
 
 
-def _motion(scaled: FloatArray, information: Information) -> str:
+def _untangled(free: FloatArray) -> FloatArray:
+    # The free motions have one eigenvalue, zero, so their eigenvectors are any mixture. The basis with turns as large
+    # as can be comes apart into pure turns and pure shifts: a cylinder spins and slides, and does not screw.
+    _, _, mixture = np.linalg.svd(free[:3])
+    return free @ mixture.T
+
+
+def _motion(scaled: FloatArray, turn_share: float, information: Information) -> str:
     turn, shift = scaled[:3] / information.lever, scaled[3:]
-    if np.linalg.norm(scaled[:3]) < np.linalg.norm(shift):
+    if np.linalg.norm(scaled[:3]) < turn_share:
         return f"shift along {_words(shift)}"
     # The point of the screw axis nearest to the centre.
     through = information.centre + np.cross(turn, shift) / (turn @ turn)

@@ -92,15 +92,16 @@ def _summary(evidence: Evidence) -> str:
 
 def _doubts(evidence: Evidence) -> list[str]:
     doubts = []
-    if evidence.inliers < FEWEST_INLIERS:
+    # "Not enough" instead of "too little": a number that is NaN must not pass.
+    if not evidence.inliers >= FEWEST_INLIERS:
         doubts.append(f"only {evidence.inliers:.0f} points lie on the target: too few to check the pose with")
-    if evidence.share_near < FEW_INLIERS:
+    if not evidence.share_near >= FEW_INLIERS:
         doubts.append(
             f"only {100 * evidence.share_near:.0f} % of the points within {evidence.near:.3g} of the target "
             f"lie on it (to {evidence.width:.3g}): a wrong minimum, another part, or much clutter"
         )
     expected = max(evidence.expected, evidence.spacing if evidence.to_cloud else 0.0)
-    if expected > 0.0 and evidence.width > ROUGH * expected:
+    if expected > 0.0 and not evidence.width <= ROUGH * expected:
         doubts.append(
             f"the points lie {evidence.width:.3g} off the target (one sigma), {evidence.width / expected:.0f} times "
             f"what the scan's own noise ({evidence.expected:.3g}) explains: shapes differ, or the pose is wrong"

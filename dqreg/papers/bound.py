@@ -1,0 +1,153 @@
+r"""The least error that measured points and directions allow: the Cramer-Rao bound, and what other weights lose.
+
+Let a model point p be measured as ``q = R p + t + e`` with e Gaussian, sigma_p on each coordinate, and a model
+direction m as n, which is ``R m`` tilted by Gaussian angles, sigma_n along each of the two ways across it. Move the
+pose by a small turn omega about a place c and a shift tau. A point then moves by
+
+    omega x (x - c) + tau = J (omega, tau),     J = (-[x - c]x, I),     x = R p + t,
+
+and a direction by ``omega x n = -[n]x omega``, always across itself. The log-likelihood is, to second order,
+``-|q - x|^2 / (2 sigma_p^2) - |n - R m|^2 / (2 sigma_n^2)`` summed over all matches, so the Fisher information is
+
+    F = sum J^T J / sigma_p^2 + sum diag(I - n n^T, 0) / sigma_n^2,
+
+because ``[n]x^T [n]x = I - n n^T`` for a unit vector. No unbiased estimate of (omega, tau) has a covariance below
+``F^-1``. The trace of its first block bounds the mean squared angle of the rotation error, the trace of its last
+block that of the place of c.
+
+Weighted least squares with the weights beta and alpha solve, to first order, ``A (omega, tau) = g`` with
+``A = sum beta J^T J + sum alpha diag(I - n n^T, 0)``, and g has the covariance B, which is A with beta replaced by
+``beta^2 sigma_p^2`` and alpha by ``alpha^2 sigma_n^2``. Their error has the covariance ``A^-1 B A^-1``. For
+``beta = 1 / sigma_p^2`` and ``alpha = 1 / sigma_n^2`` (`dqreg.likelihood_weights`) A = B = F: the bound is reached.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.rigid import quaternion
+
+
+def weighted_information(
+    points: FloatArray, directions: FloatArray, centre: FloatArray, beta: float, alpha: float
+) -> FloatArray:
+    """Sum ``beta J^T J + alpha diag(I - n n^T, 0)`` over points and directions.
+
+    Parameters
+    ----------
+    points : ndarray, (..., n, 3)
+        Points where the true pose puts them, x.
+    directions : ndarray, (..., m, 3)
+        Unit directions likewise; m may be 0.
+    centre : ndarray, (3,) or (..., 3)
+        The place c about which turns are counted.
+    beta, alpha : float
+        One over the variances for the Fisher information.
+
+    Returns
+    -------
+    ndarray, (..., 6, 6)
+        Turn first, then shift.
+
+    Examples
+    --------
+    >>> F = weighted_information(np.zeros((1, 3)), np.array([[0.0, 0, 1]]), np.zeros(3), 1.0, 2.0)
+    >>> np.diag(F).tolist()
+    [2.0, 2.0, 0.0, 1.0, 1.0, 1.0]
+    """
+    away = points - np.asarray(centre)[..., np.newaxis, :]
+    J = np.concatenate([-quaternion.cross_matrix(away), np.broadcast_to(np.eye(3), (*away.shape, 3))], axis=-1)
+    total = beta * np.einsum("...nki,...nkj->...ij", J, J)
+    across = np.eye(3) * directions.shape[-2] - np.einsum("...ni,...nj->...ij", directions, directions)
+    total[..., :3, :3] += alpha * across
+    return np.asarray(total)
+
+
+def cramer_rao(
+    points: FloatArray, directions: FloatArray, centre: FloatArray, sigma_p: float, sigma_n: float
+) -> FloatArray:
+    """Covariance that no unbiased estimate can undercut.
+
+    Parameters
+    ----------
+    points, directions, centre
+        As in `weighted_information`.
+    sigma_p : float
+        Noise of a point coordinate, a length.
+    sigma_n : float
+        Noise of a direction, radians along each of the two ways across it.
+
+    Returns
+    -------
+    ndarray, (..., 6, 6)
+        Turn first (radians), then shift of the centre (lengths).
+
+    Examples
+    --------
+    >>> corners = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    >>> np.diag(cramer_rao(corners, np.zeros((0, 3)), np.zeros(3), 0.1, 1.0)).round(6).tolist()
+    [0.005, 0.005, 0.0025, 0.0025, 0.0025, 0.0025]
+    """
+    information = weighted_information(points, directions, centre, sigma_p**-2, sigma_n**-2)
+    return np.linalg.inv(information)
+
+
+def covariance_of_weights(
+    points: FloatArray,
+    directions: FloatArray,
+    centre: FloatArray,
+    sigmas: tuple[float, float],
+    weights: tuple[float, float],
+) -> FloatArray:
+    """Covariance that weighted least squares reach, ``A^-1 B A^-1``.
+
+    Parameters
+    ----------
+    points, directions, centre
+        As in `weighted_information`.
+    sigmas : tuple of float
+        True noise sigma_p and sigma_n.
+    weights : tuple of float
+        The weights in use, beta and alpha.
+
+    Returns
+    -------
+    ndarray, (..., 6, 6)
+        Turn first (radians), then shift of the centre (lengths).
+
+    Examples
+    --------
+    >>> x, n = np.eye(3), np.eye(3)
+    >>> best = cramer_rao(x, n, np.zeros(3), 0.1, 0.2)
+    >>> bool(np.allclose(covariance_of_weights(x, n, np.zeros(3), (0.1, 0.2), (100.0, 25.0)), best))
+    True
+    """
+    (sigma_p, sigma_n), (beta, alpha) = sigmas, weights
+    inverse = np.linalg.inv(weighted_information(points, directions, centre, beta, alpha))
+    B = weighted_information(points, directions, centre, (beta * sigma_p) ** 2, (alpha * sigma_n) ** 2)
+    return np.asarray(inverse @ B @ inverse)
+
+
+def rms_of(covariance: FloatArray) -> tuple[float, float]:
+    """Root mean square turn and shift of a covariance, or of a mean of several.
+
+    Parameters
+    ----------
+    covariance : ndarray, (..., 6, 6)
+        Turn first, then shift; leading axes are averaged over.
+
+    Returns
+    -------
+    turn_rad, shift : float
+        Radians, and the unit of length.
+
+    Examples
+    --------
+    >>> turn, shift = rms_of(np.diag([1.0, 1, 2, 3, 3, 3]))
+    >>> turn, shift
+    (2.0, 3.0)
+    """
+    variances = np.diagonal(covariance, axis1=-2, axis2=-1)
+    turn, shift = variances[..., :3].sum(axis=-1), variances[..., 3:].sum(axis=-1)
+    return float(np.sqrt(turn.mean())), float(np.sqrt(shift.mean()))

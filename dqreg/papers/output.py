@@ -1,0 +1,105 @@
+"""The files of a report: their places are checked before the work, and they are written after all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from dqreg.atomic import require_writable, write_atomically
+from dqreg.errors import InputError
+from dqreg.papers.document import Report
+
+RESULTS, PAGE = "results.json", "report.html"
+
+
+def prepare_folder(folder: Path, figure_keys: Sequence[str]) -> None:
+    """Make the folder and check that every file can be written in it.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files shall go; it is created, with its parents, if it is missing.
+    figure_keys : sequence of str
+        Keys of the figures to come.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made, or a file in it not be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     prepare_folder(Path(place) / "new", ["curve"])
+    ...     (Path(place) / "new").is_dir()
+    True
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {folder}: {error.strerror or error}; choose another --out") from error
+    for name in (RESULTS, PAGE, *(picture_name(key) for key in figure_keys)):
+        require_writable(folder / name)
+
+
+def write_report(report: Report, folder: Path) -> list[Path]:
+    """Write the numbers, the figures and the page.
+
+    Parameters
+    ----------
+    report : Report
+        What was found.
+    folder : Path
+        Where to; it exists.
+
+    Returns
+    -------
+    list of Path
+        The files, in the order in which they were written.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     [path.name for path in write_report(Report("p", "A paper", "Someone", 0, False, ()), Path(place))]
+    ['results.json', 'report.html']
+    """
+    from dqreg.papers.drawing import draw_png
+    from dqreg.papers.page import to_html
+    from dqreg.papers.record import to_json
+
+    pictures = {figure.key: draw_png(figure) for figure in report.figures}
+    contents: dict[str, bytes | str] = {RESULTS: to_json(report)}
+    contents |= {picture_name(key): png for key, png in pictures.items()}
+    contents[PAGE] = to_html(report, pictures)
+    paths = [folder / name for name in contents]
+    for path, content in zip(paths, contents.values(), strict=True):
+        write_atomically(path, content)
+    return paths
+
+
+def picture_name(key: str) -> str:
+    """File name of a figure.
+
+    Parameters
+    ----------
+    key : str
+        Its key.
+
+    Returns
+    -------
+    str
+        For example ``figure-weights.png``.
+
+    Examples
+    --------
+    >>> picture_name("weights")
+    'figure-weights.png'
+    """
+    return f"figure-{key}.png"

@@ -1,0 +1,186 @@
+"""Simulated measurements with a known pose, and the errors of the poses found from them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.papers.document import Estimate
+from dqreg.papers.feeder import DIAGONAL, feeder_vertices
+from dqreg.rigid import pose, quaternion
+
+# Walker section 4: 36 degrees about (3, 4, 6), then a shift, then noise on every coordinate.
+AXIS = np.array([3.0, 4.0, 6.0])
+ANGLE_RAD = float(np.deg2rad(36.0))
+SHIFT = np.array([7.0, 8.0, 13.0])
+SIGMA = 0.5
+
+# Chosen points must spread across a line by this share of the part, or their rotation is as good as free.
+LEAST_SPREAD = 0.05
+
+
+def paper_pose() -> FloatArray:
+    """Pose of the paper's simulations.
+
+    Returns
+    -------
+    ndarray, (4, 4)
+        T_target_source from the model to the measurement.
+
+    Examples
+    --------
+    >>> paper_pose()[:3, 3].tolist()
+    [7.0, 8.0, 13.0]
+    """
+    return pose.from_parts(quaternion.to_matrix(quaternion.from_axis_angle(AXIS, ANGLE_RAD)), SHIFT)
+
+
+def choose_points(rng: np.random.Generator, choices: int, count: int) -> FloatArray:
+    """Sets of distinct vertices of the stand-in that fix a rotation, where there are three or more.
+
+    Parameters
+    ----------
+    rng : Generator
+        Source of the draws.
+    choices, count : int
+        How many sets of how many points.
+
+    Returns
+    -------
+    ndarray, (choices, count, 3)
+        Sets whose points spread across their main line by 5 % of the diagonal at least.
+
+    Examples
+    --------
+    >>> choose_points(np.random.default_rng(0), 4, 3).shape
+    (4, 3, 3)
+    """
+    vertices = feeder_vertices()
+    kept: list[FloatArray] = []
+    while len(kept) < choices:
+        points = vertices[rng.choice(len(vertices), count, replace=False)]
+        across = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1:2] / np.sqrt(count)
+        if count < 3 or across[0] >= LEAST_SPREAD * DIAGONAL:
+            kept.append(points)
+    return np.array(kept)
+
+
+def choose_directions(rng: np.random.Generator, choices: int, count: int) -> FloatArray:
+    """Unit directions drawn evenly over the sphere.
+
+    Parameters
+    ----------
+    rng : Generator
+        Source of the draws.
+    choices, count : int
+        How many sets of how many directions.
+
+    Returns
+    -------
+    ndarray, (choices, count, 3)
+        Unit vectors.
+
+    Examples
+    --------
+    >>> choose_directions(np.random.default_rng(0), 4, 2).shape
+    (4, 2, 3)
+    """
+    drawn = rng.normal(size=(choices, count, 3))
+    return drawn / np.linalg.norm(drawn, axis=-1, keepdims=True)
+
+
+def tilt(directions: FloatArray, sigma_rad: float, noise: FloatArray) -> FloatArray:
+    """Turn unit directions by Gaussian angles, alike in all ways that are across them.
+
+    Parameters
+    ----------
+    directions : ndarray, (..., 3)
+        Unit vectors.
+    sigma_rad : float
+        Standard deviation of the tilt along each of the two ways.
+    noise : ndarray, (..., 3)
+        Standard normal numbers; their part along the direction is not used.
+
+    Returns
+    -------
+    ndarray, (..., 3)
+        Unit vectors.
+
+    Examples
+    --------
+    >>> tilt(np.array([0.0, 0, 1]), np.pi / 2, np.array([1.0, 0, 5])).round(12).tolist()
+    [1.0, 0.0, 0.0]
+    """
+    across = sigma_rad * (noise - np.sum(noise * directions, axis=-1, keepdims=True) * directions)
+    angle = np.linalg.norm(across, axis=-1, keepdims=True)
+    return np.asarray(np.cos(angle) * directions + np.sinc(angle / np.pi) * across)
+
+
+def rotation_errors(T: FloatArray, T_truth: FloatArray) -> FloatArray:
+    """Angles between rotations, exact for small ones.
+
+    Parameters
+    ----------
+    T, T_truth : ndarray, (..., 4, 4)
+        Poses found, and the true ones.
+
+    Returns
+    -------
+    ndarray, (...)
+        Radians.
+
+    Examples
+    --------
+    >>> float(rotation_errors(np.eye(4), np.diag([1.0, -1, -1, 1])).round(12))
+    3.14159265359
+    """
+    chord = np.linalg.norm(T[..., :3, :3] - T_truth[..., :3, :3], axis=(-2, -1)) / np.sqrt(8.0)
+    return np.asarray(2.0 * np.arcsin(np.minimum(chord, 1.0)))
+
+
+def position_errors(T: FloatArray, T_truth: FloatArray, at: FloatArray) -> FloatArray:
+    """Distances between the places where two poses put a point of the part.
+
+    Parameters
+    ----------
+    T, T_truth : ndarray, (..., 4, 4)
+        Poses found, and the true ones.
+    at : ndarray, (3,)
+        The point, in source coordinates.
+
+    Returns
+    -------
+    ndarray, (...)
+        Lengths.
+
+    Examples
+    --------
+    >>> float(position_errors(np.eye(4), np.eye(4), np.ones(3)))
+    0.0
+    """
+    change = T - T_truth
+    return np.asarray(np.linalg.norm(change[..., :3, :3] @ at + change[..., :3, 3], axis=-1))
+
+
+def rms_estimate(errors: FloatArray) -> Estimate:
+    """Root mean square with its Monte-Carlo standard error.
+
+    Parameters
+    ----------
+    errors : ndarray, (choices, trials)
+        Errors of independent trials; the choices are held fixed.
+
+    Returns
+    -------
+    Estimate
+        In the unit of the errors.
+
+    Examples
+    --------
+    >>> rms_estimate(np.full((2, 5), 3.0))
+    Estimate(value=3.0, error=0.0)
+    """
+    squares = errors**2
+    mean = float(squares.mean())
+    error = float(np.sqrt(squares.var(axis=1, ddof=1).mean() / squares.size))
+    return Estimate(float(np.sqrt(mean)), error / (2.0 * float(np.sqrt(mean))) if mean > 0.0 else 0.0)

@@ -1,0 +1,105 @@
+"""Poses from two oriented points each: the smallest matches that fix a pose, thousands at once."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg.arrays import BoolArray, FloatArray, IntArray
+
+
+@dataclasses.dataclass(frozen=True)
+class OrientedPairs:
+    """Pairs of points with normals whose signs are made comparable.
+
+    The sign of a fitted normal is unknown; here each is turned so that it does not point against the line from the
+    first point to the second, which any rigid motion preserves.
+
+    Attributes
+    ----------
+    middle : ndarray, (n, 3)
+        Middle of the two points.
+    length : ndarray, (n,)
+        Distance between them.
+    along : ndarray, (n, 3)
+        Unit vector from the first to the second.
+    first, second : ndarray, (n, 3)
+        Their normals, signs turned.
+    """
+
+    middle: FloatArray
+    length: FloatArray
+    along: FloatArray
+    first: FloatArray
+    second: FloatArray
+
+    @staticmethod
+    def of(points: FloatArray, normals: FloatArray, i: IntArray, j: IntArray) -> OrientedPairs:
+        """Pairs (i, j) of points and unit normals, (m, 3); no pair may be of one place twice."""
+        offset = points[j] - points[i]
+        length = np.linalg.norm(offset, axis=1)
+        along = offset / length[:, None]
+        return OrientedPairs(
+            0.5 * (points[i] + points[j]), length, along, _turned(normals[i], along), _turned(normals[j], along)
+        )
+
+    def __getitem__(self, rows: IntArray | BoolArray) -> OrientedPairs:
+        return OrientedPairs(
+            self.middle[rows], self.length[rows], self.along[rows], self.first[rows], self.second[rows]
+        )
+
+    @property
+    def cosines(self) -> FloatArray:
+        """Cosines of first normal and line, second normal and line, both normals, (n, 3)."""
+        pairs = ((self.first, self.along), (self.second, self.along), (self.first, self.second))
+        return np.stack([np.einsum("ij,ij->i", a, b) for a, b in pairs], axis=1)
+
+    @property
+    def handedness(self) -> FloatArray:
+        """Triple product of both normals and the line, (n,): a mirror image has the other sign."""
+        triple: FloatArray = np.einsum("ij,ij->i", np.cross(self.first, self.second), self.along)
+        return triple
+
+
+def poses_from_pairs(source: OrientedPairs, target: OrientedPairs) -> tuple[FloatArray, FloatArray]:
+    """Pose that puts each source pair on its target pair: middle on middle, line on line, normals as near as can be.
+
+    Parameters
+    ----------
+    source, target : OrientedPairs
+        n matched pairs.
+
+    Returns
+    -------
+    R : ndarray, (n, 3, 3)
+        Rotations.
+    t : ndarray, (n, 3)
+        Translations, p_target = R p_source + t.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> p, n = rng.normal(size=(2, 2, 3))
+    >>> n /= np.linalg.norm(n, axis=1, keepdims=True)
+    >>> turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    >>> i, j = np.array([0]), np.array([1])
+    >>> R, t = poses_from_pairs(OrientedPairs.of(p, n, i, j), OrientedPairs.of(p @ turn.T, n @ turn.T, i, j))
+    >>> bool(np.allclose(R[0], turn))
+    True
+    """
+    # The normal that stands farther off the line tells the turn about it better.
+    steep = np.abs(source.cosines[:, 0]) <= np.abs(source.cosines[:, 1])
+    frames = []
+    for pairs in (source, target):
+        guide = np.where(steep[:, None], pairs.first, pairs.second)
+        across = guide - np.einsum("ij,ij->i", guide, pairs.along)[:, None] * pairs.along
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), np.finfo(float).tiny)
+        frames.append(np.stack([pairs.along, across, np.cross(pairs.along, across)], axis=2))
+    R = frames[1] @ frames[0].transpose(0, 2, 1)
+    return R, target.middle - np.einsum("nij,nj->ni", R, source.middle)
+
+
+def _turned(normals: FloatArray, along: FloatArray) -> FloatArray:
+    against = np.einsum("ij,ij->i", normals, along) < 0.0
+    return np.where(against[:, None], -normals, normals)
