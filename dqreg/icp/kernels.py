@@ -1,8 +1,9 @@
 """Robust kernels: how much a pair at a given distance counts, and what it costs.
 
-A kernel is a frozen value with two methods: ``cost(d)``, scaled so that a small distance costs ``d^2``, and
+A kernel is a frozen value with two methods: ``cost(d)``, scaled so that a small distance costs ``weight(0) d^2``, and
 ``weight(d) = cost'(d) / (2 d)``, the factor of the iteratively re-weighted closed form. Because the one is the
-derivative of the other, a weighted step can only lower the cost.
+derivative of the other, a weighted step can only lower the cost. ``weight(0)`` is one, but for the mixture: there it
+is the probability that an exact pair is an inlier.
 """
 
 from __future__ import annotations
@@ -96,7 +97,9 @@ class Tukey:
 
     def cost(self, distances: FloatArray) -> FloatArray:
         """``scale^2/3 (1 - (1 - (d/scale)^2)^3)``, constant beyond the scale."""
-        cost: FloatArray = self.scale**2 / 3.0 * (1.0 - np.maximum(1.0 - (distances / self.scale) ** 2, 0.0) ** 3)
+        part = np.minimum((distances / self.scale) ** 2, 1.0)
+        # Multiplied out: the difference from one would lose the small distances.
+        cost: FloatArray = self.scale**2 * part * (1.0 - part + part**2 / 3.0)
         return cost
 
 

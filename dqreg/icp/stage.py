@@ -23,6 +23,8 @@ SETTLED = 0.97
 STEEPEST = 0.5
 # Points from which on the sampling error, not the width, says how far a level is worth converging.
 FEW = 2_000
+# Stages that may end without having converged; after that, more of them only cost time.
+UNFINISHED = 2
 # Beyond this the two normals are of different faces, once the pose is near.
 NEAR_ANGLE_RAD = np.deg2rad(60.0)
 
@@ -125,8 +127,10 @@ class Level:
         """
         run = self._run(mixture, start, schedule, observe, first)
         history = run.history
+        unfinished = 0
         for _ in range(schedule.stages - 1):
-            if run.ended_early:
+            unfinished += schedule.iterations is None and run.status != "converged"
+            if run.ended_early or unfinished > UNFINISHED:
                 break
             settled, mixture = self._learn(mixture, run, schedule)
             if settled and run.history[-1].motion <= self._tolerance(mixture):

@@ -72,7 +72,10 @@ def search(
         One or more distinct poses; empty if nothing found correspondences.
     """
     close = dataclasses.replace(plan, max_distance=NEAR * plan.max_distance)
-    proposals = [(T, close) for T in propose(scan, table, rng)] + [(T, plan) for T in propose_turns(scan, target)]
+    proposals = [(T, close) for T in propose(scan, table, rng)]
+    if not proposals:
+        # No two normals stand at an angle to the line between their points: a sphere seen whole, a flat plate.
+        proposals = [(T, plan) for T in propose_turns(scan, target)]
     few = scan.thinned(SCREEN)
     refined = [_refine(few, surface, T, reach, plan) for T, reach in proposals]
     ranked = sorted((c for c in refined if c is not None), key=lambda candidate: candidate.surprise)
