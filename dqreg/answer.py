@@ -10,7 +10,8 @@ import numpy as np
 from dqreg.arrays import FloatArray
 from dqreg.geometry import Scan
 from dqreg.icp import NO_POSE, InlierMixture, Plan, Run, width_floor
-from dqreg.result import Alternative, Direction, Registration
+from dqreg.records import Alternative, Direction
+from dqreg.result import Registration
 from dqreg.rigid import pose
 from dqreg.target import CentredSource, IndexedTarget
 from dqreg.trust import Evidence, Information, covariance_of, information_of, judge, observe_directions

@@ -16,7 +16,8 @@ from dqreg.arrays import FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.geometry.prepare import Scan, prepare_scan
 from dqreg.icp import ESTIMATORS, Plan, Stopping, run_graduated
-from dqreg.result import Alternative, Iteration, Registration
+from dqreg.records import Alternative, Iteration
+from dqreg.result import Registration
 from dqreg.start import PairTable, search
 from dqreg.target import CentredSource, IndexedTarget, centre_source, index_target
 

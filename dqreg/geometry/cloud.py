@@ -62,7 +62,7 @@ class PointCloud:
             keep &= np.isfinite(normals).all(axis=1)
         lost = int(len(points) - np.count_nonzero(keep))
         if lost == len(points):
-            found = "it is empty" if not lost else f"all {lost} rows hold NaN or infinity"
+            found = "it is empty" if not lost else f"all {lost} rows hold NaN, infinity or a normal that is zero"
             raise InputError(f"a cloud needs at least one finite point; {found}")
         if lost:
             points, normals = points[keep], None if normals is None else normals[keep]

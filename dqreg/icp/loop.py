@@ -18,7 +18,7 @@ from dqreg.icp.kernels import Kernel, LeastSquares
 from dqreg.icp.pairs import Pairs, correspond
 from dqreg.icp.stopping import Stopping
 from dqreg.icp.weights import Robust, Weight, product
-from dqreg.result import Iteration
+from dqreg.records import Iteration
 from dqreg.rigid import pose
 
 Observer = Callable[[Iteration], object]

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from dqreg.result import Iteration
+from dqreg.records import Iteration
 
 # Rows shown at once: the latest ones; a whole history would scroll away what matters.
 ROWS = 12

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg.arrays import FloatArray
-from dqreg.result import Direction
+from dqreg.records import Direction
 from dqreg.trust.covariance import Information
 
 # A free motion is a turn if that much of its unit vector is one: an axis ten levers away still counts, rounding not.
@@ -45,7 +45,8 @@ def _untangled(free: FloatArray) -> FloatArray:
     # The free motions have one eigenvalue, zero, so their eigenvectors are any mixture. The basis with turns as large
     # as can be comes apart into pure turns and pure shifts: a cylinder spins and slides, and does not screw.
     _, _, mixture = np.linalg.svd(free[:3])
-    return free @ mixture.T
+    untangled: FloatArray = free @ mixture.T
+    return untangled
 
 
 def _motion(scaled: FloatArray, turn_share: float, information: Information) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from dqreg.result import Alternative, Direction, Level, Verdict
+from dqreg.records import Alternative, Direction, Level, Verdict
 
 # Points on the target fewer than this share of the points near it: a wrong minimum, another part, or much clutter.
 FEW_INLIERS = 0.7
