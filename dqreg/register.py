@@ -123,6 +123,7 @@ class Options:
         """Parts of the loop for a largest distance, target units."""
         return Plan(
             estimator=ESTIMATORS["dq" if self.method == "auto" else self.method],
+            fine=ESTIMATORS["plane"] if self.method == "auto" else None,
             max_distance=reach,
             max_angle_rad=float(np.deg2rad(self.max_angle_deg)),
             accelerate=self.accelerate,
@@ -157,8 +158,9 @@ def register(
         The part or the other scan, which stands. A mesh is used as it is, never sampled.
     start : None, "identity" or (4, 4) array_like
         None tries centre on centre with the principal axes in all proper turns. A matrix is ``T_target_source``.
-    method : {"auto", "dq", "dq-points", "svd"}
-        Pose step: dual quaternions on points and normals (auto), on points alone, or Arun's SVD.
+    method : {"auto", "dq", "dq-points", "svd", "plane"}
+        Pose step: the dual-quaternion closed form on points and normals, on points alone, Arun's SVD, or points to
+        planes. Auto takes "dq" until the basin is found and "plane" for the last digits.
     max_distance : float, optional
         Largest distance of a pair, target units. Default: 0.2 of the smaller bounding-box diagonal.
     max_angle_deg : float

@@ -25,7 +25,7 @@ FILE = click.Path(path_type=Path)
               "holds a 4x4 T_target_source as text, or a result.json.")  # fmt: skip
 @click.option("--out", type=FILE, help="Write the result as JSON.")
 @click.option("--aligned", type=FILE, help="Write the scan in the target's frame as PLY.")
-@click.option("--method", default="auto", show_default=True, help="auto, dq, dq-points or svd.")
+@click.option("--method", default="auto", show_default=True, help="auto, dq, dq-points, svd or plane.")
 @click.option("--effort", default="normal", show_default=True, help="fast, normal or best: points of the last level.")
 @click.option("--max-distance", type=float, help="Largest distance of a pair, target units  [default: 0.2 sizes].")
 @click.option("--max-angle", "max_angle_deg", type=float, default=60.0, show_default=True, help="Largest angle between "

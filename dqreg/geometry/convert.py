@@ -68,7 +68,8 @@ def _from_open3d(value: Any, name: str) -> PointCloud | Mesh:
         return PointCloud(_tensor(value.point, "positions"), _tensor(value.point, "normals"))
     if hasattr(value, "triangles"):
         return Mesh(np.array(value.vertices), np.array(value.triangles))
-    if hasattr(value, "points"):
+    # A set of lines has points as well.
+    if hasattr(value, "points") and hasattr(value, "has_normals"):
         return PointCloud(np.array(value.points), np.array(value.normals) if value.has_normals() else None)
     raise InputError(
         f"an Open3D {type(value).__name__} is neither a cloud nor a triangle mesh; {name} must be {ACCEPTED}"
@@ -86,6 +87,7 @@ def _from_trimesh(value: Any, name: str) -> PointCloud | Mesh:
         value = value.to_mesh()
     if hasattr(value, "faces"):
         return Mesh(np.array(value.vertices), np.array(value.faces), units=UNIT_WORDS.get(value.units))
-    if hasattr(value, "vertices"):
+    # So has a path.
+    if hasattr(value, "vertices") and not hasattr(value, "entities"):
         return PointCloud(np.array(value.vertices))
     raise InputError(f"a trimesh {type(value).__name__} is neither a cloud nor a mesh; {name} must be {ACCEPTED}")

@@ -98,12 +98,13 @@ def prepare_scan(cloud: PointCloud, most: int | None = None) -> Scan:
     >>> len(scan), scan.spacing, scan.noise
     (50, 1.0, 0.0)
     """
-    if len(cloud) < FEWEST_POINTS:
-        raise InputError(
-            f"a scan needs at least {FEWEST_POINTS} finite points to fix a pose; this one has {len(cloud)}"
-        )
     order = distinct_in_order(cloud.points)
     points = cloud.points[order]
+    if len(points) < FEWEST_POINTS:
+        raise InputError(
+            f"a scan needs finite points at {FEWEST_POINTS} places at least to fix a pose; the {len(cloud)} points of "
+            f"this one are at {len(points)}"
+        )
     tree = NeighbourTree(points)
     rows = sample_rows(len(points), len(points) if most is None else most)
     kept = points[rows]

@@ -6,7 +6,7 @@ Estimators, kernels, weights and stopping rules are values that can be exchanged
 
 from __future__ import annotations
 
-from dqreg.icp.estimators import ESTIMATORS, points_and_normals, points_only, svd_points
+from dqreg.icp.estimators import ESTIMATORS, points_and_normals, points_only, points_to_planes, svd_points
 from dqreg.icp.graduated import find_basin, run_graduated, width_floor
 from dqreg.icp.kernels import Huber, InlierMixture, LeastSquares, Tukey, Welsch
 from dqreg.icp.loop import NO_POSE, Icp, Run
@@ -38,6 +38,7 @@ __all__ = [
     "find_basin",
     "points_and_normals",
     "points_only",
+    "points_to_planes",
     "run_graduated",
     "svd_points",
     "width_floor",

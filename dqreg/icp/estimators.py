@@ -9,6 +9,8 @@ import numpy as np
 from dqreg.arrays import FloatArray
 from dqreg.icp.pairs import Pairs
 from dqreg.solvers import Fit, moments_of, solve_moments, svd
+from dqreg.solvers.pose_newton import minimise
+from dqreg.solvers.quadratic import QuadraticForm, plane_form
 
 Estimator = Callable[[Pairs, FloatArray, float], Fit]
 
@@ -88,4 +90,36 @@ def svd_points(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
     return svd(pairs.scan.points[kept], pairs.closest.points[kept], point_weights=weights[kept])
 
 
-ESTIMATORS: dict[str, Estimator] = {"dq": points_and_normals, "dq-points": points_only, "svd": svd_points}
+def points_to_planes(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+    """Points to the tangent planes of the target, by Newton's method from the last pose.
+
+    Sliding along a face costs nothing, so the loop needs a handful of iterations where point steps need dozens. Far
+    from the answer tangent planes mislead; the closed form goes there.
+
+    Parameters
+    ----------
+    pairs, weights, noise
+        As in `points_and_normals`.
+
+    Returns
+    -------
+    Fit
+        Absolute pose; its gap is not determined. Motions that no plane feels stay as they were.
+    """
+    used = (weights > 0.0) & pairs.closest.normals.any(axis=1)
+    if np.count_nonzero(used) < 6:
+        return points_only(pairs, weights, noise)
+    p, q, n, w = pairs.scan.points[used], pairs.closest.points[used], pairs.closest.normals[used], weights[used]
+    origins = (w @ p / w.sum(), w @ q / w.sum())
+    form = QuadraticForm(plane_form(p, q, n, w, origins), *origins)
+    T = minimise(form, pairs.T_target_source)
+    cost = form.value(T)
+    return Fit(T, cost, float(np.sqrt(max(cost, 0.0) / w.sum())), np.nan)
+
+
+ESTIMATORS: dict[str, Estimator] = {
+    "dq": points_and_normals,
+    "dq-points": points_only,
+    "svd": svd_points,
+    "plane": points_to_planes,
+}

@@ -6,6 +6,9 @@ The basin is decided on a few thousand points, by two schedules, and the better 
   60 of 64 starts came home this way, about half of them where the width fell in every iteration.
 - quick: the width falls in every iteration. A scan whose points belong to the table for three quarters is drawn to
   the table by the patient schedule; this one stays with a start that is near.
+
+On the finer levels the pose is near, and an estimator of the plan's choice may take over: with points to planes they
+need 2 to 5 iterations where the closed form with extrapolation needs 5 to 80, for the same pose.
 """
 
 from __future__ import annotations
@@ -61,10 +64,13 @@ def run_graduated(
     counts = [count for count in (COARSE, MIDDLE) if 2 * count <= len(scan)] + [len(scan)]
     levels = [Level(scan.thinned(n), surface, plan, floor, last=n == counts[-1]) for n in counts]
     run, mixture = find_basin(levels[0], start, observe)
-    for level in levels[1:]:
+    near = dataclasses.replace(plan, estimator=plan.fine or plan.estimator)
+    for level in levels[1:] or (levels if plan.fine else []):
         if run.ended_early:
             break
-        finer, mixture = level.descend(mixture, run.T_target_source, FINE, observe, len(run.history) + 1)
+        finer, mixture = dataclasses.replace(level, plan=near).descend(
+            mixture, run.T_target_source, FINE, observe, len(run.history) + 1
+        )
         run = dataclasses.replace(finer, history=run.history + finer.history)
     return run, mixture
 

@@ -138,6 +138,8 @@ class Icp:
                 return Run(T, "degenerate correspondences", tuple(history), pairs, weights)
             T_new, sound = anderson.propose(T, T_next, energy) if self.accelerate else (T_next, True)
             motions.append(spread.motion(T, T_next) / surface.diagonal if sound else np.inf)
+            # Where an extrapolation is taken back, the plain step before it is the best pose so far.
+            T_next = T_next if sound else T_new
             record = self._record(first + len(history), pairs, weights, energy, T_next, motions[-1], began)
             history.append(record)
             if observe is not None and observe(record) is False:

@@ -36,9 +36,11 @@ class Plan:
     Attributes
     ----------
     estimator : callable
-        From weighted pairs to a pose.
+        From weighted pairs to a pose, where the basin is decided.
     max_distance : float
         Largest distance of a pair, target units.
+    fine : callable, optional
+        Estimator of the finer levels, where the pose is near; None keeps the same.
     max_angle_rad : float
         Largest angle between normals once the width is small; at the start it is 90 degrees.
     accelerate : bool
@@ -49,6 +51,7 @@ class Plan:
 
     estimator: Estimator
     max_distance: float
+    fine: Estimator | None = None
     max_angle_rad: float = NEAR_ANGLE_RAD
     accelerate: bool = True
     stopping: Stopping = Stopping()
