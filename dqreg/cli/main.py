@@ -9,6 +9,7 @@ import click
 from dqreg.cli.demo import demo
 from dqreg.cli.doctor import doctor
 from dqreg.cli.register import register_command
+from dqreg.cli.reproduce import reproduce
 from dqreg.cli.synth import synth
 from dqreg.errors import DqregError
 
@@ -24,13 +25,14 @@ def cli() -> None:
     dqreg demo                                     see it work on a part that ships with the package
     dqreg register scan.ply part.stl               find the pose of a scan on its part
     dqreg register scan.ply part.stl --start T.txt --out result.json --aligned on_part.ply
+    dqreg reproduce walker1991                     the paper's tables, ours beside theirs (also: jia2020)
     dqreg doctor                                   what is installed, what is missing, how to mend it
 
     Exit codes: 0 verdict accepted, 1 ran but not accepted, 2 bad input.
     """
 
 
-for command in (demo, doctor, register_command, synth):
+for command in (demo, doctor, register_command, reproduce, synth):
     cli.add_command(command)
 
 

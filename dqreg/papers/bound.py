@@ -90,7 +90,7 @@ def cramer_rao(
     [0.005, 0.005, 0.0025, 0.0025, 0.0025, 0.0025]
     """
     information = weighted_information(points, directions, centre, sigma_p**-2, sigma_n**-2)
-    return np.linalg.inv(information)
+    return np.asarray(np.linalg.inv(information), dtype=np.float64)
 
 
 def covariance_of_weights(

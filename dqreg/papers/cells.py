@@ -16,7 +16,7 @@ def cell_text(cell: Cell, column: Column) -> str:
     Parameters
     ----------
     cell : float, int, str, Estimate or None
-        What the cell holds. An estimate is rounded to two digits of its standard error.
+        What the cell holds. An estimate shows its standard error in brackets, in units of its last digits.
     column : Column
         Its head, which says how plain floats are written.
 
@@ -28,7 +28,9 @@ def cell_text(cell: Cell, column: Column) -> str:
     Examples
     --------
     >>> cell_text(Estimate(0.123456, 0.00123), Column("angle", "deg"))
-    '0.1235 ± 0.0012'
+    '0.1235(12)'
+    >>> cell_text(Estimate(4.2e-5, 3.1e-7), Column("angle", "rad"))
+    '4.200(31)e-5'
     >>> cell_text(3.2e-12, Column("error")), cell_text(None, Column("error")), cell_text(7, Column("count"))
     ('3.2e-12', '-', '7')
     """
@@ -38,7 +40,7 @@ def cell_text(cell: Cell, column: Column) -> str:
         return str(cell)
     if isinstance(cell, Estimate):
         return _estimate_text(cell, column)
-    return _short(format(cell, column.spec)) if math.isfinite(cell) else EMPTY
+    return short_number(cell, column.spec) if math.isfinite(cell) else EMPTY
 
 
 def is_number(cell: Cell) -> bool:
@@ -62,17 +64,40 @@ def is_number(cell: Cell) -> bool:
     return not isinstance(cell, str)
 
 
+def short_number(value: float, spec: str = "g") -> str:
+    """Number without the padding of exponents.
+
+    Parameters
+    ----------
+    value : float
+        A finite number.
+    spec : str
+        Format, as in `format`.
+
+    Returns
+    -------
+    str
+        The text.
+
+    Examples
+    --------
+    >>> short_number(1e-5), short_number(1e12), short_number(0.0, ".1e")
+    ('1e-5', '1e12', '0')
+    """
+    text = format(value, spec) if value else "0"
+    text = re.sub(r"e([+-])0*(\d)", lambda found: "e" + found[1].replace("+", "") + found[2], text)
+    return text.removesuffix("e0")
+
+
 def _estimate_text(cell: Estimate, column: Column) -> str:
     if not math.isfinite(cell.value):
         return EMPTY
     if not (math.isfinite(cell.error) and cell.error > 0.0):
-        return _short(format(cell.value, column.spec))
-    decimals = 1 - math.floor(math.log10(cell.error))
-    if not 0 <= decimals <= 6:
-        return f"{_short(format(cell.value, '.3g'))} ± {_short(format(cell.error, '.2g'))}"
-    return f"{cell.value:.{decimals}f} ± {cell.error:.{decimals}f}"
-
-
-def _short(text: str) -> str:
-    # 1e-05 becomes 1e-5.
-    return re.sub(r"e([+-])0*(\d)", lambda found: "e" + found[1].replace("+", "") + found[2], text)
+        return short_number(cell.value, column.spec)
+    exponent = math.floor(math.log10(abs(cell.value))) if cell.value else 0
+    # Numbers below a ten-thousandth are written with a power of ten.
+    shift = exponent if exponent < -4 else 0
+    value, error = cell.value / 10.0**shift, cell.error / 10.0**shift
+    decimals = max(0, 1 - math.floor(math.log10(error)))
+    bracket = f"{error:.{decimals}f}" if error >= 1.0 else str(round(error * 10**decimals))
+    return f"{value:.{decimals}f}({bracket})" + (f"e{shift}" if shift else "")

@@ -12,12 +12,14 @@ if TYPE_CHECKING:
 
 # Okabe and Ito (2008): told apart by all kinds of colour vision; the yellow of the set is too pale for lines.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#555555")
-PANEL_INCHES = (6.4, 3.7)
+PANEL_INCHES = (6.4, 3.6)
+LEGEND_ROW_INCHES = 0.22
+LEGEND_COLUMNS = 2
 DOTS_PER_INCH = 160
 
 
 def draw_png(figure: Figure) -> bytes:
-    """Draw a figure, panels below each other.
+    r"""Draw a figure, panels below each other.
 
     Parameters
     ----------
@@ -34,15 +36,16 @@ def draw_png(figure: Figure) -> bytes:
     >>> from dqreg.papers.document import Curve
     >>> curve = Curve("line", (0.0, 1.0), (0.0, 2.0))
     >>> draw_png(Figure("f", "A line", (Panel("x [m]", "y [m]", (curve,)),)))[:4]
-    b'\\x89PNG'
+    b'\x89PNG'
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Canvas
 
     width, height = PANEL_INCHES
-    canvas = Canvas(figsize=(width, height * len(figure.panels)), dpi=DOTS_PER_INCH, layout="constrained")
+    heights = [height + LEGEND_ROW_INCHES * _legend_rows(panel) for panel in figure.panels]
+    canvas = Canvas(figsize=(width, sum(heights)), dpi=DOTS_PER_INCH, layout="constrained")
     FigureCanvasAgg(canvas)
-    rows = canvas.subplots(len(figure.panels), 1, squeeze=False)
+    rows = canvas.subplots(len(figure.panels), 1, squeeze=False, height_ratios=heights)
     for axes, panel in zip(rows[:, 0], figure.panels, strict=True):
         _draw_panel(axes, panel)
     buffer = io.BytesIO()
@@ -76,5 +79,17 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
         axes.set_yscale("log")
     if panel.y_limits is not None:
         axes.set_ylim(*panel.y_limits)
-    if any(curve.label for curve in panel.curves):
-        axes.legend(fontsize="small", frameon=True, framealpha=0.85, edgecolor="none")
+    if _legend_rows(panel):
+        # Below the axes, where it hides no curve.
+        axes.legend(
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.16),
+            ncols=LEGEND_COLUMNS,
+            fontsize="small",
+            frameon=False,
+            handlelength=3.2,
+        )
+
+
+def _legend_rows(panel: Panel) -> int:
+    return -(-sum(bool(curve.label) for curve in panel.curves) // LEGEND_COLUMNS)

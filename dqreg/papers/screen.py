@@ -46,10 +46,11 @@ def _rich_table(table: Table) -> RichTable:
     from rich.table import Table as RichTable
     from rich.text import Text
 
+    # Where the terminal is narrow, numbers go on in the next line; a digit must never be cut off.
     shown = RichTable(title=Text(table.title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for index, column in enumerate(table.columns):
         right = bool(table.rows) and is_number(table.rows[0][index])
-        shown.add_column(Text(column.head), justify="right" if right else "left")
+        shown.add_column(Text(column.head), justify="right" if right else "left", overflow="fold")
     for row in table.rows:
         shown.add_row(*(Text(cell_text(cell, column)) for cell, column in zip(row, table.columns, strict=True)))
     return shown

@@ -6,12 +6,14 @@ than rounding, whatever the points are. The printed columns therefore do not com
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from dqreg.arrays import FloatArray
 from dqreg.papers.bound import cramer_rao
+from dqreg.papers.cells import short_number
 from dqreg.papers.document import Cell, Column, Section, Table, floats
 from dqreg.papers.feeder import feeder_vertices
 from dqreg.papers.trials import AXIS, SIGMA, paper_pose, rotation_errors
@@ -109,7 +111,7 @@ def _bound(moved: FloatArray, T_truth: FloatArray) -> FloatArray:
     axis = AXIS / np.linalg.norm(AXIS)
     theta = np.einsum("i,cij,j->c", axis, covariance[:, :3, :3], axis)
     shift = np.diagonal(covariance, axis1=-2, axis2=-1)[:, 3:].mean(axis=0)
-    return np.sqrt(np.append(shift, np.rad2deg(np.rad2deg(theta.mean()))))
+    return np.append(np.sqrt(shift), np.rad2deg(np.sqrt(theta.mean())))
 
 
 def _largest_difference(poses: dict[str, FloatArray]) -> tuple[float, float]:
@@ -151,9 +153,9 @@ def table3_section(rows: tuple[Row3, ...]) -> Section:
     return Section(
         "table3",
         "Table 3: SVD and dual quaternions on points alone",
-        f"The advantage printed for dual quaternions cannot be repeated. On points alone both methods minimise the same "
-        f"cost; over all trials their translations differ by {shift:.1e} units and their rotations by {turn:.1e} rad at "
-        f"most, which is rounding.",
+        f"The advantage printed for dual quaternions cannot be repeated. On points alone both methods minimise the "
+        f"same cost; over all trials their translations differ by {short_number(shift, '.1e')} units and their "
+        f"rotations by {short_number(turn, '.1e')} rad at most, which is rounding.",
         (_STAND_IN, _READING),
         (table,),
     )
@@ -174,7 +176,7 @@ _READING = (
 
 
 def _cells(row: Row3) -> list[tuple[Cell, ...]]:
-    lines = {
+    lines: dict[str, Iterable[float]] = {
         "paper: SVD": PRINTED[row.count][0],
         "paper: dual number": PRINTED[row.count][1],
         **{f"ours: {name}": numbers for name, numbers in row.deviations.items()},

@@ -86,7 +86,7 @@ def choose_directions(rng: np.random.Generator, choices: int, count: int) -> Flo
     (4, 2, 3)
     """
     drawn = rng.normal(size=(choices, count, 3))
-    return drawn / np.linalg.norm(drawn, axis=-1, keepdims=True)
+    return np.asarray(drawn / np.linalg.norm(drawn, axis=-1, keepdims=True))
 
 
 def tilt(directions: FloatArray, sigma_rad: float, noise: FloatArray) -> FloatArray:

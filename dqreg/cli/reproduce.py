@@ -1,0 +1,38 @@
+"""`dqreg reproduce PAPER`: the papers' tables, figures and formulas, ours beside theirs."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.argument("paper", type=click.Choice(["walker1991", "jia2020"]))
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the files it writes  [default: dqreg-PAPER].")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all draws.")
+@click.option("--quick", is_flag=True, help="Fewer trials: a look in seconds, with rougher numbers.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+def reproduce(paper: str, out: Path | None, seed: int, quick: bool, quiet: bool) -> int:
+    """Reproduce a paper: tables on the screen; numbers, figures and one HTML page in a folder.
+
+    \b
+    walker1991   Walker, Shao and Volz: dual quaternions from points and directions
+    jia2020      Jia's notes on quaternions
+    """
+    from rich.console import Console
+
+    from dqreg.papers import PAPERS, prepare_folder, print_section, write_report
+    from dqreg.papers import reproduce as answer
+
+    folder = out or Path(f"dqreg-{paper}")
+    prepare_folder(folder, PAPERS[paper].figures)
+    # A pipe has no width of its own; the tables need more than the usual 80.
+    console = Console(quiet=quiet, width=None if sys.stdout.isatty() else 170, highlight=False)
+    console.print(PAPERS[paper].citation, markup=False)
+    report = answer(paper, seed, quick=quick, observe=lambda section: print_section(console, section))
+    console.print()
+    for path in write_report(report, folder):
+        console.print(f"wrote {path}", markup=False, soft_wrap=True)
+    return 0

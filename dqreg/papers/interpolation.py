@@ -1,0 +1,139 @@
+"""Appendix C of Jia's notes: constant rates of axis and angle (eq. 33) against slerp (eq. 34)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.papers.document import Column, Curve, Figure, Panel, Section, Table, floats
+from dqreg.rigid import quaternion
+
+FIRST = ((1.0, 0.0, 0.2), 40.0)
+LAST = ((0.0, 1.0, 1.0), 160.0)
+NAMES = ("eq. 33, constant rates", "eq. 34, slerp")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Between:
+    """One way from the first rotation to the last.
+
+    Attributes
+    ----------
+    name : str
+        Which way.
+    fraction : ndarray, (n,)
+        tau, 0 to 1.
+    angle_deg : ndarray, (n,)
+        Angle of the rotation at tau.
+    axis : ndarray, (n, 3)
+        Its axis.
+    speed_deg : ndarray, (n,)
+        Angular speed, degrees per unit of tau.
+    """
+
+    name: str
+    fraction: FloatArray
+    angle_deg: FloatArray
+    axis: FloatArray
+    speed_deg: FloatArray
+
+    @property
+    def swept_deg(self) -> float:
+        """Angle swept from first to last."""
+        middle = 0.5 * (self.speed_deg[1:] + self.speed_deg[:-1])
+        return float(middle @ np.diff(self.fraction))
+
+
+def measure_interpolation(steps: int = 400) -> tuple[Between, Between]:
+    """Follow both formulas from 40 degrees about one axis to 160 degrees about another.
+
+    Parameters
+    ----------
+    steps : int
+        Parts into which tau is cut.
+
+    Returns
+    -------
+    tuple of Between
+        By equation 33, and by equation 34.
+    """
+    r1, r2 = (quaternion.from_axis_angle(axis, np.deg2rad(angle)) for axis, angle in (FIRST, LAST))
+    tau = np.linspace(0.0, 1.0, steps + 1)
+    paths = (quaternion.interpolate_axis_angle(r1, r2, tau), quaternion.slerp(r1, r2, tau))
+    return _between(NAMES[0], tau, paths[0]), _between(NAMES[1], tau, paths[1])
+
+
+def _between(name: str, tau: FloatArray, path: FloatArray) -> Between:
+    axis, angle = quaternion.to_axis_angle(path)
+    slope = np.gradient(path, tau, axis=0, edge_order=2)
+    rate = quaternion.angular_velocity(path, slope)  # eq. 27
+    return Between(name, tau, np.rad2deg(angle), axis, np.rad2deg(np.linalg.norm(rate, axis=1)))
+
+
+def interpolation_section(paths: tuple[Between, Between]) -> Section:
+    """Words, table and figures of both ways.
+
+    Parameters
+    ----------
+    paths : tuple of Between
+        What `measure_interpolation` found.
+
+    Returns
+    -------
+    Section
+        Angles, axes and speeds.
+    """
+    rates, slerp = paths
+    table = Table(
+        "interpolation",
+        "The two ways from the first rotation to the last",
+        (
+            Column("formula"),
+            Column("angle swept", "deg", ".2f"),
+            Column("least speed", "deg", ".2f"),
+            Column("greatest speed", "deg", ".2f"),
+            Column("angle halfway", "deg", ".2f"),
+        ),
+        tuple(
+            (
+                path.name,
+                path.swept_deg,
+                float(path.speed_deg.min()),
+                float(path.speed_deg.max()),
+                float(np.interp(0.5, path.fraction, path.angle_deg)),
+            )
+            for path in paths
+        ),
+        "Speed: of the body, per unit of tau.",
+    )
+    return Section(
+        "interpolation",
+        "Appendix C: interpolation",
+        f"Equation 33 moves the angle and the axis evenly but not the body: its speed varies between "
+        f"{rates.speed_deg.min():.0f} and {rates.speed_deg.max():.0f} degrees per unit of tau and it sweeps "
+        f"{rates.swept_deg:.1f} degrees. Slerp turns evenly about one axis and sweeps {slerp.swept_deg:.1f}, "
+        "the least.",
+        (f"From {FIRST[1]:g} degrees about {FIRST[0]} to {LAST[1]:g} degrees about {LAST[0]}; tau runs from 0 to 1.",),
+        (table,),
+        (_figure(paths),),
+    )
+
+
+def _figure(paths: tuple[Between, Between]) -> Figure:
+    angle, speed, axis = [], [], []
+    for colour, (path, line) in enumerate(zip(paths, ("--", "-"), strict=True)):
+        x = floats(path.fraction)
+        angle.append(Curve(path.name, x, floats(path.angle_deg), colour=colour, line=line))
+        speed.append(Curve(path.name, x, floats(path.speed_deg), colour=colour, line=line))
+        for column, (letter, shade) in enumerate(zip("xyz", (2, 3, 4), strict=True)):
+            label = f"{letter}, {path.name}"
+            axis.append(Curve(label, x, floats(path.axis[:, column]), colour=shade, line=line))
+    top = 1.15 * max(float(path.speed_deg.max()) for path in paths)
+    panels = (
+        Panel("tau", "angle of the rotation [deg]", tuple(angle), "Angle"),
+        Panel("tau", "component of the axis", tuple(axis), "Axis", y_limits=(-0.15, 1.3)),
+        Panel("tau", "angular speed [deg per unit of tau]", tuple(speed), "Speed of the body", y_limits=(0.0, top)),
+    )
+    return Figure("interpolation", "Angle, axis and speed between two rotations", panels)

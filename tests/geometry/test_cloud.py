@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dqreg.errors import InputError
+from dqreg.geometry import PointCloud
+
+NAN, INF = float("nan"), float("inf")
+TWO = [[0.0, 0, 0], [1, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"points": [0.0, 1, 2]}, r"points must have shape \(n, 3\).*got shape \(3,\)"),
+        ({"points": [[0.0, 1]]}, r"got shape \(1, 2\)"),
+        ({"points": np.zeros((2, 4))}, r"got shape \(2, 4\)"),
+        ({"points": np.zeros((0, 3))}, "at least one finite point; it is empty"),
+        ({"points": [[NAN, 0, 0], [0, INF, 0]]}, "all 2 rows hold NaN, infinity"),
+        ({"points": "cloud"}, "points must be an array of real numbers; got str"),
+        ({"points": [[1j, 0, 0]]}, "points must be an array of real numbers"),
+        ({"points": None}, "points must be an array of real numbers; got NoneType"),
+        ({"points": TWO, "normals": [[0.0, 0, 1]]}, "got 1 normals for 2 points"),
+        ({"points": TWO, "normals": [0.0, 0, 1]}, r"normals must have shape \(n, 3\)"),
+        ({"points": TWO, "normals": np.zeros((2, 3))}, "all 2 rows hold .* a normal that is zero"),
+        ({"points": TWO, "viewpoint": [0.0, 0]}, "viewpoint must be three finite numbers"),
+        ({"points": TWO, "viewpoint": [0.0, NAN, 0]}, "viewpoint must be three finite numbers"),
+    ],
+)
+def test_what_is_no_cloud_is_refused_in_words(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        PointCloud(**arguments)
+
+
+def test_rows_that_are_not_finite_go_with_their_normals_and_are_counted() -> None:
+    points = np.array([[0.0, 0, 0], [NAN, 0, 0], [1, 0, 0], [2, 0, 0], [3, INF, 0], [4, 0, 0]])
+    normals = np.array([[0.0, 0, 2], [0, 0, 1], [0, 0, 0], [NAN, 0, 1], [0, 1, 0], [0, -3, 0]])
+    cloud = PointCloud(points, normals, dropped=10)
+    assert cloud.points.tolist() == [[0, 0, 0], [4, 0, 0]]
+    assert cloud.normals is not None
+    assert cloud.normals.tolist() == [[0, 0, 1], [0, -1, 0]]
+    assert (len(cloud), cloud.dropped) == (2, 14)
+    # Made once more, it loses nothing more.
+    assert dataclasses.replace(cloud, units="mm").dropped == 14
+
+
+def test_what_was_given_is_not_changed() -> None:
+    points, normals = np.array([[NAN, 0, 0], [1.0, 0, 0]]), np.array([[0.0, 0, 2], [0, 0, 2]])
+    before = points.copy(), normals.copy()
+    PointCloud(points, normals)
+    np.testing.assert_array_equal(points, before[0])
+    np.testing.assert_array_equal(normals, before[1])
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.int32, np.uint8, object])
+def test_any_real_numbers_become_float64(dtype: Any) -> None:
+    cloud = PointCloud(np.array([[1, 2, 3]], dtype=dtype))
+    assert cloud.points.dtype == np.float64
+    assert cloud.points.tolist() == [[1.0, 2.0, 3.0]]
+
+
+def test_a_tiny_normal_is_a_direction_still() -> None:
+    cloud = PointCloud([[0.0, 0, 0]], [[0.0, 3e-100, 4e-100]])
+    assert cloud.normals is not None
+    np.testing.assert_allclose(cloud.normals, [[0.0, 0.6, 0.8]], rtol=1e-12)

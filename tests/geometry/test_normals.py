@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from scipy.stats import chi2
+
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import CHUNK, NEIGHBOURS, PlaneFits, fit_planes, orient_towards, sample_rows
+from tests.strategies import FloatArray, floats, rotations, unit_vectors
+
+
+def fits_of(points: FloatArray, count: int = NEIGHBOURS) -> PlaneFits:
+    return fit_planes(NeighbourTree(points), points, points, count)
+
+
+def flat(n: int, rng: np.random.Generator) -> FloatArray:
+    return np.column_stack([rng.uniform(-1.0, 1.0, size=(n, 2)), np.zeros(n)])
+
+
+@settings(deadline=None, max_examples=40)
+@given(rotations(), floats(-100.0, 100.0))
+def test_an_exact_plane_has_its_normal_and_no_residual(R: FloatArray, height: float) -> None:
+    points = (flat(60, np.random.default_rng(0)) + np.array([0.0, 0.0, height])) @ R.T
+    fits = fits_of(points)
+    # Coordinates are rounded to 1e-14 at 100, neighbours are about 0.3 away.
+    np.testing.assert_allclose(np.abs(fits.normals @ R[:, 2]), 1.0, atol=1e-12)
+    # A residual is the root of an eigenvalue that is rounding of the scatter.
+    assert fits.residuals.max() < 1e-7
+    assert fits.count == NEIGHBOURS
+
+
+def test_the_axes_of_a_plane_are_exact_where_the_numbers_are() -> None:
+    fits = fits_of(flat(60, np.random.default_rng(0)))
+    np.testing.assert_array_equal(np.abs(fits.normals), np.tile([0.0, 0, 1], (60, 1)))
+    assert not fits.residuals.any()
+    assert not fits.variances.any()
+
+
+def test_normals_scatter_as_much_as_their_variance_says() -> None:
+    # Seven fixed places in a plane, uneven on purpose; only the heights are noise. To first order the slope is a
+    # linear fit, so both slopes are normal and sigma^2 (X^T X)^-1 is exact.
+    rng = np.random.default_rng(0)
+    across = rng.uniform(-1.0, 1.0, size=(7, 2)) * [1.0, 0.3]
+    draws, sigma = 4_000, 1e-4
+    slopes = np.zeros((draws, 2))
+    claimed, residuals = np.zeros(draws), np.zeros(draws)
+    for draw in range(draws):
+        points = np.column_stack([across, sigma * rng.normal(size=7)])
+        fits = fit_planes(NeighbourTree(points), points, points[:1], 7)
+        normal = fits.normals[0] * np.sign(fits.normals[0, 2])
+        slopes[draw], claimed[draw], residuals[draw] = normal[:2], fits.variances[0], fits.residuals[0]
+    spread = across - across.mean(axis=0)
+    variances = np.linalg.eigvalsh(sigma**2 * np.linalg.inv(spread.T @ spread))
+    expected = variances.sum()
+    # The scatter of the squared slopes: var(sum) = 2 sum of squared variances, over the draws; five sigma.
+    bound = 5.0 * np.sqrt(2.0 * (variances**2).sum() / draws)
+    assert abs((slopes**2).sum(axis=1).mean() - expected) < bound
+    # The claim takes sigma^2 from k - 3 degrees of freedom: right on average, with a variance of 2 / (k - 3).
+    assert abs(claimed.mean() - expected) < 5.0 * expected * np.sqrt(2.0 / 4.0 / draws)
+    # And its residuals follow the chi-square law with 4 degrees of freedom, not 7.
+    median = chi2.median(4) / 4.0
+    assert np.median(residuals**2) / sigma**2 == pytest.approx(median, rel=5.0 * 1.3 * np.sqrt(0.5 / draws))
+
+
+def test_a_line_fixes_no_normal() -> None:
+    fits = fits_of(np.outer(np.linspace(0.0, 1.0, 40), [1.0, -2.0, 0.5]) + np.array([5.0, 0.0, 0.0]))
+    assert np.isnan(fits.normals).all()
+    assert not fits.lever.any()
+    assert np.isinf(fits.variances).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_fewer_than_four_points_fix_no_normal_that_could_be_checked(count: int) -> None:
+    fits = fits_of(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])[:count])
+    assert np.isnan(fits.normals).all()
+    assert np.isnan(fits.residuals).all()
+    assert not fits.lever.any()
+    assert fits.count == count
+
+
+def test_the_lever_is_half_the_harmonic_mean_of_the_tangential_variances() -> None:
+    points = np.array([[x, y, 0.0] for x in (-3.0, 3.0) for y in (-1.0, 1.0)])
+    fits = fits_of(points)
+    np.testing.assert_allclose(fits.lever, 1.0 / (1.0 / 9.0 + 1.0 / 1.0), rtol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_lengths_scale_and_directions_do_not(scale: float) -> None:
+    rng = np.random.default_rng(0)
+    points = flat(200, rng) + 1e-2 * rng.normal(size=(200, 3))
+    plain, scaled = fits_of(points), fits_of(scale * points)
+    np.testing.assert_allclose(scaled.residuals, scale * plain.residuals, rtol=1e-9)
+    np.testing.assert_allclose(scaled.lever, scale**2 * plain.lever, rtol=1e-9)
+    np.testing.assert_allclose(scaled.variances, plain.variances, rtol=1e-9)
+    cosines = np.einsum("ni,ni->n", scaled.normals, plain.normals)
+    np.testing.assert_allclose(np.abs(cosines), 1.0, atol=1e-9)
+
+
+def test_more_places_than_one_step_takes() -> None:
+    cloud = flat(50, np.random.default_rng(0))
+    tree = NeighbourTree(cloud)
+    at = np.resize(cloud, (CHUNK + 7, 3))
+    fits = fit_planes(tree, cloud, at)
+    few = fit_planes(tree, cloud, cloud)
+    assert fits.normals.shape == at.shape
+    np.testing.assert_array_equal(fits.lever, np.resize(few.lever, CHUNK + 7))
+
+
+@settings(deadline=None, max_examples=60)
+@given(unit_vectors(), unit_vectors())
+def test_oriented_normals_face_the_sensor_and_keep_their_line(normal: FloatArray, place: FloatArray) -> None:
+    viewpoint = 3.0 * place + [0.1, 0.2, 0.3]
+    turned = orient_towards(normal[None], np.zeros((1, 3)), viewpoint)[0]
+    assert turned @ viewpoint >= 0.0
+    assert min(np.abs(turned - normal).max(), np.abs(turned + normal).max()) == 0.0
+
+
+def test_a_sphere_seen_from_outside_and_from_inside() -> None:
+    rng = np.random.default_rng(0)
+    outwards = rng.normal(size=(100, 3))
+    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    signs = rng.choice([-1.0, 1.0], size=(100, 1))
+    inside = orient_towards(signs * outwards, outwards, np.zeros(3))
+    np.testing.assert_array_equal(inside, -outwards)
+    front = outwards[:, 2] > 0.2
+    seen = orient_towards((signs * outwards)[front], outwards[front], np.array([0.0, 0.0, 1e3]))
+    np.testing.assert_array_equal(seen, outwards[front])
+
+
+@pytest.mark.parametrize(("total", "wanted"), [(0, 5), (5, 5), (5, 9), (10, 1), (10, 9), (1_000_003, 1_000)])
+def test_rows_are_spread_evenly_each_once(total: int, wanted: int) -> None:
+    rows = sample_rows(total, wanted)
+    assert len(rows) == min(total, wanted)
+    assert len(set(rows.tolist())) == len(rows)
+    if len(rows) > 1:
+        gaps = np.diff(rows)
+        assert (rows[0], rows[-1]) == (0, total - 1)
+        assert gaps.min() >= 1
+        assert gaps.max() - gaps.min() <= 1
