@@ -71,6 +71,18 @@ class Mesh:
         return unit
 
     @cached_property
+    def face_neighbours(self) -> IntArray:
+        """Face across each of the three sides (first to second corner, ...), (f, 3); itself where there is none."""
+        count = len(self.faces)
+        sides = np.sort(np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+        order = np.lexsort((sides[:, 1], sides[:, 0]))
+        same = (sides[order[1:]] == sides[order[:-1]]).all(axis=1)
+        neighbours = np.repeat(np.arange(count), 3)
+        first, second = order[:-1][same], order[1:][same]
+        neighbours[first], neighbours[second] = second // 3, first // 3
+        return neighbours.reshape(count, 3)
+
+    @cached_property
     def face_areas(self) -> FloatArray:
         """Area of each face, (f,)."""
         areas: FloatArray = 0.5 * np.linalg.norm(_doubled_area_vectors(self.vertices, self.faces), axis=1)

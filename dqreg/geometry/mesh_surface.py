@@ -14,6 +14,8 @@ from dqreg.open3d_gate import load_open3d
 
 # Barycentric distance to an edge below which a float32 answer cannot tell inside from outside.
 EDGE_MARGIN = 1e-3
+# Faces walked from the one that float32 named; and the relative gain that is more than rounding.
+WALK, CLOSER = 8, 1e-12
 
 
 class MeshSurface:
@@ -75,11 +77,33 @@ class MeshSurface:
         first = self.mesh.corners[:, 0][faces]
         height = np.einsum("ij,ij->i", points - first, normals)
         on_face = points - height[:, None] * normals
-        # Near an edge the foot of the perpendicular may lie outside the triangle: only those take the long way.
-        edge = (uv.min(axis=1) < EDGE_MARGIN) | (uv.sum(axis=1) > 1.0 - EDGE_MARGIN)
-        on_face[edge] = closest_on_triangles(points[edge], self.mesh.corners[faces[edge]])
+        # Near an edge the foot of the perpendicular may lie outside the triangle, and in float32 the triangle itself
+        # may be the wrong one of two: only those take the long way.
+        edge = np.flatnonzero((uv.min(axis=1) < EDGE_MARGIN) | (uv.sum(axis=1) > 1.0 - EDGE_MARGIN))
+        on_face[edge], faces[edge] = self._across_edges(points[edge], faces[edge])
+        normals[edge] = self.mesh.face_normals[faces[edge]]
         distances = np.linalg.norm(points - on_face, axis=1)
         return Closest(on_face, normals, distances, faces)
+
+    def _across_edges(self, points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+        """Closest points in float64, walking to a neighbouring face for as long as it is strictly closer."""
+        best = closest_on_triangles(points, self.mesh.corners[faces])
+        gaps = np.linalg.norm(points - best, axis=1)
+        faces = faces.copy()
+        rows = np.arange(len(points))
+        for _ in range(WALK):
+            improved = np.zeros(len(rows), dtype=bool)
+            for other in self.mesh.face_neighbours[faces[rows]].T:
+                candidate = closest_on_triangles(points[rows], self.mesh.corners[other])
+                gap = np.linalg.norm(points[rows] - candidate, axis=1)
+                closer = gap < gaps[rows] * (1.0 - CLOSER)
+                improved |= closer
+                chosen = rows[closer]
+                best[chosen], gaps[chosen], faces[chosen] = candidate[closer], gap[closer], other[closer]
+            rows = rows[improved]
+            if not len(rows):
+                break
+        return best, faces
 
 
 def closest_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
