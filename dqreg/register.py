@@ -114,6 +114,8 @@ class Options:
             raise InputError(f"max_distance must be a length above 0 in target units; got {self.max_distance!r}")
         if not 0.0 < self.max_angle_deg <= 90.0:
             raise InputError(f"max_angle_deg must be above 0 and at most 90; got {self.max_angle_deg!r}")
+        if self.seed < 0:
+            raise InputError(f"seed must be a whole number, 0 or more; got {self.seed!r}")
         if self.max_iterations < 1:
             raise InputError(f"max_iterations must be at least 1; got {self.max_iterations!r}")
         if not 0.0 < self.tolerance < 1.0:
@@ -176,7 +178,8 @@ def register(
     max_iterations : int
         Iterations at one width of the kernel at most.
     tolerance : float
-        The last level ends once a step moves the points by less than this share of the target's diagonal.
+        The last level ends once a step moves the points by less than this share of the target's diagonal, or by less
+        than a tenth of what noise and number of the points leave open.
     observe : callable, optional
         Called with each `Iteration`; returning False stops the run.
 

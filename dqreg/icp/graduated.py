@@ -15,6 +15,8 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
+
 from dqreg.arrays import FloatArray
 from dqreg.geometry.prepare import Scan
 from dqreg.geometry.surface import Surface
@@ -60,19 +62,25 @@ def run_graduated(
     InlierMixture
         Width and share of inliers at the end.
     """
-    floor = width_floor(scan, surface)
     counts = [count for count in (COARSE, MIDDLE) if 2 * count <= len(scan)] + [len(scan)]
-    levels = [Level(scan.thinned(n), surface, plan, floor, last=n == counts[-1]) for n in counts]
+    levels = [Level(scan.thinned(n), surface, plan, width_floor(scan, surface), n == counts[-1]) for n in counts]
     run, mixture = find_basin(levels[0], start, observe)
     near = dataclasses.replace(plan, estimator=plan.fine or plan.estimator)
+    floor = width_floor(_judged_by_inliers(levels[0].scan, run), surface)
     for level in levels[1:] or (levels if plan.fine else []):
         if run.ended_early:
             break
-        finer, mixture = dataclasses.replace(level, plan=near).descend(
+        finer, mixture = dataclasses.replace(level, plan=near, floor=floor).descend(
             mixture, run.T_target_source, FINE, observe, len(run.history) + 1
         )
         run = dataclasses.replace(finer, history=run.history + finer.history)
     return run, mixture
+
+
+def _judged_by_inliers(scan: Scan, run: Run) -> Scan:
+    # Around a stray there is no plane: where they are many, the noise of the whole scan says nothing about the part's.
+    residuals = scan.residuals[(run.weights > 0.5) & np.isfinite(scan.residuals)]
+    return dataclasses.replace(scan, noise=min(float(np.median(residuals)), scan.noise)) if len(residuals) else scan
 
 
 def width_floor(scan: Scan, surface: Surface) -> float:

@@ -21,10 +21,12 @@ STAGE_TOLERANCE = 0.03
 SETTLED = 0.97
 # The largest fall of the width from one stage to the next.
 STEEPEST = 0.5
-# Points from which on the sampling error, not the width, says how far a level is worth converging.
+# Points from which on the sampling error, not the width, says how far a level is worth converging; and to which share
+# of that error, on a level that is followed by a finer one and on the last.
 FEW = 2_000
+PLACED, PLACED_LAST = 0.3, 0.1
 # Stages that may end without having converged; after that, more of them only cost time.
-UNFINISHED = 2
+UNFINISHED = 1
 # Beyond this the two normals are of different faces, once the pose is near.
 NEAR_ANGLE_RAD = np.deg2rad(60.0)
 
@@ -94,7 +96,7 @@ class Level:
     floor : float
         Smallest width.
     last : bool
-        Whether the plan's own tolerance is asked for.
+        Whether there is no finer level to come.
     """
 
     scan: Scan
@@ -166,11 +168,12 @@ class Level:
         return icp.run(self.scan, self.surface, start, observe, first)
 
     def _tolerance(self, mixture: InlierMixture) -> float:
-        tolerance = STAGE_TOLERANCE * mixture.scale / self.surface.diagonal
-        if len(self.scan) > FEW:
-            # Points fewer than the last level's cannot place the part better than this: no use in going on.
-            tolerance *= 10.0 / float(np.sqrt(len(self.scan)))
-        return min(tolerance, self.plan.stopping.tolerance) if self.last else tolerance
+        width = mixture.scale / self.surface.diagonal
+        # How well so many points of this width can place the part at all: no use in going on far below it.
+        placed = width / float(np.sqrt(len(self.scan)))
+        if self.last:
+            return max(self.plan.stopping.tolerance, PLACED_LAST * placed)
+        return STAGE_TOLERANCE * width if len(self.scan) <= FEW else PLACED * placed
 
     def _learn(self, mixture: InlierMixture, run: Run, schedule: Schedule) -> tuple[bool, InlierMixture]:
         near = run.weights > 0.0

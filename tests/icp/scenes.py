@@ -20,11 +20,8 @@ def motion(angle_rad: float, offset: float, seed: int = 0) -> FloatArray:
 
 
 def bumpy_cloud(count: int = 3_000, seed: int = 0) -> FloatArray:
-    """Points of a wavy sheet about one unit across: no symmetry, well spread, no two points close."""
-    cells = int(np.ceil(np.sqrt(count)))
-    rng = np.random.default_rng(seed)
-    grid = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), axis=-1).reshape(-1, 2)[:count]
-    x, y = ((grid + rng.uniform(-0.2, 0.2, grid.shape)) / cells - 0.5).T
+    """Points drawn on a wavy sheet about one unit across: no symmetry, and no lattice to lock into one cell off."""
+    x, y = np.random.default_rng(seed).uniform(-0.5, 0.5, (2, count))
     return np.column_stack([x, y, 0.2 * np.sin(5.0 * x) * np.cos(4.0 * y + 1.0) + 0.1 * x * x])
 
 

@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg.geometry import CloudSurface, PointCloud, prepare_scan
+from dqreg.icp import correspond
+from dqreg.rigid import pose
+from tests.icp.scenes import bumpy_cloud, made_pairs, motion
+
+
+def test_correspond_asks_for_the_moved_points_and_leaves_the_scan_alone() -> None:
+    source, target = bumpy_cloud(200, seed=1), bumpy_cloud(300, seed=2)
+    scan, T = prepare_scan(PointCloud(source)), motion(0.2, 0.1)
+    before = scan.points.copy()
+    pairs = correspond(scan, CloudSurface(PointCloud(target)), T)
+    # Brute force over all 60,000 distances.
+    gaps = np.linalg.norm(pose.apply(T, scan.points)[:, None] - target[None], axis=2)
+    np.testing.assert_allclose(pairs.distances, gaps.min(axis=1), rtol=1e-12)
+    np.testing.assert_array_equal(pairs.closest.points, target[gaps.argmin(axis=1)])
+    np.testing.assert_array_equal(scan.points, before)
+    assert pairs.scan is scan
+
+
+def test_cosines_compare_moved_source_normals() -> None:
+    pairs = made_pairs()
+    expected = np.sum(pose.rotate(pairs.T_target_source, pairs.scan.normals) * pairs.closest.normals, axis=1)
+    np.testing.assert_allclose(pairs.normal_cosines, expected, atol=1e-14)
+
+
+def test_source_directions_agree_with_the_target_unless_signs_are_known() -> None:
+    free, known = made_pairs(same_sign=False), made_pairs(same_sign=True)
+    assert (free.normal_cosines < 0.0).any()
+    turned = np.sum(pose.rotate(free.T_target_source, free.source_directions) * free.closest.normals, axis=1)
+    np.testing.assert_allclose(turned, np.abs(free.normal_cosines), atol=1e-14)
+    np.testing.assert_array_equal(known.source_directions, known.scan.normals)
+
+
+@pytest.mark.parametrize("source", [False, True])
+@pytest.mark.parametrize("target", [False, True])
+def test_signs_count_only_if_both_sides_know_theirs(source: bool, target: bool) -> None:
+    points = bumpy_cloud(50)
+    up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    scan = prepare_scan(PointCloud(points, up if source else None))
+    surface = CloudSurface(PointCloud(points, up if target else None))
+    assert correspond(scan, surface, np.eye(4)).same_sign is (source and target)
