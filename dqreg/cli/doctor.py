@@ -15,7 +15,7 @@ from dqreg.errors import MissingDependencyError
 from dqreg.open3d_gate import load_open3d
 
 LEAST_PYTHON = (3, 11)
-REQUIRED = ("numpy", "scipy", "trimesh", "click", "rich")
+REQUIRED = ("numpy", "scipy", "trimesh", "click", "rich", "matplotlib", "jinja2")
 OPTIONAL = ("kiss-icp", "small-gicp")
 
 
