@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import numbers
 import time
 from collections.abc import Callable, Iterator
 from functools import cached_property
@@ -110,6 +111,10 @@ class Options:
             raise InputError(f"unknown method {self.method!r}; known are {', '.join(known)}")
         if self.effort not in EFFORTS:
             raise InputError(f"unknown effort {self.effort!r}; known are {', '.join(EFFORTS)}")
+        for name in ("max_distance", "max_angle_deg", "max_iterations", "tolerance", "seed"):
+            value = getattr(self, name)
+            if not isinstance(value, numbers.Real) and (name, value) != ("max_distance", None):
+                raise InputError(f"{name} must be a number; got {value!r}")
         if self.max_distance is not None and not 0.0 < self.max_distance < np.inf:
             raise InputError(f"max_distance must be a length above 0 in target units; got {self.max_distance!r}")
         if not 0.0 < self.max_angle_deg <= 90.0:

@@ -32,10 +32,8 @@ def worst(T: FloatArray, T_expected: FloatArray) -> float:
     return worst_vertex_displacement(T, T_expected, PART.vertices)
 
 
-def same(to_mesh: bool) -> float:
-    """Share of the size, or angle, to which a pose must repeat itself in other units or at another place."""
-    # Steps to planes end where the cost changes by its rounding, which to a cloud's rough planes is 1e-8 of the size.
-    return 1e-9 if to_mesh else 1e-8
+# Share of the size, or angle, to which a pose must repeat itself in other units or at another place.
+SAME = 1e-9
 
 
 def bytes_of(result: Registration) -> dict[str, Any]:
@@ -158,8 +156,8 @@ def test_metres_are_millimetres_a_thousand_times_smaller(to_mesh: bool) -> None:
     )
     T = small.T_target_source.copy()
     T[:3, 3] *= 1e3
-    assert worst(T, one.T_target_source) <= same(to_mesh) * SIZE
-    assert pose.angle_between(T, one.T_target_source) <= same(to_mesh)
+    assert worst(T, one.T_target_source) <= SAME * SIZE
+    assert pose.angle_between(T, one.T_target_source) <= SAME
     assert small.verdict.level == one.verdict.level
     assert small.rms == pytest.approx(1e-3 * one.rms, rel=1e-6)
 
@@ -174,8 +172,8 @@ def test_coordinates_of_a_national_grid_cost_nothing_but_their_rounding(to_mesh:
     one = register(SCAN, near_target, START, effort="fast")
     there = register(pose.apply(far, SCAN), far_target, far @ START @ pose.inverse(far), effort="fast")
     T = pose.inverse(far) @ there.T_target_source @ far
-    assert worst(T, one.T_target_source) <= same(to_mesh) * SIZE
-    assert pose.angle_between(T, one.T_target_source) <= same(to_mesh)
+    assert worst(T, one.T_target_source) <= SAME * SIZE
+    assert pose.angle_between(T, one.T_target_source) <= SAME
     assert there.verdict.level == one.verdict.level
 
 

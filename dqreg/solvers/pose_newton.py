@@ -86,15 +86,17 @@ def minimise(form: QuadraticForm, start: FloatArray) -> FloatArray:
         slope, curvature, motions = _felt(form, T)
         while True:
             step = -slope / (curvature * (1.0 + damping))
+            # A gain this small is within the rounding of the cost: the step is right even where the cost seems to rise.
+            last = bool(-step @ slope <= NOTHING * scale)
             candidate = _moved(form, T, motions @ step)
             reached = form.value(candidate)
-            if reached <= value or damping > 1e6:
+            if reached <= value or last or damping > 1e6:
                 break
             damping = max(4.0 * damping, 1e-2)
-        if reached > value:
+        if reached > value and not last:
             return T
         T, value, damping = candidate, reached, 0.25 * damping
-        if -step @ slope <= NOTHING * scale:
+        if last:
             break
     return T
 
