@@ -288,6 +288,8 @@ BAD: dict[str, tuple[dict[str, Any], type[DqregError], str]] = {
     "effort": ({"effort": "heroic"}, InputError, "'heroic'.*normal"),
     "negative distance": ({"max_distance": -1.5}, InputError, r"max_distance.*-1\.5"),
     "no distance": ({"max_distance": 0.0}, InputError, r"max_distance.*0\.0"),
+    "distance as text": ({"max_distance": "5 mm"}, InputError, r"max_distance.*'5 mm'"),
+    "tolerance as text": ({"tolerance": "fine"}, InputError, r"tolerance.*'fine'"),
     "NaN distance": ({"max_distance": np.nan}, InputError, "max_distance.*nan"),
     "angle": ({"max_angle_deg": 120.0}, InputError, r"max_angle_deg.*120\.0"),
     "iterations": ({"max_iterations": 0}, InputError, "max_iterations.*0"),
