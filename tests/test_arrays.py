@@ -96,7 +96,9 @@ def test_finite_is_decided_number_by_number(rows: np.ndarray) -> None:
 
 @pytest.mark.parametrize("array", [[1.7e308, 1.7e308], [-1.7e308, -1.7e308], []])
 def test_a_sum_beyond_float64_is_no_infinity(array: list[float]) -> None:
-    require_finite(np.array(array), "it")
+    require_finite(np.array(array), "it")  # the sum overflows, the numbers do not: no error
+    with pytest.raises(InputError, match="1 numbers"):
+        require_finite(np.array([*array, np.inf]), "it")
 
 
 def test_infinities_that_cancel_are_found() -> None:
@@ -149,7 +151,8 @@ def test_a_pose_becomes_exactly_rigid(turn: np.ndarray, shift: np.ndarray, round
 def test_seven_digits_of_a_text_file_are_enough() -> None:
     T = np.eye(4)
     T[:3, :3] = np.round(Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix(), 7)
-    as_pose(T, "start")
+    # Seven digits are off by 5e-8 each; the nearest rotation is at most twice as far from them as the true one is.
+    np.testing.assert_allclose(as_pose(T, "start"), T, atol=9 * 1e-7)
 
 
 def pose(**parts: Any) -> np.ndarray:

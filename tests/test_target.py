@@ -102,7 +102,9 @@ def test_points_at_one_place_are_on_a_line_too() -> None:
 def test_a_narrow_strip_is_no_line(scale: float) -> None:
     strip = LINE.copy()
     strip[::2] += 1e-7 * np.array([2.0, -1.0, 0.0])
-    require_spread(scale * strip, "strip")
+    with pytest.raises(DegenerateGeometryError):
+        require_spread(scale * LINE, "line")
+    require_spread(scale * strip, "strip")  # a ten-millionth as wide as long: no error
     require_spread(scale * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), "triangle")
 
 
