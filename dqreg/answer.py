@@ -10,10 +10,10 @@ import numpy as np
 from dqreg.arrays import FloatArray
 from dqreg.geometry import Scan
 from dqreg.icp import NO_POSE, InlierMixture, Plan, Run, width_floor
-from dqreg.records import Alternative, Direction
+from dqreg.records import Alternative, Direction, Iteration
 from dqreg.result import Registration
 from dqreg.rigid import pose
-from dqreg.target import CentredSource, IndexedTarget
+from dqreg.target import CentredSource, IndexedTarget, Inputs
 from dqreg.trust import Evidence, Information, covariance_of, information_of, judge, observe_directions
 
 # Share of the largest distance within which a point ought to lie on the target: farther off stands the table.
@@ -60,6 +60,25 @@ def from_work(T_work: FloatArray, origin_target: FloatArray, origin_source: Floa
     return pose.from_parts(R, t + origin_target - R @ origin_source)
 
 
+def for_caller(record: Iteration, origin_target: FloatArray, origin_source: FloatArray) -> Iteration:
+    """A record of the loop with its pose between the caller's frames.
+
+    Parameters
+    ----------
+    record : Iteration
+        As the loop wrote it, between the centred frames.
+    origin_target, origin_source : ndarray, (3,)
+        What was subtracted from the coordinates of either side.
+
+    Returns
+    -------
+    Iteration
+        The same record otherwise.
+    """
+    T = from_work(record.T_target_source, origin_target, origin_source)
+    return dataclasses.replace(record, T_target_source=T)
+
+
 @dataclasses.dataclass(frozen=True)
 class Outcome:
     """What a registration ended with, in the centred frames."""
@@ -77,7 +96,11 @@ class Outcome:
         return self.run.status not in NO_POSE and bool(self.run.history)
 
     def registration(
-        self, alternatives: tuple[Alternative, ...], timings: dict[str, float], settings: dict[str, Any]
+        self,
+        alternatives: tuple[Alternative, ...],
+        timings: dict[str, float],
+        settings: dict[str, Any],
+        keep_inputs: bool = False,
     ) -> Registration:
         """The answer in the caller's frames.
 
@@ -89,6 +112,8 @@ class Outcome:
             Seconds per stage.
         settings : dict
             What was asked for; what was resolved is added.
+        keep_inputs : bool
+            Whether the answer holds both sides.
 
         Returns
         -------
@@ -108,11 +133,12 @@ class Outcome:
             covariance=covariance_of(information) if information else np.full((6, 6), np.nan),
             observability=directions,
             alternatives=alternatives,
-            history=self.run.history,
+            history=tuple(for_caller(record, self.target.origin, self.source.origin) for record in self.run.history),
             rms=float(np.sqrt(weights @ distances**2 / weights.sum())) if self.found else np.nan,
             inlier_fraction=float(weights.mean()) if self.found else 0.0,
             timings=timings,
             settings={**settings, **self._resolved()},
+            inputs=Inputs(self.source, self.target) if keep_inputs else None,
         )
 
     def _information(self) -> Information:

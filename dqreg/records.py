@@ -40,6 +40,8 @@ class Iteration:
         was taken back.
     seconds : float
         Wall time.
+    T_target_source : ndarray, (4, 4)
+        The pose after the step.
     """
 
     number: int
@@ -53,6 +55,7 @@ class Iteration:
     turn_rad: float
     motion: float
     seconds: float
+    T_target_source: FloatArray = dataclasses.field(repr=False, compare=False)
 
 
 @dataclasses.dataclass(frozen=True)

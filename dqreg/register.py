@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.answer import Outcome, from_work, to_work
+from dqreg.answer import Outcome, for_caller, from_work, to_work
 from dqreg.arrays import FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.geometry.prepare import Scan, prepare_scan
@@ -20,7 +20,7 @@ from dqreg.icp import ESTIMATORS, Plan, Stopping, run_graduated
 from dqreg.records import Alternative, Iteration
 from dqreg.result import Registration
 from dqreg.start import PairTable, search
-from dqreg.target import CentredSource, IndexedTarget, centre_source, index_target
+from dqreg.target import CentredSource, IndexedTarget, centre_source, describe, index_target
 
 # Points of the last level.
 EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 100_000, "best": None}
@@ -154,6 +154,7 @@ def register(
     max_iterations: int = 100,
     tolerance: float = 1e-7,
     observe: Callable[[Iteration], object] | None = None,
+    keep_inputs: bool = True,
 ) -> Registration:
     """Pose that puts the source on the target.
 
@@ -187,6 +188,9 @@ def register(
         than a tenth of what noise and number of the points leave open.
     observe : callable, optional
         Called with each `Iteration`; returning False stops the run.
+    keep_inputs : bool
+        Whether the result holds both sides, for `Registration.deviations`, pictures and reports. False where many
+        results are kept.
 
     Returns
     -------
@@ -224,16 +228,27 @@ def register(
     with _timed(timings, "start"):
         T_work, alternatives = _begin(T_start, scan, prepared, centred, plan, seed)
     with _timed(timings, "register"):
-        run, mixture = run_graduated(scan, surface, T_work, plan, observe)
+        run, mixture = run_graduated(scan, surface, T_work, plan, _observer(observe, centred, indexed))
     settings = {
         **dataclasses.asdict(options),
+        "source": describe(source),
+        "target": indexed.name,
         "start": "search" if start is None else "identity" if isinstance(start, str) else "given",
         "source_units": source_units or centred.cloud.units,
         "target_units": target_units or indexed.units,
     }
     timings["total"] = time.perf_counter() - began
     outcome = Outcome(run, mixture, scan, centred, indexed, plan)
-    return outcome.registration(alternatives, timings, settings)
+    return outcome.registration(alternatives, timings, settings, keep_inputs)
+
+
+def _observer(
+    observe: Callable[[Iteration], object] | None, centred: CentredSource, indexed: IndexedTarget
+) -> Callable[[Iteration], object] | None:
+    if observe is None:
+        return None
+    told = observe
+    return lambda record: told(for_caller(record, indexed.origin, centred.origin))
 
 
 @contextlib.contextmanager

@@ -15,6 +15,7 @@ from dqreg.atomic import write_atomically
 from dqreg.errors import InputError
 from dqreg.records import Alternative, Direction, Iteration, Level, Verdict
 from dqreg.rigid import DualQuaternion, pose
+from dqreg.target import Inputs
 
 __all__ = ["Alternative", "Direction", "Iteration", "Registration", "Verdict"]
 
@@ -51,6 +52,9 @@ class Registration:
         Seconds per stage.
     settings : dict
         Every setting as resolved, lengths in target units.
+    inputs : Inputs or None
+        Both sides, for deviations, pictures and reports; not saved, and None where ``keep_inputs=False`` asked so.
+        `attached` brings them back.
     """
 
     T_target_source: FloatArray
@@ -64,6 +68,28 @@ class Registration:
     inlier_fraction: float
     timings: dict[str, float]
     settings: dict[str, Any]
+    inputs: Inputs | None = dataclasses.field(default=None, repr=False)
+
+    def attached(self, source: Any, target: Any) -> Registration:
+        """The same result with both sides at hand again, as after `load`.
+
+        Parameters
+        ----------
+        source, target : path, array or object
+            What was registered.
+
+        Returns
+        -------
+        Registration
+            With ``inputs``.
+
+        Raises
+        ------
+        InputError
+            If either side cannot be read.
+        """
+        units = (self.settings.get(key) for key in ("source_units", "target_units"))
+        return dataclasses.replace(self, inputs=Inputs.read(source, target, *units, seed=self.settings.get("seed", 0)))
 
     @property
     def dual_quaternion(self) -> DualQuaternion:
@@ -114,7 +140,7 @@ class Registration:
         dict
             What `save` writes.
         """
-        names = [field.name for field in dataclasses.fields(self)]
+        names = [field.name for field in dataclasses.fields(self) if field.name != "inputs"]
         plain = {name: _plain(getattr(self, name)) for name in names}
         found = bool(np.isfinite(self.T_target_source).all())
         dq = self.dual_quaternion if found else None
@@ -191,7 +217,9 @@ def _iteration(record: dict[str, Any]) -> Iteration:
     fields: dict[str, Any] = {
         key: _text(value) if key == "stage" else _of((int, float, type(None)), value)
         for key, value in _of(dict, record).items()
+        if key != "T_target_source"
     }
+    fields["T_target_source"] = _pose(record["T_target_source"])
     # A motion is infinite where an extrapolation was taken back; anything else that is not finite was NaN.
     missing = {key: np.inf if key == "motion" else np.nan for key, value in fields.items() if value is None}
     return Iteration(**{**fields, **missing})

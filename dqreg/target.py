@@ -32,10 +32,13 @@ class IndexedTarget:
         Moved so that ``origin`` is at zero: far-away coordinates cost no digits.
     origin : ndarray, (3,)
         Middle of the bounding box in the target's frame.
+    name : str
+        What the caller gave, see `describe`.
     """
 
     geometry: PointCloud | Mesh
     origin: FloatArray
+    name: str = ""
     _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
 
     @cached_property
@@ -113,10 +116,12 @@ def index_target(target: Any) -> IndexedTarget:
     geometry = read_any(target, "target")
     if isinstance(geometry, Mesh):
         origin = geometry.centre
-        return IndexedTarget(dataclasses.replace(geometry, vertices=geometry.vertices - origin), origin)
+        return IndexedTarget(
+            dataclasses.replace(geometry, vertices=geometry.vertices - origin), origin, describe(target)
+        )
     require_spread(geometry.points, "target")
     origin = 0.5 * (geometry.points.min(axis=0) + geometry.points.max(axis=0))
-    return IndexedTarget(moved(geometry, -origin, 1.0), origin)
+    return IndexedTarget(moved(geometry, -origin, 1.0), origin, describe(target))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,6 +141,75 @@ class CentredSource:
     cloud: PointCloud
     origin: FloatArray
     scale: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Inputs:
+    """Both sides of a registration, kept so that its result can be looked at: deviations, pictures, reports.
+
+    Attributes
+    ----------
+    source : CentredSource
+        The scan, in target units.
+    target : IndexedTarget
+        What it was registered to.
+    """
+
+    source: CentredSource
+    target: IndexedTarget
+
+    @staticmethod
+    def read(
+        source: Any, target: Any, source_units: str | None = None, target_units: str | None = None, seed: int = 0
+    ) -> Inputs:
+        """Both sides from whatever `dqreg.register` takes.
+
+        Parameters
+        ----------
+        source, target : path, array or object
+            The scan and the target.
+        source_units, target_units : str or None
+            As in `centre_source`.
+        seed : int
+            For sampling a mesh that is the source.
+
+        Returns
+        -------
+        Inputs
+            Read, converted and moved near the origin.
+
+        Raises
+        ------
+        InputError, UnitsError, DegenerateGeometryError
+            If either side cannot be used.
+        """
+        indexed = index_target(target)
+        units = target_units or indexed.units
+        return Inputs(centre_source(source, source_units, units, np.random.default_rng(seed)), indexed)
+
+
+def describe(value: Any) -> str:
+    """Name of what a caller gave, for reports: a path as it was written, else the type and the size.
+
+    Parameters
+    ----------
+    value : path, array or object
+        A source or a target.
+
+    Returns
+    -------
+    str
+        A short name.
+
+    Examples
+    --------
+    >>> describe("part.stl"), describe(np.zeros((10, 3)))
+    ('part.stl', 'ndarray of 10')
+    """
+    if isinstance(value, (str, os.PathLike)):
+        return os.fspath(value)
+    size = f" of {len(value)}" if hasattr(value, "__len__") else ""
+    return f"{type(value).__name__}{size}"
 
 
 def centre_source(

@@ -171,6 +171,7 @@ class Icp:
             turn_rad=float(pose.angle_between(pairs.T_target_source, T)),
             motion=motion,
             seconds=time.perf_counter() - began,
+            T_target_source=T,
         )
 
 

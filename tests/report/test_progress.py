@@ -11,7 +11,7 @@ from dqreg.result import Iteration
 
 
 def iteration(number: int, motion: float = 1e-3) -> Iteration:
-    return Iteration(number, "fine", 100, 90, 0.5, 0.1, 0.2, 0.01, np.deg2rad(2.0), motion, 0.01)
+    return Iteration(number, "fine", 100, 90, 0.5, 0.1, 0.2, 0.01, np.deg2rad(2.0), motion, 0.01, np.eye(4))
 
 
 def test_cells_match_the_columns():
