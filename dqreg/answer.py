@@ -143,7 +143,7 @@ class Outcome:
 
     def _information(self) -> Information:
         pairs = self.run.pairs
-        points = pose.apply(self.run.T_target_source, self.scan.points)
+        points = pose.apply(self.run.T_target_source, pairs.scan.points)
         normals, surface = pairs.closest.normals, self.target.surface
         along = np.einsum("ij,ij->i", points - pairs.closest.points, normals)
         lever = 0.5 * surface.diagonal
@@ -179,7 +179,7 @@ class Outcome:
             "source_points": self.scan.total,
             "source_dropped": self.source.cloud.dropped,
             "source_scale": self.source.scale,
-            "used_points": len(self.scan),
+            "used_points": len(self.run.pairs.scan),
             "normals_oriented": self.run.pairs.same_sign,
             "target_kind": self.target.kind,
             "target_dropped": self.target.geometry.dropped,

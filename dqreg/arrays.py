@@ -20,6 +20,31 @@ BoolArray = NDArray[np.bool_]
 RIGID_TOLERANCE = 1e-5
 
 
+def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest coordinates of points, each (3,).
+
+    Column by column: along rows of three NumPy takes ten times as long.
+
+    Parameters
+    ----------
+    points : ndarray, (n, 3)
+        Points, n >= 1.
+
+    Returns
+    -------
+    low, high : ndarray, (3,)
+        Corners of the bounding box.
+
+    Examples
+    --------
+    >>> low, high = bounds(np.array([[0.0, 5, 1], [2, 3, 1]]))
+    >>> low.tolist(), high.tolist()
+    ([0.0, 3.0, 1.0], [2.0, 5.0, 1.0])
+    """
+    columns = np.ascontiguousarray(points.T)
+    return columns.min(axis=1), columns.max(axis=1)
+
+
 def as_float(value: Any, name: str) -> FloatArray:
     """Float64 array of what was given.
 

@@ -16,14 +16,14 @@ from dqreg.answer import Outcome, for_caller, from_work, to_work
 from dqreg.arrays import FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.geometry.prepare import Scan, prepare_scan
-from dqreg.icp import ESTIMATORS, Plan, Stopping, run_graduated
+from dqreg.icp import COARSE, ESTIMATORS, Plan, Stopping, run_graduated
 from dqreg.records import Alternative, Iteration
 from dqreg.result import Registration
 from dqreg.start import PairTable, search
 from dqreg.target import CentredSource, IndexedTarget, centre_source, describe, index_target
 
 # Points of the last level.
-EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 100_000, "best": None}
+EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 60_000, "best": None}
 # Largest distance of a pair, in diagonals of the smaller of source and target.
 REACH = 0.2
 
@@ -126,12 +126,18 @@ class Options:
         if not 0.0 < self.tolerance < 1.0:
             raise InputError(f"tolerance is a share of the target's size, above 0 and below 1; got {self.tolerance!r}")
 
+    @property
+    def fitted(self) -> int | None:
+        """Points that need normals of their own: planes take the target's."""
+        return COARSE if self.method == "auto" else EFFORTS[self.effort]
+
     def plan(self, reach: float) -> Plan:
         """Parts of the loop for a largest distance, target units."""
         return Plan(
             estimator=ESTIMATORS["dq" if self.method == "auto" else self.method],
             fine=ESTIMATORS["plane"] if self.method == "auto" else None,
             max_distance=reach,
+            finest=EFFORTS[self.effort],
             max_angle_rad=float(np.deg2rad(self.max_angle_deg)),
             accelerate=self.accelerate,
             stopping=Stopping(tolerance=self.tolerance, iterations=self.max_iterations),
@@ -223,7 +229,7 @@ def register(
     timings = {"read": time.perf_counter() - began}
     with _timed(timings, "prepare"):
         surface = indexed.surface
-        scan = prepare_scan(centred.cloud, EFFORTS[effort])
+        scan = prepare_scan(centred.cloud, options.fitted)
         plan = options.plan(max_distance or REACH * min(surface.diagonal, scan.diagonal))
     with _timed(timings, "start"):
         T_work, alternatives = _begin(T_start, scan, prepared, centred, plan, seed)

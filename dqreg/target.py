@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 import threading
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg.arrays import FloatArray, bounds
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.files import CloudData, read_geometry
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, Surface, as_geometry, sample_mesh
@@ -18,6 +19,8 @@ from dqreg.geometry.units import factor
 
 # Points drawn from a mesh that is the source.
 MESH_SAMPLES = 100_000
+# Points that are asked first whether they lie on a line.
+SPREAD_SAMPLE = 2_000
 # A cloud whose second largest extent is below this share of its largest is a line.
 LINE = 1e-9
 
@@ -120,7 +123,7 @@ def index_target(target: Any) -> IndexedTarget:
             dataclasses.replace(geometry, vertices=geometry.vertices - origin), origin, describe(target)
         )
     require_spread(geometry.points, "target")
-    origin = 0.5 * (geometry.points.min(axis=0) + geometry.points.max(axis=0))
+    origin = 0.5 * np.add(*bounds(geometry.points))
     return IndexedTarget(moved(geometry, -origin, 1.0), origin, describe(target))
 
 
@@ -241,7 +244,7 @@ def centre_source(
         geometry = sample_mesh(geometry, MESH_SAMPLES, rng)
     scale = factor(source_units or geometry.units, target_units)
     require_spread(geometry.points, "source")
-    origin = 0.5 * scale * (geometry.points.min(axis=0) + geometry.points.max(axis=0))
+    origin = 0.5 * scale * np.add(*bounds(geometry.points))
     return CentredSource(moved(geometry, -origin, scale), origin, scale)
 
 
@@ -263,7 +266,8 @@ def moved(cloud: PointCloud, offset: FloatArray, scale: float) -> PointCloud:
         A new cloud.
     """
     viewpoint = None if cloud.viewpoint is None else scale * cloud.viewpoint + offset
-    return dataclasses.replace(cloud, points=scale * cloud.points + offset, viewpoint=viewpoint)
+    points = cloud.points + offset if scale == 1.0 else scale * cloud.points + offset
+    return dataclasses.replace(cloud, points=points, viewpoint=viewpoint)
 
 
 def require_spread(points: FloatArray, name: str) -> None:
@@ -285,6 +289,11 @@ def require_spread(points: FloatArray, name: str) -> None:
     """
     if len(points) < 3:
         raise InputError(f"{name} has {len(points)} usable points; at least three are needed to fix a pose")
+    # Some points that span an area settle it; only if they do not, all are looked at.
+    if len(points) > 2 * SPREAD_SAMPLE:
+        with contextlib.suppress(DegenerateGeometryError):
+            require_spread(points[:: len(points) // SPREAD_SAMPLE], name)
+            return
     centred = points - points.mean(axis=0)
     extents = np.sqrt(np.maximum(np.linalg.eigvalsh(centred.T @ centred), 0.0))
     # Squaring halves the digits, so what looks like a line is looked at again without it.

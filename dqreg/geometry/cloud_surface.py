@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg.arrays import FloatArray, bounds
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
@@ -36,7 +36,7 @@ class CloudSurface:
         self._points = cloud.points[self.order]
         self._given_normals = None if cloud.normals is None else cloud.normals[self.order]
         self._tree = NeighbourTree(self._points)
-        low, high = self._points.min(axis=0), self._points.max(axis=0)
+        low, high = bounds(self._points)
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))
         self.oriented = cloud.normals is not None

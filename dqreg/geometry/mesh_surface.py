@@ -53,6 +53,10 @@ class MeshSurface:
         )
         return scene
 
+    @cached_property
+    def _first_corners(self) -> FloatArray:
+        return np.ascontiguousarray(self.mesh.corners[:, 0])
+
     def closest(self, points: FloatArray) -> Closest:
         """Closest point on the triangles for each query.
 
@@ -73,8 +77,8 @@ class MeshSurface:
         found = self._scene.compute_closest_points(open3d.core.Tensor(query))
         faces: IntArray = found["primitive_ids"].numpy().astype(np.int64)
         uv = found["primitive_uvs"].numpy()
-        normals = self.mesh.face_normals[faces]
-        first = self.mesh.corners[:, 0][faces]
+        normals = np.take(self.mesh.face_normals, faces, axis=0)
+        first = np.take(self._first_corners, faces, axis=0)
         height = np.einsum("ij,ij->i", points - first, normals)
         on_face = points - height[:, None] * normals
         # Near an edge the foot of the perpendicular may lie outside the triangle, and in float32 the triangle itself
@@ -82,7 +86,8 @@ class MeshSurface:
         edge = np.flatnonzero((uv.min(axis=1) < EDGE_MARGIN) | (uv.sum(axis=1) > 1.0 - EDGE_MARGIN))
         on_face[edge], faces[edge] = self._across_edges(points[edge], faces[edge])
         normals[edge] = self.mesh.face_normals[faces[edge]]
-        distances = np.linalg.norm(points - on_face, axis=1)
+        gaps = points - on_face
+        distances = np.sqrt(np.einsum("ij,ij->i", gaps, gaps))
         return Closest(on_face, normals, distances, faces)
 
     def _across_edges(self, points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:

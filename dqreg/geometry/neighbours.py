@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, IntArray
+from dqreg.arrays import FloatArray, IntArray, bounds
 from dqreg.open3d_gate import load_open3d
 
 
@@ -29,7 +29,7 @@ class NeighbourTree:
     def __init__(self, points: FloatArray) -> None:
         open3d = load_open3d()
         self.size = len(points)
-        self._centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        self._centre = 0.5 * np.add(*bounds(points))
         self._search = open3d.core.nns.NearestNeighborSearch(open3d.core.Tensor(points - self._centre))
         self._search.knn_index()
 

@@ -7,7 +7,7 @@ Estimators, kernels, weights and stopping rules are values that can be exchanged
 from __future__ import annotations
 
 from dqreg.icp.estimators import ESTIMATORS, points_and_normals, points_only, points_to_planes, svd_points
-from dqreg.icp.graduated import find_basin, run_graduated, width_floor
+from dqreg.icp.graduated import COARSE, find_basin, run_graduated, width_floor
 from dqreg.icp.kernels import Huber, InlierMixture, LeastSquares, Tukey, Welsch
 from dqreg.icp.loop import NO_POSE, Icp, Run
 from dqreg.icp.pairs import Pairs, correspond
@@ -16,6 +16,7 @@ from dqreg.icp.stopping import Stopping
 from dqreg.icp.weights import NormalAngle, Robust, Trimmed, WithinDistance
 
 __all__ = [
+    "COARSE",
     "ESTIMATORS",
     "NO_POSE",
     "Huber",

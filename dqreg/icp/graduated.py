@@ -1,14 +1,14 @@
 """From a rough start to the last digit: wide kernels and few points first, narrow kernels and many points last.
 
-The basin is decided on a few thousand points, by two schedules, and the better explanation of the distances is kept:
-
-- patient: at each width the loop runs to convergence. From 15 degrees and 5 % of the size off, on four CAD parts,
-  60 of 64 starts came home this way, about half of them where the width fell in every iteration.
-- quick: the width falls in every iteration. A scan whose points belong to the table for three quarters is drawn to
-  the table by the patient schedule; this one stays with a start that is near.
+The basin is decided on a few thousand points by the patient schedule: at each width the loop runs to convergence.
+From 15 degrees and 5 % of the size off, on four CAD parts, 60 of 64 starts came home this way, about half of them
+where the width fell in every iteration. Where that leaves much of the scan unexplained, the quick schedule tries as
+well, and the better explanation of the distances is kept: in it the width falls in every iteration, so that a near
+start is not drawn to the table that three quarters of the points belong to.
 
 On the finer levels the pose is near, and an estimator of the plan's choice may take over: with points to planes they
-need 2 to 5 iterations where the closed form with extrapolation needs 5 to 80, for the same pose.
+need 1 to 3 iterations where the closed form with extrapolation needs 5 to 80, for the same pose. How fast the steps
+shrink is seen on a few points, so that the level of many needs no further iteration to prove that it has converged.
 """
 
 from __future__ import annotations
@@ -20,17 +20,20 @@ import numpy as np
 from dqreg.arrays import FloatArray
 from dqreg.geometry.prepare import Scan
 from dqreg.geometry.surface import Surface
+from dqreg.icp.favour import favoured_rows, value_of
 from dqreg.icp.kernels import InlierMixture
 from dqreg.icp.loop import Observer, Run
-from dqreg.icp.stage import Level, Plan, Schedule
+from dqreg.icp.stage import EXPLAINED, Level, Plan, Schedule
 
 # Points of the coarse level, where the basin is decided, and of the level between it and the last.
-COARSE, MIDDLE = 2_000, 20_000
+COARSE, MIDDLE = 2_000, 10_000
 # Share of the scan's noise (or spacing, where that is smaller: lines of a LiDAR make poor planes) below which a width
 # would only separate lucky points from unlucky ones.
 NOISE_FLOOR = 0.3
 # The same for exact data, in sizes of the part: float32 files round there.
 EXACT_FLOOR = 1e-7
+# The basin is found where the scan is explained to a width below that share of the target's size.
+NEAR_WIDTH = 0.01
 
 PATIENT = Schedule("patient", stages=30, iterations=None, rounds=30)
 QUICK = Schedule("quick", stages=150, iterations=1, rounds=1)
@@ -45,7 +48,7 @@ def run_graduated(
     Parameters
     ----------
     scan : Scan
-        Source with as many points as the last level shall use.
+        Source, all of it.
     surface : Surface
         Target.
     start : ndarray, (4, 4)
@@ -62,19 +65,33 @@ def run_graduated(
     InlierMixture
         Width and share of inliers at the end.
     """
-    counts = [count for count in (COARSE, MIDDLE) if 2 * count <= len(scan)] + [len(scan)]
-    levels = [Level(scan.thinned(n), surface, plan, width_floor(scan, surface), n == counts[-1]) for n in counts]
-    run, mixture = find_basin(levels[0], start, observe)
+    finest = min(plan.finest or len(scan), len(scan))
+    counts = [count for count in (COARSE, MIDDLE) if 2 * count <= finest] + [finest]
+    level = Level(scan.thinned(counts[0]), surface, plan, width_floor(scan, surface), last=len(counts) == 1)
+    run, mixture = find_basin(level, start, observe)
     near = dataclasses.replace(plan, estimator=plan.fine or plan.estimator)
-    floor = width_floor(_judged_by_inliers(levels[0].scan, run), surface)
-    for level in levels[1:] or (levels if plan.fine else []):
+    floor = width_floor(_judged_by_inliers(level.scan, run), surface)
+    level = dataclasses.replace(level, plan=near, floor=floor, near=True)
+    # The coarse points are gone over again where a new estimator takes over: it is the cheapest place to do so.
+    for count in counts if plan.fine else counts[1:]:
         if run.ended_early:
             break
-        finer, mixture = dataclasses.replace(level, plan=near, floor=floor).descend(
-            mixture, run.T_target_source, FINE, observe, len(run.history) + 1
-        )
+        level = _finer(level, scan, count, last=count == counts[-1], so_far=run)
+        finer, mixture = level.descend(mixture, run.T_target_source, FINE, observe, len(run.history) + 1)
         run = dataclasses.replace(finer, history=run.history + finer.history)
     return run, mixture
+
+
+def _finer(level: Level, scan: Scan, count: int, *, last: bool, so_far: Run) -> Level:
+    contraction = level.contraction if so_far.contraction is None else so_far.contraction
+    if not so_far.history or so_far.history[-1].stage != FINE.name:
+        # The last step was another estimator's.
+        return dataclasses.replace(level, scan=scan.thinned(count), last=last)
+    if level.plan.fine is not None and last and count < len(scan):
+        places = scan.even_rows(len(level.scan))
+        rows = favoured_rows(value_of(so_far.pairs, so_far.weights), places, len(scan), count)
+        return dataclasses.replace(level, scan=scan.taken(rows), last=last, contraction=contraction)
+    return dataclasses.replace(level, scan=scan.thinned(count), last=last, contraction=contraction)
 
 
 def _judged_by_inliers(scan: Scan, run: Run) -> Scan:
@@ -102,7 +119,7 @@ def width_floor(scan: Scan, surface: Surface) -> float:
 
 
 def find_basin(level: Level, start: FloatArray, observe: Observer | None = None) -> tuple[Run, InlierMixture]:
-    """The better of both schedules on one level.
+    """The patient schedule's end, or the better of both, on one level.
 
     Parameters
     ----------
@@ -116,16 +133,22 @@ def find_basin(level: Level, start: FloatArray, observe: Observer | None = None)
     Returns
     -------
     Run
-        Its pose and last pairs, with the history of both.
+        Its pose and last pairs, with the history of whatever ran.
     InlierMixture
         Its width and share.
     """
     wide = max(0.5 * level.plan.max_distance, level.floor)
     mixture = InlierMixture(wide, 0.5, level.plan.max_distance)
-    patient, patient_mixture = level.descend(mixture, start, PATIENT, observe, 1)
-    if patient.status == "stopped by observer":
+
+    def found(run: Run, mixture: InlierMixture) -> bool:
+        if level.plan.fine is None or mixture.scale > NEAR_WIDTH * level.surface.diagonal:
+            return False
+        return bool(mixture.share * np.count_nonzero(run.weights) >= EXPLAINED * len(run.weights))
+
+    patient, patient_mixture = level.descend(mixture, start, PATIENT, observe, 1, found)
+    if patient.status == "stopped by observer" or found(patient, patient_mixture):
         return patient, patient_mixture
-    quick, quick_mixture = level.descend(mixture, start, QUICK, observe, len(patient.history) + 1)
+    quick, quick_mixture = level.descend(mixture, start, QUICK, observe, len(patient.history) + 1, found)
     better, learned = patient, patient_mixture
     if not quick.ended_early and (
         patient.ended_early or level.surprise(quick_mixture, quick) < level.surprise(patient_mixture, patient)

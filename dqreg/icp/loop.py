@@ -55,6 +55,14 @@ class Run:
     weights: FloatArray
 
     @property
+    def contraction(self) -> float | None:
+        """Factor between two successive motions of one stage on the same points: the last such pair, None without."""
+        for before, after in zip(self.history[-2::-1], self.history[:0:-1], strict=True):
+            if (before.stage, before.points) == (after.stage, after.points):
+                return min(after.motion / before.motion, 1.0) if before.motion > 0.0 else 1.0
+        return None
+
+    @property
     def ended_early(self) -> bool:
         """Whether there is no point in going on from here."""
         return self.status in NO_POSE or self.status == "stopped by observer"
@@ -193,9 +201,10 @@ class Spread:
     @staticmethod
     def of(points: FloatArray) -> Spread:
         """Moments of points, (n, 3)."""
-        mean = points.mean(axis=0)
-        centred = points - mean
-        return Spread(mean, centred.T @ centred / len(points))
+        columns = np.ascontiguousarray(points.T)
+        mean = columns.mean(axis=1)
+        centred = columns - mean[:, None]
+        return Spread(mean, centred @ centred.T / len(points))
 
     @property
     def size(self) -> float:

@@ -40,6 +40,11 @@ class Pairs:
         return self.closest.distances
 
     @cached_property
+    def moved(self) -> FloatArray:
+        """Source points at the pose, (n, 3)."""
+        return pose.apply(self.T_target_source, self.scan.points)
+
+    @cached_property
     def normal_cosines(self) -> FloatArray:
         """Cosine between the moved source normal and the target normal, (n,); 0 where either is unknown."""
         # One product with the rotated target normals instead of a turn of every source normal.

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 
 from dqreg.arrays import FloatArray
+from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.prepare import Scan
 from dqreg.geometry.surface import Surface
 from dqreg.icp.estimators import Estimator
@@ -22,9 +24,13 @@ SETTLED = 0.97
 # The largest fall of the width from one stage to the next.
 STEEPEST = 0.5
 # Points from which on the sampling error, not the width, says how far a level is worth converging; and to which share
-# of that error, on a level that is followed by a finer one and on the last.
+# of that error.
 FEW = 2_000
-PLACED, PLACED_LAST = 0.3, 0.1
+PLACED = 0.6
+# Share of the points beyond which a scan counts as explained.
+EXPLAINED = 0.9
+# Distances from which width and share are learned: good to one per cent.
+LEARNED_FROM = 5_000
 # Stages that may end without having converged; after that, more of them only cost time.
 UNFINISHED = 1
 # Beyond this the two normals are of different faces, once the pose is near.
@@ -43,6 +49,8 @@ class Plan:
         Largest distance of a pair, target units.
     fine : callable, optional
         Estimator of the finer levels, where the pose is near; None keeps the same.
+    finest : int, optional
+        Points of the last level; None takes all.
     max_angle_rad : float
         Largest angle between normals once the width is small; at the start it is 90 degrees.
     accelerate : bool
@@ -54,6 +62,7 @@ class Plan:
     estimator: Estimator
     max_distance: float
     fine: Estimator | None = None
+    finest: int | None = None
     max_angle_rad: float = NEAR_ANGLE_RAD
     accelerate: bool = True
     stopping: Stopping = Stopping()
@@ -97,6 +106,10 @@ class Level:
         Smallest width.
     last : bool
         Whether there is no finer level to come.
+    contraction : float
+        See `Stopping`.
+    near : bool
+        Whether the basin is found, and the width may fall as fast as the distances allow.
     """
 
     scan: Scan
@@ -104,9 +117,17 @@ class Level:
     plan: Plan
     floor: float
     last: bool
+    contraction: float = 1.0
+    near: bool = False
 
     def descend(
-        self, mixture: InlierMixture, start: FloatArray, schedule: Schedule, observe: Observer | None, first: int
+        self,
+        mixture: InlierMixture,
+        start: FloatArray,
+        schedule: Schedule,
+        observe: Observer | None,
+        first: int,
+        enough: Callable[[Run, InlierMixture], bool] | None = None,
     ) -> tuple[Run, InlierMixture]:
         """Run at falling widths until the width settles.
 
@@ -122,6 +143,8 @@ class Level:
             Called with each iteration.
         first : int
             Number of the first iteration.
+        enough : callable, optional
+            Whether a stage and what was learned from it suffice; asked after each.
 
         Returns
         -------
@@ -137,8 +160,15 @@ class Level:
             unfinished += schedule.iterations is None and run.status != "converged"
             if run.ended_early or unfinished > UNFINISHED:
                 break
-            settled, mixture = self._learn(mixture, run, schedule)
-            if settled and run.history[-1].motion <= self._tolerance(mixture):
+            learned = self._learned(mixture, run, schedule)
+            settled = SETTLED * mixture.scale <= learned.scale <= mixture.scale / SETTLED
+            mixture = dataclasses.replace(
+                learned, scale=max(learned.scale, self._steepest(learned, run) * mixture.scale)
+            )
+            if settled and run.history[-1].motion * self.contraction <= self._tolerance(mixture):
+                break
+            if enough is not None and enough(run, learned):
+                mixture = learned
                 break
             run = self._run(mixture, run.T_target_source, schedule, observe, first + len(history))
             history += run.history
@@ -161,7 +191,12 @@ class Level:
             estimator=plan.estimator,
             kernel=mixture,
             gates=(WithinDistance(plan.max_distance), NormalAngle(float(angle))),
-            stopping=dataclasses.replace(plan.stopping, tolerance=self._tolerance(mixture), iterations=iterations),
+            stopping=dataclasses.replace(
+                plan.stopping,
+                tolerance=self._tolerance(mixture),
+                iterations=iterations,
+                contraction=self.contraction,
+            ),
             accelerate=plan.accelerate and iterations > 1,
             stage=schedule.name,
         )
@@ -172,12 +207,16 @@ class Level:
         # How well so many points of this width can place the part at all: no use in going on far below it.
         placed = width / float(np.sqrt(len(self.scan)))
         if self.last:
-            return max(self.plan.stopping.tolerance, PLACED_LAST * placed)
+            return max(self.plan.stopping.tolerance, PLACED * placed)
         return STAGE_TOLERANCE * width if len(self.scan) <= FEW else PLACED * placed
 
-    def _learn(self, mixture: InlierMixture, run: Run, schedule: Schedule) -> tuple[bool, InlierMixture]:
-        near = run.weights > 0.0
-        learned = mixture.learned(run.pairs.distances[near], floor=self.floor, rounds=schedule.rounds)
-        width = max(learned.scale, STEEPEST * mixture.scale)
-        settled = SETTLED * mixture.scale <= width <= mixture.scale / SETTLED
-        return settled, dataclasses.replace(learned, scale=width)
+    def _learned(self, mixture: InlierMixture, run: Run, schedule: Schedule) -> InlierMixture:
+        distances = run.pairs.distances[run.weights > 0.0]
+        some = distances[sample_rows(len(distances), LEARNED_FROM)]
+        return mixture.learned(some, floor=self.floor, rounds=schedule.rounds)
+
+    def _steepest(self, learned: InlierMixture, run: Run) -> float:
+        # Where nearly every point is explained, there is nothing that a slower fall could still win over.
+        if not self.near or learned.share * np.count_nonzero(run.weights) < EXPLAINED * len(run.weights):
+            return STEEPEST
+        return 0.0

@@ -17,11 +17,15 @@ class Stopping:
         Iterations at most.
     patience : int
         Stalled once the motion has not fallen below its smallest for so many iterations.
+    contraction : float
+        Largest factor by which the next motion is known to be smaller than the last, as a coarser level has shown it:
+        with it, a step needs no further one to prove it was the last.
     """
 
     tolerance: float = 1e-7
     iterations: int = 100
     patience: int = 25
+    contraction: float = 1.0
 
     def status(self, motions: list[float]) -> str | None:
         """Verdict on the sequence of relative motions so far.
@@ -41,7 +45,7 @@ class Stopping:
         >>> Stopping(tolerance=1e-3).status([0.1, 1e-4]), Stopping().status([0.1, 0.01])
         ('converged', None)
         """
-        if motions[-1] <= self.tolerance:
+        if motions[-1] * self.contraction <= self.tolerance:
             return "converged"
         if len(motions) >= self.iterations:
             return "iteration limit"

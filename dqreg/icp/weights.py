@@ -36,9 +36,12 @@ class NormalAngle:
 
     def __call__(self, pairs: Pairs) -> FloatArray:
         """1 within the limit or where there is nothing to compare, else 0."""
-        cosines = pairs.normal_cosines if pairs.same_sign else np.abs(pairs.normal_cosines)
-        unknown = ~pairs.scan.normals.any(axis=1) | ~pairs.closest.normals.any(axis=1)
-        return np.where((cosines >= np.cos(self.limit_rad)) | unknown, 1.0, 0.0)
+        rows = np.flatnonzero(pairs.scan.directed)
+        factors = np.ones(len(pairs.distances))
+        cosines = pairs.normal_cosines[rows] if pairs.same_sign else np.abs(pairs.normal_cosines[rows])
+        known = pairs.closest.normals[rows].any(axis=1)
+        factors[rows] = np.where((cosines >= np.cos(self.limit_rad)) | ~known, 1.0, 0.0)
+        return factors
 
 
 @dataclasses.dataclass(frozen=True)

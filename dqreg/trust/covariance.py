@@ -90,12 +90,35 @@ def information_of(
     3
     """
     total = float(weights.sum())
-    arms = np.cross(points - centre, normals) / lever
-    rows = np.hstack([arms, normals])
-    matrix = (rows * weights[:, None]).T @ rows / max(total, np.finfo(float).tiny)
+    rows = plane_rows(points, normals, centre, lever)
+    matrix = (rows * weights) @ rows.T / max(total, np.finfo(float).tiny)
     values, vectors = np.linalg.eigh(matrix)
     variance = float(weights @ residuals**2) / max(total - 6.0, 1.0)
     return Information(np.maximum(values, 0.0), vectors, total, float(np.sqrt(variance)), lever, centre)
+
+
+def plane_rows(points: FloatArray, normals: FloatArray, centre: FloatArray, lever: float) -> FloatArray:
+    """Derivatives of the distances along the normals by the six scaled motions, one motion a row.
+
+    Parameters
+    ----------
+    points, normals : ndarray, (n, 3)
+        Where, and along what.
+    centre : ndarray, (3,)
+        What turns are about.
+    lever : float
+        Length that makes a displacement of a turn.
+
+    Returns
+    -------
+    ndarray, (6, n)
+        ``(x - c) x n / L`` over ``n``.
+    """
+    # By columns: three numbers a row are too few for NumPy to be quick about.
+    x, y, z = np.ascontiguousarray(points.T) - centre[:, None]
+    u, v, w = along = np.ascontiguousarray(normals.T)
+    arms = np.stack([y * w - z * v, z * u - x * w, x * v - y * u]) / lever
+    return np.vstack([arms, along])
 
 
 def covariance_of(information: Information) -> FloatArray:

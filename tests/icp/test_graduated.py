@@ -106,7 +106,8 @@ def test_the_floor_follows_the_noise_or_the_spacing_or_the_size(surface: MeshSur
 
 def test_records_run_through_all_stages_in_order(surface: MeshSurface, small: Scan) -> None:
     seen: list[Iteration] = []
-    run, _ = run_graduated(small, surface, start_of(0), PLAN, observe=seen.append)
+    plan = dataclasses.replace(PLAN, fine=None)
+    run, _ = run_graduated(small, surface, start_of(0), plan, observe=seen.append)
     assert [record.number for record in seen] == list(range(1, len(seen) + 1))
     assert seen == list(run.history)
     stages = [record.stage for record in seen]
@@ -120,11 +121,30 @@ def test_records_run_through_all_stages_in_order(surface: MeshSurface, small: Sc
     assert widths[-1] < 0.01 * widths[0]
 
 
+def test_an_explained_scan_needs_no_second_schedule(surface: MeshSurface, small: Scan) -> None:
+    run, mixture = run_graduated(small, surface, start_of(0), PLAN)
+    levels = list(dict.fromkeys((record.stage, record.points) for record in run.history))
+    # Few points find the basin and are gone over again with planes; the last level is the favoured share or all.
+    assert levels == [("patient", 2_000), ("fine", 2_000), ("fine", len(small))]
+    assert mixture.share >= 0.99
+    # At most one look at all points, and one to confirm it.
+    assert sum(record.points == len(small) for record in run.history) <= 2
+
+
+def test_the_last_level_takes_as_many_points_as_the_plan_says(surface: MeshSurface) -> None:
+    scan = prepare_scan(PointCloud(bracket_points(300, seed=0)), fitted=2_000)
+    run, _ = run_graduated(scan, surface, start_of(0), dataclasses.replace(PLAN, finest=25_000))
+    assert run.history[-1].points == pytest.approx(25_000, rel=0.03)
+    # Three times what all points reach: 25,000 of 70,000.
+    assert error(run) <= 3e-5
+
+
 @pytest.mark.parametrize("last", ["patient", "quick", "fine"])
 def test_the_observer_ends_all_stages_at_once(surface: MeshSurface, small: Scan, last: str) -> None:
-    full, _ = run_graduated(small, surface, start_of(0), PLAN)
+    plan = dataclasses.replace(PLAN, fine=None)
+    full, _ = run_graduated(small, surface, start_of(0), plan)
     number = next(record.number for record in full.history if record.stage == last) + 1
-    run, _ = run_graduated(small, surface, start_of(0), PLAN, observe=lambda record: record.number < number)
+    run, _ = run_graduated(small, surface, start_of(0), plan, observe=lambda record: record.number < number)
     assert run.status == "stopped by observer"
     assert len(run.history) == number
     assert np.isfinite(run.T_target_source).all()
