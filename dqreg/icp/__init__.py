@@ -6,10 +6,11 @@ Estimators, kernels, weights and stopping rules are values that can be exchanged
 
 from __future__ import annotations
 
-from dqreg.icp.estimators import ESTIMATORS, points_and_normals, points_only, points_to_planes, svd_points
+from dqreg.icp.constrained import constrained
+from dqreg.icp.estimators import ESTIMATORS, Estimator, points_and_normals, points_only, points_to_planes, svd_points
 from dqreg.icp.graduated import COARSE, find_basin, run_graduated, width_floor
 from dqreg.icp.kernels import Huber, InlierMixture, LeastSquares, Tukey, Welsch
-from dqreg.icp.loop import NO_POSE, Icp, Run
+from dqreg.icp.loop import NO_POSE, Icp, Observer, Run
 from dqreg.icp.pairs import Pairs, correspond
 from dqreg.icp.stage import Level, Plan, Schedule
 from dqreg.icp.stopping import Stopping
@@ -19,12 +20,14 @@ __all__ = [
     "COARSE",
     "ESTIMATORS",
     "NO_POSE",
+    "Estimator",
     "Huber",
     "Icp",
     "InlierMixture",
     "LeastSquares",
     "Level",
     "NormalAngle",
+    "Observer",
     "Pairs",
     "Plan",
     "Robust",
@@ -35,6 +38,7 @@ __all__ = [
     "Tukey",
     "Welsch",
     "WithinDistance",
+    "constrained",
     "correspond",
     "find_basin",
     "points_and_normals",

@@ -2,6 +2,8 @@
 
 - `solve` (also ``dqreg.solve``): the closed form of 1991 with plain squared distances; `solve_many` does thousands
   of small problems in one call; `likelihood_weights` and `normal_variance` turn noise into weights.
+- `PoseCost`: the same cost for points, planes, lines, directions and priors together, additive over chunks, minimised
+  by Newton's method; `Freedom` locks motions in any frame.
 - `walker1991`, `svd`, `horn`: the same pose by the papers' own letters, slow and literal, to measure others by.
 - `moments_of`, `Moments`, `solve_moments`, `cost_of_pose`: the parts, for loops that have checked their arrays.
 """
@@ -9,8 +11,11 @@
 from dqreg.solvers.arun import svd
 from dqreg.solvers.batch import Fits, solve_many
 from dqreg.solvers.closed_form import solve_moments
+from dqreg.solvers.cost import PoseCost
+from dqreg.solvers.cost_fit import PoseFit
 from dqreg.solvers.euclidean import solve
 from dqreg.solvers.fit import Fit
+from dqreg.solvers.freedom import Freedom
 from dqreg.solvers.jia import horn
 from dqreg.solvers.likelihood import LikelihoodWeights, likelihood_weights, normal_variance
 from dqreg.solvers.matches import Matches, read_matches
@@ -21,9 +26,12 @@ from dqreg.solvers.walker import WalkerFit, walker1991
 __all__ = [
     "Fit",
     "Fits",
+    "Freedom",
     "LikelihoodWeights",
     "Matches",
     "Moments",
+    "PoseCost",
+    "PoseFit",
     "WalkerFit",
     "cost_of_pose",
     "horn",

@@ -1,66 +1,105 @@
 """Newton's method on poses for a quadratic form, with exact first and second derivatives.
 
-Increments are left twists about the target origin of the form: ``T = about(exp(twist), origin) @ T0``.
+Steps turn about the target origin of the form and then shift. A `Chart` of another kind keeps the pose on a part of all
+motions.
 """
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Generic, Protocol, Self, TypeVar
+
 import numpy as np
 
 from dqreg.arrays import FloatArray
-from dqreg.rigid import pose, twist
+from dqreg.solvers.pose_derivatives import Slopes, split_derivatives, turn
 from dqreg.solvers.quadratic import QuadraticForm
 
-STEPS = 50
-# A predicted gain below this share of the cost's scale is rounding.
+STEPS = 200
+# A predicted gain below this share of the cost's scale is rounding; so is a rise of so many times as much.
 NOTHING = 1e-15
+NOISE = 100.0
+# Longest turn of one step: a longer one would leap into the neighbouring valley.
+LONGEST_RAD = 1.6
 # Curvature below this share of the largest leaves the motion where it is.
 FLAT = 1e-9
 
-_GENERATORS = np.zeros((3, 3, 3))
-for _k in range(3):
-    _GENERATORS[_k] = np.cross(np.eye(3)[_k], np.eye(3)).T
+
+class Chart(Protocol):
+    """A pose and the motions that may be made from it."""
+
+    @property
+    def pose(self) -> FloatArray:
+        """T_target_source, (4, 4)."""
+        ...
+
+    @property
+    def turns(self) -> int:
+        """How many of the coordinates are turns; they come first, then the shifts."""
+        ...
+
+    def slopes(self, form: QuadraticForm) -> Slopes:
+        """Gradient (k,), Hessian (k, k) and its part from squares, by the chart's coordinates at zero."""
+        ...
+
+    def moved(self, step: FloatArray) -> Self:
+        """The chart about the pose that a step (k,) leads to."""
+        ...
 
 
-def derivatives(form: QuadraticForm, T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Gradient and Hessian of the cost with respect to a left twist, at zero.
+C = TypeVar("C", bound=Chart)
 
-    From ``R' = (I + W + W^2/2) R`` and ``t' = (I + W + W^2/2) t + (I + W/2) v`` up to second order.
 
-    Parameters
+@dataclasses.dataclass(frozen=True)
+class Descent(Generic[C]):
+    """Where Newton's method ended.
+
+    Attributes
     ----------
-    form : QuadraticForm
-        The cost.
-    T : ndarray, (4, 4)
-        Pose.
-
-    Returns
-    -------
-    gradient : ndarray, (6,)
-        Rotation first, then translation.
-    hessian : ndarray, (6, 6)
-        Symmetric.
-    squares : ndarray, (6, 6)
-        Its part from products of first derivatives (Gauss-Newton), positive semidefinite.
+    chart : Chart
+        Holds the pose.
+    value : float
+        Cost there.
+    iterations : int
+        Steps taken.
+    converged : bool
+        Whether the last step was within the rounding of the cost.
     """
-    y = form.coordinates(T)
-    R, t = T[:3, :3], y[9:12]
-    J = np.zeros((13, 6))
-    J[:9, :3] = (_GENERATORS @ R).reshape(3, 9).T
-    J[9:12, :3] = (_GENERATORS @ t).T
-    J[9:12, 3:] = np.eye(3)
-    slope = 2.0 * form.matrix @ y
-    squares = 2.0 * J.T @ form.matrix @ J
-    hessian = squares.copy()
-    # <slope, second derivative of y>: W_k W_l summed both ways, against (R, t); and W_k v / 2.
-    pull = slope[:9].reshape(3, 3) @ R.T + np.outer(slope[9:12], t)
-    products = np.einsum("kia,lab->klib", _GENERATORS, _GENERATORS)
-    curved = np.einsum("klib,ib->kl", products, pull)
-    hessian[:3, :3] += 0.5 * (curved + curved.T)
-    mixed = 0.5 * np.einsum("i,kil->kl", slope[9:12], _GENERATORS)
-    hessian[:3, 3:] += mixed
-    hessian[3:, :3] += mixed.T
-    return J.T @ slope, hessian, squares
+
+    chart: C
+    value: float
+    iterations: int
+    converged: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class FreeChart:
+    """All six motions: a turn about a centre, then a shift, along the target's axes.
+
+    Attributes
+    ----------
+    pose : ndarray, (4, 4)
+        T_target_source.
+    centre : ndarray, (3,)
+        The target origin of the form.
+    """
+
+    pose: FloatArray
+    centre: FloatArray
+    turns: int = 3
+
+    def slopes(self, form: QuadraticForm) -> Slopes:
+        """See `split_derivatives`."""
+        y = form.coordinates(self.pose)
+        return split_derivatives(form, self.pose[:3, :3], y, y[9:12] + form.origin_target - self.centre)
+
+    def moved(self, step: FloatArray) -> Self:
+        """Turn and shift by six numbers, (6,)."""
+        change = turn(step[:3])
+        moved = self.pose.copy()
+        moved[:3, :3] += change @ self.pose[:3, :3]
+        moved[:3, 3] += change @ (self.pose[:3, 3] - self.centre) + step[3:]
+        return dataclasses.replace(self, pose=moved)
 
 
 def minimise(form: QuadraticForm, start: FloatArray) -> FloatArray:
@@ -80,42 +119,109 @@ def minimise(form: QuadraticForm, start: FloatArray) -> FloatArray:
     ndarray, (4, 4)
         Rigid pose.
     """
-    T, value, damping = start, form.value(start), 0.0
-    scale = max(abs(form.matrix[12, 12]), value, np.finfo(float).tiny)
-    for _ in range(STEPS):
-        slope, curvature, motions = _felt(form, T)
+    return descend(form, FreeChart(start, form.origin_target)).chart.pose
+
+
+def descend(form: QuadraticForm, chart: C, flat: float = FLAT) -> Descent[C]:
+    """Damped Newton steps from where a chart stands.
+
+    Parameters
+    ----------
+    form : QuadraticForm
+        The cost.
+    chart : Chart
+        Pose to begin with, and how it may move.
+    flat : float
+        Motions whose share of the largest curvature is smaller are left as they are.
+
+    Returns
+    -------
+    Descent
+        The last chart, its cost, and how it ended.
+    """
+    value, damping, before = form.value(chart.pose), 0.0, np.inf
+    scale = max(form.scale, abs(value))
+    for iteration in range(STEPS):
+        slope, curvature, strength, motions = felt_motions(chart.slopes(form), chart.turns, flat)
+        if not len(slope):
+            return Descent(chart, value, iteration, converged=True)
+        gain = float(slope @ (slope / curvature))
+        last = gain <= NOTHING * scale
+        if last and not gain < 0.25 * before:
+            return Descent(chart, value, iteration, converged=True)
+        damping = 0.0 if last else damping
         while True:
-            step = -slope / (curvature * (1.0 + damping))
+            step = motions @ (-slope / (curvature + damping * strength))
+            candidate = chart.moved(step)
+            reached = form.value(candidate.pose)
             # A gain this small is within the rounding of the cost: the step is right even where the cost seems to rise.
-            last = bool(-step @ slope <= NOTHING * scale)
-            candidate = _moved(form, T, motions @ step)
-            reached = form.value(candidate)
-            if reached <= value or last or damping > 1e6:
+            sound = reached <= value + (NOISE * NOTHING * scale if last else 0.0)
+            sound = sound and bool(np.linalg.norm(step[: chart.turns]) <= LONGEST_RAD)
+            if sound or damping > 1e12:
                 break
             damping = max(4.0 * damping, 1e-2)
-        if reached > value and not last:
-            return T
-        T, value, damping = candidate, reached, 0.25 * damping
-        if last:
-            break
-    return T
+        if not sound:
+            return Descent(chart, value, iteration, converged=last)
+        chart, value, damping = candidate, reached, 0.25 * damping
+        if last and gain * float(curvature.max() / curvature.min()) ** 2 <= NOTHING * scale:
+            return Descent(chart, value, iteration + 1, converged=True)
+        # Where the cost is steep and flat at once, one step within rounding is not enough: on while they shrink.
+        before = gain if last else np.inf
+    return Descent(chart, value, STEPS, converged=False)
 
 
-def _felt(form: QuadraticForm, T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Slope, curvature and twists of the independent motions that the cost feels at a pose."""
-    gradient, hessian, squares = derivatives(form, T)
-    # Turns and shifts in one unit, so that "flat" means the same for both.
-    lever = np.sqrt(np.trace(squares[:3, :3]) / max(np.trace(squares[3:, 3:]), np.finfo(float).tiny))
-    unit = np.r_[[1.0 / lever if lever > 0.0 else 1.0] * 3, [1.0] * 3]
+def felt_motions(slopes: Slopes, turns: int, flat: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Slope, curvature, strength and steps of the independent motions that the cost feels.
+
+    Parameters
+    ----------
+    slopes : tuple of ndarray
+        Gradient, Hessian and its part from squares.
+    turns : int
+        How many coordinates are turns.
+    flat : float
+        Share of the largest curvature below which a motion counts as not felt.
+
+    Returns
+    -------
+    slope, curvature : ndarray, (m,)
+        Of each motion; the curvature is made positive.
+    strength : ndarray, (m,)
+        Their curvature from squares alone, for damping.
+    motions : ndarray, (k, m)
+        Their steps in the chart's coordinates.
+    """
+    gradient, hessian, squares = slopes
+    unit = balance(squares, turns)
     strength, motions = np.linalg.eigh(squares * unit[:, None] * unit)
     # The squares decide what is felt: on a plane the full Hessian sees curvature even in a pure slide.
-    motions = unit[:, None] * motions[:, strength > FLAT * strength.max()]
+    motions = unit[:, None] * motions[:, strength > flat * strength.max(initial=0.0)]
     curvature, turned = np.linalg.eigh(motions.T @ hessian @ motions)
     motions = motions @ turned
-    # Negative curvature is walked down, not up.
-    return motions.T @ gradient, np.maximum(np.abs(curvature), FLAT * np.abs(curvature).max()), motions
+    strength = np.einsum("ij,ij->j", motions, squares @ motions)
+    # Negative curvature is walked down, not up; none at all would make the step endless.
+    size = np.maximum(np.abs(curvature), FLAT * strength.max(initial=0.0))
+    return motions.T @ gradient, size, strength, motions
 
 
-def _moved(form: QuadraticForm, T: FloatArray, increment: FloatArray) -> FloatArray:
-    moved: FloatArray = pose.about(twist.exp(increment), form.origin_target) @ T
-    return moved
+def balance(squares: FloatArray, turns: int) -> FloatArray:
+    """Factors that bring turns and shifts to one unit, so that "flat" means the same for both.
+
+    Parameters
+    ----------
+    squares : ndarray, (k, k)
+        Gauss-Newton Hessian, turns first.
+    turns : int
+        How many are turns.
+
+    Returns
+    -------
+    ndarray, (k,)
+        One over the lever for turns, 1 for shifts.
+    """
+    held = np.diag(squares)
+    turned, shifted = float(held[:turns].sum()), float(held[turns:].sum())
+    unit = np.ones(len(squares))
+    if turned > 0.0 and shifted > 0.0:
+        unit[:turns] = np.sqrt(shifted / turned * turns / (len(squares) - turns))
+    return unit

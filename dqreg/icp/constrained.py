@@ -1,0 +1,100 @@
+"""An estimator for locked motions and for a pose known beforehand; both enter the cost, nothing is zeroed after it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.errors import DegenerateGeometryError
+from dqreg.icp.estimators import Estimator
+from dqreg.icp.pairs import Pairs
+from dqreg.solvers import Fit, Freedom, PoseCost
+from dqreg.solvers.cost_minimise import minimise
+from dqreg.solvers.cost_motions import FREE
+from dqreg.solvers.pose_newton import FLAT
+from dqreg.solvers.quadratic import QuadraticForm, direction_form, plane_form, point_form
+
+# Pairs with known normals from which on planes are used: fewer fix less than the six motions.
+FEWEST_PLANES = 6
+
+
+def constrained(
+    freedom: Freedom, reference: FloatArray, prior: PoseCost | None = None, *, planes: bool = True
+) -> Estimator:
+    """Estimator whose poses differ from a reference by allowed motions only.
+
+    Each step minimises ``sum w d^2 / noise^2 + prior`` over the allowed poses, by Newton's method from the last one.
+    While the noise of a stage is large the prior leads; as it falls, the pairs take over as far as the covariance of
+    the prior says. The pairs count as independent.
+
+    Parameters
+    ----------
+    freedom : Freedom
+        Which motions are allowed.
+    reference : ndarray, (4, 4)
+        Pose that they begin at, in the frames of the pairs.
+    prior : PoseCost, optional
+        Pose known beforehand, `PoseCost.prior`, in the frames of the pairs (`PoseCost.recentred` brings it there).
+    planes : bool
+        Distances to the target's tangent planes, for the last digits; else points and normals, with the weights of
+        `points_and_normals`, which also lead home from far.
+
+    Returns
+    -------
+    Estimator
+        Takes pairs, weights and the scale of the distances; answers a `Fit` whose gap is not determined. Motions
+        that nothing feels stay as they were. It raises DegenerateGeometryError where no pair carries weight.
+
+    Examples
+    --------
+    >>> from dqreg.geometry import CloudSurface, PointCloud, prepare_scan
+    >>> from dqreg.icp import Icp
+    >>> cloud = PointCloud(np.random.default_rng(0).uniform(size=(500, 3)))
+    >>> start = np.eye(4) + np.eye(4, k=3) * 0.02
+    >>> only_x = constrained(Freedom.only("tx"), start)
+    >>> run = Icp(only_x).run(prepare_scan(cloud), CloudSurface(cloud), start)
+    >>> bool(np.allclose(run.T_target_source, np.eye(4), atol=1e-9))
+    True
+    """
+    # A prior is there for what the pairs hardly feel; without one that is left alone, as `points_to_planes` does.
+    flat = FLAT if prior is None else FREE
+
+    def estimate(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+        if not weights.any():
+            raise DegenerateGeometryError("no pair carries weight, so nothing says where the source belongs")
+        data = _planes(pairs, weights) if planes else None
+        data = data or _points(pairs, weights, noise)
+        form = data if prior is None else data + (prior * _variance(pairs, weights, noise)).form
+        T = minimise(form, pairs.T_target_source, freedom, reference, flat, escape=False).T_target_source
+        cost = max(data.value(T), 0.0)
+        return Fit(T, cost, float(np.sqrt(cost / weights.sum())), np.nan)
+
+    return estimate
+
+
+def _planes(pairs: Pairs, weights: FloatArray) -> QuadraticForm | None:
+    used = (weights > 0.0) & pairs.closest.normals.any(axis=1)
+    if np.count_nonzero(used) < FEWEST_PLANES:
+        return None
+    p, q, n, w = pairs.scan.points[used], pairs.closest.points[used], pairs.closest.normals[used], weights[used]
+    origins = (w @ p / w.sum(), w @ q / w.sum())
+    return QuadraticForm(plane_form(p, q, n, w, origins), *origins)
+
+
+def _points(pairs: Pairs, weights: FloatArray, noise: float) -> QuadraticForm:
+    used = weights > 0.0
+    scan = pairs.scan
+    p, q, w = scan.points[used], pairs.closest.points[used], weights[used]
+    origins = (w @ p / w.sum(), w @ q / w.sum())
+    # The variances of points and normals, as in `points_and_normals`.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        trust = np.minimum((noise / scan.residuals) ** 2, 1.0)
+    alpha = np.where(scan.levers > 0.0, weights * scan.levers * trust, 0.0)
+    known = (alpha > 0.0) & pairs.closest.normals.any(axis=1)
+    directions = direction_form(pairs.source_directions[known], pairs.closest.normals[known], alpha[known])
+    return QuadraticForm(point_form(p, q, w, origins) + directions, *origins)
+
+
+def _variance(pairs: Pairs, weights: FloatArray, noise: float) -> float:
+    """Of one distance: from the scale of the stage, or from the distances where it has none."""
+    return float(noise**2 if np.isfinite(noise) else weights @ pairs.distances**2 / weights.sum())

@@ -1,0 +1,123 @@
+"""A pose known beforehand, with its covariance, as rows of the quadratic form.
+
+``e^T C^-1 e`` of the twist e is no quadratic form in (vec R, t). With ``D = R R_0^T``, a turn by the angle a about the
+unit axis u, and s the shift of the frame's origin, all along the frame's axes, the prior is
+
+    r^T C_rr^-1 r + (s - G b)^T (C_tt - G C_rt)^-1 (s - G b),    r = 2 sin(a/2) u,  b = sin(a) u,  G = C_tr C_rr^-1.
+
+The two terms are the marginal of the turn and the conditional of the shift. The first is ``2 tr(A (I - D))`` with
+``A = tr(L)/2 I - L``, ``L = C_rr^-1`` (the matrix Fisher, or Bingham, distribution): linear in R. In the second s and b
+are linear in (R, t). So both are quadratic forms, exactly. To second order about the prior pose they are ``e^T C^-1 e``
+(at 10 degrees r is 0.13 % short); and the cost has its only minimum there, however far the pose is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg.arrays import BoolArray, FloatArray, as_float
+from dqreg.errors import InputError
+from dqreg.solvers.quadratic import QuadraticForm, isotropic_form
+
+# Departure from symmetry, and smallest eigenvalue of the correlations, that rounding may leave.
+ASYMMETRY = 1e-9
+SINGULAR = 1e-13
+
+_CROSS = np.zeros((3, 3, 3))
+for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    _CROSS[_i, _j, _k], _CROSS[_i, _k, _j] = 1.0, -1.0
+
+
+def prior_form(T: FloatArray, covariance: FloatArray, frame: FloatArray) -> QuadraticForm:
+    """Quadratic form of a prior.
+
+    Parameters
+    ----------
+    T : ndarray, (4, 4)
+        T_target_source of the prior.
+    covariance : ndarray, (6, 6)
+        Checked by `read_covariance`.
+    frame : ndarray, (4, 4)
+        T_target_frame.
+
+    Returns
+    -------
+    QuadraticForm
+        About the frame's origin on either side.
+    """
+    axes, R_0 = frame[:3, :3], T[:3, :3]
+    known = np.isfinite(np.diag(covariance))
+    r, t = known[:3], known[3:]
+    turn = _inverse(covariance[:3, :3], r)
+    cross = np.where(t[:, None] & r, covariance[3:, :3], 0.0)
+    follows = cross @ turn
+    rest = _inverse(np.where(t[:, None] & t, covariance[3:, 3:], 0.0) - follows @ cross.T, t)
+    values, vectors = np.linalg.eigh(axes @ turn @ axes.T)
+    rows = np.hstack([(R_0.T @ vectors).T, np.zeros((3, 1)), vectors.T])
+    matrix = isotropic_form(rows.T @ ((0.5 * values.sum() - values)[:, None] * rows))
+    # b is half the sum of the cross products of the columns of R_0 and R.
+    sine = 0.5 * np.einsum("ikl,kj->ilj", _CROSS, R_0).reshape(3, 9)
+    shift = np.hstack([-follows @ axes.T @ sine, axes.T, np.zeros((3, 1))])
+    origin = frame[:3, 3]
+    return QuadraticForm(matrix + shift.T @ rest @ shift, R_0.T @ (origin - T[:3, 3]), origin)
+
+
+def read_covariance(value: object, name: str) -> FloatArray:
+    """Covariance of a twist, checked.
+
+    Parameters
+    ----------
+    value : array_like, (6, 6) or (6,)
+        Covariance, rotation first, or the six variances. Infinite variances stand for what is not known.
+    name : str
+        What the caller calls it, for the message.
+
+    Returns
+    -------
+    ndarray, (6, 6)
+        Symmetric; infinite variances stay on the diagonal, with zeros beside them.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, a number is NaN, or it is not symmetric and positive definite.
+
+    Examples
+    --------
+    >>> read_covariance([1, 1, float("inf"), 4, 4, 4], "covariance")[2:4, 2:4].tolist()
+    [[inf, 0.0], [0.0, 4.0]]
+    """
+    C = as_float(value, name)
+    if C.shape == (6,):
+        C = np.diag(C)
+    if C.shape != (6, 6):
+        raise InputError(f"{name} must be a 6x6 matrix, rotation first, or six variances; got shape {C.shape}")
+    if np.isnan(C).any():
+        raise InputError(f"{name} holds NaN; give an infinite variance to a motion about which nothing is known")
+    variances = np.diag(C)
+    if not (variances > 0.0).all():
+        raise InputError(f"{name} must have variances above 0; got {variances.tolist()}. Lock what is exact: dof=")
+    unknown = np.isinf(variances)
+    C = np.where(np.diag(unknown), 0.0, C)
+    if not np.isfinite(C).all() or C[unknown].any() or C[:, unknown].any():
+        raise InputError(f"{name} must hold finite numbers, and zeros beside an infinite variance")
+    size = np.sqrt(np.where(unknown, 1.0, variances))
+    correlations = C / size / size[:, None] + np.diag(unknown.astype(np.float64))
+    uneven = float(np.abs(correlations - correlations.T).max())
+    if uneven > ASYMMETRY:
+        raise InputError(f"{name} must be symmetric; its correlations differ by {uneven:.3g} across the diagonal")
+    least = float(np.linalg.eigvalsh(correlations)[0])
+    if not least > SINGULAR:
+        raise InputError(
+            f"{name} must be positive definite; the smallest eigenvalue of its correlations is {least:.3g}. "
+            "Lock what is exact: dof="
+        )
+    symmetric: FloatArray = np.where(np.diag(unknown), np.inf, 0.5 * (C + C.T))
+    return symmetric
+
+
+def _inverse(block: FloatArray, known: BoolArray) -> FloatArray:
+    inverse = np.zeros((3, 3))
+    if known.any():
+        inverse[np.ix_(known, known)] = np.linalg.inv(block[np.ix_(known, known)])
+    return inverse

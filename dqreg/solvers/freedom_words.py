@@ -1,0 +1,90 @@
+"""The words for the six motions: rx, ry, rz turn about the axes of a frame, tx, ty, tz shift along them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from dqreg.errors import InputError
+
+TURNS = ("rx", "ry", "rz")
+SHIFTS = ("tx", "ty", "tz")
+WORDS = TURNS + SHIFTS
+# Words that stand for several.
+GROUPS = {"r": TURNS, "t": SHIFTS, "all": WORDS, "none": ()}
+
+
+def read_words(value: Any) -> tuple[list[str], bool]:
+    """Words of a text or of several, and whether they say what is locked instead of what is free.
+
+    Parameters
+    ----------
+    value : iterable of str
+        Words separated by blanks or commas; a minus before each where they are locked.
+
+    Returns
+    -------
+    words : list of str
+        In small letters, without the minus.
+    locked : bool
+        Whether there was one.
+
+    Raises
+    ------
+    InputError
+        If there are no words, or the minus stands before some only.
+
+    Examples
+    --------
+    >>> read_words(["-rx, -ry"])
+    (['rx', 'ry'], True)
+    """
+    words = _split(value)
+    if not words:
+        raise InputError('dof names no motion; write "none" to lock all six, or for example "rz tx ty"')
+    minus = sum(word.startswith("-") for word in words)
+    if 0 < minus < len(words):
+        raise InputError(f"dof must name what is free or, with a minus each, what is locked; got {' '.join(words)!r}")
+    return [word.removeprefix("-") for word in words], minus > 0
+
+
+def flags(words: Iterable[str]) -> tuple[bool, ...]:
+    """Whether each of the six motions is named.
+
+    Parameters
+    ----------
+    words : iterable of str
+        Single motions or groups of them.
+
+    Returns
+    -------
+    tuple of bool
+        For rx, ry, rz, tx, ty, tz.
+
+    Raises
+    ------
+    InputError
+        If a word is not known.
+
+    Examples
+    --------
+    >>> flags(["r", "tz"])
+    (True, True, True, False, False, True)
+    """
+    named: set[str] = set()
+    for word in _split(words):
+        if word not in WORDS and word not in GROUPS:
+            raise InputError(f"unknown motion {word!r}; known are {', '.join(WORDS)}, and {', '.join(GROUPS)}")
+        named.update(GROUPS.get(word, (word,)))
+    return tuple(word in named for word in WORDS)
+
+
+def _split(words: Any) -> list[str]:
+    if not isinstance(words, Iterable):
+        raise InputError(f'dof must be words such as "rz tx ty", or a Freedom; got {type(words).__name__}')
+    found: list[str] = []
+    for word in words:
+        if not isinstance(word, str):
+            raise InputError(f"motions are named by words such as rz or tx; got {word!r}")
+        found += word.replace(",", " ").lower().split()
+    return found
