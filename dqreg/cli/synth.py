@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
+
+if TYPE_CHECKING:
+    from dqreg.synth import Case
 
 
 @click.command()
@@ -16,13 +20,35 @@ from rich.console import Console
 def synth(recipe: Path, out: Path | None, seed: int | None, quiet: bool) -> int:
     """Make the case that RECIPE (TOML) describes: scan.ply, part.stl, truth.json and the recipe itself.
 
+    The same recipe and seed give the same bytes. An older case in the folder is replaced, other files are not.
+
     \b
     dqreg synth datasets_synth/bracket/recipe.toml --out my_bracket --seed 7
+    dqreg synth datasets_synth/recipes/gear.toml
     """
     from dqreg.synth import read_recipe, write_case
 
     console = Console(quiet=quiet)
+    what = read_recipe(recipe)
     with console.status("scanning"):
-        case = write_case(out or Path(recipe.stem), read_recipe(recipe), seed=seed)
-    console.print(f"wrote {case.folder}: {case.scan.name}, {case.part.name}, truth.json", highlight=False, markup=False)
+        case = write_case(out or Path(what.name), what, seed=seed)
+    for line in _summary(case):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
     return 0
+
+
+def _summary(case: Case) -> list[str]:
+    truth = case.truth
+    on_part = truth["part_points"]
+    share = f"{on_part / truth['points']:.0%}" if truth["points"] else "none"
+    lines = [
+        f"wrote {case.folder}: {case.scan.name}, {case.part.name}, truth.json, {case.recipe.name}",
+        f"{truth['points']:,} points, {share} of them on the part ({truth['outliers']:,} outliers); the part has "
+        f"{truth['faces']:,} faces and a diagonal of {case.part_diagonal:.4g} {case.units}",
+        f"noise {case.range_sigma:g} {case.units}: no method can be nearer than {truth['cramer_rao_rms']:.2g} "
+        f"{case.units} rms on average (Cramer-Rao)",
+    ]
+    if len(case.symmetric_truths) > 1 or truth["symmetry_axis"]:
+        round_too = " besides any turn about its axis" if truth["symmetry_axis"] else ""
+        lines.append(f"the part is symmetric: {len(case.symmetric_truths)} poses are true{round_too}")
+    return lines

@@ -1,35 +1,54 @@
-"""Virtual scans with known truth: parts, a scanner, error measures and the cases made of them.
+"""Virtual scans with known truth: parts, scanners, error measures and the cases made of them.
 
-- `dqreg.synth.parts`: mechanical parts as closed meshes. - `dqreg.synth.views`, `dqreg.synth.noise`,
-`dqreg.synth.scanner`: what sees the part, what goes wrong, the scan. - `dqreg.synth.coverage`: the share of
-the surface that is seen. - `dqreg.synth.truth`, `dqreg.synth.bound`: known motions, distances from the truth,
-the best accuracy there is. - `dqreg.synth.recipe`, `dqreg.synth.cases`: a case as a text file, and as a
-folder.
+- `dqreg.synth.parts`: mechanical parts as closed meshes, and their symmetries. - `dqreg.synth.views`,
+`dqreg.synth.patterns`, `dqreg.synth.tactile`: cameras, structured light and LiDAR, tactile probes. -
+`dqreg.synth.scene`, `dqreg.synth.motion`, `dqreg.synth.noise`: what lies around the part, how it moves, what goes
+wrong. - `dqreg.synth.scanner`: the scan. - `dqreg.synth.coverage`: the share of the surface that is seen. -
+`dqreg.synth.truth`, `dqreg.synth.bound`: known motions, distances from the truth, the best accuracy there is. -
+`dqreg.synth.recipe`, `dqreg.synth.cases`: a case as a text file, and as a folder.
 """
 
 from dqreg.synth.bound import cramer_rao_bound
 from dqreg.synth.cases import Case, demo_case, load_case, write_case
 from dqreg.synth.coverage import visible_share
+from dqreg.synth.motion import Motion
 from dqreg.synth.noise import Noise
+from dqreg.synth.patterns import Lidar, StructuredLight
 from dqreg.synth.recipe import Recipe, read_recipe
-from dqreg.synth.scanner import Scan, scan_mesh
-from dqreg.synth.truth import disturbance, random_pose, rms_vertex_displacement, worst_vertex_displacement
+from dqreg.synth.scan import Scan
+from dqreg.synth.scanner import scan_mesh
+from dqreg.synth.scene import Scene
+from dqreg.synth.tactile import TactileProbe, touch_mesh
+from dqreg.synth.truth import (
+    disturbance,
+    nearest_truth,
+    random_pose,
+    rms_vertex_displacement,
+    worst_vertex_displacement,
+)
 from dqreg.synth.views import Scanner
 
 __all__ = [
     "Case",
+    "Lidar",
+    "Motion",
     "Noise",
     "Recipe",
     "Scan",
     "Scanner",
+    "Scene",
+    "StructuredLight",
+    "TactileProbe",
     "cramer_rao_bound",
     "demo_case",
     "disturbance",
     "load_case",
+    "nearest_truth",
     "random_pose",
     "read_recipe",
     "rms_vertex_displacement",
     "scan_mesh",
+    "touch_mesh",
     "visible_share",
     "worst_vertex_displacement",
     "write_case",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,30 +12,48 @@ from dqreg.arrays import FloatArray, IntArray
 _PLY_TYPES = {np.dtype(np.float32): "float", np.dtype(np.float64): "double"}
 
 
-def ply_bytes(points: NDArray[np.floating], comment: str) -> bytes:
+def ply_bytes(
+    points: NDArray[np.floating],
+    comments: Sequence[str],
+    *,
+    normals: NDArray[np.floating] | None = None,
+    times: FloatArray | None = None,
+) -> bytes:
     """Binary PLY of points, in the precision that they have.
 
     Parameters
     ----------
     points : ndarray, (n, 3)
         Float32 or float64; trimesh would write either as float32.
-    comment : str
-        One line for the header.
+    comments : sequence of str
+        Lines for the header.
+    normals : ndarray, (n, 3), optional
+        Stored in the precision of the points.
+    times : ndarray, (n,), optional
+        Stored as float64.
 
     Returns
     -------
     bytes
-        Little-endian PLY with the properties x, y, z.
+        Little-endian PLY with the properties x, y, z and, where given, nx, ny, nz and time.
 
     Examples
     --------
-    >>> ply_bytes(np.zeros((2, 3)), "units mm").splitlines()[2].decode()
+    >>> ply_bytes(np.zeros((2, 3)), ["units mm"]).splitlines()[2].decode()
     'comment units mm'
     """
-    kind = _PLY_TYPES[points.dtype]
-    header = ["ply", "format binary_little_endian 1.0", f"comment {comment}", f"element vertex {len(points)}"]
-    header += [f"property {kind} {axis}" for axis in "xyz"] + ["end_header", ""]
-    return "\n".join(header).encode("ascii") + points.astype(points.dtype.newbyteorder("<")).tobytes()
+    columns = list(zip("xyz", points.T, strict=True))
+    if normals is not None:
+        columns += list(zip(("nx", "ny", "nz"), normals.T, strict=True))
+    if times is not None:
+        columns += [("time", times)]
+    table = np.zeros(len(points), dtype=[(name, column.dtype.newbyteorder("<")) for name, column in columns])
+    for name, column in columns:
+        table[name] = column
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
+    header += [f"element vertex {len(points)}"]
+    header += [f"property {_PLY_TYPES[column.dtype]} {name}" for name, column in columns] + ["end_header", ""]
+    return "\n".join(header).encode("ascii") + table.tobytes()
 
 
 def stl_bytes(vertices: FloatArray, faces: IntArray) -> bytes:

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dqreg.arrays import FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.synth.case_contents import PART, RECIPE, SCAN, TRUTH, case_contents
@@ -39,6 +41,9 @@ class Case:
         Standard deviation of the range noise, as a length.
     seed : int
         Seed with which the case was made.
+    symmetric_truths : ndarray, (k, 4, 4)
+        Every pose that puts the scan on the part as well, the truth first; a round part may be turned besides, see
+        ``truth["symmetry_axis"]``. The truth alone where nobody looked for others.
     truth : mapping
         All of ``truth.json``.
     """
@@ -53,6 +58,7 @@ class Case:
     part_diagonal: float
     range_sigma: float
     seed: int
+    symmetric_truths: FloatArray
     truth: Mapping[str, Any]
 
 
@@ -97,6 +103,7 @@ def load_case(folder: str | os.PathLike[str]) -> Case:
             part_diagonal=float(truth["part_diagonal"]),
             range_sigma=float(truth["range_sigma"]),
             seed=int(truth["seed"]),
+            symmetric_truths=_poses(truth.get("symmetric_truths") or [truth["T_target_source"]]),
             truth=truth,
         )
     except KeyError as error:
@@ -191,6 +198,10 @@ def demo_case() -> Path:
         f"the demonstration case is missing: neither {places[0]} nor {places[1]} holds {TRUTH}; "
         "install the package again: pip install --force-reinstall dqreg"
     )
+
+
+def _poses(rows: Any) -> FloatArray:
+    return np.stack([as_pose(T, f"symmetric_truths[{k}]") for k, T in enumerate(rows)])
 
 
 def _require_replaceable(folder: Path) -> None:

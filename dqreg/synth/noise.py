@@ -27,7 +27,8 @@ class Noise:
     max_incidence_rad : float
         Beyond this incidence angle nothing returns; less than pi / 2.
     outlier_share : float
-        Share of the returns that become strays, uniform in an enlarged bounding box of the part.
+        Share of the returns that become strays, uniform in an enlarged bounding box of the part and its
+        surroundings.
     outlier_box : float
         Size of that box over the size of the bounding box.
     mixed_share : float
@@ -35,6 +36,12 @@ class Noise:
         that of the next pixel in the row.
     mixed_step : float
         Least difference of ranges that is a depth step, in diagonals of the part.
+    lateral_sigma : float
+        Standard deviation of where a pixel looks, across its ray along both axes of the image, in pixels (of a
+        LiDAR: in steps of azimuth and ring). The range is that of the pixel's middle.
+    quantisation : float
+        Step of the range reading, a length in the unit of the part: every range is rounded to a multiple of it.
+        0 leaves it as it is.
 
     Raises
     ------
@@ -55,6 +62,8 @@ class Noise:
     outlier_box: float = 1.2
     mixed_share: float = 0.0
     mixed_step: float = 0.01
+    lateral_sigma: float = 0.0
+    quantisation: float = 0.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -68,6 +77,30 @@ class Noise:
             raise InputError(
                 f"max_incidence_rad must lie between 0 and a right angle; got {self.max_incidence_rad!r} rad"
             )
+
+    def require_fit(self, diagonal: float) -> None:
+        """Raise if a length cannot belong to a part of this size; the unit is then likely to be wrong.
+
+        Parameters
+        ----------
+        diagonal : float
+            Diagonal of the part, in the unit of the lengths.
+
+        Raises
+        ------
+        InputError
+            If range noise or quantisation is more than a tenth of the diagonal.
+
+        Examples
+        --------
+        >>> Noise(range_sigma=0.05).require_fit(150.0)
+        """
+        for name in ("range_sigma", "quantisation"):
+            if getattr(self, name) > 0.1 * diagonal:
+                raise InputError(
+                    f"{name} must be at most a tenth of the part's diagonal, {diagonal:.4g}; got "
+                    f"{getattr(self, name):g}. Is it in the unit of the part?"
+                )
 
     def draw(self, ranges: FloatArray, cosines: FloatArray, diagonal: float, rng: np.random.Generator) -> Errors:
         """Draw the errors of all pixels.

@@ -6,7 +6,7 @@ import dataclasses
 import os
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,21 +14,26 @@ from typing import Any
 import numpy as np
 
 from dqreg.errors import InputError
+from dqreg.geometry.units import METRES
 from dqreg.synth import parts
+from dqreg.synth.motion import Motion
 from dqreg.synth.noise import Noise
-from dqreg.synth.raycast import check_mesh
-from dqreg.synth.recipe_keys import build, check_seed, get_number, get_table, get_text, require_known
-from dqreg.synth.views import Scanner
+from dqreg.synth.recipe_build import build
+from dqreg.synth.recipe_keys import check_name, check_seed, get_number, get_table, get_text, require_known
+from dqreg.synth.recipe_tables import (
+    AnyScanner,
+    check_part,
+    find_symmetry,
+    make_mesh,
+    make_motion,
+    make_noise,
+    make_scanner,
+)
+from dqreg.synth.scene import Scene
 
-PARTS: dict[str, Callable[..., parts.Mesh]] = {
-    "box": parts.box,
-    "bracket": parts.bracket,
-    "cylinder": parts.cylinder,
-    "plate": parts.plate,
-}
-UNITS = ("mm", "cm", "m", "in")
-
-_TOP = ("name", "seed", "units", "coordinates", "part", "scanner", "noise", "frame", "start")
+_TOP = ("name", "seed", "units", "coordinates", "part", "scene", "scanner", "noise", "motion", "frame", "start")
+# Farther than this, in diagonals of the part, a start or a frame is a slip of the pen.
+_FAR = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +47,21 @@ class Recipe:
     seed : int
         Seed of all randomness.
     units : str
-        Unit of every length: "mm", "cm", "m" or "in".
+        Unit of every length: "um", "mm", "cm", "m", "inch" or "ft".
     coordinates : str
         How the scan's coordinates are stored: "float64" or "float32".
     part : mapping
         Keys of the table ``[part]``: ``kind`` and its dimensions, or ``file``.
-    scanner : Scanner
-        Views of the part.
+    scene : Scene
+        What lies around the part.
+    scanner_kind : str
+        "camera", "structured_light", "lidar" or "tactile".
+    scanner : Scanner, StructuredLight, Lidar or TactileProbe
+        What scans the part.
     noise : Noise
         What goes wrong.
+    motion : Motion, optional
+        How the part moves meanwhile; None at rest.
     frame_offset : float
         How far the part's centre is moved when the scan gets its own frame, in diagonals of the part.
     start_angle_rad : float
@@ -68,8 +79,11 @@ class Recipe:
     units: str
     coordinates: str
     part: Mapping[str, Any]
-    scanner: Scanner
+    scene: Scene
+    scanner_kind: str
+    scanner: AnyScanner
     noise: Noise
+    motion: Motion | None
     frame_offset: float
     start_angle_rad: float
     start_offset: float
@@ -124,12 +138,42 @@ class Recipe:
         >>> recipe.mesh()[1].shape
         (12, 3)
         """
-        if "file" in self.part:
-            vertices, faces = _read_mesh(self.folder / self.part["file"])
-        else:
-            dimensions = {key: value for key, value in self.part.items() if key != "kind"}
-            vertices, faces = build(PARTS[self.part["kind"]], "part", dimensions)
-        return vertices.astype(np.float32).astype(np.float64), faces
+        return make_mesh(self.part, self.folder)
+
+    def streams(self) -> tuple[np.random.Generator, np.random.Generator, np.random.Generator]:
+        r"""Return a generator each for the scan, the poses and the surroundings.
+
+        More pixels so do not change where the case starts.
+
+        Returns
+        -------
+        tuple of 3 numpy.random.Generator
+            New ones at every call, the same ones for the same seed.
+
+        Examples
+        --------
+        >>> recipe = parse_recipe('seed = 1\n[part]\nkind = "box"\n[scanner]\nviews = [[0, 0, 1]]\n')
+        >>> len(recipe.streams())
+        3
+        """
+        scan, poses, scene = np.random.default_rng(self.seed).spawn(3)
+        return scan, poses, scene
+
+    def symmetry(self) -> parts.Symmetry | None:
+        r"""Find the motions that put the part onto itself.
+
+        Returns
+        -------
+        Symmetry or None
+            None for a part from a file: nobody looked.
+
+        Examples
+        --------
+        >>> recipe = parse_recipe('seed = 1\n[part]\nkind = "box"\n[scanner]\nviews = [[0, 0, 1]]\n')
+        >>> len(recipe.symmetry().poses)
+        24
+        """
+        return find_symmetry(self.part)
 
 
 def read_recipe(path: str | os.PathLike[str]) -> Recipe:
@@ -198,42 +242,25 @@ def parse_recipe(text: str, folder: str | os.PathLike[str] = ".") -> Recipe:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"the recipe is not TOML: {error}") from error
     require_known(data, _TOP, "")
-    scanner, noise = get_table(data, "scanner", None), get_table(data, "noise", None)
     frame, start = get_table(data, "frame", ("offset",)), get_table(data, "start", ("angle_deg", "offset"))
-    if "views" not in scanner:
-        raise InputError("recipe: scanner.views is missing; give directions [x, y, z] from part to sensor")
+    kind, scanner = make_scanner(get_table(data, "scanner", None))
+    scene = build(Scene, "scene", get_table(data, "scene", None))
+    if kind == "tactile" and scene.kind != "none":
+        raise InputError(f"recipe: scene.kind = {scene.kind!r} means nothing for a tactile probe; take [scene] out")
     return Recipe(
-        name=get_text(data, "name", "case"),
+        name=check_name(data.get("name", "case")),
         seed=check_seed(data.get("seed")),
-        units=get_text(data, "units", "mm", UNITS),
+        units=get_text(data, "units", "mm", METRES),
         coordinates=get_text(data, "coordinates", "float64", ("float64", "float32")),
-        part=_part(get_table(data, "part", None)),
-        scanner=build(Scanner, "scanner", scanner),
-        noise=build(Noise, "noise", noise),
-        frame_offset=get_number(frame, "frame.offset", 0.5),
-        start_angle_rad=float(np.deg2rad(get_number(start, "start.angle_deg", 20.0))),
-        start_offset=get_number(start, "start.offset", 0.05),
+        part=check_part(get_table(data, "part", None)),
+        scene=scene,
+        scanner_kind=kind,
+        scanner=scanner,
+        noise=make_noise(get_table(data, "noise", None), kind),
+        motion=make_motion(get_table(data, "motion", None), kind),
+        frame_offset=get_number(frame, "frame.offset", 0.5, most=_FAR),
+        start_angle_rad=float(np.deg2rad(get_number(start, "start.angle_deg", 20.0, most=180.0))),
+        start_offset=get_number(start, "start.offset", 0.05, most=_FAR),
         text=text,
         folder=Path(folder),
     )
-
-
-def _part(part: Mapping[str, Any]) -> Mapping[str, Any]:
-    if "file" in part:
-        require_known(part, ("file",), "part.")
-        get_text(part, "part.file", "")
-        return part
-    if "kind" not in part:
-        raise InputError(f"recipe: part.kind is missing; give one of {', '.join(PARTS)}, or part.file")
-    get_text(part, "part.kind", "", PARTS)
-    return part
-
-
-def _read_mesh(path: Path) -> parts.Mesh:
-    import trimesh
-
-    try:
-        mesh = trimesh.load_mesh(path)
-        return check_mesh(mesh.vertices, mesh.faces)
-    except Exception as error:  # trimesh raises whatever its readers raise
-        raise InputError(f"recipe: part.file: cannot read a mesh from {path}: {error}") from error

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import difflib
-import inspect
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, TypeVar
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
 from dqreg.errors import InputError
-
-Made = TypeVar("Made")
 
 
 def require_known(table: Mapping[str, Any], known: Iterable[str], prefix: str) -> None:
@@ -78,7 +76,7 @@ def get_table(data: Mapping[str, Any], name: str, known: Iterable[str] | None) -
     return dict(table)
 
 
-def get_number(table: Mapping[str, Any], name: str, default: float) -> float:
+def get_number(table: Mapping[str, Any], name: str, default: float, *, most: float = np.inf) -> float:
     """Return a number that is not negative.
 
     Parameters
@@ -89,6 +87,8 @@ def get_number(table: Mapping[str, Any], name: str, default: float) -> float:
         Its name with that of the table: ``table.key``.
     default : float
         Value if it is not there.
+    most : float
+        The largest that makes sense.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def get_number(table: Mapping[str, Any], name: str, default: float) -> float:
     Raises
     ------
     InputError
-        If it is not a number, negative or not finite.
+        If it is not a number, negative, not finite or too large.
 
     Examples
     --------
@@ -108,6 +108,8 @@ def get_number(table: Mapping[str, Any], name: str, default: float) -> float:
     value = table.get(name.rpartition(".")[2], default)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value < np.inf:
         raise InputError(f"recipe: {name} must be a number that is not negative; got {value!r}")
+    if value > most:
+        raise InputError(f"recipe: {name} must be at most {most:g}; got {value!r}")
     return float(value)
 
 
@@ -147,6 +149,36 @@ def get_text(table: Mapping[str, Any], name: str, default: str, choices: Iterabl
     return value
 
 
+def check_name(value: Any) -> str:
+    """Return the name of a case, which can be the name of its folder.
+
+    Parameters
+    ----------
+    value : str
+        What was given.
+
+    Returns
+    -------
+    str
+        The same.
+
+    Raises
+    ------
+    InputError
+        If it is anything else.
+
+    Examples
+    --------
+    >>> check_name("gear_lidar")
+    'gear_lidar'
+    """
+    if not isinstance(value, str) or not re.fullmatch(r"\w[\w.-]{0,99}", value):
+        raise InputError(
+            f"recipe: name must be letters, digits, '_', '-' and '.', at most 100, as for a folder; got {value!r}"
+        )
+    return value
+
+
 def check_seed(value: Any) -> int:
     """Return a seed, a whole number that is not negative.
 
@@ -174,55 +206,3 @@ def check_seed(value: Any) -> int:
         given = "it is missing" if value is None else f"got {value!r}"
         raise InputError(f"recipe: seed must be a whole number that is not negative; {given}")
     return value
-
-
-def build(kind: Callable[..., Made], name: str, table: Mapping[str, Any]) -> Made:
-    """Make an object from a table, angles turned from degrees to radians.
-
-    Parameters
-    ----------
-    kind : callable
-        What makes the object; takes keywords. A key ``angle_deg`` of the table becomes its keyword
-        ``angle_rad``.
-    name : str
-        Name of the table.
-    table : mapping
-        Its keys and values.
-
-    Returns
-    -------
-    object
-        What ``kind`` returns.
-
-    Raises
-    ------
-    InputError
-        If a key is unknown, or ``kind`` finds a value wrong; the message names the key.
-
-    Examples
-    --------
-    >>> build(lambda width=1.0: width, "part", {"width": 3.0})
-    3.0
-    """
-    keywords = inspect.signature(kind).parameters
-    require_known(table, [_in_degrees(key) for key in keywords], f"{name}.")
-    values = {key: table[_in_degrees(key)] for key in keywords if _in_degrees(key) in table}
-    for key in values:
-        if key.endswith("_rad"):
-            values[key] = float(np.deg2rad(get_number(table, f"{name}.{_in_degrees(key)}", 0.0)))
-    try:
-        return kind(**values)
-    except InputError as error:
-        raise InputError(f"recipe: {name}{_named(str(error), keywords)}") from error
-    except (TypeError, ValueError) as error:
-        raise InputError(f"recipe: a value in [{name}] cannot be used: {error}") from error
-
-
-def _in_degrees(key: str) -> str:
-    return key.removesuffix("_rad") + "_deg" if key.endswith("_rad") else key
-
-
-def _named(message: str, keywords: Iterable[str]) -> str:
-    """Put a message behind the name of a table: ".key ..." if it begins with a keyword, else ": ..."."""
-    key = message.split(" ")[0].partition("[")[0]
-    return f".{_in_degrees(key)}{message.removeprefix(key)}" if key in keywords else f": {message}"

@@ -1,97 +1,31 @@
-"""Virtual scanner: pinhole views of a mesh, with the range noise, losses and strays of a real one."""
+"""Virtual scanner: views of a mesh, with the noise, losses and strays of a real one."""
 
 from __future__ import annotations
-
-import dataclasses
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import BoolArray, FloatArray, IntArray, as_pose
+from dqreg.arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.rigid import pose
-from dqreg.synth.noise import Noise
-from dqreg.synth.raycast import centre_and_diagonal, check_mesh, face_normals, first_hits
-from dqreg.synth.views import Scanner
-
-
-@dataclass(frozen=True, eq=False)
-class Scan:
-    """Points of a virtual scan with all that is known about them.
-
-    Attributes
-    ----------
-    points : ndarray, (n, 3)
-        Measured points.
-    ray_directions : ndarray, (n, 3)
-        Unit vector of each ray, **from the sensor to the point**. Range noise lies along it.
-    normals : ndarray, (n, 3)
-        True unit normal of the face that was hit, out of the part; NaN for an outlier.
-    view_index : ndarray, (n,)
-        Which view saw the point; indexes ``sensor_positions``.
-    sensor_positions : ndarray, (k, 3)
-        Pinhole of each view.
-    is_outlier : ndarray, (n,)
-        True for strays and mixed pixels.
-    face_index : ndarray, (n,)
-        Face of the mesh that was hit; -1 for an outlier.
-    range_sigma : ndarray, (n,)
-        Standard deviation of the range noise of each point; NaN for an outlier.
-    """
-
-    points: FloatArray
-    ray_directions: FloatArray
-    normals: FloatArray
-    view_index: IntArray
-    sensor_positions: FloatArray
-    is_outlier: BoolArray
-    face_index: IntArray
-    range_sigma: FloatArray
-
-    def moved(self, T_new_old: ArrayLike) -> Scan:
-        """Return the same scan in another frame.
-
-        Parameters
-        ----------
-        T_new_old : array_like, (4, 4)
-            Rigid pose that maps present coordinates to new ones.
-
-        Returns
-        -------
-        Scan
-            Points, sensors, rays and normals in the new frame.
-
-        Raises
-        ------
-        InputError
-            If the pose is not rigid.
-
-        Examples
-        --------
-        >>> from dqreg.synth.parts import box
-        >>> scan = scan_mesh(*box(), Scanner(views=((0, 0, 1),), pixels=8), rng=np.random.default_rng(0))
-        >>> T = np.eye(4); T[:3, 3] = [0, 0, 10]
-        >>> float(scan.moved(T).points[:, 2].min())
-        10.5
-        """
-        T = as_pose(T_new_old, "T_new_old")
-        return dataclasses.replace(
-            self,
-            points=pose.apply(T, self.points),
-            ray_directions=pose.rotate(T, self.ray_directions),
-            normals=pose.rotate(T, self.normals),
-            sensor_positions=pose.apply(T, self.sensor_positions),
-        )
+from dqreg.synth.motion import Motion
+from dqreg.synth.noise import Errors, Noise
+from dqreg.synth.parts.plain import Mesh
+from dqreg.synth.pattern import Pattern
+from dqreg.synth.raycast import centre_and_diagonal, check_mesh
+from dqreg.synth.scan import Scan
+from dqreg.synth.sweep import Sweep, joined, sweep
+from dqreg.synth.view_checks import unit
 
 
 def scan_mesh(
     vertices: ArrayLike,
     faces: ArrayLike,
-    scanner: Scanner,
+    scanner: Pattern,
     noise: Noise | None = None,
     *,
     rng: np.random.Generator,
+    motion: Motion | None = None,
+    surroundings: Mesh | None = None,
 ) -> Scan:
     """Scan a mesh from all views of a scanner.
 
@@ -101,22 +35,27 @@ def scan_mesh(
         Mesh vertices; their bounding box gives the part's centre and diagonal.
     faces : array_like, (f, 3)
         Vertex indices, outward normals by the right-hand rule.
-    scanner : Scanner
+    scanner : Scanner, StructuredLight or Lidar
         Where it is seen from and how finely.
     noise : Noise, optional
         What goes wrong; nothing by default, and then every point lies on the mesh to 1e-12 of its size.
     rng : numpy.random.Generator
         Source of all randomness.
+    motion : Motion, optional
+        How part and surroundings move against the scanner during the sweep; at rest by default. The points are as
+        the scanner reads them; `Scan.undone` puts them back.
+    surroundings : (vertices (w, 3), faces (g, 3)), optional
+        What else the rays can meet, in the part's frame.
 
     Returns
     -------
     Scan
-        In the part's frame and unit, ordered by view and pixel.
+        In the part's frame at the motion's reference time and in its unit, ordered by view and pixel.
 
     Raises
     ------
     InputError
-        If the mesh is malformed or no ray brings a point back.
+        If the mesh is malformed, the noise does not fit the part's size, or no ray brings a point back.
     MissingDependencyError
         If Open3D cannot be loaded.
 
@@ -129,44 +68,96 @@ def scan_mesh(
     Examples
     --------
     >>> from dqreg.synth.parts import box
+    >>> from dqreg.synth.views import Scanner
     >>> scan = scan_mesh(*box(), Scanner(views=((0, 0, 1),), pixels=8), rng=np.random.default_rng(0))
     >>> scan.points[:, 2].tolist() == [0.5] * len(scan.points)
     True
     """
-    V, F = check_mesh(vertices, faces)
-    centre, diagonal = centre_and_diagonal(V)
-    rays = scanner.ray_directions()
-    image, rays = rays.shape[:-1], rays.reshape(-1, 3)
-    sensors = scanner.sensor_positions(centre, diagonal)
-    view_index = np.repeat(np.arange(len(sensors)), scanner.pixels**2)
-    origins = sensors[view_index]
-
-    face_index, points = first_hits(V, F, origins, rays)
-    ranges = np.linalg.norm(points - origins, axis=1)
-    rays = _unit(points - origins)  # where a point was clipped to its face, the ray that goes there
-    normals = face_normals(V, F)[face_index]
-    cosines = -np.einsum("ni,ni->n", rays, normals)
-    errors = (noise or Noise()).draw(ranges.reshape(image), cosines.reshape(image), diagonal, rng)
-
-    strays = errors.is_stray[:, None]
-    points = points + errors.range_error[:, None] * rays
-    points = np.where(strays, centre + errors.in_box * np.ptp(V, axis=0), points)
-    rays = np.where(strays, _unit(points - origins), rays)
-    is_outlier, kept = errors.is_stray | errors.is_mixed, errors.is_kept
+    part, noise = check_mesh(vertices, faces), noise or Noise()
+    if surroundings is not None:
+        surroundings = check_mesh(*surroundings)
+    swept = sweep(part, scanner, noise.max_incidence_rad, motion=motion, surroundings=surroundings)
+    noise.require_fit(swept.diagonal)
+    errors = noise.draw(swept.ranges.reshape(swept.image), swept.cosines.reshape(swept.image), swept.diagonal, rng)
+    beside = None
+    if noise.lateral_sigma:  # the last of all draws: without it nothing more is taken from the generator
+        beside = scanner.ray_directions(noise.lateral_sigma * rng.standard_normal((*swept.image, 2)))
+    seen = joined(part, surroundings)[0]
+    strays = centre_and_diagonal(seen)[0] + errors.in_box * np.ptp(seen, axis=0)
+    points, rays = _readings(swept, errors, strays, beside)
+    if noise.quantisation:
+        points = quantised(points, swept.origins, noise.quantisation)
+    kept = errors.is_kept & swept.is_lit
     if not kept.any():
         raise InputError("no ray brought a point back; check views, field_of_view_rad and max_incidence_rad")
+    is_outlier = (errors.is_stray | errors.is_mixed)[kept]
+    on_part = ~is_outlier & (swept.face_index[kept] < len(part[1]))
+    total = np.hypot(errors.sigma, _lateral_sigma(swept, scanner, noise.lateral_sigma))
     return Scan(
         points=points[kept],
         ray_directions=rays[kept],
-        normals=np.where(is_outlier[:, None], np.nan, normals)[kept],
-        view_index=view_index[kept],
-        sensor_positions=sensors,
-        is_outlier=is_outlier[kept],
-        face_index=np.where(is_outlier, -1, face_index)[kept],
-        range_sigma=np.where(is_outlier, np.nan, errors.sigma)[kept],
+        normals=np.where(is_outlier[:, None], np.nan, swept.normals[kept]),
+        view_index=swept.view_index[kept],
+        sensor_positions=swept.sensors,
+        is_outlier=is_outlier,
+        on_part=on_part,
+        face_index=np.where(on_part, swept.face_index[kept], -1),
+        range_sigma=np.where(is_outlier, np.nan, errors.sigma[kept]),
+        total_sigma=np.where(is_outlier, np.nan, total[kept]),
+        times=swept.times[kept],
     )
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
-    directions: FloatArray = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    return directions
+def quantised(points: FloatArray, origins: FloatArray, step: float) -> FloatArray:
+    """Round the distances of points to multiples of a step.
+
+    Parameters
+    ----------
+    points, origins : ndarray, (n, 3)
+        Points and the sensors from which they were read.
+    step : float
+        Step of the reading, above zero.
+
+    Returns
+    -------
+    ndarray, (n, 3)
+        On the same rays.
+
+    Examples
+    --------
+    >>> quantised(np.array([[0.0, 0.0, 7.3]]), np.zeros((1, 3)), 0.5).tolist()
+    [[0.0, 0.0, 7.5]]
+    """
+    ways = points - origins
+    ranges = np.linalg.norm(ways, axis=1, keepdims=True)
+    rounded: FloatArray = origins + np.round(ranges / step) * step * (ways / ranges)
+    return rounded
+
+
+def _readings(
+    swept: Sweep, errors: Errors, strays: FloatArray, beside: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Points as they are read and their rays; ``beside``: rays that take the place of the true ones."""
+    points, rays = swept.points + errors.range_error[:, None] * swept.rays, swept.rays
+    if beside is not None:
+        rays = beside.reshape(-1, 3)
+        points = swept.origins + (swept.ranges + errors.range_error)[:, None] * rays
+    is_stray = errors.is_stray[:, None]
+    points = np.where(is_stray, strays, points)
+    return points, np.where(is_stray, unit(points - swept.origins), rays)
+
+
+def _lateral_sigma(swept: Sweep, scanner: Pattern, lateral_sigma: float) -> FloatArray:
+    """Range noise that would take each point as far off its face as lateral noise does, (n,)."""
+    if not lateral_sigma:
+        return np.zeros(len(swept.ranges))
+    squares = np.zeros(len(swept.ranges))
+    for axis in (0, 1):
+        half = np.zeros((*swept.image, 2))
+        half[..., axis] = 0.5
+        pixel = (scanner.ray_directions(half) - scanner.ray_directions(-half)).reshape(-1, 3)
+        squares += np.einsum("ni,ni->n", pixel, swept.normals) ** 2
+    # NaN where a ray meets nothing, infinite where it runs along a face; neither brings a point back.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sigma: FloatArray = lateral_sigma * swept.ranges * np.sqrt(squares) / np.abs(swept.cosines)
+    return sigma

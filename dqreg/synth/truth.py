@@ -135,6 +135,66 @@ def rms_vertex_displacement(T: ArrayLike, T_truth: ArrayLike, vertices: ArrayLik
     return float(np.sqrt(_squared_displacements(T, T_truth, vertices).mean()))
 
 
+def nearest_truth(
+    T: ArrayLike, truths: ArrayLike, vertices: ArrayLike, axis: tuple[ArrayLike, ArrayLike] | None = None
+) -> tuple[FloatArray, float]:
+    """Of several true poses the one that is nearest to a pose, and how far off the pose is from it.
+
+    Parameters
+    ----------
+    T : array_like, (4, 4)
+        T_target_source, the pose to judge.
+    truths : array_like, (k, 4, 4)
+        Poses of the same kind, all of them true: ``symmetric_truths`` of a case.
+    vertices : array_like, (v, 3)
+        Vertices of the part, in its own (target) frame.
+    axis : (array_like (3,), array_like (3,)), optional
+        A point on the axis of a round part and the axis's direction, in the part's frame: any turn about it, after
+        one of the poses, is true as well. The turn with the least mean square displacement is taken.
+
+    Returns
+    -------
+    T_truth : ndarray, (4, 4)
+        The nearest true pose.
+    worst : float
+        Greatest distance between where the two put a vertex, in the unit of the vertices.
+
+    Raises
+    ------
+    InputError
+        If a pose is not rigid, or there are no poses or vertices.
+
+    Examples
+    --------
+    >>> half_turn = np.diag([-1.0, -1.0, 1.0, 1.0])
+    >>> nearest_truth(half_turn, [np.eye(4), half_turn], [[1.0, 2.0, 3.0]])[1]
+    0.0
+    """
+    V, judged = as_vectors(vertices, "vertices"), as_pose(T, "T")
+    candidates = [as_pose(truth, "truths") for truth in np.asarray(truths, dtype=np.float64)]
+    if not candidates:
+        raise InputError("truths must hold at least one pose")
+    if axis is not None:
+        candidates = [_turned_nearest(judged, truth, V, *axis) for truth in candidates]
+    worst = [worst_vertex_displacement(judged @ pose.inverse(truth), np.eye(4), V) for truth in candidates]
+    best = int(np.argmin(worst))
+    return candidates[best], worst[best]
+
+
+def _turned_nearest(T: FloatArray, truth: FloatArray, V: FloatArray, point: ArrayLike, way: ArrayLike) -> FloatArray:
+    """Turn a true pose about the part's axis until it is as near to T as it can be.
+
+    A vertex b of a round part and its turned twin Q b are alike, so the sum of |D b - Q b|^2 is to be least, with
+    D from the true pose to T: the angle of Q is that between the parts of b and D b across the axis.
+    """
+    origin, k = _centre(point), np.asarray(way, dtype=np.float64)
+    k = k / np.linalg.norm(k)
+    b, moved = V - origin, pose.apply(T @ pose.inverse(truth), V) - origin
+    across = b - (b @ k)[:, None] * k
+    angle_rad = np.arctan2((np.cross(across, moved) @ k).sum(), np.einsum("vi,vi->", across, moved))
+    return pose.about(pose.exp(np.concatenate([angle_rad * k, np.zeros(3)])), origin) @ truth
+
+
 def _squared_displacements(T: ArrayLike, T_truth: ArrayLike, vertices: ArrayLike) -> FloatArray:
     V = as_vectors(vertices, "vertices")
     if not len(V):

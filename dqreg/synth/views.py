@@ -1,4 +1,4 @@
-"""Where a virtual scanner stands and which rays it sends out."""
+"""Cameras: where a virtual scanner stands and which rays it sends out."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from dqreg.arrays import FloatArray, as_vectors
 from dqreg.errors import InputError
+from dqreg.synth.view_checks import check_views, is_within, require_rays, unit
 
 
 @dataclass(frozen=True)
@@ -44,16 +45,9 @@ class Scanner:
     field_of_view_rad: float | None = None
 
     def __post_init__(self) -> None:
-        views = as_vectors(self.views, "views")
-        if not len(views) or not np.linalg.norm(views, axis=1).all():
-            raise InputError(f"views must be one or more directions that are not zero; got {self.views!r}")
-        if isinstance(self.pixels, bool) or not isinstance(self.pixels, int) or self.pixels < 1:
-            raise InputError(f"pixels must be a whole number above 0; got {self.pixels!r}")
-        if not _is_within(self.stand_off, 0.5, np.inf):
-            raise InputError(
-                f"stand_off must be above 0.5 diagonals, or the sensor is in the part; got {self.stand_off!r}"
-            )
-        if self.field_of_view_rad is not None and not _is_within(self.field_of_view_rad, 0.0, np.pi):
+        views = check_views(self.views, self.stand_off)
+        require_rays(len(views), pixels=self.pixels, pixels_again=self.pixels)
+        if self.field_of_view_rad is not None and not is_within(self.field_of_view_rad, 0.0, np.pi):
             raise InputError(
                 f"field_of_view_rad must lie between 0 and a half-turn; got {self.field_of_view_rad!r} rad"
             )
@@ -66,7 +60,7 @@ class Scanner:
         )
 
     def sensor_positions(self, centre: FloatArray, diagonal: float) -> FloatArray:
-        """Pinholes of all views.
+        """Return the pinholes of all views.
 
         Parameters
         ----------
@@ -85,12 +79,54 @@ class Scanner:
         >>> Scanner(views=((0, 0, 2),)).sensor_positions(np.zeros(3), 10.0).tolist()
         [[0.0, 0.0, 15.0]]
         """
-        views = as_vectors(self.views, "views")
-        away: FloatArray = views / np.linalg.norm(views, axis=1, keepdims=True)
-        return centre + self.stand_off * diagonal * away
+        return centre + self.stand_off * diagonal * unit(as_vectors(self.views, "views"))
 
-    def ray_directions(self) -> FloatArray:
+    def projector_positions(self, centre: FloatArray, diagonal: float) -> FloatArray | None:
+        """Return None: a plain camera needs no second light.
+
+        Parameters
+        ----------
+        centre : ndarray, (3,)
+            Centre of the part.
+        diagonal : float
+            Its diagonal.
+
+        Returns
+        -------
+        None
+            There is no projector.
+
+        Examples
+        --------
+        >>> Scanner(views=((0, 0, 2),)).projector_positions(np.zeros(3), 10.0) is None
+        True
+        """
+        return None
+
+    def times(self) -> FloatArray:
+        """Return when each pixel is read: view after view, in each row after row.
+
+        Returns
+        -------
+        ndarray, (k, pixels, pixels)
+            Shares of the sweep, above 0 and below 1.
+
+        Examples
+        --------
+        >>> Scanner(views=((0, 0, 1), (0, 1, 0)), pixels=2).times()[:, :, 0].tolist()
+        [[0.125, 0.375], [0.625, 0.875]]
+        """
+        rows = len(self.views) * self.pixels
+        times = ((np.arange(rows) + 0.5) / rows).reshape(-1, self.pixels, 1)
+        return np.repeat(times, self.pixels, axis=2)
+
+    def ray_directions(self, shift: FloatArray | None = None) -> FloatArray:
         """Return the unit rays through the middle of each pixel, away from the sensor.
+
+        Parameters
+        ----------
+        shift : ndarray, (k, pixels, pixels, 2), optional
+            How far beside the middle of its pixel each ray goes, in pixels: to the right, and up.
 
         Returns
         -------
@@ -102,22 +138,36 @@ class Scanner:
         >>> Scanner(views=((0, 0, 2),), pixels=1).ray_directions()[0, 0, 0].tolist()
         [0.0, 0.0, -1.0]
         """
-        forward = -as_vectors(self.views, "views")
-        forward /= np.linalg.norm(forward, axis=1, keepdims=True)
-        # Any axis that is not close to the view will do for "up".
-        up = np.where(np.abs(forward[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[0.0, 1.0, 0.0]])
-        right = np.cross(forward, up)
-        right /= np.linalg.norm(right, axis=1, keepdims=True)
-        up = np.cross(right, forward)
-        s = np.tan(0.5 * self.opening_rad) * ((np.arange(self.pixels) + 0.5) * (2.0 / self.pixels) - 1.0)
-        rays = (
-            forward[:, None, None]
-            + s[None, :, None, None] * up[:, None, None]
-            + s[None, None, :, None] * right[:, None, None]
-        )
-        directions: FloatArray = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-        return directions
+        forward, right, up = camera_axes(as_vectors(self.views, "views"))
+        half, pitch = np.tan(0.5 * self.opening_rad), 2.0 / self.pixels
+        middles = half * ((np.arange(self.pixels) + 0.5) * pitch - 1.0)
+        s_right, s_up = middles[None, None, :, None], middles[None, :, None, None]
+        if shift is not None:
+            s_right, s_up = s_right + half * pitch * shift[..., :1], s_up + half * pitch * shift[..., 1:]
+        return unit(forward[:, None, None] + s_up * up[:, None, None] + s_right * right[:, None, None])
 
 
-def _is_within(value: object, low: float, high: float) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and low < value < high
+def camera_axes(views: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the axes of cameras that look at a part.
+
+    Parameters
+    ----------
+    views : ndarray, (k, 3)
+        Directions from the part to the camera, any length above zero.
+
+    Returns
+    -------
+    forward, right, up : ndarray, (k, 3)
+        Unit vectors; up is as near to z as it can be, or to y where the view runs along z.
+
+    Examples
+    --------
+    >>> [axis[0].tolist() for axis in camera_axes(np.array([[-2.0, 0.0, 0.0]]))]
+    [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    forward = -views
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    up = np.where(np.abs(forward[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[0.0, 1.0, 0.0]])
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    return forward + 0.0, right + 0.0, np.cross(right, forward) + 0.0  # + 0.0 turns -0.0 into 0.0

@@ -11,7 +11,8 @@ from dqreg.rigid import pose
 from dqreg.synth.coverage import visible_share
 from dqreg.synth.noise import Noise
 from dqreg.synth.parts import box, bracket
-from dqreg.synth.scanner import Scan, scan_mesh
+from dqreg.synth.scan import Scan
+from dqreg.synth.scanner import scan_mesh
 from dqreg.synth.views import Scanner
 
 SIZE = 156.2  # diagonal of the default bracket

@@ -13,6 +13,7 @@ import numpy as np
 
 from dqreg.arrays import FloatArray, IntArray
 from dqreg.errors import InputError
+from dqreg.synth.parts.checks import require_count
 
 
 def circle(centre: Sequence[float], diameter: float, segments: int) -> FloatArray:
@@ -42,8 +43,7 @@ def circle(centre: Sequence[float], diameter: float, segments: int) -> FloatArra
     >>> circle((1.0, 0.0), 4.0, 8)[0].tolist()
     [3.0, 0.0]
     """
-    if segments < 8 or segments % 4:
-        raise InputError(f"segments must be a multiple of 4 and at least 8; got {segments}")
+    require_count("segments", segments, 8, multiple=4)
     angle = np.arange(segments) * (2.0 * np.pi / segments)
     return np.asarray(centre, dtype=np.float64) + 0.5 * diameter * np.column_stack([np.cos(angle), np.sin(angle)])
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from dqreg.arrays import FloatArray, IntArray
 from dqreg.errors import InputError
+from dqreg.synth.parts.checks import require_count
 from dqreg.synth.parts.patches import circle, fan, grid, lift, ring, walls, weld
 
 Mesh = tuple[FloatArray, IntArray]
@@ -42,9 +43,10 @@ def box(size: Sequence[float] = (1.0, 1.0, 1.0), *, divisions: int | Sequence[in
     >>> vertices.shape, faces.shape
     ((8, 3), (12, 3))
     """
-    require_positive(**{f"size[{i}]": value for i, value in enumerate(_three(size, "size"))})
-    counts = _three((divisions,) * 3 if np.isscalar(divisions) else divisions, "divisions")
-    require_positive(**{f"divisions[{i}]": value for i, value in enumerate(counts)})
+    require_positive(**{f"size[{i}]": value for i, value in enumerate(three(size, "size"))})
+    counts = three((divisions,) * 3 if np.isscalar(divisions) else divisions, "divisions")
+    for i, count in enumerate(counts):
+        require_count(f"divisions[{i}]", count, 1, most=500)
     lines = [np.linspace(-0.5 * s, 0.5 * s, int(n) + 1) for s, n in zip(size, counts, strict=True)]
     return weld(
         lift(grid(lines[(axis + 1) % 3], lines[(axis + 2) % 3]), axis, lines[axis][end], outward=outward)
@@ -127,7 +129,7 @@ def plate(
     >>> vertices.max(axis=0).tolist()
     [100.0, 60.0, 4.0]
     """
-    length, width, thickness = _three(size, "size")
+    length, width, thickness = three(size, "size")
     require_positive(length=length, width=width, thickness=thickness, large_hole=large_hole, small_hole=small_hole)
     x, y, z = [0.0, 0.5 * length, length], [0.0, 0.5 * width, width], [0.0, thickness]
     face, holes = four_holes(x, y, (large_hole, small_hole), segments)
@@ -196,8 +198,35 @@ def require_positive(**lengths: Any) -> None:
             raise InputError(f"{name} must be a number above 0; got {value!r}")
 
 
-def _three(values: Any, name: str) -> tuple[float, float, float]:
-    array = np.asarray(values)
-    if array.shape != (3,) or array.dtype.kind not in "iuf":
+def three(values: Any, name: str) -> tuple[float, float, float]:
+    """Check that there are three numbers.
+
+    Parameters
+    ----------
+    values : sequence of 3 numbers
+        What was given.
+    name : str
+        Its name, for the message.
+
+    Returns
+    -------
+    (float, float, float)
+        The numbers.
+
+    Raises
+    ------
+    InputError
+        If they are not three numbers.
+
+    Examples
+    --------
+    >>> len(three([1, 2, 3], "size"))
+    3
+    """
+    # A ragged list makes NumPy raise by itself.
+    array = np.asarray(values, dtype=object)
+    if array.shape != (3,) or not all(
+        isinstance(v, (int, float, np.number)) and not isinstance(v, bool) for v in array
+    ):
         raise InputError(f"{name} must be three numbers, along x, y, z; got {values!r}")
     return array[0], array[1], array[2]

@@ -1,0 +1,146 @@
+"""Motion of the part against the scanner while it scans: one constant twist."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dqreg.arrays import FloatArray, as_float
+from dqreg.errors import InputError
+from dqreg.rigid import pose
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Constant twist during the sweep.
+
+    A point that is at ``p`` on the part at the reference time is at ``M(t) p`` when it is read, with
+    ``M(t) = exp((t - reference) twist)``. Time counts in sweeps: 0 at the begin, 1 at the end.
+
+    Attributes
+    ----------
+    turn_rad : (float, float, float)
+        Rotation vector of the whole sweep, about the part's centre, along the axes of its frame.
+    shift : (float, float, float)
+        Translation part of the whole sweep, in diagonals of the part.
+    reference : float
+        Time at which the part is where the truth says, from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be; the message names it.
+
+    Examples
+    --------
+    >>> Motion(turn_rad=(0.0, 0.0, 0.1)).twist(np.array([1.0, 0.0, 0.0]), 10.0).tolist()
+    [0.0, 0.0, 0.1, 0.0, -0.1, 0.0]
+    """
+
+    turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    reference: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name, most, what in (("turn_rad", np.pi, "a half-turn"), ("shift", 10.0, "10 diagonals")):
+            value = as_float(getattr(self, name), name)
+            if value.shape != (3,) or not np.linalg.norm(value) <= most:
+                raise InputError(f"{name} must be three numbers, together at most {what}; got {getattr(self, name)!r}")
+        if isinstance(self.reference, bool) or not isinstance(self.reference, (int, float)):
+            raise InputError(f"reference must be a number from 0 to 1; got {self.reference!r}")
+        if not 0.0 <= self.reference <= 1.0:
+            raise InputError(f"reference must be a number from 0 to 1; got {self.reference!r}")
+
+    def twist(self, centre: FloatArray, diagonal: float) -> FloatArray:
+        """Twist of the whole sweep about the origin of the part's frame.
+
+        Parameters
+        ----------
+        centre : ndarray, (3,)
+            Centre of the part.
+        diagonal : float
+            Its diagonal.
+
+        Returns
+        -------
+        ndarray, (6,)
+            Rotation first, then translation, per sweep.
+
+        Examples
+        --------
+        >>> Motion(shift=(0.1, 0.0, 0.0)).twist(np.zeros(3), 10.0).tolist()
+        [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]
+        """
+        turn, shift = np.asarray(self.turn_rad, dtype=np.float64), diagonal * np.asarray(self.shift, dtype=np.float64)
+        return np.concatenate([turn, shift + np.cross(centre, turn)]) + 0.0
+
+
+def poses_at(twist: FloatArray, since_reference: FloatArray) -> FloatArray:
+    """Return the poses of a constant twist.
+
+    Parameters
+    ----------
+    twist : ndarray, (6,)
+        Rotation first, then translation, per sweep.
+    since_reference : ndarray, (n,)
+        Times since the reference, in sweeps; negative before it.
+
+    Returns
+    -------
+    ndarray, (n, 4, 4)
+        ``exp(time twist)``: from where a point is at the reference time to where it is then.
+
+    Examples
+    --------
+    >>> poses_at(np.array([0.0, 0, 0, 2, 0, 0]), np.array([-0.5]))[0, :3, 3].tolist()
+    [-1.0, 0.0, 0.0]
+    """
+    return pose.exp(since_reference[:, None] * twist)
+
+
+def moved_each(T: FloatArray, points: FloatArray) -> FloatArray:
+    """Move each point by a pose of its own.
+
+    Parameters
+    ----------
+    T : ndarray, (n, 4, 4)
+        Poses.
+    points : ndarray, (n, 3)
+        Points.
+
+    Returns
+    -------
+    ndarray, (n, 3)
+        ``R_i p_i + t_i``.
+
+    Examples
+    --------
+    >>> moved_each(poses_at(np.array([0.0, 0, 0, 2, 0, 0]), np.array([1.0])), np.ones((1, 3))).tolist()
+    [[3.0, 1.0, 1.0]]
+    """
+    return turned_each(T, points) + T[:, :3, 3]
+
+
+def turned_each(T: FloatArray, directions: FloatArray) -> FloatArray:
+    """Turn each direction by a pose of its own.
+
+    Parameters
+    ----------
+    T : ndarray, (n, 4, 4)
+        Poses.
+    directions : ndarray, (n, 3)
+        Directions.
+
+    Returns
+    -------
+    ndarray, (n, 3)
+        ``R_i m_i``.
+
+    Examples
+    --------
+    >>> turned_each(np.eye(4)[None], np.ones((1, 3))).tolist()
+    [[1.0, 1.0, 1.0]]
+    """
+    turned: FloatArray = np.einsum("nij,nj->ni", T[:, :3, :3], directions)
+    return turned

@@ -1,0 +1,160 @@
+"""Parts of flat faces: regular prism, block with one notch, and the feeder's stand-in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dqreg.arrays import BoolArray, FloatArray
+from dqreg.synth.parts.checks import require_count, require_order
+from dqreg.synth.parts.patches import annulus, fan, lift, walls, weld
+from dqreg.synth.parts.plain import Mesh, require_positive, three
+from dqreg.synth.parts.turned import polar
+
+
+def prism(*, diameter: float = 60.0, height: float = 40.0, sides: int = 6) -> Mesh:
+    """Regular prism, centred on the origin, axis along z: symmetric under 2 n turns.
+
+    Parameters
+    ----------
+    diameter : float
+        Through the corners.
+    height : float
+        Along z.
+    sides : int
+        Number of sides, at least 3; one corner lies over the x axis.
+
+    Returns
+    -------
+    vertices : ndarray, (2 sides, 3)
+        Float64, in the unit of the dimensions (the defaults are millimetres).
+    faces : ndarray, (4 sides - 4, 3)
+        Int64.
+
+    Raises
+    ------
+    InputError
+        If a dimension is not positive.
+
+    Examples
+    --------
+    >>> prism()[0].shape
+    (12, 3)
+    """
+    require_positive(diameter=diameter, height=height)
+    require_count("sides", sides, 3)
+    around = np.arange(sides) * (2.0 * np.pi / sides)
+    outline, half = polar(0.5 * diameter, around), 0.5 * height
+    return weld(
+        [
+            walls(outline, 2, (-half, half)),
+            lift(fan(outline), 2, half),
+            lift(fan(outline), 2, -half, outward=-1),
+        ]
+    )
+
+
+def block(size: Sequence[float] = (80.0, 50.0, 30.0), *, notch: float = 6.0) -> Mesh:
+    """Rectangular block with a cube cut out of one corner: but for that, it looks alike after three half-turns.
+
+    Parameters
+    ----------
+    size : sequence of 3 floats
+        Edge lengths along x, y, z; the block is centred on the origin.
+    notch : float
+        Edge of the cube that is missing at the corner (+x, +y, +z).
+
+    Returns
+    -------
+    vertices : ndarray, (v, 3)
+        Float64, in the unit of ``size`` (the defaults are millimetres).
+    faces : ndarray, (f, 3)
+        Int64.
+
+    Raises
+    ------
+    InputError
+        If a length is not positive, or the notch is as large as the block.
+
+    Examples
+    --------
+    >>> vertices, faces = block()
+    >>> vertices.max(axis=0).tolist()
+    [40.0, 25.0, 15.0]
+    """
+    require_positive(**{f"size[{i}]": value for i, value in enumerate(three(size, "size"))}, notch=notch)
+    require_order(notch=notch, size=min(size))
+    lines = [np.array([-0.5 * s, 0.5 * s - notch, 0.5 * s]) for s in size]
+    filled = np.ones((2, 2, 2), dtype=bool)
+    filled[1, 1, 1] = False
+    return weld(_cells(lines, filled))
+
+
+# The box of the 1991 paper's "Feeder" and outlines (x, y) of the two prisms that stand in for it, each a rectangle
+# with a step at both ends. They are those of `dqreg.papers`, which has the vertices only; a test compares them.
+_LOWER = np.array([[0, 0], [322, 0], [322, 52], [236, 52], [236, 84], [78, 84], [78, 52], [0, 52]]) / 1.0
+_UPPER = np.array([[34, 11], [255, 11], [255, 46], [201, 46], [201, 71], [109, 71], [109, 46], [34, 46]]) / 1.0
+_MIDDLE, _TOP = 88.0, 151.0
+
+
+def feeder(*, scale: float = 1.0) -> Mesh:
+    """Stand-in for the 1991 paper's "Feeder": 32 vertices in a box of 322 x 84 x 151, no symmetry.
+
+    The paper does not print its object's coordinates. Two stacked prisms have its number of vertices and its size.
+
+    Parameters
+    ----------
+    scale : float
+        Factor on all lengths.
+
+    Returns
+    -------
+    vertices : ndarray, (32, 3)
+        Float64; one corner of the box is the origin.
+    faces : ndarray, (60, 3)
+        Int64.
+
+    Raises
+    ------
+    InputError
+        If the scale is not positive.
+
+    Examples
+    --------
+    >>> vertices, faces = feeder()
+    >>> vertices.shape, faces.shape, vertices.max(axis=0).tolist()
+    ((32, 3), (60, 3), [322.0, 84.0, 151.0])
+    """
+    require_positive(scale=scale)
+    lower, upper, middle, top = scale * _LOWER, scale * _UPPER, scale * _MIDDLE, scale * _TOP
+    return weld(
+        [
+            lift(_stepped(lower), 2, 0.0, outward=-1),
+            walls(lower, 2, (0.0, middle)),
+            lift(annulus(lower, upper), 2, middle),
+            walls(upper, 2, (middle, top)),
+            lift(_stepped(upper), 2, top),
+        ]
+    )
+
+
+def _stepped(outline: FloatArray) -> FloatArray:
+    """Triangles of a rectangle with a step at both ends: corners 3 to 6 are the narrow part."""
+    return np.concatenate([fan(outline[[0, 1, 2, 3, 6, 7]]), fan(outline[3:7])])
+
+
+def _cells(lines: Sequence[FloatArray], filled: BoolArray) -> list[FloatArray]:
+    """Boundary of the filled cells between three sets of parallel planes."""
+    padded = np.pad(filled, 1)
+    patches = []
+    for axis in range(3):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        order = np.moveaxis(padded, (axis, u, v), (0, 1, 2))
+        step = np.diff(order.astype(int), axis=0)[:, 1:-1, 1:-1]
+        for outward in (1, -1):
+            for k, i, j in np.argwhere(step == -outward):
+                (u0, u1), (v0, v1) = lines[u][i : i + 2], lines[v][j : j + 2]
+                patch = fan([[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
+                patches.append(lift(patch, axis, lines[axis][k], outward=outward))
+    return patches

@@ -1,0 +1,65 @@
+"""Checks of a part's dimensions that several parts share."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+from dqreg.errors import InputError
+
+# More facets than this in one round are a slip of the pen, not a part.
+MOST = 2_000
+
+
+def require_count(name: str, value: Any, least: int, *, most: int = MOST, multiple: int = 1) -> None:
+    """Raise unless a count is a whole number within reason.
+
+    Parameters
+    ----------
+    name : str
+        Its name, for the message.
+    value : int
+        What was given.
+    least : int
+        The least that is allowed.
+    most : int
+        The most that makes sense.
+    multiple : int
+        It must be a multiple of this.
+
+    Raises
+    ------
+    InputError
+        If it is anything else; the message names it.
+
+    Examples
+    --------
+    >>> require_count("teeth", 18, 6)
+    """
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    if not whole or not least <= value <= most or value % multiple:
+        of = f", a multiple of {multiple}" if multiple > 1 else ""
+        raise InputError(f"{name} must be a whole number from {least} to {most}{of}; got {value!r}")
+
+
+def require_order(**lengths: float) -> None:
+    """Raise unless each length is smaller than the next.
+
+    Parameters
+    ----------
+    **lengths : float
+        Numbers by the name that the message shall show, from the smallest on.
+
+    Raises
+    ------
+    InputError
+        If two are in the wrong order; the message begins with the first of them.
+
+    Examples
+    --------
+    >>> require_order(bore_diameter=1.0, hub_diameter=2.0)
+    """
+    names = list(lengths)
+    for small, large in itertools.pairwise(names):
+        if not lengths[small] < lengths[large]:
+            raise InputError(f"{small} ({lengths[small]:g}) must be smaller than {large} ({lengths[large]:g})")

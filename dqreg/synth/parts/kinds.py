@@ -1,0 +1,115 @@
+"""The parts by name, each with its symmetry."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.synth.parts.blade import blade
+from dqreg.synth.parts.blocks import block, feeder, prism
+from dqreg.synth.parts.bracket import bracket
+from dqreg.synth.parts.plain import Mesh, box, cylinder, plate
+from dqreg.synth.parts.sheet import angle
+from dqreg.synth.parts.symmetry import Symmetry, about_z, none, of_box
+from dqreg.synth.parts.turned import flange, gear
+
+_Z_AXIS = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How a part of one kind is made, and which motions put it onto itself.
+
+    Attributes
+    ----------
+    build : callable
+        Takes the dimensions as keywords; returns vertices (v, 3) and faces (f, 3).
+    symmetry : callable
+        Takes all dimensions by name, defaults filled in; returns a `Symmetry`.
+    """
+
+    build: Callable[..., Mesh]
+    symmetry: Callable[[Mapping[str, Any]], Symmetry]
+
+
+def symmetry_of(kind: str, dimensions: Mapping[str, Any] | None = None) -> Symmetry:
+    """Find the motions that put a part onto itself.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    dimensions : mapping, optional
+        Its dimensions where they are not the defaults.
+
+    Returns
+    -------
+    Symmetry
+        In the part's frame.
+
+    Examples
+    --------
+    >>> len(symmetry_of("gear", {"teeth": 12}).poses)
+    12
+    """
+    bound = inspect.signature(KINDS[kind].build).bind(**(dimensions or {}))
+    bound.apply_defaults()
+    return KINDS[kind].symmetry(bound.arguments)
+
+
+def _exact(poses: FloatArray, axis: FloatArray | None = None) -> Symmetry:
+    return Symmetry(poses, np.zeros((0, 4, 4)), axis)
+
+
+def _of_plate(given: Mapping[str, Any]) -> Symmetry:
+    poses = of_box(given["size"], [0.5 * s for s in given["size"]])
+    # Turns that lift z off z are of a cube; the holes run along z.
+    poses = poses[np.abs(poses[:, 2, 2]) == 1.0]
+    if given["large_hole"] == given["small_hole"]:
+        return _exact(poses)
+    # One larger hole near the origin: only the half-turn about the diagonal through it can leave it in its place.
+    centre = 0.25 * np.asarray(given["size"], dtype=np.float64)
+    centre[2] = 0.5 * given["size"][2]
+    moved = poses[:, :3, :3] @ centre + poses[:, :3, 3]
+    same = np.linalg.norm(moved - centre, axis=1) < 1e-9 * max(given["size"])
+    return Symmetry(poses[same], poses[~same])
+
+
+def _without(_given: Mapping[str, Any]) -> Symmetry:
+    return none()
+
+
+def _of_block(given: Mapping[str, Any]) -> Symmetry:
+    poses = of_box(given["size"])
+    corner = np.ones(3)
+    same = np.abs(poses[:, :3, :3] @ corner - corner).max(axis=1) < 1e-9
+    return Symmetry(poses[same], poses[~same])
+
+
+def _of_prism(given: Mapping[str, Any]) -> FloatArray:
+    # A prism of four sides can be a cube, if its height is the side.
+    if given["sides"] == 4 and np.isclose(given["height"], given["diameter"] / np.sqrt(2.0), rtol=1e-9):
+        turn = about_z(8)[1]
+        poses: FloatArray = turn @ of_box((1, 1, 1)) @ turn.T
+        return poses
+    return about_z(given["sides"], flips=True)
+
+
+KINDS: Mapping[str, Kind] = {
+    "angle": Kind(angle, _without),
+    "blade": Kind(blade, _without),
+    "block": Kind(block, _of_block),
+    "box": Kind(box, lambda given: _exact(of_box(given["size"]))),
+    "bracket": Kind(bracket, _without),
+    "cylinder": Kind(cylinder, lambda given: _exact(about_z(1, flips=True), _Z_AXIS)),
+    "feeder": Kind(feeder, _without),
+    "flange": Kind(flange, lambda given: _exact(about_z(given["bolts"]))),
+    "gear": Kind(gear, lambda given: _exact(about_z(given["teeth"]))),
+    "plate": Kind(plate, _of_plate),
+    "prism": Kind(prism, lambda given: _exact(_of_prism(given))),
+}
