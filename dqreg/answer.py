@@ -8,18 +8,15 @@ from typing import Any
 import numpy as np
 
 from dqreg.arrays import FloatArray
+from dqreg.evidence import gather_evidence
 from dqreg.geometry import Scan
-from dqreg.icp import NO_POSE, InlierMixture, Plan, Run, width_floor
+from dqreg.icp import NO_POSE, InlierMixture, Plan, Run
+from dqreg.known import Known
 from dqreg.records import Alternative, Direction, Iteration
 from dqreg.result import Registration
 from dqreg.rigid import pose
 from dqreg.target import CentredSource, IndexedTarget, Inputs
 from dqreg.trust import Evidence, Information, covariance_of, information_of, judge, observe_directions
-
-# Share of the largest distance within which a point ought to lie on the target: farther off stands the table.
-NEAR = 0.25
-# Widths within which a point counts as lying on the target; real scans have longer tails than a Gaussian.
-ON = 4.0
 
 
 def to_work(T_target_source: FloatArray, origin_target: FloatArray, origin_source: FloatArray) -> FloatArray:
@@ -89,6 +86,8 @@ class Outcome:
     source: CentredSource
     target: IndexedTarget
     plan: Plan
+    known: Known = Known()
+    searched: str = ""
 
     @property
     def found(self) -> bool:
@@ -147,27 +146,26 @@ class Outcome:
         normals, surface = pairs.closest.normals, self.target.surface
         along = np.einsum("ij,ij->i", points - pairs.closest.points, normals)
         lever = 0.5 * surface.diagonal
-        held = information_of(points, normals, along, self.run.weights, lever, np.zeros(3))
+        smooth = self.target.smooth_normals(pairs.closest)
+        held = information_of(
+            points,
+            normals,
+            along,
+            self.run.weights,
+            lever,
+            np.zeros(3),
+            smooth,
+            patchwise=True,
+            allowed=self.known.allowed(self.run.T_target_source),
+            prior=self.known.information(self.run.T_target_source),
+        )
         # The words name places in the caller's frame.
         return dataclasses.replace(held, centre=self.target.origin)
 
     def _evidence(self, directions: tuple[Direction, ...], alternatives: tuple[Alternative, ...]) -> Evidence:
-        near = NEAR * self.plan.max_distance
-        distances = self.run.pairs.distances
-        close, on = (int(np.count_nonzero(distances <= d)) for d in (near, min(ON * self.mixture.scale, near)))
-        return Evidence(
-            status=self.run.status,
-            found=self.found,
-            inliers=float(self.run.weights.sum()),
-            share_near=on / close if close else 0.0,
-            near=near,
-            width=self.mixture.scale,
-            expected=max(self.scan.noise, width_floor(self.scan, self.target.surface)),
-            spacing=self.scan.spacing,
-            to_cloud=self.target.kind == "cloud",
-            max_distance=self.plan.max_distance,
-            directions=directions,
-            alternatives=alternatives,
+        surface = self.target.surface
+        return gather_evidence(
+            self.run, self.mixture, self.scan, surface, self.plan, directions, alternatives, self.searched
         )
 
     def _resolved(self) -> dict[str, Any]:

@@ -103,7 +103,10 @@ class Alternative:
         The pose.
     score : float
         Truncated root mean square distance of the scan under it, target units; the smaller the better.
+    symmetry : str
+        The symmetry of the part that leads to it from the answer, in words; "" where it is another pose altogether.
     """
 
     T_target_source: FloatArray
     score: float
+    symmetry: str = ""

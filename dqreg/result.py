@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args
 
@@ -16,10 +18,13 @@ from dqreg.errors import InputError
 from dqreg.records import Alternative, Direction, Iteration, Level, Verdict
 from dqreg.rigid import DualQuaternion, pose
 from dqreg.target import Inputs
+from dqreg.trust import Deviations, measure_deviations, why_unsigned
 
 __all__ = ["Alternative", "Direction", "Iteration", "Registration", "Verdict"]
 
 FORMAT = "dqreg registration 1"
+# Share of the largest distance of a pair within which a point counts as the part's: farther off stands the table.
+NEAR = 0.25
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -88,8 +93,9 @@ class Registration:
         InputError
             If either side cannot be read.
         """
-        units = (self.settings.get(key) for key in ("source_units", "target_units"))
-        return dataclasses.replace(self, inputs=Inputs.read(source, target, *units, seed=self.settings.get("seed", 0)))
+        known = self.settings
+        units = known.get("source_units"), known.get("target_units")
+        return dataclasses.replace(self, inputs=Inputs.read(source, target, *units, known.get("seed", 0)))
 
     @property
     def dual_quaternion(self) -> DualQuaternion:
@@ -116,6 +122,117 @@ class Registration:
         """
         checked = as_vectors(points, "points")
         return pose.apply(self._found(), checked * self.settings.get("source_scale", 1.0))
+
+    def deviations(
+        self,
+        tolerance: float | None = None,
+        *,
+        reach: float | None = None,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> Deviations:
+        """How far every point of the scan lies off the target, and on which side.
+
+        Parameters
+        ----------
+        tolerance : float, optional
+            Largest deviation allowed, target units.
+        reach : float, optional
+            Points farther off than this belong to something else (a table, clamps, other parts): they have a value,
+            but enter no statistics, and the summary counts them. Default: the distance within which the verdict
+            counts points as the part's, a quarter of ``settings["max_distance"]``. ``numpy.inf`` counts all.
+        progress : callable, optional
+            Called with the points done and all points, now and then.
+
+        Returns
+        -------
+        Deviations
+            In the order of the scan, positive outside the part, target units.
+
+        Raises
+        ------
+        InputError
+            If no pose was found, or the result does not hold its two sides: `attached` brings them back.
+
+        Warns
+        -----
+        UserWarning
+            If the target has no inside and outside (an open mesh, a cloud without normals): no signs then.
+
+        Examples
+        --------
+        >>> from dqreg.register import register
+        >>> from dqreg.synth.parts import box
+        >>> from dqreg.geometry import Mesh
+        >>> part = Mesh(*box((3.0, 2.0, 1.0)))
+        >>> found = register(part, part, "identity", effort="fast").deviations(tolerance=0.01)
+        >>> len(found), found.signed, found.summary().share_within
+        (100000, True, 1.0)
+        """
+        T = self._found()
+        if self.inputs is None:
+            raise InputError(
+                "this result does not hold its two sides (it was loaded, or made with keep_inputs=False); "
+                "call result.attached(source, target).deviations()"
+            )
+        source, target = self.inputs.source, self.inputs.target
+        unsigned = why_unsigned(target.geometry)
+        if unsigned:
+            warnings.warn(unsigned, UserWarning, stacklevel=2)
+        R, t = T[:3, :3], T[:3, 3]
+        # The origins go into the shift first: large numbers cancel here once, not once a point.
+        T_work = pose.from_parts(R, R @ source.origin + t - target.origin)
+        return measure_deviations(
+            pose.apply(T_work, source.cloud.points),
+            target.geometry,
+            target.surface,
+            origin=target.origin,
+            tolerance=tolerance,
+            reach=NEAR * self.settings["max_distance"] if reach is None else reach,
+            units=self.settings.get("target_units"),
+            spacing=self.settings.get("source_spacing"),
+            progress=progress,
+        )
+
+    def report(
+        self,
+        path: str | Path,
+        tolerance: float | None = None,
+        *,
+        reach: float | None = None,
+        start: ArrayLike | None = None,
+    ) -> Path:
+        """Write a report to be judged by eye: one HTML file that opens anywhere and loads nothing.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; that it can be written is asked before the work.
+        tolerance : float, optional
+            Largest deviation allowed, target units; then points and regions of the part pass or fail.
+        reach : float, optional
+            Points farther off belong to something else, see `deviations`.
+        start : (4, 4) array_like, optional
+            Where the registration began, to show the scan before it.
+
+        Returns
+        -------
+        Path
+            The file. A failed registration is reported too; a result without its two sides has no view.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written, or the tolerance is no length above zero.
+        """
+        from dqreg.report.page import write_report
+
+        return write_report(self, path, tolerance, reach=reach, start=start)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: verdict, numbers and, with both sides, a picture."""
+        from dqreg.report.notebook import notebook_html
+
+        return notebook_html(self)
 
     def inverse(self) -> FloatArray:
         """The pose T_source_target, (4, 4), from target coordinates to source coordinates (in target units).
@@ -203,7 +320,8 @@ def _from_dict(values: dict[str, Any]) -> Registration:
             Direction(_number(d["strength"]), _number(d["sigma"]), _text(d["words"])) for d in values["observability"]
         ),
         alternatives=tuple(
-            Alternative(_pose(a["T_target_source"]), _number(a["score"])) for a in values["alternatives"]
+            Alternative(_pose(a["T_target_source"]), _number(a["score"]), _text(a["symmetry"]))
+            for a in values["alternatives"]
         ),
         history=tuple(_iteration(record) for record in values["history"]),
         rms=_number(values["rms"]),

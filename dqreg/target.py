@@ -14,7 +14,8 @@ import numpy as np
 from dqreg.arrays import FloatArray, bounds
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.files import CloudData, read_geometry
-from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, Surface, as_geometry, sample_mesh
+from dqreg.geometry import Closest, CloudSurface, Mesh, MeshSurface, PointCloud, Surface, as_geometry, sample_mesh
+from dqreg.geometry.smooth_normals import SmoothNormals
 from dqreg.geometry.units import factor
 
 # Points drawn from a mesh that is the source.
@@ -55,6 +56,14 @@ class IndexedTarget:
             surface = MeshSurface(self.geometry) if isinstance(self.geometry, Mesh) else CloudSurface(self.geometry)
             surface.closest(np.zeros((1, 3)))  # builds what is built lazily, while only one thread is here
             return surface
+
+    def smooth_normals(self, closest: Closest) -> FloatArray:
+        """Normals of the smooth surface at places that the surface has named, (n, 3)."""
+        return closest.normals if self._smooth is None else self._smooth.at(closest.points, closest.elements)
+
+    @cached_property
+    def _smooth(self) -> SmoothNormals | None:
+        return SmoothNormals(self.geometry) if isinstance(self.geometry, Mesh) else None
 
     @property
     def units(self) -> str | None:

@@ -23,7 +23,7 @@ from dqreg.geometry.surface import Surface
 from dqreg.icp.favour import favoured_rows, value_of
 from dqreg.icp.kernels import InlierMixture
 from dqreg.icp.loop import Observer, Run
-from dqreg.icp.stage import EXPLAINED, Level, Plan, Schedule
+from dqreg.icp.stage import Level, Plan, Schedule
 
 # Points of the coarse level, where the basin is decided, and of the level between it and the last.
 COARSE, MIDDLE = 2_000, 10_000
@@ -68,18 +68,55 @@ def run_graduated(
     finest = min(plan.finest or len(scan), len(scan))
     counts = [count for count in (COARSE, MIDDLE) if 2 * count <= finest] + [finest]
     level = Level(scan.thinned(counts[0]), surface, plan, width_floor(scan, surface), last=len(counts) == 1)
-    run, mixture = find_basin(level, start, observe)
-    near = dataclasses.replace(plan, estimator=plan.fine or plan.estimator)
-    floor = width_floor(_judged_by_inliers(level.scan, run), surface)
-    level = dataclasses.replace(level, plan=near, floor=floor, near=True)
-    # The coarse points are gone over again where a new estimator takes over: it is the cheapest place to do so.
-    for count in counts if plan.fine else counts[1:]:
+    run, mixture, level = _placed(level, start, observe)
+    for count in counts[1:]:
         if run.ended_early:
             break
         level = _finer(level, scan, count, last=count == counts[-1], so_far=run)
         finer, mixture = level.descend(mixture, run.T_target_source, FINE, observe, len(run.history) + 1)
         run = dataclasses.replace(finer, history=run.history + finer.history)
     return run, mixture
+
+
+def _placed(level: Level, start: FloatArray, observe: Observer | None) -> tuple[Run, InlierMixture, Level]:
+    """End of the coarse level, with the fine estimator where there is one, and that level as the finer ones go on."""
+    if level.plan.first_width is not None:
+        mixture = InlierMixture(max(level.plan.first_width, level.floor), 0.5, level.plan.max_distance)
+        near = _near(level, None)
+        run, mixture = near.descend(mixture, start, FINE, observe, 1)
+        return run, mixture, _near(level, run)
+    if level.plan.fine is None:
+        run, mixture = find_basin(level, start, observe)
+        return run, mixture, _near(level, run)
+    run, mixture = find_basin(level, start, observe, hasty=True)
+    run, mixture, near = _refined(level, run, mixture, observe)
+    if run.ended_early or near.explains(run, mixture):
+        return run, mixture, near
+    # It looked near at a wide kernel, and at a narrow one much of the scan is left over: a wrong basin, or strays.
+    slow, slow_mixture = find_basin(level, start, observe, first=len(run.history) + 1)
+    slow, slow_mixture, slow_near = _refined(level, slow, slow_mixture, observe, len(run.history))
+    history = run.history + slow.history
+    if not slow.ended_early and slow_near.surprise(slow_mixture, slow) < near.surprise(mixture, run):
+        run, mixture, near = slow, slow_mixture, slow_near
+    status = slow.status if slow.status == "stopped by observer" else run.status
+    return dataclasses.replace(run, history=history, status=status), mixture, near
+
+
+def _refined(
+    level: Level, run: Run, mixture: InlierMixture, observe: Observer | None, before: int = 0
+) -> tuple[Run, InlierMixture, Level]:
+    # The coarse points are gone over again where a new estimator takes over: it is the cheapest place to do so.
+    near = _near(level, run)
+    if run.ended_early:
+        return run, mixture, near
+    finer, mixture = near.descend(mixture, run.T_target_source, FINE, observe, before + len(run.history) + 1)
+    return dataclasses.replace(finer, history=run.history + finer.history), mixture, near
+
+
+def _near(level: Level, run: Run | None) -> Level:
+    plan = dataclasses.replace(level.plan, estimator=level.plan.fine or level.plan.estimator)
+    floor = width_floor(_judged_by_inliers(level.scan, run) if run else level.scan, level.surface)
+    return dataclasses.replace(level, plan=plan, floor=floor, near=True)
 
 
 def _finer(level: Level, scan: Scan, count: int, *, last: bool, so_far: Run) -> Level:
@@ -118,8 +155,10 @@ def width_floor(scan: Scan, surface: Surface) -> float:
     return max(NOISE_FLOOR * min(scan.noise, scan.spacing), EXACT_FLOOR * surface.diagonal)
 
 
-def find_basin(level: Level, start: FloatArray, observe: Observer | None = None) -> tuple[Run, InlierMixture]:
-    """The patient schedule's end, or the better of both, on one level.
+def find_basin(
+    level: Level, start: FloatArray, observe: Observer | None = None, first: int = 1, *, hasty: bool = False
+) -> tuple[Run, InlierMixture]:
+    """The better of both schedules on one level.
 
     Parameters
     ----------
@@ -129,6 +168,10 @@ def find_basin(level: Level, start: FloatArray, observe: Observer | None = None)
         Pose to begin with.
     observe : callable, optional
         Called with each iteration.
+    first : int
+        Number of the first iteration.
+    hasty : bool
+        Whether to end as soon as the scan looks explained at a width that is small against the part.
 
     Returns
     -------
@@ -141,14 +184,13 @@ def find_basin(level: Level, start: FloatArray, observe: Observer | None = None)
     mixture = InlierMixture(wide, 0.5, level.plan.max_distance)
 
     def found(run: Run, mixture: InlierMixture) -> bool:
-        if level.plan.fine is None or mixture.scale > NEAR_WIDTH * level.surface.diagonal:
-            return False
-        return bool(mixture.share * np.count_nonzero(run.weights) >= EXPLAINED * len(run.weights))
+        return mixture.scale <= NEAR_WIDTH * level.surface.diagonal and level.explains(run, mixture)
 
-    patient, patient_mixture = level.descend(mixture, start, PATIENT, observe, 1, found)
-    if patient.status == "stopped by observer" or found(patient, patient_mixture):
+    enough = found if hasty else None
+    patient, patient_mixture = level.descend(mixture, start, PATIENT, observe, first, enough)
+    if patient.status == "stopped by observer" or (hasty and found(patient, patient_mixture)):
         return patient, patient_mixture
-    quick, quick_mixture = level.descend(mixture, start, QUICK, observe, len(patient.history) + 1, found)
+    quick, quick_mixture = level.descend(mixture, start, QUICK, observe, first + len(patient.history), enough)
     better, learned = patient, patient_mixture
     if not quick.ended_early and (
         patient.ended_early or level.surprise(quick_mixture, quick) < level.surprise(patient_mixture, patient)

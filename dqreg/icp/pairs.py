@@ -45,6 +45,12 @@ class Pairs:
         return pose.apply(self.T_target_source, self.scan.points)
 
     @cached_property
+    def aside(self) -> FloatArray:
+        """Distance of each moved point from the target's tangent plane, positive on the normal's side, (n,)."""
+        aside: FloatArray = np.einsum("ij,ij->i", self.moved - self.closest.points, self.closest.normals)
+        return aside
+
+    @cached_property
     def normal_cosines(self) -> FloatArray:
         """Cosine between the moved source normal and the target normal, (n,); 0 where either is unknown."""
         # One product with the rotated target normals instead of a turn of every source normal.

@@ -51,6 +51,9 @@ class Plan:
         Estimator of the finer levels, where the pose is near; None keeps the same.
     finest : int, optional
         Points of the last level; None takes all.
+    first_width : float, optional
+        Width of the kernel to begin with, for a start that is known to be near; None begins at half of the largest
+        distance and decides the basin.
     max_angle_rad : float
         Largest angle between normals once the width is small; at the start it is 90 degrees.
     accelerate : bool
@@ -63,6 +66,7 @@ class Plan:
     max_distance: float
     fine: Estimator | None = None
     finest: int | None = None
+    first_width: float | None = None
     max_angle_rad: float = NEAR_ANGLE_RAD
     accelerate: bool = True
     stopping: Stopping = Stopping()
@@ -174,6 +178,10 @@ class Level:
             history += run.history
         return dataclasses.replace(run, history=history), mixture
 
+    def explains(self, run: Run, mixture: InlierMixture) -> bool:
+        """Whether nearly all points of a run belong to the inliers of a mixture."""
+        return bool(mixture.share * np.count_nonzero(run.weights) >= EXPLAINED * len(run.weights))
+
     def surprise(self, mixture: InlierMixture, run: Run) -> float:
         """Mean negative log-likelihood of the distances at the end of a run: the lower, the better it explains them."""
         near = run.weights > 0.0
@@ -217,6 +225,4 @@ class Level:
 
     def _steepest(self, learned: InlierMixture, run: Run) -> float:
         # Where nearly every point is explained, there is nothing that a slower fall could still win over.
-        if not self.near or learned.share * np.count_nonzero(run.weights) < EXPLAINED * len(run.weights):
-            return STEEPEST
-        return 0.0
+        return 0.0 if self.near and self.explains(run, learned) else STEEPEST

@@ -157,7 +157,7 @@ def test_out_of_reach_is_no_correspondences(surface: MeshSurface, small: Scan) -
 
 
 def test_one_iteration_at_each_width_is_respected(surface: MeshSurface, small: Scan) -> None:
-    plan = dataclasses.replace(PLAN, stopping=Stopping(iterations=1))
+    plan = dataclasses.replace(PLAN, fine=None, stopping=Stopping(iterations=1))
     run, _ = run_graduated(small, surface, start_of(0), plan)
     widths = [record.scale for record in run.history if record.stage == "patient"]
     assert len(set(widths)) == len(widths)

@@ -1,0 +1,131 @@
+"""What the verdict is made of, gathered on points that nobody chose for their usefulness."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg.arrays import BoolArray
+from dqreg.geometry import Scan, Surface
+from dqreg.icp import NO_POSE, InlierMixture, Pairs, Plan, Run, correspond, width_floor
+from dqreg.records import Alternative, Direction
+from dqreg.trust import Evidence
+
+# Points that are looked at, evenly over the scan.
+LOOKED_AT = 10_000
+# Share of the largest distance within which a point ought to lie on the target: farther off stands the table.
+NEAR = 0.25
+# Widths within which a point counts as lying on the target; real scans have longer tails than a Gaussian.
+ON = 4.0
+# Neighbouring points of a patch, and the widths that its median distance may be off: for 32 points of independent
+# noise the median is good to a quarter of a width.
+PATCH, OFF = 32, 2.0
+# Neighbourhoods flatter than this have a normal worth comparing; rougher than that they are no surface at all; both in
+# extents of the neighbourhood.
+SMOOTH, ROUGH = 0.4, 0.4
+# Normals farther apart than this are of different faces.
+APART_RAD = np.deg2rad(35.0)
+
+
+def gather_evidence(
+    run: Run,
+    mixture: InlierMixture,
+    scan: Scan,
+    surface: Surface,
+    plan: Plan,
+    directions: tuple[Direction, ...],
+    alternatives: tuple[Alternative, ...],
+    searched: str = "",
+) -> Evidence:
+    """Look at a run's end.
+
+    Parameters
+    ----------
+    run : Run
+        How it ended.
+    mixture : InlierMixture
+        Width and share of the inliers.
+    scan, surface : Scan, Surface
+        Both sides.
+    plan : Plan
+        Limits of the run.
+    directions : tuple of Direction
+        What is held.
+    alternatives : tuple of Alternative
+        Other poses as good.
+    searched : str
+        The last stage of the search for a start, see `Evidence`.
+
+    Returns
+    -------
+    Evidence
+        For `dqreg.trust.judge`.
+    """
+    near = NEAR * plan.max_distance
+    width = min(ON * mixture.scale, near)
+    # Thinning for the loop keeps the points with normals; here any will do.
+    pairs = correspond(scan.taken(scan.even_rows(min(LOOKED_AT, len(scan)))), surface, run.T_target_source)
+    on = pairs.distances <= width
+    aside = pairs.aside[on]
+    patches, patches_off = _patches(pairs, near, mixture.scale)
+    fitted = scan if scan.fitted is None else scan.taken(scan.fitted)
+    local = _Local.of(correspond(fitted.thinned(LOOKED_AT), surface, run.T_target_source), width)
+    return Evidence(
+        status=run.status,
+        found=run.status not in NO_POSE and bool(run.history),
+        inliers=float(run.weights.sum()),
+        share_near=_share(on, pairs.distances <= near),
+        near=near,
+        patches=patches,
+        patches_off=patches_off,
+        strays=local.strays,
+        normals_apart=local.normals_apart,
+        width=float(np.sqrt(np.mean(aside**2))) if len(aside) else mixture.scale,
+        expected=max(min(local.noise, scan.noise), width_floor(scan, surface)),
+        max_distance=plan.max_distance,
+        directions=directions,
+        alternatives=alternatives,
+        search=searched,
+    )
+
+
+def _share(part: BoolArray, whole: BoolArray) -> float:
+    count = int(np.count_nonzero(whole))
+    return float(np.count_nonzero(part & whole)) / count if count else 0.0
+
+
+def _patches(pairs: Pairs, near: float, width: float) -> tuple[int, float]:
+    # Runs along the Morton curve. A stray leaves the median of its patch alone; a face in the wrong place moves it.
+    count = len(pairs.distances) // PATCH
+    if count == 0:
+        return 0, 0.0
+    apart, aside = (np.median(x[: count * PATCH].reshape(count, PATCH), axis=1) for x in (pairs.distances, pairs.aside))
+    close = apart <= near
+    return int(np.count_nonzero(close)), _share((np.abs(aside) > OFF * width) | (apart > ON * width), close)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Local:
+    """What the neighbourhoods of the points say."""
+
+    strays: float
+    normals_apart: float
+    noise: float
+
+    @staticmethod
+    def of(pairs: Pairs, width: float) -> _Local:
+        scan = pairs.scan
+        on = pairs.distances <= width
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # How far the neighbours leave their plane, in their own extent: no length in it.
+            rough = np.nan_to_num(scan.residuals / np.sqrt(scan.levers), nan=np.inf)
+        compared = (rough < SMOOTH) & on & pairs.closest.normals.any(axis=1)
+        cosines = pairs.normal_cosines if pairs.same_sign else np.abs(pairs.normal_cosines)
+        # Among strays many neighbourhoods hold one; the better half of them is the sensor's.
+        residuals = scan.residuals[on & np.isfinite(scan.residuals)]
+        return _Local(
+            strays=_share((rough > ROUGH) & ~on, np.isfinite(scan.residuals)),
+            normals_apart=_share(cosines < np.cos(APART_RAD), compared),
+            noise=float(np.quantile(residuals, 0.3)) if len(residuals) else np.inf,
+        )
