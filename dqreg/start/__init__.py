@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dqreg.start.axes import propose_turns
-from dqreg.start.pairs import PairTable, propose
+from dqreg.start.clock import Stage
+from dqreg.start.pairs import PairTable
 from dqreg.start.search import Candidate, search
+from dqreg.start.symmetry import Axis, Symmetry, find_symmetry
 
-__all__ = ["Candidate", "PairTable", "propose", "propose_turns", "search"]
+__all__ = ["Axis", "Candidate", "PairTable", "Stage", "Symmetry", "find_symmetry", "propose_turns", "search"]

@@ -30,8 +30,8 @@ def propose_turns(scan: Scan, target: PointCloud | Mesh) -> list[FloatArray]:
     list of ndarray, (4, 4)
         24 poses, one for each proper turn.
     """
-    source_mean, source_axes = principal_axes(*_moments(scan))
-    target_mean, target_axes = principal_axes(*_moments(target))
+    source_mean, source_axes = principal_axes(*moments(scan))
+    target_mean, target_axes = principal_axes(*moments(target))
     poses = []
     for turn in proper_turns():
         R = target_axes @ turn @ source_axes.T
@@ -83,7 +83,21 @@ def principal_axes(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray
     return mean, axes
 
 
-def _moments(shape: Scan | PointCloud | Mesh) -> tuple[FloatArray, FloatArray]:
+def moments(shape: Scan | PointCloud | Mesh) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance of a shape: exact for the surface of a mesh, of the points of a cloud.
+
+    Parameters
+    ----------
+    shape : Scan, PointCloud or Mesh
+        The shape.
+
+    Returns
+    -------
+    mean : ndarray, (3,)
+        Centre.
+    covariance : ndarray, (3, 3)
+        About it.
+    """
     if isinstance(shape, Mesh):
         # Exact moments of the surface: a triangle's second moment is a twelfth of its corners' scatter.
         weights = shape.face_areas / shape.face_areas.sum()

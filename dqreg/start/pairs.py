@@ -1,118 +1,169 @@
-"""Start poses from pairs of oriented points: rare pairs of the scan, looked up among all pairs of the target.
+"""Start poses from pairs of oriented places: rare pairs of the scan, looked up among all pairs of the target.
 
-Two points with normals fix a pose. The target's pairs are sorted by distance and angles; a pair of the scan that has
-few counterparts there says much, so rare ones go first. All hypotheses are solved at once and screened on a grid of
-distances.
+Two places with directions fix a pose. The target's pairs are sorted by distance and angles; a pair of the scan that has
+few counterparts there says much, so rare ones go first. All hypotheses are solved at once.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import threading
+from functools import cached_property
 
 import numpy as np
 
 from dqreg.arrays import FloatArray, IntArray
-from dqreg.geometry import Mesh, PointCloud, Scan, Surface, sample_mesh
-from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.order import morton_order
+from dqreg.geometry import Mesh, PointCloud, Surface
+from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.solvers.oriented_pairs import OrientedPairs, poses_from_pairs
-from dqreg.start.screening import DistanceGrid, distinct
+from dqreg.start.features import Features, target_features
+from dqreg.start.screening import DistanceGrid
+from dqreg.start.symmetry import Symmetry, find_symmetry
 
-# Points of the target whose pairs are tabulated: their square is the table.
+# Places of the target whose pairs are tabulated: their square is the table.
 TABLE_POINTS = 1_000
 # Bins: distance in sizes, angles in radians.
 LENGTH_BIN, ANGLE_BIN = 0.02, 0.2
 # Shorter pairs fix the turn badly; a share of the size.
 SHORTEST = 0.15
-# Below this cosine between normal and line, the sign of the normal cannot be turned with certainty.
+# Below this cosine between direction and line, the sign of the direction cannot be turned with certainty: both are
+# tried.
 LEAST_COSINE = 0.15
-# Triple products farther apart are of mirror images.
-HAND_GAP = 0.35
+# Directions that fix the turn about the line no better than this sine do not count.
+LEAST_SINE = 0.15
+# Largest angle between the other two directions, signs aside, once the pose is solved.
+AGREE_RAD = 0.45
 # Pairs drawn from the scan, pairs used of these, counterparts of each, at most.
 DRAWN, USED, COUNTERPARTS = 24_000, 3_000, 30
-# Screening: few points for all, more for the best; reach in sizes; poses kept.
-FEW, MORE, REACH, SHORTLIST, KEPT = 64, 500, 0.025, 600, 24
+# Draws at most where most pairs are too long, in multiples.
+ROUNDS = 12
 
 
 @dataclasses.dataclass(frozen=True)
 class PairTable:
-    """All far-apart pairs of sampled target points, sorted by key, and the grid for screening.
+    """All far-apart pairs of places of a target, sorted by key, and the grids for screening.
 
     Attributes
     ----------
-    pairs : OrientedPairs
-        The pairs in the order of their keys.
+    features : Features
+        The places.
+    first, second : ndarray of int, (n,)
+        The pairs, rows of the places, in the order of their keys.
     keys : ndarray of int, (n,)
         Ascending.
     size : float
         Diagonal of the target.
     grid : DistanceGrid
         Distances to the target.
+    edges : ndarray, (m, 3)
+        Samples of the rims; may be empty.
+    edge_grid : DistanceGrid or None
+        Distances to the rims, where there are any.
+    target : PointCloud or Mesh
+        The target.
+    surface : Surface
+        The same.
     """
 
-    pairs: OrientedPairs
+    features: Features
+    first: IntArray
+    second: IntArray
     keys: IntArray
     size: float
     grid: DistanceGrid
+    edges: FloatArray
+    edge_grid: DistanceGrid | None
+    target: PointCloud | Mesh
+    surface: Surface
+    _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
+
+    @cached_property
+    def symmetry(self) -> Symmetry | None:
+        """Symmetries of a mesh, found when first asked for and kept; None for a cloud."""
+        if not isinstance(self.target, Mesh):
+            return None
+        with self._lock:
+            if "symmetry" in self.__dict__:
+                found: Symmetry = self.__dict__["symmetry"]
+                return found
+            return find_symmetry(self.target, self.surface, self.grid)
 
     @staticmethod
     def of(target: PointCloud | Mesh, surface: Surface) -> PairTable:
         """Table of a target; the same target gives the same table."""
-        points = target.points if isinstance(target, PointCloud) else _even_points(target)
-        points = points[morton_order(points)][sample_rows(len(points), TABLE_POINTS)]
-        normals = surface.closest(points).normals
-        known = normals.any(axis=1)
-        points, normals = points[known], normals[known]
-        i, j = np.nonzero(~np.eye(len(points), dtype=bool))
-        far = np.linalg.norm(points[j] - points[i], axis=1) > SHORTEST * surface.diagonal
-        pairs = OrientedPairs.of(points, normals, i[far], j[far])
-        pairs = pairs[_certain(pairs)]
-        keys = pair_keys(pairs, surface.diagonal)
-        order = np.argsort(keys, kind="stable")
-        grid = DistanceGrid(surface, points.min(axis=0), points.max(axis=0))
-        return PairTable(pairs[order], keys[order], surface.diagonal, grid)
+        features, edges = target_features(target, surface, TABLE_POINTS)
+        low, high = features.points.min(axis=0), features.points.max(axis=0)
+        first, second = np.nonzero(~np.eye(len(features.points), dtype=bool))
+        keys, usable = pair_keys(features, first, second, surface.diagonal)
+        rows = np.flatnonzero(usable)
+        rows = rows[np.argsort(keys[rows], kind="stable")]
+        grid = DistanceGrid(lambda nodes: surface.closest(nodes).distances, low, high, surface.diagonal)
+        edge_grid = None
+        if len(edges):
+            tree = NeighbourTree(edges)
+            edge_grid = DistanceGrid(lambda nodes: tree.nearest(nodes, 1)[1][:, 0], low, high, surface.diagonal)
+        first, second = first[rows], second[rows]
+        return PairTable(features, first, second, keys[rows], surface.diagonal, grid, edges, edge_grid, target, surface)
 
 
-def pair_keys(pairs: OrientedPairs, size: float) -> IntArray:
-    """One number per pair from its distance and its three angles, all binned.
+def pair_keys(places: Features, i: IntArray, j: IntArray, size: float) -> tuple[IntArray, np.ndarray]:
+    """One number per pair from its distance, its kinds and its three angles, all binned and without signs.
 
     Parameters
     ----------
-    pairs : OrientedPairs
-        Pairs.
+    places : Features
+        Places.
+    i, j : ndarray of int, (n,)
+        Pairs of them.
     size : float
         Unit of the distance.
 
     Returns
     -------
-    ndarray of int, (n,)
+    keys : ndarray of int, (n,)
         Equal for pairs that may be of the same two places.
+    usable : ndarray of bool, (n,)
+        Whether the pair is long enough and not too long, and fixes the turn about its line.
     """
-    angles = (np.arccos(np.clip(pairs.cosines, -1.0, 1.0)) / ANGLE_BIN).astype(np.int64)
-    length = (pairs.length / (LENGTH_BIN * size)).astype(np.int64)
-    keys: IntArray = ((length * 32 + angles[:, 0]) * 32 + angles[:, 1]) * 32 + angles[:, 2]
-    return keys
+    # Single precision is far finer than a bin.
+    points = (places.points / size).astype(np.float32)
+    directions = places.directions.astype(np.float32)
+    along = points[j] - points[i]
+    length = np.sqrt(np.einsum("ij,ij->i", along, along))
+    along /= np.maximum(length, 1e-6)[:, None]
+    cosines = np.abs(
+        [
+            np.einsum("ij,ij->i", directions[i], along),
+            np.einsum("ij,ij->i", directions[j], along),
+            np.einsum("ij,ij->i", directions[i], directions[j]),
+        ]
+    )
+    angles = (np.arccos(np.minimum(cosines, 1.0)) / ANGLE_BIN).astype(np.int64)
+    usable = (length > SHORTEST) & (length < 1.0) & (cosines[:2].min(axis=0) < np.sqrt(1.0 - LEAST_SINE**2))
+    keys = ((length / LENGTH_BIN).astype(np.int64) * 8 + angles[0]) * 64 + angles[1] * 8 + angles[2]
+    return keys, usable
 
 
-def propose(scan: Scan, table: PairTable, rng: np.random.Generator) -> list[FloatArray]:
-    """Distinct poses that explain the scan best on the grid, the best first.
+def hypotheses(places: Features, table: PairTable, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Poses that put pairs of the scan on their counterparts of the target.
 
     Parameters
     ----------
-    scan : Scan
-        Source with normals, signs known or not.
+    places : Features
+        Of the scan.
     table : PairTable
-        Target.
+        Of the target.
     rng : numpy.random.Generator
-        Draws pairs and screening points.
+        Draws the pairs.
 
     Returns
     -------
-    list of ndarray, (4, 4)
-        Poses, at most 24; empty if no pair of the scan has a counterpart.
+    R : ndarray, (n, 3, 3)
+        Rotations.
+    t : ndarray, (n, 3)
+        Translations; n is 0 if no pair of the scan has a counterpart.
     """
-    source = _draw_pairs(scan, table.size, rng)
-    keys = pair_keys(source, table.size)
+    i, j, keys = _draw_pairs(places, table.size, rng)
     first, last = (np.searchsorted(table.keys, keys, side) for side in ("left", "right"))
     counts = last - first
     rare = np.argsort(np.where(counts > 0, counts, np.iinfo(np.int64).max), kind="stable")[:USED]
@@ -123,36 +174,40 @@ def propose(scan: Scan, table: PairTable, rng: np.random.Generator) -> list[Floa
     step = np.arange(len(rows)) - np.repeat(np.cumsum(taken) - taken, taken)
     shift = np.repeat(rng.random(len(rare)), taken)
     counterpart = first[rows] + ((step + shift) * counts[rows] / np.repeat(taken, taken)).astype(np.int64)
-    agree = np.abs(source.handedness[rows] - table.pairs.handedness[counterpart]) < HAND_GAP
-    R, t = poses_from_pairs(source[rows[agree]], table.pairs[counterpart[agree]])
-    return _screen(R, t, scan, table, rng)
+    source = OrientedPairs.of(places.points, places.directions, i[rows], j[rows])
+    known = table.features
+    target = OrientedPairs.of(known.points, known.directions, table.first[counterpart], table.second[counterpart])
+    parts = [_solved(source, target, flipped) for flipped in (False, True)]
+    R, t = (np.concatenate([part[k] for part in parts]) for k in range(2))
+    return R, t
 
 
-def _screen(R: FloatArray, t: FloatArray, scan: Scan, table: PairTable, rng: np.random.Generator) -> list[FloatArray]:
-    for count, kept in ((FEW, SHORTLIST), (MORE, SHORTLIST)):
-        points = scan.points[rng.choice(len(scan), size=min(count, len(scan)), replace=False)]
-        best = np.argsort(-table.grid.scores(R, t, points, REACH * table.size), kind="stable")[:kept]
-        R, t = R[best], t[best]
-    poses = []
-    for k in distinct(R, t, scan.points.mean(axis=0), 0.2, 0.05 * table.size, KEPT):
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = R[k], t[k]
-        poses.append(T)
-    return poses
+def _solved(source: OrientedPairs, target: OrientedPairs, flipped: bool) -> tuple[FloatArray, FloatArray]:
+    """Poses with directions turned along the lines, or with the target's against where that is uncertain."""
+    if flipped:
+        steep = np.abs(source.cosines[:, 0]) <= np.abs(source.cosines[:, 1])
+        guide = np.where(steep, np.abs(source.cosines[:, 0]), np.abs(source.cosines[:, 1]))
+        rows = np.flatnonzero(guide < LEAST_COSINE)
+        source, target = source[rows], target[rows]
+        target = dataclasses.replace(target, first=-target.first, second=-target.second)
+    R, t = poses_from_pairs(source, target)
+    least = np.cos(AGREE_RAD)
+    agree = np.ones(len(R), dtype=bool)
+    for ours, theirs in ((source.first, target.first), (source.second, target.second)):
+        agree &= np.abs(np.einsum("nij,nj,ni->n", R, ours, theirs, optimize=True)) > least
+    return R[agree], t[agree]
 
 
-def _draw_pairs(scan: Scan, size: float, rng: np.random.Generator) -> OrientedPairs:
-    known = np.flatnonzero(scan.normals.any(axis=1))
-    i, j = rng.choice(known, size=(2, DRAWN)) if len(known) else np.zeros((2, 0), dtype=np.int64)
-    gap = np.linalg.norm(scan.points[j] - scan.points[i], axis=1)
-    usable = (gap > SHORTEST * size) & (gap < size)
-    pairs = OrientedPairs.of(scan.points, scan.normals, i[usable], j[usable])
-    return pairs[_certain(pairs)]
-
-
-def _certain(pairs: OrientedPairs) -> IntArray:
-    return np.flatnonzero((np.abs(pairs.cosines[:, :2]) > LEAST_COSINE).all(axis=1))
-
-
-def _even_points(mesh: Mesh) -> FloatArray:
-    return sample_mesh(mesh, 20 * TABLE_POINTS, np.random.default_rng(0)).points
+def _draw_pairs(places: Features, size: float, rng: np.random.Generator) -> tuple[IntArray, IntArray, IntArray]:
+    found: list[tuple[IntArray, IntArray, IntArray]] = [(np.zeros(0, dtype=np.int64),) * 3]
+    count = 0
+    for _ in range(ROUNDS):
+        i, j = places.draw(DRAWN, rng), places.draw(DRAWN, rng)
+        keys, usable = pair_keys(places, i, j, size)
+        found.append((i[usable], j[usable], keys[usable]))
+        count += int(np.count_nonzero(usable))
+        # A scene is much larger than the part: most of its pairs are too long.
+        if 2 * count >= DRAWN or not len(i):
+            break
+    i, j, keys = (np.concatenate([part[k] for part in found]) for k in range(3))
+    return i, j, keys

@@ -2,37 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from dqreg.arrays import FloatArray, IntArray
-from dqreg.geometry import Surface
 
-# Cells along the longest side, and room around the target in sizes.
-CELLS, MARGIN = 72, 0.08
-# Poses looked at in one step: bounds the memory.
-CHUNK = 4_096
+# Nodes of a grid, and room around the target in sizes.
+NODES, MARGIN = 300_000, 0.05
+# Poses looked at in one step: bounds the memory, and what is looked up stays in the cache.
+CHUNK = 1_024
 
 
 class DistanceGrid:
-    """Distances to a surface on a regular grid, looked up at the nearest node.
+    """Distances on a regular grid, looked up at the nearest node.
 
     Parameters
     ----------
-    surface : Surface
-        The target.
+    distance : callable
+        Distance of each of n places, (n, 3), to the shape.
     low, high : ndarray, (3,)
-        Its bounding box.
+        Bounding box of the shape.
+    size : float
+        Its diagonal.
     """
 
-    def __init__(self, surface: Surface, low: FloatArray, high: FloatArray) -> None:
-        room = MARGIN * surface.diagonal
+    def __init__(
+        self, distance: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray, size: float
+    ) -> None:
+        room = MARGIN * size
         self.low = low - room
         extent = high - low + 2.0 * room
-        self.cell = float(extent.max()) / CELLS
+        self.cell = float(np.prod(extent) / NODES) ** (1.0 / 3.0)
         self.shape = np.ceil(extent / self.cell).astype(np.int64) + 1
         axes = [self.low[k] + self.cell * np.arange(self.shape[k]) for k in range(3)]
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        self.distances = surface.closest(nodes).distances.astype(np.float32)
+        self.distances = distance(nodes).astype(np.float32)
 
     def scores(self, R: FloatArray, t: FloatArray, points: FloatArray, reach: float) -> FloatArray:
         """Mean of ``1 - (d / reach)^2`` over the points, 0 beyond the reach, for each pose.
@@ -53,20 +58,22 @@ class DistanceGrid:
         ndarray, (n,)
             Between 0 and 1; the higher the better.
         """
-        parts = [self._chunk(R[i : i + CHUNK], t[i : i + CHUNK], points, reach) for i in range(0, len(R), CHUNK)]
+        gains = np.append(np.maximum(1.0 - (self.distances / np.float32(reach)) ** 2, 0.0), np.float32(0.0))
+        parts = [self._chunk(R[i : i + CHUNK], t[i : i + CHUNK], points, gains) for i in range(0, len(R), CHUNK)]
         return np.concatenate(parts) if parts else np.zeros(0)
 
-    def _chunk(self, R: FloatArray, t: FloatArray, points: FloatArray, reach: float) -> FloatArray:
+    def _chunk(self, R: FloatArray, t: FloatArray, points: FloatArray, gains: FloatArray) -> FloatArray:
         # Rows of all rotations against all points in one product; single precision is finer than a cell.
-        scaled = (R.reshape(-1, 3) / self.cell).astype(np.float32)
-        moved = (scaled @ points.T.astype(np.float32)).reshape(len(R), 3, -1)
-        moved += ((t - self.low) / self.cell + 0.5).astype(np.float32)[:, :, None]
+        scaled = (R.transpose(1, 0, 2).reshape(-1, 3) / self.cell).astype(np.float32)
+        moved = (scaled @ points.T.astype(np.float32)).reshape(3, len(R), -1)
+        moved += ((t - self.low) / self.cell + 0.5).astype(np.float32).T[:, :, None]
         node = moved.astype(np.int32)
-        inside = ((moved >= 0.0) & (node < self.shape[None, :, None])).all(axis=1)
-        flat = (node[:, 0] * self.shape[1] + node[:, 1]) * self.shape[2] + node[:, 2]
-        distances = self.distances[np.where(inside, flat, 0)]
-        gain = np.where(inside, np.maximum(1.0 - (distances / reach) ** 2, 0.0), 0.0)
-        mean: FloatArray = gain.mean(axis=1, dtype=np.float64)
+        inside = (moved >= 0.0).all(axis=0)
+        for k in range(3):
+            inside &= node[k] < self.shape[k]
+        flat = (node[0] * np.int32(self.shape[1]) + node[1]) * np.int32(self.shape[2]) + node[2]
+        # The last entry is what lies outside.
+        mean: FloatArray = gains[np.where(inside, flat, len(gains) - 1)].mean(axis=1, dtype=np.float64)
         return mean
 
 

@@ -1,53 +1,81 @@
-"""The search for a start: proposals from pairs and axes, refined on few points, ranked by how well they explain it."""
+"""The search for a start: proposals from pairs and axes, screened, refined in batches, ranked by a sharper judge."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg.arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh, PointCloud, Scan, Surface
-from dqreg.icp import InlierMixture, Level, Plan, Run, Schedule, find_basin, width_floor
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import sample_rows
+from dqreg.icp import Plan, width_floor
 from dqreg.rigid import pose
 from dqreg.start.axes import propose_turns
-from dqreg.start.pairs import PairTable, propose
+from dqreg.start.clock import Clock, Observer, Poses
+from dqreg.start.features import Features, scan_features
+from dqreg.start.judging import Judgement, weigh_up
+from dqreg.start.pairs import PairTable, hypotheses
+from dqreg.start.refining import Sample, refine
+from dqreg.start.screening import distinct
 
-# Points that refine all proposals, and that compare the best of them.
-SCREEN, COMPARE = 500, 2_000
-# Proposals that are compared on more points.
-KEPT = 4
-# A mean log-likelihood this close to the best explains the scan as well.
-AS_GOOD = 0.05
-# Poses closer than this, in radians and in sizes of the target, are the same.
-SAME_ANGLE_RAD, SAME_OFFSET = np.deg2rad(5.0), 0.02
-# Pairs bring the pose near, so their refinement looks no farther than this, in largest distances.
-NEAR = 0.25
-
-_REFINING = Schedule("search", stages=30, iterations=None, rounds=30)
+# Screening: few points for all poses, more for the best; reach in sizes; poses kept.
+FEW, MORE, REACH, SHORTLIST = 64, 400, 0.03, 1_500
+# A point at a rim counts half a point on a face.
+RIM_GAIN = 0.5
+# Distinct poses kept after each stage, and how far apart they stand: radians, sizes.
+ROUGH_KEPT, FIT_KEPT, FINE_KEPT, LAST_KEPT = 160, 40, 12, 8
+ROUGH_APART, FIT_APART, FINE_APART, LAST_APART = (0.15, 0.03), (0.06, 0.015), (0.04, 0.01), (0.03, 0.005)
+# Widths of the refinement, in sizes: first, last, steps.
+ROUGH_WIDTHS, FIT_WIDTHS = (0.03, 0.012, 5), (0.012, 0.004, 4)
+# Best poses that are also tried in all turns that leave most of the part in place; such poses in all.
+TURNED, TURNS = 4, 64
+# Points that judge.
+JUDGES, LAST_JUDGES = 1_000, 20_000
+# A mean log-likelihood this close to the best explains the scan as well; so does one within so many standard errors,
+# but never one farther behind than the last number.
+AS_GOOD, ERRORS, WORSE = 0.02, 2.0, 0.05
 
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """A start pose and how badly it explains the scan after a short run.
+    """A start pose and how badly it explains the scan.
 
     Attributes
     ----------
     T_target_source : ndarray, (4, 4)
-        The pose after the short run.
+        The pose after short refinements.
     surprise : float
         Mean negative log-likelihood of the distances; the lower the better.
     rms : float
-        Width of the inliers, a length.
+        Truncated root mean square distance, a length.
+    stage : str
+        The last stage that was finished: "judged", or what there was when the time was up.
+    symmetry : str
+        For a pose that is the first one followed by a symmetry of the part itself: that symmetry in words; else "".
     """
 
     T_target_source: FloatArray
     surprise: float
     rms: float
+    stage: str = "judged"
+    symmetry: str = ""
 
 
 def search(
-    scan: Scan, surface: Surface, target: PointCloud | Mesh, plan: Plan, table: PairTable, rng: np.random.Generator
+    scan: Scan,
+    surface: Surface,
+    target: PointCloud | Mesh,
+    plan: Plan,
+    table: PairTable,
+    rng: np.random.Generator,
+    *,
+    time_limit: float | None = None,
+    observe: Observer | None = None,
+    now: Callable[[], float] | None = None,
 ) -> tuple[Candidate, ...]:
     """Start poses that explain the scan about as well as the best one, the best first.
 
@@ -64,62 +92,159 @@ def search(
     table : PairTable
         The target's pairs.
     rng : numpy.random.Generator
-        Source of randomness.
+        Source of randomness; the same state gives the same poses, unless the time is up.
+    time_limit : float, optional
+        Seconds after which no further stage is begun; the best so far comes back, with the ``stage`` it reached.
+    observe : callable, optional
+        Called with each `Stage`; returning False ends the search like the time limit does.
+    now : callable, optional
+        Clock, in seconds; the default is `time.perf_counter`.
 
     Returns
     -------
     tuple of Candidate
         One or more distinct poses; empty if nothing found correspondences.
     """
-    close = dataclasses.replace(plan, max_distance=NEAR * plan.max_distance)
-    proposals = [(T, close) for T in propose(scan, table, rng)]
-    if not proposals:
-        # No two normals stand at an angle to the line between their points: a sphere seen whole, a flat plate.
-        proposals = [(T, plan) for T in propose_turns(scan, target)]
-    few = scan.thinned(SCREEN)
-    refined = [_refine(few, surface, T, reach, plan) for T, reach in proposals]
-    ranked = sorted((c for c in refined if c is not None), key=lambda candidate: candidate.surprise)
-    more = Level(scan.thinned(COMPARE), surface, close, width_floor(scan, surface), last=False)
-    compared = []
-    for candidate in _distinct(ranked, scan, surface)[:KEPT]:
-        run, mixture = find_basin(more, candidate.T_target_source)
-        if not run.ended_early:
-            compared.append(Candidate(run.T_target_source, more.surprise(mixture, run), mixture.scale))
-    compared.sort(key=lambda candidate: candidate.surprise)
-    good = [c for c in compared if c.surprise <= compared[0].surprise + AS_GOOD]
-    return tuple(_distinct(good, scan, surface))
+    clock = Clock(time_limit, observe, now)
+    task = _Task(scan, surface, target, plan, table, rng)
+    poses, reached = task.proposed(), "proposed"
+    for name, stage in task.stages:
+        if clock.is_up(reached, poses):
+            return task.best_so_far(poses, reached)
+        poses, reached = stage(poses), name
+    clock.is_up(reached, poses)
+    return task.judged(poses)
 
 
-def _refine(few: Scan, surface: Surface, T: FloatArray, reach: Plan, plan: Plan) -> Candidate | None:
-    # Here the order counts, not the digits: no sharper than a hundredth of the part.
-    coarse = max(few.spacing, 1e-2 * surface.diagonal)
-    level = Level(few, surface, reach, coarse, last=False)
-    run, mixture = level.descend(
-        InlierMixture(0.5 * reach.max_distance, 0.5, reach.max_distance), T, _REFINING, None, 1
-    )
-    if run.ended_early:
-        return None
-    # All are ranked with one and the same reach: the likelihood depends on it.
-    common = dataclasses.replace(level, plan=plan)
-    return Candidate(run.T_target_source, common.surprise(*_at(common, mixture, run)), mixture.scale)
+@dataclasses.dataclass(frozen=True)
+class _Task:
+    """One search: what is given, and the stages, each from poses to fewer and better ones."""
+
+    scan: Scan
+    surface: Surface
+    target: PointCloud | Mesh
+    plan: Plan
+    table: PairTable
+    rng: np.random.Generator
+
+    @property
+    def stages(self) -> tuple[tuple[str, Callable[[Poses], Poses]], ...]:
+        return (
+            ("screened", self.screened),
+            ("refined roughly", self.refined_roughly),
+            ("refined", self.refined),
+            ("turned", self.turned),
+            ("refined finely", self.refined_finely),
+        )
+
+    @cached_property
+    def places(self) -> Features:
+        return scan_features(self.scan, self.table.size)
+
+    @cached_property
+    def edge_tree(self) -> NeighbourTree | None:
+        return NeighbourTree(self.table.edges) if len(self.table.edges) else None
+
+    @property
+    def limit(self) -> float:
+        # Beyond it a point tells nothing more.
+        return 0.25 * self.plan.max_distance
+
+    def proposed(self) -> Poses:
+        turns = np.array(propose_turns(self.scan, self.target))
+        return Poses(*hypotheses(self.places, self.table, self.rng)) + Poses(turns[:, :3, :3], turns[:, :3, 3])
+
+    def screened(self, poses: Poses) -> Poses:
+        for count in (FEW, MORE):
+            poses = poses[self._order(poses, count, REACH)[:SHORTLIST]]
+        return self._distinct(poses, ROUGH_APART, ROUGH_KEPT)
+
+    def refined_roughly(self, poses: Poses) -> Poses:
+        poses = self._refine(poses, Sample.of(self.places, 160, self.rng), ROUGH_WIDTHS)
+        return self._distinct(poses[self._order(poses, MORE, 0.02)], FIT_APART, FIT_KEPT)
+
+    def refined(self, poses: Poses) -> Poses:
+        poses = self._refine(poses, Sample.of(self.places, 400, self.rng), FIT_WIDTHS)
+        return self._distinct(self._ranked(poses, JUDGES, 1e-3), FINE_APART, FINE_KEPT)
+
+    def turned(self, poses: Poses) -> Poses:
+        """The best poses in all turns that leave most of the part in place, with all others."""
+        near = self.table.symmetry.near if self.table.symmetry else np.zeros((0, 4, 4))
+        if not len(near):
+            return poses
+        count = max(1, min(TURNED, TURNS // len(near)))
+        best = poses[np.arange(min(count, len(poses)))]
+        more = Poses(
+            np.concatenate([T[:3, :3] @ best.R for T in near]),
+            np.concatenate([best.t @ T[:3, :3].T + T[:3, 3] for T in near]),
+        )
+        more = self._refine(more, Sample.of(self.places, 200, self.rng), (0.01, 0.004, 3))
+        return self._distinct(self._ranked(poses + more, JUDGES, 1e-3), FINE_APART, FINE_KEPT)
+
+    def refined_finely(self, poses: Poses) -> Poses:
+        width = max(2.0 * self.scan.noise / self.table.size, 1e-3)
+        poses = self._refine(poses, self._everywhere(1_500), (max(0.004, width), width, 5), rims=False)
+        poses = self._distinct(self._ranked(poses, 4_000, 5e-4), LAST_APART, LAST_KEPT)
+        return self._refine(poses, self._everywhere(4_000), (width, width, 3), rims=False)
+
+    def judged(self, poses: Poses) -> tuple[Candidate, ...]:
+        """All that explain the scan about as well as the best."""
+        if not len(poses):
+            return ()
+        judgement = self._judgement(poses, LAST_JUDGES, 0.0)
+        order = np.argsort(-judgement.means, kind="stable")
+        behind, error = judgement.behind(int(order[0]))
+        allowed = np.clip(ERRORS * error, AS_GOOD, WORSE)
+        found: list[Candidate] = []
+        for k in order[behind[order] <= allowed[order]]:
+            words = ""
+            if found and self.table.symmetry:
+                words = self.table.symmetry.words_between(found[0].T_target_source, poses.matrix(k))
+            found.append(_candidate(poses.matrix(k), judgement, int(k), "judged", words))
+        return tuple(found)
+
+    def best_so_far(self, poses: Poses, stage: str) -> tuple[Candidate, ...]:
+        """The first pose alone: there was no time to compare."""
+        if not len(poses):
+            return ()
+        if stage == "proposed":
+            poses = poses[self._order(poses, FEW, REACH)[:1]]
+        first = poses[np.arange(1)]
+        return (_candidate(first.matrix(0), self._judgement(first, JUDGES, 0.0), 0, stage, ""),)
+
+    def _order(self, poses: Poses, count: int, reach: float) -> IntArray:
+        """Rows by falling gain on the grids."""
+        sample, table = Sample.of(self.places, count, self.rng), self.table
+        gains = table.grid.scores(poses.R, poses.t, sample.points, reach * table.size)
+        if table.edge_grid is not None and len(sample.rims):
+            gains = gains + RIM_GAIN * table.edge_grid.scores(poses.R, poses.t, sample.rims, reach * table.size)
+        return np.argsort(-gains, kind="stable")
+
+    def _refine(self, poses: Poses, sample: Sample, widths: tuple[float, float, int], rims: bool = True) -> Poses:
+        first, last, steps = widths
+        falling = np.geomspace(first, last, steps) * self.table.size
+        tree = self.edge_tree if rims else None
+        return Poses(*refine(poses.R, poses.t, sample, self.surface, tree, falling, self.table.edges))
+
+    def _everywhere(self, count: int) -> Sample:
+        """Points of the whole scan, and rare ones: where the width is small, no normal need speak for a point."""
+        some = Sample.of(self.places, count // 2, self.rng)
+        points = np.concatenate([self.scan.thinned(count // 2).points, some.points, some.rims])
+        return Sample(points, np.zeros_like(points), points[:0], points[:0])
+
+    def _judgement(self, poses: Poses, count: int, floor: float) -> Judgement:
+        points = self.scan.points[sample_rows(len(self.scan), count)]
+        least = max(width_floor(self.scan, self.surface), floor * self.table.size)
+        return weigh_up(poses.R, poses.t, points, self.surface, self.limit, least)
+
+    def _ranked(self, poses: Poses, count: int, floor: float) -> Poses:
+        return poses[np.argsort(-self._judgement(poses, count, floor).means, kind="stable")] if len(poses) else poses
+
+    def _distinct(self, poses: Poses, apart: tuple[float, float], most: int) -> Poses:
+        middle = self.scan.points.mean(axis=0)
+        return poses[distinct(poses.R, poses.t, middle, apart[0], apart[1] * self.table.size, most)]
 
 
-def _at(level: Level, mixture: InlierMixture, run: Run) -> tuple[InlierMixture, Run]:
-    one = Schedule("search", stages=1, iterations=1, rounds=1)
-    common = dataclasses.replace(mixture, limit=level.plan.max_distance)
-    again, _ = level.descend(common, run.T_target_source, one, None, 1)
-    return common, again
-
-
-def _distinct(candidates: list[Candidate], scan: Scan, surface: Surface) -> list[Candidate]:
-    centre = scan.points.mean(axis=0)
-    kept: list[Candidate] = []
-    for candidate in candidates:
-        T = candidate.T_target_source
-        if not any(
-            pose.angle_between(T, other.T_target_source) < SAME_ANGLE_RAD
-            and pose.offset_between(T, other.T_target_source, at=centre) < SAME_OFFSET * surface.diagonal
-            for other in kept
-        ):
-            kept.append(candidate)
-    return kept
+def _candidate(T: FloatArray, judgement: Judgement, row: int, stage: str, words: str) -> Candidate:
+    rms = float(np.sqrt((judgement.distances[row] ** 2).mean()))
+    return Candidate(pose.from_parts(T[:3, :3], T[:3, 3]), float(-judgement.means[row]), rms, stage, words)

@@ -1,0 +1,92 @@
+"""Stages of the search: what is reported of each, and when to stop."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from dqreg.arrays import FloatArray, IntArray
+
+
+@dataclasses.dataclass(frozen=True)
+class Stage:
+    """Report of one stage of the search.
+
+    Attributes
+    ----------
+    name : str
+        What was done: "proposed", "screened", "refined roughly", "refined", "turned" or "refined finely".
+    poses : int
+        Poses still in the race.
+    seconds : float
+        Time since the search began.
+    """
+
+    name: str
+    poses: int
+    seconds: float
+
+
+Observer = Callable[[Stage], object]
+
+
+@dataclasses.dataclass(frozen=True)
+class Poses:
+    """Poses, the best first.
+
+    Attributes
+    ----------
+    R : ndarray, (n, 3, 3)
+        Rotations.
+    t : ndarray, (n, 3)
+        Translations.
+    """
+
+    R: FloatArray
+    t: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.R)
+
+    def __getitem__(self, rows: IntArray) -> Poses:
+        return Poses(self.R[rows], self.t[rows])
+
+    def __add__(self, other: Poses) -> Poses:
+        return Poses(np.concatenate([self.R, other.R]), np.concatenate([self.t, other.t]))
+
+    def matrix(self, row: int) -> FloatArray:
+        """One of them, (4, 4)."""
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = self.R[row], self.t[row]
+        return T
+
+
+class Clock:
+    """Tells the stages to an observer, and whether to stop after each.
+
+    Parameters
+    ----------
+    limit : float or None
+        Seconds; None is no limit, and then the clock changes nothing.
+    observe : callable or None
+        Called with each `Stage`; False ends the search.
+    now : callable or None
+        Time in seconds; None takes `time.perf_counter`.
+    """
+
+    def __init__(
+        self, limit: float | None = None, observe: Observer | None = None, now: Callable[[], float] | None = None
+    ) -> None:
+        self._now = now or time.perf_counter
+        self._began = self._now()
+        self._limit, self._observe = limit, observe
+
+    def is_up(self, stage: str, poses: Poses) -> bool:
+        """Report a finished stage; whether the search shall end here."""
+        seconds = self._now() - self._began
+        if self._observe is not None and self._observe(Stage(stage, len(poses), seconds)) is False:
+            return True
+        return self._limit is not None and seconds >= self._limit
