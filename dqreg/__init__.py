@@ -11,22 +11,30 @@ whose correspondences are exact: closest points on triangles for meshes, nearest
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 from dqreg import solvers
 from dqreg.errors import DegenerateGeometryError, DqregError, InputError, MissingDependencyError, UnitsError
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.register import Target, prepare_target, register
 from dqreg.result import Registration
 from dqreg.rigid import DualQuaternion, quaternion
-from dqreg.solvers import likelihood_weights, solve, solve_many
+from dqreg.solvers import Freedom, PoseCost, likelihood_weights, solve, solve_many
+
+if TYPE_CHECKING:
+    from dqreg.odometry import Odometry
 
 __all__ = [
     "DegenerateGeometryError",
     "DqregError",
     "DualQuaternion",
+    "Freedom",
     "InputError",
     "Mesh",
     "MissingDependencyError",
+    "Odometry",
     "PointCloud",
+    "PoseCost",
     "Registration",
     "Target",
     "UnitsError",
@@ -40,3 +48,12 @@ __all__ = [
 ]
 
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> Any:
+    # The odometry stands on KISS-ICP, which takes its time to load and need not be installed.
+    if name == "Odometry":
+        from dqreg.odometry import Odometry
+
+        return Odometry
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -4,28 +4,33 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import numbers
 import time
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dqreg.answer import Outcome, for_caller, from_work, to_work
 from dqreg.arrays import FloatArray, as_pose
+from dqreg.deadline import Deadline
 from dqreg.errors import InputError
 from dqreg.geometry.prepare import Scan, prepare_scan
-from dqreg.icp import COARSE, ESTIMATORS, Plan, Stopping, run_graduated
+from dqreg.geometry.unit_mistake import require_same_units
+from dqreg.icp import run_graduated
+from dqreg.known import Known
+from dqreg.options import Options
 from dqreg.records import Alternative, Iteration
 from dqreg.result import Registration
-from dqreg.start import PairTable, search
+from dqreg.solvers import Freedom
+from dqreg.start import PairTable, Stage, search
 from dqreg.target import CentredSource, IndexedTarget, centre_source, describe, index_target
 
-# Points of the last level.
-EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 60_000, "best": None}
 # Largest distance of a pair, in diagonals of the smaller of source and target.
 REACH = 0.2
+# How near the search for a start comes, in diagonals of the target.
+FOUND = 5e-3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,58 +97,6 @@ def prepare_target(target: Any) -> Target:
     return Target(indexed)
 
 
-@dataclasses.dataclass(frozen=True)
-class Options:
-    """Checked options of one registration."""
-
-    method: str
-    max_distance: float | None
-    max_angle_deg: float
-    effort: str
-    seed: int
-    accelerate: bool
-    max_iterations: int
-    tolerance: float
-
-    def __post_init__(self) -> None:
-        known = ("auto", *ESTIMATORS)
-        if self.method not in known:
-            raise InputError(f"unknown method {self.method!r}; known are {', '.join(known)}")
-        if self.effort not in EFFORTS:
-            raise InputError(f"unknown effort {self.effort!r}; known are {', '.join(EFFORTS)}")
-        for name in ("max_distance", "max_angle_deg", "max_iterations", "tolerance", "seed"):
-            value = getattr(self, name)
-            if not isinstance(value, numbers.Real) and (name, value) != ("max_distance", None):
-                raise InputError(f"{name} must be a number; got {value!r}")
-        if self.max_distance is not None and not 0.0 < self.max_distance < np.inf:
-            raise InputError(f"max_distance must be a length above 0 in target units; got {self.max_distance!r}")
-        if not 0.0 < self.max_angle_deg <= 90.0:
-            raise InputError(f"max_angle_deg must be above 0 and at most 90; got {self.max_angle_deg!r}")
-        if self.seed < 0:
-            raise InputError(f"seed must be a whole number, 0 or more; got {self.seed!r}")
-        if self.max_iterations < 1:
-            raise InputError(f"max_iterations must be at least 1; got {self.max_iterations!r}")
-        if not 0.0 < self.tolerance < 1.0:
-            raise InputError(f"tolerance is a share of the target's size, above 0 and below 1; got {self.tolerance!r}")
-
-    @property
-    def fitted(self) -> int | None:
-        """Points that need normals of their own: planes take the target's."""
-        return COARSE if self.method == "auto" else EFFORTS[self.effort]
-
-    def plan(self, reach: float) -> Plan:
-        """Parts of the loop for a largest distance, target units."""
-        return Plan(
-            estimator=ESTIMATORS["dq" if self.method == "auto" else self.method],
-            fine=ESTIMATORS["plane"] if self.method == "auto" else None,
-            max_distance=reach,
-            finest=EFFORTS[self.effort],
-            max_angle_rad=float(np.deg2rad(self.max_angle_deg)),
-            accelerate=self.accelerate,
-            stopping=Stopping(tolerance=self.tolerance, iterations=self.max_iterations),
-        )
-
-
 def register(
     source: Any,
     target: Any,
@@ -159,7 +112,12 @@ def register(
     accelerate: bool = True,
     max_iterations: int = 100,
     tolerance: float = 1e-7,
+    units: str = "check",
+    dof: str | Freedom | None = None,
+    prior: tuple[ArrayLike, ArrayLike] | None = None,
+    time_limit: float | None = None,
     observe: Callable[[Iteration], object] | None = None,
+    observe_search: Callable[[Stage], object] | None = None,
     keep_inputs: bool = True,
 ) -> Registration:
     """Pose that puts the source on the target.
@@ -171,7 +129,8 @@ def register(
     target : path, (n, 3) array, PointCloud, Mesh, Open3D or trimesh object, or Target
         The part or the other scan, which stands. A mesh is used as it is, never sampled.
     start : None, "identity" or (4, 4) array_like
-        None tries centre on centre with the principal axes in all proper turns. A matrix is ``T_target_source``.
+        None finds the pose from nothing. A matrix is ``T_target_source``, right to about 15 degrees and a tenth of
+        the part's size.
     method : {"auto", "dq", "dq-points", "svd", "plane"}
         Pose step: the dual-quaternion closed form on points and normals, on points alone, Arun's SVD, or points to
         planes. Auto takes "dq" until the basin is found and "plane" for the last digits.
@@ -182,7 +141,7 @@ def register(
     source_units, target_units : {"mm", "cm", "m", "inch", "ft"}, optional
         Length units. Where both are known and differ, the source is converted to the target's unit.
     effort : {"fast", "normal", "best"}
-        Points of the last level: 20,000, 100,000, all.
+        Points of the last level: 20,000, 60,000, all; not drawn evenly but where they say most.
     seed : int
         For whatever is drawn (samples of a mesh that is the source).
     accelerate : bool
@@ -192,8 +151,20 @@ def register(
     tolerance : float
         The last level ends once a step moves the points by less than this share of the target's diagonal, or by less
         than a tenth of what noise and number of the points leave open.
+    units : {"check", "ignore"}
+        Whether sizes and spacings that differ like mm and inches are refused where a unit is not known.
+    dof : str or Freedom, optional
+        Motions that the pose may take from the start, like ``"rz tx ty"``; all others are locked exactly. See
+        `Freedom.parse`. Needs a start or a prior.
+    prior : tuple of ((4, 4), (6, 6)), optional
+        Pose known beforehand and its covariance, in the frame of `Registration.covariance` (about the middle of the
+        target's bounding box). It is the start where none is given.
+    time_limit : float, optional
+        Seconds after which the best pose so far is returned, with a verdict that says so.
     observe : callable, optional
         Called with each `Iteration`; returning False stops the run.
+    observe_search : callable, optional
+        Called with each `Stage` of the search for a start; returning False ends it.
     keep_inputs : bool
         Whether the result holds both sides, for `Registration.deviations`, pictures and reports. False where many
         results are kept.
@@ -209,6 +180,8 @@ def register(
         If an argument or a file cannot be used; the message says what to do.
     DegenerateGeometryError
         If all points of one side lie on a line.
+    UnitsError
+        If the sizes look like a mistake of units.
 
     Examples
     --------
@@ -221,31 +194,46 @@ def register(
     ('accepted', [-1.0, 2.0, -0.5])
     """
     began = time.perf_counter()
-    options = Options(method, max_distance, max_angle_deg, effort, seed, accelerate, max_iterations, tolerance)
-    T_start = _read_start(start)
+    options = Options(
+        method, max_distance, max_angle_deg, effort, seed, accelerate, max_iterations, tolerance, units, time_limit
+    )
+    T_start = _read_start(start, prior, dof)
     prepared = target if isinstance(target, Target) else Target(index_target(target))
     indexed = prepared.indexed
     centred = centre_source(source, source_units, target_units or indexed.units, np.random.default_rng(seed))
+    named = source_units or centred.cloud.units, target_units or indexed.units
+    if units == "check":
+        require_same_units(centred.cloud, indexed.geometry, *named)
     timings = {"read": time.perf_counter() - began}
     with _timed(timings, "prepare"):
         surface = indexed.surface
         scan = prepare_scan(centred.cloud, options.fitted)
-        plan = options.plan(max_distance or REACH * min(surface.diagonal, scan.diagonal))
+        reach = max_distance or REACH * min(surface.diagonal, scan.diagonal)
+    deadline = Deadline(began, time_limit)
     with _timed(timings, "start"):
-        T_work, alternatives = _begin(T_start, scan, prepared, centred, plan, seed)
+        begin = _begin(T_start, scan, prepared, centred, options, reach, deadline, observe_search)
     with _timed(timings, "register"):
-        run, mixture = run_graduated(scan, surface, T_work, plan, _observer(observe, centred, indexed))
+        known = Known.of(dof, prior, begin.T_work, centred.origin, indexed.origin)
+        plan = options.plan(reach, known, begin.width)
+        watch = deadline.watching(_observer(observe, centred, indexed))
+        run, mixture = run_graduated(scan, surface, begin.T_work, plan, watch)
+        run = dataclasses.replace(
+            run, T_target_source=known.held(run.T_target_source), status=deadline.status(run.status)
+        )
     settings = {
         **dataclasses.asdict(options),
         "source": describe(source),
         "target": indexed.name,
-        "start": "search" if start is None else "identity" if isinstance(start, str) else "given",
-        "source_units": source_units or centred.cloud.units,
-        "target_units": target_units or indexed.units,
+        "start": "search" if T_start is None else start if isinstance(start, str) else "given",
+        "T_start": None if T_start is None else T_start.tolist(),
+        "dof": None if dof is None else str(Freedom.parse(dof)),
+        "prior": prior is not None,
+        "source_units": named[0],
+        "target_units": named[1],
     }
     timings["total"] = time.perf_counter() - began
-    outcome = Outcome(run, mixture, scan, centred, indexed, plan)
-    return outcome.registration(alternatives, timings, settings, keep_inputs)
+    outcome = Outcome(run, mixture, scan, centred, indexed, plan, known, begin.searched)
+    return outcome.registration(begin.alternatives, timings, settings, keep_inputs)
 
 
 def _observer(
@@ -264,8 +252,12 @@ def _timed(timings: dict[str, float], name: str) -> Iterator[None]:
     timings[name] = time.perf_counter() - began
 
 
-def _read_start(start: Any) -> FloatArray | None:
+def _read_start(start: Any, prior: Any, dof: Any) -> FloatArray | None:
+    if start is None and isinstance(prior, tuple) and len(prior) == 2:
+        return as_pose(prior[0], "prior[0]")
     if start is None:
+        if dof is not None:
+            raise InputError(f"dof={str(dof)!r} locks motions of a start, and there is none: give start, or a prior")
         return None
     if isinstance(start, str):
         if start != "identity":
@@ -274,15 +266,44 @@ def _read_start(start: Any) -> FloatArray | None:
     return as_pose(start, "start")
 
 
+@dataclasses.dataclass(frozen=True)
+class _Begin:
+    """Where to begin, between the centred frames, and what the search for it knows."""
+
+    T_work: FloatArray
+    width: float | None = None
+    alternatives: tuple[Alternative, ...] = ()
+    searched: str = ""
+
+
 def _begin(
-    T_start: FloatArray | None, scan: Scan, prepared: Target, centred: CentredSource, plan: Plan, seed: int
-) -> tuple[FloatArray, tuple[Alternative, ...]]:
-    """Start pose between the two centred frames, and other poses as good."""
+    T_start: FloatArray | None,
+    scan: Scan,
+    prepared: Target,
+    centred: CentredSource,
+    options: Options,
+    reach: float,
+    deadline: Deadline,
+    observe: Callable[[Stage], object] | None,
+) -> _Begin:
     indexed = prepared.indexed
     if T_start is not None:
-        return to_work(T_start, indexed.origin, centred.origin), ()
-    found = search(scan, indexed.surface, indexed.geometry, plan, prepared.pairs, np.random.default_rng(seed))
+        return _Begin(to_work(T_start, indexed.origin, centred.origin))
+    found = search(
+        scan,
+        indexed.surface,
+        indexed.geometry,
+        options.plan(reach, Known()),
+        prepared.pairs,
+        np.random.default_rng(options.seed),
+        time_limit=deadline.left,
+        observe=observe,
+    )
     if not found:
-        return np.eye(4), ()
-    others = tuple(Alternative(from_work(c.T_target_source, indexed.origin, centred.origin), c.rms) for c in found[1:])
-    return found[0].T_target_source, others
+        return _Begin(np.eye(4), searched="judged")
+    others = tuple(
+        Alternative(from_work(c.T_target_source, indexed.origin, centred.origin), c.rms, c.symmetry) for c in found[1:]
+    )
+    # The search has looked at the whole of both sides: what is left is to come near.
+    width = FOUND * prepared.indexed.surface.diagonal if found[0].stage == "judged" else None
+    return _Begin(found[0].T_target_source, width, others, found[0].stage)

@@ -1,0 +1,96 @@
+"""Options of a registration, checked, and the plan that follows from them."""
+
+from __future__ import annotations
+
+import dataclasses
+import numbers
+
+import numpy as np
+
+from dqreg.errors import InputError
+from dqreg.icp import COARSE, ESTIMATORS, Plan, Stopping
+from dqreg.known import Known
+
+# Points of the last level.
+EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 60_000, "best": None}
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Checked options of one registration."""
+
+    method: str
+    max_distance: float | None
+    max_angle_deg: float
+    effort: str
+    seed: int
+    accelerate: bool
+    max_iterations: int
+    tolerance: float
+    units: str = "check"
+    time_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        known = ("auto", *ESTIMATORS)
+        if self.method not in known:
+            raise InputError(f"unknown method {self.method!r}; known are {', '.join(known)}")
+        if self.effort not in EFFORTS:
+            raise InputError(f"unknown effort {self.effort!r}; known are {', '.join(EFFORTS)}")
+        if self.units not in ("check", "ignore"):
+            raise InputError(f'units must be "check" or "ignore"; got {self.units!r}')
+        for name in ("max_distance", "max_angle_deg", "max_iterations", "tolerance", "seed", "time_limit"):
+            value = getattr(self, name)
+            if not isinstance(value, numbers.Real) and not (value is None and name in ("max_distance", "time_limit")):
+                raise InputError(f"{name} must be a number; got {value!r}")
+        if self.time_limit is not None and not self.time_limit > 0.0:
+            raise InputError(f"time_limit must be a number of seconds above 0; got {self.time_limit!r}")
+        if self.max_distance is not None and not 0.0 < self.max_distance < np.inf:
+            raise InputError(f"max_distance must be a length above 0 in target units; got {self.max_distance!r}")
+        if not 0.0 < self.max_angle_deg <= 90.0:
+            raise InputError(f"max_angle_deg must be above 0 and at most 90; got {self.max_angle_deg!r}")
+        if self.seed < 0:
+            raise InputError(f"seed must be a whole number, 0 or more; got {self.seed!r}")
+        if self.max_iterations < 1:
+            raise InputError(f"max_iterations must be at least 1; got {self.max_iterations!r}")
+        if not 0.0 < self.tolerance < 1.0:
+            raise InputError(f"tolerance is a share of the target's size, above 0 and below 1; got {self.tolerance!r}")
+
+    @property
+    def fitted(self) -> int | None:
+        """Points that need normals of their own: planes take the target's."""
+        return COARSE if self.method == "auto" else EFFORTS[self.effort]
+
+    def plan(self, reach: float, known: Known, first_width: float | None = None) -> Plan:
+        """Parts of the loop.
+
+        Parameters
+        ----------
+        reach : float
+            Largest distance of a pair, target units.
+        known : Known
+            What holds the pose beside the pairs.
+        first_width : float, optional
+            Width of the kernel to begin with, for a start that is near.
+
+        Returns
+        -------
+        Plan
+            For `run_graduated`.
+        """
+        auto = self.method == "auto"
+        coarse, fine = ESTIMATORS["dq" if auto else self.method], ESTIMATORS["plane"] if auto else None
+        if known.anything:
+            coarse, fine = (
+                known.estimator(planes=self.method == "plane"),
+                known.estimator(planes=True) if auto else None,
+            )
+        return Plan(
+            estimator=coarse,
+            fine=fine,
+            max_distance=reach,
+            finest=EFFORTS[self.effort],
+            first_width=first_width if auto else None,
+            max_angle_rad=float(np.deg2rad(self.max_angle_deg)),
+            accelerate=self.accelerate,
+            stopping=Stopping(tolerance=self.tolerance, iterations=self.max_iterations),
+        )
