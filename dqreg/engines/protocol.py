@@ -38,6 +38,9 @@ class Task:
         Threads that an engine may use.
     seed : int
         For engines that draw.
+    curve : bool
+        Whether poses on the way are wanted even where an engine must run a second time for them, after the clock has
+        stopped. Engines that reveal them for nothing always do.
     """
 
     source: PointCloud
@@ -51,6 +54,7 @@ class Task:
     max_iterations: int | None = None
     threads: int = 2
     seed: int = 0
+    curve: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,10 +123,26 @@ class Engine(Protocol):
         The settings it takes part in.
     """
 
-    name: str
-    needs: tuple[str, ...]
-    from_nothing: bool
-    settings: tuple[Setting, ...]
+    # Properties, so that frozen dataclasses satisfy the protocol as well as plain attributes do.
+    @property
+    def name(self) -> str:
+        """Shown in tables."""
+        ...
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Distributions needed beyond dqreg's own dependencies."""
+        ...
+
+    @property
+    def from_nothing(self) -> bool:
+        """Whether it can do without a start."""
+        ...
+
+    @property
+    def settings(self) -> tuple[Setting, ...]:
+        """The settings it takes part in."""
+        ...
 
     def register(self, task: Task) -> Attempt:
         """Do the task.

@@ -1,0 +1,72 @@
+"""An engine made of a function: the short way for a method of one's own."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg.engines.protocol import Attempt, Setting, Task
+from dqreg.engines.running import Clock, Found, timed
+from dqreg.errors import InputError
+
+
+@dataclasses.dataclass(frozen=True)
+class FunctionEngine:
+    """An engine that calls a function and takes the time.
+
+    Pass it wherever the name of an engine is accepted. It can be sent to other processes if the function stands at the
+    top of a module.
+
+    Attributes
+    ----------
+    name : str
+        Shown in tables.
+    function : callable
+        From a `Task` to the pose ``T_target_source``, (4, 4); NaN or None where it found none. Whatever it raises is
+        raised.
+    needs : tuple of str
+        Distributions it needs.
+    from_nothing : bool
+        Whether it can do without a start.
+    settings : tuple of str
+        The settings it takes part in.
+    parameters : dict
+        Written into the settings of each run.
+
+    Examples
+    --------
+    >>> from dqreg.geometry import PointCloud
+    >>> def by_means(task):
+    ...     T = np.eye(4)
+    ...     T[:3, 3] = task.target.points.mean(axis=0) - task.source.points.mean(axis=0)
+    ...     return T
+    >>> mine = FunctionEngine("means", by_means, from_nothing=True)
+    >>> cloud, moved = PointCloud([[0, 0, 0], [2, 0, 0]]), PointCloud([[5, 0, 0], [7, 0, 0]])
+    >>> mine.register(Task(cloud, moved, None)).T_target_source[:3, 3].tolist()
+    [5.0, 0.0, 0.0]
+    """
+
+    name: str
+    function: Callable[[Task], ArrayLike | None]
+    needs: tuple[str, ...] = ()
+    from_nothing: bool = False
+    settings: tuple[Setting, ...] = ("manual",)
+    parameters: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    def register(self, task: Task) -> Attempt:
+        """Do the task; see `dqreg.engines.Engine.register`."""
+        return timed(self, task, lambda clock, settings: self._work(task, clock, settings))
+
+    def _work(self, task: Task, clock: Clock, settings: dict[str, Any]) -> Found:
+        settings.update(self.parameters)
+        answer = self.function(task)
+        T = np.full((4, 4), np.nan) if answer is None else np.array(answer, dtype=np.float64)
+        if T.shape != (4, 4):
+            raise InputError(f"the engine {self.name!r} must return a 4x4 pose or None; got shape {T.shape}")
+        # What part of the time went into the target, a function cannot tell.
+        clock.prepared = np.nan
+        return Found(T, "")

@@ -1,0 +1,145 @@
+"""dqreg itself: the front door with its defaults, and its bare loops, which separate the solver from the loop."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Literal
+
+import numpy as np
+
+from dqreg.answer import from_work, to_work
+from dqreg.engines.protocol import Attempt, Setting, Step, Task
+from dqreg.engines.running import Clock, Found, nothing, start_of, timed
+from dqreg.geometry import PointCloud, prepare_scan
+from dqreg.icp import ESTIMATORS, NO_POSE, Icp, Stopping, WithinDistance
+from dqreg.open3d_gate import load_open3d
+from dqreg.records import Iteration
+from dqreg.register import prepare_target, register
+from dqreg.target import centre_source, index_target
+
+# Same loop: the cap and not the stopping rule decides.
+TIGHT = 1e-9
+
+
+@dataclasses.dataclass(frozen=True)
+class Dqreg:
+    """`dqreg.register` as a user calls it; a mesh is used as it is.
+
+    Attributes
+    ----------
+    name : str
+        Shown in tables.
+    effort : {"fast", "normal", "best"}
+        Its only setting.
+    """
+
+    name: str = "dqreg"
+    effort: str = "normal"
+    needs: tuple[str, ...] = ()
+    from_nothing: bool = True
+    # Its loop goes from few points to many and counts iterations on each level: one cap cannot mean the same for it.
+    settings: tuple[Setting, ...] = ("manual",)
+
+    def register(self, task: Task) -> Attempt:
+        """Do the task; see `dqreg.engines.Engine.register`."""
+        load_open3d()
+        return timed(self, task, lambda clock, settings: through_front_door(task, clock, settings, effort=self.effort))
+
+
+@dataclasses.dataclass(frozen=True)
+class DqregLoop:
+    """dqreg with one pose step throughout: as its manual says, the front door with that ``method``.
+
+    In the same loop it is the plain alternation of nearest points and pose step: no widths, no weights, no levels, and
+    extrapolation only where the name says so.
+
+    Attributes
+    ----------
+    name : str
+        Shown in tables.
+    method : {"dq", "dq-points", "svd", "plane"}
+        The closed form on points and normals, on points alone, Arun's SVD, or points to planes.
+    accelerate : bool
+        Same loop only: whether Anderson acceleration extrapolates.
+    """
+
+    name: str
+    method: Literal["dq", "dq-points", "svd", "plane"]
+    accelerate: bool = False
+    needs: tuple[str, ...] = ()
+    from_nothing: bool = False
+    settings: tuple[Setting, ...] = ("manual", "same-loop")
+
+    def register(self, task: Task) -> Attempt:
+        """Do the task; see `dqreg.engines.Engine.register`."""
+        load_open3d()
+        return timed(self, task, lambda clock, settings: self._work(task, clock, settings))
+
+    def _work(self, task: Task, clock: Clock, settings: dict[str, Any]) -> Found:
+        if task.setting == "manual":
+            return through_front_door(task, clock, settings, method=self.method)
+        with clock.preparing():
+            target = index_target(PointCloud(np.asarray(task.target_points), task.target_normals))
+            surface = target.surface
+        source = centre_source(PointCloud(np.asarray(task.source_points)), None, None, np.random.default_rng(task.seed))
+        settings.update(
+            method=self.method,
+            accelerate=self.accelerate,
+            max_distance=float(task.max_distance or 0.0),
+            max_iterations=int(task.max_iterations or 0),
+            tolerance=TIGHT,
+        )
+        cap = settings["max_iterations"]
+        loop = Icp(
+            estimator=ESTIMATORS[self.method],
+            gates=(WithinDistance(settings["max_distance"]),),
+            stopping=Stopping(tolerance=TIGHT, iterations=cap, patience=cap),
+            accelerate=self.accelerate,
+        )
+        steps: list[Step] = []
+
+        def observe(record: Iteration) -> None:
+            T = from_work(record.T_target_source, target.origin, source.origin)
+            steps.append(Step(record.number, clock.seconds, T))
+
+        run = loop.run(
+            prepare_scan(source.cloud), surface, to_work(start_of(task), target.origin, source.origin), observe
+        )
+        if run.status in NO_POSE or not steps:
+            return nothing(run.status)
+        T = from_work(run.T_target_source, target.origin, source.origin)
+        return Found(T, run.status, len(run.history), tuple(steps))
+
+
+def through_front_door(task: Task, clock: Clock, settings: dict[str, Any], **options: Any) -> Found:
+    """`dqreg.register` on a task.
+
+    Parameters
+    ----------
+    task : Task
+        Without a start, the pose is found from nothing.
+    clock : Clock
+        Of the run.
+    settings : dict
+        Of the run; those of the registration are added, as resolved.
+    **options
+        Keyword options of `dqreg.register`.
+
+    Returns
+    -------
+    Found
+        With every iteration of every schedule, that of the dropped one included.
+    """
+    with clock.preparing():
+        target = prepare_target(task.target)
+        if task.start is None:
+            _ = target.pairs
+    steps: list[Step] = []
+
+    def observe(record: Iteration) -> None:
+        steps.append(Step(record.number, clock.seconds, record.T_target_source))
+
+    result = register(task.source, target, task.start, seed=task.seed, observe=observe, **options)
+    settings.update(result.settings)
+    words = f"{result.verdict.level}: {result.verdict.reasons[0]}" if result.verdict.reasons else result.verdict.level
+    return Found(result.T_target_source, words, len(result.history), tuple(steps))

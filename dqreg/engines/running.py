@@ -1,0 +1,190 @@
+"""One run of an engine: checked, timed from raw data to pose, and written down."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.engines.protocol import Attempt, Engine, Step, Task
+from dqreg.engines.threads import limited
+from dqreg.errors import InputError
+
+# Poses on the way, worked out by running again; only asked for after the clock has stopped.
+Replay = Callable[[], tuple[Step, ...]]
+
+
+class Clock:
+    """Seconds since the run began, and how many of them went into the target alone."""
+
+    def __init__(self) -> None:
+        self._began = time.perf_counter()
+        self.prepared = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Seconds since the run began."""
+        return time.perf_counter() - self._began
+
+    @contextlib.contextmanager
+    def preparing(self) -> Iterator[None]:
+        """Count a block as work that a second scan to the same target would not need again.
+
+        Yields
+        ------
+        None
+            To the block.
+        """
+        began = self.seconds
+        yield
+        self.prepared += self.seconds - began
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """What the work of an engine came to.
+
+    Attributes
+    ----------
+    T_target_source : ndarray, (4, 4)
+        The pose as reported; NaN where nothing was found.
+    claims : str
+        What the engine says of it.
+    iterations : int or None
+        Where it tells.
+    curve : tuple of Step
+        Poses on the way that cost nothing.
+    replay : callable or None
+        How to get poses on the way by a second run.
+    """
+
+    T_target_source: FloatArray
+    claims: str
+    iterations: int | None = None
+    curve: tuple[Step, ...] = ()
+    replay: Replay | None = None
+
+
+def nothing(claims: str) -> Found:
+    """No pose.
+
+    Parameters
+    ----------
+    claims : str
+        What the engine says.
+
+    Returns
+    -------
+    Found
+        With a pose of NaN.
+
+    Examples
+    --------
+    >>> bool(np.isnan(nothing("no correspondences").T_target_source).all())
+    True
+    """
+    return Found(np.full((4, 4), np.nan), claims)
+
+
+def timed(
+    engine: Engine,
+    task: Task,
+    work: Callable[[Clock, dict[str, Any]], Found],
+    failures: tuple[type[Exception], ...] = (),
+) -> Attempt:
+    """Run an engine's work on a task by the clock.
+
+    Packages are imported before this is called: importing is not registering. Nothing else happens ahead of the clock.
+
+    Parameters
+    ----------
+    engine : Engine
+        Whose work it is.
+    task : Task
+        The task.
+    work : callable
+        Does it; given the clock, and the settings to write into.
+    failures : tuple of exception types
+        What the peer raises to say that it failed: these become a pose of NaN and its words, any other is an error.
+
+    Returns
+    -------
+    Attempt
+        Pose, seconds and settings.
+
+    Raises
+    ------
+    InputError
+        If the engine does not take part in the task's setting, or lacks something that it needs of the task.
+    """
+    require_fit(engine, task)
+    settings: dict[str, Any] = {"setting": task.setting}
+    with limited(task.threads) as force:
+        settings["threads"] = force
+        clock = Clock()
+        try:
+            found = work(clock, settings)
+        except failures as error:
+            first_line = (str(error).strip().splitlines() or [""])[0]
+            found = nothing(f"raised {type(error).__name__}: {first_line}")
+        seconds = clock.seconds
+        curve = found.replay() if task.curve and found.replay and not found.curve else found.curve
+    return Attempt(
+        T_target_source=np.array(found.T_target_source, dtype=np.float64),
+        seconds=seconds,
+        prepare_seconds=clock.prepared,
+        iterations=found.iterations,
+        claims=found.claims,
+        settings=settings,
+        curve=curve,
+    )
+
+
+def require_fit(engine: Engine, task: Task) -> None:
+    """Raise unless the task has what the engine needs.
+
+    Parameters
+    ----------
+    engine : Engine
+        Who is to do it.
+    task : Task
+        What is to be done.
+
+    Raises
+    ------
+    InputError
+        If the engine does not take part in the setting, needs a start and there is none, or a same-loop task lacks
+        points or limits.
+    """
+    if task.setting not in engine.settings:
+        raise InputError(f"{engine.name} takes part in {' and '.join(engine.settings)} only; got {task.setting!r}")
+    if task.start is None and not engine.from_nothing:
+        raise InputError(f"{engine.name} needs a start pose; got None. Give task.start, (4, 4)")
+    if task.threads < 1:
+        raise InputError(f"threads must be 1 or more; got {task.threads}")
+    if task.setting == "same-loop":
+        needed = ("source_points", "target_points", "max_distance", "max_iterations")
+        missing = [name for name in needed if getattr(task, name) is None]
+        if missing:
+            raise InputError(f"a same-loop task must say {', '.join(needed)}; missing: {', '.join(missing)}")
+
+
+def start_of(task: Task) -> FloatArray:
+    """The start of a task that has one.
+
+    Parameters
+    ----------
+    task : Task
+        A task that passed `require_fit` for an engine that needs a start.
+
+    Returns
+    -------
+    ndarray, (4, 4)
+        A copy: peers may write into what they are given.
+    """
+    return np.eye(4) if task.start is None else np.array(task.start, dtype=np.float64)
