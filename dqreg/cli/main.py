@@ -6,10 +6,15 @@ import sys
 
 import click
 
+from dqreg.cli.batch import batch
+from dqreg.cli.compare import compare
 from dqreg.cli.demo import demo
 from dqreg.cli.doctor import doctor
+from dqreg.cli.evaluate import evaluate
+from dqreg.cli.odometry import odometry_command
 from dqreg.cli.register import register_command
 from dqreg.cli.reproduce import reproduce
+from dqreg.cli.show import show
 from dqreg.cli.synth import synth
 from dqreg.errors import DqregError
 
@@ -25,14 +30,19 @@ def cli() -> None:
     dqreg demo                                     see it work on a part that ships with the package
     dqreg register scan.ply part.stl               find the pose of a scan on its part
     dqreg register scan.ply part.stl --start T.txt --out result.json --aligned on_part.ply
+    dqreg show result.json --save view.png         a picture of it, without a display; or a window with one
+    dqreg compare my_case                          every engine on the same task, on one judge
+    dqreg evaluate result.json --truth truth.json  errors of a pose against the truth
     dqreg reproduce walker1991                     the paper's tables, ours beside theirs (also: jia2020)
+    dqreg odometry my_scans --out poses.txt        a LiDAR sequence to a trajectory, a verdict a frame
+    dqreg batch parts.csv --resume                 many registrations: one result each, a summary table
     dqreg doctor                                   what is installed, what is missing, how to mend it
 
     Exit codes: 0 verdict accepted, 1 ran but not accepted, 2 bad input.
     """
 
 
-for command in (demo, doctor, register_command, reproduce, synth):
+for command in (batch, compare, demo, doctor, evaluate, odometry_command, register_command, reproduce, show, synth):
     cli.add_command(command)
 
 

@@ -1,0 +1,239 @@
+"""`dqreg compare`: every engine on the same tasks, judged by one judge."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from dqreg.compare import Progress
+
+FILE = click.Path(path_type=Path)
+# A pipe has no width of its own; the tables need more than the usual 80.
+PIPE_WIDTH = 200
+STOPPED = 130
+
+
+@click.command()
+@click.argument("inputs", nargs=-1, type=FILE, metavar="CASE... | SCAN TARGET")
+@click.option("--sweep", metavar="standard|quick|FILE", help="Vary start, noise, outliers, overlap and size on virtual "
+              "scans, as a TOML file says.")  # fmt: skip
+@click.option("--engine", "-e", "engines", multiple=True, help="Only this engine; may be repeated  [default: all].")
+@click.option("--engine-file", "files", multiple=True, type=FILE, help="Python file with your own engine; may be "
+              "repeated.")  # fmt: skip
+@click.option("--setting", type=click.Choice(["manual", "same-loop", "both"]), default="both", show_default=True,
+              help="Raw data and each engine as its manual says; or the same points, distance limit and iteration cap "
+              "for all.")  # fmt: skip
+@click.option("--start", metavar="none|identity|FILE", help="Where to begin: for cases their own start or none, for "
+              "SCAN TARGET identity, unless said here.")  # fmt: skip
+@click.option("--truth", type=FILE, help="True pose of SCAN TARGET: truth.json, result.json or 4x4 text.")
+@click.option("--source-units", help="Length unit of SCAN.")
+@click.option("--target-units", help="Length unit of TARGET.")
+@click.option("--repeats", type=click.IntRange(min=1), default=3, show_default=True, help="Timed runs after a warm-up.")
+@click.option("--threads", type=click.IntRange(min=1), default=2, show_default=True, help="Threads of every engine.")
+@click.option("--timeout", type=float, help="Seconds for one run  [default: 300, or what the sweep says].")
+@click.option("--home", type=float, default=0.01, show_default=True, help="A pose counts as found if no point of the "
+              "part is farther from its place than this share of the part's diagonal.")  # fmt: skip
+@click.option("--out", type=FILE, help="JSON with every run; the same command again goes on where it stopped  "
+              "[default for sweeps: dqreg-compare-NAME.json].")  # fmt: skip
+@click.option("--report", type=FILE, help="One HTML page with tables and plots.")
+@click.option("--markdown", type=FILE, help="Tables as Markdown.")
+@click.option("--csv", type=FILE, help="Summary at full precision.")
+@click.option("--plots", type=FILE, help="Folder for the plots as PNG.")
+@click.option("--list", "show", is_flag=True, help="List the engines and leave.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+def compare(inputs: tuple[Path, ...], show: bool, quiet: bool, **options: Any) -> int:
+    """Run every engine, ours and our peers', on the same tasks: pose error, time and memory side by side.
+
+    \b
+    dqreg compare my_case --report report.html           a case: scan.ply, part.stl and truth.json
+    dqreg compare recipe.toml other_case                 a recipe is made into a case first
+    dqreg compare scan.ply part.stl --start nominal.txt --truth truth.txt
+    dqreg compare --sweep standard --report report.html  from how far, how exact, how fast: half an hour, resumable
+    dqreg compare my_case --engine-file my_engine.py     your own method against all others
+    """
+    from rich.console import Console
+
+    console = Console(quiet=quiet, width=None if sys.stdout.isatty() else PIPE_WIDTH, highlight=False)
+    if show:
+        _list(console, options)
+        return 0
+    return _run(console, inputs, options, quiet=quiet)
+
+
+def _run(console: Console, inputs: tuple[Path, ...], options: dict[str, Any], *, quiet: bool) -> int:
+    from dqreg.compare import Rules
+    from dqreg.compare import compare as run
+    from dqreg.compare.output import Goals, write
+    from dqreg.compare.showing import footer, print_tables
+    from dqreg.compare.tables import tables
+    from dqreg.errors import InputError
+
+    sweep = options["sweep"]
+    if options["out"] is None and sweep is not None:
+        options["out"] = Path(f"dqreg-compare-{Path(sweep).stem}.json")
+    goals = Goals(**{name: options[name] for name in ("out", "report", "markdown", "csv", "plots")})
+    settings: Any = ("manual", "same-loop") if options["setting"] == "both" else (options["setting"],)
+    rules = Rules(
+        settings=settings,
+        repeats=options["repeats"],
+        threads=options["threads"],
+        timeout=options["timeout"] or 300.0,
+        home=options["home"],
+        from_nothing=options["start"] == "none",
+    )
+    tasks, rules = _tasks(inputs, options, rules)
+    if not tasks:
+        raise InputError("give a case, a recipe, SCAN TARGET or --sweep; see dqreg compare --help")
+    goals.check()
+    try:
+        with _Observer(console, quiet=quiet) as observe:
+            found = run(tasks, _engines(options), rules=rules, out=goals.lines, observe=observe)
+    except KeyboardInterrupt:
+        kept = f"; the runs so far are in {goals.lines}: the same command goes on from there" if goals.lines else ""
+        click.echo(f"dqreg: stopped by the user{kept}", err=True)
+        return STOPPED
+    made, note = tables(found), footer(found, rules.home)
+    print_tables(console, made)
+    console.print()
+    console.print(note, style="dim", markup=False, soft_wrap=True)
+    for path in write(found, made, goals, note, _command()):
+        console.print(f"wrote {path}", markup=False, soft_wrap=True)
+    return 0
+
+
+def _tasks(inputs: tuple[Path, ...], options: dict[str, Any], rules: Any) -> tuple[list[Any], Any]:
+    """What to compare on, and the rules with the sweep's time limit."""
+    import dataclasses
+
+    from dqreg.compare import read_sweep
+    from dqreg.errors import InputError
+
+    tasks: list[Any] = []
+    if options["sweep"] is not None:
+        sweep = read_sweep(options["sweep"])
+        tasks.append(sweep)
+        rules = dataclasses.replace(rules, timeout=options["timeout"] or sweep.timeout)
+    pair = len(inputs) == 2 and not any(path.is_dir() or path.suffix.lower() == ".toml" for path in inputs)
+    if pair:
+        return [*tasks, *_pair(inputs, options, rules)], rules
+    for name in ("truth", "source_units", "target_units"):
+        if options[name] is not None:
+            raise InputError(f"--{name.replace('_', '-')} goes with SCAN TARGET; a case says it in its truth.json")
+    if options["start"] not in (None, "none"):
+        raise InputError("--start goes with SCAN TARGET; a case brings its own start, or --start none withholds it")
+    return [*tasks, *inputs], rules
+
+
+def _pair(inputs: tuple[Path, ...], options: dict[str, Any], rules: Any) -> list[Any]:
+    from dqreg.cli.register import read_start
+    from dqreg.compare import from_pair, read_truth
+
+    start = read_start(options["start"] or "identity")
+    truth = None if options["truth"] is None else read_truth(options["truth"])
+    settings = ["manual"] if start is None and "manual" in rules.settings else rules.settings
+    scan, target = inputs
+    return [
+        from_pair(
+            scan,
+            target,
+            start,
+            truth,
+            source_units=options["source_units"],
+            target_units=options["target_units"],
+            setting=setting,
+            threads=rules.threads,
+            home=rules.home,
+        )
+        for setting in settings
+    ]
+
+
+def _engines(options: dict[str, Any]) -> list[Any] | None:
+    """Who takes part; None leaves it to the sweep or the registry."""
+    named, files = list(options["engines"]), list(options["files"])
+    if named or not files:
+        return [*named, *files] or None
+    from dqreg.compare import read_sweep
+    from dqreg.engines.registry import ENGINES
+
+    own = read_sweep(options["sweep"]).engines if options["sweep"] is not None else ()
+    return [*(own or ENGINES), *files]
+
+
+def _list(console: Console, options: dict[str, Any]) -> None:
+    from dqreg.compare.entrants import entrants
+
+    for entrant in entrants(_engines(options)):
+        state = f"missing: pip install {' '.join(entrant.missing)}" if entrant.missing else "ready"
+        start = "with or without start" if entrant.from_nothing else "needs a start"
+        line = f"{entrant.name:<34} {start:<22} {', '.join(entrant.settings):<20} {state}"
+        console.print(line, markup=False, soft_wrap=True)
+
+
+class _Observer:
+    """Shows progress: a bar with the time left on a terminal, one line a run in a pipe, nothing when quiet."""
+
+    def __init__(self, console: Console, *, quiet: bool) -> None:
+        self._console, self._quiet = console, quiet
+        self._bar: Any = None
+
+    def __enter__(self) -> Callable[[Progress], None]:
+        if self._quiet:
+            return lambda progress: None
+        if not self._console.is_terminal:
+            return self._line
+        from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
+        from rich.progress import Progress as Bar
+
+        self._bar = Bar(
+            BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
+            TextColumn("{task.description}", markup=False), console=self._console, transient=True,
+        )  # fmt: skip
+        self._bar.start()
+        self._task = self._bar.add_task("", total=None, left="")
+        return self._move
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def _move(self, progress: Progress) -> None:
+        self._bar.update(
+            self._task,
+            completed=progress.done,
+            total=progress.total,
+            description=progress.words,
+            left=_left(progress.seconds_left),
+        )
+
+    def _line(self, progress: Progress) -> None:
+        run = progress.run
+        if run is None:
+            return
+        from dqreg.compare.tables import number
+
+        result = run.message if run.status != "ran" else f"{number(run.worst / run.size)} S, {number(run.seconds)} s"
+        mark = {True: "found", False: "not found", None: "done"}[run.success]
+        share = f"{100 * progress.done / progress.total:3.0f} %"
+        self._console.print(f"{share}  {progress.words}: {mark}, {result}", markup=False, soft_wrap=True)
+
+
+def _left(seconds: float) -> str:
+    if math.isnan(seconds):
+        return ""
+    minutes, rest = divmod(round(seconds), 60)
+    return f"about {minutes} min left" if minutes else f"about {rest} s left"
+
+
+def _command() -> str:
+    """The command line as it was given, where it was one."""
+    return shlex.join(["dqreg", *sys.argv[1:]]) if sys.argv[1:2] == ["compare"] else ""

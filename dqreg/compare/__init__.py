@@ -1,0 +1,37 @@
+"""The same tasks through every engine, ours and our peers', scored by one judge.
+
+- `dqreg.compare.judge`: pose errors and surface errors; imports no engine. - `dqreg.compare.tasks`,
+`dqreg.compare.sweep`, `dqreg.compare.cells`: what is to be done, in two fair settings. - `dqreg.compare.run`: the
+comparison; `dqreg.compare.worker`: each engine in a process of its own; `dqreg.compare.store`: every run as a JSON
+line. - `dqreg.compare.summary`, `dqreg.compare.tables`, `dqreg.compare.plots`, `dqreg.compare.page`: what came out.
+"""
+
+from __future__ import annotations
+
+from dqreg.compare.challenge import Challenge, Loop
+from dqreg.compare.judge import Score, Yardstick, judge
+from dqreg.compare.plan import Rules
+from dqreg.compare.poses import Truth, read_pose, read_truth
+from dqreg.compare.run import Comparison, Progress, compare
+from dqreg.compare.sweep import Sweep
+from dqreg.compare.sweep_file import read_sweep
+from dqreg.compare.tasks import from_case, from_pair
+
+__all__ = [
+    "Challenge",
+    "Comparison",
+    "Loop",
+    "Progress",
+    "Rules",
+    "Score",
+    "Sweep",
+    "Truth",
+    "Yardstick",
+    "compare",
+    "from_case",
+    "from_pair",
+    "judge",
+    "read_pose",
+    "read_sweep",
+    "read_truth",
+]

@@ -1,0 +1,162 @@
+"""One call of an engine, watched: time from outside, memory, and whatever it raises."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import dataclasses
+import gc
+import pickle
+import sys
+import time
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from dqreg.compare.challenge import thinned
+from dqreg.compare.entrants import Entrant
+from dqreg.engines.protocol import Attempt, Task
+
+Status = Literal["ran", "error", "crashed", "timeout", "memory"]
+_STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Outcome:
+    """What came of one call.
+
+    Attributes
+    ----------
+    status : {"ran", "error", "crashed", "timeout", "memory"}
+        As in `dqreg.compare.records.Run`.
+    message : str
+        What went wrong; "" if nothing.
+    attempt : Attempt or None
+        What the engine handed in.
+    wall_seconds : float
+        Around the whole call.
+    peak_memory : float
+        Bytes that the process grew by at its highest; NaN if unknown.
+    """
+
+    status: Status
+    message: str = ""
+    attempt: Attempt | None = None
+    wall_seconds: float = float("nan")
+    peak_memory: float = float("nan")
+
+
+def pack(entrant: Entrant, task: Task) -> bytes:
+    """Engine and task as bytes: unpacked anew for each run, so that no run finds what another left.
+
+    Parameters
+    ----------
+    entrant : Entrant
+        The engine.
+    task : Task
+        The task.
+
+    Returns
+    -------
+    bytes
+        For `call` and `warm_up`.
+    """
+    return pickle.dumps((entrant, task), protocol=pickle.HIGHEST_PROTOCOL)
+
+
+def warm_up(packed: bytes | tuple[Entrant, Task]) -> None:
+    """Run an engine on a small copy of the task: libraries load and compile before the clock runs.
+
+    Parameters
+    ----------
+    packed : bytes or tuple
+        Of `pack`; engine and task themselves where the engine cannot be packed.
+    """
+    # What goes wrong here goes wrong in the timed run too, and is recorded there.
+    with contextlib.suppress(Exception):
+        entrant, task = _unpack(packed)
+        entrant.load().register(thinned(task))
+
+
+def call(packed: bytes | tuple[Entrant, Task]) -> Outcome:
+    """Run an engine once.
+
+    Parameters
+    ----------
+    packed : bytes or tuple
+        Of `pack`; engine and task themselves where the engine cannot be packed.
+
+    Returns
+    -------
+    Outcome
+        Never raises for what an engine raises.
+    """
+    try:
+        entrant, task = _unpack(packed)
+        engine = entrant.load()
+        before = _settle()
+        began = time.perf_counter()
+        answer = engine.register(task)
+        seconds = time.perf_counter() - began
+        peak = _peak() - before
+        return Outcome("ran", "", _checked(answer, seconds), seconds, peak)
+    except MemoryError as error:
+        return Outcome("memory", f"MemoryError {error}".strip())
+    except Exception as error:
+        return Outcome("error", f"{type(error).__name__}: {error}")
+
+
+def _unpack(packed: bytes | tuple[Entrant, Task]) -> tuple[Entrant, Task]:
+    found: tuple[Entrant, Task] = pickle.loads(packed) if isinstance(packed, bytes) else packed
+    return found
+
+
+def _checked(answer: Any, seconds: float) -> Attempt:
+    if not isinstance(answer, Attempt):
+        # A bare pose will do for an engine of a few lines.
+        return Attempt(_pose(answer), seconds, float("nan"), None, "", {})
+    claimed = answer.seconds if 0.0 < answer.seconds <= seconds else seconds
+    return dataclasses.replace(answer, T_target_source=_pose(answer.T_target_source), seconds=claimed)
+
+
+def _pose(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    T = np.array(value, dtype=np.float64)
+    if T.shape != (4, 4):
+        raise TypeError(f"register must return an Attempt or a 4x4 pose; got {type(value).__name__} of shape {T.shape}")
+    return T
+
+
+def _settle() -> float:
+    """Give unused memory back and begin a new peak; bytes in use."""
+    gc.collect()
+    if sys.platform.startswith("linux"):
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).malloc_trim(0)
+        with contextlib.suppress(OSError):
+            _CLEAR.write_text("5")
+    return _field("VmRSS")
+
+
+def _peak() -> float:
+    return _field("VmHWM")
+
+
+def _field(name: str) -> float:
+    """A line of the kernel's account of this process, in bytes; NaN where there is none."""
+    try:
+        for line in _STATUS.read_text().splitlines():
+            if line.startswith(name + ":"):
+                return 1024.0 * float(line.split()[1])
+    except (OSError, ValueError, IndexError):
+        pass
+    return _rusage()
+
+
+def _rusage() -> float:
+    try:
+        import resource
+    except ImportError:
+        return float("nan")
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return float(used if sys.platform == "darwin" else 1024 * used)

@@ -1,0 +1,265 @@
+"""The judge: scores a pose against what is known, and knows nothing of whoever found it.
+
+It imports no engine and no registration, neither ours nor a peer's; a test reads its imports. What it gets is a 4x4
+matrix; what it says is how far each point of the part is from where it belongs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg.arrays import RIGID_TOLERANCE, FloatArray, as_float
+from dqreg.errors import InputError
+from dqreg.geometry import Surface
+from dqreg.rigid import pose
+
+# A pose brings the scan home if no point of the part is farther off than this share of its size: a wrong basin is
+# farther, noise and sampling are nearer.
+HOME = 0.01
+
+Kind = Literal["rigid", "mirrored", "not rigid", "nothing"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Yardstick:
+    """What the judge knows of a task, and no engine is told.
+
+    Attributes
+    ----------
+    probes : ndarray, (v, 3)
+        Points of the part, target frame, whose displacement is measured: the vertices of a mesh.
+    size : float
+        S, the diagonal of the target's bounding box.
+    truths : ndarray, (k, 4, 4)
+        True poses ``T_target_source``; more than one where the part is symmetric, none where no truth is known.
+    axis : ndarray, (2, 3), or None
+        A point on the axis of a part of revolution and the axis' direction, target frame: any turn about it is true.
+    held_out : ndarray, (h, 3)
+        Scan points that no engine was given, source frame.
+    surface : Surface or None
+        The target, to measure the held-out points against.
+    gate : float
+        Distance up to which a held-out point counts as lying on the target.
+    home : float
+        Largest worst displacement, in S, of a pose that counts as found.
+    """
+
+    probes: FloatArray
+    size: float
+    truths: FloatArray
+    axis: FloatArray | None = None
+    held_out: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
+    surface: Surface | None = None
+    gate: float = 0.0
+    home: float = HOME
+
+
+@dataclasses.dataclass(frozen=True)
+class Score:
+    """What a pose is worth; lengths in the target's unit, NaN where there is nothing to measure.
+
+    Attributes
+    ----------
+    kind : {"rigid", "mirrored", "not rigid", "nothing"}
+        What was handed in. Only a rigid pose can succeed.
+    success : bool or None
+        Whether the pose brings the scan home; None where no truth is known.
+    angle_rad : float
+        Angle of the turn that is left; NaN unless rigid.
+    offset : float
+        Displacement of the middle of the part.
+    worst, rms : float
+        Greatest and root mean square displacement of the probes.
+    surface_rms : float
+        Root mean square distance of the held-out points that lie on the target.
+    overlap : float
+        Share of the held-out points that lie on the target.
+    """
+
+    kind: Kind
+    success: bool | None
+    angle_rad: float
+    offset: float
+    worst: float
+    rms: float
+    surface_rms: float
+    overlap: float
+
+
+def judge(T_target_source: ArrayLike, yardstick: Yardstick) -> Score:
+    """Score a pose.
+
+    Parameters
+    ----------
+    T_target_source : array_like, (4, 4)
+        As handed in: it is not mended, so a scale or a mirror counts as what it does to the part. NaN is "nothing".
+    yardstick : Yardstick
+        What is known.
+
+    Returns
+    -------
+    Score
+        Against the nearest of the truths.
+
+    Raises
+    ------
+    InputError
+        If what was handed in is not a 4x4 array of numbers.
+
+    Examples
+    --------
+    >>> known = Yardstick(probes=np.eye(3), size=2.0, truths=np.eye(4)[None])
+    >>> judge(np.eye(4), known).success, judge(np.diag([1.0, 1.0, -1.0, 1.0]), known).kind
+    (True, 'mirrored')
+    """
+    T = as_float(T_target_source, "T_target_source")
+    if T.shape != (4, 4):
+        raise InputError(f"T_target_source must be 4x4; got shape {T.shape}")
+    kind = kind_of(T)
+    nothing = float("nan")
+    if kind == "nothing":
+        return Score(kind, False if len(yardstick.truths) else None, *(nothing,) * 4, nothing, 0.0)
+    surface_rms, overlap = _on_surface(T, yardstick)
+    if not len(yardstick.truths):
+        return Score(kind, None, *(nothing,) * 4, surface_rms, overlap)
+    truth = _nearest_truth(T, yardstick)
+    moved = displacements(T, truth, yardstick.probes)
+    worst = float(moved.max())
+    return Score(
+        kind=kind,
+        success=kind == "rigid" and worst <= yardstick.home * yardstick.size,
+        angle_rad=float(pose.angle_between(T, truth)) if kind == "rigid" else nothing,
+        offset=float(displacements(T, truth, _middle(yardstick.probes)[None])[0]),
+        worst=worst,
+        rms=float(np.sqrt(np.mean(moved**2))),
+        surface_rms=surface_rms,
+        overlap=overlap,
+    )
+
+
+def worst_along(poses: Iterable[ArrayLike], yardstick: Yardstick) -> FloatArray:
+    """Worst displacement of each pose on the way, for a curve of convergence.
+
+    Parameters
+    ----------
+    poses : iterable of array_like, (4, 4)
+        Poses ``T_target_source`` in their order.
+    yardstick : Yardstick
+        What is known.
+
+    Returns
+    -------
+    ndarray, (n,)
+        Lengths; NaN where a pose is nothing or no truth is known.
+
+    Examples
+    --------
+    >>> known = Yardstick(probes=np.eye(3), size=2.0, truths=np.eye(4)[None])
+    >>> worst_along([np.eye(4), np.full((4, 4), np.nan)], known).tolist()
+    [0.0, nan]
+    """
+    return np.array([_worst(as_float(T, "pose"), yardstick) for T in poses], dtype=np.float64)
+
+
+def kind_of(T: FloatArray) -> Kind:
+    """What a 4x4 matrix is.
+
+    Parameters
+    ----------
+    T : ndarray, (4, 4)
+        Any numbers.
+
+    Returns
+    -------
+    {"rigid", "mirrored", "not rigid", "nothing"}
+        "nothing" where a number is not finite; "not rigid" for a scale, a shear or a wrong last row.
+
+    Examples
+    --------
+    >>> kind_of(np.eye(4)), kind_of(2.0 * np.eye(4))
+    ('rigid', 'not rigid')
+    """
+    if not np.isfinite(T).all():
+        return "nothing"
+    R = T[:3, :3]
+    # Numbers near float64's limit overflow to infinity or NaN, and neither is within the tolerance.
+    with np.errstate(over="ignore", invalid="ignore"):
+        gap = np.abs(R.T @ R - np.eye(3)).max()
+        orthonormal = bool(gap <= RIGID_TOLERANCE) and np.allclose(T[3], [0.0, 0.0, 0.0, 1.0], atol=RIGID_TOLERANCE)
+        if not orthonormal:
+            return "not rigid"
+    return "rigid" if np.linalg.det(R) > 0.0 else "mirrored"
+
+
+def displacements(T: FloatArray, truth: FloatArray, points_target: FloatArray) -> FloatArray:
+    """How far points of the part, at home in the target frame, are from where a pose puts them.
+
+    Parameters
+    ----------
+    T, truth : ndarray, (4, 4)
+        Pose to judge and true pose, both ``T_target_source``; the truth is rigid.
+    points_target : ndarray, (n, 3)
+        Points of the target frame.
+
+    Returns
+    -------
+    ndarray, (n,)
+        Lengths ``|(T truth^-1 - 1) p|``.
+
+    Examples
+    --------
+    >>> T = np.eye(4); T[:3, 3] = [0.0, 3.0, 4.0]
+    >>> displacements(T, np.eye(4), np.eye(3)).tolist()
+    [5.0, 5.0, 5.0]
+    """
+    points_source = pose.apply(pose.inverse(truth), points_target)
+    difference = T - truth
+    moved: FloatArray = np.linalg.norm(points_source @ difference[:3, :3].T + difference[:3, 3], axis=1)
+    return moved
+
+
+def _worst(T: FloatArray, yardstick: Yardstick) -> float:
+    if not len(yardstick.truths) or kind_of(T) == "nothing":
+        return float("nan")
+    return float(displacements(T, _nearest_truth(T, yardstick), yardstick.probes).max())
+
+
+def _nearest_truth(T: FloatArray, yardstick: Yardstick) -> FloatArray:
+    candidates = [_turned(truth, T, yardstick) for truth in yardstick.truths]
+    worst = [displacements(T, truth, yardstick.probes).max() for truth in candidates]
+    return candidates[int(np.argmin(worst))]
+
+
+def _turned(truth: FloatArray, T: FloatArray, yardstick: Yardstick) -> FloatArray:
+    """The truth turned about the axis of revolution so that it comes closest to a pose (2-D Procrustes)."""
+    if yardstick.axis is None:
+        return truth
+    point, direction = yardstick.axis
+    direction = direction / np.linalg.norm(direction)
+    at_home = yardstick.probes - point
+    found = pose.apply(pose.inverse(truth), yardstick.probes) @ T[:3, :3].T + T[:3, 3] - point
+    sine = (np.cross(at_home, found) @ direction).sum()
+    cosine = (at_home * found).sum() - ((at_home @ direction) * (found @ direction)).sum()
+    turn = pose.exp(np.concatenate([np.arctan2(sine, cosine) * direction, np.zeros(3)]))
+    best: FloatArray = pose.about(turn, point) @ truth
+    return best
+
+
+def _on_surface(T: FloatArray, yardstick: Yardstick) -> tuple[float, float]:
+    if yardstick.surface is None or not len(yardstick.held_out):
+        return float("nan"), float("nan")
+    moved = yardstick.held_out @ T[:3, :3].T + T[:3, 3]
+    distances = yardstick.surface.closest(moved).distances
+    near = distances[distances <= yardstick.gate]
+    rms = float(np.sqrt(np.mean(near**2))) if len(near) else float("nan")
+    return rms, len(near) / len(distances)
+
+
+def _middle(points: FloatArray) -> FloatArray:
+    middle: FloatArray = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return middle

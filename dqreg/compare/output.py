@@ -1,0 +1,130 @@
+"""The files of a comparison; their places are asked for before the work, and they are written after it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from dqreg.atomic import require_writable, write_atomically
+from dqreg.compare.plots import plots
+from dqreg.compare.records import plain_values, to_plain
+from dqreg.compare.run import Comparison
+from dqreg.compare.showing import markdown, to_csv
+from dqreg.compare.store import FORMAT
+from dqreg.compare.summary import summarise
+from dqreg.compare.tables import Table
+from dqreg.errors import InputError
+
+
+@dataclasses.dataclass(frozen=True)
+class Goals:
+    """Where to write what; None writes nothing.
+
+    Attributes
+    ----------
+    out : Path or None
+        JSON with all runs and the summary; the runs also stand in a file of JSON lines beside it.
+    report : Path or None
+        HTML page.
+    markdown, csv : Path or None
+        Tables; the summary at full precision.
+    plots : Path or None
+        Folder for PNG files; made if it is missing.
+    """
+
+    out: Path | None = None
+    report: Path | None = None
+    markdown: Path | None = None
+    csv: Path | None = None
+    plots: Path | None = None
+
+    @property
+    def lines(self) -> Path | None:
+        """JSON lines, from which a comparison goes on: ``out`` with the ending .jsonl."""
+        return None if self.out is None else self.out.with_suffix(".jsonl")
+
+    def check(self) -> None:
+        """Raise unless all can be written.
+
+        Raises
+        ------
+        InputError
+            If one cannot; the message names it.
+        """
+        for path in (self.out, self.lines, self.report, self.markdown, self.csv):
+            if path is not None:
+                require_writable(path)
+        if self.out is not None and self.out == self.lines:
+            raise InputError(f"--out {self.out}: give a .json file; the single runs go to {self.lines} beside it")
+        if self.plots is not None:
+            try:
+                self.plots.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(f"cannot make the folder {self.plots}: {error.strerror or error}") from error
+
+
+def write(found: Comparison, made: Sequence[Table], goals: Goals, note: str, command: str) -> list[Path]:
+    """Write all that is asked for.
+
+    Parameters
+    ----------
+    found : Comparison
+        What was measured.
+    made : sequence of Table
+        Its tables.
+    goals : Goals
+        Where to.
+    note : str
+        Rules, machine and versions.
+    command : str
+        What repeats it.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
+    from dqreg.compare.page import to_html
+
+    pictures = plots(found) if goals.report is not None or goals.plots is not None else []
+    contents: dict[Path, str | bytes] = {}
+    if goals.out is not None:
+        contents[goals.out] = to_json(found)
+    if goals.markdown is not None:
+        contents[goals.markdown] = markdown(made, note)
+    if goals.csv is not None:
+        contents[goals.csv] = to_csv(summarise(found.runs))
+    if goals.report is not None:
+        contents[goals.report] = to_html(found.title, made, pictures, note, command)
+    if goals.plots is not None:
+        contents |= {goals.plots / f"{plot.key}.png": plot.png for plot in pictures}
+    for path, content in contents.items():
+        write_atomically(path, content)
+    return list(contents)
+
+
+def to_json(found: Comparison) -> str:
+    """All of a comparison as strict JSON.
+
+    Parameters
+    ----------
+    found : Comparison
+        What was measured.
+
+    Returns
+    -------
+    str
+        Keys: format, title, engines, missing, sessions, summary, runs.
+    """
+    summary = [dataclasses.asdict(line) for line in summarise(found.runs)]
+    plain = {
+        "format": FORMAT,
+        "title": found.title,
+        "engines": list(found.engines),
+        "missing": found.missing,
+        "sessions": list(found.sessions),
+        "summary": summary,
+    }
+    return json.dumps({**plain_values(plain), "runs": [to_plain(run) for run in found.runs]}, allow_nan=False) + "\n"

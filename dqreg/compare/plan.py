@@ -1,0 +1,226 @@
+"""From what a caller names to the list of tasks; each is made only when its turn comes."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from dqreg.compare.cells import build
+from dqreg.compare.challenge import Challenge, Loop
+from dqreg.compare.entrants import Entrant
+from dqreg.compare.judge import HOME
+from dqreg.compare.sweep import Cell, Sweep
+from dqreg.compare.tasks import from_case
+from dqreg.engines.protocol import Setting
+from dqreg.errors import InputError
+from dqreg.synth import Case, load_case, read_recipe, write_case
+
+# In a sweep, poses on the way are recorded for starts up to here, one trial.
+CURVE_DEG = 10.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Rules:
+    """What holds for all engines.
+
+    Attributes
+    ----------
+    settings : tuple of {"manual", "same-loop"}
+        Fair settings to run cases in; a sweep brings its own.
+    repeats : int
+        Timed runs of each case after one warm-up; a sweep brings its own.
+    threads : int
+        Threads that an engine may use.
+    timeout : float or None
+        Seconds for one run; None takes the sweep's, and 300 for cases.
+    from_nothing : bool
+        Whether to withhold the start of cases; engines that need one do not take part.
+    loop : Loop
+        Rules of the same loop.
+    home : float
+        Largest worst displacement, in S, of a pose that counts as found.
+    memory_limit : float or None
+        Bytes; None takes three quarters of the machine's memory.
+    isolate : bool
+        Whether engines run in a process of their own. Without it a crash or a hang ends everything.
+    """
+
+    settings: tuple[Setting, ...] = ("manual", "same-loop")
+    repeats: int = 3
+    threads: int = 2
+    timeout: float = 300.0
+    from_nothing: bool = False
+    loop: Loop = dataclasses.field(default_factory=Loop)
+    home: float = HOME
+    memory_limit: float | None = None
+    isolate: bool = True
+
+    def __post_init__(self) -> None:
+        for name, least in (("repeats", 1), ("threads", 1)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < least:
+                raise InputError(f"{name} must be a whole number, {least} or more; got {value!r}")
+        for name in ("timeout", "home"):
+            if not 0.0 < getattr(self, name) < float("inf"):
+                raise InputError(f"{name} must be a number above 0; got {getattr(self, name)!r}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Item:
+    """A task that will be made when its turn comes.
+
+    Attributes
+    ----------
+    key : str
+        Names the task in files.
+    words : str
+        Names it on the screen.
+    weight : float
+        How much work it is: its scan points.
+    repeats : int
+        Timed runs.
+    setting : {"manual", "same-loop"}
+        Which fair setting.
+    from_nothing : bool
+        Whether it has no start.
+    make : callable
+        Makes it.
+    curve : bool
+        Whether poses on the way are wanted.
+    barred : frozenset of str
+        Engines that the sweep wants on other axes only.
+    row : tuple of str, or None
+        Axis and setting, where the axis goes from small scans to large ones.
+    """
+
+    key: str
+    words: str
+    weight: float
+    repeats: int
+    setting: Setting
+    from_nothing: bool
+    make: Callable[[], Challenge]
+    curve: bool = True
+    barred: frozenset[str] = frozenset()
+    row: tuple[str, str] | None = None
+
+    def takes(self, entrant: Entrant) -> bool:
+        """Whether an engine takes part.
+
+        Parameters
+        ----------
+        entrant : Entrant
+            The engine.
+
+        Returns
+        -------
+        bool
+            By its own word.
+        """
+        if entrant.name in self.barred:
+            return False
+        return self.setting in entrant.settings and (entrant.from_nothing or not self.from_nothing)
+
+
+def plan(tasks: Any, rules: Rules) -> tuple[list[Item], str]:
+    """Tasks in their order, and a title.
+
+    Parameters
+    ----------
+    tasks : path, Case, Challenge, Sweep, or a list of these
+        What to compare on.
+    rules : Rules
+        What holds for all.
+
+    Returns
+    -------
+    list of Item
+        Each key once.
+    str
+        What it is about, in a few words.
+
+    Raises
+    ------
+    InputError
+        If something is no task.
+
+    Examples
+    --------
+    >>> from dqreg.synth import demo_case
+    >>> items, title = plan(demo_case(), Rules())
+    >>> [item.setting for item in items], title
+    (['manual', 'same-loop'], 'bracket')
+    """
+    things = list(tasks) if isinstance(tasks, (list, tuple)) else [tasks]
+    items = [item for thing in things for item in _items(thing, rules)]
+    if not items:
+        raise InputError("nothing to compare on: give a case, a recipe, a scan and a target, or a sweep")
+    titles = dict.fromkeys(thing.name if isinstance(thing, Sweep) else "" for thing in things)
+    names = [title for title in titles if title] or list(dict.fromkeys(item.words.partition(",")[0] for item in items))
+    shown = ", ".join(names) if len(names) <= 4 else f"{len(names)} cases"
+    return list({item.key: item for item in items}.values()), shown
+
+
+def _items(thing: Any, rules: Rules) -> list[Item]:
+    if isinstance(thing, Sweep):
+        return [_of_cell(cell, repeats, rules, thing.barred(cell.axis)) for cell, repeats in thing.cells()]
+    if isinstance(thing, Challenge):
+        return [_of_challenge(thing, rules)]
+    settings = [setting for setting in rules.settings if setting == "manual" or not rules.from_nothing]
+    if not settings:
+        raise InputError("the same loop needs a start: from nothing there is only the setting manual")
+    options: dict[str, Any] = {"loop": rules.loop, "threads": rules.threads, "home": rules.home}
+    with _case(thing) as case:
+        made = [from_case(case, from_nothing=rules.from_nothing, setting=setting, **options) for setting in settings]
+    return [_of_challenge(challenge, rules) for challenge in made]
+
+
+def _of_challenge(challenge: Challenge, rules: Rules) -> Item:
+    task = challenge.task
+    return Item(
+        key=challenge.key,
+        words=f"{challenge.case}, {task.setting}",
+        weight=float(len(task.source)),
+        repeats=rules.repeats,
+        setting=task.setting,
+        from_nothing=task.start is None,
+        make=lambda: challenge,
+    )
+
+
+def _of_cell(cell: Cell, repeats: int, rules: Rules, barred: frozenset[str]) -> Item:
+    value = f"{cell.value:g}" if isinstance(cell.value, (int, float)) else cell.value
+    return Item(
+        key=f"{cell.key}|{rules.threads}|{dataclasses.astuple(rules.loop)}",
+        words=f"{cell.axis} {value}, {cell.setting}, trial {cell.trial + 1}",
+        weight=float(cell.points),
+        repeats=repeats,
+        setting=cell.setting,
+        from_nothing=bool(cell.nothing),
+        make=lambda: build(cell, loop=rules.loop, threads=rules.threads, home=rules.home),
+        curve=(cell.axis, cell.trial) == ("start_angle_deg", 0) and cell.start_angle_deg <= CURVE_DEG,
+        barred=barred,
+        row=("points", cell.setting) if cell.axis == "points" else None,
+    )
+
+
+@contextlib.contextmanager
+def _case(thing: Any) -> Iterator[Case]:
+    """A case; the one of a recipe lasts as long as the block."""
+    if isinstance(thing, Case):
+        yield thing
+        return
+    if not isinstance(thing, (str, os.PathLike)):
+        raise InputError(f"not a task: {thing!r:.80}; give a case folder, a recipe, a Challenge or a Sweep")
+    path = Path(thing)
+    if path.suffix.lower() != ".toml":
+        yield load_case(path)
+        return
+    recipe = read_recipe(path)
+    with tempfile.TemporaryDirectory(prefix="dqreg-case-") as folder:
+        yield write_case(Path(folder) / recipe.name, recipe)

@@ -1,0 +1,263 @@
+"""The plots of a comparison as PNG, drawn without any global state, in colours that all kinds of vision tell apart."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from dqreg.compare.records import Run
+from dqreg.compare.run import Comparison
+from dqreg.compare.summary import Line, summarise
+from dqreg.compare.tables import AXES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Okabe and Ito (2008), without the yellow, which is too pale for lines. With more engines than colours, line and
+# marker change too, so that no two look alike.
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#555555")
+LINES, MARKERS = ("-", "--", ":", "-."), ("o", "s", "^", "D", "v", "P", "X")
+INCHES, DOTS = (8.4, 4.2), 150
+# What is drawn as zero on a logarithmic axis.
+LEAST_ERROR = 1e-9
+
+
+@dataclasses.dataclass(frozen=True)
+class Plot:
+    """A picture.
+
+    Attributes
+    ----------
+    key : str
+        Its file is ``KEY.png``.
+    title : str
+        What it shows; also the text for those who cannot see it.
+    png : bytes
+        The file.
+    """
+
+    key: str
+    title: str
+    png: bytes
+
+
+Style = dict[str, Any]
+
+
+def plots(found: Comparison) -> list[Plot]:
+    """All plots that the runs allow.
+
+    Parameters
+    ----------
+    found : Comparison
+        What was measured.
+
+    Returns
+    -------
+    list of Plot
+        Error against time for cases, success along axes, growth with the scan, convergence.
+    """
+    lines = summarise(found.runs)
+    styles = _styles(found.engines)
+    made: list[Plot] = []
+    for place in dict.fromkeys(line.place for line in lines if line.place.axis == "case"):
+        chosen = [line for line in lines if line.place == place]
+        name = f"{place.case}, {place.setting}{', from nothing' if place.from_nothing else ''}"
+        slug = f"{_slug(place.case)}-{place.setting}"
+        made += _error_and_time(chosen, styles, f"error-time-{slug}", f"Error against time: {name}")
+    for axis in ("start_angle_deg", "start_offset", "outliers", "overlap"):
+        made += _along(lines, axis, styles, "success", lambda line: (line.found or 0) / line.runs)
+    made += _along(lines, "noise", styles, "error", lambda line: max(line.worst, LEAST_ERROR), log=True)
+    made += _growth(lines, styles)
+    base = [line for line in lines if line.place.axis == "start_angle_deg" and line.place.value in (5, 10)]
+    for setting in dict.fromkeys(line.place.setting for line in base):
+        chosen = [line for line in base if line.place.setting == setting and line.place.value == base[0].place.value]
+        made += _error_and_time(
+            chosen, styles, f"error-time-{setting}", f"Error against time near the start, {setting}"
+        )
+    return made + _convergence(found, styles)
+
+
+def _error_and_time(lines: list[Line], styles: dict[str, Style], key: str, title: str) -> list[Plot]:
+    shown = [line for line in lines if line.seconds > 0.0 and math.isfinite(line.worst_all)]
+    if not shown:
+        return []
+
+    def draw(axes: Axes) -> None:
+        for line in shown:
+            style = {**styles[line.engine], "linestyle": "none", "markersize": 9}
+            axes.errorbar([line.seconds], [max(line.worst_all, LEAST_ERROR)],
+                          xerr=[[line.seconds - line.least_seconds], [line.most_seconds - line.seconds]],
+                          capsize=2, label=line.engine, **style)  # fmt: skip
+        axes.set(xscale="log", yscale="log", xlabel="seconds from raw points to pose", ylabel="worst vertex error [S]")
+
+    return [Plot(key, title, _png(title, [draw]))]
+
+
+def _along(
+    lines: list[Line],
+    axis: str,
+    styles: dict[str, Style],
+    what: str,
+    value: Callable[[Line], float],
+    *,
+    log: bool = False,
+) -> list[Plot]:
+    mine = [line for line in lines if line.place.axis == axis]
+    settings = list(dict.fromkeys(line.place.setting for line in mine))
+    if not mine:
+        return []
+
+    def panel(setting: str, position: float) -> Callable[[Axes], None]:
+        def draw(axes: Axes) -> None:
+            for engine, style in styles.items():
+                here = [line for line in mine if (line.engine, line.place.setting) == (engine, setting)]
+                points = [(float(line.place.value), value(line)) for line in here if line.place.value is not None]
+                points = [(x, y) for x, y in sorted(points) if not math.isnan(y)]
+                if points:
+                    # Lines that lie on each other are moved apart by less than their own width.
+                    nudge = 0.0 if log else 0.006 * (list(styles).index(engine) - 0.5 * len(styles))
+                    axes.plot([x for x, _ in points], [y + nudge for _, y in points], label=engine, **style)
+            axes.set(xlabel=AXES[axis][0], title=f"setting: {setting}" if len(settings) > 1 else "")
+            if log:
+                axes.set(yscale="log", ylabel="worst vertex error [S]")
+                axes.set_xscale("symlog", linthresh=1e-4)
+            else:
+                axes.set(ylabel="share of runs brought home", ylim=(-0.1, 1.1))
+
+        return draw
+
+    title = AXES[axis][1]
+    return [Plot(f"{what}-{axis}", title, _png(title, [panel(name, 0.0) for name in settings]))]
+
+
+def _growth(lines: list[Line], styles: dict[str, Style]) -> list[Plot]:
+    mine = [line for line in lines if line.place.axis == "points"]
+    if not mine:
+        return []
+
+    def panel(value: Callable[[Line], float], label: str) -> Callable[[Axes], None]:
+        def draw(axes: Axes) -> None:
+            for engine, style in styles.items():
+                here = sorted((line.points, value(line)) for line in mine if line.engine == engine)
+                here = [(x, y) for x, y in here if y > 0.0]
+                if here:
+                    axes.plot([x for x, _ in here], [y for _, y in here], label=engine, **style)
+            axes.set(xscale="log", yscale="log", xlabel="scan points", ylabel=label)
+
+        return draw
+
+    title = AXES["points"][1]
+    panels = [
+        panel(lambda line: line.seconds, "seconds"),
+        panel(lambda line: line.peak_memory / 1e6, "peak memory [MB]"),
+    ]
+    return [Plot("scaling", title, _png(title, panels))]
+
+
+def _convergence(found: Comparison, styles: dict[str, Style]) -> list[Plot]:
+    settings = dict.fromkeys(run.setting for run in found.runs)
+    return [plot for setting in settings for plot in _curves(_typical(found.runs, setting), styles)]
+
+
+def _curves(chosen: list[Run], styles: dict[str, Style]) -> list[Plot]:
+    if not chosen:
+        return []
+
+    def panel(column: int, label: str) -> Callable[[Axes], None]:
+        def draw(axes: Axes) -> None:
+            for run in chosen:
+                steps = [(step[column], step[2] / run.size) for step in run.curve]
+                steps = [(x, max(y, LEAST_ERROR)) for x, y in steps if not (math.isnan(x) or math.isnan(y))]
+                if steps:
+                    style = {**styles[run.engine], "markersize": 3}
+                    axes.plot([x for x, _ in steps], [y for _, y in steps], label=run.engine, **style)
+            axes.set(yscale="log", xlabel=label, ylabel="worst vertex error [S]")
+            if column == 1 and axes.lines:
+                axes.set_xscale("log")
+
+        return draw
+
+    first = chosen[0]
+    where = first.case if first.axis == "case" else f"{AXES[first.axis][0]} {first.value}"
+    title = f"Convergence, {first.setting}: {where}"
+    panels = [panel(0, "iteration")]
+    if any(not math.isnan(step[1]) for run in chosen for step in run.curve):
+        panels.append(panel(1, "seconds"))
+    return [Plot(f"convergence-{first.setting}", title, _png(title, panels))]
+
+
+def _typical(runs: Sequence[Run], setting: str) -> list[Run]:
+    """One run of each engine with a curve, on the task of a setting where most engines have one."""
+    curved = [run for run in runs if run.curve and run.success is not None and run.setting == setting]
+    engines: dict[str, dict[str, Run]] = {}
+    for run in curved:
+        engines.setdefault(run.key, {})[run.engine] = run
+    if not engines:
+        return []
+    return list(max(engines.values(), key=len).values())
+
+
+def _styles(engines: Sequence[str]) -> dict[str, Style]:
+    styles = {}
+    for index, engine in enumerate(engines):
+        turn = index // len(PALETTE)
+        ours = engine.startswith("dqreg")
+        styles[engine] = {
+            "color": PALETTE[index % len(PALETTE)],
+            "linestyle": LINES[turn % len(LINES)],
+            "marker": MARKERS[(index + turn) % len(MARKERS)],
+            "linewidth": 2.6 if ours else 1.4,
+            "markersize": 6,
+            "zorder": 3 if ours else 2,
+        }
+    return styles
+
+
+def _png(title: str, panels: Sequence[Callable[[Axes], None]]) -> bytes:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    width, height = INCHES
+    canvas = Figure(figsize=(width, height * len(panels) + 0.3), dpi=DOTS, layout="constrained")
+    FigureCanvasAgg(canvas)
+    rows = canvas.subplots(len(panels), 1, squeeze=False)[:, 0]
+    for axes, draw in zip(rows, panels, strict=True):
+        draw(axes)
+        axes.grid(visible=True, which="major", color="#dddddd", linewidth=0.7)
+        axes.set_axisbelow(True)
+        _readable_ticks(axes)
+        axes.spines[["top", "right"]].set_visible(False)
+    canvas.suptitle(title, fontsize="large", x=0.01, ha="left")
+    named: dict[str, Any] = {}
+    for axes in rows:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            named.setdefault(label, handle)
+    if named:
+        # Beside the axes, where it hides no curve.
+        canvas.legend(named.values(), named.keys(), loc="outside right upper", frameon=False, fontsize="small",
+                      handlelength=3.0)  # fmt: skip
+    buffer = io.BytesIO()
+    canvas.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def _readable_ticks(axes: Axes) -> None:
+    """On a logarithmic axis plain numbers at 1, 2 and 5, where powers of ten alone would be too few."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() != "log":
+            continue
+        low, high = sorted(abs(value) for value in axis.get_view_interval())
+        if high <= 1e3 * low:
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _slug(text: str) -> str:
+    return "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in text)

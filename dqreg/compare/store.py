@@ -1,0 +1,185 @@
+"""Runs on disk: JSON lines, only ever appended to, so that a killed comparison goes on where it stopped.
+
+The first line of each session says what machine and versions made the lines after it. A last line that was torn by a
+kill or a full disk is cut off before the next one is written; a damaged line anywhere else is an error.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from dqreg.atomic import require_writable
+from dqreg.compare.records import Run, from_plain, to_plain
+from dqreg.errors import InputError
+
+FORMAT = "dqreg comparison 1"
+# A run that takes longer is not repeated: its scatter is small beside it, and the others wait.
+SLOW_SECONDS = 10.0
+
+
+class Store:
+    """A file of runs.
+
+    Parameters
+    ----------
+    path : path or None
+        The file; made if it is missing. None keeps the runs in memory only.
+
+    Attributes
+    ----------
+    runs : list of Run
+        All runs, in the order in which they were made.
+    sessions : list of dict
+        What each session said about itself.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, or holds something else.
+
+    Examples
+    --------
+    >>> Store(None).runs
+    []
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None) -> None:
+        self.path = None if path is None else require_writable(path)
+        self.runs: list[Run] = []
+        self.sessions: list[dict[str, Any]] = []
+        self._counts: dict[tuple[str, str], int] = {}
+        self._closed: set[tuple[str, str]] = set()
+        if self.path is not None and self.path.exists():
+            lines, whole = _read(self.path)
+            for line in lines:
+                self._take(line)
+            if whole < self.path.stat().st_size:
+                os.truncate(self.path, whole)
+
+    def begin(self, session: Mapping[str, Any]) -> None:
+        """Write down what makes the following runs.
+
+        Parameters
+        ----------
+        session : mapping
+            Machine, versions and options.
+        """
+        line = {"format": FORMAT, **session}
+        self.sessions.append(dict(session))
+        self._append([line])
+
+    def add(self, runs: Iterable[Run]) -> None:
+        """Keep runs; they are on the disk when this returns.
+
+        Parameters
+        ----------
+        runs : iterable of Run
+            New runs.
+        """
+        runs = list(runs)
+        self._append(to_plain(run) for run in runs)
+        for run in runs:
+            self._keep(run)
+
+    def done(self, key: str, engine: str) -> int:
+        """How many runs of a task by an engine there are.
+
+        Parameters
+        ----------
+        key : str
+            The task.
+        engine : str
+            The engine.
+
+        Returns
+        -------
+        int
+            Number of runs kept.
+        """
+        return self._counts.get((key, engine), 0)
+
+    def finished(self, key: str, engine: str, repeats: int) -> bool:
+        """Whether an engine has nothing left to do on a task.
+
+        Parameters
+        ----------
+        key : str
+            The task.
+        engine : str
+            The engine.
+        repeats : int
+            Runs asked for.
+
+        Returns
+        -------
+        bool
+            True too where it did not come back from one, or took so long that it is not asked again.
+        """
+        return self.done(key, engine) >= repeats or (key, engine) in self._closed
+
+    def _append(self, lines: Iterable[dict[str, Any]]) -> None:
+        if self.path is None:
+            return
+        text = "".join(json.dumps(line, allow_nan=False) + "\n" for line in lines)
+        try:
+            with self.path.open("ab") as stream:
+                stream.write(text.encode())
+                stream.flush()
+                os.fsync(stream.fileno())
+        except OSError as error:
+            raise InputError(f"cannot write {self.path}: {error.strerror or error}") from error
+
+    def _take(self, line: dict[str, Any]) -> None:
+        if "format" in line:
+            self.sessions.append({key: value for key, value in line.items() if key != "format"})
+        else:
+            self._keep(from_plain(line))
+
+    def _keep(self, run: Run) -> None:
+        self.runs.append(run)
+        self._counts[run.key, run.engine] = self._counts.get((run.key, run.engine), 0) + 1
+        if is_last(run):
+            self._closed.add((run.key, run.engine))
+
+
+def is_last(run: Run) -> bool:
+    """Whether a run is the last of its engine on its task, however many were asked for.
+
+    Parameters
+    ----------
+    run : Run
+        A run.
+
+    Returns
+    -------
+    bool
+        True if no pose came back, or a slow one.
+    """
+    return run.status != "ran" or run.seconds > SLOW_SECONDS
+
+
+def _read(path: Path) -> tuple[list[dict[str, Any]], int]:
+    """Lines of a file, and the number of bytes that are whole lines."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    whole = content.rfind(b"\n") + 1
+    lines = []
+    for number, text in enumerate(content[:whole].splitlines(), 1):
+        try:
+            line = json.loads(text)
+            if not isinstance(line, dict) or (number == 1 and line.get("format") != FORMAT):
+                raise ValueError("not a line of a comparison")
+        except ValueError as error:
+            raise InputError(
+                f"{path}, line {number}: {error}; give another --out, or remove the file to start again"
+            ) from error
+        lines.append(line)
+    if not lines and content:
+        raise InputError(f"{path} is no file of a comparison; give another --out")
+    return lines, whole

@@ -1,0 +1,165 @@
+"""A sweep: axes along which one thing is varied, and the base from which it is varied."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Literal
+
+from dqreg.engines.protocol import Setting
+
+AxisName = Literal["start_angle_deg", "start_offset", "noise", "outliers", "overlap", "points", "frame", "nothing"]
+
+# Unit and place of the coordinates: factor from millimetres, and an offset added after it.
+FRAMES: dict[str, tuple[float, tuple[float, float, float]]] = {
+    "mm": (1.0, (0.0, 0.0, 0.0)),
+    "m": (1e-3, (0.0, 0.0, 0.0)),
+    "m, UTM": (1e-3, (389_000.0, 5_819_000.0, 40.0)),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """One task of a sweep, before it is made; lengths in S, the part's diagonal.
+
+    Attributes
+    ----------
+    axis : str
+        What is varied.
+    value : float or str
+        Where on the axis.
+    trial : int
+        Seed of scan, frame and start.
+    setting : {"manual", "same-loop"}
+        Which fair setting.
+    part : str
+        Kind of part, as in recipes.
+    points : int
+        Scan points.
+    start_angle_deg, start_offset : float
+        How far the start is from the truth; an angle of 0 and an offset of 0 is the truth itself.
+    noise : float
+        Standard deviation of the range.
+    outliers : float
+        Share of strays.
+    overlap : float or None
+        None: the scan on the CAD mesh. Else scan on scan, and the share of the source that the target has too.
+    frame : str
+        "mm", "m" or "m, UTM": unit and place of the coordinates.
+    nothing : str
+        Kind of part that is searched for without a start; "" for tasks with one.
+    """
+
+    axis: str
+    value: float | str
+    trial: int
+    setting: Setting = "manual"
+    part: str = "bracket"
+    points: int = 20_000
+    start_angle_deg: float = 8.0
+    start_offset: float = 0.03
+    noise: float = 3e-4
+    outliers: float = 0.02
+    overlap: float | None = None
+    frame: str = "mm"
+    nothing: str = ""
+
+    @property
+    def key(self) -> str:
+        """Name in files: every number that makes the task."""
+        return "sweep 1|" + "|".join(str(value) for value in dataclasses.astuple(self))
+
+
+@dataclasses.dataclass(frozen=True)
+class Axis:
+    """One axis of a sweep.
+
+    Attributes
+    ----------
+    name : str
+        What is varied.
+    values : tuple
+        Where.
+    trials : int
+        Tasks at each value.
+    settings : tuple of str
+        Fair settings to run.
+    repeats : int
+        Timed runs of each task.
+    more_engines : tuple of str
+        Engines that take part on this axis besides those of the sweep.
+    """
+
+    name: str
+    values: tuple[float | str, ...]
+    trials: int = 1
+    settings: tuple[Setting, ...] = ("manual",)
+    repeats: int = 1
+    more_engines: tuple[str, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Sweep:
+    """Axes and what they share.
+
+    Attributes
+    ----------
+    name : str
+        Title.
+    base : mapping
+        Fields of `Cell` that differ from its defaults.
+    axes : tuple of Axis
+        In their order.
+    timeout : float
+        Seconds after which a single run is given up.
+    engines : tuple of str
+        Who takes part, unless the caller names others; () for the whole registry.
+    """
+
+    name: str
+    base: dict[str, Any]
+    axes: tuple[Axis, ...]
+    timeout: float = 60.0
+    engines: tuple[str, ...] = ()
+
+    @property
+    def all_engines(self) -> tuple[str, ...]:
+        """Engines of the sweep and of all axes, each once."""
+        return tuple(dict.fromkeys([*self.engines, *(name for axis in self.axes for name in axis.more_engines)]))
+
+    def barred(self, axis_name: str) -> frozenset[str]:
+        """Engines that take part on other axes only.
+
+        Parameters
+        ----------
+        axis_name : str
+            An axis.
+
+        Returns
+        -------
+        frozenset of str
+            Their names.
+        """
+        here = {name for axis in self.axes if axis.name == axis_name for name in axis.more_engines}
+        return frozenset(set(self.all_engines) - set(self.engines) - here)
+
+    def cells(self) -> list[tuple[Cell, int]]:
+        """Every cell with the number of its timed runs, axis by axis.
+
+        Returns
+        -------
+        list of (Cell, int)
+            In the order in which they are run.
+        """
+        return [
+            (self._cell(axis, value, trial, setting), axis.repeats)
+            for axis in self.axes
+            for value in axis.values
+            for setting in axis.settings
+            for trial in range(axis.trials)
+        ]
+
+    def _cell(self, axis: Axis, value: float | str, trial: int, setting: Setting) -> Cell:
+        values = {**self.base, axis.name: value}
+        if axis.name == "nothing":
+            values["part"] = value
+        return Cell(axis=axis.name, value=value, trial=trial, setting=setting, **values)

@@ -1,0 +1,166 @@
+"""A sweep as a text file, read with care."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import importlib.resources
+import os
+import tomllib
+from pathlib import Path
+from typing import Any, get_args
+
+from dqreg.compare.sweep import FRAMES, Axis, AxisName, Cell, Sweep
+from dqreg.engines.protocol import Setting
+from dqreg.errors import InputError
+from dqreg.synth.parts import KINDS
+
+SHIPPED = ("standard", "quick")
+
+
+def read_sweep(name: str | os.PathLike[str]) -> Sweep:
+    """Read a sweep.
+
+    Parameters
+    ----------
+    name : str or path
+        "standard" or "quick", which ship with dqreg, or a TOML file of the same form.
+
+    Returns
+    -------
+    Sweep
+        Checked.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a key or value in it cannot be; the message names it.
+
+    Examples
+    --------
+    >>> [axis.name for axis in read_sweep("quick").axes][:2]
+    ['start_angle_deg', 'start_offset']
+    """
+    if str(name) in SHIPPED:
+        text = importlib.resources.files("dqreg.compare").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    else:
+        path = Path(name)
+        if not path.is_file():
+            raise InputError(f"--sweep must be {', '.join(SHIPPED)} or a TOML file; there is no file {str(name)!r}")
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"cannot read the sweep {path}: {error}") from error
+    return parse_sweep(text, str(name))
+
+
+def parse_sweep(text: str, name: str) -> Sweep:
+    r"""Read a sweep from TOML text.
+
+    Parameters
+    ----------
+    text : str
+        TOML with ``[base]``, one table for each axis, ``timeout`` and ``engines``.
+    name : str
+        What to call it.
+
+    Returns
+    -------
+    Sweep
+        Checked.
+
+    Raises
+    ------
+    InputError
+        If a key or value cannot be; the message names it.
+
+    Examples
+    --------
+    >>> len(parse_sweep("[axis.noise]\nvalues = [0.0, 1e-3]\ntrials = 3", "mine").cells())
+    6
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"sweep {name}: not TOML: {error}") from error
+    _known(data, ("base", "axis", "timeout", "title", "engines"), f"sweep {name}: ")
+    base = _table(data, "base", name)
+    fields = {field.name for field in dataclasses.fields(Cell)} - {"axis", "value", "trial", "setting", "nothing"}
+    _known(base, fields, f"sweep {name}: base.")
+    axes = tuple(_axis(key, table, name) for key, table in _table(data, "axis", name).items())
+    if not axes:
+        raise InputError(f"sweep {name}: give at least one axis, like [axis.noise] with values = [0.0, 1e-3]")
+    engines = _names(data.get("engines", []), f"sweep {name}: engines")
+    timeout = _positive(data.get("timeout", 60.0), f"{name}: timeout")
+    sweep = Sweep(str(data.get("title", name)), base, axes, timeout, engines)
+    for cell, _ in sweep.cells():
+        _check(cell, name)
+    return sweep
+
+
+def _axis(key: str, table: Any, name: str) -> Axis:
+    where = f"sweep {name}: axis.{key}"
+    _known({key: None}, get_args(AxisName), f"sweep {name}: axis.")
+    if not isinstance(table, dict):
+        raise InputError(f"{where} must be a table, [axis.{key}]")
+    _known(table, ("values", "trials", "settings", "repeats", "more_engines"), f"{where}.")
+    values, settings = table.get("values"), table.get("settings", ["manual"])
+    if not isinstance(values, list) or not values:
+        raise InputError(f"{where}.values must be a list of one or more values; got {values!r}")
+    if not isinstance(settings, list) or not settings or not set(settings) <= set(get_args(Setting)):
+        raise InputError(f"{where}.settings must be a list of {', '.join(get_args(Setting))}; got {settings!r}")
+    if key == "nothing" and "same-loop" in settings:
+        raise InputError(f"{where}.settings: the same loop needs a start, and this axis has none")
+    counts = {word: table.get(word, 1) for word in ("trials", "repeats")}
+    for word, count in counts.items():
+        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+            raise InputError(f"{where}.{word} must be a whole number above 0; got {count!r}")
+    more = _names(table.get("more_engines", []), f"{where}.more_engines")
+    return Axis(key, tuple(values), settings=tuple(settings), more_engines=more, **counts)
+
+
+def _check(cell: Cell, name: str) -> None:
+    where = f"sweep {name}: "
+    for word in ("part", "nothing"):
+        if (value := getattr(cell, word)) not in ("", *KINDS):
+            raise InputError(f"{where}{word} must be one of {', '.join(KINDS)}; got {value!r}")
+    if cell.frame not in FRAMES:
+        raise InputError(f"{where}frame must be one of {', '.join(FRAMES)}; got {cell.frame!r}")
+    if isinstance(cell.points, bool) or not isinstance(cell.points, int) or cell.points < 100:
+        raise InputError(f"{where}points must be a whole number, 100 or more; got {cell.points!r}")
+    for word, high in (("start_angle_deg", 180.0), ("start_offset", 10.0), ("noise", 1.0), ("outliers", 0.9)):
+        _between(getattr(cell, word), 0.0, high, where + word)
+    if cell.overlap is not None:
+        _between(cell.overlap, 0.05, 1.0, where + "overlap")
+
+
+def _names(value: Any, where: str) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
+        raise InputError(f"{where} must be a list of names; got {value!r:.80}")
+    return tuple(value)
+
+
+def _known(table: Any, known: Any, prefix: str) -> None:
+    for key in table:
+        if key not in known:
+            near = difflib.get_close_matches(key, list(known), 1)
+            hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(sorted(known))}"
+            raise InputError(f"{prefix}{key} is not known; {hint}")
+
+
+def _table(data: Any, key: str, name: str) -> dict[str, Any]:
+    table = data.get(key, {})
+    if not isinstance(table, dict):
+        raise InputError(f"sweep {name}: {key} must be a table; got {table!r}")
+    return table
+
+
+def _positive(value: Any, name: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < float("inf"):
+        raise InputError(f"sweep {name} must be a number above 0; got {value!r}")
+    return float(value)
+
+
+def _between(value: Any, low: float, high: float, name: str) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+        raise InputError(f"{name} must lie between {low:g} and {high:g}; got {value!r}")

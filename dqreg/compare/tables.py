@@ -1,0 +1,233 @@
+"""The tables, made once as text: every place that shows them shows the same numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from dqreg.compare.run import Comparison
+from dqreg.compare.summary import Line, growth, median, place_of, reach, summarise
+
+MISSING, REMARK = "-", "remark"
+AXES = {
+    "start_angle_deg": ("start angle [deg]", "From how far away? Turn of the start"),
+    "start_offset": ("start offset [S]", "From how far away? Shift of the start"),
+    "noise": ("noise [S]", "What does noise do?"),
+    "outliers": ("share of outliers", "What do outliers do?"),
+    "overlap": ("overlap", "Scan on scan: how little overlap will do?"),
+    "points": ("scan points", "How does time grow with the scan?"),
+    "nothing": ("part", "With no start at all"),
+    "frame": ("coordinates", "The same task in other units and far away"),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """A table as text.
+
+    Attributes
+    ----------
+    key : str
+        Names it in files.
+    title : str
+        What it shows.
+    head : tuple of str
+        Columns; the first is the engine.
+    rows : tuple of tuple of str
+        Cells.
+    note : str
+        What a reader must know to read it.
+    """
+
+    key: str
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+
+
+def tables(found: Comparison) -> list[Table]:
+    """All tables of a comparison.
+
+    Parameters
+    ----------
+    found : Comparison
+        What was measured.
+
+    Returns
+    -------
+    list of Table
+        Cases first; of a sweep the answers first, then one table an axis.
+    """
+    lines = summarise(found.runs)
+    places = list(dict.fromkeys(place_of(run) for run in found.runs))
+    made = [_case(found, [line for line in lines if line.place == place]) for place in places if place.axis == "case"]
+    axes = list(dict.fromkeys((place.axis, place.setting) for place in places if place.axis != "case"))
+    if axes:
+        made.append(_answers(found, lines))
+    for axis, setting in axes:
+        chosen = [line for line in lines if (line.place.axis, line.place.setting) == (axis, setting)]
+        made.extend(_axis(found, axis, setting, chosen))
+    return made
+
+
+def _case(found: Comparison, lines: list[Line]) -> Table:
+    place, unit = lines[0].place, lines[0].units or "units"
+    start = "from nothing" if place.from_nothing else "from the given start"
+    title = f"{place.case}, {_words(place.setting)}, {start}: {lines[0].points} points, S = {lines[0].size:.4g} {unit}"
+    head = ("engine", "found", "worst vertex [S]", f"rms [{unit}]", "angle [deg]", f"on surface [{unit}]", "overlap",
+            "seconds", "range", "peak MB", REMARK)  # fmt: skip
+    rows = [
+        (
+            line.engine,
+            _share(line),
+            number(line.worst_all if line.found is not None else math.nan),
+            number(line.rms * line.size),
+            number(math.degrees(line.angle_rad)),
+            number(line.surface_rms * line.size),
+            f"{100 * line.overlap:.1f} %" if not math.isnan(line.overlap) else MISSING,
+            number(line.seconds),
+            f"{number(line.least_seconds)} - {number(line.most_seconds)}" if line.runs > 1 else MISSING,
+            number(line.peak_memory / 1e6),
+            line.remark,
+        )
+        for line in _in_order(found, lines)
+    ]
+    note = ("Worst vertex: median over all runs of the greatest displacement of a point of the part. On surface: rms "
+            "distance of scan points that no engine was given, of those that lie on the target; overlap: their share. "
+            "Peak MB: growth of the process above its inputs.")  # fmt: skip
+    return Table(f"case-{place.case}-{place.setting}", title, head, tuple(rows), note)
+
+
+def _answers(found: Comparison, lines: list[Line]) -> Table:
+    head = ("engine", "turn [deg]", "shift [S]", "noise [S]", "outliers", "overlap", "no start", "worst vertex [S]",
+            "seconds", "at 1M points", "growth")  # fmt: skip
+    rows = []
+    for engine in found.engines:
+        mine = [line for line in lines if line.engine == engine and line.place.setting == "manual"]
+        near = [line for line in mine if line.place.axis in ("start_angle_deg", "frame") and line.found]
+        base = [line for line in near if line.place.value in (5, 10, "mm")]
+        million = [line for line in mine if line.place.axis == "points" and line.place.value == 1_000_000]
+        blind = [line for line in mine if line.place.axis == "nothing"]
+        rows.append((
+            engine,
+            *(number(reach(mine, engine, axis, "manual"))
+              for axis in ("start_angle_deg", "start_offset", "noise", "outliers", "overlap")),
+            _sum(blind),
+            number(median(line.worst for line in base)),
+            number(median(line.seconds for line in base)),
+            number(million[0].seconds) if million else MISSING,
+            number(growth(mine, engine)),
+        ))  # fmt: skip
+    note = ("Turn to overlap: the farthest value up to which every single run was brought home, in the setting as its "
+            "manual says; '-' if not even the first. Worst vertex and seconds: medians near the start (5 and 10 "
+            "degrees). Growth: exponent of time over points, 1 is linear.")  # fmt: skip
+    return Table("answers", "In short", head, tuple(rows), note)
+
+
+def _axis(found: Comparison, axis: str, setting: str, lines: list[Line]) -> list[Table]:
+    label, title = AXES[axis]
+    values = list(dict.fromkeys(line.place.value for line in lines))
+    heads = ("engine", *(_value(value) for value in values))
+    by = {(line.engine, line.place.value): line for line in lines}
+    names = [name for name in found.engines if any((name, value) in by for value in values)]
+
+    def grid(key: str, what: str, cell: Any, note: str) -> Table:
+        rows = tuple((name, *(cell(by.get((name, value))) for value in values)) for name in names)
+        return Table(f"{axis}-{setting}-{key}", f"{title} ({_words(setting)}): {what} by {label}", heads, rows, note)
+
+    home = "Found: runs that brought the scan home, of all runs"
+    worst = "Worst vertex [S]: median of those that were found."
+    if axis == "points":
+        return [
+            grid("seconds", "seconds", _seconds, "From raw points to pose; '>' : not within the time limit."),
+            grid("memory", "peak MB", _memory, "Growth of the process above its inputs."),
+            grid("worst", "found, worst vertex [S]", _found_and_worst, f"{home}. {worst}"),
+        ]
+    if axis == "frame":
+        note = "All three are the same task: a method that knows no absolute lengths gives three times the same number."
+        return [grid("worst", "found, worst vertex [S]", _found_and_worst, f"{home}. {worst} {note}")]
+    if axis == "nothing":
+        return [grid("found", "found, worst vertex [S], seconds", _found_worst_seconds, f"{home}. {worst}")]
+    return [grid("found", "found, worst vertex [S]", _found_and_worst, f"{home}. {worst}")]
+
+
+def _found_and_worst(line: Line | None) -> str:
+    if line is None:
+        return MISSING
+    return _share(line) + (f"  {number(line.worst)}" if line.found else "")
+
+
+def _found_worst_seconds(line: Line | None) -> str:
+    if line is None or math.isnan(line.seconds):
+        return _found_and_worst(line)
+    return f"{_found_and_worst(line)}  {number(line.seconds)} s"
+
+
+def _seconds(line: Line | None) -> str:
+    if line is None:
+        return MISSING
+    if math.isnan(line.seconds):
+        return ">" if line.remark.startswith("no answer within") else "failed"
+    return number(line.seconds)
+
+
+def _memory(line: Line | None) -> str:
+    return MISSING if line is None else number(line.peak_memory / 1e6)
+
+
+def number(value: float) -> str:
+    """A number in two or three digits that mean something.
+
+    Parameters
+    ----------
+    value : float
+        Any number.
+
+    Returns
+    -------
+    str
+        "-" for NaN, "none" for infinity.
+
+    Examples
+    --------
+    >>> number(1234.6), number(0.01234), number(3.456e-6), number(float("nan"))
+    ('1235', '0.0123', '3.5e-6', '-')
+    """
+    if math.isnan(value):
+        return MISSING
+    if math.isinf(value):
+        return "none"
+    if value == 0.0:
+        return "0"
+    if abs(value) >= 100.0:
+        return f"{value:.0f}"
+    if abs(value) >= 1e-2:
+        return f"{value:.3g}"
+    mantissa, exponent = f"{value:.1e}".split("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def _in_order(found: Comparison, lines: list[Line]) -> list[Line]:
+    return sorted(lines, key=lambda line: found.engines.index(line.engine))
+
+
+def _share(line: Line) -> str:
+    return MISSING if line.found is None else f"{line.found}/{line.runs}"
+
+
+def _sum(lines: list[Line]) -> str:
+    if not lines:
+        return MISSING
+    return f"{sum(line.found or 0 for line in lines)}/{sum(line.runs for line in lines)}"
+
+
+def _words(setting: str) -> str:
+    return {"manual": "as its manual says", "same-loop": "same loop"}.get(setting, setting)
+
+
+def _value(value: str | float | None) -> str:
+    if isinstance(value, (int, float)):
+        return f"{value / 1e6:g}M" if value >= 1e6 else f"{value / 1e3:g}k" if value >= 1e4 else f"{value:g}"
+    return str(value)

@@ -1,0 +1,73 @@
+"""Small engines whose answers are known: an honest one, and every kind of trouble."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+from dqreg.engines.protocol import Attempt, Step
+from dqreg.synth import demo_case, load_case
+
+TRUTH = load_case(demo_case()).T_target_source
+
+
+class Contestant:
+    needs = ()
+    from_nothing = True
+    settings = ("manual", "same-loop")
+
+    def __init__(self, name, answer):
+        self.name, self.answer = name, answer
+
+    def register(self, task):
+        T = self.answer(task)
+        start = np.eye(4) if task.start is None else task.start
+        steps = (Step(1, 0.001, start), Step(2, float("nan"), T))
+        return Attempt(T, 0.002, 0.001, 2, "converged", {"points": len(task.source)}, steps)
+
+
+def _wrong(task):
+    T = TRUTH.copy()
+    T[:3, 3] += 20.0
+    return T
+
+
+def _hang(task):
+    time.sleep(600)
+
+
+def _crash(task):
+    os.write(2, b"out of cheese\n")
+    os.abort()
+
+
+def _raise(task):
+    raise RuntimeError("no <b>luck</b> today")
+
+
+def _greedy(task):
+    hoard = []
+    while True:
+        hoard.append(np.ones(2_000_000))
+        time.sleep(0.005)
+
+
+def _counts(task):
+    with Path(os.environ["DQREG_TEST_COUNT"]).open("a") as stream:
+        stream.write(f"{len(task.source)} {task.setting} {os.environ.get('OMP_NUM_THREADS')}\n")
+    return TRUTH
+
+
+perfect = Contestant("perfect", lambda task: TRUTH)
+wrong = Contestant("wrong", _wrong)
+identity = Contestant("identity", lambda task: np.eye(4))
+mirrored = Contestant("mirrored", lambda task: TRUTH @ np.diag([1.0, 1.0, -1.0, 1.0]))
+nothing = Contestant("nothing", lambda task: np.full((4, 4), np.nan))
+raising = Contestant("raising", _raise)
+hanging = Contestant("hanging", _hang)
+crashing = Contestant("crashing", _crash)
+greedy = Contestant("greedy", _greedy)
+counting = Contestant("counting", _counts)

@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import math
+
+import pytest
+from rich.console import Console
+
+from dqreg.compare.output import to_json
+from dqreg.compare.page import to_html
+from dqreg.compare.plots import Plot, plots
+from dqreg.compare.records import Run, from_plain, to_plain
+from dqreg.compare.run import Comparison
+from dqreg.compare.showing import footer, markdown, print_tables, to_csv
+from dqreg.compare.summary import growth, reach, summarise
+from dqreg.compare.tables import tables
+from dqreg.errors import InputError
+
+NAN = float("nan")
+EVIL = "<script>alert('|')</script>"
+
+
+def run(engine: str = "a", *, found: bool | None = True, **more) -> Run:
+    base = Run(
+        key="k", engine=engine, repeat=0, case="part", axis="case", value=None, trial=0, setting="manual",
+        from_nothing=False, points=1000, size=100.0, units="mm", status="ran", message="", T_target_source=None,
+        seconds=2.0, prepare_seconds=NAN, wall_seconds=2.1, peak_memory=5e6, iterations=3, claims="", settings={},
+        kind="rigid", success=found, angle_rad=1e-3, offset=0.1, worst=0.2 if found else 30.0, rms=0.1,
+        surface_rms=0.05, overlap=0.9, curve=[(1, 0.1, 5.0), (2, NAN, 0.2)],
+    )  # fmt: skip
+    return dataclasses.replace(base, **more)
+
+
+def of(*runs: Run) -> Comparison:
+    engines = tuple(dict.fromkeys(each.engine for each in runs))
+    session = {"machine": "a machine", "versions": {"numpy": "2"}, "threads": 2}
+    return Comparison(runs, engines, {"absent": ("some-package",)}, (session,), "things")
+
+
+def sweep_of(axis: str, values: dict, **more) -> list[Run]:
+    return [run(axis=axis, value=value, found=found, **more) for value, list_ in values.items() for found in list_]
+
+
+def test_records_survive_json():
+    made = run(worst=math.inf)
+    again = from_plain(json.loads(json.dumps(to_plain(made), allow_nan=False)))
+    assert to_plain(again) == to_plain(made)
+    assert again.curve[0] == (1, 0.1, 5.0)
+    assert math.isnan(again.curve[1][1])
+    with pytest.raises(InputError, match="record"):
+        from_plain({"key": "k"})
+
+
+def test_a_line_counts_failures_and_takes_medians_of_what_was_found():
+    (line,) = summarise([run(), run(worst=0.4, seconds=4.0), run(found=False, kind="nothing", worst=NAN)])
+    assert (line.found, line.runs) == (2, 3)
+    assert line.worst == pytest.approx(0.003)
+    # A run without a pose is infinitely far off: two of three are not, so the median is the farther of these.
+    assert line.worst_all == pytest.approx(0.004)
+    assert (line.seconds, line.least_seconds, line.most_seconds) == (2.0, 2.0, 4.0)
+    assert "no pose" in line.remark
+
+
+def test_reach_ends_at_the_first_failure():
+    lines = summarise(sweep_of("start_angle_deg", {5: [True], 10: [True, True], 20: [True, False], 30: [True]}))
+    assert reach(lines, "a", "start_angle_deg", "manual") == 10.0
+    assert math.isnan(reach(lines, "b", "start_angle_deg", "manual"))
+
+
+def test_growth_is_the_exponent():
+    runs = [run(axis="points", value=n, points=n, seconds=1e-6 * n**1.2) for n in (1000, 10_000, 100_000)]
+    assert growth(summarise(runs), "a") == pytest.approx(1.2)
+
+
+def test_tables_say_what_was_not_found():
+    late = {"status": "timeout", "message": "no answer within 9 s", "kind": "nothing", "worst": NAN, "seconds": NAN}
+    made = tables(of(run(), run("b", found=False), run("c", found=False, **late)))
+    rows = {row[0]: row for row in made[0].rows}
+    assert [rows[name][1] for name in "abc"] == ["1/1", "0/1", "0/1"]
+    assert rows["c"][2] == "none"
+    assert rows["b"][-1] == "wrong pose"
+    assert rows["c"][-1] == "no answer within 9 s"
+    assert "absent (pip install some-package)" in footer(of(run()), 0.01)
+
+
+def test_all_tables_and_plots_of_a_sweep():
+    runs = []
+    for engine in ("dqreg", "b"):
+        runs += sweep_of("start_angle_deg", {5: [True], 30: [False]}, engine=engine)
+        for axis, values in (("start_offset", (0.1,)), ("noise", (0.0, 1e-3)), ("outliers", (0.0, 0.5)),
+                             ("overlap", (1.0, 0.4)), ("points", (1e4, 1e6)), ("frame", ("mm", "m, UTM"))):  # fmt: skip
+            runs += sweep_of(axis, {value: [True] for value in values}, engine=engine)
+    runs += sweep_of("nothing", {"bracket": [True]}, from_nothing=True)
+    found = of(*runs)
+    made = tables(found)
+    assert made[0].title == "In short"
+    assert all(len(row) == len(table.head) for table in made for row in table.rows)
+    pictures = plots(found)
+    assert {plot.key for plot in pictures} >= {
+        "success-start_angle_deg",
+        "error-noise",
+        "success-outliers",
+        "success-overlap",
+        "scaling",
+        "convergence-manual",
+    }
+    assert all(plot.png.startswith(b"\x89PNG") for plot in pictures)
+
+
+def test_without_a_truth_nothing_is_said_about_success():
+    (table,) = tables(of(run(found=None, worst=NAN, rms=NAN, angle_rad=NAN)))
+    assert table.rows[0][1:5] == ("-", "-", "-", "-")
+    assert table.rows[0][6] == "90.0 %"
+    assert plots(of(run(found=None, worst=NAN))) == []
+
+
+def test_the_page_and_the_markdown_escape_what_comes_from_outside():
+    found = of(run(EVIL, case=EVIL, found=False, status="error", message=EVIL, kind="nothing", units=EVIL))
+    found = dataclasses.replace(found, title=EVIL, missing={EVIL: (EVIL,)})
+    made = tables(found)
+    page = to_html(found.title, made, [Plot("k", EVIL, b"x")], footer(found, 0.01), EVIL)
+    assert "<script" not in page
+    assert page.count("&lt;script&gt;") >= 6
+    assert "http" not in page
+    text = markdown(made)
+    assert "<script" not in text
+    widths = {line.replace("\\|", "").count("|") for line in text.splitlines() if line.startswith("|")}
+    assert len(widths) == 1
+
+
+@pytest.mark.parametrize("width", [40, 80, 200])
+def test_no_digit_is_cut_off_on_a_narrow_screen(width):
+    made = tables(of(run("an engine of a name", seconds=12345.0), run("b", found=False, worst=1.2345e-6)))
+    screen = Console(width=width, file=io.StringIO())
+    print_tables(screen, made)
+    text = screen.file.getvalue()
+    assert max(map(len, text.splitlines()[2:])) <= width
+    for row in made[0].rows:
+        for cell in row[:-1]:
+            assert cell in text
+
+
+def test_csv_holds_full_precision():
+    (row,) = csv.DictReader(io.StringIO(to_csv(summarise([run(seconds=1 / 3)]))))
+    assert float(row["seconds"]) == 1 / 3
+    assert (row["engine"], row["case"], row["found"]) == ("a", "part", "1")
+
+
+def test_json_is_strict():
+    data = json.loads(to_json(of(run(), run("b", worst=NAN))), parse_constant=pytest.fail)
+    assert [each["engine"] for each in data["runs"]] == ["a", "b"]
+    assert data["summary"][0]["place"]["case"] == "part"

@@ -1,0 +1,295 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dqreg.compare import Loop, Rules, compare, from_case, read_sweep
+from dqreg.compare import worker as worker_room
+from dqreg.compare.entrants import entrants
+from dqreg.compare.plan import plan
+from dqreg.compare.run import Progress
+from dqreg.compare.store import Store
+from dqreg.compare.sweep_file import parse_sweep
+from dqreg.errors import InputError
+from dqreg.synth import demo_case, load_case
+
+FILE = Path(__file__).with_name("contestants.py")
+CASE = load_case(demo_case())
+SMALL = Loop(source_points=500, target_points=2_000)
+ONCE = Rules(settings=("manual",), repeats=1, isolate=False)
+
+
+@pytest.fixture(scope="module")
+def task():
+    return from_case(CASE)
+
+
+@pytest.fixture(scope="module")
+def both(task):
+    return [task, from_case(CASE, setting="same-loop", loop=SMALL)]
+
+
+def some(*names: str) -> list:
+    # The engines of the file, loaded by path as a worker would.
+    return [entrant.load() for entrant in entrants([FILE]) if entrant.name in names]
+
+
+class Still:
+    """Holds a pose; picklable only as long as this module can be imported by name, which pytest does not promise."""
+
+    def __init__(self, name: str, T: np.ndarray) -> None:
+        self.name, self.T = name, T
+
+    def register(self, task):
+        return self.T
+
+
+def test_judged_in_process(task):
+    names = ("perfect", "wrong", "identity", "mirrored", "nothing", "raising")
+    found = compare(task, some(*names), rules=ONCE)
+    by = {run.engine: run for run in found.runs}
+    assert [name for name in names if by[name].success] == ["perfect"]
+    assert by["mirrored"].kind == "mirrored"
+    assert by["nothing"].status == "ran"
+    assert np.isnan(by["nothing"].worst)
+    assert (by["raising"].status, by["raising"].message) == ("error", "RuntimeError: no <b>luck</b> today")
+    # The engine's own clock: it may leave out what is not registration, but never add.
+    assert by["perfect"].seconds == min(0.002, by["perfect"].wall_seconds)
+    assert by["perfect"].curve[-1][2] == 0.0
+    assert by["perfect"].overlap > 0.9
+
+
+def test_engines_get_the_same_and_never_the_held_out_points(both):
+    seen = []
+
+    class Spy:
+        name = "spy"
+        settings = ("manual", "same-loop")
+
+        def register(self, task):
+            seen.append(task)
+            return np.eye(4)
+
+    compare(both, [Spy()], rules=Rules(repeats=2, isolate=False))
+    full = [task for task in seen if len(task.source) > 10_000]
+    assert len(full) == 6  # two settings, two repeats, and one run more for the curve
+    loops = [task for task in full if task.setting == "same-loop"]
+    assert all(len(task.source_points) == 500 and len(task.target_points) == 2_000 for task in loops)
+    assert all(np.array_equal(task.source_points, loops[0].source_points) for task in loops)
+    assert loops[0].max_distance == pytest.approx(0.1 * CASE.part_diagonal)
+    held = both[0].yardstick.held_out
+    given = {row.tobytes() for row in full[0].source.points}
+    assert len(held) == 5_000
+    assert not any(row.tobytes() in given for row in held)
+
+
+def test_crash_hang_and_memory_cost_one_row_each(task, monkeypatch):
+    monkeypatch.setattr(worker_room, "WARM_SECONDS", 0.0)
+    found = compare(
+        task,
+        [FILE],
+        rules=Rules(repeats=2, timeout=1.5, threads=1, memory_limit=700e6),
+    )
+    by = {}
+    for run in found.runs:
+        by.setdefault(run.engine, []).append(run)
+    assert [run.status for run in by["perfect"]] == ["ran", "ran"]
+    assert all(run.success for run in by["perfect"])
+    assert [run.status for run in by["hanging"]] == ["timeout"]
+    assert [run.status for run in by["crashing"]] == ["crashed"]
+    assert "out of cheese" in by["crashing"][0].message
+    assert by["greedy"][0].status in ("memory", "timeout")
+    # The one after a crash runs as if nothing had been; its environment holds the number of threads.
+    assert by["counting"][0].status == "error"  # DQREG_TEST_COUNT is not set
+    assert not any(run.success for name, runs in by.items() for run in runs if name != "perfect")
+
+
+def test_resume_repeats_nothing_and_loses_nothing(both, tmp_path, monkeypatch):
+    monkeypatch.setenv("DQREG_TEST_COUNT", str(tmp_path / "count"))
+    out, rules = tmp_path / "runs.jsonl", Rules(repeats=2, isolate=False)
+
+    class StopHereError(Exception):
+        pass
+
+    def stop_after_three(progress: Progress) -> None:
+        if progress.run is not None and len(Store(out).runs) == 3:
+            raise StopHereError
+
+    with pytest.raises(StopHereError):
+        compare(both, some("counting"), rules=rules, out=out, observe=stop_after_three)
+    before = out.read_bytes()
+    assert len(Store(out).runs) == 3
+    found = compare(both, some("counting"), rules=rules, out=out)
+    assert out.read_bytes().startswith(before)
+    assert [(run.setting, run.repeat) for run in found.runs] == [
+        ("manual", 0), ("manual", 1), ("same-loop", 0), ("same-loop", 1),
+    ]  # fmt: skip
+    assert len(found.sessions) == 2
+    count = (tmp_path / "count").read_text()
+    again = compare(both, some("counting"), rules=rules, out=out)
+    assert (tmp_path / "count").read_text() == count
+    assert len(again.runs) == 4
+    # One more repeat: one more run of each task, not three.
+    more = compare(both, some("counting"), rules=Rules(repeats=3, isolate=False), out=out)
+    assert len(more.runs) == 6
+
+
+def test_kept_runs_are_judged_by_todays_rules(task, tmp_path):
+    strict, lax = (Rules(repeats=1, isolate=False, home=home) for home in (0.01, 0.3))
+    first = compare(task, some("wrong"), rules=strict, out=tmp_path / "runs.jsonl")
+    again = compare(task, some("wrong"), rules=lax, out=tmp_path / "runs.jsonl")
+    # The wrong pose is shifted by 20 mm along each axis: 0.22 of the part's 156 mm.
+    assert [run.success for run in (*first.runs, *again.runs)] == [False, True]
+
+
+def test_a_killed_comparison_goes_on(tmp_path):
+    out = tmp_path / "runs.jsonl"
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom dqreg.compare import *\nfrom dqreg.synth import demo_case\n"
+        "if __name__ == '__main__':\n"
+        "    engines = [e for e in __import__('dqreg.compare.entrants').compare.entrants.entrants([sys.argv[1]])]\n"
+        "    compare(demo_case(), [e.load() for e in engines if e.name in ('perfect', 'hanging')],\n"
+        "            rules=Rules(settings=('manual',), repeats=1, isolate=False), out=sys.argv[2])\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    process = subprocess.Popen([sys.executable, "-c", code, str(FILE), str(out)], env=environment)
+    try:
+        deadline = time.monotonic() + 60.0
+        while time.monotonic() < deadline and not (out.exists() and len(out.read_bytes().splitlines()) >= 2):
+            time.sleep(0.05)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    assert [run.engine for run in Store(out).runs] == ["perfect"]
+    found = compare(CASE, some("perfect", "wrong"), rules=ONCE, out=out)
+    assert sorted(run.engine for run in found.runs) == ["perfect", "wrong"]
+    assert len(Store(out).runs) == 2
+
+
+def test_torn_last_line_is_cut_off(task, tmp_path):
+    out = tmp_path / "runs.jsonl"
+    compare(task, some("perfect", "wrong"), rules=ONCE, out=out)
+    whole = out.read_bytes()
+    out.write_bytes(whole[:-40])
+    store = Store(out)
+    assert [run.engine for run in store.runs] == ["perfect"]
+    compare(task, some("perfect", "wrong"), rules=ONCE, out=out)
+    lines = [json.loads(line) for line in out.read_text().splitlines()]
+    assert [line.get("engine") for line in lines] == [None, "perfect", None, "wrong"]
+
+
+@pytest.mark.parametrize("content", [b"hello", b'{"a": 1}\n', b'{"format": "dqreg comparison 1"}\nxx\n'])
+def test_other_files_are_left_alone(task, tmp_path, content):
+    out = tmp_path / "notes.txt"
+    out.write_bytes(content)
+    with pytest.raises(InputError, match="notes"):
+        compare(task, some("perfect"), rules=ONCE, out=out)
+    assert out.read_bytes() == content
+
+
+def test_another_case_of_the_same_name_is_another_task(both):
+    here = both[0]
+    there = from_case(CASE, seed=1)
+    assert here.key != there.key
+    assert from_case(CASE).key == here.key
+    assert both[1].key != here.key
+    assert from_case(CASE, from_nothing=True).key != here.key
+
+
+def test_engine_that_needs_a_start_stays_away_from_nothing(tmp_path):
+    still = Still("still", np.eye(4))
+    found = compare(CASE, [still, *some("perfect")], rules=Rules(repeats=1, isolate=False, from_nothing=True))
+    assert [(run.engine, run.setting, run.from_nothing) for run in found.runs] == [("perfect", "manual", True)]
+
+
+def test_larger_scans_are_not_tried_after_one_ran_out_of_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(worker_room, "WARM_SECONDS", 0.0)
+    sweep = parse_sweep("timeout = 1.0\n[axis.points]\nvalues = [500, 1000, 2000]", "sizes")
+    path = tmp_path / "one.py"
+    path.write_text("import time\nclass Slow:\n  name='slow'\n  def register(self, task): time.sleep(30)\nslow=Slow()")
+    found = compare(sweep, [path], rules=Rules(timeout=1.0, threads=1))
+    assert [(run.value, run.status) for run in found.runs] == [(500, "timeout")]
+
+
+def test_engines_of_one_axis_stay_there_unless_the_caller_names_them():
+    text = "engines = ['a']\n[axis.noise]\nvalues = [0.0]\n[axis.outliers]\nvalues = [0.0]\nmore_engines = ['b']"
+    sweep = parse_sweep(text, "two")
+    assert sweep.all_engines == ("a", "b")
+    a, b = (Still(name, np.eye(4)) for name in "ab")
+    items, _ = plan(sweep, ONCE)
+    taken = [[name for name in "ab" if item.takes(entrants([{"a": a, "b": b}[name]])[0])] for item in items]
+    assert taken == [["a"], ["a", "b"]]
+    small = parse_sweep("[base]\npoints = 200\n" + text.partition("\n")[2], "two")
+    assert len(compare(small, [a, b], rules=ONCE).runs) == 4
+
+
+@pytest.mark.parametrize(
+    ("engines", "said"),
+    [
+        ([], "at least one"),
+        ([object()], "not an engine"),
+        (["no_such_file.py"], "no file"),
+        ([Still("a", np.eye(4)), Still("a", np.zeros((4, 4)))], "two different"),
+    ],
+)
+def test_bad_engines_are_named(task, engines, said):
+    with pytest.raises(InputError, match=said):
+        compare(task, engines, rules=ONCE)
+
+
+def test_engine_that_cannot_be_sent_is_refused_with_a_remedy(task):
+    class Local:
+        name = "local"
+        register = lambda self, task: np.eye(4)  # noqa: E731
+
+    with pytest.raises(InputError, match="file of its own"):
+        compare(task, [Local()], rules=Rules(repeats=1))
+
+
+@pytest.mark.parametrize("answer", [None, "pose", np.eye(3)])
+def test_an_answer_that_is_no_pose_is_an_error_of_the_engine(task, answer):
+    found = compare(task, [Still("odd", answer)], rules=ONCE)
+    assert found.runs[0].status == "error"
+    assert found.runs[0].success is False
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x = [", "not TOML"),
+        ("", "at least one axis"),
+        ("[axis.nose]\nvalues=[1]", "did you mean noise"),
+        ("[axis.noise]\nvalues=[]", "values"),
+        ("[axis.noise]\nvalues=['much']", "noise"),
+        ("[axis.noise]\nvalues=[0.1]\ntrials=0", "trials"),
+        ("[axis.nothing]\nvalues=['bracket']\nsettings=['same-loop']", "needs a start"),
+        ("[axis.frame]\nvalues=['yards']", "yards"),
+        ("[base]\nparts='bracket'\n[axis.noise]\nvalues=[0.1]", "did you mean part"),
+        ("timeout=-1\n[axis.noise]\nvalues=[0.1]", "timeout"),
+        ("engines='all'\n[axis.noise]\nvalues=[0.1]", "engines"),
+    ],
+)
+def test_sweeps_name_what_is_wrong(text, said):
+    with pytest.raises(InputError, match=said):
+        parse_sweep(text, "mine")
+
+
+def test_shipped_sweeps_name_engines_that_exist():
+    from dqreg.engines.registry import ENGINES
+
+    for name in ("standard", "quick"):
+        assert set(read_sweep(name).all_engines) <= set(ENGINES)
+
+
+@pytest.mark.parametrize("bad", [{"repeats": 0}, {"threads": True}, {"timeout": 0.0}, {"home": float("nan")}])
+def test_rules_are_checked(bad):
+    with pytest.raises(InputError, match=next(iter(bad))):
+        Rules(**bad)
