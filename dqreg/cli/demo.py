@@ -13,6 +13,9 @@ from dqreg.arrays import FloatArray
 from dqreg.atomic import require_writable
 from dqreg.report import make_progress, print_summary
 
+# Tolerance of the report, three times the noise of the shipped scan.
+TOLERANCE_MM = 0.15
+
 
 @click.command()
 @click.option("--out", type=click.Path(path_type=Path), default=Path("dqreg-demo"), show_default=True,
@@ -29,7 +32,9 @@ def demo(out: Path, quiet: bool) -> int:
     from dqreg.synth import demo_case, load_case
 
     out.mkdir(parents=True, exist_ok=True)
-    result_path, aligned_path = (require_writable(out / name) for name in ("result.json", "aligned.ply"))
+    result_path, aligned_path, report_path = (
+        require_writable(out / name) for name in ("result.json", "aligned.ply", "report.html")
+    )
     case = load_case(demo_case())
     console = Console(quiet=quiet)
     console.print(
@@ -46,6 +51,8 @@ def demo(out: Path, quiet: bool) -> int:
     if np.isfinite(result.rms):
         _print_error(console, result.T_target_source, case.T_target_source, case.part, case.units, case.truth)
     write_outputs(result, case.scan, result_path, aligned_path, console)
+    result.report(report_path, tolerance=TOLERANCE_MM, start=case.T_start)
+    console.print(f"wrote {report_path}: open it in a browser", highlight=False, markup=False, soft_wrap=True)
     return 0 if result.verdict.level == "accepted" else 1
 
 

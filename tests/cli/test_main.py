@@ -112,7 +112,7 @@ def test_demo_reports_the_true_error(tmp_path, capsys):
     assert run("demo", "--out", tmp_path / "demo") == 0
     text = capsys.readouterr().out
     assert "against the truth" in text
-    assert sorted(p.name for p in (tmp_path / "demo").iterdir()) == ["aligned.ply", "result.json"]
+    assert sorted(p.name for p in (tmp_path / "demo").iterdir()) == ["aligned.ply", "report.html", "result.json"]
 
 
 def test_synth_makes_a_case(tmp_path, case):

@@ -1,0 +1,64 @@
+"""What a notebook shows of a result: verdict, a table and a picture, as one small piece of HTML."""
+
+from __future__ import annotations
+
+import base64
+from html import escape
+
+from dqreg.report.colours import LEVELS
+from dqreg.report.measure import unit_of
+from dqreg.report.page_facts import motions_of
+from dqreg.report.page_tables import ADVICE, SIGNS, tiles_of
+from dqreg.report.picture_marks import as_jpeg
+from dqreg.report.pictures import Panel, draw
+from dqreg.report.story import Story, tell
+from dqreg.result import Registration
+
+# Pixels of the picture's one or two panels.
+WIDTH, HEIGHT = 520, 380
+
+
+def notebook_html(result: Registration) -> str:
+    """Verdict, numbers and, with both sides, a picture.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer.
+
+    Returns
+    -------
+    str
+        HTML without scripts; every text is escaped. Its colours are those of the notebook's own theme.
+
+    Examples
+    --------
+    >>> from dqreg.register import register
+    >>> from dqreg.geometry import Mesh
+    >>> from dqreg.synth.parts import box
+    >>> part = Mesh(*box((3.0, 2.0, 1.0)))
+    >>> "ACCEPTED" in notebook_html(register(part, part, "identity", effort="fast"))
+    True
+    """
+    story = None if result.inputs is None else tell(result, result.inputs)
+    level, unit = result.verdict.level, unit_of(result)
+    reasons = "".join(f"<li>{escape(reason)}</li>" for reason in result.verdict.reasons)
+    rows = [(name, f"{value} ({more})") for name, value, more in tiles_of(result, story, unit)]
+    rows += [("Least held motion", motion["words"]) for motion in motions_of(result, unit)[:1]]
+    rows += [("Other poses as good", str(len(result.alternatives)))] if result.alternatives else []
+    cells = "".join(
+        f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{escape(value)}</td></tr>'
+        for name, value in rows
+    )
+    return (
+        f'<div style="border-left:6px solid {LEVELS[level]};padding:.2em .8em;margin:.4em 0">'
+        f"<b>{SIGNS[level]} {level.upper()}</b> {ADVICE[level]}<ul style='margin:.2em 0'>{reasons}</ul></div>"
+        f"<table>{cells}</table>{'' if story is None else _picture(story)}"
+    )
+
+
+def _picture(story: Story) -> str:
+    states = ("before", "deviation") if story.found and story.T_before is not None else ("deviation",)
+    jpeg = as_jpeg(draw(story, [Panel(state, "best") for state in states], WIDTH, HEIGHT))
+    encoded = base64.b64encode(jpeg).decode("ascii")
+    return f'<img alt="part and scan" style="max-width:100%" src="data:image/jpeg;base64,{encoded}">'

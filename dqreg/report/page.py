@@ -1,0 +1,258 @@
+"""The report as one HTML file: opens anywhere, loads nothing, prints to PDF."""
+
+from __future__ import annotations
+
+import base64
+import importlib.resources
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg.atomic import require_writable, write_atomically
+from dqreg.report import page_facts as facts
+from dqreg.report import page_tables as tables
+from dqreg.report.cameras import VIEWS
+from dqreg.report.charts import NARROW, WIDE, convergence
+from dqreg.report.hints import hints_of
+from dqreg.report.measure import unit_of
+from dqreg.report.numbers_text import text_of
+from dqreg.report.picture_marks import as_jpeg
+from dqreg.report.pictures import Panel, draw
+from dqreg.report.pose_forms import pose_forms
+from dqreg.report.story import Story, checked_tolerance, tell
+from dqreg.report.view3d import ELLIPSOID, scene_of
+from dqreg.result import Registration
+
+# Pixels of one panel of the picture for print.
+PANEL_WIDTH, PANEL_HEIGHT = 760, 540
+NO_SIDES = (
+    "No view: this result does not hold the scan and the target. Attach them, result.attached(scan, target), before "
+    "the report is written; dqreg show does so with --source and --target."
+)
+
+
+def write_report(
+    result: Registration,
+    path: str | Path,
+    tolerance: float | None = None,
+    *,
+    reach: float | None = None,
+    start: ArrayLike | None = None,
+) -> Path:
+    """Write the report of a registration, whole or not at all.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer, of any verdict. With its two sides there is a view and there are deviations.
+    path : str or Path
+        The HTML file.
+    tolerance : float, optional
+        Largest deviation allowed, target units; then points and regions pass or fail.
+    reach : float, optional
+        Points farther off belong to something else, see `Registration.deviations`.
+    start : (4, 4) array_like, optional
+        Where the registration began, for the view of before.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, which is asked first, or the tolerance is no length above zero.
+    """
+    goal = require_writable(path)
+    checked_tolerance(tolerance)
+    story = None if result.inputs is None else tell(result, result.inputs, tolerance, start, reach)
+    write_atomically(goal, to_html(result, story))
+    return goal
+
+
+def to_html(result: Registration, story: Story | None) -> str:
+    """The page of a result.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer.
+    story : Story or None
+        What is shown of it; None where the two sides are not at hand.
+
+    Returns
+    -------
+    str
+        HTML; every text that came from outside is escaped.
+    """
+    import jinja2
+    from markupsafe import Markup
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("dqreg.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    unit = unit_of(result)
+    values = _words(result, story, unit) | _evidence(result, unit) | _shown(story)
+    # Made by this package from numbers and escaped words.
+    for name in ("convergence", "scene"):
+        values[name] = Markup(values[name])
+    if values["deviations"] is not None:
+        values["deviations"]["chart"] = Markup(values["deviations"]["chart"])
+    return environment.get_template("report.html").render(values, css=_asset("report.css"), js=_asset("viewer.js"))
+
+
+def _words(result: Registration, story: Story | None, unit: str) -> dict[str, Any]:
+    level = result.verdict.level
+    settings = result.settings
+    return {
+        "level": level,
+        "sign": tables.SIGNS[level],
+        "advice": tables.ADVICE[level],
+        "reasons": result.verdict.reasons,
+        "hints": hints_of(result, story),
+        "source": _file_name(settings.get("source")),
+        "target": _file_name(settings.get("target")),
+        "written": time.strftime("%Y-%m-%d %H:%M"),
+        "unit": unit,
+        "unit_known": settings.get("target_units") is not None,
+        "tiles": tables.tiles_of(result, story, unit),
+        "story": story is not None,
+        "why_no_view": NO_SIDES,
+    }
+
+
+def _evidence(result: Registration, unit: str) -> dict[str, Any]:
+    found = bool(np.isfinite(result.T_target_source).all())
+    seconds = result.timings.get("total")
+    steps = len(result.history)
+    ran = f"{result.status} after {steps} iteration{'' if steps == 1 else 's'}"
+    return {
+        "motions": facts.motions_of(result, unit),
+        "sigmas": facts.sigmas_of(result, unit) if found else None,
+        "sure_words": "Six independent motions of the part, the least held first: how far the part could still move "
+        "along each without the scan telling.",
+        "forms": pose_forms(result.T_target_source, unit) if found else [],
+        "converted": facts.converted_words(result),
+        "alternatives": [
+            {
+                "words": f"Score {text_of(other.score)} {unit}: truncated rms distance of the scan; smaller is better.",
+                "text": pose_forms(other.T_target_source, unit)[0].text,
+            }
+            for other in result.alternatives
+        ],
+        "run_words": f"The loop ended: {ran}{'' if seconds is None else f', {seconds:.2f} s in all'}.",
+        "convergence": "".join(convergence(result.history, unit, size) for size in (WIDE, NARROW) if result.history),
+        "history": facts.history_table(result, unit),
+        "sides": facts.sides_of(result, unit),
+        "timings": [(name, f"{value:.3f}") for name, value in result.timings.items()],
+        "settings": _halves(facts.settings_of(result, unit)),
+        "versions": facts.versions_of(),
+    }
+
+
+def _shown(story: Story | None) -> dict[str, Any]:
+    """What only a result with both sides can show."""
+    if story is None:
+        return {"deviations": None, "worst": [], "scene": "", "scale": None, "regions": None, "iterations": 0}
+    scene = scene_of(story)
+    poses = [pose | {"short": _short(pose)} for pose in scene["poses"] if pose["kind"] != "iteration"]
+    checked = "after" if story.found else "before"
+    for pose in poses:
+        pose["checked"] = pose["kind"] == checked
+    return {
+        "deviations": tables.deviations_of(story),
+        "regions": tables.regions_table(story),
+        "worst": tables.worst_of(story),
+        "scale": tables.scale_words(story),
+        "poses": poses,
+        "iterations": sum(pose["kind"] == "iteration" for pose in scene["poses"]),
+        "off_shown": scene["off"]["count"] > 0,
+        "drawn": tables.drawn_words(story, scene),
+        "ellipsoid_words": _ellipsoid_words(story),
+        "picture": base64.b64encode(as_jpeg(draw(story, panels_of(story), PANEL_WIDTH, PANEL_HEIGHT))).decode(),
+        "picture_alt": "Part and scan before and after, and the deviations in colours, from several sides",
+        "scene": _json(scene),
+    }
+
+
+def panels_of(story: Story) -> list[Panel]:
+    """The panels of the picture for print: before, and the deviations from three sides.
+
+    Parameters
+    ----------
+    story : Story
+        What is shown.
+
+    Returns
+    -------
+    list of Panel
+        Two where no pose was found, else four.
+    """
+    if not story.found:
+        return [Panel("before", "best"), Panel("before", "top")]
+    yaw, pitch = VIEWS[story.view]
+    behind = next(name for name, angles in VIEWS.items() if angles == ((yaw + 180.0) % 360.0, pitch))
+    first = Panel("before", "best") if story.T_before is not None else Panel("after", "best")
+    return [first, Panel("deviation", "best"), Panel("deviation", behind), Panel("deviation", "top")]
+
+
+def _halves(rows: list[tuple[str, str]]) -> list[list[tuple[str, str]]]:
+    middle = -(-len(rows) // 2)
+    return [rows[:middle], rows[middle:]]
+
+
+def _short(pose: dict[str, Any]) -> str:
+    # The long name is in the title and below the view.
+    if pose["kind"] == "before":
+        return "Before" if pose["name"].startswith("Before") else str(pose["name"])
+    return str(pose["name"])
+
+
+def _ellipsoid_words(story: Story) -> str:
+    axes = story.ellipsoid
+    if axes is None:
+        return "No ellipsoid is drawn: some motion is free."
+    lengths = np.sort(np.linalg.norm(axes, axis=1))[::-1]
+    larger = ELLIPSOID * story.size / lengths[0]
+    words = ", ".join(text_of(length, 2) for length in lengths)
+    return (
+        f"The ellipsoid is where the middle of the part may be, one sigma, drawn {larger:,.0f} times its size: its "
+        f"semi-axes are {words} {story.unit}."
+    )
+
+
+def _file_name(value: Any) -> str:
+    return Path(str(value)).name or "not known" if value else "not known"
+
+
+def _json(scene: dict[str, Any]) -> str:
+    # Inside a script element nothing is unescaped but "</script": no "<" is let through.
+    text = json.dumps(_finite(scene), allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _asset(name: str) -> Any:
+    from markupsafe import Markup
+
+    text = importlib.resources.files("dqreg.report").joinpath("templates", name).read_text(encoding="utf-8")
+    return Markup(text)
+
+
+__all__ = ["panels_of", "to_html", "write_report"]

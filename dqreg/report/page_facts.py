@@ -1,0 +1,190 @@
+"""What a report says of the run itself: how firmly the pose is held, the two sides, settings, iterations, versions."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+from typing import Any
+
+import numpy as np
+
+from dqreg.report.numbers_text import percent, place_text, setting_text, text_of
+from dqreg.result import Registration
+
+Rows = list[tuple[str, str]]
+
+
+def motions_of(result: Registration, unit: str) -> list[dict[str, str]]:
+    """Rows of the six motions.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer.
+    unit : str
+        Length unit, in words.
+
+    Returns
+    -------
+    list of dict
+        The weakest first.
+    """
+    return [
+        {
+            "words": direction.words,
+            "percent": f"{100.0 * min(max(direction.strength, 0.0), 1.0):.0f}",
+            "strength": text_of(direction.strength, 2),
+            "sigma": text_of(direction.sigma, 2) if np.isfinite(direction.sigma) else "free",
+        }
+        for direction in result.observability
+    ]
+
+
+def sigmas_of(result: Registration, unit: str) -> dict[str, Any]:
+    """Standard deviations of the six numbers of the pose.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer.
+    unit : str
+        Length unit, in words.
+
+    Returns
+    -------
+    dict
+        Columns, one row, and what they mean.
+    """
+    sigma = np.sqrt(np.diag(result.covariance))
+    row = [text_of(s, 2) if np.isfinite(s) else "free" for s in [*np.rad2deg(sigma[:3]), *sigma[3:]]]
+    columns = [(f"turn about {axis}", "degrees", True) for axis in "xyz"]
+    columns += [(f"shift along {axis}", unit, True) for axis in "xyz"]
+    words = (
+        f"One sigma, with the target's axes, about its middle {place_text(np.array(result.settings['centre']))}. They "
+        "take the residuals of all pairs as independent: noise that neighbours share makes the true ones larger."
+    )
+    return {"columns": columns, "row": row, "words": words}
+
+
+def sides_of(result: Registration, unit: str) -> Rows:
+    """What was registered to what.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer.
+    unit : str
+        Length unit, in words.
+
+    Returns
+    -------
+    list of (str, str)
+        Names and values.
+    """
+    get = result.settings.get
+    rows = [
+        ("Scan", str(get("source", "not known"))),
+        ("Its points", f"{get('source_points', 0):,}, of which {get('used_points', 0):,} were used"),
+        ("Dropped", f"{get('source_dropped', 0):,} points that were not finite"),
+        ("Spacing of the scan", f"{text_of(get('source_spacing'))} {unit}"),
+        ("Noise of the scan", f"{text_of(get('source_noise'))} {unit}, one sigma, estimated"),
+        ("Target", f"{get('target', 'not known')} ({get('target_kind', 'not known')})"),
+        ("Size of the target", f"{text_of(get('diagonal'), 5)} {unit}, diagonal of its bounding box"),
+    ]
+    return [*rows, ("Units", converted_words(result))] if converted_words(result) else rows
+
+
+def converted_words(result: Registration) -> str:
+    """What was done to the scan's unit; empty if nothing.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer.
+
+    Returns
+    -------
+    str
+        A sentence.
+    """
+    scale = result.settings.get("source_scale", 1.0)
+    if scale == 1.0:
+        return ""
+    names = (result.settings.get("source_units"), result.settings.get("target_units"))
+    return f"The scan's coordinates were multiplied by {scale:g} first ({names[0]} to {names[1]})."
+
+
+def settings_of(result: Registration, unit: str) -> Rows:
+    """All settings, by name.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer.
+    unit : str
+        Length unit, in words.
+
+    Returns
+    -------
+    list of (str, str)
+        Names and values.
+    """
+    return [(name, setting_text(name, value, unit)) for name, value in sorted(result.settings.items())]
+
+
+def history_table(result: Registration, unit: str) -> dict[str, Any]:
+    """All iterations.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer.
+    unit : str
+        Length unit, in words.
+
+    Returns
+    -------
+    dict
+        Columns and rows.
+    """
+    units = {"No.": "", "Stage": "", "Points": "", "Inliers": "%", "Rms": unit, "Kernel": unit, "Turn": "degrees",
+             "Motion": "sizes"}  # fmt: skip
+    columns = [(name, of, True) for name, of in units.items()]
+    rows = [
+        (
+            str(record.number),
+            record.stage,
+            f"{record.points:,}",
+            percent(record.inlier_fraction),
+            text_of(record.rms),
+            text_of(record.scale),
+            text_of(float(np.rad2deg(record.turn_rad)), 2),
+            "taken back" if np.isinf(record.motion) else text_of(record.motion, 2),
+        )
+        for record in result.history
+    ]
+    return {"columns": columns, "rows": rows}
+
+
+def versions_of() -> dict[str, str]:
+    """Versions of what did the work.
+
+    Returns
+    -------
+    dict
+        By name.
+
+    Examples
+    --------
+    >>> "numpy" in versions_of()
+    True
+    """
+    from dqreg import __version__
+
+    found = {"dqreg": __version__, "Python": platform.python_version()}
+    for name in ("numpy", "scipy", "open3d", "open3d-cpu"):
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found | {"Machine": f"{platform.system()} {platform.machine()}"}

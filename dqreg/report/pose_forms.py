@@ -1,0 +1,109 @@
+"""One pose written in all the forms that people paste elsewhere, each with its convention beside it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+import numpy as np
+
+from dqreg.arrays import FloatArray, as_pose
+from dqreg.rigid import DualQuaternion, quaternion
+
+
+@dataclasses.dataclass(frozen=True)
+class PoseForm:
+    """A pose in one form.
+
+    Attributes
+    ----------
+    name : str
+        What it is called.
+    convention : str
+        Order, units and sense, in words.
+    text : str
+        The numbers, to be copied; all the digits that float64 has where it is a matrix or a quaternion.
+    """
+
+    name: str
+    convention: str
+    text: str
+
+
+def pose_forms(T_target_source: FloatArray, unit: str) -> list[PoseForm]:
+    """All forms of a pose.
+
+    Parameters
+    ----------
+    T_target_source : ndarray, (4, 4)
+        Maps source coordinates to target coordinates.
+    unit : str
+        Length unit, for the words.
+
+    Returns
+    -------
+    list of PoseForm
+        Matrix, its inverse, quaternion and translation, dual quaternion, screw, rotation vector, two Euler triples.
+
+    Raises
+    ------
+    InputError
+        If it is no pose.
+
+    Examples
+    --------
+    >>> forms = pose_forms(np.eye(4), "mm")
+    >>> forms[0].name, forms[0].text.splitlines()[0]
+    ('Matrix', '1 0 0 0')
+    """
+    as_pose(T_target_source, "T_target_source")
+    # Written as it is, to the last bit: checking rounds it anew.
+    T = np.asarray(T_target_source, dtype=np.float64)
+    dq = DualQuaternion.from_matrix(T).canonical()
+    screw = dq.as_screw()
+    q = quaternion.from_matrix(T[:3, :3])
+    vector = screw.angle_rad * screw.axis
+    return [
+        PoseForm("Matrix", f"T_target_source, 4x4: p_target = R p_source + t, lengths in {unit}", _rows(T)),
+        PoseForm("Inverse matrix", f"T_source_target, 4x4: p_source = Rᵀ (p_target − t), lengths in {unit}",
+                 _rows(dq.inverse().as_matrix())),
+        PoseForm("Quaternion and translation", f"w x y z (Hamilton, active), then x y z in {unit}",
+                 f"{_row(q)}\n{_row(T[:3, 3])}"),
+        PoseForm("Dual quaternion", f"real part w x y z, then dual part w x y z = ½ t · real, lengths in {unit}",
+                 f"{_row(dq.real)}\n{_row(dq.dual)}"),
+        PoseForm("Screw", f"axis direction; a point on the axis [{unit}]; turn [degrees]; shift along it [{unit}]",
+                 f"axis  {_row(screw.axis)}\npoint {_row(screw.point)}\nturn  {_short(np.rad2deg(screw.angle_rad))}\n"
+                 f"shift {_short(screw.distance)}"),
+        PoseForm("Rotation vector", f"axis times angle [radians], then translation x y z [{unit}]",
+                 f"{_row(vector)}\n{_row(T[:3, 3])}"),
+        _euler(T, "xyz", "Euler angles, fixed axes", "rx ry rz in degrees: turn by rx about the target's fixed x, then "
+               "by ry about fixed y, then by rz about fixed z; R = Rz(rz) Ry(ry) Rx(rx) (roll, pitch, yaw)", unit),
+        _euler(T, "ZYZ", "Euler angles, moving axes", "a b c in degrees: turn by a about z, then by b about the new y, "
+               "then by c about the new z; R = Rz(a) Ry(b) Rz(c)", unit),
+    ]  # fmt: skip
+
+
+def _euler(T: FloatArray, order: Literal["xyz", "ZYZ"], name: str, convention: str, unit: str) -> PoseForm:
+    import warnings
+
+    from scipy.spatial.transform import Rotation
+
+    with warnings.catch_warnings():
+        # Two of the axes fall together: any split of the turn between them is right, and SciPy says which it took.
+        warnings.simplefilter("ignore")
+        angles = Rotation.from_matrix(T[:3, :3]).as_euler(order, degrees=True)
+    return PoseForm(name, f"{convention}; then x y z in {unit}", f"{_row(angles)}\n{_row(T[:3, 3])}")
+
+
+def _rows(matrix: FloatArray) -> str:
+    return "\n".join(_row(row) for row in matrix)
+
+
+def _row(values: FloatArray) -> str:
+    return " ".join(_short(value) for value in values)
+
+
+def _short(value: float) -> str:
+    # The shortest text that reads back as the same number; minus zero is zero.
+    number = float(value) + 0.0
+    return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)

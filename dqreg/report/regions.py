@@ -1,0 +1,233 @@
+"""The part cut into its natural faces at its sharp edges, and how the scan lies on each."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg.arrays import FloatArray, IntArray
+from dqreg.geometry import Mesh
+from dqreg.report.measure import normals_at
+from dqreg.report.part_mesh import weld_edges
+from dqreg.target import Inputs
+from dqreg.trust import Bands, Deviations
+from dqreg.trust.deviation_bands import bands_of
+
+# Neighbouring triangles that turn by more than this are two faces of the part.
+SHARP_DEG = 22.0
+# Triangles within this of a plane that make up that share of the part's area are a flat face.
+LEVEL_DEG, FLAT_AREA = 0.5, 0.02
+# A face with fewer points than this share of the usual number on its area was not scanned: strays lie near it.
+SCANNED = 0.08
+# More faces than that make no table: an organic shape, or a rough mesh. It is cut into eight boxes instead.
+MOST_FACES = 400
+# Points from which on a region is worth a row, and the rows of the table.
+FEWEST, ROWS = 30, 14
+# A region is flat where its normals agree to that much.
+FLAT = 0.9998
+FACES = "The part's faces that were scanned, cut where its surface turns sharply or a plane ends."
+BOXES = "Eight boxes about the middle of the target, as it has no sharp edges to be cut at."
+
+
+@dataclasses.dataclass(frozen=True)
+class Region:
+    """Deviations on one region of the part, target units.
+
+    Attributes
+    ----------
+    name : str
+        What and where it is.
+    centre : ndarray, (3,)
+        Mean of its scan points, about the target's origin.
+    points : int
+        Scan points that lie on it.
+    median, spread, within : float
+        Median, robust standard deviation (1.48 times the median distance from it), and what 95 % of the absolute
+        deviations do not exceed.
+    bands : Bands or None
+        Shares in the tolerance, and whether it passes; None where no tolerance was given.
+    """
+
+    name: str
+    centre: FloatArray
+    points: int
+    median: float
+    spread: float
+    within: float
+    bands: Bands | None
+
+
+def regions_of(deviations: Deviations, inputs: Inputs, required_share: float) -> tuple[list[Region], str]:
+    """Regions with the most scan points, the largest first, and how they were cut.
+
+    Parameters
+    ----------
+    deviations : Deviations
+        Measured.
+    inputs : Inputs
+        Both sides.
+    required_share : float
+        Share of a region's points that must be within the tolerance.
+
+    Returns
+    -------
+    regions : list of Region
+        At most 14.
+    how : str
+        A sentence.
+    """
+    on = np.flatnonzero(deviations.counted)
+    # Positions near the origin, where a mean keeps its digits.
+    points, normals = deviations.points[on] - deviations.origin, normals_at(deviations, inputs)[on]
+    labels, areas = _labels(deviations, inputs, on, points)
+    by_face = areas is not None
+    counts = np.bincount(labels) if len(labels) else np.zeros(0, dtype=np.int64)
+    known = counts >= FEWEST
+    if areas is not None and known.any():
+        density = counts / np.maximum(areas[: len(counts)], np.finfo(float).tiny)
+        known &= density >= SCANNED * _weighted_median(density[known], counts[known])
+    biggest = np.argsort(-counts, kind="stable")
+    chosen = biggest[known[biggest]][:ROWS]
+    regions = []
+    for label in chosen:
+        rows = labels == label
+        centre = points[rows].mean(axis=0)
+        name = _face_name(normals[rows]) if by_face else _box_name(centre - inputs.target.surface.centre)
+        regions.append(_region(deviations, on[rows], name, centre, required_share))
+    return regions, FACES if by_face else BOXES
+
+
+def _labels(
+    deviations: Deviations, inputs: Inputs, on: IntArray, points: FloatArray
+) -> tuple[IntArray, FloatArray | None]:
+    """Region of each point; and the areas of the regions, where they are faces of the part."""
+    geometry = inputs.target.geometry
+    if isinstance(geometry, Mesh):
+        count, of_face = faces_of(geometry)
+        if count <= MOST_FACES:
+            return of_face[deviations.faces[on]], areas_of(geometry, of_face)
+    boxes: IntArray = ((points > inputs.target.surface.centre) @ np.array([1, 2, 4])).astype(np.int64)
+    return boxes, None
+
+
+def _weighted_median(values: FloatArray, weights: IntArray) -> float:
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(reached, 0.5 * reached[-1])])
+
+
+def faces_of(mesh: Mesh) -> tuple[int, IntArray]:
+    """Faces of a part: triangles connected without a sharp turn.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Any.
+
+    Returns
+    -------
+    count : int
+        Number of faces.
+    labels : ndarray of int, (f,)
+        Face of each triangle.
+
+    Examples
+    --------
+    >>> from dqreg.synth.parts import bracket
+    >>> count, labels = faces_of(Mesh(*bracket()))
+    >>> 10 < count < 60, len(labels) == len(Mesh(*bracket()).faces)
+    (True, True)
+    """
+    ends, owners = weld_edges(mesh.vertices, mesh.faces)
+    # Two triangles at an edge are neighbours; at an edge with one, three or more, the surface ends or branches.
+    starts = np.flatnonzero(np.r_[True, (ends[1:] != ends[:-1]).any(axis=1)])
+    pairs = starts[np.diff(np.r_[starts, len(ends)]) == 2]
+    links = np.column_stack([owners[pairs], owners[pairs + 1]])
+    turn = np.einsum("ij,ij->i", mesh.face_normals[links[:, 0]], mesh.face_normals[links[:, 1]])
+    _, planes = _connected(links[turn > np.cos(np.deg2rad(LEVEL_DEG))], len(mesh.faces))
+    areas = triangle_areas(mesh)
+    flat = (np.bincount(planes, weights=areas) > FLAT_AREA * areas.sum())[planes]
+    # A fillet runs smoothly into the planes beside it: large planes are faces of their own, whatever they run into.
+    apart = flat[links[:, 0]] | flat[links[:, 1]]
+    same = planes[links[:, 0]] == planes[links[:, 1]]
+    smooth = turn > np.cos(np.deg2rad(SHARP_DEG))
+    return _connected(links[np.where(apart, same, smooth)], len(mesh.faces))
+
+
+def areas_of(mesh: Mesh, of_face: IntArray) -> FloatArray:
+    """Area of each face of a part.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Any.
+    of_face : ndarray of int, (f,)
+        Face of each triangle.
+
+    Returns
+    -------
+    ndarray
+        In the order of their numbers.
+    """
+    areas: FloatArray = np.bincount(of_face, weights=triangle_areas(mesh)).astype(np.float64)
+    return areas
+
+
+def triangle_areas(mesh: Mesh) -> FloatArray:
+    """Area of each triangle.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Any.
+
+    Returns
+    -------
+    ndarray, (f,)
+        Squares of its unit.
+    """
+    a, b, c = np.moveaxis(mesh.corners, 1, 0)
+    areas: FloatArray = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return areas
+
+
+def _connected(links: IntArray, count: int) -> tuple[int, IntArray]:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(count, count))
+    number, labels = connected_components(graph, directed=False)
+    return int(number), labels.astype(np.int64)
+
+
+def _region(deviations: Deviations, rows: IntArray, name: str, centre: FloatArray, required_share: float) -> Region:
+    values, tolerance = deviations.values[rows], deviations.tolerance
+    median = float(np.median(values))
+    return Region(
+        name=name,
+        centre=centre,
+        points=len(rows),
+        median=median,
+        # Strays near a face are not the face's: half the points may be any without moving these two much.
+        spread=float(1.4826 * np.median(np.abs(values - median))),
+        within=float(np.quantile(np.abs(values), 0.95)),
+        bands=None if tolerance is None else bands_of(values, tolerance, required_share, deviations.signed),
+    )
+
+
+def _face_name(normals: FloatArray) -> str:
+    mean = normals.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    if length < FLAT:
+        return "curved face"
+    x, y, z = np.where(np.abs(mean / length) < 0.005, 0.0, mean / length)
+    for sign, end in ((1.0, "+"), (-1.0, "−")):
+        for axis, value in zip("xyz", (x, y, z), strict=True):
+            if sign * value > 0.9999:
+                return f"flat face towards {end}{axis}"
+    return f"flat face towards ({x:.2f}, {y:.2f}, {z:.2f})"
+
+
+def _box_name(offset: FloatArray) -> str:
+    return ", ".join(f"{axis} {'high' if value > 0.0 else 'low'}" for axis, value in zip("xyz", offset, strict=True))

@@ -1,0 +1,195 @@
+"""What a report tells, worked out once: the page, the interactive view and the pictures all draw from it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg.arrays import FloatArray, as_pose
+from dqreg.errors import InputError
+from dqreg.report.cameras import best_corner
+from dqreg.report.colours import Scale
+from dqreg.report.measure import normals_at, placed, quiet_deviations, scale_of, unit_of
+from dqreg.report.regions import Region, regions_of
+from dqreg.result import Registration
+from dqreg.target import Inputs
+from dqreg.trust import Deviations, Place
+
+# Worst places that are marked.
+PLACES = 6
+# Share of the points, of the scan and of each region, that must be within the tolerance to pass.
+REQUIRED_SHARE = 0.95
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Story:
+    """A result with everything that is shown of it.
+
+    Attributes
+    ----------
+    result : Registration
+        The answer.
+    inputs : Inputs
+        Its two sides.
+    unit : str
+        Length unit of the target, in words.
+    size : float
+        Diagonal of the target's bounding box.
+    origin : ndarray, (3,)
+        Middle of that box in the target's frame.
+    found : bool
+        Whether there is a pose.
+    points : ndarray, (n, 3)
+        The scan as it is drawn, about the origin: under the pose, or where it was before if there is none.
+    T_before : ndarray or None
+        Pose before the registration, (4, 4); None where it is not known.
+    before_name : str
+        What that pose is.
+    tolerance : float or None
+        Largest deviation allowed, target units.
+    deviations, scale : Deviations, Scale or None
+        Deviations and their colours; None where no pose was found.
+    worst : tuple of Place
+        The worst first.
+    regions : tuple of Region
+        The largest first.
+    regions_how : str
+        How they were cut.
+    view : str
+        Name of the view that shows most of the scan.
+    """
+
+    result: Registration
+    inputs: Inputs
+    unit: str
+    size: float
+    origin: FloatArray
+    found: bool
+    points: FloatArray
+    T_before: FloatArray | None
+    before_name: str
+    tolerance: float | None
+    deviations: Deviations | None
+    scale: Scale | None
+    worst: tuple[Place, ...]
+    regions: tuple[Region, ...]
+    regions_how: str
+    view: str
+
+    @property
+    def ellipsoid(self) -> FloatArray | None:
+        """Semi-axes of one sigma of the middle of the part, (3, 3), one a row, target units; None where not known."""
+        block = self.result.covariance[3:, 3:]
+        if not np.isfinite(block).all():
+            return None
+        values, vectors = np.linalg.eigh(block)
+        if values[-1] <= 0.0:
+            return None
+        axes: FloatArray = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        return axes
+
+
+def tell(
+    result: Registration,
+    inputs: Inputs,
+    tolerance: float | None = None,
+    T_start: ArrayLike | None = None,
+    reach: float | None = None,
+) -> Story:
+    """Work out what a report shows.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer, with or without a pose.
+    inputs : Inputs
+        Its two sides.
+    tolerance : float, optional
+        Largest deviation allowed, target units.
+    T_start : (4, 4) array_like, optional
+        Where the registration began, where the result does not say.
+    reach : float, optional
+        Points farther off belong to something else, see `Registration.deviations`.
+
+    Returns
+    -------
+    Story
+        Everything that is shown.
+
+    Raises
+    ------
+    InputError
+        If the tolerance is not above zero, or ``T_start`` is no pose.
+    """
+    tolerance = checked_tolerance(tolerance)
+    found = bool(np.isfinite(result.T_target_source).all())
+    T_before, before_name = _before(result, T_start)
+    surface = inputs.target.surface
+    drawn = result.T_target_source if found else T_before
+    deviations = quiet_deviations(result, tolerance, reach) if found else None
+    regions, how = regions_of(deviations, inputs, REQUIRED_SHARE) if deviations else ([], "")
+    origin = inputs.target.origin
+    return Story(
+        result=result,
+        inputs=inputs,
+        unit=unit_of(result),
+        size=surface.diagonal,
+        origin=origin,
+        found=found,
+        points=deviations.points - origin if deviations else placed(inputs, np.eye(4) if drawn is None else drawn),
+        T_before=T_before,
+        before_name=before_name,
+        tolerance=tolerance,
+        deviations=deviations,
+        scale=scale_of(deviations, result) if deviations else None,
+        worst=deviations.worst(PLACES) if deviations else (),
+        regions=tuple(regions),
+        regions_how=how,
+        view=best_corner(normals_at(deviations, inputs)[deviations.counted]) if deviations else "iso",
+    )
+
+
+def checked_tolerance(tolerance: float | None) -> float | None:
+    """A tolerance, or None.
+
+    Parameters
+    ----------
+    tolerance : float or None
+        What the caller gave.
+
+    Returns
+    -------
+    float or None
+        The same.
+
+    Raises
+    ------
+    InputError
+        If it is not a length above zero.
+
+    Examples
+    --------
+    >>> checked_tolerance(0.1), checked_tolerance(None)
+    (0.1, None)
+    """
+    if tolerance is None:
+        return None
+    if isinstance(tolerance, bool) or not isinstance(tolerance, (int, float, np.integer, np.floating)):
+        raise InputError(f"tolerance must be a length in the target's unit; got {tolerance!r:.60}")
+    if not 0.0 < tolerance < np.inf:
+        raise InputError(f"tolerance must be a length above 0, in the target's unit; got {tolerance!r}")
+    return float(tolerance)
+
+
+def _before(result: Registration, T_start: ArrayLike | None) -> tuple[FloatArray | None, str]:
+    if T_start is None:
+        T_start = result.settings.get("T_start")
+    if T_start is not None:
+        return as_pose(T_start, "T_start"), "Before, at the start pose"
+    if result.settings.get("start") != "given":
+        return np.eye(4), "Before, as scanned"
+    if result.history:
+        return result.history[0].T_target_source, "After the first step"
+    return None, ""

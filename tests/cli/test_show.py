@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from dqreg.cli.main import main
+from dqreg.result import Registration
+from dqreg.synth import demo_case, load_case
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return int(stop.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def case():
+    return load_case(demo_case())
+
+
+@pytest.fixture(autouse=True, scope="module")
+def small_pictures():
+    # The picture for print has its own tests.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("dqreg.report.page.PANEL_WIDTH", 200)
+        patch.setattr("dqreg.report.page.PANEL_HEIGHT", 150)
+        yield
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory, case, small_pictures) -> Path:
+    """What `dqreg register --out` writes for the shipped scan, with few points."""
+    folder = tmp_path_factory.mktemp("show")
+    np.savetxt(folder / "start.txt", case.T_start)
+    options = ("--start", folder / "start.txt", "--effort", "fast", "--target-units", "mm", "--quiet")
+    made = ("--out", folder / "result.json", "--report", folder / "report.html", "--tolerance", "0.15")
+    assert run("register", case.scan, case.part, *options, *made) == 0
+    return folder / "result.json"
+
+
+def test_register_writes_a_report(saved):
+    text = (saved.parent / "report.html").read_text(encoding="utf-8")
+    assert "ACCEPTED" in text
+    assert "Before, at the start pose" in text
+    assert "✓ PASS" in text
+
+
+def test_picture_without_a_display(saved, tmp_path, monkeypatch, capsys):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert run("show", saved, "--save", tmp_path / "view.png") == 0
+    assert f"wrote {tmp_path / 'view.png'}" in capsys.readouterr().out.replace("\n", "")
+    with Image.open(tmp_path / "view.png") as image:
+        picture = np.asarray(image)[..., :3]
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
+    # Part and scan cover a good share of the paper.
+    assert (picture < 250).any(axis=2).mean() > 0.15
+
+
+def test_report_of_a_saved_result(saved, tmp_path):
+    assert run("show", saved, "--report", tmp_path / "again.html", "--quiet") == 0
+    assert Registration.load(saved).verdict.reasons[0] in (tmp_path / "again.html").read_text(encoding="utf-8")
+
+
+def test_no_display_is_said_with_what_to_do(saved, monkeypatch, capsys):
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert run("show", saved) == 2
+    assert "--save view.png" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--save", "nowhere/view.png"), "the folder nowhere does not exist"),
+        (("--save", "view.gif"), "a picture is .png, .jpg or .jpeg"),
+        (("--save", "view.png", "--views", "sideways"), "unknown view 'sideways'"),
+        (("--report", "nowhere/r.html"), "the folder nowhere does not exist"),
+        (("--save", "view.png", "--tolerance", "-1"), "tolerance must be a length"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_no_file(saved, tmp_path, monkeypatch, capsys, options, said):
+    monkeypatch.chdir(tmp_path)
+    assert run("show", saved, *options) == 2
+    assert said in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_register_refuses_an_unwritable_report_before_the_work(case, tmp_path, capsys):
+    assert run("register", case.scan, case.part, "--report", tmp_path / "no" / "r.html") == 2
+    told = capsys.readouterr()
+    assert "does not exist" in told.err
+    assert told.out == ""
+
+
+def test_a_missing_side_names_its_option(saved, tmp_path, capsys):
+    text = saved.read_text(encoding="utf-8").replace("scan.ply", "gone.ply")
+    (tmp_path / "moved.json").write_text(text, encoding="utf-8")
+    assert run("show", tmp_path / "moved.json", "--save", tmp_path / "view.png") == 2
+    assert "--source FILE" in capsys.readouterr().err

@@ -1,0 +1,198 @@
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from dqreg.geometry import Mesh
+from dqreg.records import Direction
+from dqreg.report.charts import NARROW, WIDE, convergence, histogram, ticks
+from dqreg.report.colours import Scale, nice_above
+from dqreg.report.hints import hints_of
+from dqreg.report.motions import motion_of
+from dqreg.report.part_mesh import fewer_triangles, sharp_edges
+from dqreg.report.pose_forms import pose_forms
+from dqreg.report.regions import areas_of, faces_of
+from dqreg.rigid import DualQuaternion, quaternion, twist
+from dqreg.synth.parts import box, bracket
+from dqreg.trust import Information, observe_directions
+from tests.report.scenes import BUMP, NOISE, bumpy, failed, story_of
+
+twists = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)
+
+
+def numbers(text: str) -> np.ndarray:
+    return np.array([[float(word) for word in line.split() if not word.isalpha()] for line in text.splitlines()])
+
+
+@given(twists)
+@settings(deadline=None, max_examples=60)
+def test_every_form_is_the_same_pose(v):
+    T = twist.exp(v)
+    forms = {form.name: form.text for form in pose_forms(T, "mm")}
+    np.testing.assert_array_equal(numbers(forms["Matrix"]), T)
+    np.testing.assert_allclose(numbers(forms["Inverse matrix"]) @ T, np.eye(4), atol=1e-13)
+    q, t = forms["Quaternion and translation"].splitlines()
+    np.testing.assert_allclose(quaternion.to_matrix(numbers(q)[0]), T[:3, :3], atol=1e-13)
+    np.testing.assert_array_equal(numbers(t)[0], T[:3, 3])
+    np.testing.assert_allclose(DualQuaternion(*numbers(forms["Dual quaternion"])).as_matrix(), T, atol=1e-12)
+    words = {line.split()[0]: [float(x) for x in line.split()[1:]] for line in forms["Screw"].splitlines()}
+    screw = DualQuaternion.from_screw(words["axis"], np.deg2rad(words["turn"][0]), words["shift"][0], words["point"])
+    np.testing.assert_allclose(screw.as_matrix(), T, atol=1e-9)
+    # Euler angles against the orders that the words promise, by elementary turns.
+    (x, y, z), _ = np.deg2rad(numbers(forms["Euler angles, fixed axes"]))
+    turns = {a: (lambda angle, a=a: Rotation.from_euler(a, angle).as_matrix()) for a in "xyz"}
+    np.testing.assert_allclose(turns["z"](z) @ turns["y"](y) @ turns["x"](x), T[:3, :3], atol=1e-9)
+    (a, b, c), _ = np.deg2rad(numbers(forms["Euler angles, moving axes"]))
+    np.testing.assert_allclose(turns["z"](a) @ turns["y"](b) @ turns["z"](c), T[:3, :3], atol=1e-9)
+
+
+@given(twists)
+@settings(deadline=None, max_examples=60)
+def test_motions_are_read_from_the_words_that_are_written(v):
+    vector = np.concatenate([v[:3], v[3:]])
+    if np.linalg.norm(v[:3]) < 0.1 or np.linalg.norm(v[3:]) < 0.1:
+        return
+    basis, _ = np.linalg.qr(np.column_stack([vector, np.eye(6)]))
+    information = Information(np.linspace(0.1, 1.0, 6), basis[:, :6], 100.0, 0.1, 2.0, np.array([1.0, 2.0, 3.0]))
+    for direction in observe_directions(information):
+        motion = motion_of(direction, np.zeros(3))
+        assert motion is not None
+        assert motion.kind in direction.words
+        assert np.linalg.norm(motion.axis) == pytest.approx(1.0)
+        assert not motion.free
+
+
+def test_a_turn_has_its_axis_where_the_words_say():
+    words = "held against a turn about the axis through (1, -2e+03, 30.5) along (0.00, -0.60, 0.80)"
+    motion = motion_of(Direction(0.5, 0.1, words), np.zeros(3))
+    assert motion is not None
+    np.testing.assert_allclose(motion.axis, [0.0, -0.6, 0.8])
+    np.testing.assert_allclose(motion.through, [1.0, -2000.0, 30.5])
+
+
+def test_words_of_another_kind_are_not_drawn():
+    assert motion_of(Direction(1.0, 0.1, "held by a bolt"), np.zeros(3)) is None
+
+
+def test_faces_of_a_box_are_its_six_sides():
+    part = Mesh(*box((3.0, 2.0, 1.0)))
+    count, labels = faces_of(part)
+    assert count == 6
+    np.testing.assert_allclose(sorted(areas_of(part, labels)), [2.0, 2.0, 3.0, 3.0, 6.0, 6.0])
+
+
+def test_unwelded_triangles_make_the_same_faces():
+    part = Mesh(*bracket())
+    loose = Mesh(part.corners.reshape(-1, 3), np.arange(3 * len(part.faces)).reshape(-1, 3))
+    assert faces_of(loose)[0] == faces_of(part)[0]
+
+
+def test_the_region_with_the_bump_fails_and_the_others_pass():
+    # The plate from above, 80 x 120 mm, carries the bump; 0.2 mm are four sigma.
+    story = story_of(bumpy(), 4.0 * NOISE)
+    rows = {region.name + str(np.sign(region.centre[2])): region for region in story.regions}
+    plate = max((r for r in story.regions if r.name == "flat face towards +z"), key=lambda r: r.points)
+    assert plate.bands is not None
+    assert plate.bands.above == pytest.approx(np.pi * 81.0 / 9600.0, rel=0.5)
+    assert len(rows) > 3
+    for region in story.regions:
+        assert region.spread == pytest.approx(NOISE, rel=0.5)
+        assert abs(region.median) < 0.02
+
+
+def test_the_worst_place_is_the_bump():
+    story = story_of(bumpy())
+    assert story.worst[0].value == pytest.approx(BUMP, abs=0.2)
+    np.testing.assert_allclose(story.worst[0].position[:2], [90.0, 30.0], atol=10.0)
+
+
+def test_scale_ends_at_the_tolerance():
+    assert story_of(bumpy(), 0.37).scale == Scale(0.37, True)
+
+
+def test_colour_codes_run_along_the_scale():
+    scale = Scale(2.0, True)
+    codes = scale.codes(np.linspace(-2.0, 2.0, 401))
+    assert (np.diff(codes.astype(int)) >= 0).all()
+    assert (codes[0], codes[200], codes[-1]) == (1, 128, 254)
+    assert scale.codes(np.array([-2.1, 2.1])).tolist() == [0, 255]
+    assert Scale(2.0, False).codes(np.array([0.0, 2.0, 2.1])).tolist() == [1, 254, 255]
+
+
+@given(st.floats(1e-12, 1e12))
+def test_nice_limits_are_just_above(value):
+    assert value * (1 - 1e-6) <= nice_above(value) <= 1.35 * value
+
+
+@given(st.floats(-50.0, 50.0), st.floats(-6.0, 6.0))
+def test_ticks_lie_within_and_are_few(where, power):
+    # Charts show ranges that are not tiny beside their place.
+    width = 10.0**power
+    low = where * width
+    found = ticks(low, low + width)
+    assert 2 <= len(found) <= 14
+    assert found[0] >= low - 1e-6 * width
+    assert found[-1] <= low + width * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("size", [WIDE, NARROW])
+def test_histogram_bars_hold_all_points_in_range(size):
+    values = np.random.default_rng(0).normal(0.0, 0.3, 5000)
+    root = ET.fromstring(histogram(values, Scale(1.0, True), "mm", None, size).replace("&nbsp;", " "))
+    bars = [element for element in root if element.get("class") == "bar"]
+    heights = np.array([float(bar.get("height")) for bar in bars])
+    counts, _ = np.histogram(values, np.linspace(-1.0, 1.0, 81))
+    shown = counts[counts > 0]
+    # Heights are written to a tenth of a pixel.
+    np.testing.assert_allclose(heights / heights.max(), shown / shown.max(), atol=0.001)
+
+
+def test_convergence_is_well_formed_and_escaped():
+    root = ET.fromstring(convergence(bumpy().history, "<mm> & more"))
+    assert "length [<mm> & more]" in "".join(root.itertext())
+    assert len(root.findall(".//polyline")) == 2
+
+
+def test_hints_name_units_that_are_confused():
+    import dqreg
+
+    points = bumpy().inputs.source.cloud.points[:2000]
+    result = dqreg.register(points / 1000.0, bumpy().inputs.target.geometry, "identity")
+    assert result.verdict.level != "accepted"
+    assert any("m and mm" in hint for hint in hints_of(result, story_of(result)))
+    assert hints_of(bumpy(), story_of(bumpy())) == []
+    assert hints_of(failed(), None)
+
+
+def test_fewer_triangles_keep_the_shape():
+    sphere_points = np.random.default_rng(1).normal(size=(4000, 3))
+    from scipy.spatial import ConvexHull
+
+    sphere_points /= np.linalg.norm(sphere_points, axis=1, keepdims=True)
+    faces = ConvexHull(sphere_points).simplices
+    vertices, fewer = fewer_triangles(sphere_points, faces, 2000)
+    assert 500 < len(fewer) <= 2000
+    np.testing.assert_allclose(np.linalg.norm(vertices[np.unique(fewer)], axis=1), 1.0, atol=0.05)
+
+
+def test_sharp_edges_of_a_box_are_its_twelve():
+    part = Mesh(*box((3.0, 2.0, 1.0)))
+    edges = sharp_edges(part.vertices, part.faces)
+    lengths = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
+    # However finely its sides are cut.
+    assert lengths.sum() == pytest.approx(4 * (3.0 + 2.0 + 1.0))
+
+
+def test_placed_matches_the_pose_far_away():
+    from dqreg.report.measure import placed
+
+    result = bumpy()
+    direct = result.apply(result.inputs.source.cloud.points + result.inputs.source.origin)
+    np.testing.assert_allclose(
+        placed(result.inputs, result.T_target_source), direct - result.inputs.target.origin, atol=1e-11
+    )

@@ -1,0 +1,146 @@
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+
+from dqreg.errors import InputError
+from dqreg.records import Alternative, Verdict
+from dqreg.report.measure import placed
+from dqreg.report.page import to_html
+from tests.report.scenes import T_START, bumpy, failed, story_of
+
+SCENE = re.compile(r'<script type="application/json" id="scene">(.*?)</script>', re.S)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def small_pictures():
+    # What is tested here is the text; the pictures have their own tests.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("dqreg.report.page.PANEL_WIDTH", 120)
+        patch.setattr("dqreg.report.page.PANEL_HEIGHT", 90)
+        yield
+
+
+@pytest.fixture(scope="module")
+def page(small_pictures) -> str:
+    return to_html(bumpy(), story_of(bumpy(), 0.2))
+
+
+def test_says_verdict_reasons_and_numbers_of_the_result(page):
+    result = bumpy()
+    assert result.verdict.level.upper() in page
+    assert all(reason in page for reason in result.verdict.reasons)
+    assert f"{result.rms:.3g} mm" in page
+    assert all(repr(float(x)) in page for x in result.T_target_source[:3].ravel())
+
+
+def test_loads_nothing(page):
+    # Namespaces and the page's own fragments are no addresses that are fetched.
+    assert not re.findall(r"""(?:src|href)\s*=\s*["'](?!data:|#)""", page)
+    assert "://" not in page
+    assert "@import" not in page
+    assert "url(" not in page
+
+
+def test_is_written_whole_and_small(tmp_path):
+    path = bumpy().report(tmp_path / "report.html", 0.2, start=T_START)
+    text = path.read_text(encoding="utf-8")
+    assert text.rstrip().endswith("</html>")
+    assert path.stat().st_size < 2e6
+
+
+def test_tolerance_table_counts_the_same_points_as_the_record(page):
+    bands = bumpy().deviations(0.2).bands()
+    for row in bands.rows:
+        assert f'<td class="n">{row.count:,}</td>' in page
+    assert ("✓ PASS" if bands.passed else "✗ FAIL") in page
+
+
+def test_no_tolerance_passes_nothing():
+    page = to_html(bumpy(), story_of(bumpy()))
+    assert "No tolerance was given" in page
+    assert "PASS" not in page
+    assert "✓ pass" not in page
+
+
+def test_a_failure_is_explained():
+    page = to_html(failed(), story_of(failed()))
+    assert "FAILED" in page
+    assert all(reason in page for reason in failed().verdict.reasons)
+    assert "What to try" in page
+    # The scan stands 1e4 sqrt(3) from the target.
+    assert "1.732e+04" in page
+    assert "T_target_source, 4x4" not in page
+
+
+def test_without_its_sides_the_page_says_how_to_get_them():
+    page = to_html(dataclasses.replace(bumpy(), inputs=None), None)
+    assert "attached(scan, target)" in page
+    assert not SCENE.search(page)
+    assert "T_target_source, 4x4" in page
+
+
+def test_escapes_every_string_from_outside():
+    evil = "<script>alert('x')</script>&\"'</script>"
+    result = bumpy()
+    settings = result.settings | {"source": f"a/{evil}", "target": evil, "target_units": evil, evil: evil}
+    history = tuple(dataclasses.replace(record, stage=evil) for record in result.history)
+    other = Alternative(result.T_target_source, 1.0)
+    spoilt = dataclasses.replace(
+        result,
+        settings=settings,
+        history=history,
+        status=evil,
+        verdict=Verdict("suspect", (evil,)),
+        alternatives=(other,),
+        timings=result.timings | {evil: 1.0},
+        observability=tuple(dataclasses.replace(d, words=evil) for d in result.observability),
+    )
+    page = to_html(spoilt, story_of(spoilt))
+    assert "alert(" in page
+    assert "<script>alert" not in page
+    # The file's own two scripts and nothing else.
+    assert page.count("</script") == 2
+    assert json.loads(SCENE.search(page).group(1))["unit"] == evil
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan, np.inf, "0.1", True])
+def test_refuses_tolerances_that_are_no_lengths(tmp_path, tolerance):
+    with pytest.raises(InputError, match="tolerance must be a length"):
+        bumpy().report(tmp_path / "r.html", tolerance)
+
+
+def test_unwritable_is_told_before_the_work(tmp_path, monkeypatch):
+    def work(*_, **__):
+        raise AssertionError("began to work")
+
+    monkeypatch.setattr("dqreg.report.page.tell", work)
+    with pytest.raises(InputError, match="does not exist"):
+        bumpy().report(tmp_path / "nowhere" / "report.html")
+
+
+def test_scene_is_thinned_but_keeps_the_numbers():
+    scene = json.loads(SCENE.search(to_html(bumpy(), story_of(bumpy()))).group(1))
+    assert [pose["kind"] for pose in scene["poses"][:2]] == ["before", "after"]
+    np.testing.assert_allclose(scene["poses"][1]["T"], np.eye(4)[:3].ravel(), atol=1e-12)
+    # The bump of 0.8 mm is the worst place; about half a mm is what noise and strays can change.
+    assert abs(abs(scene["worst"][0]["value"]) - 0.8) < 0.2
+    assert scene["on"]["count"] + scene["off"]["count"] <= 12_240
+
+
+def test_before_pose_moves_the_drawn_points_to_where_they_were():
+    story = story_of(bumpy())
+    scene = json.loads(SCENE.search(to_html(bumpy(), story)).group(1))
+    steps = np.frombuffer(base64.b64decode(scene["on"]["points"]), dtype="<u2").reshape(-1, 3)
+    drawn = np.array(scene["on"]["low"]) + steps / 65535.0 * np.array(scene["on"]["extent"])
+    T = np.array(scene["poses"][0]["T"]).reshape(3, 4)
+    before = drawn @ T[:, :3].T + T[:, 3]
+    assert story.deviations is not None
+    expected = placed(story.inputs, T_START)[story.deviations.counted] / story.size
+    # Steps of 16 bits along at most 1.2 sizes.
+    np.testing.assert_allclose(before, expected, atol=2e-5)
