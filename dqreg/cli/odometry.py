@@ -1,0 +1,196 @@
+"""`dqreg odometry SCANS`: a LiDAR sequence to a trajectory, with a verdict for every frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.console import Console
+
+if TYPE_CHECKING:
+    from dqreg.arrays import FloatArray
+    from dqreg.odometry.engines import Trip
+    from dqreg.odometry.scans import Scans
+
+FILE = click.Path(path_type=Path)
+# Frames that are named one by one on the screen; all of them are in --frames.
+NAMED = 20
+# Columns of the table in a pipe.
+WIDTH = 120
+
+
+@click.command("odometry")
+@click.argument("scans", type=FILE)
+@click.option("--out", type=FILE, help="Write the trajectory (KITTI; TUM for names ending in .tum or _tum.txt).")
+@click.option("--format", "form", type=click.Choice(["kitti", "tum"]), help="Format of --out, whatever its name.")
+@click.option("--engine", type=click.Choice(["dq", "kiss-icp"]), default="dq", show_default=True)
+@click.option("--truth", type=FILE, help="True trajectory (KITTI or TUM): errors are shown.")
+@click.option("--compare", is_flag=True, help="Run KISS-ICP and small_gicp on the same frames: one table.")
+@click.option("--frames", type=FILE, help="Write a CSV: verdict, one-sigmas, reasons of every frame.")
+@click.option("--plot", type=FILE, help="Draw path, errors and trust (.png, .svg, .pdf).")
+@click.option("--times", type=FILE, help="Time of each frame, one a line  [default: times.txt beside the scans].")
+@click.option("--loader", help="One of KISS-ICP's data loaders: kitti, mulran, ncd, rosbag, ...")
+@click.option("--sequence", help="Sequence that the loader is to read.")
+@click.option("--first", type=int, metavar="N", help="Run the first N frames only.")
+@click.option("--voxel-size", type=float, help="Edge of a voxel of the map  [default: 0.05 of the median range].")
+@click.option("--max-range", type=float, help="Farthest point used  [default: twice the farthest of the first frame].")
+@click.option("--min-range", type=float, default=0.0, show_default=True, help="Nearest point used.")
+@click.option("--no-deskew", "deskew", flag_value=False, default=True, help="Do not undo the motion during a sweep.")
+@click.option("--search", "search_deg", type=float, default=60.0, show_default=True, help="Largest turn between two "
+              "frames that is searched, degrees.")  # fmt: skip
+@click.option("--method", default="plane", show_default=True, help="Pose step: plane, dq or dq-points.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+def odometry_command(scans: Path, **options: Any) -> int:
+    """Turn a LiDAR sequence into a trajectory.
+
+    SCANS is a folder of PLY, PCD, BIN (KITTI) or NPZ files, or one .npz with points and offsets.
+
+    \b
+    dqreg odometry my_scans --out poses.txt
+    dqreg odometry my_scans --truth truth.txt --plot run.png --frames frames.csv
+    dqreg odometry my_scans --truth truth.txt --compare
+    dqreg odometry kitti/ --loader kitti --sequence 07 --out poses_07.txt
+
+    Exit codes: 0 every frame accepted, 1 some were not (they are named), 2 bad input.
+    """
+    from dqreg.atomic import require_writable
+    from dqreg.odometry.scans import open_scans
+    from dqreg.odometry.settings import OdometrySettings
+
+    names = ("voxel_size", "max_range", "min_range", "deskew", "search_deg", "method")
+    settings = OdometrySettings(**{name: options[name] for name in names})
+    for name in ("out", "frames", "plot"):
+        if options[name] is not None:
+            require_writable(options[name])
+    console = Console(quiet=options["quiet"])
+    if not console.is_terminal:
+        console.width = WIDTH  # a table squeezed into a pipe's 80 columns cannot be read
+    data = _first(open_scans(scans, options["times"], options["loader"], options["sequence"]), options["first"])
+    truth = _truth(options["truth"], data)
+    if options["compare"]:
+        trips = _compare(console, data, settings)
+    else:
+        trips = [_run(console, options["engine"], data, settings)]
+    _show(console, trips, truth)
+    main = trips[-1]
+    _write(console, main, data, truth, options)
+    if not main.results:
+        return 0
+    return 0 if all(result.verdict.level == "accepted" for result in main.results) else 1
+
+
+def _first(scans: Scans, count: int | None) -> Scans:
+    import dataclasses
+
+    from dqreg.errors import InputError
+
+    if count is None:
+        return scans
+    if count < 1:
+        raise InputError(f"--first must be at least 1; got {count}")
+    times, truth = (None if values is None else values[:count] for values in (scans.times, scans.truth))
+    return dataclasses.replace(scans, names=scans.names[:count], times=times, truth=truth)
+
+
+def _truth(file: Path | None, scans: Scans) -> FloatArray | None:
+    from dqreg.odometry.table import match_truth
+    from dqreg.odometry.trajectory import read_trajectory
+
+    if file is None:
+        return scans.truth
+    poses, times = read_trajectory(file)
+    if times is None and len(poses) > len(scans):
+        poses = poses[: len(scans)]
+    return match_truth(poses, times, scans.times, len(scans))
+
+
+@contextmanager
+def _bar(console: Console, name: str, total: int) -> Iterator[Any]:
+    """A progress bar on a terminal; nothing in a pipe."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(name, total=total)
+        yield lambda *_: progress.advance(task)
+
+
+def _run(console: Console, engine: str, scans: Scans, settings: Any) -> Trip:
+    from dqreg.odometry.engines import KissEngine, run_engine, run_ours
+
+    with _bar(console, engine, len(scans)) as step:
+        if engine == "dq":
+            return run_ours(scans, settings, step)
+        kiss = KissEngine(settings.max_range or 100.0, settings.voxel_size, settings.deskew)
+        return run_engine("KISS-ICP", kiss, scans, step)
+
+
+def _compare(console: Console, scans: Scans, settings: Any) -> list[Trip]:
+    from dqreg.errors import MissingDependencyError
+    from dqreg.odometry.engines import peers, run_engine
+    from dqreg.odometry.frame import read_frame
+
+    trips = []
+    for name, make in peers(settings, read_frame(scans[0].points, None).points):
+        try:
+            engine = make()
+        except MissingDependencyError as error:
+            _say(console, f"{name}: not run: {error}")
+            continue
+        with _bar(console, name, len(scans)) as step:
+            trips.append(run_engine(name, engine, scans, step))
+    return [*trips, _run(console, "dq", scans, settings)]
+
+
+def _show(console: Console, trips: list[Trip], truth: FloatArray | None) -> None:
+    from rich.table import Table
+
+    from dqreg.odometry.table import COLUMNS, row, trust_words
+
+    table = Table(box=None, pad_edge=False)
+    for name in COLUMNS:
+        table.add_column(name, justify="left" if name == "engine" else "right")
+    for trip in trips:
+        table.add_row(*row(trip, truth))
+    if truth is not None:
+        _say(console, "errors of the motion over one and over ten frames: median / worst; lengths in the scans' unit")
+    console.print(table)
+    results = trips[-1].results
+    if not results:
+        return
+    if truth is not None:
+        _say(console, trust_words(trips[-1], truth))
+    levels = [result.verdict.level for result in results]
+    _say(console, ", ".join(f"{levels.count(level)} {level}" for level in ("accepted", "suspect", "failed")))
+    bad = [(number, result) for number, result in enumerate(results) if result.verdict.level != "accepted"]
+    for number, result in bad[:NAMED]:
+        _say(console, f"  frame {number}: {result.verdict.level.upper()}: {'; '.join(result.verdict.reasons)}")
+    if len(bad) > NAMED:
+        _say(console, f"  and {len(bad) - NAMED} more: see --frames FILE")
+
+
+def _write(console: Console, trip: Trip, scans: Scans, truth: FloatArray | None, options: dict[str, Any]) -> None:
+    from dqreg.odometry.frames_csv import write_frames
+    from dqreg.odometry.plot import plot_trip
+    from dqreg.odometry.trajectory import bridge_gaps, write_trajectory
+
+    if options["out"] is not None:
+        poses = trip.poses if scans.calibrate is None else scans.calibrate(trip.poses)
+        form = write_trajectory(options["out"], poses, scans.times, options["form"])
+        missing = bridge_gaps(trip.poses)[1].tolist()
+        done = "bridged" if form == "kitti" else "left out"
+        gaps = f"; frames without a pose are {done}: {', '.join(map(str, missing))}" if missing else ""
+        _say(console, f"wrote {options['out']} ({form.upper()}{gaps})")
+    if options["frames"] is not None:
+        write_frames(options["frames"], trip, scans)
+        _say(console, f"wrote {options['frames']}")
+    if options["plot"] is not None:
+        plot_trip(options["plot"], trip, truth)
+        _say(console, f"wrote {options['plot']}")
+
+
+def _say(console: Console, text: str) -> None:
+    console.print(text, highlight=False, markup=False, soft_wrap=True)

@@ -1,0 +1,261 @@
+"""Twin of ``open3d.pipelines.registration`` for ICP: the same calls, names and figures, with dqreg's pose steps.
+
+One line changes a script over::
+
+    from open3d.pipelines import registration      # before
+    from dqreg.compat import open3d as registration  # after
+
+Open3D's own estimation and criteria objects are taken as well, so that even they need not be changed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg.arrays import BoolArray, FloatArray, IntArray, as_pose
+from dqreg.compat.open3d_inputs import Sides, read_sides
+from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.icp import ESTIMATORS, Pairs, correspond
+
+__all__ = [
+    "ICPConvergenceCriteria",
+    "RegistrationResult",
+    "TransformationEstimationDualQuaternion",
+    "TransformationEstimationDualQuaternionNormals",
+    "TransformationEstimationPointToPlane",
+    "TransformationEstimationPointToPoint",
+    "evaluate_registration",
+    "registration_icp",
+]
+
+# A pose has six unknowns: fewer pairs than this fix none, whatever the step.
+FEWEST_PAIRS = 3
+
+
+@dataclasses.dataclass(frozen=True)
+class ICPConvergenceCriteria:
+    """When to stop: both changes below their limit (absolute ones, as in Open3D), or so many iterations."""
+
+    relative_fitness: float = 1e-6
+    relative_rmse: float = 1e-6
+    max_iteration: int = 30
+
+    def __post_init__(self) -> None:
+        if not self.relative_fitness >= 0.0 or not self.relative_rmse >= 0.0 or self.max_iteration < 1:
+            raise InputError(
+                "relative_fitness and relative_rmse must be at least 0 and max_iteration at least 1; got "
+                f"{self.relative_fitness!r}, {self.relative_rmse!r} and {self.max_iteration!r}"
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class TransformationEstimationDualQuaternion:
+    """Walker, Shao and Volz's closed form on points: the least squares of Open3D's point-to-point."""
+
+    step: str = dataclasses.field(default="dq-points", init=False)
+
+
+@dataclasses.dataclass(frozen=True)
+class TransformationEstimationDualQuaternionNormals:
+    """The same closed form on points and normals; normals that a cloud lacks are fitted to its neighbours."""
+
+    step: str = dataclasses.field(default="dq", init=False)
+
+
+@dataclasses.dataclass(frozen=True)
+class TransformationEstimationPointToPlane:
+    """Points to the target's tangent planes, solved to the end at each iteration."""
+
+    step: str = dataclasses.field(default="plane", init=False)
+
+
+@dataclasses.dataclass(frozen=True)
+class TransformationEstimationPointToPoint:
+    """Open3D's name for least squares between points: solved by the dual-quaternion closed form."""
+
+    with_scaling: bool = False
+    step: str = dataclasses.field(default="dq-points", init=False)
+
+
+# What Open3D's own objects ask for.
+FOREIGN = {"TransformationEstimationPointToPoint": "dq-points", "TransformationEstimationPointToPlane": "plane"}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RegistrationResult:
+    """What Open3D's result holds, under the same names.
+
+    Attributes
+    ----------
+    transformation : ndarray, (4, 4)
+        T_target_source; all NaN where no pose was found (Open3D returns where it began).
+    fitness : float
+        Share of the source's points with a target point within the distance.
+    inlier_rmse : float
+        Root mean square distance of those; NaN where there are none (Open3D says 0).
+    correspondence_set : ndarray of int32, (k, 2)
+        Their rows in source and target.
+    converged : bool
+        Whether the criteria were met.
+    num_iterations : int
+        Steps taken.
+    """
+
+    transformation: FloatArray
+    fitness: float
+    inlier_rmse: float
+    correspondence_set: np.ndarray[Any, np.dtype[np.int32]]
+    converged: bool = False
+    num_iterations: int = 0
+
+
+def registration_icp(
+    source: Any,
+    target: Any,
+    max_correspondence_distance: float,
+    init: ArrayLike | None = None,
+    estimation_method: Any = None,
+    criteria: Any = None,
+) -> RegistrationResult:
+    """ICP with the call, the stopping rule and the figures of ``open3d.pipelines.registration.registration_icp``.
+
+    Parameters
+    ----------
+    source, target : Open3D cloud (legacy or tensor), (n, 3) array or PointCloud
+        Clouds in one unit. Rows that are not finite count as points without a partner.
+    max_correspondence_distance : float
+        Largest distance of a pair.
+    init : (4, 4) array_like, optional
+        Pose to begin with; the identity by default, as in Open3D.
+    estimation_method : object, optional
+        One of this module's, or Open3D's point-to-point (without scaling) or point-to-plane (its robust kernel is
+        not taken over). Default: `TransformationEstimationPointToPoint`, as in Open3D.
+    criteria : object, optional
+        This module's or Open3D's ``ICPConvergenceCriteria``.
+
+    Returns
+    -------
+    RegistrationResult
+        Its figures are those of `evaluate_registration` at its pose.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used, or scaling is asked for.
+
+    Examples
+    --------
+    >>> cloud = np.random.default_rng(0).uniform(size=(500, 3))
+    >>> result = registration_icp(cloud - [0.01, 0, 0], cloud, 0.2)
+    >>> result.fitness, result.transformation[:3, 3].round(9).tolist()
+    (1.0, [0.01, 0.0, 0.0])
+    """
+    step = _step(estimation_method)
+    limits = _criteria(criteria)
+    reach = _reach(max_correspondence_distance)
+    T = np.eye(4) if init is None else as_pose(init, "init")
+    sides = read_sides(source, target, with_normals=step == "dq")
+    estimate = ESTIMATORS[step]
+    pairs, near = _pairs(sides, T, reach)
+    result = _figures(sides, pairs, near)
+    for number in range(1, limits.max_iteration + 1):
+        if np.count_nonzero(near) < FEWEST_PAIRS:
+            return _nothing(result, number - 1)
+        try:
+            T = estimate(pairs, near.astype(np.float64), np.inf).T_target_source
+        except DegenerateGeometryError:
+            return _nothing(result, number - 1)
+        before = result
+        pairs, near = _pairs(sides, T, reach)
+        result = dataclasses.replace(_figures(sides, pairs, near), num_iterations=number)
+        fitness, rmse = abs(before.fitness - result.fitness), abs(before.inlier_rmse - result.inlier_rmse)
+        if fitness < limits.relative_fitness and rmse < limits.relative_rmse:
+            return dataclasses.replace(result, converged=True)
+    return result
+
+
+def evaluate_registration(
+    source: Any, target: Any, max_correspondence_distance: float, transformation: ArrayLike | None = None
+) -> RegistrationResult:
+    """Fitness, error and correspondences of a pose, as ``open3d.pipelines.registration.evaluate_registration``.
+
+    Parameters
+    ----------
+    source, target, max_correspondence_distance
+        As in `registration_icp`.
+    transformation : (4, 4) array_like, optional
+        Pose T_target_source; the identity by default.
+
+    Returns
+    -------
+    RegistrationResult
+        With the pose as given.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used.
+
+    Examples
+    --------
+    >>> evaluate_registration([[0, 0, 0], [1, 0, 0]], [[0, 0, 1], [9, 9, 9]], 1.2).fitness
+    0.5
+    """
+    reach = _reach(max_correspondence_distance)
+    T = np.eye(4) if transformation is None else as_pose(transformation, "transformation")
+    sides = read_sides(source, target, with_normals=False)
+    return _figures(sides, *_pairs(sides, T, reach))
+
+
+def _pairs(sides: Sides, T: FloatArray, reach: float) -> tuple[Pairs, BoolArray]:
+    pairs = correspond(sides.scan, sides.surface, T)
+    near: BoolArray = pairs.distances <= reach
+    return pairs, near
+
+
+def _figures(sides: Sides, pairs: Pairs, near: BoolArray) -> RegistrationResult:
+    distances = pairs.distances[near]
+    rows: IntArray = np.column_stack([sides.source_rows[near], sides.target_rows[pairs.closest.elements[near]]])
+    return RegistrationResult(
+        transformation=pairs.T_target_source,
+        fitness=len(distances) / sides.source_count,
+        inlier_rmse=float(np.sqrt(np.mean(distances**2))) if len(distances) else np.nan,
+        correspondence_set=rows.astype(np.int32).reshape(-1, 2),
+    )
+
+
+def _nothing(result: RegistrationResult, iterations: int) -> RegistrationResult:
+    return dataclasses.replace(result, transformation=np.full((4, 4), np.nan), num_iterations=iterations)
+
+
+def _step(method: Any) -> str:
+    if method is None:
+        return "dq-points"
+    if getattr(method, "with_scaling", False):
+        raise InputError("with_scaling=True asks for a scale; dqreg solves for proper motions only. Scale the source")
+    own = getattr(method, "step", None) if type(method).__module__ == __name__ else FOREIGN.get(type(method).__name__)
+    if own is None:
+        names = [name for name in __all__ if name.startswith("TransformationEstimation")]
+        raise InputError(f"unknown estimation method {type(method).__name__}; known are {', '.join(names)}")
+    return str(own)
+
+
+def _criteria(criteria: Any) -> ICPConvergenceCriteria:
+    if criteria is None:
+        return ICPConvergenceCriteria()
+    try:
+        return ICPConvergenceCriteria(
+            float(criteria.relative_fitness), float(criteria.relative_rmse), int(criteria.max_iteration)
+        )
+    except AttributeError as error:
+        raise InputError(f"criteria must be an ICPConvergenceCriteria; got {type(criteria).__name__}") from error
+
+
+def _reach(value: Any) -> float:
+    if not isinstance(value, (int, float, np.floating, np.integer)) or not 0.0 < value < np.inf:
+        raise InputError(f"max_correspondence_distance must be a length above 0; got {value!r}")
+    return float(value)

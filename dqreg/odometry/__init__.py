@@ -1,0 +1,23 @@
+"""Scan-to-map odometry: a LiDAR sequence becomes a trajectory, with a verdict and a covariance for every frame.
+
+`Odometry` takes frames one by one. The voxel map, the thinning, the motion compensation and the adaptive threshold
+are KISS-ICP's own (package ``kiss-icp``); the pose is found by the steps of `dqreg.icp`.
+"""
+
+from __future__ import annotations
+
+from dqreg.odometry.evaluation import Errors, evaluate, nees
+from dqreg.odometry.odometry import Odometry
+from dqreg.odometry.settings import OdometrySettings
+from dqreg.odometry.trajectory import bridge_gaps, read_trajectory, write_trajectory
+
+__all__ = [
+    "Errors",
+    "Odometry",
+    "OdometrySettings",
+    "bridge_gaps",
+    "evaluate",
+    "nees",
+    "read_trajectory",
+    "write_trajectory",
+]

@@ -1,0 +1,100 @@
+"""One frame against the map: screen starts, find the basin on a few points, finish on all of them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.geometry import Scan
+from dqreg.icp import ESTIMATORS, InlierMixture, Level, Plan, Run, Schedule, Stopping, width_floor
+from dqreg.odometry.map_surface import MapSurface
+from dqreg.odometry.settings import Resolved
+from dqreg.odometry.starts import screen
+
+# Points of the coarse level.
+COARSE = 400
+# The width falls with every iteration; few suffice from a screened start.
+QUICK = Schedule("quick", stages=25, iterations=1, rounds=1)
+FINE = Schedule("fine", stages=4, iterations=None, rounds=30)
+# Width to begin with, over the reach.
+WIDE = 0.3
+# The last level ends once a step moves the points by less than this share of the map's diagonal.
+TOLERANCE, ITERATIONS = 1e-5, 20
+
+
+@dataclasses.dataclass(frozen=True)
+class Aligned:
+    """A frame at its best pose.
+
+    Attributes
+    ----------
+    run : Run
+        Last stage, with the history of all.
+    mixture : InlierMixture
+        Width and share of inliers at the end.
+    """
+
+    run: Run
+    mixture: InlierMixture
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a pose to speak of."""
+        return not self.run.ended_early and bool(self.run.history)
+
+    @property
+    def on_map(self) -> float:
+        """Mean probability of the frame's points to lie on the map; 0 where no pose was found."""
+        return float(self.run.weights.mean()) if self.found else 0.0
+
+
+def align(scan: Scan, surface: MapSurface, poses: FloatArray, settings: Resolved, method: str, keep: int) -> Aligned:
+    """The best of several starts.
+
+    Parameters
+    ----------
+    scan : Scan
+        The frame.
+    surface : MapSurface
+        The map.
+    poses : ndarray, (m, 4, 4)
+        Starts.
+    settings : Resolved
+        Lengths of the sequence.
+    method : str
+        Name of an estimator.
+    keep : int
+        Starts that are refined; the rest only takes part in the screening.
+
+    Returns
+    -------
+    Aligned
+        The refined one that explains the distances best.
+    """
+    plan = Plan(ESTIMATORS[method], settings.reach)
+    floor = width_floor(scan, surface)
+    coarse = Level(scan.thinned(COARSE), surface, plan, floor, last=False)
+    best: tuple[float, Run, InlierMixture] | None = None
+    starts = screen(surface, scan.points, poses, 0.5 * settings.reach, keep) if len(poses) > 1 else poses
+    wide = InlierMixture(WIDE * plan.max_distance, 0.5, plan.max_distance)
+    for start in starts:
+        run, mixture = coarse.descend(wide, start, QUICK, None, 1)
+        surprise = np.inf if run.ended_early else coarse.surprise(mixture, run)
+        if best is None or surprise < best[0]:
+            best = (surprise, run, mixture)
+    assert best is not None
+    _, run, mixture = best
+    return Aligned(run, mixture) if run.ended_early else _finish(scan, surface, run, mixture, plan, floor, settings)
+
+
+def _finish(
+    scan: Scan, surface: MapSurface, run: Run, mixture: InlierMixture, plan: Plan, floor: float, settings: Resolved
+) -> Aligned:
+    stopping = Stopping(TOLERANCE, ITERATIONS)
+    fine = dataclasses.replace(plan, max_distance=settings.near, stopping=stopping)
+    level = Level(scan, surface, fine, floor, last=True)
+    narrow = InlierMixture(min(mixture.scale, 0.5 * settings.near), mixture.share, settings.near)
+    finer, learned = level.descend(narrow, run.T_target_source, FINE, None, len(run.history) + 1)
+    return Aligned(dataclasses.replace(finer, history=run.history + finer.history), learned)

@@ -1,0 +1,75 @@
+"""From a frame's run to its answer: pose, covariance, what holds it, verdict."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dqreg.odometry.align import Aligned
+from dqreg.odometry.frame import Keypoints
+from dqreg.odometry.kiss import rigid
+from dqreg.odometry.map_surface import MapSurface
+from dqreg.odometry.settings import Resolved
+from dqreg.odometry.trust import held_by
+from dqreg.odometry.verdicts import FrameEvidence, frame_verdict, without_pose
+from dqreg.result import Registration
+from dqreg.trust import observe_directions
+
+
+def frame_result(
+    aligned: Aligned,
+    surface: MapSurface,
+    keys: Keypoints,
+    lengths: Resolved,
+    usual: float,
+    notes: tuple[str, ...],
+    words: dict[str, Any],
+) -> Registration:
+    """The answer for one frame.
+
+    Parameters
+    ----------
+    aligned : Aligned
+        The frame at its best pose.
+    surface : MapSurface
+        The map.
+    keys : Keypoints
+        The frame.
+    lengths : Resolved
+        Lengths of the sequence.
+    usual : float
+        Usual share of points on the map, NaN where unknown.
+    notes : tuple of str
+        What was left out of the frame.
+    words : dict
+        Settings to be recorded.
+
+    Returns
+    -------
+    Registration
+        NaN and "failed" where there is no pose, or so few points lie on the map that there is none to speak of.
+    """
+    run, mixture = aligned.run, aligned.mixture
+    held = held_by(run, surface, keys.reach, lengths.voxel_size) if aligned.found else None
+    directions = observe_directions(held.information) if held else ()
+    evidence = FrameEvidence(
+        run.status, aligned.found, float(run.weights.sum()), aligned.on_map, usual, mixture.scale, directions
+    )
+    verdict = frame_verdict(evidence, notes)
+    if held is None or verdict.level == "failed":
+        return without_pose(verdict.reasons, run.status, words)
+    T, distances = rigid(run.T_target_source), run.pairs.distances
+    return Registration(
+        T_target_source=T,
+        verdict=verdict,
+        status=run.status,
+        covariance=held.covariance,
+        observability=directions,
+        alternatives=(),
+        history=run.history,
+        rms=float(np.sqrt(run.weights @ distances**2 / run.weights.sum())),
+        inlier_fraction=aligned.on_map,
+        timings={},
+        settings={**words, "centre": T[:3, 3].tolist(), "width": mixture.scale},
+    )

@@ -1,0 +1,229 @@
+"""What can run a sequence: ours, KISS-ICP, and small_gicp from scan to scan, behind one call."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import time
+from collections.abc import Callable, Iterable
+from typing import Any, Protocol
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.errors import InputError, MissingDependencyError
+from dqreg.odometry.frame import read_frame
+from dqreg.odometry.kiss import load_kiss, rigid
+from dqreg.odometry.odometry import Odometry
+from dqreg.odometry.scans import FrameData, Scans
+from dqreg.odometry.settings import OdometrySettings
+from dqreg.records import Verdict
+from dqreg.result import Registration
+
+ENGINES = ("dq", "kiss-icp")
+
+
+class Engine(Protocol):
+    """Places frames one by one."""
+
+    def place(self, points: FloatArray, timestamps: FloatArray | None) -> FloatArray:
+        """Pose of the frame, (4, 4)."""
+        ...
+
+
+class KissEngine:
+    """KISS-ICP as it comes, kept away from input that ends its process.
+
+    Parameters
+    ----------
+    max_range : float
+        Its own setting; 100 is its default.
+    voxel_size : float, optional
+        Its own setting; its default is a hundredth of the range.
+    deskew : bool
+        Its own setting.
+    """
+
+    def __init__(self, max_range: float = 100.0, voxel_size: float | None = None, deskew: bool = True) -> None:
+        config = load_kiss("config").KISSConfig()
+        config.data.max_range, config.data.deskew = max_range, deskew
+        config.mapping.voxel_size = voxel_size or max_range / 100.0
+        self._kiss = load_kiss("kiss_icp").KissICP(config)
+
+    def place(self, points: FloatArray, timestamps: FloatArray | None) -> FloatArray:
+        """Pose of the frame, (4, 4); NaN where the frame is empty."""
+        frame = read_frame(points, timestamps)
+        if not len(frame.points):
+            return np.full((4, 4), np.nan)
+        self._kiss.register_frame(frame.points, np.zeros(0) if frame.times is None else frame.times)
+        return np.array(self._kiss.last_pose)
+
+
+class SmallGicpEngine:
+    """small_gicp's GICP from each scan to the one before, from constant velocity.
+
+    Parameters
+    ----------
+    voxel_size : float
+        Its downsampling resolution.
+    reach : float
+        Its largest distance of a pair.
+    """
+
+    def __init__(self, voxel_size: float, reach: float) -> None:
+        try:
+            self._gicp = importlib.import_module("small_gicp")
+        except ImportError as error:
+            raise MissingDependencyError(
+                f"small_gicp cannot be loaded ({error}); install it with: python -m pip install small-gicp"
+            ) from error
+        self._voxel, self._reach = voxel_size, reach
+        self._last: FloatArray | None = None
+        self._T, self._motion = np.eye(4), np.eye(4)
+
+    def place(self, points: FloatArray, timestamps: FloatArray | None) -> FloatArray:
+        """Pose of the frame, (4, 4); NaN where the frame is empty."""
+        finite = read_frame(points, None).points
+        if not len(finite):
+            return np.full((4, 4), np.nan)
+        if self._last is not None:
+            found = self._gicp.align(
+                self._last,
+                finite,
+                init_T_target_source=self._motion,
+                registration_type="GICP",
+                downsampling_resolution=self._voxel,
+                max_correspondence_distance=self._reach,
+            )
+            self._motion = rigid(np.array(found.T_target_source))
+            self._T = rigid(self._T @ self._motion)
+        self._last = finite
+        return self._T.copy()
+
+
+@dataclasses.dataclass(frozen=True)
+class Trip:
+    """A sequence after it was run.
+
+    Attributes
+    ----------
+    name : str
+        What ran it.
+    poses : ndarray, (n, 4, 4)
+        NaN where none was found.
+    results : tuple of Registration
+        One a frame, for our engine; empty for others, which have no verdicts.
+    seconds : ndarray, (n,)
+        Wall time of each frame, without reading it.
+    """
+
+    name: str
+    poses: FloatArray
+    results: tuple[Registration, ...]
+    seconds: FloatArray
+
+
+def run_ours(
+    scans: Scans, settings: OdometrySettings, tell: Callable[[int, Registration], object] | None = None
+) -> Trip:
+    """Run our odometry over a sequence; a frame that cannot be read fails alone.
+
+    Parameters
+    ----------
+    scans : Scans
+        The sequence.
+    settings : OdometrySettings
+        Settings.
+    tell : callable, optional
+        Called with each frame's number and result.
+
+    Returns
+    -------
+    Trip
+        One pose and one result a frame.
+    """
+    odometry = Odometry(settings)
+    results: list[Registration] = []
+    for number in range(len(scans)):
+        data = scans[number]
+        stamp = None if scans.times is None else float(scans.times[number])
+        result = _registered(odometry, data, stamp)
+        results.append(result)
+        if tell is not None:
+            tell(number, result)
+    return Trip("dqreg", odometry.poses, tuple(results), np.array([r.timings["total"] for r in results]))
+
+
+def _registered(odometry: Odometry, data: FrameData, stamp: float | None) -> Registration:
+    timestamps: FloatArray | None = data.timestamps
+    mismatch: str | None = None
+    if timestamps is not None and len(timestamps) != len(data.points):
+        # In a file of a sequence that is a damaged frame, not a mistake of the caller.
+        mismatch = f"{len(timestamps)} times for {len(data.points)} points: not used"
+        timestamps = None
+    result = odometry.register_frame(data.points, timestamps, stamp=stamp)
+    extra = tuple(word for word in (data.problem, mismatch) if word)
+    reasons = extra + result.verdict.reasons if data.problem else result.verdict.reasons + extra
+    return dataclasses.replace(result, verdict=Verdict(result.verdict.level, reasons))
+
+
+def run_engine(name: str, engine: Engine, scans: Scans, tell: Callable[[int], object] | None = None) -> Trip:
+    """Run another engine over a sequence.
+
+    Parameters
+    ----------
+    name : str
+        What to call it.
+    engine : Engine
+        The engine, new.
+    scans : Scans
+        The sequence.
+    tell : callable, optional
+        Called with each frame's number.
+
+    Returns
+    -------
+    Trip
+        Poses without verdicts.
+    """
+    poses, seconds = [], []
+    for number in range(len(scans)):
+        data = scans[number]
+        began = time.perf_counter()
+        poses.append(engine.place(data.points, data.timestamps))
+        seconds.append(time.perf_counter() - began)
+        if tell is not None:
+            tell(number)
+    return Trip(name, np.array(poses).reshape(-1, 4, 4), (), np.array(seconds))
+
+
+def peers(settings: OdometrySettings, first: FloatArray) -> Iterable[tuple[str, Callable[[], Any]]]:
+    """Engines to compare with: KISS-ICP as it comes, at its range, at finer voxels; small_gicp from scan to scan.
+
+    Parameters
+    ----------
+    settings : OdometrySettings
+        Ours, for range and voxel.
+    first : ndarray, (n, 3)
+        Finite points of the first frame.
+
+    Returns
+    -------
+    iterable of (name, maker)
+        Each maker builds a new engine, or raises `MissingDependencyError`.
+
+    Raises
+    ------
+    InputError
+        If the first frame is empty.
+    """
+    if not len(first):
+        raise InputError("the first frame holds no finite point; a comparison needs one to measure the voxel")
+    lengths = settings.resolve(first)
+    reach, voxel = lengths.max_range, lengths.voxel_size
+    return (
+        ("KISS-ICP, defaults", lambda: KissEngine(deskew=settings.deskew)),
+        (f"KISS-ICP, range {reach:.4g}", lambda: KissEngine(reach, deskew=settings.deskew)),
+        (f"KISS-ICP, voxel {voxel:.3g}", lambda: KissEngine(reach, voxel, settings.deskew)),
+        ("small_gicp, scan to scan", lambda: SmallGicpEngine(0.5 * voxel, lengths.reach)),
+    )

@@ -1,0 +1,147 @@
+"""One frame of a sequence: checked, cleaned of what is no measurement, thinned, with normals."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from dqreg.arrays import FloatArray, as_float, as_vectors
+from dqreg.errors import InputError
+from dqreg.geometry import PointCloud, Scan
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import fit_planes, sample_rows
+from dqreg.geometry.order import morton_order
+from dqreg.geometry.prepare import measure_spacing
+from dqreg.odometry.kiss import thin
+
+# Voxels a point, over the map's: of what enters the map, and of what the pose is found from.
+DENSE, SPARSE = 0.5, 1.5
+# Points that the pose is found from at most: beyond, they add time and hardly any accuracy.
+MOST = 6_000
+# Points of a fit: rings of a LiDAR leave few neighbours across them.
+NEIGHBOURS = 12
+
+
+@dataclasses.dataclass(frozen=True)
+class RawFrame:
+    """What came in, cleaned.
+
+    Attributes
+    ----------
+    points : ndarray, (n, 3)
+        Finite points in the sensor's frame; n may be 0.
+    times : ndarray, (n,) or None
+        Time of each point, where they can be used to undo the motion.
+    notes : tuple of str
+        What was left out and why, in sentences.
+    """
+
+    points: FloatArray
+    times: FloatArray | None
+    notes: tuple[str, ...]
+
+
+def read_frame(points: Any, timestamps: Any) -> RawFrame:
+    """Check a frame and leave out what is no measurement.
+
+    Parameters
+    ----------
+    points : array_like, (n, 3) or PointCloud
+        Points in the sensor's frame; rows that are not finite are left out, and so are returns at the very origin,
+        which sensors write where they got none.
+    timestamps : array_like, (n,), optional
+        Time of each point, any unit; empty or None where there are none.
+
+    Returns
+    -------
+    RawFrame
+        Cleaned frame; it may be empty.
+
+    Raises
+    ------
+    InputError
+        If the shapes are wrong.
+
+    Examples
+    --------
+    >>> read_frame([[1, 2, 3], [0, 0, 0], [float("nan"), 1, 1]], None).notes
+    ('2 of 3 returns are NaN, infinite or at the origin, and were left out',)
+    """
+    rows = points.points if isinstance(points, PointCloud) else points
+    values = np.zeros((0, 3)) if np.size(rows) == 0 else as_vectors(rows, "points", finite=False)
+    # Half of the largest number squared would overflow in every length taken of it.
+    keep = np.isfinite(values).all(axis=1) & values.any(axis=1) & (np.abs(values) < 1e150).all(axis=1)
+    notes = []
+    if lost := len(values) - int(np.count_nonzero(keep)):
+        notes.append(f"{lost} of {len(values)} returns are NaN, infinite or at the origin, and were left out")
+    times = None if timestamps is None or np.size(timestamps) == 0 else as_float(timestamps, "timestamps").ravel()
+    if times is not None:
+        if len(times) != len(values):
+            raise InputError(f"timestamps must be one a point; got {len(times)} for {len(values)} points")
+        if not np.isfinite(times[keep]).all():
+            notes.append("some times are not finite: motion during the sweep was not undone")
+            times = None
+        elif keep.any() and not np.ptp(times[keep]) > 0.0:
+            notes.append("all points carry one time: motion during the sweep was not undone")
+            times = None
+    return RawFrame(values[keep], None if times is None else times[keep], tuple(notes))
+
+
+@dataclasses.dataclass(frozen=True)
+class Keypoints:
+    """A frame thinned twice.
+
+    Attributes
+    ----------
+    dense : ndarray, (n, 3)
+        What enters the map.
+    scan : Scan
+        What the pose is found from, with normals fitted among the dense points.
+    reach : float
+        Distance of the farthest point from the sensor.
+    """
+
+    dense: FloatArray
+    scan: Scan
+    reach: float
+
+
+def thin_frame(points: FloatArray, voxel_size: float) -> Keypoints | None:
+    """Thin a frame and fit its normals.
+
+    Parameters
+    ----------
+    points : ndarray, (n, 3)
+        Finite points in the sensor's frame.
+    voxel_size : float
+        Edge of a voxel of the map.
+
+    Returns
+    -------
+    Keypoints or None
+        None where fewer than three places are left.
+    """
+    dense = thin(points, DENSE * voxel_size) if len(points) else points
+    sparse = thin(dense, SPARSE * voxel_size) if len(points) else points
+    if len(sparse) < 3:
+        return None
+    # KISS-ICP keeps the order of its hash table, which is none: sorted, a run repeats to the last bit.
+    dense, sparse = (rows[morton_order(rows)] for rows in (dense, sparse))
+    sparse = sparse[sample_rows(len(sparse), MOST)]
+    tree = NeighbourTree(dense)
+    fits = fit_planes(tree, dense, sparse, NEIGHBOURS)
+    known = np.asarray(np.isfinite(fits.normals).all(axis=1))
+    scan = Scan(
+        points=sparse,
+        normals=np.where(known[:, None], fits.normals, 0.0),
+        levers=np.where(known, fits.lever, 0.0),
+        residuals=fits.residuals,
+        fitted=np.arange(len(sparse)),
+        oriented=False,
+        spacing=measure_spacing(tree, dense),
+        noise=float(np.median(fits.residuals[known])) if known.any() else 0.0,
+        total=len(dense),
+    )
+    return Keypoints(dense, scan, float(np.linalg.norm(sparse, axis=1).max()))

@@ -1,0 +1,160 @@
+"""The one door to KISS-ICP: its parts, with what makes its C++ core end the whole process kept away from it.
+
+A pose that is not orthogonal to ten digits, or points that all carry one time, stop the interpreter there (checked
+with kiss-icp 1.3): poses are made rigid and such times are dropped before anything is handed over.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from typing import Any
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.errors import MissingDependencyError
+from dqreg.odometry.settings import Resolved
+
+MODULES = ("config", "kiss_icp", "mapping", "metrics", "preprocess", "threshold", "voxelization", "datasets")
+
+
+@functools.cache
+def load_kiss(module: str) -> Any:
+    """A module of KISS-ICP.
+
+    Parameters
+    ----------
+    module : str
+        One of `MODULES`, without the package's name.
+
+    Returns
+    -------
+    module
+        ``kiss_icp.<module>``.
+
+    Raises
+    ------
+    MissingDependencyError
+        If the package is absent or broken; the message holds the command that brings it.
+
+    Examples
+    --------
+    >>> load_kiss("voxelization").__name__
+    'kiss_icp.voxelization'
+    """
+    try:
+        return importlib.import_module(f"kiss_icp.{module}")
+    except Exception as error:
+        # A wheel that does not fit the system fails in its own ways.
+        raise MissingDependencyError(
+            f"odometry builds its map with KISS-ICP, which cannot be loaded ({error}); "
+            'install it with: python -m pip install "kiss-icp>=1.2"'
+        ) from error
+
+
+def rigid(T: FloatArray) -> FloatArray:
+    """The pose with its rotation made orthogonal to the last digit.
+
+    Parameters
+    ----------
+    T : ndarray, (4, 4)
+        Nearly rigid pose.
+
+    Returns
+    -------
+    ndarray, (4, 4)
+        The nearest rigid pose.
+
+    Examples
+    --------
+    >>> bool(np.abs(np.linalg.det(rigid(np.diag([1.0 + 1e-6, 1, 1, 1]))[:3, :3]) - 1) < 1e-15)
+    True
+    """
+    U, _, Vt = np.linalg.svd(T[:3, :3])
+    pose = T.copy()
+    pose[:3, :3] = U @ Vt
+    return pose
+
+
+def thin(points: FloatArray, size: float) -> FloatArray:
+    """The first point of each voxel, by KISS-ICP.
+
+    Parameters
+    ----------
+    points : ndarray, (n, 3)
+        Finite points.
+    size : float
+        Edge of a voxel.
+
+    Returns
+    -------
+    ndarray, (m, 3)
+        Points as measured, none averaged; the order is not kept.
+
+    Examples
+    --------
+    >>> len(thin(np.array([[0.1, 0, 0], [0.2, 0, 0], [1.2, 0, 0]]), 1.0))
+    2
+    """
+    return np.array(load_kiss("voxelization").voxel_down_sample(points, size), dtype=np.float64).reshape(-1, 3)
+
+
+class KissParts:
+    """KISS-ICP's voxel map, motion compensation and adaptive threshold, set up for one sequence.
+
+    Parameters
+    ----------
+    settings : Resolved
+        Lengths of this sequence.
+    """
+
+    def __init__(self, settings: Resolved) -> None:
+        s = settings
+        config = load_kiss("config").KISSConfig()
+        config.data.max_range, config.data.min_range, config.data.deskew = s.max_range, s.min_range, s.deskew
+        config.mapping.voxel_size, config.mapping.max_points_per_voxel = s.voxel_size, s.max_points_per_voxel
+        # One voxel is what the loop can always bridge, so a motion of a tenth of it is none.
+        config.adaptive_threshold.initial_threshold = s.reach
+        config.adaptive_threshold.min_motion_th = 0.1 * s.voxel_size
+        config.registration.max_num_threads = s.threads
+        self._map = load_kiss("mapping").get_voxel_hash_map(config)
+        self._preprocessor = load_kiss("preprocess").get_preprocessor(config)
+        self._threshold = load_kiss("threshold").get_threshold_estimator(config)
+
+    def compensate(self, points: FloatArray, times: FloatArray | None, motion: FloatArray) -> FloatArray:
+        """Points in range, each moved to where it would have been seen at the end of the sweep.
+
+        Parameters
+        ----------
+        points : ndarray, (n, 3)
+            Finite points, n >= 1.
+        times : ndarray, (n,) or None
+            Time of each point, any unit, not all the same; None leaves the points as they are.
+        motion : ndarray, (4, 4)
+            Motion during the sweep: the last one.
+
+        Returns
+        -------
+        ndarray, (m, 3)
+            Points within the range.
+        """
+        stamps = np.zeros(0) if times is None else times
+        return np.array(self._preprocessor.preprocess(points, stamps, rigid(motion))).reshape(-1, 3)
+
+    @property
+    def deviation(self) -> float:
+        """How far constant velocity has been off lately, one sigma, as a length at the largest range."""
+        return float(self._threshold.get_threshold())
+
+    def learn(self, deviation: FloatArray) -> None:
+        """Tell the threshold how far the prediction was off, (4, 4)."""
+        self._threshold.update_model_deviation(rigid(deviation))
+
+    def insert(self, points: FloatArray, T_map_frame: FloatArray) -> None:
+        """Add the points of a frame to the map, and forget what is out of range from there."""
+        self._map.update(points, rigid(T_map_frame))
+
+    def points(self) -> FloatArray:
+        """All points of the map, (n, 3)."""
+        return np.array(self._map.point_cloud(), dtype=np.float64).reshape(-1, 3)

@@ -1,0 +1,86 @@
+"""The map as a surface: nearest map point, with the plane of its neighbours fitted when it is first asked for.
+
+A frame meets a few thousand of the map's hundred thousand points, so fitting on demand saves most of the work; and
+the fit sees the points of all frames, not one frame's lines.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg.arrays import FloatArray, IntArray
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import fit_planes
+from dqreg.geometry.surface import Closest
+
+NEIGHBOURS = 12
+
+
+class MapSurface:
+    """Points of a map as a surface, for one thread.
+
+    Parameters
+    ----------
+    points : ndarray, (n, 3)
+        Points of the map, n >= 1.
+
+    Examples
+    --------
+    >>> flat = np.stack(np.meshgrid(range(8), range(8), [0.0]), axis=-1).reshape(-1, 3)
+    >>> found = MapSurface(flat).closest(np.array([[3.2, 4.1, 2.0]]))
+    >>> found.points.tolist(), np.abs(found.normals).tolist()
+    ([[3.0, 4.0, 0.0]], [[0.0, 0.0, 1.0]])
+    """
+
+    oriented = False
+
+    def __init__(self, points: FloatArray) -> None:
+        self._points = points
+        self._tree = NeighbourTree(points)
+        self._normals = np.zeros_like(points)
+        self._variances = np.zeros(len(points))
+        self._fitted = np.zeros(len(points), dtype=bool)
+        low, high = points.min(axis=0), points.max(axis=0)
+        self.centre: FloatArray = 0.5 * (low + high)
+        self.diagonal = float(np.linalg.norm(high - low))
+
+    def closest(self, points: FloatArray) -> Closest:
+        """Nearest map point for each query, (n, 3), with the normal there; zero where the neighbours fix none."""
+        indices, distances = self._tree.nearest(points, 1)
+        rows = indices[:, 0]
+        missing = np.unique(rows[~self._fitted[rows]])
+        if len(missing):
+            fits = fit_planes(self._tree, self._points, self._points[missing], NEIGHBOURS)
+            self._normals[missing] = np.nan_to_num(fits.normals)
+            self._variances[missing] = fits.variances
+            self._fitted[missing] = True
+        return Closest(self._points[rows], self._normals[rows], distances[:, 0], rows)
+
+    def normal_variances(self, rows: IntArray) -> FloatArray:
+        """Variance of the normals at map points that `closest` gave as elements, rad^2, (n,); infinite for none."""
+        return self._variances[rows]
+
+    def distances(self, points: FloatArray) -> FloatArray:
+        """Distance of each query, (n, 3), to the nearest map point, (n,)."""
+        return self._tree.nearest(points, 1)[1][:, 0]
+
+
+def surface_within(points: FloatArray, centre: FloatArray, reach: float) -> MapSurface:
+    """The part of a map around a place, as a surface; all of it where nothing is near.
+
+    Parameters
+    ----------
+    points : ndarray, (n, 3)
+        Points of the map, n >= 1.
+    centre : ndarray, (3,)
+        The place.
+    reach : float
+        Radius.
+
+    Returns
+    -------
+    MapSurface
+        Ready to be asked.
+    """
+    near = np.linalg.norm(points - centre, axis=1) <= reach
+    return MapSurface(points[near] if near.any() else points)

@@ -1,0 +1,234 @@
+"""Scan-to-map odometry, frame by frame."""
+
+from __future__ import annotations
+
+import dataclasses
+import time as clock
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from dqreg.arrays import FloatArray, as_pose
+from dqreg.errors import InputError
+from dqreg.odometry.answer import frame_result
+from dqreg.odometry.frame import Keypoints, RawFrame, read_frame, thin_frame
+from dqreg.odometry.kiss import KissParts, load_kiss, rigid
+from dqreg.odometry.map_surface import MapSurface, surface_within
+from dqreg.odometry.seeker import Seeker
+from dqreg.odometry.settings import OdometrySettings, Resolved
+from dqreg.odometry.starts import predict
+from dqreg.odometry.sweep import Undone
+from dqreg.odometry.verdicts import first_frame, fits, without_pose
+from dqreg.open3d_gate import load_open3d
+from dqreg.records import Verdict
+from dqreg.result import Registration
+from dqreg.rigid import pose
+
+# Places without which a frame is not worth a pose, and cannot begin a map.
+FEWEST_PLACES = 30
+# Frames over which the usual share of points on the map is taken.
+MEMORY = 10
+
+
+class Odometry:
+    """LiDAR odometry with a verdict and a covariance for every frame.
+
+    Parameters
+    ----------
+    settings : OdometrySettings, optional
+        All settings in one value.
+    start : (4, 4) array_like, optional
+        Pose of the first frame, T_map_frame. Default: the identity, so the map's frame is the first frame's.
+    **options
+        Fields of `OdometrySettings` by name, over those of ``settings``.
+
+    Raises
+    ------
+    InputError
+        If a setting is out of range.
+    MissingDependencyError
+        If ``kiss-icp`` is not installed.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> walls = rng.uniform(-4, 4, (6000, 3))
+    >>> walls[np.arange(6000), np.arange(6000) % 3] = np.sign(walls[np.arange(6000), np.arange(6000) % 3]) * 4
+    >>> odometry = Odometry()
+    >>> for step in range(3):
+    ...     result = odometry.register_frame(walls - [0.1 * step, 0, 0])
+    >>> result.verdict.level, odometry.poses[-1][:3, 3].round(2).tolist()
+    ('accepted', [0.2, 0.0, 0.0])
+    """
+
+    def __init__(self, settings: OdometrySettings | None = None, *, start: Any = None, **options: Any) -> None:
+        known = [field.name for field in dataclasses.fields(OdometrySettings)]
+        if strange := sorted(set(options) - set(known)):
+            raise InputError(f"unknown setting {', '.join(strange)}; known are {', '.join(known)}")
+        self.settings = dataclasses.replace(settings or OdometrySettings(), **options)
+        # Imports of seconds belong here, not into the first frame.
+        load_kiss("mapping")
+        load_open3d()
+        self._lengths: Resolved | None = None
+        self._kiss: KissParts | None = None
+        self._surface: MapSurface | None = None
+        self._T_last = np.eye(4) if start is None else as_pose(start, "start")
+        self._motion = np.eye(4)
+        self._T_doubtful: FloatArray | None = None
+        self._poses: list[FloatArray] = []
+        self._usual: deque[float] = deque(maxlen=MEMORY)
+        # Frames kept out of the map in a row, frames since the last trusted one, and seconds since then; seconds a
+        # frame, where stamps told.
+        self._kept_out, self._missed, self._gap, self._pace = 0, 0, 0.0, 0.0
+        self._stamp: float | None = None
+
+    @property
+    def poses(self) -> FloatArray:
+        """Pose T_map_frame of every frame so far, (n, 4, 4); NaN where none was found (see `bridge_gaps`)."""
+        return np.array(self._poses).reshape(-1, 4, 4)
+
+    @property
+    def last_pose(self) -> FloatArray:
+        """Pose of the last frame that was placed, (4, 4)."""
+        return self._T_last.copy()
+
+    @property
+    def local_map(self) -> FloatArray:
+        """Points of the map, (n, 3)."""
+        return np.zeros((0, 3)) if self._kiss is None else self._kiss.points()
+
+    def register_frame(self, points: Any, timestamps: Any = None, *, stamp: float | None = None) -> Registration:
+        """Place one frame in the map.
+
+        Parameters
+        ----------
+        points : (n, 3) array_like or PointCloud
+            Points in the sensor's frame; rows that are not finite are left out.
+        timestamps : (n,) array_like, optional
+            Time of each point in the sweep, any unit and offset: the motion during the sweep is undone with it.
+        stamp : float, optional
+            Time of the frame, seconds: scales the predicted motion where frames are missing.
+
+        Returns
+        -------
+        Registration
+            ``T_target_source`` is T_map_frame; the covariance is about the sensor (``settings["centre"]``). A frame
+            that cannot be placed has NaN and "failed"; the next one goes on.
+
+        Raises
+        ------
+        InputError
+            If the shapes are wrong.
+        """
+        began = clock.perf_counter()
+        frame = read_frame(points, timestamps)
+        ratio, doubt = self._time_ratio(stamp)
+        result = self._place(frame, ratio)
+        if doubt is not None and result.verdict.level != "failed":
+            result = dataclasses.replace(result, verdict=Verdict("suspect", (doubt, *result.verdict.reasons)))
+        self._poses.append(result.T_target_source)
+        return dataclasses.replace(result, timings={"total": clock.perf_counter() - began})
+
+    def _time_ratio(self, stamp: float | None) -> tuple[float, str | None]:
+        """Time since the last trusted frame over that of the last motion, and what is wrong with the stamp."""
+        steps = 1.0 + self._missed
+        if stamp is None:
+            return steps, None
+        before, self._stamp = self._stamp, float(stamp)
+        if not np.isfinite(stamp):
+            self._stamp = before
+            return steps, "the frame's time is not finite"
+        if before is None:
+            return steps, None
+        if stamp <= before:
+            self._stamp = before
+            return steps, f"the frame's time {stamp:.6f} is not after that of the frame before, {before:.6f}"
+        self._gap += stamp - before
+        # Beyond a few steps constant velocity is a guess like any other.
+        return (float(np.clip(self._gap / self._pace, 0.0, 5.0)) if self._pace else steps), None
+
+    def _place(self, frame: RawFrame, ratio: float) -> Registration:
+        if not len(frame.points):
+            return self._failed(("the frame holds no finite point", *frame.notes), "no points")
+        lengths = self._lengths or self.settings.resolve(frame.points)
+        kiss = self._kiss or KissParts(lengths)
+        inside = kiss.compensate(frame.points, frame.times, self._motion)
+        keys = thin_frame(inside, lengths.voxel_size)
+        if keys is None or len(keys.scan) < FEWEST_PLACES:
+            why = (
+                f"only {0 if keys is None else len(keys.scan)} places are left of {len(frame.points)} points (within "
+                f"{lengths.max_range:.4g}, at a voxel of {lengths.voxel_size:.4g}); {FEWEST_PLACES} are needed"
+            )
+            return self._failed((why, *frame.notes), "too few points")
+        if self._kiss is None:
+            self._lengths, self._kiss = lengths, kiss
+            self._merge(kiss, keys)
+            return first_frame(self._T_last, frame.notes, self._words(keys))
+        return self._register(kiss, lengths, keys, frame, ratio)
+
+    def _failed(self, reasons: tuple[str, ...], status: str) -> Registration:
+        self._missed += 1
+        return without_pose(reasons, status, {})
+
+    def _register(
+        self, kiss: KissParts, lengths: Resolved, keys: Keypoints, frame: RawFrame, ratio: float
+    ) -> Registration:
+        T_predicted = rigid(predict(self._T_last, self._motion, ratio))
+        # Points beyond the frame's farthest, wherever it may have turned to, cannot be met.
+        surface = self._surface or surface_within(kiss.points(), self._T_last[:3, 3], keys.reach + lengths.reach)
+        self._surface = surface
+        seek = Seeker(surface, lengths, self.settings, self._usual_share, self._anchors(T_predicted))
+        aligned, notes = seek.find(keys.scan, trust_motion=kiss.deviation <= lengths.voxel_size), frame.notes
+        if frame.times is not None and self.settings.deskew:
+            undone = Undone(kiss, frame, lengths.voxel_size, keys, aligned, self._motion)
+            undone = undone.repeated(seek, self._T_last, ratio)
+            keys, aligned, notes = undone.keys, undone.aligned, notes + undone.notes
+        result = frame_result(aligned, surface, keys, lengths, self._usual_share, notes, self._words(keys))
+        self._learn(kiss, keys, result, T_predicted, ratio)
+        return result
+
+    def _anchors(self, T_predicted: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """Where the sensor may be: at the last trusted pose going on, or at the last doubtful one."""
+        anchors = [(self._T_last, T_predicted)]
+        return anchors if self._T_doubtful is None else [*anchors, (self._T_doubtful, self._T_doubtful)]
+
+    def _learn(
+        self, kiss: KissParts, keys: Keypoints, result: Registration, T_predicted: FloatArray, ratio: float
+    ) -> None:
+        if result.verdict.level == "failed":
+            self._missed += 1
+            return
+        T = result.T_target_source
+        if not fits(result.inlier_fraction, self._usual_share) and self._kept_out < self.settings.patience:
+            # Reported, not absorbed: neither the map nor the motion learns from it.
+            self._kept_out += 1
+            self._missed += 1
+            self._T_doubtful = T
+            return
+        kiss.learn(pose.inverse(T_predicted) @ T)
+        steps = max(1.0 + self._missed, 1.0)
+        # Of a gap only the mean motion is known.
+        self._motion = rigid(predict(np.eye(4), pose.inverse(self._T_last) @ T, 1.0 / steps))
+        self._pace, self._gap, self._missed = self._gap / steps, 0.0, 0
+        self._T_last = T
+        self._usual.append(result.inlier_fraction)
+        self._merge(kiss, keys)
+
+    @property
+    def _usual_share(self) -> float:
+        return float(np.median(self._usual)) if self._usual else np.nan
+
+    def _merge(self, kiss: KissParts, keys: Keypoints) -> None:
+        kiss.insert(keys.dense, self._T_last)
+        self._surface, self._kept_out, self._T_doubtful = None, 0, None
+
+    def _words(self, keys: Keypoints) -> dict[str, Any]:
+        return {
+            **({} if self._lengths is None else dataclasses.asdict(self._lengths)),
+            "method": self.settings.method,
+            "centre": self._T_last[:3, 3].tolist(),
+            "used_points": len(keys.scan),
+            "source_points": len(keys.dense),
+            "source_scale": 1.0,
+        }

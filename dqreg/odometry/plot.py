@@ -1,0 +1,113 @@
+"""Pictures of a run: the path from above, and each frame's trust and error."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.atomic import write_atomically
+from dqreg.errors import InputError
+from dqreg.odometry.engines import Trip
+from dqreg.odometry.evaluation import relative_errors
+from dqreg.odometry.trajectory import bridge_gaps
+
+# Okabe and Ito's colours, which the colour-blind tell apart.
+BLUE, ORANGE, GREY, RED = "#0072B2", "#E69F00", "#888888", "#D55E00"
+
+
+def plot_trip(path: str | Path, trip: Trip, truth: FloatArray | None = None) -> None:
+    """Draw the path, and below it each frame's share on the map, one-sigma and error.
+
+    Parameters
+    ----------
+    path : str or Path
+        PNG, SVG or PDF to write.
+    trip : Trip
+        A run.
+    truth : ndarray, (n, 4, 4), optional
+        True pose of each frame.
+
+    Raises
+    ------
+    InputError
+        If nothing was found, or the file cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    path = Path(path)
+    kind = path.suffix.lower().lstrip(".") or "png"
+    if kind not in ("png", "svg", "pdf"):
+        raise InputError(f"cannot draw {path}: expected a name that ends in .png, .svg or .pdf")
+    poses, _ = bridge_gaps(trip.poses)
+    figure = Figure(figsize=(9.0, 9.0), layout="constrained")
+    grid = figure.add_gridspec(3, 1, height_ratios=[2.2, 1.0, 1.0])
+    _draw_path(figure.add_subplot(grid[0]), poses, trip, truth)
+    numbers = figure.add_subplot(grid[1])
+    _draw_errors(numbers, poses, trip, truth)
+    _draw_trust(figure.add_subplot(grid[2], sharex=numbers), trip)
+    stream = io.BytesIO()
+    figure.savefig(stream, format=kind, dpi=120)
+    write_atomically(path, stream.getvalue())
+
+
+def _plane(places: FloatArray) -> tuple[int, int]:
+    # The two widest axes: looking down on a path, whichever axis is up.
+    first, second = sorted(np.argsort(np.ptp(places, axis=0), kind="stable")[1:].tolist())
+    return first, second
+
+
+def _draw_path(axes: Any, poses: FloatArray, trip: Trip, truth: FloatArray | None) -> None:
+    places = poses[:, :3, 3]
+    u, v = _plane(places)
+    if truth is not None:
+        true = (poses[0] @ np.linalg.inv(truth[0]) @ truth)[:, :3, 3]
+        axes.plot(true[:, u], true[:, v], color=GREY, linewidth=3.0, alpha=0.5, label="truth")
+    axes.plot(places[:, u], places[:, v], color=BLUE, marker=".", linewidth=1.2, label=trip.name)
+    bad = [i for i, result in enumerate(trip.results) if result.verdict.level != "accepted"]
+    if bad:
+        axes.scatter(places[bad, u], places[bad, v], color=RED, marker="x", zorder=3, label="not accepted")
+    axes.plot(*places[0, [u, v]], color="black", marker="s", linestyle="none", label="start")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("xyz"[u])
+    axes.set_ylabel("xyz"[v])
+    axes.set_title(f"{len(poses)} frames")
+    axes.legend(loc="best", frameon=False)
+
+
+def _draw_errors(axes: Any, poses: FloatArray, trip: Trip, truth: FloatArray | None) -> None:
+    frames = np.arange(1, len(poses))
+    if truth is not None and len(poses) > 1:
+        turn, shift = relative_errors(poses, truth, 1)
+        axes.semilogy(
+            frames, np.maximum(shift, 1e-12), color=ORANGE, marker=".", linewidth=0.8, label="error of the shift"
+        )
+        axes.semilogy(
+            frames, np.maximum(turn, 1e-12), color=BLUE, marker=".", linewidth=0.8, label="error of the turn [deg]"
+        )
+        axes.set_ylabel("step against truth")
+    else:
+        steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+        axes.plot(frames, steps, color=BLUE, marker=".", linewidth=0.8, label="length of the step")
+        axes.set_ylabel("step")
+    axes.legend(loc="upper right", frameon=False)
+    axes.grid(alpha=0.3)
+
+
+def _draw_trust(axes: Any, trip: Trip) -> None:
+    axes.set_xlabel("frame")
+    if not trip.results:
+        axes.plot(np.arange(len(trip.seconds)), trip.seconds, color=GREY, linewidth=0.8)
+        axes.set_ylabel("seconds")
+        return
+    sigma = np.array([np.sqrt(np.trace(result.covariance[3:, 3:])) for result in trip.results])
+    axes.plot(np.where(sigma > 0.0, sigma, np.nan), color=ORANGE, marker=".", linewidth=0.8)
+    axes.set_ylabel("one sigma of the place", color=ORANGE)
+    axes.grid(alpha=0.3)
+    share = axes.twinx()
+    share.plot([result.inlier_fraction for result in trip.results], color=BLUE, linewidth=1.0)
+    share.set_ylim(0.0, 1.0)
+    share.set_ylabel("share of points on the map", color=BLUE)

@@ -1,0 +1,128 @@
+"""Settings of the odometry, and the lengths that a sequence's first frame resolves them to."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.errors import InputError
+
+# Voxel over the median range of the first frame: 0.4 m in halls and streets, 0.1 m on a desk.
+VOXEL_SHARE = 0.05
+# Range of the map over the farthest point of the first frame.
+BEYOND = 2.0
+# Largest distance of a pair, in voxels: while the pose is sought, and on the last level.
+REACH, NEAR = 5.0, 1.25
+
+
+@dataclasses.dataclass(frozen=True)
+class OdometrySettings:
+    """What can be chosen; every length may be left to the first frame.
+
+    Attributes
+    ----------
+    voxel_size : float, optional
+        Edge of a voxel of the map. Default: 0.05 of the first frame's median range.
+    max_range : float, optional
+        Points farther from the sensor are left out, and the map forgets what is farther. Default: twice the farthest
+        point of the first frame.
+    min_range : float
+        Points nearer to the sensor are left out.
+    deskew : bool
+        Whether per-point times, where given, are used to undo the motion during a sweep.
+    max_points_per_voxel : int
+        Points that a voxel of the map keeps.
+    search_deg : float
+        Largest turn between two frames that is searched, beside constant velocity.
+    patience : int
+        Frames in a row that are kept out of the map because they fit it badly; the next one goes in all the same.
+    method : {"plane", "dq", "dq-points"}
+        Pose step: points to tangent planes, the dual-quaternion closed form on points and normals, or on points.
+    threads : int
+        Threads of KISS-ICP's parts; 0 takes all cores.
+    """
+
+    voxel_size: float | None = None
+    max_range: float | None = None
+    min_range: float = 0.0
+    deskew: bool = True
+    max_points_per_voxel: int = 12
+    search_deg: float = 60.0
+    patience: int = 2
+    method: str = "plane"
+    threads: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("voxel_size", "max_range"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < np.inf:
+                raise InputError(f"{name} must be a length above 0, or None to measure it; got {value!r}")
+        if not 0.0 <= self.min_range < (self.max_range or np.inf):
+            raise InputError(f"min_range must be at least 0 and below max_range; got {self.min_range!r}")
+        if not 0.0 <= self.search_deg <= 180.0:
+            raise InputError(f"search_deg must be between 0 and 180; got {self.search_deg!r}")
+        if self.max_points_per_voxel < 1 or self.patience < 0 or self.threads < 0:
+            raise InputError(
+                "max_points_per_voxel must be at least 1, patience and threads at least 0; got "
+                f"{self.max_points_per_voxel}, {self.patience} and {self.threads}"
+            )
+        if self.method not in ("plane", "dq", "dq-points"):
+            raise InputError(f"unknown method {self.method!r}; known are plane, dq, dq-points")
+
+    def resolve(self, points: FloatArray) -> Resolved:
+        """The lengths of a sequence, from its first frame.
+
+        Parameters
+        ----------
+        points : ndarray, (n, 3)
+            Finite points of the first frame in the sensor's frame, not all at the sensor.
+
+        Returns
+        -------
+        Resolved
+            No length left open.
+
+        Examples
+        --------
+        >>> OdometrySettings(max_range=100.0).resolve(np.array([[8.0, 0, 0], [0, 4, 0], [0, 0, 20]])).voxel_size
+        0.4
+        """
+        ranges = np.linalg.norm(points, axis=1)
+        voxel = self.voxel_size or VOXEL_SHARE * float(np.median(ranges))
+        limit = self.max_range or BEYOND * float(ranges.max())
+        return Resolved(
+            voxel_size=voxel,
+            max_range=limit,
+            min_range=self.min_range,
+            deskew=self.deskew,
+            max_points_per_voxel=self.max_points_per_voxel,
+            reach=REACH * voxel,
+            near=NEAR * voxel,
+            threads=self.threads,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Resolved:
+    """Lengths of one sequence, in its own unit.
+
+    Attributes
+    ----------
+    voxel_size, max_range, min_range, deskew, max_points_per_voxel, threads
+        As in `OdometrySettings`.
+    reach : float
+        Largest distance of a pair while the pose is sought.
+    near : float
+        Largest distance of a pair on the last level.
+    """
+
+    voxel_size: float
+    max_range: float
+    min_range: float
+    deskew: bool
+    max_points_per_voxel: int
+    reach: float
+    near: float
+    threads: int

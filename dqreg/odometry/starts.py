@@ -1,0 +1,119 @@
+"""Where to begin: a few hundred poses are held against the map with a few points each, and the best is refined.
+
+At 2 Hz a hand-held sensor turns by 43 degrees between two frames, and constant velocity is off by 52: neither it nor
+standing still is near enough for closest points. A lattice of turns is.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.odometry.map_surface import MapSurface
+from dqreg.rigid import twist
+
+# Points that each pose is judged by.
+JUDGES = 150
+
+
+@functools.cache
+def turns(limit_deg: float, step_deg: float) -> FloatArray:
+    """Rotations on a cubic lattice of rotation vectors, the smallest first.
+
+    Parameters
+    ----------
+    limit_deg, step_deg : float
+        Largest turn, and distance of neighbours on the lattice.
+
+    Returns
+    -------
+    ndarray, (m, 4, 4)
+        Pure turns, the identity among them.
+
+    Examples
+    --------
+    >>> len(turns(40.0, 20.0)), len(turns(0.0, 20.0))
+    (33, 1)
+    """
+    count = int(np.floor(limit_deg / step_deg + 1e-9))
+    steps = step_deg * np.arange(-count, count + 1)
+    vectors = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    size = np.linalg.norm(vectors, axis=1)
+    vectors = vectors[np.argsort(size, kind="stable")][: int(np.count_nonzero(size <= limit_deg + 1e-9))]
+    return twist.exp(np.hstack([np.deg2rad(vectors), np.zeros_like(vectors)]))
+
+
+def candidates(T_last: FloatArray, T_predicted: FloatArray, limit_deg: float, step_deg: float) -> FloatArray:
+    """Poses to begin with: the prediction, the last pose, and the last pose turned, at the place of either.
+
+    Parameters
+    ----------
+    T_last, T_predicted : ndarray, (4, 4)
+        Last pose, and what constant velocity makes of it.
+    limit_deg, step_deg : float
+        Of the lattice of turns.
+
+    Returns
+    -------
+    ndarray, (m, 4, 4)
+        The prediction first.
+    """
+    turned = T_last @ turns(limit_deg, step_deg)
+    carried = turned.copy()
+    carried[:, :3, 3] = T_predicted[:3, 3]
+    return np.concatenate([T_predicted[None], turned, carried])
+
+
+def screen(surface: MapSurface, points: FloatArray, poses: FloatArray, cap: float, keep: int) -> FloatArray:
+    """The poses under which the points lie nearest to the map.
+
+    Parameters
+    ----------
+    surface : MapSurface
+        The map.
+    points : ndarray, (n, 3)
+        Points of the frame.
+    poses : ndarray, (m, 4, 4)
+        Poses to judge.
+    cap : float
+        Distance beyond which a point is as good as lost.
+    keep : int
+        Poses to return.
+
+    Returns
+    -------
+    ndarray, (min(keep, m), 4, 4)
+        The best first; of equals the earlier.
+    """
+    judges = points[np.linspace(0, len(points) - 1, min(JUDGES, len(points))).round().astype(np.int64)]
+    moved = np.matmul(judges, poses[:, :3, :3].transpose(0, 2, 1)) + poses[:, None, :3, 3]
+    away = np.minimum(surface.distances(moved.reshape(-1, 3)), cap).reshape(len(poses), -1)
+    return poses[np.argsort(away.mean(axis=1), kind="stable")[:keep]]
+
+
+def predict(T_last: FloatArray, motion: FloatArray, ratio: float) -> FloatArray:
+    """Constant velocity, along one screw.
+
+    Parameters
+    ----------
+    T_last : ndarray, (4, 4)
+        Last pose, T_map_sensor.
+    motion : ndarray, (4, 4)
+        Last motion, in the sensor's frame.
+    ratio : float
+        Time since the last frame over the time of that motion.
+
+    Returns
+    -------
+    ndarray, (4, 4)
+        Predicted pose.
+
+    Examples
+    --------
+    >>> predict(np.eye(4), twist.exp([0, 0, 0, 1, 0, 0]), 2.0)[:3, 3].tolist()
+    [2.0, 0.0, 0.0]
+    """
+    step = motion if ratio == 1.0 else twist.exp(ratio * twist.log(motion))
+    return T_last @ step

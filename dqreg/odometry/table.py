@@ -1,0 +1,122 @@
+"""Rows of the comparison table: one engine a row, words and numbers ready to be shown."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.errors import InputError
+from dqreg.odometry.engines import Trip
+from dqreg.odometry.evaluation import CHI2_HIGH, evaluate, nees
+
+# Columns of the table: median / worst error of the motions over one and ten frames; frames lost; the path's error.
+COLUMNS = (
+    "engine",
+    "turn [deg]\n1 frame",
+    "shift\n1 frame",
+    "turn [deg]\n10 frames",
+    "shift\n10 frames",
+    "lost",
+    "path\nrms",
+    "frames\na second",
+)
+
+
+def match_truth(truth: FloatArray, truth_times: FloatArray | None, times: FloatArray | None, count: int) -> FloatArray:
+    """True pose of each frame.
+
+    Parameters
+    ----------
+    truth : ndarray, (m, 4, 4)
+        True poses.
+    truth_times, times : ndarray or None
+        Times of the true poses, (m,), and of the frames, (count,).
+    count : int
+        Frames there are.
+
+    Returns
+    -------
+    ndarray, (count, 4, 4)
+        By number where there is one a frame, else the nearest in time.
+
+    Raises
+    ------
+    InputError
+        If they cannot be matched.
+
+    Examples
+    --------
+    >>> truth = np.tile(np.eye(4), (3, 1, 1))
+    >>> match_truth(truth, np.array([0.0, 1, 2]), np.array([0.0, 2.01]), 2).shape
+    (2, 4, 4)
+    """
+    if len(truth) == count:
+        return truth
+    if truth_times is None or times is None:
+        raise InputError(
+            f"the truth has {len(truth)} poses for {count} frames; one a frame is needed, or times in both"
+        )
+    nearest = np.abs(truth_times[None, :] - times[:, None]).argmin(axis=1)
+    gap = np.abs(truth_times[nearest] - times).max()
+    spacing = float(np.median(np.diff(np.sort(times)))) if count > 1 else np.inf
+    if not gap <= 0.1 * spacing:
+        raise InputError(f"a frame is {gap:.3g} s away from the nearest true pose; frames are {spacing:.3g} s apart")
+    matched: FloatArray = truth[nearest]
+    return matched
+
+
+def row(trip: Trip, truth: FloatArray | None) -> tuple[str, ...]:
+    """One engine's row, in the order of `COLUMNS`.
+
+    Parameters
+    ----------
+    trip : Trip
+        A sequence that was run.
+    truth : ndarray, (n, 4, 4) or None
+        True pose of each frame; without it only loss and speed are known.
+
+    Returns
+    -------
+    tuple of str
+        Lengths in the sequence's unit.
+    """
+    speed = f"{len(trip.seconds) / max(float(trip.seconds.sum()), 1e-9):.1f}"
+    missing = int(np.count_nonzero(~np.isfinite(trip.poses).all(axis=(1, 2))))
+    if truth is None or missing == len(trip.poses):
+        return (trip.name, "", "", "", "", str(missing), "", speed)
+    errors = evaluate(trip.poses, truth)
+    cells = [_pair(values) for step in (1, 10) for values in errors.steps[step]]
+    return (trip.name, *cells, str(errors.lost), f"{errors.absolute_rmse:.3g}", speed)
+
+
+def _pair(values: FloatArray) -> str:
+    return f"{np.median(values):.2g} / {values.max():.2g}" if len(values) else ""
+
+
+def trust_words(trip: Trip, truth: FloatArray) -> str:
+    """Whether the covariances keep their word, in a sentence.
+
+    Parameters
+    ----------
+    trip : Trip
+        A run of ours.
+    truth : ndarray, (n, 4, 4)
+        True pose of each frame.
+
+    Returns
+    -------
+    str
+        Mean and median normalised squared error (NEES), and the share of steps in the 95 % range.
+    """
+    covariances = np.stack([result.covariance for result in trip.results])
+    values = nees(trip.poses, covariances, truth)
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return "covariances: no step has one (free motions or missing poses)"
+    inside = 100 * np.mean(known <= CHI2_HIGH)
+    free = len(values) - len(known)
+    rest = f"; {free} steps without one (a motion was free, or a pose is missing)" if free else ""
+    return (
+        f"covariances against the truth: NEES {np.median(known):.1f} median, {known.mean():.1f} mean (6 expected, with "
+        f"an exact truth), {inside:.0f} % of {len(known)} steps below {CHI2_HIGH:.1f} (97.5 % expected){rest}"
+    )

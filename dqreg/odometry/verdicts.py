@@ -1,0 +1,170 @@
+"""The verdict of one frame, and the registrations of frames that have no run to show."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.records import Direction, Verdict
+from dqreg.result import Registration
+
+# Share of points on the map below which a frame fits badly: in itself, and against the frames before it.
+FEW_ON_MAP, FALL = 0.5, 0.75
+# Share below which there is no pose to speak of: a frame of another place reaches 0.3.
+LOST = 1.0 / 3.0
+# Points on the map fewer than this cannot carry a pose of six unknowns with anything left to check it.
+FEWEST_INLIERS = 30
+
+
+@dataclasses.dataclass(frozen=True)
+class FrameEvidence:
+    """What the verdict of a frame is made of.
+
+    Attributes
+    ----------
+    status : str
+        How the loop ended.
+    found : bool
+        Whether there is a pose at all.
+    inliers : float
+        Sum of the probabilities of points to lie on the map.
+    on_map : float
+        The same as a share of the frame's points.
+    usual : float
+        The same, median over the frames before; NaN where there are none.
+    width : float
+        Standard deviation of their distances to the nearest map points.
+    directions : tuple of Direction
+        The six motions, the weakest first.
+    """
+
+    status: str
+    found: bool
+    inliers: float
+    on_map: float
+    usual: float
+    width: float
+    directions: tuple[Direction, ...]
+
+
+def frame_verdict(evidence: FrameEvidence, notes: tuple[str, ...]) -> Verdict:
+    """Level and reasons of a frame.
+
+    Parameters
+    ----------
+    evidence : FrameEvidence
+        What is known.
+    notes : tuple of str
+        What was left out of the frame: told, without being a doubt.
+
+    Returns
+    -------
+    Verdict
+        With the notes last.
+
+    Examples
+    --------
+    >>> frame_verdict(FrameEvidence("converged", True, 900.0, 0.9, 0.9, 0.1, ()), ()).level
+    'accepted'
+    >>> frame_verdict(FrameEvidence("converged", True, 60.0, 0.1, 0.9, 0.1, ()), ()).level
+    'failed'
+    """
+    e = evidence
+    if not e.found:
+        return Verdict("failed", (f"no pose: the loop ended with {e.status!r}", *notes))
+    if not e.on_map >= LOST:
+        words = f"no pose: at the best one only {100 * e.on_map:.0f} % of the frame's points lie on the map"
+        return Verdict("failed", (words, *notes))
+    doubts = [words for words in (_misfit(e.on_map, e.usual),) if words]
+    if not e.inliers >= FEWEST_INLIERS:
+        doubts.append(f"only {e.inliers:.0f} points lie on the map: too few to check the pose with")
+    doubts.extend(d.words for d in e.directions if d.words.startswith("free"))
+    if e.status != "converged":
+        doubts.append(f"the loop did not converge: {e.status}")
+    if doubts:
+        return Verdict("suspect", (*doubts, *notes))
+    words = (
+        f"{e.inliers:.0f} points, {100 * e.on_map:.0f} % of the frame, lie within {e.width:.3g} (one sigma) of points "
+        "of the map; all six motions are held"
+    )
+    return Verdict("accepted", (words, *notes))
+
+
+def fits(on_map: float, usual: float) -> bool:
+    """Whether so many points of a frame lie on the map that its pose can be believed."""
+    return _misfit(on_map, usual) is None
+
+
+def _misfit(on_map: float, usual: float) -> str | None:
+    if not on_map >= FEW_ON_MAP:
+        return f"only {100 * on_map:.0f} % of the frame's points lie on the map: the pose may have slipped"
+    if on_map < FALL * usual:
+        return (
+            f"{100 * on_map:.0f} % of the frame's points lie on the map, after {100 * usual:.0f} % in the frames "
+            "before: the pose may have slipped, or the view is new"
+        )
+    return None
+
+
+def without_pose(reasons: tuple[str, ...], status: str, settings: dict[str, object]) -> Registration:
+    """Result of a frame that cannot be placed.
+
+    Parameters
+    ----------
+    reasons : tuple of str
+        Why.
+    status : str
+        In one or two words.
+    settings : dict
+        What was resolved.
+
+    Returns
+    -------
+    Registration
+        Level "failed", all numbers NaN.
+
+    Examples
+    --------
+    >>> without_pose(("it is empty",), "no points", {}).verdict.level
+    'failed'
+    """
+    return _bare(np.full((4, 4), np.nan), Verdict("failed", reasons), status, np.nan, settings)
+
+
+def first_frame(T_map_frame: FloatArray, notes: tuple[str, ...], settings: dict[str, object]) -> Registration:
+    """Result of the frame that the map begins with.
+
+    Parameters
+    ----------
+    T_map_frame : ndarray, (4, 4)
+        Its pose, which defines the map's frame.
+    notes : tuple of str
+        What was left out.
+    settings : dict
+        What was resolved.
+
+    Returns
+    -------
+    Registration
+        Accepted, with covariance zero: its pose is a definition.
+    """
+    verdict = Verdict("accepted", ("the map begins with this frame: its pose is a definition", *notes))
+    return _bare(T_map_frame, verdict, "first frame", 0.0, settings)
+
+
+def _bare(T: FloatArray, verdict: Verdict, status: str, variance: float, settings: dict[str, object]) -> Registration:
+    return Registration(
+        T_target_source=T,
+        verdict=verdict,
+        status=status,
+        covariance=np.full((6, 6), variance),
+        observability=(),
+        alternatives=(),
+        history=(),
+        rms=np.nan,
+        inlier_fraction=np.nan,
+        timings={},
+        settings=settings,
+    )

@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+import csv
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip("kiss_icp")
+
+from dqreg.cli.main import main
+
+
+def run(*arguments) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return int(stop.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    # A hall's walls, sampled anew for every frame; the sensor moves by 0.2 a frame.
+    rng, folder = np.random.default_rng(0), tmp_path_factory.mktemp("scans")
+    poses, frames = [], []
+    for i in range(4):
+        walls = rng.uniform(-1, 1, (4000, 3)) * [8, 6, 3]
+        side = np.arange(4000) % 3
+        rows = np.arange(4000)
+        walls[rows, side] = np.sign(walls[rows, side]) * np.array([8, 6, 3])[side]
+        frames.append(walls - [0.2 * i, 0, 0])
+        poses.append([1, 0, 0, 0.2 * i, 0, 1, 0, 0, 0, 0, 1, 0])
+    np.savetxt(folder / "truth.txt", poses)
+    np.savez(folder / "good.npz", points=np.vstack(frames), offsets=np.arange(5) * 4000)
+    np.savez(folder / "gap.npz", points=np.vstack(frames), offsets=[0, 4000, 4000, 12000, 16000])
+    return folder
+
+
+def test_a_sequence_becomes_a_trajectory_with_all_its_outputs(sequence, tmp_path, capsys):
+    out, frames, plot = tmp_path / "poses.txt", tmp_path / "frames.csv", tmp_path / "run.png"
+    truth = sequence / "truth.txt"
+    code = run("odometry", sequence / "good.npz", "--out", out, "--truth", truth, "--frames", frames, "--plot", plot)
+    text = capsys.readouterr().out
+    assert code == 0
+    assert "4 accepted, 0 suspect, 0 failed" in text
+    assert "NEES" in text
+    np.testing.assert_allclose(np.loadtxt(out), np.loadtxt(truth), atol=0.02)
+    rows = list(csv.DictReader(frames.read_text().splitlines()))
+    assert [row["level"] for row in rows] == ["accepted"] * 4
+    assert 0.0 < float(rows[1]["sigma_shift"]) < 0.1
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_frame_without_points_is_named_and_the_code_says_so(sequence, tmp_path, capsys):
+    out = tmp_path / "poses.txt"
+    assert run("odometry", sequence / "gap.npz", "--out", out) == 1
+    text = capsys.readouterr().out
+    assert "frame 1: FAILED: the frame holds no finite point" in text
+    assert "frames without a pose are bridged: 1" in text
+    assert len(np.loadtxt(out)) == 4
+
+
+def test_the_comparison_is_one_command(sequence, capsys):
+    pytest.importorskip("small_gicp")
+    assert run("odometry", sequence / "good.npz", "--truth", sequence / "truth.txt", "--compare", "--first", "3") == 0
+    text = capsys.readouterr().out
+    for name in ("KISS-ICP, defaults", "small_gicp, scan to scan", "dqreg"):
+        assert name in text
+
+
+def test_kiss_icp_runs_through_the_same_command(sequence, tmp_path):
+    out = tmp_path / "k.tum"
+    assert run("odometry", sequence / "good.npz", "--engine", "kiss-icp", "--out", out, "--quiet") == 0
+    assert np.loadtxt(out).shape == (4, 8)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["absent"], "no such file or folder"),
+        (["good.npz", "--voxel-size", "-1"], "voxel_size must be a length above 0"),
+        (["good.npz", "--first", "0"], "--first must be at least 1"),
+        (["good.npz", "--truth", "good.npz"], "cannot read the trajectory"),
+        (["good.npz", "--out", "no/such/folder/a.txt"], "does not exist"),
+        (["good.npz", "--method", "magic"], "unknown method"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(sequence, monkeypatch, capsys, arguments, words):
+    monkeypatch.chdir(sequence)
+    assert run("odometry", *arguments) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert len(error.splitlines()) == 1
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import sys; from dqreg.cli.odometry import odometry_command; "
+        "print([m for m in ('open3d', 'kiss_icp', 'scipy') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ}, check=True)
+    assert done.stdout.strip() == "[]"

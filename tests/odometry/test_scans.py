@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("kiss_icp")
+
+from dqreg.errors import InputError
+from dqreg.files import write_cloud
+from dqreg.odometry.engines import run_ours
+from dqreg.odometry.scans import open_scans
+from dqreg.odometry.settings import OdometrySettings
+
+
+@pytest.fixture
+def points():
+    return np.random.default_rng(0).uniform(-5, 5, (50, 3)).astype(np.float32).astype(np.float64)
+
+
+def test_natural_order_and_each_kind_of_file(tmp_path, points):
+    for number in (10, 9, 1):
+        write_cloud(tmp_path / f"scan_{number}.ply", points + number)
+    (tmp_path / "times.txt").write_text("0\n0.5\n1\n")
+    (tmp_path / "poses.txt").write_text("notes\n")
+    scans = open_scans(tmp_path)
+    assert scans.names == ("scan_1.ply", "scan_9.ply", "scan_10.ply")
+    np.testing.assert_allclose(scans[2].points, points + 10, atol=1e-6)
+    assert scans.times.tolist() == [0, 0.5, 1]
+
+
+def test_kitti_bin_npz_and_archive(tmp_path, points):
+    np.hstack([points, np.ones((50, 1))]).astype("<f4").tofile(tmp_path / "0.bin")
+    np.testing.assert_array_equal(open_scans(tmp_path)[0].points, points)
+    folder = tmp_path / "npz"
+    folder.mkdir()
+    for i in range(2):
+        np.savez(folder / f"{i}.npz", points=points, timestamps=np.arange(50.0))
+    assert open_scans(folder)[1].timestamps.tolist() == list(range(50))
+    whole = tmp_path / "whole.npz"
+    np.savez(
+        whole, points=np.arange(15, dtype=np.int16).reshape(5, 3), offsets=[0, 2, 2, 5], scale=0.5, times=[1, 2, 3]
+    )
+    scans = open_scans(whole)
+    assert [len(scans[i].points) for i in range(3)] == [2, 0, 3]
+    assert scans[0].points[1].tolist() == [1.5, 2.0, 2.5]
+
+
+def test_times_of_points_in_ply(tmp_path, points):
+    header = "ply\nformat ascii 1.0\nelement vertex 2\n" + "".join(
+        f"property double {n}\n" for n in ("x", "y", "z", "t")
+    )
+    (tmp_path / "a.ply").write_text(header + "end_header\n1 2 3 0.25\n4 5 6 0.5\n")
+    frame = open_scans(tmp_path)[0]
+    assert frame.timestamps.tolist() == [0.25, 0.5]
+    assert frame.points.tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+def test_a_damaged_file_is_a_frame_that_failed(tmp_path, jerky):
+    for i in (0, 2):
+        write_cloud(tmp_path / f"{i}.ply", jerky.frames[i // 2])
+    (tmp_path / "1.ply").write_text("ply\ncut short")
+    trip = run_ours(open_scans(tmp_path), OdometrySettings())
+    assert [r.verdict.level for r in trip.results] == ["accepted", "failed", "accepted"]
+    assert "1.ply" in trip.results[1].verdict.reasons[0]
+
+
+def test_kiss_icps_loaders_are_used_and_named(tmp_path, points):
+    sequence = tmp_path / "sequences" / "07" / "velodyne"
+    sequence.mkdir(parents=True)
+    np.hstack([points, np.ones((50, 1))]).astype("<f4").tofile(sequence / "000000.bin")
+    (sequence.parent / "calib.txt").write_text("Tr: 0 -1 0 0 0 0 -1 0 1 0 0 0\n")
+    (tmp_path / "poses").mkdir()
+    (tmp_path / "poses" / "07.txt").write_text("1 0 0 5 0 1 0 0 0 0 1 0\n" * 2)
+    (sequence.parent / "times.txt").write_text("0\n0.1\n")
+    scans = open_scans(tmp_path, loader="kitti", sequence="7")
+    assert len(scans) == 1
+    assert len(scans[0].points) == 50
+    # KITTI's poses are the camera's: here its axes are turned, and KISS-ICP's loader knows how.
+    moved = np.eye(4)
+    moved[0, 3] = 1.0
+    assert scans.calibrate(moved[None])[0, :3, 3].tolist() == [0, 0, 1]
+    with pytest.raises(InputError, match="unknown data loader"):
+        open_scans(tmp_path, loader="nosuch")
+    with pytest.raises(InputError, match="cannot read"):
+        open_scans(tmp_path, loader="kitti", sequence="9")
+
+
+def test_what_is_no_sequence_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        open_scans(tmp_path / "absent")
+    with pytest.raises(InputError, match="holds no scans"):
+        open_scans(tmp_path)
+    (tmp_path / "one.ply").write_text("ply")
+    with pytest.raises(InputError, match="is one file"):
+        open_scans(tmp_path / "one.ply")
+    np.savez(tmp_path / "bad.npz", points=np.zeros((3, 3)), offsets=[0, 9])
+    with pytest.raises(InputError, match="offsets"):
+        open_scans(tmp_path / "bad.npz")
+    (tmp_path / "t.txt").write_text("1\n2\n")
+    with pytest.raises(InputError, match="2 times for 1 frames"):
+        open_scans(tmp_path, times=tmp_path / "t.txt") if (tmp_path / "bad.npz").unlink() is None else None

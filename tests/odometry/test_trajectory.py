@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+pytest.importorskip("kiss_icp")
+
+from dqreg.errors import InputError
+from dqreg.odometry import bridge_gaps, evaluate, nees, read_trajectory, write_trajectory
+from dqreg.odometry.evaluation import CHI2_HIGH, CHI2_LOW
+from dqreg.odometry.table import match_truth
+from dqreg.rigid import pose, twist
+
+
+def walk(count: int, seed: int = 0):
+    rng = np.random.default_rng(seed)
+    T = [np.eye(4)]
+    for _ in range(count - 1):
+        T.append(T[-1] @ twist.exp(rng.normal(scale=[0.1, 0.1, 0.1, 1, 1, 1])))
+    return np.stack(T)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**31), st.sampled_from(["kitti", "tum"]))
+def test_what_is_written_is_read(tmp_path_factory, seed, form):
+    path = tmp_path_factory.mktemp("t") / "a.txt"
+    poses, times = walk(5, seed), np.linspace(1.6e9, 1.6e9 + 2, 5)
+    write_trajectory(path, poses, times, form)
+    read, stamps = read_trajectory(path)
+    np.testing.assert_allclose(read, poses, atol=1e-12)
+    if form == "tum":
+        np.testing.assert_allclose(stamps, times, atol=1e-6)
+
+
+def test_tum_puts_w_last_and_kitti_is_three_rows(tmp_path):
+    T = pose.from_parts([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [1, 2, 3])  # a quarter turn about z
+    write_trajectory(tmp_path / "a.tum", [T], [7.0])
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "a.tum"), [7, 1, 2, 3, 0, 0, 0.5**0.5, 0.5**0.5], atol=1e-12)
+    assert write_trajectory(tmp_path / "a.txt", [T]) == "kitti"
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "a.txt"), T[:3].ravel(), atol=1e-15)
+
+
+def test_gaps_are_bridged_by_one_screw_and_left_out_of_tum(tmp_path):
+    step = twist.exp([0.1, -0.2, 0.3, 1.0, 2.0, 3.0])
+    poses = np.stack([np.linalg.matrix_power(step, i) for i in range(5)])
+    holes = poses.copy()
+    holes[[1, 2]] = np.nan
+    bridged, rows = bridge_gaps(holes)
+    np.testing.assert_allclose(bridged, poses, atol=1e-12)
+    assert rows.tolist() == [1, 2]
+    write_trajectory(tmp_path / "a.tum", holes)
+    assert np.loadtxt(tmp_path / "a.tum")[:, 0].tolist() == [0, 3, 4]
+    holes[[0, 4]] = np.nan
+    np.testing.assert_array_equal(bridge_gaps(holes)[0], np.stack([poses[3]] * 5))
+    with pytest.raises(InputError, match="none of the 2 frames"):
+        bridge_gaps(np.full((2, 4, 4), np.nan))
+
+
+@pytest.mark.parametrize("text", ["", "1 2 3\n", "a b\n", "1 " * 12 + "\n", "nan " * 12 + "\n", "0 " * 8 + "\n"])
+def test_what_is_no_trajectory_is_refused(tmp_path, text):
+    (tmp_path / "bad.txt").write_text(text)
+    with pytest.raises(InputError, match=r"bad\.txt"):
+        read_trajectory(tmp_path / "bad.txt")
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 2**31))
+def test_errors_do_not_depend_on_the_frame_of_either_side(seed):
+    rng = np.random.default_rng(seed)
+    truth = walk(15, seed)
+    poses = truth @ twist.exp(rng.normal(scale=0.01, size=(15, 6)))
+    moved = evaluate(pose.random(rng, reach=5.0) @ poses, pose.random(rng, reach=5.0) @ truth)
+    plain = evaluate(poses, truth)
+    for step in (1, 10):
+        for a, b in zip(moved.steps[step], plain.steps[step], strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-7)
+    # KISS-ICP's own metric aligns as well: an oracle for ours.
+    assert plain.absolute_rmse == pytest.approx(plain.kiss_ate[1], rel=1e-6)
+    assert moved.absolute_rmse == pytest.approx(plain.absolute_rmse, rel=1e-6)
+
+
+def test_lost_frames_are_counted():
+    truth = walk(12)
+    poses = truth.copy()
+    poses[4] = np.nan
+    poses[8:] = poses[8:] @ twist.exp([0, 0, 0.5, 0, 0, 0])
+    assert evaluate(truth, truth).lost == 0
+    assert evaluate(poses, truth).lost >= 2
+
+
+@settings(deadline=None, max_examples=10)
+@given(st.integers(0, 2**31))
+def test_nees_of_errors_drawn_from_the_covariances_is_chi_square(seed):
+    rng = np.random.default_rng(seed)
+    truth = pose.random(rng, reach=3.0) @ walk(200, seed)
+    spread = rng.normal(size=(200, 6, 6)) * [0.01, 0.01, 0.01, 0.05, 0.05, 0.05]
+    covariances = spread.transpose(0, 2, 1) @ spread
+    draws = np.einsum("nji,nj->ni", spread, rng.normal(size=(200, 6)))
+    # Left increments about the sensor, in the map's axes: the covariance's own meaning.
+    poses = np.stack([pose.about(twist.exp(-d), T[:3, 3]) @ T for d, T in zip(draws, truth, strict=True)])
+    values = nees(poses, covariances, np.linalg.inv(truth[0]) @ truth)
+    assert 5.0 < values.mean() < 7.2
+    assert np.mean((values > CHI2_LOW) & (values < CHI2_HIGH)) > 0.85
+
+
+def test_truth_is_matched_by_number_or_by_time():
+    truth = walk(4)
+    np.testing.assert_array_equal(match_truth(truth, None, None, 4), truth)
+    matched = match_truth(truth, np.arange(4.0), np.array([1.0, 3.0]), 2)
+    np.testing.assert_array_equal(matched, truth[[1, 3]])
+    with pytest.raises(InputError, match="4 poses for 2 frames"):
+        match_truth(truth, None, None, 2)
+    with pytest.raises(InputError, match="away from the nearest"):
+        match_truth(truth, np.arange(4.0), np.array([1.0, 9.0]), 2)
