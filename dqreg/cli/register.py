@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from dqreg.atomic import require_writable
 from dqreg.errors import InputError
 from dqreg.report import make_progress, print_summary
 from dqreg.result import Registration
+from dqreg.trust.deviation_files import require_suffix
 
 UNITS = click.Choice(["mm", "cm", "m", "inch", "ft"])
 FILE = click.Path(path_type=Path)
@@ -25,6 +27,16 @@ FILE = click.Path(path_type=Path)
               "holds a 4x4 T_target_source as text, or a result.json.")  # fmt: skip
 @click.option("--out", type=FILE, help="Write the result as JSON.")
 @click.option("--aligned", type=FILE, help="Write the scan in the target's frame as PLY.")
+@click.option(
+    "--deviations", type=FILE, help="Write every point with its signed deviation: coloured .ply, .csv or .npy."
+)
+@click.option(
+    "--report", type=FILE, help="Write an HTML report: verdict, view, deviations; with --tolerance, pass or fail."
+)
+@click.option("--tolerance", type=float, metavar="LENGTH", help="Largest deviation allowed, target units: print the "
+              "share within, and end the colours there.")  # fmt: skip
+@click.option("--reach", type=float, metavar="LENGTH", help="Points farther off than this belong to something else and "
+              "enter no figures, target units  [default: a quarter of --max-distance].")  # fmt: skip
 @click.option("--method", default="auto", show_default=True, help="auto, dq, dq-points, svd or plane.")
 @click.option("--effort", default="normal", show_default=True, help="fast, normal or best: points of the last level.")
 @click.option("--max-distance", type=float, help="Largest distance of a pair, target units  [default: 0.2 sizes].")
@@ -36,7 +48,17 @@ FILE = click.Path(path_type=Path)
 @click.option("--no-acceleration", "accelerate", flag_value=False, default=True, help="Plain steps, no extrapolation.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def register_command(
-    scan: Path, target: Path, start: str, out: Path | None, aligned: Path | None, quiet: bool, **options: Any
+    scan: Path,
+    target: Path,
+    start: str,
+    out: Path | None,
+    aligned: Path | None,
+    deviations: Path | None,
+    report: Path | None,
+    tolerance: float | None,
+    reach: float | None,
+    quiet: bool,
+    **options: Any,
 ) -> int:
     """Find the pose that puts SCAN on TARGET (a CAD mesh or another scan).
 
@@ -44,17 +66,31 @@ def register_command(
     dqreg register scan.ply part.stl
     dqreg register scan.pcd part.stl --start nominal.txt --out result.json
     dqreg register moved.ply fixed.ply --start identity --aligned moved_on_fixed.ply
+    dqreg register scan.ply part.stl --deviations deviations.ply --tolerance 0.05
+    dqreg register scan.ply part.stl --report report.html --tolerance 0.05
     """
     from dqreg.register import register
 
-    for path in (out, aligned):
+    # Asked before the work starts, so that no result is lost after it.
+    for path in (out, aligned, deviations, report):
         if path is not None:
-            require_writable(path)  # asked before the work starts, so that no result is lost after it
+            require_writable(path)
+    if deviations is not None:
+        require_suffix(deviations)
+    for name, length in (("--tolerance", tolerance), ("--reach", reach)):
+        if length is not None and not length > 0.0:
+            raise InputError(f"{name} must be a length above 0 in target units; got {length!r}")
     console = Console(quiet=quiet)
     with make_progress(console, quiet=quiet) as progress:
-        result = register(scan, target, read_start(start), observe=progress, **options)
+        began = read_start(start)
+        result = register(scan, target, began, observe=progress, **options)
     print_summary(console, result)
     write_outputs(result, scan, out, aligned, console)
+    if deviations is not None or tolerance is not None:
+        tell_deviations(result, deviations, tolerance, reach, console)
+    if report is not None:
+        result.report(report, tolerance, reach=reach, start=began if isinstance(began, np.ndarray) else None)
+        console.print(f"wrote {report}", highlight=False, markup=False, soft_wrap=True)
     return 0 if result.verdict.level == "accepted" else 1
 
 
@@ -130,3 +166,36 @@ def write_outputs(result: Registration, scan: Path, out: Path | None, aligned: P
         normals = normals @ result.T_target_source[:3, :3].T
     write_cloud(aligned, result.apply(points), normals)
     console.print(f"wrote {aligned}", highlight=False, markup=False, soft_wrap=True)
+
+
+def tell_deviations(
+    result: Registration, path: Path | None, tolerance: float | None, reach: float | None, console: Console
+) -> None:
+    """Print the deviations of a result and write them.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer, with both sides.
+    path : Path or None
+        Where to; None writes nothing.
+    tolerance, reach : float or None
+        As in `Registration.deviations`.
+    console : Console
+        Told the figures.
+    """
+    if not np.isfinite(result.rms):
+        told = f"not written: {path} (no pose was found)" if path else "no deviations: no pose was found"
+        console.print(told, highlight=False, markup=False, soft_wrap=True)
+        return
+    from dqreg.cli.deviation_lines import deviation_lines
+
+    with warnings.catch_warnings():
+        # Why there are no signs stands in the first line.
+        warnings.simplefilter("ignore", UserWarning)
+        deviations = result.deviations(tolerance, reach=reach)
+    for name, text in deviation_lines(deviations):
+        console.print(f"{name:>10}  {text}", highlight=False, markup=False, soft_wrap=True)
+    if path is not None:
+        deviations.save(path)
+        console.print(f"wrote {path}", highlight=False, markup=False, soft_wrap=True)

@@ -15,8 +15,9 @@ from dqreg.arrays import FloatArray, IntArray
 from dqreg.errors import MissingDependencyError
 from dqreg.files.mesh_data import MeshData, make_mesh
 from dqreg.files.opening import unreadable
+from dqreg.files.unit_words import unit_of_comment
 
-# glTF is in metres by definition; 3MF states one of these words. Other formats are silent, and so are we.
+# glTF is in metres by definition; 3MF states one of these words; OBJ may in a comment. STL and OFF are silent.
 UNIT_WORDS = {
     "micron": "um",
     "millimeter": "mm",
@@ -54,9 +55,10 @@ def read_mesh_file(path: Path) -> MeshData:
     vertices, faces = _joined(path, loaded)
     if extension == ".off":
         _require_off_faces(path, len(faces))
+    units = "m" if extension in (".glb", ".gltf") else None
     if extension == ".obj":
         _require_whole_obj(path)
-    units = "m" if extension in (".glb", ".gltf") else None
+        units = _obj_units(path)
     if extension == ".3mf":
         units = UNIT_WORDS.get(str(loaded.units))
     return make_mesh(path, vertices, faces, units)
@@ -153,3 +155,13 @@ def _require_whole_obj(path: Path) -> None:
         last = stream.read().splitlines()[-1].split()
     if last[:1] == [b"f"] and len(last) < 4:
         raise unreadable(path, "a last face with fewer than three corners", "a whole file; was it cut short?")
+
+
+def _obj_units(path: Path) -> str | None:
+    # Exporters that state a unit do so in the comments before the first vertex.
+    with path.open(errors="replace") as stream:
+        comments = itertools.takewhile(
+            lambda line: not line.strip() or line.startswith("#"), itertools.islice(stream, 50)
+        )
+        units = {unit_of_comment(line.lstrip("# ")) for line in comments} - {None}
+    return units.pop() if len(units) == 1 else None

@@ -6,6 +6,7 @@ reader (0.20) hands back memory that nobody wrote, without an error.
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,8 @@ def read_ply(path: Path) -> CloudData | MeshData:
     Parameters
     ----------
     path : Path
-        A readable file: text or binary, any property types, further properties and comments ignored.
+        A readable file: text or binary, any property types; further properties and
+        comments are ignored, but for one that states the unit.
 
     Returns
     -------
@@ -46,12 +48,13 @@ def read_ply(path: Path) -> CloudData | MeshData:
     columns = _binary_vertices(path, header, vertex) if table is None else list(table.T)
     points = stack_columns(columns, positions)
     if face is None or not face.count:
-        return make_cloud(path, points, None if normals is None else stack_columns(columns, normals))
+        cloud = make_cloud(path, points, None if normals is None else stack_columns(columns, normals))
+        return dataclasses.replace(cloud, units=header.units)
     if header.byte_order:
         lengths, corners = binary_polygons(path, header, face)
     else:
         lengths, corners = text_polygons(path, face, rest)
-    return make_mesh(path, points, triangles(lengths, corners))
+    return make_mesh(path, points, triangles(lengths, corners), header.units)
 
 
 def _vertex_table(path: Path, header: PlyHeader) -> Element:

@@ -6,6 +6,7 @@ import dataclasses
 from pathlib import Path
 
 from dqreg.files.opening import unreadable
+from dqreg.files.unit_words import unit_of_comment
 
 # NumPy codes of the PLY types, under their old and new names.
 TYPES = {
@@ -62,11 +63,14 @@ class PlyHeader:
         The tables in the order of the file.
     size : int
         Bytes of the header: where the tables begin.
+    units : str or None
+        Length unit, where a comment states one ("comment units mm") and no other contradicts it.
     """
 
     byte_order: str
     elements: tuple[Element, ...]
     size: int
+    units: str | None = None
 
     def element(self, name: str) -> Element | None:
         """Table of this name, or None."""
@@ -123,9 +127,11 @@ def read_header(path: Path) -> PlyHeader:
 def _parse(path: Path, lines: list[str], size: int) -> PlyHeader:
     order: str | None = None
     elements: list[Element] = []
+    units: set[str | None] = set()
     for line in lines:
         words = line.split()
         if not words or words[0] in ("comment", "obj_info"):
+            units.add(unit_of_comment(" ".join(words[1:])))
             continue
         try:
             if words[0] == "format":
@@ -141,7 +147,8 @@ def _parse(path: Path, lines: list[str], size: int) -> PlyHeader:
             raise unreadable(path, f"the header line {line.strip()!r}", "a line of the PLY format") from error
     if order is None:
         raise unreadable(path, "a PLY header without a format line", "format ascii or binary")
-    return PlyHeader(order, tuple(elements), size)
+    units.discard(None)
+    return PlyHeader(order, tuple(elements), size, units.pop() if len(units) == 1 else None)
 
 
 def _property(words: list[str]) -> Property:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dqreg.arrays import FloatArray, as_float, as_vectors
 from dqreg.errors import InputError
+from dqreg.geometry.depth import depth_points
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,6 +71,62 @@ class PointCloud:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    @classmethod
+    def from_depth(
+        cls,
+        depth: Any,
+        intrinsics: Any,
+        *,
+        depth_scale: float | None = None,
+        depth_trunc: float | None = None,
+        stride: int = 1,
+        normals: bool = True,
+        units: str | None = "m",
+    ) -> PointCloud:
+        """Cloud of a depth image, in the camera's frame (x right, y down, z forward), seen from its origin.
+
+        Parameters
+        ----------
+        depth : array_like, (h, w)
+            Depth along the optical axis; zero, negative, not finite and the largest unsigned value mean none.
+        intrinsics : (3, 3) array_like, (fx, fy, cx, cy), or Open3D's PinholeCameraIntrinsic
+            Pinhole camera; whole pixel coordinates are the middles of pixels.
+        depth_scale : float, optional
+            Numbers of the image a unit of length. Default: 1000 for whole numbers (mm to m), 1 for others.
+        depth_trunc : float, optional
+            Largest depth used, in units of length.
+        stride : int
+            Every so many rows and columns.
+        normals : bool
+            Whether to fit normals from the grid; pixels without a plane around them are then dropped.
+        units : str, optional
+            Length unit of the cloud: what the image gives after division by the scale.
+
+        Returns
+        -------
+        PointCloud
+            With viewpoint at the camera; ``dropped`` counts the pixels left out.
+
+        Raises
+        ------
+        InputError
+            If the image, the camera or a number cannot be used, or no pixel holds a depth.
+
+        Examples
+        --------
+        >>> cloud = PointCloud.from_depth(np.full((8, 8), 2000, dtype=np.uint16), (500.0, 500.0, 3.5, 3.5))
+        >>> len(cloud), cloud.units, cloud.normals[0, 2].round(9).tolist()
+        (64, 'm', -1.0)
+        """
+        found = depth_points(
+            depth, intrinsics, depth_scale=depth_scale, depth_trunc=depth_trunc, stride=stride, normals=normals
+        )
+        if not len(found.points):
+            raise InputError(
+                f"none of the {found.dropped} pixels of the depth image can be used; is it the depth image?"
+            )
+        return cls(found.points, found.normals, np.zeros(3), units, found.dropped)
 
 
 def _freeze(cloud: PointCloud, **values: Any) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from dqreg.arrays import FloatArray, IntArray, as_vectors
 from dqreg.errors import InputError
+from dqreg.geometry.topology import Topology
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,6 +27,8 @@ class Mesh:
         Length unit, where the file says so.
     dropped : int
         Faces left out so far because they have no area; those found here are added.
+    flat : array_like of int, (k, 3), optional
+        Faces without area found so far. They are no surface, but they may close the seam between two others.
 
     Raises
     ------
@@ -43,6 +46,7 @@ class Mesh:
     faces: IntArray
     units: str | None = None
     dropped: int = 0
+    flat: IntArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64), repr=False)
 
     def __post_init__(self) -> None:
         vertices = as_vectors(self.vertices, "vertices", finite=False)
@@ -56,6 +60,7 @@ class Mesh:
             raise InputError(f"the mesh has {len(faces)} faces, none with an area; a target needs triangles")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", np.ascontiguousarray(faces[solid]))
+        object.__setattr__(self, "flat", np.concatenate([self.flat, faces[~solid]]))
         object.__setattr__(self, "dropped", self.dropped + int(len(faces) - np.count_nonzero(solid)))
 
     @cached_property
@@ -71,16 +76,75 @@ class Mesh:
         return unit
 
     @cached_property
+    def topology(self) -> Topology:
+        """Which faces meet where, with vertices in one place taken as one."""
+        return Topology.of(self.vertices, self.faces, self.flat)
+
+    @cached_property
     def face_neighbours(self) -> IntArray:
         """Face across each of the three sides (first to second corner, ...), (f, 3); itself where there is none."""
         count = len(self.faces)
-        sides = np.sort(np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-        order = np.lexsort((sides[:, 1], sides[:, 0]))
-        same = (sides[order[1:]] == sides[order[:-1]]).all(axis=1)
-        neighbours = np.repeat(np.arange(count), 3)
-        first, second = order[:-1][same], order[1:][same]
-        neighbours[first], neighbours[second] = second // 3, first // 3
-        return neighbours.reshape(count, 3)
+        across: IntArray = self.topology.across[:count] // 3
+        # A neighbour without area is no face of this mesh.
+        return np.where(across < count, across, np.arange(count)[:, None])
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether every side of every face is shared: the mesh bounds a body, it is watertight."""
+        return self.topology.open_sides == 0
+
+    @property
+    def is_consistently_wound(self) -> bool:
+        """Whether faces that share a side run along it in opposite senses, as outward normals on all of them ask."""
+        return self.topology.uneven_sides == 0
+
+    @cached_property
+    def body_volumes(self) -> FloatArray:
+        """Signed volume of each connected body, (b,): negative where its faces are wound inward."""
+        bodies = self.topology.bodies[: len(self.faces)]
+        volumes = np.zeros(int(self.topology.bodies.max()) + 1)
+        np.add.at(volumes, bodies, np.linalg.det(self.corners - self.centre) / 6.0)
+        return volumes
+
+    @property
+    def volume(self) -> float:
+        """Enclosed volume by the divergence theorem, cubic length units; meaningful for a closed mesh only."""
+        return float(self.body_volumes.sum())
+
+    @cached_property
+    def inward_bodies(self) -> tuple[int, int]:
+        """How many of the outermost bodies are wound inward, and how many outermost bodies there are.
+
+        A body whose bounding box lies inside that of another is taken for a cavity of it, which is wound inward
+        rightly.
+        """
+        bodies = self.topology.bodies[: len(self.faces)]
+        count = len(self.body_volumes)
+        low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+        np.minimum.at(low, bodies, self.corners.min(axis=1))
+        np.maximum.at(high, bodies, self.corners.max(axis=1))
+        order = np.argsort(-np.prod(np.maximum(high - low, 0.0), axis=1))
+        outermost: list[int] = []
+        for body in order[np.isfinite(low[order]).all(axis=1)]:
+            within = (low[outermost] <= low[body]).all(axis=1) & (high[outermost] >= high[body]).all(axis=1)
+            if not within.any():
+                outermost.append(int(body))
+        return int(np.count_nonzero(self.body_volumes[outermost] < 0.0)), len(outermost)
+
+    @cached_property
+    def faults(self) -> tuple[str, ...]:
+        """What is wrong with the mesh as the boundary of a body, in words; empty for a sound one."""
+        found = []
+        if self.topology.open_sides:
+            found.append(f"{self.topology.open_sides} sides of faces are open: the mesh is not watertight")
+        if self.topology.uneven_sides:
+            found.append(f"{self.topology.uneven_sides} sides join faces that are wound against each other")
+        inward, outermost = self.inward_bodies
+        if not found and inward:
+            found.append(f"{inward} of {outermost} bodies are wound inward")
+        if self.dropped:
+            found.append(f"{self.dropped} faces have no area")
+        return tuple(found)
 
     @cached_property
     def face_areas(self) -> FloatArray:

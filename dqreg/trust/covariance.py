@@ -10,6 +10,8 @@ from dqreg.arrays import BoolArray, FloatArray
 
 # Information below this share of what all pairs could give with the longest lever is rounding or facets, not shape.
 FREE = 1e-5
+# Patches of neighbouring pairs whose noise may be one; and the fewest from which a scatter can be learned.
+PATCHES, FEWEST_PATCHES = 500, 30
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,9 +23,10 @@ class Information:
 
     Attributes
     ----------
-    values : ndarray, (6,)
-        Eigenvalues over the sum of weights, ascending; about 1 where every pair works against a motion.
-    vectors : ndarray, (6, 6)
+    values : ndarray, (k,)
+        Six, or fewer where motions were locked: eigenvalues over the sum of weights, ascending; about 1 where every
+        pair works against a motion.
+    vectors : ndarray, (6, k)
         Scaled twists, one a column.
     weight : float
         Sum of weights.
@@ -33,6 +36,11 @@ class Information:
         The length L.
     centre : ndarray, (3,)
         Where turns are about, target frame.
+    carriers : ndarray, (k,)
+        Number of pairs, about, that hold each motion: as many equal ones would hold it as well.
+    scatter : ndarray, (6, 6), or None
+        Covariance of the scaled twist as the residuals themselves scatter from patch to patch; zero along free
+        motions. None takes ``sigma^2`` for every pair, each by itself.
     """
 
     values: FloatArray
@@ -41,11 +49,23 @@ class Information:
     sigma: float
     lever: float
     centre: FloatArray
+    carriers: FloatArray = dataclasses.field(default_factory=lambda: np.full(6, np.inf))
+    scatter: FloatArray | None = None
 
     @property
     def free(self) -> BoolArray:
         """Which of the six motions the matches leave free, (6,)."""
         return np.asarray(self.values < FREE)
+
+    @property
+    def effective(self) -> float:
+        """Independent pairs that would leave as much uncertainty as these do; the sum of weights without a scatter."""
+        if self.scatter is None:
+            return self.weight
+        held = ~self.free
+        alone = float((1.0 / self.values[held]).sum()) * self.sigma**2
+        found = float(np.trace(self.scatter))
+        return alone / found if found > 0.0 else self.weight
 
 
 def information_of(
@@ -55,6 +75,11 @@ def information_of(
     weights: FloatArray,
     lever: float,
     centre: FloatArray,
+    smooth: FloatArray | None = None,
+    *,
+    patchwise: bool = False,
+    allowed: FloatArray | None = None,
+    prior: FloatArray | None = None,
 ) -> Information:
     """Information from distances along the target's normals: sliding along a face costs nothing.
 
@@ -75,6 +100,17 @@ def information_of(
         Half the diagonal of the target.
     centre : ndarray, (3,)
         Middle of the target.
+    smooth : ndarray, (n, 3), optional
+        Normals of the smooth surface that the target's facets stand for: they say what is free, because facets would
+        hold a round shaft against a spin.
+    patchwise : bool
+        Whether the covariance is learned from how the residuals scatter from patch to patch (points in Morton order):
+        noise that differs from face to face, or that neighbours share, then counts as it is (White 1980; Liang and
+        Zeger 1986).
+    allowed : ndarray, (6, k), optional
+        Twists about the centre that the pose may still take, one a column; the others were locked.
+    prior : ndarray, (6, 6), optional
+        Information about the twist that was known beforehand.
 
     Returns
     -------
@@ -90,11 +126,39 @@ def information_of(
     3
     """
     total = float(weights.sum())
-    rows = plane_rows(points, normals, centre, lever)
-    matrix = (rows * weights) @ rows.T / max(total, np.finfo(float).tiny)
-    values, vectors = np.linalg.eigh(matrix)
     variance = float(weights @ residuals**2) / max(total - 6.0, 1.0)
-    return Information(np.maximum(values, 0.0), vectors, total, float(np.sqrt(variance)), lever, centre)
+    scaling = np.r_[[lever] * 3, [1.0] * 3]
+    basis = np.eye(6) if allowed is None else np.linalg.qr(allowed * scaling[:, None])[0]
+    # What was known beforehand, in the units of the pairs' own information.
+    known = np.zeros((6, 6)) if prior is None else variance * prior / scaling / scaling[:, None]
+    known = basis.T @ known @ basis
+    rows = basis.T @ plane_rows(points, normals, centre, lever)
+    shape = rows if smooth is None else basis.T @ plane_rows(points, smooth, centre, lever)
+    values, vectors = np.linalg.eigh(((shape * weights) @ shape.T + known) / max(total, np.finfo(float).tiny))
+    shares = weights * (vectors.T @ shape) ** 2
+    squared = (shares**2).sum(axis=1)
+    carriers = shares.sum(axis=1) ** 2 / np.where(squared > 0.0, squared, np.inf)
+    sigma = float(np.sqrt(variance))
+    held = Information(np.maximum(values, 0.0), basis @ vectors, total, sigma, lever, centre, carriers)
+    if not patchwise or min(PATCHES, len(weights) // 8) < FEWEST_PATCHES:
+        return held
+    inner = vectors[:, ~held.free]
+    scatter = _scatter(inner.T @ rows, residuals, weights, inner.T @ known @ inner, variance)
+    outer = basis @ inner
+    return dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
+
+
+def _scatter(
+    J: FloatArray, residuals: FloatArray, weights: FloatArray, known: FloatArray, variance: float
+) -> FloatArray:
+    # The sandwich A^-1 B A^-1: A is the information, B what the scores of the patches amount to.
+    count = min(PATCHES, len(weights) // 8)
+    starts = np.linspace(0, len(weights), count, endpoint=False).astype(np.int64)
+    scores = np.add.reduceat(J * (weights * residuals), starts, axis=1)
+    bread = np.linalg.inv((J * weights) @ J.T + known)
+    meat = scores @ scores.T * count / (count - len(J) - 1.0) + variance * known
+    scatter: FloatArray = bread @ meat @ bread
+    return scatter
 
 
 def plane_rows(points: FloatArray, normals: FloatArray, centre: FloatArray, lever: float) -> FloatArray:
@@ -124,8 +188,7 @@ def plane_rows(points: FloatArray, normals: FloatArray, centre: FloatArray, leve
 def covariance_of(information: Information) -> FloatArray:
     """Covariance of the twist (rotation vector, translation) about the centre, as a left increment.
 
-    ``sigma^2 (J^T W J)^-1``, as if the distances of all pairs were independent; noise that neighbours share makes
-    the true one larger.
+    The scatter where it was learned; else ``sigma^2 (J^T W J)^-1``, as if all pairs were independent and alike.
 
     Parameters
     ----------
@@ -145,7 +208,9 @@ def covariance_of(information: Information) -> FloatArray:
     """
     held = ~information.free
     vectors = information.vectors[:, held]
-    scaled = (vectors / (information.values[held] * information.weight)) @ vectors.T * information.sigma**2
+    scaled = information.scatter
+    if scaled is None:
+        scaled = (vectors / (information.values[held] * information.weight)) @ vectors.T * information.sigma**2
     unscale = np.r_[[1.0 / information.lever] * 3, [1.0] * 3]
     covariance: FloatArray = scaled * unscale[:, None] * unscale
     touched = (np.abs(information.vectors[:, ~held]) > 1e-6).any(axis=1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from dqreg.arrays import FloatArray
@@ -10,6 +12,10 @@ from dqreg.trust.covariance import Information
 
 # A free motion is a turn if that much of its unit vector is one: an axis ten levers away still counts, rounding not.
 FREE_TURN = 0.1
+# One that is held is a turn if more than half of it is.
+HELD_TURN = 0.5**0.5
+# A motion held by fewer than this share of the points hangs on a detail.
+FEW = 0.02
 
 
 def observe_directions(information: Information) -> tuple[Direction, ...]:
@@ -34,11 +40,23 @@ def observe_directions(information: Information) -> tuple[Direction, ...]:
     free = information.free
     vectors = np.hstack([_untangled(information.vectors[:, free]), information.vectors[:, ~free]])
     directions = []
-    for value, vector, is_free in zip(information.values, vectors.T, free, strict=True):
-        sigma = np.nan if is_free else information.sigma / np.sqrt(information.weight * value)
-        held, share = ("free to", FREE_TURN) if is_free else ("held against a", np.sqrt(0.5))
-        directions.append(Direction(float(value), float(sigma), f"{held} {_motion(vector, share, information)}"))
+    for value, vector, is_free, carriers in zip(information.values, vectors.T, free, information.carriers, strict=True):
+        share = FREE_TURN if is_free else HELD_TURN
+        words = _motion(vector, share, information)
+        if is_free:
+            directions.append(Direction(float(value), np.nan, f"free to {words}"))
+            continue
+        # Where most of the points say nothing, it matters how many do.
+        few = carriers < FEW * information.weight
+        only = f" by about {carriers:.0f} points only" if few else ""
+        directions.append(Direction(float(value), _sigma(information, value, vector), f"held against a {words}{only}"))
     return tuple(directions)
+
+
+def _sigma(information: Information, value: float, vector: FloatArray) -> float:
+    if information.scatter is None:
+        return float(information.sigma / np.sqrt(information.weight * value))
+    return math.sqrt(max(float(vector @ information.scatter @ vector), 0.0))
 
 
 def _untangled(free: FloatArray) -> FloatArray:

@@ -10,6 +10,9 @@ from dqreg.records import Alternative, Direction, Level, Verdict
 FEW_INLIERS = 0.7
 # Inliers fewer than this cannot carry a pose of six unknowns with anything left to check it.
 FEWEST_INLIERS = 30
+# Patches of neighbouring points that lie off the target as a whole; points on it that face another way; points that
+# lie on no surface: shares above these speak against the pose.
+PATCHES_OFF, NORMALS_APART, STRAYS = 0.1, 0.15, 0.5
 # Distances this many times the scan's own noise: the shapes differ, or the pose is wrong.
 ROUGH = 5.0
 
@@ -28,16 +31,22 @@ class Evidence:
         Sum of the inlier probabilities.
     share_near, near : float
         Share of points that lie on the target among those that come within the distance ``near`` of it.
-    width, expected, spacing : float
-        Standard deviation of the inliers' distances, the scan's own noise, and its spacing; all lengths.
-    to_cloud : bool
-        Whether the target is a cloud: then a distance holds the spacing of its points as well.
+    patches, patches_off : int, float
+        Patches of neighbouring points within ``near``, and the share of them that lie off the target as a whole.
+    strays : float
+        Share of all points that neither lie on the target nor on any surface.
+    normals_apart : float
+        Share of the points on the target whose normal is another than the target's there.
+    width, expected : float
+        Standard deviation of the inliers' distances from the target's tangent planes, and the scan's own noise.
     max_distance : float
         Largest distance of a pair.
     directions : tuple of Direction
         The six motions, the weakest first.
     alternatives : tuple of Alternative
         Other poses as good.
+    search : str
+        The last stage that the search for a start finished: "judged" is all; "" where there was none.
     """
 
     status: str
@@ -45,13 +54,16 @@ class Evidence:
     inliers: float
     share_near: float
     near: float
+    patches: int
+    patches_off: float
+    strays: float
+    normals_apart: float
     width: float
     expected: float
-    spacing: float
-    to_cloud: bool
     max_distance: float
     directions: tuple[Direction, ...]
     alternatives: tuple[Alternative, ...]
+    search: str = ""
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -69,7 +81,7 @@ def judge(evidence: Evidence) -> Verdict:
     """
     if not evidence.found:
         return Verdict("failed", (_why_nothing(evidence),))
-    doubts = [sentence for sentence in _doubts(evidence) if sentence]
+    doubts = _doubts(evidence)
     level: Level = "suspect" if doubts else "accepted"
     return Verdict(level, tuple(doubts) or (_summary(evidence),))
 
@@ -84,10 +96,12 @@ def _why_nothing(evidence: Evidence) -> str:
 
 
 def _summary(evidence: Evidence) -> str:
-    return (
+    words = (
         f"{evidence.inliers:.0f} points lie on the target to {evidence.width:.3g} (one sigma), "
-        f"{100 * evidence.share_near:.0f} % of those within {evidence.near:.3g} of it; all six motions are held"
+        f"{100 * evidence.share_near:.0f} % of those within {evidence.near:.3g} of it; all motions are held"
     )
+    same = sorted({alternative.symmetry for alternative in evidence.alternatives if alternative.symmetry})
+    return words + "".join(f"; {sentence}, so the pose is one of several that are alike" for sentence in same)
 
 
 def _doubts(evidence: Evidence) -> list[str]:
@@ -100,15 +114,36 @@ def _doubts(evidence: Evidence) -> list[str]:
             f"only {100 * evidence.share_near:.0f} % of the points within {evidence.near:.3g} of the target "
             f"lie on it (to {evidence.width:.3g}): a wrong minimum, another part, or much clutter"
         )
-    expected = max(evidence.expected, evidence.spacing if evidence.to_cloud else 0.0)
-    if expected > 0.0 and not evidence.width <= ROUGH * expected:
+    if not evidence.patches_off <= PATCHES_OFF:
         doubts.append(
-            f"the points lie {evidence.width:.3g} off the target (one sigma), {evidence.width / expected:.0f} times "
-            f"what the scan's own noise ({evidence.expected:.3g}) explains: shapes differ, or the pose is wrong"
+            f"{100 * evidence.patches_off:.0f} % of the patches of points within {evidence.near:.3g} of the target lie "
+            "off it as a whole: a wrong minimum, another part, or something that touches the part"
+        )
+    if not evidence.normals_apart <= NORMALS_APART:
+        doubts.append(
+            f"{100 * evidence.normals_apart:.0f} % of the points on the target face another way than it does there: "
+            "a wrong minimum or another part"
+        )
+    if not evidence.strays <= STRAYS:
+        doubts.append(
+            f"{100 * evidence.strays:.0f} % of all points are strays, which lie on no surface; only "
+            f"{evidence.inliers:.0f} lie on the target: clean the scan, or look at the pose"
+        )
+    if evidence.expected > 0.0 and not evidence.width <= ROUGH * evidence.expected:
+        doubts.append(
+            f"the points lie {evidence.width:.3g} off the target (one sigma), "
+            f"{evidence.width / evidence.expected:.0f} times what the scan's own noise ({evidence.expected:.3g}) "
+            "explains: shapes differ, or the pose is wrong"
         )
     doubts.extend(d.words for d in evidence.directions if d.words.startswith("free"))
-    if evidence.alternatives:
-        doubts.append(f"{len(evidence.alternatives)} other pose(s) explain the scan about as well: see alternatives")
+    others = sum(not alternative.symmetry for alternative in evidence.alternatives)
+    if others:
+        doubts.append(f"{others} other pose(s) explain the scan about as well: see alternatives")
+    if evidence.search not in ("", "judged"):
+        doubts.append(
+            f"the time was up when the search for a start had {evidence.search} its poses: they were not compared; "
+            "give it more time, or a start"
+        )
     if evidence.status != "converged":
         doubts.append(f"the loop did not converge: {evidence.status}")
     return doubts

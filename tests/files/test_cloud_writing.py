@@ -78,3 +78,20 @@ def test_bad_input_leaves_no_file(tmp_path: Path, name: str, arguments: dict[str
     with pytest.raises(InputError, match=message):
         write_cloud(tmp_path / name, **arguments)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_fields_are_further_properties_and_comments_stay_on_their_lines(tmp_path: Path) -> None:
+    values = np.array([0.1, -1e-300])
+    write_cloud(tmp_path / "a.ply", np.eye(3)[:2], fields={"deviation": values}, comments=["two\nlines", "5 µm"])
+    read = load_open3d().t.io.read_point_cloud(str(tmp_path / "a.ply"))
+    np.testing.assert_array_equal(read.point["deviation"].numpy().ravel(), values)
+    assert b"comment two lines\ncomment 5 ?m\n" in (tmp_path / "a.ply").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [({"x": [1.0]}, "name of its own"), ({"a b": [1.0]}, "name of its own"), ({"a": [1.0, 2.0]}, "1 numbers")],
+)
+def test_a_field_needs_a_name_and_one_number_per_point(tmp_path: Path, fields: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        write_cloud(tmp_path / "a.ply", [[0.0, 0, 0]], fields=fields)

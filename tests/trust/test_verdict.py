@@ -8,7 +8,7 @@ import pytest
 
 from dqreg.result import Alternative, Direction
 from dqreg.trust import Evidence, judge
-from dqreg.trust.verdict import FEW_INLIERS, FEWEST_INLIERS, ROUGH
+from dqreg.trust.verdict import FEW_INLIERS, FEWEST_INLIERS, NORMALS_APART, PATCHES_OFF, ROUGH, STRAYS
 
 NAN = float("nan")
 HELD = Direction(0.1, 0.01, "held against a shift along (1.00, 0.00, 0.00)")
@@ -19,10 +19,12 @@ GOOD = Evidence(
     inliers=1_000.0,
     share_near=0.95,
     near=2.0,
+    patches=300,
+    patches_off=0.01,
+    strays=0.1,
+    normals_apart=0.02,
     width=0.01,
     expected=0.01,
-    spacing=1.0,
-    to_cloud=False,
     max_distance=20.0,
     directions=(HELD,) * 6,
     alternatives=(),
@@ -35,7 +37,11 @@ CAUSES: dict[str, tuple[dict[str, Any], str]] = {
     "unknown share": ({"share_near": NAN}, "% of the points within 2 of the target"),
     "rough": ({"width": 1.1 * ROUGH * 0.01}, "shapes differ, or the pose is wrong"),
     "unknown width": ({"width": NAN}, "shapes differ, or the pose is wrong"),
-    "rough to a cloud": ({"to_cloud": True, "width": 1.1 * ROUGH}, "shapes differ, or the pose is wrong"),
+    "patches": ({"patches_off": PATCHES_OFF + 0.01}, "11 % of the patches of points within 2 of the target lie off"),
+    "unknown patches": ({"patches_off": NAN}, "lie off it as a whole"),
+    "normals": ({"normals_apart": NORMALS_APART + 0.01}, "16 % of the points on the target face another way"),
+    "strays": ({"strays": STRAYS + 0.01}, "51 % of all points are strays"),
+    "no time": ({"search": "refined"}, "the time was up when the search for a start had refined its poses"),
     "free": ({"directions": (FREE, *(HELD,) * 5)}, FREE.words),
     "ambiguous": ({"alternatives": (Alternative(np.eye(4), 0.1),)}, "1 other pose(s) explain the scan about as well"),
     "stopped": ({"status": "iteration limit"}, "the loop did not converge: iteration limit"),
@@ -46,8 +52,19 @@ def test_nothing_against_it_is_accepted_and_says_why() -> None:
     verdict = judge(GOOD)
     assert verdict.level == "accepted"
     assert verdict.reasons == (
-        "1000 points lie on the target to 0.01 (one sigma), 95 % of those within 2 of it; all six motions are held",
+        "1000 points lie on the target to 0.01 (one sigma), 95 % of those within 2 of it; all motions are held",
     )
+
+
+def test_a_symmetry_of_the_part_is_said_and_is_no_doubt() -> None:
+    other = Alternative(np.eye(4), 0.1, "the part looks the same after a turn of 180 degrees about the axis z")
+    verdict = judge(dataclasses.replace(GOOD, alternatives=(other, other)))
+    assert verdict.level == "accepted"
+    assert verdict.reasons[0].count(other.symmetry) == 1
+    # One that is more than symmetry is a doubt, and only that one counts.
+    mixed = judge(dataclasses.replace(GOOD, alternatives=(other, Alternative(np.eye(4), 0.1))))
+    assert mixed.level == "suspect"
+    assert mixed.reasons[0].startswith("1 other pose(s)")
 
 
 @pytest.mark.parametrize("cause", CAUSES)
@@ -65,7 +82,9 @@ def test_a_doubt_appears_with_its_cause_and_alone(cause: str) -> None:
         {"inliers": float(FEWEST_INLIERS)},
         {"share_near": FEW_INLIERS},
         {"width": 0.99 * ROUGH * 0.01},
-        {"width": 0.99 * ROUGH, "to_cloud": True},
+        {"patches_off": PATCHES_OFF, "normals_apart": NORMALS_APART, "strays": STRAYS},
+        {"search": "judged"},
+        {"alternatives": (Alternative(np.eye(4), 0.1, "the part looks the same after half a turn"),)},
         {"width": 0.0},
         {"expected": 0.0},
     ],

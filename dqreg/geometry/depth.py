@@ -1,0 +1,174 @@
+"""Depth images to points and normals.
+
+A plane ``n . p = 1`` seen by a pinhole camera has an inverse depth that is linear in the pixel: with ``p = z r`` and
+the ray ``r = ((u - cx)/fx, (v - cy)/fy, 1)``, ``1/z = n . r``. So normals come from a linear fit to the inverse depths
+around each pixel, without any search for neighbours, and exactly where the surface is flat.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from dqreg.arrays import FloatArray, IntArray, as_float
+from dqreg.errors import InputError
+
+# Pixels to each side that a fit may use.
+WINDOW = 3
+# Change of depth, relative and a pixel, beyond which the neighbour is on another surface: a plane seen at 85 degrees
+# by a camera of 600 pixels focal length changes by 0.02.
+JUMP = 0.02
+# Neighbours, the pixel itself included, without which no plane is fitted.
+FEWEST = 6
+
+
+@dataclasses.dataclass(frozen=True)
+class DepthPoints:
+    """What a depth image holds.
+
+    Attributes
+    ----------
+    points : ndarray, (n, 3)
+        In the camera's frame: x right, y down, z forward.
+    normals : ndarray, (n, 3) or None
+        Unit normals towards the camera.
+    pixels : ndarray of int, (n, 2)
+        Row and column of each point.
+    dropped : int
+        Pixels left out: without depth, beyond the limit, or without a plane where normals are asked for.
+    """
+
+    points: FloatArray
+    normals: FloatArray | None
+    pixels: IntArray
+    dropped: int
+
+
+def depth_points(
+    depth: Any,
+    intrinsics: Any,
+    *,
+    depth_scale: float | None = None,
+    depth_trunc: float | None = None,
+    stride: int = 1,
+    normals: bool = True,
+) -> DepthPoints:
+    """Points, and normals from the grid, of a depth image.
+
+    Parameters
+    ----------
+    depth : array_like, (h, w)
+        Depth along the optical axis. Zero, negative, not finite, and the largest value of an unsigned type (65535)
+        mean that there is none.
+    intrinsics : (3, 3) array_like, (fx, fy, cx, cy), or Open3D's PinholeCameraIntrinsic
+        Pinhole camera; whole pixel coordinates are the middles of pixels.
+    depth_scale : float, optional
+        Numbers of the image a unit of length. Default: 1000 for whole numbers (mm to m), 1 for others.
+    depth_trunc : float, optional
+        Largest depth used, in units of length.
+    stride : int
+        Every so many rows and columns.
+    normals : bool
+        Whether to fit normals; pixels around which no plane can be fitted (edges, strays) are then left out.
+
+    Returns
+    -------
+    DepthPoints
+        Row by row.
+
+    Raises
+    ------
+    InputError
+        If shapes or numbers cannot be used. An image without any depth gives no points.
+
+    Examples
+    --------
+    >>> wall = np.full((8, 8), 2000, dtype=np.uint16)
+    >>> found = depth_points(wall, (500.0, 500.0, 3.5, 3.5))
+    >>> found.points[0].round(3).tolist(), found.normals[0, 2].round(9).tolist()
+    ([-0.014, -0.014, 2.0], -1.0)
+    """
+    image = np.asarray(depth)
+    if image.ndim == 3 and image.shape[2] == 1:
+        image = image[:, :, 0]
+    if image.ndim != 2 or not image.size:
+        raise InputError(f"a depth image must have shape (height, width); got {image.shape}")
+    fx, fy, cx, cy = _camera(intrinsics)
+    scale = (1000.0 if image.dtype.kind in "iu" else 1.0) if depth_scale is None else float(depth_scale)
+    if (
+        not 0.0 < scale < np.inf
+        or not (depth_trunc is None or depth_trunc > 0.0)
+        or int(stride) != stride
+        or stride < 1
+    ):
+        raise InputError(
+            "depth_scale and depth_trunc must be above 0 and stride a whole number of at least 1; got "
+            f"{depth_scale!r}, {depth_trunc!r} and {stride!r}"
+        )
+    z = as_float(image, "depth") / scale
+    valid = np.isfinite(z) & (z > 0.0) & (z <= (np.inf if depth_trunc is None else depth_trunc))
+    if image.dtype.kind == "u":
+        valid &= image != np.iinfo(image.dtype).max
+    chosen = np.zeros_like(valid)
+    chosen[:: int(stride), :: int(stride)] = True
+    rows, columns = np.nonzero(valid & chosen)
+    planes = None
+    if normals:
+        inverse = np.divide(1.0, z, out=np.zeros_like(z), where=valid)
+        planes = _planes(inverse, rows, columns, (fx, fy, cx, cy))
+        fitted = np.isfinite(planes).all(axis=1)
+        rows, columns, planes = rows[fitted], columns[fitted], planes[fitted]
+    near = z[rows, columns]
+    points = np.column_stack([(columns - cx) / fx * near, (rows - cy) / fy * near, near])
+    return DepthPoints(points, planes, np.column_stack([rows, columns]), int(chosen.sum()) - len(rows))
+
+
+def _camera(intrinsics: Any) -> tuple[float, float, float, float]:
+    matrix = as_float(getattr(intrinsics, "intrinsic_matrix", intrinsics), "intrinsics")
+    if matrix.shape == (3, 3):
+        if np.abs(matrix[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]] - [0.0, 0.0, 0.0, 0.0, 1.0]).max() > 1e-9:
+            raise InputError(f"intrinsics must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]; got {matrix.tolist()}")
+        matrix = matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
+    if matrix.shape != (4,) or not np.isfinite(matrix).all() or not (matrix[:2] > 0.0).all():
+        raise InputError(
+            f"intrinsics must be a 3x3 matrix or (fx, fy, cx, cy) with focal lengths above 0; got {matrix.tolist()}"
+        )
+    fx, fy, cx, cy = matrix.tolist()
+    return fx, fy, cx, cy
+
+
+def _planes(
+    inverse: FloatArray, rows: IntArray, columns: IntArray, camera: tuple[float, float, float, float]
+) -> FloatArray:
+    """Unit normals towards the camera at the given pixels, (n, 3); NaN where no plane can be fitted."""
+    padded = np.pad(inverse, WINDOW)
+    middle = inverse[rows, columns]
+    # Normal equations of change = a du + b dv + c over the neighbours on the same surface.
+    sums = np.zeros((9, len(rows)))
+    for dv in range(-WINDOW, WINDOW + 1):
+        for du in range(-WINDOW, WINDOW + 1):
+            change = padded[rows + (WINDOW + dv), columns + (WINDOW + du)] - middle
+            limit = JUMP * max(abs(du), abs(dv), 1)
+            weight = (np.abs(change) <= limit * middle).astype(np.float64)
+            change *= weight
+            for k, factor in enumerate((1, du, dv, du * du, du * dv, dv * dv)):
+                if factor:
+                    sums[k] += factor * weight
+            for k, factor in enumerate((1, du, dv), start=6):
+                if factor:
+                    sums[k] += factor * change
+    n, u, v, uu, uv, vv, q, uq, vq = sums
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # About the neighbours' mean the third unknown falls out.
+        uu, uv, vv = uu - u * u / n, uv - u * v / n, vv - v * v / n
+        uq, vq = uq - u * q / n, vq - v * q / n
+        determinant = uu * vv - uv * uv
+        a, b = (vv * uq - uv * vq) / determinant, (uu * vq - uv * uq) / determinant
+        c = middle + (q - a * u - b * v) / n
+        fx, fy, cx, cy = camera
+        normals = -np.column_stack([a * fx, b * fy, c - a * (columns - cx) - b * (rows - cy)])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals[(n < FEWEST) | ~(determinant > 0.5)] = np.nan
+    return normals

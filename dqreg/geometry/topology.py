@@ -1,0 +1,109 @@
+"""Which triangles meet: sides and their neighbours, open seams, winding, connected bodies."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+
+from dqreg.arrays import BoolArray, FloatArray, IntArray
+from dqreg.geometry.weld import merge_identical
+
+
+@dataclasses.dataclass(frozen=True)
+class Topology:
+    """Faces over welded vertices.
+
+    A side is numbered ``3 * face + k`` and runs from corner k to corner k + 1 of its face.
+
+    Attributes
+    ----------
+    corners : ndarray of int, (f, 3)
+        Welded vertex of each corner; the faces with an area first, then those without.
+    edges : ndarray of int, (f, 3)
+        Edge of each side, whichever way the side runs.
+    forward : ndarray of bool, (f, 3)
+        Whether the side runs from the lower to the higher vertex.
+    real : ndarray of bool, (f,)
+        False for a face two of whose corners are one vertex: it joins nothing.
+
+    Examples
+    --------
+    >>> square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    >>> both = Topology.of(square, np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> both.open_sides, both.uneven_sides, (both.across // 3).tolist()
+    (4, 0, [[0, 0, 1], [0, 1, 1]])
+    """
+
+    corners: IntArray
+    edges: IntArray
+    forward: BoolArray
+    real: BoolArray
+
+    @staticmethod
+    def of(vertices: FloatArray, faces: IntArray, flat: IntArray | None = None) -> Topology:
+        """Topology of some triangles.
+
+        Parameters
+        ----------
+        vertices : ndarray, (v, 3)
+            Positions.
+        faces : ndarray of int, (f, 3)
+            Triangles with an area.
+        flat : ndarray of int, (k, 3), optional
+            Triangles without: they may close a seam.
+
+        Returns
+        -------
+        Topology
+            Over both.
+        """
+        every = faces if flat is None else np.concatenate([faces, flat])
+        used, place = np.unique(every, return_inverse=True)
+        _, welded = merge_identical(vertices[used])
+        corners = welded[place.reshape(-1, 3)]
+        ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
+        low, high = ends.min(axis=2), ends.max(axis=2)
+        _, edges = np.unique(low * (int(welded.max()) + 1) + high, return_inverse=True)
+        return Topology(corners, edges.reshape(-1, 3), ends[..., 0] == low, (low != high).all(axis=1))
+
+    @cached_property
+    def across(self) -> IntArray:
+        """Side met across each side, (f, 3); itself where there is none. Where more than two meet: some other."""
+        mine = np.arange(self.edges.size)
+        rows = np.flatnonzero(np.repeat(self.real, 3))
+        order = rows[np.argsort(self.edges.ravel()[rows], kind="stable")]
+        edges = self.edges.ravel()[order]
+        same = np.flatnonzero(edges[1:] == edges[:-1])
+        mine[order[same]], mine[order[same + 1]] = order[same + 1], order[same]
+        return mine.reshape(-1, 3)
+
+    @property
+    def open_sides(self) -> int:
+        """Edges at which an odd number of faces meet: one face is a rim, three are a wall on a surface."""
+        return int(np.count_nonzero(self._uses(np.ones_like(self.forward)) % 2))
+
+    @property
+    def uneven_sides(self) -> int:
+        """Edges at which an even number of faces meet, but not half of them in each sense."""
+        uses, ahead = self._uses(np.ones_like(self.forward)), self._uses(self.forward)
+        return int(np.count_nonzero((uses % 2 == 0) & (2 * ahead != uses)))
+
+    def _uses(self, chosen: BoolArray) -> IntArray:
+        sides = self.edges[self.real][chosen[self.real]]
+        return np.bincount(sides, minlength=int(self.edges.max()) + 1)
+
+    @cached_property
+    def bodies(self) -> IntArray:
+        """Number of the connected body of each face, (f,): faces that share an edge belong together."""
+        from scipy.sparse import coo_matrix
+        from scipy.sparse.csgraph import connected_components
+
+        count = len(self.corners)
+        rows = np.repeat(np.arange(count), 3)
+        size = count + int(self.edges.max()) + 1
+        links = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, count + self.edges.ravel())), shape=(size, size))
+        labels = connected_components(links, directed=False)[1][:count]
+        _, bodies = np.unique(labels, return_inverse=True)
+        return bodies.astype(np.int64)

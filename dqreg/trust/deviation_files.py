@@ -1,0 +1,117 @@
+"""Deviations as files: a coloured cloud, a table, an array; whole or not at all."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dqreg.atomic import write_atomically
+from dqreg.errors import InputError
+from dqreg.files import write_cloud
+from dqreg.trust.deviation_colours import colours_of
+
+if TYPE_CHECKING:
+    from dqreg.trust.deviation_record import Deviations
+
+SUFFIXES = (".ply", ".csv", ".npy")
+COLUMNS = "x,y,z,deviation,closest_x,closest_y,closest_z,face"
+
+
+def require_suffix(path: str | os.PathLike[str]) -> str:
+    """Suffix of a file of deviations, in lower case.
+
+    Parameters
+    ----------
+    path : str or path
+        Where to write.
+
+    Returns
+    -------
+    str
+        One of ".ply", ".csv", ".npy".
+
+    Raises
+    ------
+    InputError
+        If it is another.
+
+    Examples
+    --------
+    >>> require_suffix("DEV.PLY")
+    '.ply'
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"cannot write {path}: deviations are written as {', '.join(SUFFIXES)}; got {suffix!r}")
+    return suffix
+
+
+def save_deviations(deviations: Deviations, path: str | os.PathLike[str], limit: float | None = None) -> None:
+    """Write deviations in the format of the suffix; see `Deviations.save`.
+
+    Parameters
+    ----------
+    deviations : Deviations
+        What to write.
+    path : str or path
+        Where to.
+    limit : float, optional
+        Where the colours end.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    suffix = require_suffix(path)
+    if suffix == ".npy":
+        stream = io.BytesIO()
+        np.save(stream, deviations.values)
+        write_atomically(path, stream.getvalue())
+    elif suffix == ".csv":
+        write_atomically(path, _table(deviations))
+    else:
+        _write_coloured(deviations, path, limit or colour_limit(deviations))
+
+
+def colour_limit(deviations: Deviations) -> float:
+    """Where the colours end: the tolerance, else the 95 % of the absolute deviations that count.
+
+    Parameters
+    ----------
+    deviations : Deviations
+        What to colour.
+
+    Returns
+    -------
+    float
+        A length above 0.
+    """
+    limit = deviations.tolerance or deviations.summary().p95
+    # Exact data has no range, and neither has a scan that is all clutter.
+    return limit if 0.0 < limit < np.inf else 1.0
+
+
+def _write_coloured(deviations: Deviations, path: str | os.PathLike[str], limit: float) -> None:
+    unit = deviations.units or "target units"
+    low = f"blue {-limit:.6g}, white 0, " if deviations.signed else "white 0, "
+    comments = [f"deviation in {unit}: {deviations.reason}", f"colours: {low}orange {limit:.6g} {unit}; darker beyond"]
+    if np.isfinite(deviations.reach):
+        comments.append(f"grey: farther than {deviations.reach:.6g} {unit}, taken for something else")
+    if deviations.units:
+        comments.append(f"units {deviations.units}")
+    colours = colours_of(deviations.values, limit, deviations.reach)
+    fields = {"deviation": deviations.values}
+    write_cloud(path, deviations.points, colors=colours, fields=fields, comments=comments)
+
+
+def _table(deviations: Deviations) -> str:
+    stream = io.StringIO()
+    stream.write(COLUMNS + "\n")
+    numbers = np.column_stack([deviations.points, deviations.values, deviations.closest, deviations.faces])
+    np.savetxt(stream, numbers, fmt=["%.17g"] * 7 + ["%d"], delimiter=",")
+    return stream.getvalue()
