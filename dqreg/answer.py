@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from dqreg.arrays import FloatArray
 from dqreg.evidence import gather_evidence
-from dqreg.geometry import Scan
+from dqreg.geometry import Mesh, Scan
 from dqreg.icp import NO_POSE, InlierMixture, Plan, Run
 from dqreg.known import Known
-from dqreg.records import Alternative, Direction, Iteration
+from dqreg.records import Alternative, Iteration
 from dqreg.result import Registration
 from dqreg.rigid import pose
 from dqreg.target import CentredSource, IndexedTarget, Inputs
@@ -127,7 +128,7 @@ class Outcome:
         weights, distances = self.run.weights, self.run.pairs.distances
         return Registration(
             T_target_source=T,
-            verdict=judge(self._evidence(directions, alternatives)),
+            verdict=judge(dataclasses.replace(self.evidence, directions=directions, alternatives=alternatives)),
             status=self.run.status,
             covariance=covariance_of(information) if information else np.full((6, 6), np.nan),
             observability=directions,
@@ -162,10 +163,20 @@ class Outcome:
         # The words name places in the caller's frame.
         return dataclasses.replace(held, centre=self.target.origin)
 
-    def _evidence(self, directions: tuple[Direction, ...], alternatives: tuple[Alternative, ...]) -> Evidence:
+    @cached_property
+    def evidence(self) -> Evidence:
+        """What speaks for and against the pose, but for what is held and for other poses."""
         surface = self.target.surface
         return gather_evidence(
-            self.run, self.mixture, self.scan, surface, self.plan, directions, alternatives, self.searched
+            self.run,
+            self.mixture,
+            self.scan,
+            surface,
+            self.plan,
+            (),
+            (),
+            self.searched,
+            has_border=not (isinstance(self.target.geometry, Mesh) and self.target.geometry.is_closed),
         )
 
     def _resolved(self) -> dict[str, Any]:

@@ -18,6 +18,8 @@ BoolArray = NDArray[np.bool_]
 
 # A rotation read from a text file with seven digits is good to about 1e-6.
 RIGID_TOLERANCE = 1e-5
+# Lengths within this of zero, and sizes above its inverse, can be squared and squared again in float64.
+LARGEST = 1e60
 
 
 def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -58,7 +60,7 @@ def as_float(value: Any, name: str) -> FloatArray:
     Returns
     -------
     ndarray
-        C-contiguous float64; the input itself where it already is one.
+        C-contiguous float64; the input itself where it already is one. What an array masks is NaN.
 
     Raises
     ------
@@ -66,6 +68,9 @@ def as_float(value: Any, name: str) -> FloatArray:
         If the value cannot be read as real numbers.
     """
     try:
+        if isinstance(value, np.ma.MaskedArray):
+            # NumPy would hand out what stands behind the mask.
+            value = np.ma.filled(value.astype(np.float64), np.nan)
         array = np.asarray(value)
         if array.dtype.kind not in "fiubO":
             raise TypeError(f"NumPy type {array.dtype}")
@@ -209,3 +214,37 @@ def require_finite(array: FloatArray, name: str) -> None:
     if bad.any():
         first = tuple(int(i) for i in np.argwhere(bad)[0])
         raise InputError(f"{name} holds {int(bad.sum())} numbers that are NaN or infinite, the first at {first}")
+
+
+def require_workable(points: FloatArray, name: str) -> None:
+    """Raise if lengths are so large or so small that float64 cannot square them.
+
+    Parameters
+    ----------
+    points : ndarray, (n, 3)
+        Finite points, n >= 1.
+    name : str
+        What the caller calls them.
+
+    Raises
+    ------
+    InputError
+        If a coordinate is beyond `LARGEST`, or the points differ by less than its inverse.
+
+    Examples
+    --------
+    >>> require_workable(np.array([[1e300, 0.0, 0.0]]), "points")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    dqreg.errors.InputError: points hold coordinates up to 1e+300, and lengths beyond 1e+60 cannot be worked with; ...
+    """
+    low, high = bounds(points)
+    far = float(max(-low.min(), high.max()))
+    if far > LARGEST:
+        raise InputError(
+            f"{name} hold coordinates up to {far:.3g}, and lengths beyond {LARGEST:g} cannot be worked with; remove "
+            "those rows. Is it a mark for a missing measurement?"
+        )
+    extent = float((high - low).max())
+    if 0.0 < extent < 1.0 / LARGEST:
+        raise InputError(f"{name} differ by {extent:.3g} at most, too little to work with; give them in a finer unit")

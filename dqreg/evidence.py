@@ -24,6 +24,8 @@ PATCH, OFF = 32, 2.0
 # Neighbourhoods flatter than this have a normal worth comparing; rougher than that they are no surface at all; both in
 # extents of the neighbourhood.
 SMOOTH, ROUGH = 0.4, 0.4
+# A scan whose noise is large against its spacing is rough everywhere: strays are rougher by this factor.
+MORE_THAN_USUAL = 2.5
 # Normals farther apart than this are of different faces.
 APART_RAD = np.deg2rad(35.0)
 
@@ -37,6 +39,8 @@ def gather_evidence(
     directions: tuple[Direction, ...],
     alternatives: tuple[Alternative, ...],
     searched: str = "",
+    *,
+    has_border: bool = False,
 ) -> Evidence:
     """Look at a run's end.
 
@@ -56,6 +60,8 @@ def gather_evidence(
         Other poses as good.
     searched : str
         The last stage of the search for a start, see `Evidence`.
+    has_border : bool
+        Whether the target ends somewhere (a cloud, an open mesh): a point beside it then says nothing.
 
     Returns
     -------
@@ -68,21 +74,26 @@ def gather_evidence(
     pairs = correspond(scan.taken(scan.even_rows(min(LOOKED_AT, len(scan)))), surface, run.T_target_source)
     on = pairs.distances <= width
     aside = pairs.aside[on]
-    patches, patches_off = _patches(pairs, near, mixture.scale)
+    close = pairs.distances <= near
+    if has_border:
+        close &= on | (np.abs(pairs.aside) > width)
+    patches, patches_off = _patches(pairs, close, mixture.scale)
     fitted = scan if scan.fitted is None else scan.taken(scan.fitted)
     local = _Local.of(correspond(fitted.thinned(LOOKED_AT), surface, run.T_target_source), width)
     return Evidence(
         status=run.status,
         found=run.status not in NO_POSE and bool(run.history),
         inliers=float(run.weights.sum()),
-        share_near=_share(on, pairs.distances <= near),
+        share_near=_share(on, close),
         near=near,
         patches=patches,
         patches_off=patches_off,
         strays=local.strays,
         normals_apart=local.normals_apart,
         width=float(np.sqrt(np.mean(aside**2))) if len(aside) else mixture.scale,
-        expected=max(min(local.noise, scan.noise), width_floor(scan, surface)),
+        # From cloud to cloud the tangent planes are guesses between points that stand apart.
+        expected=max(min(local.noise, scan.noise), scan.spacing if has_border else width_floor(scan, surface)),
+        has_border=has_border,
         max_distance=plan.max_distance,
         directions=directions,
         alternatives=alternatives,
@@ -95,14 +106,15 @@ def _share(part: BoolArray, whole: BoolArray) -> float:
     return float(np.count_nonzero(part & whole)) / count if count else 0.0
 
 
-def _patches(pairs: Pairs, near: float, width: float) -> tuple[int, float]:
+def _patches(pairs: Pairs, close: BoolArray, width: float) -> tuple[int, float]:
     # Runs along the Morton curve. A stray leaves the median of its patch alone; a face in the wrong place moves it.
     count = len(pairs.distances) // PATCH
     if count == 0:
         return 0, 0.0
-    apart, aside = (np.median(x[: count * PATCH].reshape(count, PATCH), axis=1) for x in (pairs.distances, pairs.aside))
-    close = apart <= near
-    return int(np.count_nonzero(close)), _share((np.abs(aside) > OFF * width) | (apart > ON * width), close)
+    apart, aside, near = (x[: count * PATCH].reshape(count, PATCH) for x in (pairs.distances, pairs.aside, close))
+    off = (np.abs(np.median(aside, axis=1)) > OFF * width) | (np.median(apart, axis=1) > ON * width)
+    looked_at = near.mean(axis=1) >= 0.5
+    return int(np.count_nonzero(looked_at)), _share(off, looked_at)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,10 +134,11 @@ class _Local:
             rough = np.nan_to_num(scan.residuals / np.sqrt(scan.levers), nan=np.inf)
         compared = (rough < SMOOTH) & on & pairs.closest.normals.any(axis=1)
         cosines = pairs.normal_cosines if pairs.same_sign else np.abs(pairs.normal_cosines)
-        # Among strays many neighbourhoods hold one; the better half of them is the sensor's.
+        # Among strays many neighbourhoods hold one; the better part of them is the sensor's own.
+        usual = float(np.quantile(rough[on], 0.3)) if on.any() else 0.0
         residuals = scan.residuals[on & np.isfinite(scan.residuals)]
         return _Local(
-            strays=_share((rough > ROUGH) & ~on, np.isfinite(scan.residuals)),
+            strays=_share((rough > max(ROUGH, MORE_THAN_USUAL * usual)) & ~on, np.isfinite(scan.residuals)),
             normals_apart=_share(cosines < np.cos(APART_RAD), compared),
             noise=float(np.quantile(residuals, 0.3)) if len(residuals) else np.inf,
         )

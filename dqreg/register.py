@@ -7,6 +7,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,16 +17,20 @@ from dqreg.answer import Outcome, for_caller, from_work, to_work
 from dqreg.arrays import FloatArray, as_pose
 from dqreg.deadline import Deadline
 from dqreg.errors import InputError
+from dqreg.geometry import Mesh
 from dqreg.geometry.prepare import Scan, prepare_scan
 from dqreg.geometry.unit_mistake import require_same_units
-from dqreg.icp import run_graduated
+from dqreg.icp import run_graduated, width_floor
 from dqreg.known import Known
 from dqreg.options import Options
 from dqreg.records import Alternative, Iteration
 from dqreg.result import Registration
+from dqreg.second_try import try_again
 from dqreg.solvers import Freedom
-from dqreg.start import PairTable, Stage, search
+from dqreg.start import Candidate, PairTable, Stage, search
+from dqreg.start.flips import flipped, near_flips
 from dqreg.target import CentredSource, IndexedTarget, centre_source, describe, index_target
+from dqreg.target_file import bytes_of, load_target, save_target
 
 # Largest distance of a pair, in diagonals of the smaller of source and target.
 REACH = 0.2
@@ -37,17 +42,75 @@ FOUND = 5e-3
 class Target:
     """A target prepared once and registered to often; safe to share between threads.
 
-    Made by `prepare_target`.
+    Made by `prepare_target`, or read by `Target.load`.
+
+    Attributes
+    ----------
+    indexed : IndexedTarget
+        Geometry in a frame of its own, and its surface.
+    seconds : float
+        Time that preparing it, or loading it, took.
     """
 
     indexed: IndexedTarget
+    seconds: float = dataclasses.field(default=0.0, compare=False)
 
     @cached_property
     def pairs(self) -> PairTable:
         """What the search for a start looks up; built when first needed, the same whoever builds it."""
         return PairTable.of(self.indexed.geometry, self.indexed.surface)
 
-    def register(self, scan: Any, start: Any = None, **options: Any) -> Registration:
+    @cached_property
+    def flips(self) -> FloatArray:
+        """Turns that leave most of the part in place, (k, 4, 4), in the centred frame; none for a cloud."""
+        geometry = self.indexed.geometry
+        return near_flips(geometry, self.indexed.surface) if isinstance(geometry, Mesh) else np.zeros((0, 4, 4))
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it takes, in bytes: its arrays, and an estimate for Open3D's trees, good to a fifth."""
+        return bytes_of(self.indexed)
+
+    def save(self, path: str | Path) -> None:
+        """Write it to a file, to be read by `Target.load`: arrays and a JSON header in an NPZ archive, no pickle.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write, as it is named.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        save_target(self.indexed, path)
+
+    @staticmethod
+    def load(path: str | Path) -> Target:
+        """Read a target that `save` wrote; registrations to it give the same bytes.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to read.
+
+        Returns
+        -------
+        Target
+            Ready, with the trees built again.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged, or no prepared target.
+        """
+        began = time.perf_counter()
+        return _built(load_target(path), began)
+
+    def register(
+        self, scan: Any, start: Any = None, *, max_time: float | None = None, **options: Any
+    ) -> Registration:
         """Register a scan to this target; see `register` for the options.
 
         Parameters
@@ -55,7 +118,9 @@ class Target:
         scan : path, array or object
             Source.
         start : None, "identity" or (4, 4) array_like
-            Where to begin.
+            Where to begin. In tracking, the last pose: a start that explains the scan at once spares the coarse steps.
+        max_time : float, optional
+            Seconds after which the best pose so far is returned; another name of ``time_limit``.
         **options
             Keyword options of `register`.
 
@@ -63,7 +128,16 @@ class Target:
         -------
         Registration
             The answer.
+
+        Raises
+        ------
+        InputError
+            If ``max_time`` and ``time_limit`` are both given, and where `register` does.
         """
+        if max_time is not None:
+            if options.get("time_limit") is not None:
+                raise InputError("max_time and time_limit are two names of one limit; give one of them")
+            options["time_limit"] = max_time
         return register(scan, self, start, **options)
 
 
@@ -92,9 +166,16 @@ def prepare_target(target: Any) -> Target:
     >>> prepare_target(Mesh(*bracket())).indexed.kind
     'mesh'
     """
-    indexed = index_target(target)
-    _ = indexed.surface
-    return Target(indexed)
+    began = time.perf_counter()
+    return _built(index_target(target), began)
+
+
+def _built(indexed: IndexedTarget, began: float) -> Target:
+    indexed.build()
+    prepared = Target(indexed)
+    _ = prepared.flips
+    object.__setattr__(prepared, "seconds", time.perf_counter() - began)
+    return prepared
 
 
 def register(
@@ -202,8 +283,8 @@ def register(
     indexed = prepared.indexed
     centred = centre_source(source, source_units, target_units or indexed.units, np.random.default_rng(seed))
     named = source_units or centred.cloud.units, target_units or indexed.units
-    if units == "check":
-        require_same_units(centred.cloud, indexed.geometry, *named)
+    if units == "check" and None in named:
+        require_same_units(centred.cloud, indexed.geometry, *named, indexed.spreads)
     timings = {"read": time.perf_counter() - began}
     with _timed(timings, "prepare"):
         surface = indexed.surface
@@ -220,6 +301,20 @@ def register(
         run = dataclasses.replace(
             run, T_target_source=known.held(run.T_target_source), status=deadline.status(run.status)
         )
+    outcome = Outcome(run, mixture, scan, centred, indexed, plan, known, begin.searched)
+    alternatives = begin.alternatives
+    if T_start is not None and outcome.found:
+        with _timed(timings, "second try"):
+            if method == "auto" and not known.anything:
+                outcome, alternatives = try_again(
+                    outcome,
+                    begin.T_work,
+                    lambda: _searched(scan, prepared, options, reach, deadline, observe_search),
+                    FOUND * surface.diagonal,
+                    _observer(observe, centred, indexed),
+                    deadline,
+                )
+            alternatives += _flips_of(outcome, prepared)
     settings = {
         **dataclasses.asdict(options),
         "source": describe(source),
@@ -232,8 +327,14 @@ def register(
         "target_units": named[1],
     }
     timings["total"] = time.perf_counter() - began
-    outcome = Outcome(run, mixture, scan, centred, indexed, plan, known, begin.searched)
-    return outcome.registration(begin.alternatives, timings, settings, keep_inputs)
+    return outcome.registration(alternatives, timings, settings, keep_inputs)
+
+
+def _flips_of(outcome: Outcome, prepared: Target) -> tuple[Alternative, ...]:
+    scan, surface = outcome.scan, prepared.indexed.surface
+    limit, floor = 0.25 * outcome.plan.max_distance, width_floor(scan, surface)
+    found = flipped(outcome.run.T_target_source, prepared.flips, scan, surface, limit, floor)
+    return tuple(Alternative(from_work(T, prepared.indexed.origin, outcome.source.origin), rms) for T, rms in found)
 
 
 def _observer(
@@ -289,16 +390,7 @@ def _begin(
     indexed = prepared.indexed
     if T_start is not None:
         return _Begin(to_work(T_start, indexed.origin, centred.origin))
-    found = search(
-        scan,
-        indexed.surface,
-        indexed.geometry,
-        options.plan(reach, Known()),
-        prepared.pairs,
-        np.random.default_rng(options.seed),
-        time_limit=deadline.left,
-        observe=observe,
-    )
+    found = _searched(scan, prepared, options, reach, deadline, observe)
     if not found:
         return _Begin(np.eye(4), searched="judged")
     others = tuple(
@@ -307,3 +399,23 @@ def _begin(
     # The search has looked at the whole of both sides: what is left is to come near.
     width = FOUND * prepared.indexed.surface.diagonal if found[0].stage == "judged" else None
     return _Begin(found[0].T_target_source, width, others, found[0].stage)
+
+
+def _searched(
+    scan: Scan,
+    prepared: Target,
+    options: Options,
+    reach: float,
+    deadline: Deadline,
+    observe: Callable[[Stage], object] | None,
+) -> tuple[Candidate, ...]:
+    return search(
+        scan,
+        prepared.indexed.surface,
+        prepared.indexed.geometry,
+        options.plan(reach, Known()),
+        prepared.pairs,
+        np.random.default_rng(options.seed),
+        time_limit=deadline.left,
+        observe=observe,
+    )

@@ -16,6 +16,7 @@ from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.files import CloudData, read_geometry
 from dqreg.geometry import Closest, CloudSurface, Mesh, MeshSurface, PointCloud, Surface, as_geometry, sample_mesh
 from dqreg.geometry.smooth_normals import SmoothNormals
+from dqreg.geometry.unit_mistake import principal_spreads
 from dqreg.geometry.units import factor
 
 # Points drawn from a mesh that is the source.
@@ -24,6 +25,8 @@ MESH_SAMPLES = 100_000
 SPREAD_SAMPLE = 2_000
 # A cloud whose second largest extent is below this share of its largest is a line.
 LINE = 1e-9
+# Of a cloud that is a line for its strays alone, at least this share spans an area.
+BODY = 0.9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,11 +41,14 @@ class IndexedTarget:
         Middle of the bounding box in the target's frame.
     name : str
         What the caller gave, see `describe`.
+    fitted : ndarray, (m, 3), optional
+        Normals of a cloud's surface where they were fitted before.
     """
 
     geometry: PointCloud | Mesh
     origin: FloatArray
     name: str = ""
+    fitted: FloatArray | None = dataclasses.field(default=None, repr=False)
     _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
 
     @cached_property
@@ -53,9 +59,24 @@ class IndexedTarget:
                 built: Surface = self.__dict__["surface"]
                 return built
             surface: Surface
-            surface = MeshSurface(self.geometry) if isinstance(self.geometry, Mesh) else CloudSurface(self.geometry)
+            if isinstance(self.geometry, Mesh):
+                surface = MeshSurface(self.geometry)
+            else:
+                surface = CloudSurface(self.geometry, self.fitted)
             surface.closest(np.zeros((1, 3)))  # builds what is built lazily, while only one thread is here
             return surface
+
+    def build(self) -> None:
+        """Build now what a registration from a start asks for, so that none of them has to wait for it."""
+        found = self.surface.closest(self.surface.centre[None])
+        _ = self.spreads, self.smooth_normals(found)
+        if isinstance(self.geometry, Mesh):
+            _ = self.geometry.face_neighbours, self.geometry.is_closed
+
+    @cached_property
+    def spreads(self) -> FloatArray:
+        """Standard deviations along the principal axes, (3,), for the look at units."""
+        return principal_spreads(self.geometry)
 
     def smooth_normals(self, closest: Closest) -> FloatArray:
         """Normals of the smooth surface at places that the surface has named, (n, 3)."""
@@ -312,5 +333,16 @@ def require_spread(points: FloatArray, name: str) -> None:
     if extents[1] <= max(LINE * extents[2], rounding):
         raise DegenerateGeometryError(
             f"all {len(points)} points of the {name} lie on one line (spread across it {extents[1]:.3g}, along it "
-            f"{extents[2]:.3g}); a turn about that line cannot be determined. Give points that span an area"
+            f"{extents[2]:.3g}); a turn about that line cannot be determined. {_remedy(points)}"
         )
+
+
+def _remedy(points: FloatArray) -> str:
+    away = np.abs(points - np.median(points, axis=0)).max(axis=1)
+    body = points[away <= np.quantile(away, BODY)]
+    if len(body) >= 3 and len(body) < len(points):
+        with contextlib.suppress(DegenerateGeometryError):
+            require_spread(body, "points")
+            strays = int(np.count_nonzero(away > 1e3 * np.quantile(away, BODY)))
+            return f"Remove the {strays} strays up to {away.max():.3g} from the middle: the others span an area"
+    return "Give points that span an area"

@@ -15,6 +15,7 @@ from dqreg.arrays import FloatArray, IntArray
 from dqreg.errors import MissingDependencyError
 from dqreg.files.mesh_data import MeshData, make_mesh
 from dqreg.files.opening import unreadable
+from dqreg.files.strangers import most_faces, require_tame_3mf, require_tame_gltf
 from dqreg.files.unit_words import unit_of_comment
 
 # glTF is in metres by definition; 3MF states one of these words; OBJ may in a comment. STL and OFF are silent.
@@ -44,13 +45,18 @@ def read_mesh_file(path: Path) -> MeshData:
     Raises
     ------
     InputError
-        If the file is damaged, cut short or holds no faces.
+        If the file is damaged, cut short or holds no faces; if it names files outside its folder, or unfolds to much
+        more than it holds.
     MissingDependencyError
         If the format needs a package that is not installed.
     """
     extension = path.suffix.lower()
     if extension == ".stl":
         _require_whole_stl(path)
+    elif extension in (".glb", ".gltf"):
+        require_tame_gltf(path)
+    elif extension == ".3mf":
+        require_tame_3mf(path)
     loaded = _load(path)
     vertices, faces = _joined(path, loaded)
     if extension == ".off":
@@ -67,7 +73,8 @@ def read_mesh_file(path: Path) -> MeshData:
 def _load(path: Path) -> Any:
     import trimesh
 
-    options: dict[str, Any] = {"skip_materials": True} if path.suffix.lower() == ".obj" else {}
+    # Materials are other files and pictures, which measure nothing and are not opened.
+    options: dict[str, Any] = {"skip_materials": True} if path.suffix.lower() in (".obj", ".glb", ".gltf") else {}
     try:
         with _silent("trimesh"):
             return trimesh.load(path, process=False, **options)
@@ -114,6 +121,8 @@ def _joined(path: Path, loaded: Any) -> tuple[FloatArray, IntArray]:
             vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
         # A mirroring placement turns the triangles inside out; turning their sense puts that right.
         mirrored = np.linalg.det(pose[:3, :3]) < 0.0
+        if sum(map(len, all_faces)) + len(faces) > most_faces(path):
+            raise unreadable(path, "bodies placed so often that they unfold to millions of faces", "a part")
         # An index outside its own body must not land in the next one.
         stray = (faces < 0) | (faces >= len(vertices))
         all_faces.append(np.where(stray, -1, faces + count)[:, :: -1 if mirrored else 1])

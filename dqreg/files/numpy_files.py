@@ -13,6 +13,7 @@ import numpy as np
 from dqreg.arrays import FloatArray
 from dqreg.files.cloud_data import CloudData, make_cloud
 from dqreg.files.opening import unreadable
+from dqreg.files.strangers import require_tame_archive
 from dqreg.files.tables import nameless_cloud
 
 # Arrays that change what `points` means: the file is then a packed sequence, its numbers no coordinates.
@@ -64,6 +65,7 @@ def read_npz(path: Path) -> CloudData:
     InputError
         If there is no array ``points``, shapes do not fit, or the file is damaged.
     """
+    require_tame_archive(path)
     try:
         with zipfile.ZipFile(path) as archive:
             names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]

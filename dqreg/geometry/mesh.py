@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, IntArray, as_vectors
+from dqreg.arrays import FloatArray, IntArray, as_vectors, require_workable
 from dqreg.errors import InputError
 from dqreg.geometry.topology import Topology
 
@@ -33,7 +33,8 @@ class Mesh:
     Raises
     ------
     InputError
-        If there is no face with an area, an index points outside the vertices, or a used vertex is not finite.
+        If there is no face with an area, an index points outside the vertices, a used vertex is not finite, or
+        lengths are beyond what float64 can square.
 
     Examples
     --------
@@ -53,9 +54,12 @@ class Mesh:
         faces = _checked_faces(self.faces, len(vertices))
         if not np.isfinite(vertices[faces]).all():
             raise InputError("the mesh uses a vertex that is NaN or infinite; repair the mesh first")
+        corners = vertices[faces]
+        require_workable(corners.reshape(-1, 3), "vertices")
         doubled_area = np.linalg.norm(_doubled_area_vectors(vertices, faces), axis=1)
-        # Below float64's own resolution of the coordinates, an "area" is rounding.
-        solid = doubled_area > np.finfo(float).eps * np.ptp(vertices[faces].reshape(-1, 3), axis=0).max() ** 2
+        # Below float64's own resolution of the face's coordinates, an "area" is rounding.
+        length = np.ptp(corners, axis=1).max(axis=1)
+        solid = doubled_area > np.finfo(float).eps * length * np.maximum(length, np.abs(corners).max(axis=(1, 2)))
         if not solid.any():
             raise InputError(f"the mesh has {len(faces)} faces, none with an area; a target needs triangles")
         object.__setattr__(self, "vertices", vertices)
@@ -171,7 +175,10 @@ class Mesh:
 
 
 def _checked_faces(value: Any, vertex_count: int) -> IntArray:
-    faces = np.asarray(value)
+    try:
+        faces = np.asarray(value)
+    except ValueError as error:
+        raise InputError("faces must be integers of shape (f, 3); got rows of different lengths") from error
     if faces.size == 0:
         raise InputError("the mesh has no faces; a cloud of points goes in as an (n, 3) array or a PointCloud")
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":

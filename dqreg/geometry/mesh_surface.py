@@ -14,8 +14,8 @@ from dqreg.open3d_gate import load_open3d
 
 # Barycentric distance to an edge below which a float32 answer cannot tell inside from outside.
 EDGE_MARGIN = 1e-3
-# Faces walked from the one that float32 named; and the relative gain that is more than rounding.
-WALK, CLOSER = 8, 1e-12
+# Faces walked from the one that float32 named; and the relative gain of a squared distance that is more than rounding.
+WALK, CLOSER = 8, 2e-12
 
 
 class MeshSurface:
@@ -47,7 +47,8 @@ class MeshSurface:
     def _scene(self) -> Any:
         open3d = load_open3d()
         scene = open3d.t.geometry.RaycastingScene()
-        unit = (self.mesh.vertices - self.centre) / self.diagonal
+        # Vertices that no face uses may be anywhere, also beyond float32; the others are within a half.
+        unit = np.clip((self.mesh.vertices - self.centre) / self.diagonal, -1.0, 1.0)
         scene.add_triangles(
             open3d.core.Tensor(unit.astype(np.float32)), open3d.core.Tensor(self.mesh.faces.astype(np.uint32))
         )
@@ -83,29 +84,34 @@ class MeshSurface:
         on_face = points - height[:, None] * normals
         # Near an edge the foot of the perpendicular may lie outside the triangle, and in float32 the triangle itself
         # may be the wrong one of two: only those take the long way.
-        edge = np.flatnonzero((uv.min(axis=1) < EDGE_MARGIN) | (uv.sum(axis=1) > 1.0 - EDGE_MARGIN))
-        on_face[edge], faces[edge] = self._across_edges(points[edge], faces[edge])
-        normals[edge] = self.mesh.face_normals[faces[edge]]
-        gaps = points - on_face
-        distances = np.sqrt(np.einsum("ij,ij->i", gaps, gaps))
+        u, v = np.ascontiguousarray(uv.T)
+        edge = np.flatnonzero((np.minimum(u, v) < EDGE_MARGIN) | (u + v > 1.0 - EDGE_MARGIN))
+        distances = np.abs(height)
+        if len(edge):
+            beside = np.take(points, edge, axis=0)
+            places, walked = self._across_edges(beside, faces[edge])
+            on_face[edge], faces[edge], normals[edge] = places, walked, np.take(self.mesh.face_normals, walked, axis=0)
+            distances[edge] = np.sqrt(_squared(beside - places))
         return Closest(on_face, normals, distances, faces)
 
     def _across_edges(self, points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
         """Closest points in float64, walking to a neighbouring face for as long as it is strictly closer."""
-        best = closest_on_triangles(points, self.mesh.corners[faces])
-        gaps = np.linalg.norm(points - best, axis=1)
+        corners, neighbours = self.mesh.corners, self.mesh.face_neighbours
+        best = np.empty_like(points)
         faces = faces.copy()
         rows = np.arange(len(points))
         for _ in range(WALK):
-            improved = np.zeros(len(rows), dtype=bool)
-            for other in self.mesh.face_neighbours[faces[rows]].T:
-                candidate = closest_on_triangles(points[rows], self.mesh.corners[other])
-                gap = np.linalg.norm(points[rows] - candidate, axis=1)
-                closer = gap < gaps[rows] * (1.0 - CLOSER)
-                improved |= closer
-                chosen = rows[closer]
-                best[chosen], gaps[chosen], faces[chosen] = candidate[closer], gap[closer], other[closer]
-            rows = rows[improved]
+            # A face and its three neighbours at once; the face itself wins a draw.
+            here = faces[rows]
+            tried = np.column_stack([here, np.take(neighbours, here, axis=0)]).ravel()
+            queries = np.repeat(np.take(points, rows, axis=0), 4, axis=0)
+            candidates = closest_on_triangles(queries, np.take(corners, tried, axis=0))
+            apart = _squared(queries - candidates).reshape(-1, 4)
+            closer = apart.min(axis=1) < apart[:, 0] * (1.0 - CLOSER)
+            chosen = np.where(closer, apart.argmin(axis=1), 0)
+            kept = chosen + 4 * np.arange(len(rows))
+            best[rows], faces[rows] = candidates[kept], tried[kept]
+            rows = rows[chosen > 0]
             if not len(rows):
                 break
         return best, faces
@@ -134,18 +140,29 @@ def closest_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
     >>> closest_on_triangles(np.array([[3.0, 3.0, 1.0]]), triangle).tolist()
     [[1.0, 1.0, 0.0]]
     """
-    sides = np.roll(corners, -1, axis=1) - corners
-    offsets = points[:, None, :] - corners
-    along = np.einsum("nki,nki->nk", offsets, sides) / np.einsum("nki,nki->nk", sides, sides)
-    on_sides = corners + np.clip(along, 0.0, 1.0)[:, :, None] * sides
-    gaps = np.linalg.norm(points[:, None, :] - on_sides, axis=2)
-    nearest = gaps.argmin(axis=1)
-    closest: FloatArray = on_sides[np.arange(len(points)), nearest]
-    normal = np.cross(sides[:, 0], -sides[:, 2])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    # By columns, (corner, axis, query): three numbers a row are too few for NumPy to be quick about.
+    a, p = np.ascontiguousarray(corners.transpose(1, 2, 0)), np.ascontiguousarray(points.T)
+    sides = a[[1, 2, 0]] - a
+    offsets = p - a
+    along = np.einsum("kin,kin->kn", offsets, sides) / np.einsum("kin,kin->kn", sides, sides)
+    on_sides = a + np.minimum(np.maximum(along, 0.0), 1.0)[:, None] * sides
+    gaps = p - on_sides
+    first, second, third = np.einsum("kin,kin->kn", gaps, gaps)
+    closest = np.where(second < first, on_sides[1], on_sides[0])
+    closest = np.where(third < np.minimum(first, second), on_sides[2], closest)
+    normal = _cross(sides[2], sides[0])
+    normal /= np.sqrt(np.einsum("in,in->n", normal, normal))
     # Inside when the query is on the inner side of all three planes through a side along the normal.
-    inside = (np.einsum("nki,nki->nk", np.cross(normal[:, None, :], sides), offsets) >= 0.0).all(axis=1)
-    height = np.einsum("ni,ni->n", offsets[:, 0], normal)
-    foot = points - height[:, None] * normal
-    closest[inside] = foot[inside]
-    return closest
+    inner = np.stack([np.einsum("in,in->n", _cross(normal, side), offset) for side, offset in zip(sides, offsets, strict=True)])
+    foot = p - np.einsum("in,in->n", offsets[0], normal) * normal
+    return np.ascontiguousarray(np.where((inner >= 0.0).all(axis=0), foot, closest).T)
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    # Of columns, (3, n).
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def _squared(gaps: FloatArray) -> FloatArray:
+    squared: FloatArray = np.einsum("ij,ij->i", gaps, gaps)
+    return squared

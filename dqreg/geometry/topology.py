@@ -79,7 +79,7 @@ class Topology:
         mine[order[same]], mine[order[same + 1]] = order[same + 1], order[same]
         return mine.reshape(-1, 3)
 
-    @property
+    @cached_property
     def open_sides(self) -> int:
         """Edges at which an odd number of faces meet: one face is a rim, three are a wall on a surface."""
         return int(np.count_nonzero(self._uses(np.ones_like(self.forward)) % 2))

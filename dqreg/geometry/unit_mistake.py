@@ -77,6 +77,7 @@ def require_same_units(
     target: PointCloud | Mesh,
     source_units: str | None = None,
     target_units: str | None = None,
+    target_spreads: FloatArray | None = None,
 ) -> None:
     """Raise where source and target look as if they were in different units.
 
@@ -86,6 +87,8 @@ def require_same_units(
         Both sides, in the numbers as they are.
     source_units, target_units : str or None
         Units that are known; where both are, nothing is checked.
+    target_spreads : ndarray, (3,), optional
+        `principal_spreads` of the target, where they are known already.
 
     Raises
     ------
@@ -102,7 +105,7 @@ def require_same_units(
     ...
     dqreg.errors.UnitsError: the source is 1000 times as large as the target (spread 47.8 against 0.0478): near ...
     """
-    mistake = find_unit_mistake(source, target, source_units, target_units)
+    mistake = find_unit_mistake(source, target, source_units, target_units, target_spreads)
     if mistake is not None:
         raise UnitsError(mistake.sentence)
 
@@ -112,6 +115,7 @@ def find_unit_mistake(
     target: PointCloud | Mesh,
     source_units: str | None = None,
     target_units: str | None = None,
+    target_spreads: FloatArray | None = None,
 ) -> UnitMistake | None:
     """The likely mistake of units between two sides, or None.
 
@@ -121,6 +125,8 @@ def find_unit_mistake(
         Both sides, in the numbers as they are.
     source_units, target_units : str or None
         Units that are known; where both are, there is no mistake to look for.
+    target_spreads : ndarray, (3,), optional
+        `principal_spreads` of the target, where they are known already.
 
     Returns
     -------
@@ -129,7 +135,7 @@ def find_unit_mistake(
     """
     if source_units is not None and target_units is not None:
         return None
-    spreads = principal_spreads(source), principal_spreads(target)
+    spreads = principal_spreads(source), principal_spreads(target) if target_spreads is None else target_spreads
     sizes = tuple(float(np.linalg.norm(spread)) for spread in spreads)
     if not min(sizes) > 0.0:
         return None
@@ -175,10 +181,13 @@ def principal_spreads(geometry: PointCloud | Mesh) -> FloatArray:
         points = sample_mesh(geometry, SAMPLE, np.random.default_rng(0)).points
     else:
         points = geometry.points[sample_rows(len(geometry.points), SAMPLE)]
-    away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
-    near = points[away <= np.quantile(away, KEPT)]
-    near = near - near.mean(axis=0)
-    variances = np.linalg.eigvalsh(near.T @ near / len(near))[::-1]
+    # Column by column: along rows of three NumPy takes ten times as long.
+    columns = np.ascontiguousarray(points.T)
+    centred = columns - np.median(columns, axis=1, keepdims=True)
+    away = np.einsum("ij,ij->j", centred, centred)
+    near = centred[:, away <= np.quantile(away, KEPT)]
+    near -= near.mean(axis=1, keepdims=True)
+    variances = np.linalg.eigvalsh(near @ near.T / near.shape[1])[::-1]
     spreads: FloatArray = np.sqrt(np.maximum(variances, 0.0))
     return spreads
 

@@ -9,6 +9,9 @@ start is not drawn to the table that three quarters of the points belong to.
 On the finer levels the pose is near, and an estimator of the plan's choice may take over: with points to planes they
 need 1 to 3 iterations where the closed form with extrapolation needs 5 to 80, for the same pose. How fast the steps
 shrink is seen on a few points, so that the level of many needs no further iteration to prove that it has converged.
+
+Where the start explains nearly all of the scan to a narrow width already, as in tracking, the basin is found before
+the first step, and the run begins with the fine estimator.
 """
 
 from __future__ import annotations
@@ -23,7 +26,8 @@ from dqreg.geometry.surface import Surface
 from dqreg.icp.favour import favoured_rows, value_of
 from dqreg.icp.kernels import InlierMixture
 from dqreg.icp.loop import Observer, Run
-from dqreg.icp.stage import Level, Plan, Schedule
+from dqreg.icp.pairs import correspond
+from dqreg.icp.stage import EXPLAINED, Level, Plan, Schedule
 
 # Points of the coarse level, where the basin is decided, and of the level between it and the last.
 COARSE, MIDDLE = 2_000, 10_000
@@ -34,6 +38,8 @@ NOISE_FLOOR = 0.3
 EXACT_FLOOR = 1e-7
 # The basin is found where the scan is explained to a width below that share of the target's size.
 NEAR_WIDTH = 0.01
+# Points that tell at the start whether it is near already.
+LOOK = 500
 
 PATIENT = Schedule("patient", stages=30, iterations=None, rounds=30)
 QUICK = Schedule("quick", stages=150, iterations=1, rounds=1)
@@ -80,8 +86,8 @@ def run_graduated(
 
 def _placed(level: Level, start: FloatArray, observe: Observer | None) -> tuple[Run, InlierMixture, Level]:
     """End of the coarse level, with the fine estimator where there is one, and that level as the finer ones go on."""
-    if level.plan.first_width is not None:
-        mixture = InlierMixture(max(level.plan.first_width, level.floor), 0.5, level.plan.max_distance)
+    mixture = _first_look(level, start)
+    if mixture is not None:
         near = _near(level, None)
         run, mixture = near.descend(mixture, start, FINE, observe, 1)
         return run, mixture, _near(level, run)
@@ -102,6 +108,30 @@ def _placed(level: Level, start: FloatArray, observe: Observer | None) -> tuple[
     return dataclasses.replace(run, history=history, status=status), mixture, near
 
 
+def _first_look(level: Level, start: FloatArray) -> InlierMixture | None:
+    """Width and share to go on with at once, where the start is known to be near or is seen to be."""
+    plan = level.plan
+    if plan.first_width is not None:
+        return InlierMixture(max(plan.first_width, level.floor), 0.5, plan.max_distance)
+    if plan.fine is None:
+        return None
+    distances = correspond(level.scan.thinned(LOOK), level.surface, start).distances
+    within = distances[distances <= plan.max_distance]
+    if len(within) < EXPLAINED * len(distances):
+        return None
+    learned = _widest(level).learned(within, floor=level.floor, rounds=PATIENT.rounds)
+    explained = learned.share * len(within) >= EXPLAINED * len(distances)
+    return learned if explained and _is_near(level, learned) else None
+
+
+def _widest(level: Level) -> InlierMixture:
+    return InlierMixture(max(0.5 * level.plan.max_distance, level.floor), 0.5, level.plan.max_distance)
+
+
+def _is_near(level: Level, mixture: InlierMixture) -> bool:
+    return mixture.scale <= NEAR_WIDTH * level.surface.diagonal
+
+
 def _refined(
     level: Level, run: Run, mixture: InlierMixture, observe: Observer | None, before: int = 0
 ) -> tuple[Run, InlierMixture, Level]:
@@ -114,7 +144,10 @@ def _refined(
 
 
 def _near(level: Level, run: Run | None) -> Level:
-    plan = dataclasses.replace(level.plan, estimator=level.plan.fine or level.plan.estimator)
+    plan = level.plan
+    if plan.fine is not None:
+        # Planes need so few steps that extrapolating them costs more than it saves.
+        plan = dataclasses.replace(plan, estimator=plan.fine, accelerate=False)
     floor = width_floor(_judged_by_inliers(level.scan, run) if run else level.scan, level.surface)
     return dataclasses.replace(level, plan=plan, floor=floor, near=True)
 
@@ -180,11 +213,10 @@ def find_basin(
     InlierMixture
         Its width and share.
     """
-    wide = max(0.5 * level.plan.max_distance, level.floor)
-    mixture = InlierMixture(wide, 0.5, level.plan.max_distance)
+    mixture = _widest(level)
 
     def found(run: Run, mixture: InlierMixture) -> bool:
-        return mixture.scale <= NEAR_WIDTH * level.surface.diagonal and level.explains(run, mixture)
+        return _is_near(level, mixture) and level.explains(run, mixture)
 
     enough = found if hasty else None
     patient, patient_mixture = level.descend(mixture, start, PATIENT, observe, first, enough)

@@ -18,6 +18,8 @@ from dqreg.arrays import FloatArray
 
 # Keeps the mixture's two populations alive, so that a pair's weight can always come back.
 LEAST_SHARE = 1e-3
+# A round of EM that changes scale and share by less is the last: rounding, far below what either is good to.
+STILL = 1e-10
 
 
 class Kernel(Protocol):
@@ -181,7 +183,7 @@ class InlierMixture:
         floor : float
             Smallest scale allowed; without one, a single exact pair would draw all weight to itself.
         rounds : int
-            EM rounds; each raises the likelihood.
+            EM rounds at most; each raises the likelihood, and one that changes nothing is the last.
 
         Returns
         -------
@@ -195,6 +197,9 @@ class InlierMixture:
             if total == 0.0:
                 break
             scale = max(float(np.sqrt(weights @ distances**2 / total)), floor, np.finfo(float).tiny)
-            share = float(np.clip(total / len(distances), LEAST_SHARE, 1.0 - LEAST_SHARE))
+            share = min(max(total / len(distances), LEAST_SHARE), 1.0 - LEAST_SHARE)
+            settled = abs(scale - mixture.scale) <= STILL * scale and abs(share - mixture.share) <= STILL * share
             mixture = InlierMixture(scale, share, self.limit)
+            if settled:
+                break
         return mixture

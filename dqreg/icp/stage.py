@@ -19,8 +19,9 @@ from dqreg.icp.weights import NormalAngle, WithinDistance
 
 # A stage is converged when it moves less than this share of its own width.
 STAGE_TOLERANCE = 0.03
-# The width is settled when learning changes it by less than this factor.
-SETTLED = 0.97
+# The width is settled when learning changes it by less than this factor; near the answer the pose hardly feels it, and
+# another stage would ask about all points again.
+SETTLED, SETTLED_NEAR = 0.97, 0.9
 # The largest fall of the width from one stage to the next.
 STEEPEST = 0.5
 # Points from which on the sampling error, not the width, says how far a level is worth converging; and to which share
@@ -165,7 +166,8 @@ class Level:
             if run.ended_early or unfinished > UNFINISHED:
                 break
             learned = self._learned(mixture, run, schedule)
-            settled = SETTLED * mixture.scale <= learned.scale <= mixture.scale / SETTLED
+            factor = SETTLED_NEAR if self.near else SETTLED
+            settled = factor * mixture.scale <= learned.scale <= mixture.scale / factor
             mixture = dataclasses.replace(
                 learned, scale=max(learned.scale, self._steepest(learned, run) * mixture.scale)
             )

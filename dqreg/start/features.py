@@ -84,6 +84,9 @@ def scan_features(scan: Scan, size: float) -> Features:
     tree = NeighbourTree(cloud)
     points = cloud[sample_rows(len(cloud), LOOKED_AT)]
     fits = fit_planes(tree, cloud, points, NEIGHBOURS)
+    if not np.isfinite(fits.variances).any():
+        # Three points, or points on threads: no plane anywhere, and nothing that a pair could be told by.
+        return Features(points, np.zeros_like(points), np.zeros(len(points), dtype=bool), np.zeros(len(points)))
     if np.nanmedian(np.sqrt(fits.variances)) > ROUGH_RAD:
         fits = fit_planes(tree, cloud, points, MANY_NEIGHBOURS)
     normals, residuals = np.nan_to_num(fits.normals), fits.residuals

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, IntArray
+from dqreg.arrays import FloatArray, IntArray, bounds
 from dqreg.geometry import Mesh, PointCloud, Surface
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.solvers.oriented_pairs import OrientedPairs, poses_from_pairs
@@ -92,7 +92,9 @@ class PairTable:
     def of(target: PointCloud | Mesh, surface: Surface) -> PairTable:
         """Table of a target; the same target gives the same table."""
         features, edges = target_features(target, surface, TABLE_POINTS)
-        low, high = features.points.min(axis=0), features.points.max(axis=0)
+        # A target without a single normal has no features, but it has a size.
+        alone = target.vertices if isinstance(target, Mesh) else target.points
+        low, high = bounds(features.points if len(features.points) else alone)
         first, second = np.nonzero(~np.eye(len(features.points), dtype=bool))
         keys, usable = pair_keys(features, first, second, surface.diagonal)
         rows = np.flatnonzero(usable)

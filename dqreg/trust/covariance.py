@@ -132,8 +132,10 @@ def information_of(
     # What was known beforehand, in the units of the pairs' own information.
     known = np.zeros((6, 6)) if prior is None else variance * prior / scaling / scaling[:, None]
     known = basis.T @ known @ basis
-    rows = basis.T @ plane_rows(points, normals, centre, lever)
-    shape = rows if smooth is None else basis.T @ plane_rows(points, smooth, centre, lever)
+    rows = plane_rows(points, normals, centre, lever)
+    shape = rows if smooth is None else plane_rows(points, smooth, centre, lever)
+    if allowed is not None:
+        rows, shape = basis.T @ rows, basis.T @ shape
     values, vectors = np.linalg.eigh(((shape * weights) @ shape.T + known) / max(total, np.finfo(float).tiny))
     shares = weights * (vectors.T @ shape) ** 2
     squared = (shares**2).sum(axis=1)

@@ -12,7 +12,11 @@ FEW_INLIERS = 0.7
 FEWEST_INLIERS = 30
 # Patches of neighbouring points that lie off the target as a whole; points on it that face another way; points that
 # lie on no surface: shares above these speak against the pose.
-PATCHES_OFF, NORMALS_APART, STRAYS = 0.1, 0.15, 0.5
+PATCHES_OFF, NORMALS_APART, STRAYS = 0.03, 0.15, 0.5
+# Two scans of one scene see different sides of things, and things move.
+PATCHES_OFF_BORDER = 0.12
+# Strays take some patches along: so many more may be off for each of them.
+OFF_PER_STRAY = 0.25
 # Distances this many times the scan's own noise: the shapes differ, or the pose is wrong.
 ROUGH = 5.0
 
@@ -47,6 +51,8 @@ class Evidence:
         Other poses as good.
     search : str
         The last stage that the search for a start finished: "judged" is all; "" where there was none.
+    has_border : bool
+        Whether the target ends somewhere: a cloud, an open mesh.
     """
 
     status: str
@@ -64,6 +70,7 @@ class Evidence:
     directions: tuple[Direction, ...]
     alternatives: tuple[Alternative, ...]
     search: str = ""
+    has_border: bool = False
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -114,7 +121,8 @@ def _doubts(evidence: Evidence) -> list[str]:
             f"only {100 * evidence.share_near:.0f} % of the points within {evidence.near:.3g} of the target "
             f"lie on it (to {evidence.width:.3g}): a wrong minimum, another part, or much clutter"
         )
-    if not evidence.patches_off <= PATCHES_OFF:
+    allowed = PATCHES_OFF_BORDER if evidence.has_border else PATCHES_OFF
+    if not evidence.patches_off <= allowed + OFF_PER_STRAY * evidence.strays:
         doubts.append(
             f"{100 * evidence.patches_off:.0f} % of the patches of points within {evidence.near:.3g} of the target lie "
             "off it as a whole: a wrong minimum, another part, or something that touches the part"

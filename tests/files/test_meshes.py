@@ -4,6 +4,7 @@ import json
 import struct
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +94,8 @@ def test_bodies_of_a_scene_stand_in_their_places(tmp_path: Path, kind: str) -> N
 
 def test_a_3mf_without_its_reader_names_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "part.3mf"
-    path.write_bytes(b"PK\x03\x04" + bytes(64))
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("3D/3dmodel.model", "<model/>")
     failure = ModuleNotFoundError("No module named 'lxml'", name="lxml")
 
     def load(*_: Any, **__: Any) -> None:

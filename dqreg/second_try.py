@@ -1,0 +1,106 @@
+"""A second try where a given start ended in a pose that leaves much of the scan unexplained: search, and compare."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from dqreg.answer import Outcome, from_work
+from dqreg.arrays import FloatArray
+from dqreg.deadline import Deadline
+from dqreg.geometry.normals import sample_rows
+from dqreg.icp import run_graduated, width_floor
+from dqreg.icp.loop import Observer
+from dqreg.records import Alternative
+from dqreg.rigid import pose
+from dqreg.start import Candidate
+from dqreg.start.judging import weigh_up
+
+# Patches of points off the target, or points that face another way, beyond which the pose is doubted enough to look
+# for another one.
+DOUBT = 0.1
+# And widths of the distances, in the scan's own noise.
+MISFIT = 10.0
+# A pose that explains the scan better by so much mean log-likelihood is taken, if it is within this turn and this
+# share of the target's size of the start that was given: a start is rough, but it is meant.
+BETTER = 0.02
+MEANT_RAD, MEANT = np.deg2rad(40.0), 0.25
+JUDGES = 10_000
+
+
+def try_again(
+    first: Outcome,
+    T_start: FloatArray,
+    search: Callable[[], tuple[Candidate, ...]],
+    first_width: float,
+    observe: Observer | None,
+    deadline: Deadline,
+) -> tuple[Outcome, tuple[Alternative, ...]]:
+    """The better of a first outcome and of what a search from nothing finds, where the first is in doubt.
+
+    Parameters
+    ----------
+    first : Outcome
+        Where the given start led.
+    T_start : ndarray, (4, 4)
+        That start, between the centred frames.
+    search : callable
+        Finds start poses, the best first.
+    first_width : float
+        Width of the kernel to begin with from there.
+    observe : callable, optional
+        Called with each iteration.
+    deadline : Deadline
+        When to end.
+
+    Returns
+    -------
+    Outcome
+        The first, or a better one that lies near the start.
+    tuple of Alternative
+        A better one that does not: it is not what the caller meant, but has to be known.
+    """
+    evidence = first.evidence
+    doubted = (
+        evidence.patches_off > DOUBT + evidence.strays
+        or evidence.normals_apart > DOUBT
+        or evidence.width > MISFIT * evidence.expected > 0.0
+    )
+    if not first.found or not doubted or deadline.is_over:
+        return first, ()
+    found = search()
+    if not found:
+        return first, ()
+    plan = dataclasses.replace(first.plan, first_width=first_width)
+    run, mixture = run_graduated(
+        first.scan, first.target.surface, found[0].T_target_source, plan, deadline.watching(observe)
+    )
+    history = first.run.history + tuple(
+        dataclasses.replace(record, number=record.number + len(first.run.history)) for record in run.history
+    )
+    run = dataclasses.replace(run, history=history, status=deadline.status(run.status))
+    second = dataclasses.replace(first, run=run, mixture=mixture)
+    if not second.found:
+        return first, ()
+    gain, rms = _gain(first, second)
+    if gain <= BETTER:
+        return first, ()
+    T = run.T_target_source
+    turn = pose.angle_between(T, T_start)
+    shift = pose.offset_between(T, T_start, at=np.zeros(3))
+    if turn <= MEANT_RAD and shift <= MEANT * first.target.surface.diagonal:
+        return second, ()
+    return first, (Alternative(from_work(T, first.target.origin, first.source.origin), rms),)
+
+
+def _gain(first: Outcome, second: Outcome) -> tuple[float, float]:
+    # Mean log-likelihood that the second pose gains, and its truncated distance.
+    poses = np.stack([first.run.T_target_source, second.run.T_target_source])
+    points = first.scan.points[sample_rows(len(first.scan), JUDGES)]
+    surface = first.target.surface
+    floor = width_floor(first.scan, surface)
+    judgement = weigh_up(poses[:, :3, :3], poses[:, :3, 3], points, surface, 0.25 * first.plan.max_distance, floor)
+    means = judgement.means
+    return float(means[1] - means[0]), float(np.sqrt((judgement.distances[1] ** 2).mean()))

@@ -1,0 +1,104 @@
+"""Nearly symmetric parts: poses turned end for end that only a small feature tells apart, compared at the end.
+
+A start that was given decides between them before any feature has its say; so the answer's own flips are tried, and
+one that explains the scan as well, or better, is reported.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+from dqreg.geometry import Mesh, Scan, Surface, sample_mesh
+from dqreg.geometry.normals import sample_rows
+from dqreg.rigid import pose
+from dqreg.start.axes import moments, principal_axes, proper_turns
+from dqreg.start.judging import weigh_up
+from dqreg.start.refining import Sample, refine
+
+# A turn leaves most of the part in place where this share of its surface comes this close, in sizes; and all of it
+# where that share does: then it is a symmetry, which no scan can decide.
+MOST, NEARLY = 0.7, 5e-3
+ALL, SAME = 0.998, 2e-3
+CHECKED = 2_000
+# Points that refine a flip and points that judge it; first and last width of the refinement, in sizes; steps.
+REFINERS, JUDGES, WIDE, NARROW, STEPS = 1_000, 5_000, 6e-3, 1e-3, 6
+# A flip is as good within so much mean log-likelihood: half of what the notch of a block costs that is 0.7 % of its
+# surface. What only a smaller share of the points says is no decision.
+AS_GOOD = 0.015
+
+
+def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
+    """Turns about the principal axes that leave most of a part in place, but not all of it.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The part.
+    surface : Surface
+        The same as a surface.
+
+    Returns
+    -------
+    ndarray, (k, 4, 4)
+        Poses of the part onto itself, up to 23.
+
+    Examples
+    --------
+    >>> from dqreg.geometry import MeshSurface
+    >>> from dqreg.synth.parts import box
+    >>> part = Mesh(*box((3.0, 2.0, 1.0)))
+    >>> len(near_flips(part, MeshSurface(part)))
+    0
+    """
+    centre, axes = principal_axes(*moments(mesh))
+    points = sample_mesh(mesh, CHECKED, np.random.default_rng(0)).points
+    found = []
+    for turn in proper_turns():
+        T = pose.from_parts(axes @ turn @ axes.T, centre - axes @ turn @ axes.T @ centre)
+        distances = surface.closest(pose.apply(T, points)).distances / surface.diagonal
+        if np.mean(distances <= NEARLY) >= MOST and np.mean(distances <= SAME) < ALL:
+            found.append(T)
+    return np.array(found).reshape(-1, 4, 4)
+
+
+def flipped(
+    T_target_source: FloatArray, flips: FloatArray, scan: Scan, surface: Surface, limit: float, floor: float
+) -> list[tuple[FloatArray, float]]:
+    """Flips of a pose that explain the scan as well as it does, or better.
+
+    Parameters
+    ----------
+    T_target_source : ndarray, (4, 4)
+        The pose.
+    flips : ndarray, (k, 4, 4)
+        From `near_flips`.
+    scan, surface : Scan, Surface
+        Both sides.
+    limit : float
+        Distance beyond which a point tells nothing more.
+    floor : float
+        Smallest width.
+
+    Returns
+    -------
+    list of (ndarray, (4, 4)) and float
+        Refined poses, each with its truncated root mean square distance.
+    """
+    if not len(flips):
+        return []
+    some = scan.points[sample_rows(len(scan), REFINERS)]
+    sample = Sample(some, np.zeros_like(some), some[:0], some[:0])
+    turned = flips @ T_target_source
+    widths = np.geomspace(WIDE, NARROW, STEPS) * surface.diagonal
+    R, t = refine(turned[:, :3, :3], turned[:, :3, 3], sample, surface, None, widths, some[:0])
+    R, t = np.concatenate([T_target_source[None, :3, :3], R]), np.concatenate([T_target_source[None, :3, 3], t])
+    judges = scan.points[sample_rows(len(scan), JUDGES)]
+    judgement = weigh_up(R, t, judges, surface, limit, floor)
+    behind = judgement.means[0] - judgement.means
+    rms = np.sqrt((judgement.distances**2).mean(axis=1))
+    return [
+        (pose.from_parts(R[k], t[k]), float(rms[k]))
+        for k in range(1, len(R))
+        if behind[k] <= AS_GOOD
+    ]
