@@ -13,7 +13,7 @@ from dqreg.evidence import gather_evidence
 from dqreg.geometry import Mesh, Scan
 from dqreg.icp import NO_POSE, InlierMixture, Plan, Run
 from dqreg.known import Known
-from dqreg.records import Alternative, Iteration
+from dqreg.records import Alternative, Direction, Iteration
 from dqreg.result import Registration
 from dqreg.rigid import pose
 from dqreg.target import CentredSource, IndexedTarget, Inputs
@@ -128,7 +128,7 @@ class Outcome:
         weights, distances = self.run.weights, self.run.pairs.distances
         return Registration(
             T_target_source=T,
-            verdict=judge(dataclasses.replace(self.evidence, directions=directions, alternatives=alternatives)),
+            verdict=judge(self._complete(directions, alternatives, settings.get("target_units"))),
             status=self.run.status,
             covariance=covariance_of(information) if information else np.full((6, 6), np.nan),
             observability=directions,
@@ -162,6 +162,11 @@ class Outcome:
         )
         # The words name places in the caller's frame.
         return dataclasses.replace(held, centre=self.target.origin)
+
+    def _complete(
+        self, directions: tuple[Direction, ...], alternatives: tuple[Alternative, ...], units: str | None
+    ) -> Evidence:
+        return dataclasses.replace(self.evidence, directions=directions, alternatives=alternatives, units=units)
 
     @cached_property
     def evidence(self) -> Evidence:

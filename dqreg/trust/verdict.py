@@ -53,6 +53,8 @@ class Evidence:
         The last stage that the search for a start finished: "judged" is all; "" where there was none.
     has_border : bool
         Whether the target ends somewhere: a cloud, an open mesh.
+    units : str or None
+        Of all lengths, where known.
     """
 
     status: str
@@ -71,6 +73,11 @@ class Evidence:
     alternatives: tuple[Alternative, ...]
     search: str = ""
     has_border: bool = False
+    units: str | None = None
+
+    def length(self, value: float) -> str:
+        """A length in words, with its unit where that is known."""
+        return f"{value:.3g}" + (f" {self.units}" if self.units else "")
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -96,16 +103,17 @@ def judge(evidence: Evidence) -> Verdict:
 def _why_nothing(evidence: Evidence) -> str:
     if evidence.status == "no correspondences":
         return (
-            f"no pose: hardly any scan point comes within {evidence.max_distance:.4g} of the target with a matching "
-            "normal; check the start and the units, or raise max_distance"
+            f"no pose: hardly any scan point comes within {evidence.length(evidence.max_distance)} of the target with "
+            "a matching normal; check the start and the units, or raise max_distance"
         )
     return f"no pose: the loop ended with {evidence.status!r}"
 
 
 def _summary(evidence: Evidence) -> str:
     words = (
-        f"{evidence.inliers:.0f} points lie on the target to {evidence.width:.3g} (one sigma), "
-        f"{100 * evidence.share_near:.0f} % of those within {evidence.near:.3g} of it; all motions are held"
+        f"{evidence.inliers:.0f} points lie on the target to {evidence.length(evidence.width)} (one sigma), "
+        f"{100 * evidence.share_near:.0f} % of those within {evidence.length(evidence.near)} of it; "
+        "all motions are held"
     )
     same = sorted({alternative.symmetry for alternative in evidence.alternatives if alternative.symmetry})
     return words + "".join(f"; {sentence}, so the pose is one of several that are alike" for sentence in same)
@@ -113,18 +121,19 @@ def _summary(evidence: Evidence) -> str:
 
 def _doubts(evidence: Evidence) -> list[str]:
     doubts = []
+    near, width, noise = (evidence.length(x) for x in (evidence.near, evidence.width, evidence.expected))
     # "Not enough" instead of "too little": a number that is NaN must not pass.
     if not evidence.inliers >= FEWEST_INLIERS:
         doubts.append(f"only {evidence.inliers:.0f} points lie on the target: too few to check the pose with")
     if not evidence.share_near >= FEW_INLIERS:
         doubts.append(
-            f"only {100 * evidence.share_near:.0f} % of the points within {evidence.near:.3g} of the target "
-            f"lie on it (to {evidence.width:.3g}): a wrong minimum, another part, or much clutter"
+            f"only {100 * evidence.share_near:.0f} % of the points within {near} of the target "
+            f"lie on it (to {width}): a wrong minimum, another part, or much clutter"
         )
     allowed = PATCHES_OFF_BORDER if evidence.has_border else PATCHES_OFF
     if not evidence.patches_off <= allowed + OFF_PER_STRAY * evidence.strays:
         doubts.append(
-            f"{100 * evidence.patches_off:.0f} % of the patches of points within {evidence.near:.3g} of the target lie "
+            f"{100 * evidence.patches_off:.0f} % of the patches of points within {near} of the target lie "
             "off it as a whole: a wrong minimum, another part, or something that touches the part"
         )
     if not evidence.normals_apart <= NORMALS_APART:
@@ -139,8 +148,8 @@ def _doubts(evidence: Evidence) -> list[str]:
         )
     if evidence.expected > 0.0 and not evidence.width <= ROUGH * evidence.expected:
         doubts.append(
-            f"the points lie {evidence.width:.3g} off the target (one sigma), "
-            f"{evidence.width / evidence.expected:.0f} times what the scan's own noise ({evidence.expected:.3g}) "
+            f"the points lie {width} off the target (one sigma), "
+            f"{evidence.width / evidence.expected:.0f} times what the scan's own noise ({noise}) "
             "explains: shapes differ, or the pose is wrong"
         )
     doubts.extend(d.words for d in evidence.directions if d.words.startswith("free"))
