@@ -11,7 +11,7 @@ from dqreg.arrays import BoolArray, FloatArray
 # Information below this share of what all pairs could give with the longest lever is rounding or facets, not shape.
 FREE = 1e-5
 # Patches of neighbouring pairs whose noise may be one; and the fewest from which a scatter can be learned.
-PATCHES, FEWEST_PATCHES = 500, 30
+PATCHES, FEWEST_PATCHES = 200, 30
 
 
 @dataclasses.dataclass(frozen=True)
