@@ -1,0 +1,211 @@
+"""A worker process of a batch, seen from its parent: a crash or a hang in it costs one row.
+
+A fresh interpreter, never a fork: Open3D's threads do not survive one. It talks over its standard input and output, so
+that it may be started from anywhere, also from the daemonic processes of a Dask cluster.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from typing import IO, Any
+
+from dqreg.batch.row import Done, Row, Thumbnail
+from dqreg.batch.serve import receive, send
+from dqreg.errors import InputError
+
+# Loading the libraries is not the row's doing.
+START_SECONDS = 180.0
+# Rows after which a process is replaced: whatever libraries leak goes with it.
+RECYCLED_AFTER = 256
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from dqreg.batch.serve import serve; serve({idle})"
+
+
+class Child:
+    """A process that registers one row after another, and is replaced when it dies.
+
+    Parameters
+    ----------
+    threads : int
+        Told to every library that reads it from the environment.
+    idle : float, optional
+        Seconds without work after which it ends by itself.
+
+    Attributes
+    ----------
+    closed : bool
+        Whether `close` was called: it takes no more rows.
+
+    Examples
+    --------
+    >>> Child(threads=1).close()
+    """
+
+    def __init__(self, threads: int, idle: float | None = None) -> None:
+        self._threads, self._idle = threads, idle
+        self._process: subprocess.Popen[bytes] | None = None
+        self._log: IO[bytes] | None = None
+        self._rows = 0
+        self._late: float | None = None
+        self.closed = False
+        self._lock = threading.Lock()
+
+    def ask(self, row: Row, timeout: float | None = None, thumbnail: Thumbnail | None = None) -> Done:
+        """Have a row registered; waits for it.
+
+        Parameters
+        ----------
+        row : Row
+            What to do.
+        timeout : float, optional
+            Seconds after which the process is ended.
+        thumbnail : callable, optional
+            As in `run_row`; must be importable by name.
+
+        Returns
+        -------
+        Done
+            Also where the process died or was late.
+
+        Raises
+        ------
+        MissingDependencyError
+            If Open3D cannot load: no row could ever run.
+        InputError
+            If no process can be started.
+        """
+        if self._rows >= RECYCLED_AFTER:
+            self._end()
+        for _ in range(2):
+            try:
+                done = self._asked(row, timeout, thumbnail)
+            except (EOFError, OSError):
+                code, words = self._last_words()
+                self._end()
+                if self._late is not None:
+                    return Done("timeout", f"no answer within {self._late:g} s")
+                if code == 0 and self._idle is not None:
+                    continue  # it had just gone, for want of work
+                return Done("crashed", words)
+            self._rows += 1
+            if self._late is not None:
+                self._end()  # its time was up just when it was done
+            return done
+        return Done("crashed", words)
+
+    def _asked(self, row: Row, timeout: float | None, thumbnail: Thumbnail | None) -> Done:
+        process = self._ready()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        with self._limit(timeout):
+            send(process.stdin, (row, thumbnail))
+            done: Done = receive(process.stdout)
+        return done
+
+    def close(self) -> None:
+        """End the process for good; whoever waits for its answer is told that it crashed."""
+        self.closed = True
+        self._kill()
+        self._end()
+
+    def _ready(self) -> subprocess.Popen[bytes]:
+        if self._process is not None and self._process.poll() is None:
+            return self._process
+        self._end()
+        with self._lock:
+            if self.closed:
+                raise EOFError
+            process, self._log = _started(self._threads, self._idle)
+            self._process = process
+        with self._limit(START_SECONDS):
+            assert process.stdout is not None
+            trouble = receive(process.stdout)
+        if trouble is not None:
+            raise trouble
+        return process
+
+    @contextlib.contextmanager
+    def _limit(self, seconds: float | None) -> Any:
+        """Ends the process once the time is up, so that reading from it ends as well."""
+        self._late = None
+        if seconds is None:
+            yield
+            return
+        timer = threading.Timer(seconds, self._too_late, (seconds,))
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+    def _too_late(self, seconds: float) -> None:
+        self._late = seconds
+        self._kill()
+
+    def _kill(self) -> None:
+        with self._lock:
+            if self._process is not None:
+                self._process.kill()
+
+    def _last_words(self) -> tuple[int | None, str]:
+        """Exit code, and how the process ended in words."""
+        process, log = self._process, self._log
+        if process is None:
+            return None, "the worker process was ended"
+        try:
+            code: int | None = process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            code = None
+        how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
+        words = "the worker process died"
+        if log is not None:
+            with contextlib.suppress(OSError, ValueError):
+                log.seek(0)
+                lines = log.read()[-10_000:].decode(errors="replace").strip().splitlines()
+                if lines:
+                    return code, f"{words} ({how}): {lines[-1][:200]}"
+        return code, f"{words} ({how})"
+
+    def _end(self) -> None:
+        with self._lock:
+            process, log = self._process, self._log
+            self._process = self._log = None
+            self._rows = 0
+        if process is not None:
+            process.kill()
+            process.wait()
+            for pipe in (process.stdin, process.stdout):
+                # A request that was not taken is still in the buffer, and has nowhere to go.
+                with contextlib.suppress(OSError, ValueError):
+                    if pipe is not None:
+                        pipe.close()
+        if log is not None:
+            log.close()
+
+
+def _started(threads: int, idle: float | None) -> tuple[subprocess.Popen[bytes], IO[bytes]]:
+    """The process, and the file that holds what its libraries print."""
+    import json
+
+    environment = {**os.environ, **{name: str(threads) for name in THREAD_VARIABLES}}
+    # Ctrl-C in a terminal goes to the whole group; the parent alone decides what it means.
+    group: dict[str, Any] = {"process_group": 0}
+    if os.name == "nt":
+        group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}  # type: ignore[attr-defined,unused-ignore]
+    command = [sys.executable, "-c", CODE.format(idle=idle), json.dumps(sys.path)]
+    pipe = subprocess.PIPE
+    try:
+        log = tempfile.TemporaryFile("a+b")  # noqa: SIM115 - lives as long as the process
+        try:
+            return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=log, env=environment, **group), log
+        except OSError:
+            log.close()
+            raise
+    except OSError as error:
+        raise InputError(f"cannot start a worker process: {error.strerror or error}; use fewer --workers") from error

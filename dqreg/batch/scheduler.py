@@ -1,0 +1,215 @@
+"""Rows on a Dask cluster: each is a task, and each task has its row done in a process of its own.
+
+A worker's task hands its row to a `Child`, as the pool of one machine does: a crash or a hang in a registration ends
+that child, not the Dask worker with whatever else it holds. A Dask worker that dies is Dask's to notice; its tasks go
+to another one. Results come back to here, and only this process writes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import contextlib
+import itertools
+import secrets
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from dqreg.batch.child import Child
+from dqreg.batch.cluster import connected, slots
+from dqreg.batch.pool import POLL_SECONDS, Answer, Stop
+from dqreg.batch.row import Done, Row, Thumbnail
+from dqreg.errors import DqregError, InputError
+
+# Seconds after which a child on a cluster ends by itself: its memory belongs to others again.
+IDLE_SECONDS = 60.0
+# Seconds that a cluster may be without any worker.
+DESERTED_SECONDS = 60.0
+CANCELLED = (asyncio.CancelledError, concurrent.futures.CancelledError)
+
+# Children of this Dask worker: those that have nothing to do, and those at work with the batch that they work for.
+_idle: list[Child] = []
+_busy: dict[Child, str] = {}
+_lock = threading.Lock()
+
+
+def on_cluster(
+    rows: Sequence[Row],
+    address: str,
+    *,
+    threads: int = 1,
+    timeout: float | None = None,
+    thumbnail: Thumbnail | None = None,
+    stop: Stop = lambda: False,
+) -> Iterator[Answer]:
+    """Register rows on the workers of a Dask cluster, which must see the files under the same paths.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        What to do; no more scans are in memory than the cluster has threads.
+    address : str
+        Of the scheduler.
+    threads : int
+        Threads of one registration.
+    timeout : float, optional
+        Seconds for one row.
+    thumbnail : callable, optional
+        As in `run_row`.
+    stop : callable
+        Asked often; once it says True, rows that are not done are dropped.
+
+    Yields
+    ------
+    (Row, Done)
+        As they get done.
+
+    Raises
+    ------
+    MissingDependencyError
+        If Dask is not installed.
+    InputError
+        If the cluster cannot be used, or is lost on the way.
+    """
+    if not rows:
+        return
+    with connected(address) as client:
+        flight = _Flight(client, address, rows, (threads, timeout, thumbnail))
+        try:
+            while flight.left and not stop():
+                yield from flight.landed(POLL_SECONDS)
+            yield from flight.landed()
+        finally:
+            flight.drop()
+
+
+class _Flight:
+    """Tasks on their way: as many as the cluster has threads, so that a worker's death touches few."""
+
+    def __init__(self, client: Any, address: str, rows: Sequence[Row], order: tuple[Any, ...]) -> None:
+        self._client, self._address, self._order = client, address, order
+        self._token = secrets.token_hex(8)
+        self._numbers = itertools.count()
+        self._waiting = list(reversed(rows))
+        self._flying: dict[Any, Row] = {}
+        self._peopled = time.monotonic()
+
+    @property
+    def left(self) -> int:
+        return len(self._waiting) + len(self._flying)
+
+    def landed(self, seconds: float = 0.0) -> Iterator[Answer]:
+        """Rows that get done within some seconds, with new ones started in the place of others."""
+        if seconds:
+            self._start()
+            self._wait(seconds)
+        for future in [future for future in self._flying if future.done()]:
+            row = self._flying.pop(future)
+            if future.status in ("cancelled", "lost"):
+                self._waiting.append(row)  # the scheduler forgot it; nothing came of it yet
+                continue
+            yield row, _done(future)
+            future.release()
+
+    def _start(self) -> None:
+        for _ in range(min(len(self._waiting), self._slots() - len(self._flying))):
+            row = self._waiting.pop()
+            key = f"dqreg-{self._token}-{next(self._numbers)}"
+            self._flying[self._client.submit(do_row, row, self._token, *self._order, pure=False, key=key)] = row
+
+    def _wait(self, seconds: float) -> None:
+        from distributed import wait
+
+        if not self._flying:
+            time.sleep(seconds)
+            return
+        with self._client.as_current(), contextlib.suppress(TimeoutError, *CANCELLED):
+            wait(list(self._flying), timeout=seconds, return_when="FIRST_COMPLETED")  # type: ignore[no-untyped-call]
+
+    def _slots(self) -> int:
+        try:
+            if self._client.status != "running":
+                raise OSError(self._client.status)
+            count = slots(self._client)
+        except OSError as error:
+            raise InputError(
+                f"the Dask scheduler at {self._address} is gone; rows done so far are kept: go on with --resume"
+            ) from error
+        now = time.monotonic()
+        self._peopled = now if count else self._peopled
+        if now - self._peopled > DESERTED_SECONDS:
+            raise InputError(
+                f"the Dask cluster at {self._address} has no workers any more; rows done so far are kept: go on with "
+                f"--resume"
+            )
+        return count
+
+    def drop(self) -> None:
+        """Give up what is flying, and end the children that work on it."""
+        if not self._flying:
+            return
+        with contextlib.suppress(Exception, *CANCELLED):
+            self._client.cancel(list(self._flying), force=True)
+            self._client.run(end_children, self._token)
+
+
+def _done(future: Any) -> Done:
+    if future.status == "finished":
+        found: Done = future.result()
+        return found
+    error = future.exception()
+    if isinstance(error, DqregError):
+        raise error
+    if type(error).__name__ == "KilledWorker":
+        # Dask tries a task on several workers before it takes their deaths for its fault.
+        return Done("crashed", "every Dask worker that took it died")
+    return Done("crashed", f"{type(error).__name__}: {error}")
+
+
+def do_row(row: Row, batch: str, threads: int, timeout: float | None, thumbnail: Thumbnail | None) -> Done:
+    """Have a row done by a child of this Dask worker; runs there.
+
+    Parameters
+    ----------
+    row : Row
+        What to do.
+    batch : str
+        The batch that it belongs to.
+    threads : int
+        Threads of the child.
+    timeout : float or None
+        Seconds for the row.
+    thumbnail : callable or None
+        As in `run_row`.
+
+    Returns
+    -------
+    Done
+        What came of it.
+    """
+    with _lock:
+        child = _idle.pop() if _idle else Child(threads, IDLE_SECONDS)
+        _busy[child] = batch
+    try:
+        return child.ask(row, timeout, thumbnail)
+    finally:
+        with _lock:
+            del _busy[child]
+            if not child.closed:
+                _idle.append(child)
+
+
+def end_children(batch: str) -> None:
+    """End the children of this Dask worker that work for a batch; runs there.
+
+    Parameters
+    ----------
+    batch : str
+        As in `do_row`.
+    """
+    with _lock:
+        children = [child for child, owner in _busy.items() if owner == batch]
+    for child in children:
+        child.close()

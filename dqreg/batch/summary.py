@@ -1,0 +1,193 @@
+"""The summary of a batch: one line a row, as CSV and as one HTML page that needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import dataclasses
+import importlib.resources
+import io
+import math
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from dqreg.batch.row import BATCH, Done, Row
+
+# From the one that needs a look first to the one that needs none.
+VERDICTS = ("crashed", "timeout", "error", "not run", "failed", "suspect", "accepted")
+POSE = ("tx", "ty", "tz", "qw", "qx", "qy", "qz")
+COLUMNS = ("name", "verdict", "reasons", "rms", "inlier_fraction", "seconds", *POSE, "scan", "target", "result", "line")
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """One row in the summary.
+
+    Attributes
+    ----------
+    row : Row
+        What was asked.
+    verdict : str
+        "accepted", "suspect" or "failed" where it ran; else "error", "crashed", "timeout" or "not run".
+    reasons : tuple of str
+        Of the verdict, or what went wrong.
+    rms, inlier_fraction, seconds : float
+        As in `Registration`; NaN where there is none.
+    pose : tuple of float
+        Translation (target units), then the rotation as a quaternion w, x, y, z; NaN where there is none.
+    kept : bool
+        Whether the result is of an earlier session.
+    """
+
+    row: Row
+    verdict: str
+    reasons: tuple[str, ...]
+    rms: float = math.nan
+    inlier_fraction: float = math.nan
+    seconds: float = math.nan
+    pose: tuple[float, ...] = (math.nan,) * 7
+    kept: bool = False
+
+    @property
+    def ran(self) -> bool:
+        """Whether there is a result file."""
+        return self.verdict in ("accepted", "suspect", "failed")
+
+
+def line_of(row: Row, done: Done, *, kept: bool = False) -> Line:
+    """Line of a row.
+
+    Parameters
+    ----------
+    row : Row
+        The row.
+    done : Done
+        What came of it.
+    kept : bool
+        Whether its result is of an earlier session.
+
+    Returns
+    -------
+    Line
+        Without the pairs and the history: small, however many rows there are.
+    """
+    record = done.record
+    if record is None:
+        return Line(row, done.status, (done.message,))
+    return Line(
+        row,
+        record["verdict"]["level"],
+        tuple(record["verdict"]["reasons"]),
+        _number(record["rms"]),
+        _number(record["inlier_fraction"]),
+        _number(record[BATCH]["seconds"]),
+        _pose(record),
+        kept,
+    )
+
+
+def to_csv(lines: Sequence[Line]) -> str:
+    """The summary as CSV, numbers at full precision.
+
+    Parameters
+    ----------
+    lines : sequence of Line
+        In the manifest's order.
+
+    Returns
+    -------
+    str
+        With a head; numbers that are not known are empty.
+
+    Examples
+    --------
+    >>> row = Row("a", Path("a.ply"), Path("b.stl"))
+    >>> to_csv([Line(row, "error", ("no luck",))]).splitlines()[1]
+    'a,error,no luck,,,,,,,,,,,a.ply,b.stl,,0'
+    """
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for line in lines:
+        numbers = (line.rms, line.inlier_fraction, line.seconds, *line.pose)
+        shown = ["" if math.isnan(number) else repr(number) for number in numbers]
+        result = f"results/{line.row.name}.json" if line.ran else ""
+        about = [line.row.name, line.verdict, "; ".join(line.reasons)]
+        writer.writerow([*about, *shown, line.row.scan, line.row.target, result, line.row.line])
+    return buffer.getvalue()
+
+
+def to_html(title: str, lines: Sequence[Line], thumbnails: Path | None = None) -> str:
+    """The summary as a page that loads nothing; a click on a head sorts.
+
+    Parameters
+    ----------
+    title : str
+        Heading.
+    lines : sequence of Line
+        In the manifest's order.
+    thumbnails : Path, optional
+        Folder of pictures, NAME.jpg.
+
+    Returns
+    -------
+    str
+        HTML, with everything from outside escaped.
+
+    Examples
+    --------
+    >>> "a &lt; b" in to_html("a < b", [])
+    True
+    """
+    import jinja2
+
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["short"] = _short
+    environment.globals.update(rank=VERDICTS.index, picture=lambda name: _picture(thumbnails, name))
+    source = importlib.resources.files("dqreg.batch").joinpath("page.html").read_text(encoding="utf-8")
+    return environment.from_string(source).render(title=title, lines=lines, counts=counts(lines))
+
+
+def counts(lines: Sequence[Line]) -> dict[str, int]:
+    """How many rows have which verdict, the good ones first; those that none has are left out.
+
+    Parameters
+    ----------
+    lines : sequence of Line
+        Of a batch.
+
+    Returns
+    -------
+    dict
+        Verdict to number.
+    """
+    found = Counter(line.verdict for line in lines)
+    return {verdict: found[verdict] for verdict in reversed(VERDICTS) if found[verdict]}
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _pose(record: dict[str, Any]) -> tuple[float, ...]:
+    parts = record["dual_quaternion"]
+    if parts is None:
+        return (math.nan,) * 7
+    return (*(float(row[3]) for row in record["T_target_source"][:3]), *map(float, parts["real"]))
+
+
+def _short(number: float) -> str:
+    return "" if math.isnan(number) else f"{number:.3g}"
+
+
+def _picture(folder: Path | None, name: str) -> str:
+    if folder is None:
+        return ""
+    try:
+        return base64.b64encode((folder / f"{name}.jpg").read_bytes()).decode("ascii")
+    except OSError:
+        return ""

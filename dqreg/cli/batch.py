@@ -1,0 +1,257 @@
+"""`dqreg batch MANIFEST`: many registrations, one result file each, one summary."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import signal
+import sys
+import threading
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any, Self
+
+import click
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from dqreg.arrays import FloatArray
+    from dqreg.batch import Batch, Progress
+    from dqreg.result import Registration
+
+FILE = click.Path(path_type=Path)
+# Rows that are named one by one on the screen; all of them are in the summary.
+NAMED = 20
+# Options of `dqreg.register` that the command line offers for all rows; a manifest may say each for its own.
+SHARED = ("method", "effort", "max_distance", "max_angle_deg", "source_units", "target_units", "seed")
+WIDTH, HEIGHT, DOTS = 240, 180, 20_000
+
+
+@click.command()
+@click.argument("manifest", type=FILE)
+@click.option("--target", type=FILE, help="Part of every row that names none; needed where MANIFEST is a folder.")
+@click.option("--out", type=FILE, help="Folder for results and summary  [default: NAME-results].")
+@click.option("--workers", type=int, help="Processes on this machine  [default: one a core].")
+@click.option("--scheduler", metavar="ADDRESS", help="Work on a Dask cluster instead, such as tcp://host:8786.")
+@click.option("--resume", is_flag=True, help="Go on in a folder that holds results: what is done and unchanged stays.")
+@click.option("--timeout", type=float, default=600.0, show_default=True, help="Seconds for one row.")
+@click.option("--threads", type=int, help="Threads of each process  [default: the cores shared out].")
+@click.option("--start", default="none", show_default=True, metavar="none|identity|FILE", help="Where rows begin that "
+              "say nothing themselves.")  # fmt: skip
+@click.option("--method", help="As in dqreg register; so are the next six.")
+@click.option("--effort")
+@click.option("--max-distance", type=float)
+@click.option("--max-angle", "max_angle_deg", type=float)
+@click.option("--source-units")
+@click.option("--target-units")
+@click.option("--seed", type=int)
+@click.option("--no-thumbnails", "thumbnails", flag_value=False, default=True, help="No pictures in the summary.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+def batch(manifest: Path, target: Path | None, out: Path | None, quiet: bool, **options: Any) -> int:
+    """Register every row of MANIFEST; a crash or a hang costs one row.
+
+    MANIFEST is a CSV file with the columns scan and target, and if wanted name, start, and any option of dqreg register
+    (effort, max_distance, source_units ...); paths are relative to it. Or it is a folder of scans, with --target.
+
+    \b
+    dqreg batch parts.csv
+    dqreg batch my_scans --target part.stl --effort fast --out on_part
+    dqreg batch parts.csv --resume                 after a kill, a crash or a correction: only what is missing
+    dqreg batch parts.csv --scheduler tcp://host:8786
+
+    Written are results/NAME.json a row, summary.csv, and summary.html to look at. Ctrl-C keeps the rows that are done
+    and writes the summary; a second one stops at once.
+
+    Exit codes: 0 every row accepted, 1 some were not, 2 bad input, 130 or 143 stopped by a signal.
+    """
+    from rich.console import Console
+
+    from dqreg.batch import Crew, Defaults, read_manifest, run_batch
+
+    console = Console(quiet=quiet, highlight=False)
+    with _Stop() as stop:
+        crew = Crew(*(options[name] for name in ("workers", "scheduler", "threads", "timeout")))
+        shared = {name: options[name] for name in SHARED if options[name] is not None}
+        rows = read_manifest(manifest, Defaults(target, options["start"], shared))
+        place = out or Path(f"{manifest.absolute().name if manifest.is_dir() else manifest.stem}-results")
+        stop.polite = True
+        with _Observer(console) as observe:
+            found = run_batch(
+                rows,
+                place,
+                crew,
+                resume=options["resume"],
+                title=manifest.absolute().name,
+                thumbnail=thumbnail if options["thumbnails"] else None,
+                observe=observe,
+                stop=stop.asked,
+            )
+    _show(console, found)
+    if found.stopped:
+        click.echo(f"dqreg: stopped; the rows done so far are in {place}: go on with --resume", err=True)
+        return 128 + stop.signal
+    return 0 if found.accepted else 1
+
+
+def thumbnail(result: Registration) -> bytes | None:
+    """A small picture of the scan on its target; runs in the worker, which has both at hand.
+
+    Parameters
+    ----------
+    result : Registration
+        With both sides.
+
+    Returns
+    -------
+    bytes or None
+        JPEG; None where no pose was found.
+    """
+    import io
+
+    import numpy as np
+
+    # Matplotlib brings it along, and takes ten times as long to load.
+    from PIL import Image
+
+    from dqreg.geometry import Mesh
+    from dqreg.report.cameras import VIEWS, best_corner
+    from dqreg.report.colours import ALIGNED, TARGET, rgb
+    from dqreg.report.measure import placed
+    from dqreg.report.raster import Dots, PartScene, frame_of
+
+    if result.inputs is None or not np.isfinite(result.T_target_source).all():
+        return None
+    target = result.inputs.target
+    size = target.surface.diagonal
+    scan = _some(placed(result.inputs, result.T_target_source)) / size
+    geometry, layers = target.geometry, [Dots(scan, np.array(rgb(ALIGNED), np.uint8), 0.004)]
+    if isinstance(geometry, Mesh):
+        mesh, part = geometry, geometry.vertices / size
+        corner = best_corner(target.surface.closest(scan * size).normals)
+    else:
+        mesh, part, corner = None, _some(geometry.points) / size, "iso"
+        layers.insert(0, Dots(part, np.array(rgb(TARGET), np.uint8), 0.004))
+    image = PartScene(mesh, size).render(frame_of(part, VIEWS[corner], WIDTH, HEIGHT), TARGET, "#ffffff", layers)
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "jpeg", quality=80, optimize=True)
+    return buffer.getvalue()
+
+
+def _some(points: FloatArray) -> FloatArray:
+    return points[:: max(1, len(points) // DOTS)]
+
+
+class _Stop:
+    """What Ctrl-C and SIGTERM mean: once politely, twice at once; before the work begins, at once."""
+
+    def __init__(self) -> None:
+        self.signal = 0
+        self.polite = False
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> Self:
+        # Python lets only the main thread listen to signals.
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM):
+                # What the caller has had ignored (nohup, a job in the background) stays ignored.
+                if signal.getsignal(number) is not signal.SIG_IGN:
+                    self._before[number] = signal.signal(number, self._note)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def asked(self) -> bool:
+        """Whether to end."""
+        return self.signal != 0
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        if self.signal or not self.polite:
+            said = "stopped at once" if self.signal else "stopped; nothing was written"
+            self._say(f"{said}\n")
+            self.signal = number
+            raise SystemExit(128 + number)
+        self.signal = number
+        self._say("stopping: what is done is kept; once more to stop at once\n")
+
+    def _say(self, words: str) -> None:
+        with contextlib.suppress(OSError):
+            # Not through a stream: the signal may have come in the middle of its write.
+            os.write(2, f"dqreg: {words}".encode())
+
+
+class _Observer:
+    """Shows progress: a bar with the time left on a terminal, one line a row in a pipe, nothing when quiet."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._bar: Any = None
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal and not self._console.quiet:
+            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+            from rich.progress import Progress as Bar
+
+            self._bar = Bar(
+                BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
+                TextColumn("{task.description}", markup=False), console=self._console, transient=True,
+            )  # fmt: skip
+            self._bar.start()
+            self._task = self._bar.add_task("", total=None, left="")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def __call__(self, progress: Progress) -> None:
+        line = progress.line
+        words = "" if line is None else f"{line.row.name}: {line.verdict}"
+        if self._bar is not None:
+            self._bar.update(self._task, completed=progress.done, total=progress.total, description=words,
+                             left=_left(progress.seconds_left))  # fmt: skip
+            return
+        if line is None:
+            if progress.done:
+                _say(self._console, f"{progress.done} of {progress.total} rows are done already")
+            return
+        took = "" if math.isnan(line.seconds) else f", {line.seconds:.1f} s"
+        left = _left(progress.seconds_left) if progress.done < progress.total else ""
+        _say(self._console, f"{progress.done}/{progress.total}  {words}{took}{left and ', ' + left}")
+
+
+def _left(seconds: float) -> str:
+    if math.isnan(seconds):
+        return ""
+    minutes, rest = divmod(round(seconds), 60)
+    return f"about {minutes} min left" if minutes else f"about {rest} s left"
+
+
+def _show(console: Console, found: Batch) -> None:
+    from dqreg.batch.summary import counts
+
+    bad = [line for line in found.lines if line.verdict not in ("accepted", "not run")]
+    for line in bad[:NAMED]:
+        _say(console, f"  {line.row.name}: {line.verdict.upper()}: {'; '.join(line.reasons)}")
+    if len(bad) > NAMED:
+        _say(console, f"  and {len(bad) - NAMED} more: see the summary")
+    _say(console, ", ".join(f"{count} {verdict}" for verdict, count in counts(found.lines).items()))
+    for path in found.files:
+        _say(console, f"wrote {path}")
+
+
+def _say(console: Console, text: str) -> None:
+    from dqreg.errors import InputError
+
+    try:
+        console.print(text, markup=False, soft_wrap=True)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        # What is left in the stream would fail once more when Python ends.
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise InputError(f"cannot write to the standard output: {error.strerror or error}; add --quiet") from error
