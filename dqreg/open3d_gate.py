@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 import importlib
 import platform
 import re
+import signal
 import sys
+from collections.abc import Iterator
 from types import ModuleType
 
 from dqreg.errors import MissingDependencyError
@@ -45,7 +48,8 @@ def load_open3d() -> ModuleType:
     """
     _preload_libusb()
     try:
-        open3d = importlib.import_module("open3d")
+        with _uninterrupted():
+            open3d = importlib.import_module("open3d")
     except Exception as error:
         # A wheel that does not fit NumPy or the system fails in its own ways; each means that there is no Open3D.
         raise MissingDependencyError(explain(error)) from error
@@ -83,6 +87,19 @@ def explain(error: BaseException) -> str:
         package = _wheel() if missing == "open3d" else missing.partition(".")[0]
         return f"Open3D cannot load: the Python package {package!r} is missing; run: pip install {package}"
     return f"Open3D cannot load: {error}; run: pip install --force-reinstall {_wheel()}"
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    # Ctrl-C in the middle of Open3D's own start looks like a broken wheel; it is delivered right after.
+    if "open3d" in sys.modules or not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _wheel() -> str:

@@ -39,8 +39,10 @@ def read_npy(path: Path) -> CloudData:
         If the file holds no real numbers, has another shape, or is shorter than its header promises.
     """
     try:
-        # Mapped, not read: a header that promises too much fails before memory is taken.
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        # Mapped first: a header that promises too much fails before memory is taken. Then read, because a map of a
+        # file that is cut short meanwhile ends the whole process.
+        np.load(path, mmap_mode="r", allow_pickle=False)
+        array = np.load(path, allow_pickle=False)
     except Exception as error:
         # A damaged header is parsed as Python, which fails in as many ways as Python has errors.
         raise unreadable(path, f"no plain array ({error})", "an array of numbers, as numpy.save writes it") from error
