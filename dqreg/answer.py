@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from dqreg.arrays import FloatArray
-from dqreg.evidence import gather_evidence
+from dqreg.evidence import gather_evidence, has_pose
 from dqreg.geometry import Mesh, Scan
-from dqreg.icp import NO_POSE, InlierMixture, Plan, Run
+from dqreg.icp import InlierMixture, Plan, Run
 from dqreg.known import Known
 from dqreg.records import Alternative, Direction, Iteration
 from dqreg.result import Registration
@@ -93,7 +93,7 @@ class Outcome:
     @property
     def found(self) -> bool:
         """Whether there is a pose to speak of."""
-        return self.run.status not in NO_POSE and bool(self.run.history)
+        return has_pose(self.run)
 
     def registration(
         self,

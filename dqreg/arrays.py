@@ -77,7 +77,9 @@ def as_float(value: Any, name: str) -> FloatArray:
         # NumPy would read None as NaN without a word.
         if array.dtype.kind == "O" and any(item is None for item in array.flat):
             raise TypeError("it holds None")
-        return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
+        # The cast of a signalling NaN, or of a number beyond float64, warns; what is not finite is looked for later.
+        with np.errstate(invalid="ignore", over="ignore"):
+            return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be an array of real numbers; got {type(value).__name__} ({error})") from error
 
@@ -183,6 +185,10 @@ def as_pose(value: Any, name: str) -> FloatArray:
             f"{name} is not rigid: its rotation block departs from orthonormal by {gap:.3g} "
             f"(allowed {RIGID_TOLERANCE:g}). Remove any scale or shear first"
         )
+    if np.abs(T[:3, 3]).max() > LARGEST:
+        raise InputError(
+            f"{name} moves by {np.abs(T[:3, 3]).max():.3g}; lengths beyond {LARGEST:g} cannot be worked with"
+        )
     U, _, Vt = np.linalg.svd(R)
     pose = T.copy()
     pose[:3, :3] = U @ Vt
@@ -243,7 +249,7 @@ def require_workable(points: FloatArray, name: str) -> None:
     if far > LARGEST:
         raise InputError(
             f"{name} hold coordinates up to {far:.3g}, and lengths beyond {LARGEST:g} cannot be worked with; remove "
-            "those rows. Is it a mark for a missing measurement?"
+            "those rows (is it a mark for a missing measurement?), or use a larger unit"
         )
     extent = float((high - low).max())
     if 0.0 < extent < 1.0 / LARGEST:

@@ -12,6 +12,8 @@ from dqreg.icp import NO_POSE, InlierMixture, Pairs, Plan, Run, correspond, widt
 from dqreg.records import Alternative, Direction
 from dqreg.trust import Evidence
 
+# Inliers without which there is no pose.
+FEWEST_POINTS = 3
 # Points that are looked at, evenly over the scan.
 LOOKED_AT = 10_000
 # Share of the largest distance within which a point ought to lie on the target: farther off stands the table.
@@ -82,7 +84,7 @@ def gather_evidence(
     local = _Local.of(correspond(fitted.thinned(LOOKED_AT), surface, run.T_target_source), width)
     return Evidence(
         status=run.status,
-        found=run.status not in NO_POSE and bool(run.history),
+        found=has_pose(run),
         inliers=float(run.weights.sum()),
         share_near=_share(on, close),
         near=near,
@@ -99,6 +101,11 @@ def gather_evidence(
         alternatives=alternatives,
         search=searched,
     )
+
+
+def has_pose(run: Run) -> bool:
+    """Whether a run ended with a pose to speak of: fewer points on the target than fix one are none."""
+    return run.status not in NO_POSE and bool(run.history) and float(run.weights.sum()) >= FEWEST_POINTS
 
 
 def _share(part: BoolArray, whole: BoolArray) -> float:
@@ -135,7 +142,8 @@ class _Local:
         compared = (rough < SMOOTH) & on & pairs.closest.normals.any(axis=1)
         cosines = pairs.normal_cosines if pairs.same_sign else np.abs(pairs.normal_cosines)
         # Among strays many neighbourhoods hold one; the better part of them is the sensor's own.
-        usual = float(np.quantile(rough[on], 0.3)) if on.any() else 0.0
+        flat = rough[on & np.isfinite(rough)]
+        usual = float(np.quantile(flat, 0.3)) if len(flat) else 0.0
         residuals = scan.residuals[on & np.isfinite(scan.residuals)]
         return _Local(
             strays=_share((rough > max(ROUGH, MORE_THAN_USUAL * usual)) & ~on, np.isfinite(scan.residuals)),

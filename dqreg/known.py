@@ -68,6 +68,8 @@ class Known:
             return Known(freedom, reference)
         try:
             T, covariance = prior
+            if isinstance(prior, str):
+                raise TypeError("text")
         except (TypeError, ValueError):
             raise InputError(f"prior must be (pose, covariance), a 4x4 and a 6x6; got {prior!r:.80}") from None
         # Turned about the middle of the target, as the covariance of a `Registration` is.

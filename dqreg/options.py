@@ -7,6 +7,7 @@ import numbers
 
 import numpy as np
 
+from dqreg.arrays import LARGEST
 from dqreg.errors import InputError
 from dqreg.icp import COARSE, ESTIMATORS, Plan, Stopping
 from dqreg.known import Known
@@ -32,9 +33,10 @@ class Options:
 
     def __post_init__(self) -> None:
         known = ("auto", *ESTIMATORS)
-        if self.method not in known:
+        # Only text is looked up: a list has no hash, and would end in an error without a name.
+        if not isinstance(self.method, str) or self.method not in known:
             raise InputError(f"unknown method {self.method!r}; known are {', '.join(known)}")
-        if self.effort not in EFFORTS:
+        if not isinstance(self.effort, str) or self.effort not in EFFORTS:
             raise InputError(f"unknown effort {self.effort!r}; known are {', '.join(EFFORTS)}")
         if self.units not in ("check", "ignore"):
             raise InputError(f'units must be "check" or "ignore"; got {self.units!r}')
@@ -42,9 +44,15 @@ class Options:
             value = getattr(self, name)
             if not isinstance(value, numbers.Real) and not (value is None and name in ("max_distance", "time_limit")):
                 raise InputError(f"{name} must be a number; got {value!r}")
+        for name in ("seed", "max_iterations"):
+            value = getattr(self, name)
+            if not isinstance(value, numbers.Integral):
+                raise InputError(f"{name} must be a whole number; got {value!r}")
+        if not isinstance(self.accelerate, (bool, np.bool_)):
+            raise InputError(f"accelerate must be True or False; got {self.accelerate!r}")
         if self.time_limit is not None and not self.time_limit > 0.0:
             raise InputError(f"time_limit must be a number of seconds above 0; got {self.time_limit!r}")
-        if self.max_distance is not None and not 0.0 < self.max_distance < np.inf:
+        if self.max_distance is not None and not 0.0 < float(self.max_distance) <= LARGEST:
             raise InputError(f"max_distance must be a length above 0 in target units; got {self.max_distance!r}")
         if not 0.0 < self.max_angle_deg <= 90.0:
             raise InputError(f"max_angle_deg must be above 0 and at most 90; got {self.max_angle_deg!r}")

@@ -108,9 +108,7 @@ class Target:
         began = time.perf_counter()
         return _built(load_target(path), began)
 
-    def register(
-        self, scan: Any, start: Any = None, *, max_time: float | None = None, **options: Any
-    ) -> Registration:
+    def register(self, scan: Any, start: Any = None, *, max_time: float | None = None, **options: Any) -> Registration:
         """Register a scan to this target; see `register` for the options.
 
         Parameters
@@ -278,6 +276,7 @@ def register(
     options = Options(
         method, max_distance, max_angle_deg, effort, seed, accelerate, max_iterations, tolerance, units, time_limit
     )
+    _require_callable(observe=observe, observe_search=observe_search)
     T_start = _read_start(start, prior, dof)
     prepared = target if isinstance(target, Target) else Target(index_target(target))
     indexed = prepared.indexed
@@ -344,6 +343,12 @@ def _observer(
         return None
     told = observe
     return lambda record: told(for_caller(record, indexed.origin, centred.origin))
+
+
+def _require_callable(**observers: Any) -> None:
+    for name, observer in observers.items():
+        if observer is not None and not callable(observer):
+            raise InputError(f"{name} must be a function of one record, or None; got {observer!r:.80}")
 
 
 @contextlib.contextmanager

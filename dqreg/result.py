@@ -12,8 +12,9 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray, as_pose, as_vectors
+from dqreg.arrays import FloatArray, as_pose, as_vectors, require_finite
 from dqreg.atomic import write_atomically
+from dqreg.door import broken_promise
 from dqreg.errors import InputError
 from dqreg.records import Alternative, Direction, Iteration, Level, Verdict
 from dqreg.rigid import DualQuaternion, pose
@@ -30,6 +31,9 @@ NEAR = 0.25
 @dataclasses.dataclass(frozen=True, eq=False)
 class Registration:
     """Result of registering a source to a target.
+
+    However it was made, its pose is rigid to 1e-12, or all NaN with the verdict "failed"; its covariance is symmetric
+    and positive semidefinite, or NaN. What would be neither becomes a failed result that says why: see `dqreg.door`.
 
     Attributes
     ----------
@@ -74,6 +78,22 @@ class Registration:
     timings: dict[str, float]
     settings: dict[str, Any]
     inputs: Inputs | None = dataclasses.field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        broken = _broken(self)
+        if broken:
+            reason = f"no pose: an internal error of dqreg, please report it with the data: {broken}"
+            withdrawn = {
+                "T_target_source": np.full((4, 4), np.nan),
+                "verdict": Verdict("failed", (reason, *self.verdict.reasons)),
+                "covariance": np.full((6, 6), np.nan),
+                "observability": (),
+                "alternatives": (),
+                "rms": np.nan,
+                "inlier_fraction": 0.0,
+            }
+            for name, value in withdrawn.items():
+                object.__setattr__(self, name, value)
 
     def attached(self, source: Any, target: Any) -> Registration:
         """The same result with both sides at hand again, as after `load`.
@@ -310,8 +330,19 @@ class Registration:
             raise InputError(f"{path} is a damaged dqreg result: {type(error).__name__} {error}") from error
 
 
+def _broken(result: Registration) -> str:
+    return broken_promise(
+        result.T_target_source,
+        result.covariance,
+        result.verdict.level,
+        result.rms,
+        result.inlier_fraction,
+        (other.T_target_source for other in result.alternatives),
+    )
+
+
 def _from_dict(values: dict[str, Any]) -> Registration:
-    return Registration(
+    read = Registration(
         T_target_source=_pose(values["T_target_source"]),
         verdict=Verdict(_level(values["verdict"]["level"]), tuple(map(_text, _of(list, values["verdict"]["reasons"])))),
         status=_text(values["status"]),
@@ -327,8 +358,27 @@ def _from_dict(values: dict[str, Any]) -> Registration:
         rms=_number(values["rms"]),
         inlier_fraction=_number(values["inlier_fraction"]),
         timings={key: _number(seconds) for key, seconds in _of(dict, values["timings"]).items()},
-        settings=_of(dict, values["settings"]),
+        settings=_settings(_of(dict, values["settings"])),
     )
+    if read.verdict.level != values["verdict"]["level"]:
+        # What was saved keeps its promises: here somebody else wrote.
+        raise ValueError(read.verdict.reasons[0].rpartition("data: ")[2])
+    return read
+
+
+def _settings(values: dict[str, Any]) -> dict[str, Any]:
+    # Only what methods of a result work with: the others are told, not used.
+    for name in ("source_scale", "max_distance", "diagonal"):
+        if name in values and not 0.0 < _of((int, float), values[name]) < np.inf:
+            raise ValueError(f"{name} of {values[name]!r:.60}")
+    for name in ("source_units", "target_units", "source", "target"):
+        if name in values:
+            _of((str, type(None)), values[name])
+    if "seed" in values and _of(int, values["seed"]) < 0:
+        raise ValueError(f"seed of {values['seed']!r:.60}")
+    if "centre" in values:
+        require_finite(_array(values["centre"], (3,)), "centre")
+    return values
 
 
 def _iteration(record: dict[str, Any]) -> Iteration:

@@ -72,6 +72,8 @@ class IndexedTarget:
         _ = self.spreads, self.smooth_normals(found)
         if isinstance(self.geometry, Mesh):
             _ = self.geometry.face_neighbours, self.geometry.is_closed
+        elif isinstance(self.surface, CloudSurface):
+            _ = self.surface.normals
 
     @cached_property
     def spreads(self) -> FloatArray:

@@ -9,6 +9,10 @@ prepared once a part (tables, samples, features) is not counted for anyone.
     python examples/from_nothing.py                                      # parts that ship with dqreg, two seeds
     python examples/from_nothing.py parts/ --seeds 3 --peers             # every mesh of a folder, with the peers
     python examples/from_nothing.py part.stl --views 1 --noise 3e-3 --outliers 0.3
+    python examples/from_nothing.py --real DATA --peers                  # real scans whose pose is known
+
+On real scans right is a root mean square error of the judged points (the whole source, or the part in a scene) within
+2 % of the smaller side. "overlap" is the share of them that have a target within 1 % of that size at the true pose.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
@@ -32,6 +37,9 @@ from dqreg.open3d_gate import load_open3d
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, random_pose, scan_mesh, worst_vertex_displacement
 from dqreg.synth.parts import box, bracket, plate
+
+if TYPE_CHECKING:
+    from real_pairs import Pair
 
 MESHES = {".stl", ".ply", ".obj", ".off", ".3mf", ".glb"}
 # Right: worst vertex in sizes; or mean log-likelihood of the judge's points behind the truth's, at most.
@@ -56,6 +64,8 @@ class Case:
 def main(arguments: list[str] | None = None) -> dict[str, dict[str, tuple[int, int, float]]]:
     """Right answers, cases and median seconds for each part and method."""
     options = _parser().parse_args(arguments)
+    if options.real is not None:
+        return real_main(options)
     shapes = _shapes(options.parts)
     table = Table("part", "method", "right", "accepted though wrong", "median s", title=_title(options), box=None)
     totals: dict[str, list[tuple[bool, bool, float]]] = {}
@@ -70,6 +80,43 @@ def main(arguments: list[str] | None = None) -> dict[str, dict[str, tuple[int, i
         answer.setdefault("all", {})[method] = _row(table, "all", method, rows)
     Console().print(table)
     return answer
+
+
+def real_main(options: argparse.Namespace) -> dict[str, dict[str, tuple[int, int, float]]]:
+    """As `main`, for real scans."""
+    # It stands beside this file.
+    from real_pairs import real_pairs
+
+    columns = ("pair", "overlap", "method", "right", "error", "verdict", "seconds")
+    table = Table(*columns, title="real scans, no start", box=None)
+    answer: dict[str, dict[str, tuple[int, int, float]]] = {}
+    for pair in real_pairs(options.real):
+        if options.only not in pair.name:
+            continue
+        target = dqreg.prepare_target(pair.target)
+        overlap = _overlap(pair, target)
+        for method, run in {"dqreg": None, **(_peers(pair.target, pair.size) if options.peers else {})}.items():
+            began = time.perf_counter()
+            if run is None:
+                result = target.register(pair.source)
+                T, verdict = result.T_target_source, result.verdict.level
+            else:
+                T, verdict = run(pair.source), "none given"
+            seconds = time.perf_counter() - began
+            moved = [pose.apply(each, pair.judged) for each in (T, pair.T_truth)]
+            error = float(np.sqrt(((moved[0] - moved[1]) ** 2).sum(axis=1).mean())) / pair.size
+            right = error <= NEAR
+            cells = (f"{100 * overlap:.0f} %", method, "yes" if right else "no", f"{error:.4f} S", verdict)
+            table.add_row(pair.name, *cells, f"{seconds:.1f}")
+            answer.setdefault(pair.name, {})[method] = (int(right), 1, seconds)
+    Console(width=140).print(table)
+    return answer
+
+
+def _overlap(pair: Pair, target: dqreg.Target) -> float:
+    some = pair.judged[:: max(1, len(pair.judged) // JUDGES)]
+    distances = target.indexed.surface.closest(pose.apply(pair.T_truth, some) - target.indexed.origin).distances
+    return float((distances < 0.01 * pair.size).mean())
 
 
 def make_case(mesh: dqreg.Mesh, seed: int, views: int, noise: float, outliers: float, pixels: int) -> Case:
@@ -114,8 +161,8 @@ def _race(
     mesh: dqreg.Mesh, target: dqreg.Target, options: argparse.Namespace
 ) -> dict[str, list[tuple[bool, bool, float]]]:
     rows: dict[str, list[tuple[bool, bool, float]]] = {}
-    peers = _peers(mesh) if options.peers else {}
-    for seed in range(options.seeds):
+    peers = _peers(mesh, mesh.diagonal) if options.peers else {}
+    for seed in range(options.first_seed, options.first_seed + options.seeds):
         case = make_case(mesh, seed, options.views, options.noise, options.outliers, options.pixels)
         began = time.perf_counter()
         result = target.register(case.points, effort="fast")
@@ -130,15 +177,11 @@ def _race(
     return rows
 
 
-def _peers(mesh: dqreg.Mesh) -> dict[str, Method]:
+def _peers(target: dqreg.Mesh | dqreg.PointCloud, size: float) -> dict[str, Method]:
     open3d = load_open3d()
     registration = open3d.pipelines.registration
-    voxel = VOXEL * mesh.diagonal
-    part = open3d.geometry.TriangleMesh(
-        open3d.utility.Vector3dVector(mesh.vertices), open3d.utility.Vector3iVector(mesh.faces)
-    )
-    open3d.utility.random.seed(0)
-    cad = part.sample_points_uniformly(CAD_SAMPLES, use_triangle_normal=True)
+    voxel = VOXEL * size
+    cad = _stands(target, voxel)
     few_cad, cad_features = _described(cad, voxel)
 
     def refined(points: np.ndarray, T: np.ndarray) -> np.ndarray:
@@ -179,17 +222,30 @@ def _peers(mesh: dqreg.Mesh) -> dict[str, Method]:
         import kiss_matcher
 
         def kiss(points: np.ndarray) -> np.ndarray:
-            # Its bounds are clamped to metres by default; parts come in any unit.
-            config = kiss_matcher.KISSMatcherConfig(voxel, enable_noise_bound_clamping=False)
+            # It takes no small voxels and clamps its bounds to metres; parts come in any unit, so they are scaled.
+            config = kiss_matcher.KISSMatcherConfig(1.0, enable_noise_bound_clamping=False)
             matcher = kiss_matcher.KISSMatcher(config)
-            sides = [np.asarray(c.voxel_down_sample(voxel).points) for c in (_cloud(points), cad)]
+            sides = [np.asarray(c.voxel_down_sample(voxel).points) / voxel for c in (_cloud(points), cad)]
             found = matcher.estimate(*sides)
             T = np.eye(4)
-            T[:3, :3], T[:3, 3] = found.rotation, np.asarray(found.translation).ravel()
+            T[:3, :3], T[:3, 3] = found.rotation, voxel * np.asarray(found.translation).ravel()
             return refined(points, T)
 
         peers["KISS-Matcher + ICP"] = kiss
     return peers
+
+
+def _stands(target: dqreg.Mesh | dqreg.PointCloud, voxel: float) -> object:
+    open3d = load_open3d()
+    if isinstance(target, dqreg.PointCloud):
+        cloud = _cloud(target.points)
+        cloud.estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(radius=2.0 * voxel, max_nn=30))
+        return cloud
+    part = open3d.geometry.TriangleMesh(
+        open3d.utility.Vector3dVector(target.vertices), open3d.utility.Vector3iVector(target.faces)
+    )
+    open3d.utility.random.seed(0)
+    return part.sample_points_uniformly(CAD_SAMPLES, use_triangle_normal=True)
 
 
 def _cloud(points: np.ndarray) -> object:
@@ -233,11 +289,14 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("parts", nargs="*", type=Path, help="meshes, or folders of meshes")
     parser.add_argument("--seeds", type=int, default=2, help="random poses a part")
+    parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--views", type=int, choices=(1, 2), default=2)
     parser.add_argument("--noise", type=float, default=3e-4, help="sigma of the range, in sizes")
     parser.add_argument("--outliers", type=float, default=0.0, help="share of uniform strays, below 1")
     parser.add_argument("--pixels", type=int, default=200, help="pixels along one side of a view")
     parser.add_argument("--peers", action="store_true", help="run the peers as well")
+    parser.add_argument("--real", type=Path, metavar="DATA", help="real scans in the folders of DATA instead")
+    parser.add_argument("--only", default="", help="with --real: pairs whose name holds this")
     return parser
 
 

@@ -5,6 +5,10 @@ from pathlib import Path
 
 import pytest
 
+# Side by side, each worker takes one core: threads on top would only wait for each other.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 
 @pytest.fixture(scope="session")
 def real_data() -> Path:

@@ -41,7 +41,8 @@ def test_command_lines_parse(line):
 
     words = shlex.split(line)
     assert words[0] == "dqreg"
-    command = cli.commands[words[1]]
+    command = cli.get_command(click.Context(cli), words[1])
+    assert command is not None
     context = command.make_context(words[1], words[2:], resilient_parsing=False)
     assert isinstance(context, click.Context)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.metadata
 import importlib.util
+import json
 import os
 import platform
 import sys
@@ -67,14 +68,21 @@ def examine() -> list[Check]:
 
 
 @click.command()
+@click.option("--json", "as_json", is_flag=True, help="The table as JSON on standard output.")
 @click.pass_context
-def doctor(context: click.Context) -> None:
+def doctor(context: click.Context, as_json: bool) -> None:
     """Show what is installed, what is missing and the command that mends it.
+
+    \b
+    dqreg doctor                                    a table; in a pipe one line a part, with tabs
+    dqreg doctor --json | jq '.[] | select(.ok | not)'
 
     Exit code 0 if all that is required works, 1 if not.
     """
     checks = examine()
-    if sys.stdout.isatty():
+    if as_json:
+        click.echo(json.dumps([dataclasses.asdict(check) for check in checks], indent=1))
+    elif sys.stdout.isatty():
         _show_table(checks)
     else:
         for check in checks:

@@ -2,48 +2,51 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 import click
 
-from dqreg.cli.batch import batch
-from dqreg.cli.compare import compare
-from dqreg.cli.demo import demo
-from dqreg.cli.doctor import doctor
-from dqreg.cli.evaluate import evaluate
-from dqreg.cli.odometry import odometry_command
-from dqreg.cli.register import register_command
-from dqreg.cli.reproduce import reproduce
-from dqreg.cli.show import show
-from dqreg.cli.synth import synth
+from dqreg.cli.grouping import Commands, Entry
 from dqreg.errors import DqregError
 
-BAD_INPUT = 2
+BAD_INPUT, STOPPED = 2, 130
+
+LOOK, USE, STUDY, CARE = "See it work", "Register", "Compare and study", "Look after"
+ENTRIES = {
+    "demo": Entry("dqreg.cli.demo:demo", "a part and a scan that ship with dqreg, against the known truth", LOOK),
+    "register": Entry("dqreg.cli.register:register_command", "the pose of a scan on a part or another scan", USE),
+    "batch": Entry("dqreg.cli.batch:batch", "many registrations: one result each, a summary table", USE),
+    "odometry": Entry("dqreg.cli.odometry:odometry_command", "a LiDAR sequence to a trajectory", USE),
+    "show": Entry("dqreg.cli.show:show", "pictures, window or report of a saved result", USE),
+    "evaluate": Entry("dqreg.cli.evaluate:evaluate", "errors of a pose against the truth", STUDY),
+    "compare": Entry("dqreg.cli.compare:compare", "dqreg and its peers on the same tasks, one judge", STUDY),
+    "synth": Entry("dqreg.cli.synth:synth", "virtual scans with known truth from a recipe", STUDY),
+    "reproduce": Entry("dqreg.cli.reproduce:reproduce", "tables and figures of the papers, ours beside theirs", STUDY),
+    "doctor": Entry("dqreg.cli.doctor:doctor", "what is installed, what is missing, how to mend it", CARE),
+    "completion": Entry("dqreg.cli.completion:completion", "Tab completion for bash, zsh and fish", CARE),
+}
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(
+    cls=Commands,
+    entries=ENTRIES,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
 @click.version_option(package_name="dqreg")
 def cli() -> None:
-    """Registers scans to CAD meshes and clouds.
+    """Puts a scan on its CAD part, or on another scan, and says how sure it is.
 
     \b
-    dqreg demo                                     see it work on a part that ships with the package
-    dqreg register scan.ply part.stl               find the pose of a scan on its part
-    dqreg register scan.ply part.stl --start T.txt --out result.json --aligned on_part.ply
-    dqreg show result.json --save view.png         a picture of it, without a display; or a window with one
-    dqreg compare my_case                          every engine on the same task, on one judge
-    dqreg evaluate result.json --truth truth.json  errors of a pose against the truth
-    dqreg reproduce walker1991                     the paper's tables, ours beside theirs (also: jia2020)
-    dqreg odometry my_scans --out poses.txt        a LiDAR sequence to a trajectory, a verdict a frame
-    dqreg batch parts.csv --resume                 many registrations: one result each, a summary table
-    dqreg doctor                                   what is installed, what is missing, how to mend it
+    dqreg demo                                              see it work
+    dqreg register scan.ply part.stl --report report.html   no start needed
+    dqreg register scan.ply part.stl --start nominal.txt --out result.json
+    dqreg register scan.ply part.stl --json | jq .verdict   for scripts
+    dqreg show result.json --save view.png                  needs no display
 
+    Every command explains itself: dqreg COMMAND --help.
     Exit codes: 0 verdict accepted, 1 ran but not accepted, 2 bad input.
     """
-
-
-for command in (batch, compare, demo, doctor, evaluate, odometry_command, register_command, reproduce, show, synth):
-    cli.add_command(command)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -59,12 +62,23 @@ def main(arguments: list[str] | None = None) -> None:
     except click.ClickException as error:
         _leave(error.format_message())
     except click.Abort:
-        _leave("stopped by the user; nothing was written", code=130)
+        _leave("stopped by the user; no file is left half-written", code=STOPPED)
     except DqregError as error:
         _leave(str(error))
+    except OSError as error:
+        # Files are opened where errors have names; what has none is the output itself.
+        if error.filename is not None:
+            raise
+        _leave_without_output(error)
     sys.exit(code if isinstance(code, int) else 0)
 
 
 def _leave(message: str, code: int = BAD_INPUT) -> None:
     click.echo(f"dqreg: error: {' '.join(message.split())}", err=True)
     sys.exit(code)
+
+
+def _leave_without_output(error: OSError) -> None:
+    # What is still in the buffer would fail once more at the very end.
+    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123
+    _leave(f"cannot write to the standard output: {error.strerror or error}")

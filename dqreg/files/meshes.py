@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import logging
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,9 @@ UNIT_WORDS = {
     "foot": "ft",
     "meter": "m",
 }
+
+
+VERTEX_ZERO = re.compile(rb"^f[^\n#]*[ \t]0+(?=[/\s]|$)", re.MULTILINE)
 
 
 def read_mesh_file(path: Path) -> MeshData:
@@ -58,7 +62,7 @@ def read_mesh_file(path: Path) -> MeshData:
     elif extension == ".3mf":
         require_tame_3mf(path)
     loaded = _load(path)
-    vertices, faces = _joined(path, loaded)
+    vertices, faces = _joined(path, _placed(path, loaded))
     if extension == ".off":
         _require_off_faces(path, len(faces))
     units = "m" if extension in (".glb", ".gltf") else None
@@ -102,33 +106,47 @@ def _silent(logger: str) -> Iterator[None]:
         logging.getLogger(logger).removeHandler(handler)
 
 
-def _joined(path: Path, loaded: Any) -> tuple[FloatArray, IntArray]:
+def _placed(path: Path, loaded: Any) -> list[tuple[FloatArray, Any]]:
     import trimesh
 
     if not isinstance(loaded, trimesh.Scene):
-        bodies = [(np.eye(4), loaded)]
-    else:
+        return [(np.eye(4), loaded)]
+    try:
         placed = (loaded.graph[node] for node in loaded.graph.nodes_geometry)
         bodies = [(np.asarray(pose, dtype=np.float64), loaded.geometry[name]) for pose, name in placed]
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise unreadable(path, f"bodies whose places cannot be told ({error})", "a tree of nodes") from error
+    if not all(np.isfinite(pose).all() for pose, _ in bodies):
+        raise unreadable(path, "a body placed with NaN or infinity", "finite placements")
+    if sum(len(getattr(body, "faces", ())) for _, body in bodies) > most_faces(path):
+        raise unreadable(path, "bodies placed so often that they unfold to millions of faces", "a part")
+    return bodies
+
+
+def _joined(path: Path, bodies: list[tuple[FloatArray, Any]]) -> tuple[FloatArray, IntArray]:
     all_vertices, all_faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
+    # A body may stand in many places, and asking trimesh for its arrays is slow.
+    shapes = {id(body): _arrays(path, body) for _, body in bodies}
     for pose, body in bodies:
-        vertices = np.asarray(body.vertices, dtype=np.float64)
-        if vertices.ndim != 2 or vertices.shape[1] != 3:
-            raise unreadable(path, f"vertices of shape {vertices.shape}", "three coordinates each; was it cut short?")
-        # Points and curves in a scene have no faces.
-        faces = np.asarray(getattr(body, "faces", ()), dtype=np.int64).reshape(-1, 3)
+        vertices, faces = shapes[id(body)]
         if not np.array_equal(pose, np.eye(4)):
             vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
         # A mirroring placement turns the triangles inside out; turning their sense puts that right.
         mirrored = np.linalg.det(pose[:3, :3]) < 0.0
-        if sum(map(len, all_faces)) + len(faces) > most_faces(path):
-            raise unreadable(path, "bodies placed so often that they unfold to millions of faces", "a part")
         # An index outside its own body must not land in the next one.
         stray = (faces < 0) | (faces >= len(vertices))
         all_faces.append(np.where(stray, -1, faces + count)[:, :: -1 if mirrored else 1])
         all_vertices.append(vertices)
         count += len(vertices)
     return np.concatenate(all_vertices), np.concatenate(all_faces)
+
+
+def _arrays(path: Path, body: Any) -> tuple[FloatArray, IntArray]:
+    vertices = np.asarray(body.vertices, dtype=np.float64)
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise unreadable(path, f"vertices of shape {vertices.shape}", "three coordinates each; was it cut short?")
+    # Points and curves in a scene have no faces.
+    return vertices, np.asarray(getattr(body, "faces", ()), dtype=np.int64).reshape(-1, 3)
 
 
 def _require_whole_stl(path: Path) -> None:
@@ -159,11 +177,13 @@ def _require_off_faces(path: Path, found: int) -> None:
 
 def _require_whole_obj(path: Path) -> None:
     # OBJ has no count of anything; a last face with two corners is all that a cut leaves to see.
-    with path.open("rb") as stream:
-        stream.seek(max(0, path.stat().st_size - 4096))
-        last = stream.read().splitlines()[-1].split()
+    content = path.read_bytes()
+    last = content[-4096:].splitlines()[-1].split()
     if last[:1] == [b"f"] and len(last) < 4:
         raise unreadable(path, "a last face with fewer than three corners", "a whole file; was it cut short?")
+    # Vertices count from one, or back from the last with minus one; trimesh takes zero for the last.
+    if VERTEX_ZERO.search(content):
+        raise unreadable(path, "a face that names vertex 0", "vertices counted from 1")
 
 
 def _obj_units(path: Path) -> str | None:

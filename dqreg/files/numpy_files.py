@@ -113,4 +113,6 @@ def _as_table(path: Path, array: np.ndarray[tuple[int, ...], np.dtype[np.generic
     if array.ndim != 2 or array.dtype.kind not in "fiu":
         found = f"{name} of shape {array.shape} and type {array.dtype}"
         raise unreadable(path, found, "real numbers of shape (n, 3), or (n, 6) with normals")
-    return np.array(array, dtype=np.float64)
+    # The cast of a signalling NaN, or of a long double beyond float64, warns; both are dropped and counted.
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.array(array, dtype=np.float64)

@@ -95,6 +95,8 @@ def _compressed_cloud(path: Path, header: PcdHeader) -> CloudData:
     cloud = load_open3d().t.io.read_point_cloud(str(path))
     if "positions" not in cloud.point or len(cloud.point.positions) != header.points:
         raise unreadable(path, "compressed data that cannot be unpacked", f"{header.points} points")
-    points = cloud.point.positions.numpy().astype(np.float64)
-    directions = cloud.point.normals.numpy().astype(np.float64) if "normals" in cloud.point else None
+    # The cast of a signalling NaN warns; as any NaN it is dropped and counted.
+    with np.errstate(invalid="ignore"):
+        points = cloud.point.positions.numpy().astype(np.float64)
+        directions = cloud.point.normals.numpy().astype(np.float64) if "normals" in cloud.point else None
     return make_cloud(path, points, directions, header.viewpoint)

@@ -92,8 +92,8 @@ def read_header(path: Path) -> PcdHeader:
         raise unreadable(path, found, "as many of each")
     types = []
     for kind, length, count in zip(kinds, sizes, counts, strict=True):
-        if length not in [str(size) for size in SIZES.get(kind, ())] or not count.isdecimal() or int(count) < 1:
-            raise unreadable(path, f"a field of TYPE {kind}, SIZE {length}, COUNT {count}", "for example F, 4, 1")
+        if length not in [str(size) for size in SIZES.get(kind, ())] or not _is_whole(count) or int(count) < 1:
+            raise unreadable(path, f"a field of TYPE {kind}, SIZE {length}, COUNT {count:.40}", "for example F, 4, 1")
         types.append(kind.lower() + length)
     encoding = entries["DATA"][0].lower() if entries["DATA"] else ""
     if encoding not in ENCODINGS:
@@ -127,10 +127,15 @@ def _entries(path: Path) -> tuple[dict[str, list[str]], int]:
     return entries, at
 
 
+def _is_whole(word: str) -> bool:
+    # No count of anything has more digits, and Python refuses to read some thousand of them.
+    return word.isdecimal() and len(word) <= 18
+
+
 def _whole(path: Path, entries: dict[str, list[str]], key: str, default: str) -> int:
     words = entries.get(key, [default])
-    if len(words) != 1 or not words[0].isdecimal():
-        raise unreadable(path, f"{key} {' '.join(words)}", f"{key} and one whole number")
+    if len(words) != 1 or not _is_whole(words[0]):
+        raise unreadable(path, f"{key} {' '.join(words):.40}", f"{key} and one whole number")
     return int(words[0])
 
 

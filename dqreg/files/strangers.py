@@ -25,6 +25,8 @@ HARMLESS = 1_000_000
 HARMLESS_BYTES = 64 << 20
 # Triangles that a file may unfold to for each of its bytes, by placing a body often.
 UNFOLDED = 50
+# Levels of objects made of objects.
+DEEPEST = 100
 
 
 def most_faces(path: Path) -> int:
@@ -140,13 +142,13 @@ def _bodies(path: Path, parts: dict[str, list[str]]) -> dict[str, int]:
     """How many bodies each object unfolds to; without recursion, for chains may be long."""
     counts: dict[str, int] = {}
     waiting = {name: {part for part in inner if part in parts} for name, inner in parts.items()}
-    while waiting:
+    for _ in range(DEEPEST):
         ready = [name for name, inner in waiting.items() if not inner - counts.keys()]
-        if not ready:
-            raise unreadable(path, "objects that contain themselves", "objects made of others")
         for name in ready:
             counts[name] = max(1, sum(counts.get(part, 1) for part in parts[name]))
             del waiting[name]
+    if waiting:
+        raise unreadable(path, f"objects that contain themselves or unfold {DEEPEST} deep", "objects made of others")
     return counts
 
 

@@ -151,7 +151,8 @@ def _unit_normals(value: Any, count: int) -> FloatArray:
     largest = np.abs(normals).max(axis=1, keepdims=True, initial=0.0)
     usable = np.isfinite(largest) & (largest > 0.0)
     unit: FloatArray = np.divide(normals, largest, out=np.full_like(normals, np.nan), where=usable)
-    return unit / np.linalg.norm(unit, axis=1, keepdims=True)
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    return unit
 
 
 def _viewpoint(value: Any) -> FloatArray | None:

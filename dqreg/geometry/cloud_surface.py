@@ -6,13 +6,16 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, bounds
+from dqreg.arrays import FloatArray, IntArray, bounds
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
 from dqreg.geometry.order import distinct_in_order
 from dqreg.geometry.surface import Closest
+
+# Two distances that near to each other may be equal: then the tree decides.
+ROUNDING = 1e-12
 
 
 class CloudSurface:
@@ -37,25 +40,37 @@ class CloudSurface:
         # Morton order keeps the answers to neighbouring queries close in memory; `elements` count in that order.
         self.order = distinct_in_order(cloud.points)
         self._points = cloud.points[self.order]
-        self._known_normals = fitted if cloud.normals is None else cloud.normals[self.order]
-        if self._known_normals is not None and self._known_normals.shape != self._points.shape:
+        self._rows = len(cloud.points)
+        given = fitted if cloud.normals is None else cloud.normals[self.order]
+        if given is not None and given.shape != self._points.shape:
             raise InputError(
-                f"fitted normals must be one row per distinct point, {self._points.shape}; got "
-                f"{self._known_normals.shape}. Take them from a surface of the same cloud"
+                f"fitted normals must be one row per distinct point, {self._points.shape}; got {given.shape}. Take "
+                "them from a surface of the same cloud"
             )
+        self._normals = np.zeros_like(self._points) if given is None else given
+        self._known = np.full(len(self._points), given is not None)
         self._tree = NeighbourTree(self._points)
         low, high = bounds(self._points)
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))
         self.oriented = cloud.normals is not None
 
-    @cached_property
+    @property
     def normals(self) -> FloatArray:
         """Unit normals of the distinct points in Morton order, (m, 3); zero where there is none."""
-        if self._known_normals is not None:
-            return self._known_normals
-        # A point whose neighbours lie on a line has no normal: zero gives no direction and passes no angle test.
-        return np.nan_to_num(fit_planes(self._tree, self._points, self._points).normals)
+        return self._normals_at(np.arange(len(self._points)))
+
+    def _normals_at(self, rows: IntArray) -> FloatArray:
+        # Fitted where first asked for: a registration touches a part of a large cloud. The fit at a point depends on
+        # the cloud alone, so threads that meet here write the same; a normal is there before it is called known.
+        missing = rows[~self._known[rows]]
+        if len(missing):
+            missing = np.flatnonzero(np.bincount(missing, minlength=len(self._known)))
+            fits = fit_planes(self._tree, self._points, self._points[missing])
+            # A point whose neighbours lie on a line has no normal: zero gives no direction and passes no angle test.
+            self._normals[missing] = np.nan_to_num(fits.normals)
+            self._known[missing] = True
+        return np.take(self._normals, rows, axis=0)
 
     def closest(self, points: FloatArray) -> Closest:
         """Nearest cloud point for each query.
@@ -70,6 +85,53 @@ class CloudSurface:
         Closest
             Points, normals (zero where none is known), distances and rows of the cloud as it was given.
         """
-        indices, distances = self._tree.nearest(points, 1)
-        rows = indices[:, 0]
-        return Closest(self._points[rows], self.normals[rows], distances[:, 0], self.order[rows])
+        indices, distances = self._tree.nearest(points, 2)
+        others = distances[:, 1] if distances.shape[1] > 1 else np.full(len(points), np.inf)
+        return self._answer(indices[:, 0], distances[:, 0], others)
+
+    def closest_again(self, points: FloatArray, before: Closest, places: FloatArray) -> Closest:
+        """The answer of `closest` for queries that have moved a little, asking only about those whose match may change.
+
+        A query that moved by m has no other point nearer than ``others - m``; as long as the old match is nearer than
+        that, it is the match still.
+
+        Parameters
+        ----------
+        points : ndarray, (n, 3)
+            Queries in the cloud's frame.
+        before : Closest
+            What this surface answered for the same queries at other places.
+        places : ndarray, (n, 3)
+            Those places.
+
+        Returns
+        -------
+        Closest
+            The same matches as `closest` finds; the distances of those that were kept may differ by rounding.
+        """
+        if before.others is None:
+            return self.closest(points)
+        others = (before.others - _lengths(points - places)) * (1.0 - ROUNDING)
+        distances = _lengths(points - before.points)
+        rows = self._ranks[before.elements]
+        asked = np.flatnonzero(distances >= others)
+        indices, found = self._tree.nearest(np.take(points, asked, axis=0), 2)
+        if found.shape[1] > 1:
+            rows[asked], distances[asked], others[asked] = indices[:, 0], found[:, 0], found[:, 1]
+        return self._answer(rows, distances, others)
+
+    @cached_property
+    def _ranks(self) -> IntArray:
+        # Row in Morton order of each row of the cloud as it was given; copies that were left out have none.
+        ranks = np.zeros(self._rows, dtype=np.int64)
+        ranks[self.order] = np.arange(len(self.order))
+        return ranks
+
+    def _answer(self, rows: IntArray, distances: FloatArray, others: FloatArray) -> Closest:
+        points = np.take(self._points, rows, axis=0)
+        return Closest(points, self._normals_at(rows), distances, self.order[rows], others)
+
+
+def _lengths(rows: FloatArray) -> FloatArray:
+    lengths: FloatArray = np.sqrt(np.einsum("ij,ij->i", rows, rows))
+    return lengths

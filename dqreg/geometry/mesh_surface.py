@@ -153,9 +153,9 @@ def closest_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
     normal = _cross(sides[2], sides[0])
     normal /= np.sqrt(np.einsum("in,in->n", normal, normal))
     # Inside when the query is on the inner side of all three planes through a side along the normal.
-    inner = np.stack([np.einsum("in,in->n", _cross(normal, side), offset) for side, offset in zip(sides, offsets, strict=True)])
+    inner = [np.einsum("in,in->n", _cross(normal, side), away) for side, away in zip(sides, offsets, strict=True)]
     foot = p - np.einsum("in,in->n", offsets[0], normal) * normal
-    return np.ascontiguousarray(np.where((inner >= 0.0).all(axis=0), foot, closest).T)
+    return np.ascontiguousarray(np.where(np.min(inner, axis=0) >= 0.0, foot, closest).T)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -22,12 +22,15 @@ class Closest:
         Euclidean distance from the query to the closest point, >= 0.
     elements : ndarray of int, (n,)
         Which cloud point or which face it is.
+    others : ndarray, (n,), optional
+        No other point of a cloud is nearer to the query than this; None where nobody looked.
     """
 
     points: FloatArray
     normals: FloatArray
     distances: FloatArray
     elements: IntArray
+    others: FloatArray | None = None
 
 
 class Surface(Protocol):

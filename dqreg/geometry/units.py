@@ -41,7 +41,7 @@ def factor(source: str | None, target: str | None) -> float:
     1000.0
     """
     for name in (source, target):
-        if name is not None and name not in METRES:
+        if name is not None and (not isinstance(name, str) or name not in METRES):
             raise UnitsError(f"unknown length unit {name!r}; known are {', '.join(METRES)}")
     if source is None or target is None:
         return 1.0

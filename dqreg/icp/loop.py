@@ -105,7 +105,13 @@ class Icp:
     stage: str = "loop"
 
     def run(
-        self, scan: Scan, surface: Surface, start: FloatArray, observe: Observer | None = None, first: int = 1
+        self,
+        scan: Scan,
+        surface: Surface,
+        start: FloatArray,
+        observe: Observer | None = None,
+        first: int = 1,
+        before: Pairs | None = None,
     ) -> Run:
         """Alternate between closest points and closed form until nothing moves.
 
@@ -121,6 +127,8 @@ class Icp:
             Called with each `Iteration`; the run ends if it returns False.
         first : int
             Number of the first iteration, where a run continues an earlier one.
+        before : Pairs, optional
+            The last pairs of that run, where it was of the same scan.
 
         Returns
         -------
@@ -134,7 +142,7 @@ class Icp:
         anderson = Anderson(start, spread.mean, spread.size)
         while True:
             began = time.perf_counter()
-            pairs = correspond(scan, surface, T)
+            pairs = before = correspond(scan, surface, T, before)
             gate = product(self.gates, pairs)
             weights = gate * Robust(self.kernel)(pairs)
             if np.count_nonzero(weights) < FEWEST_PAIRS:

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from dqreg.arrays import FloatArray
+from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.prepare import Scan
 from dqreg.geometry.surface import Closest, Surface
 from dqreg.rigid import pose
@@ -66,7 +67,7 @@ class Pairs:
         return self.scan.normals * np.where(self.normal_cosines < 0.0, -1.0, 1.0)[:, None]
 
 
-def correspond(scan: Scan, surface: Surface, T_target_source: FloatArray) -> Pairs:
+def correspond(scan: Scan, surface: Surface, T_target_source: FloatArray, before: Pairs | None = None) -> Pairs:
     """Ask the surface for the closest place of every scan point.
 
     Parameters
@@ -77,11 +78,17 @@ def correspond(scan: Scan, surface: Surface, T_target_source: FloatArray) -> Pai
         Target.
     T_target_source : ndarray, (4, 4)
         Current pose.
+    before : Pairs, optional
+        Pairs of the same scan and surface at another pose: those that cannot have changed are not looked for again.
 
     Returns
     -------
     Pairs
         One pair per scan point; nothing is rejected yet.
     """
-    closest = surface.closest(pose.apply(T_target_source, scan.points))
+    moved = pose.apply(T_target_source, scan.points)
+    if before is not None and isinstance(surface, CloudSurface):
+        closest = surface.closest_again(moved, before.closest, before.moved)
+    else:
+        closest = surface.closest(moved)
     return Pairs(scan, T_target_source, closest, same_sign=scan.oriented and surface.oriented)

@@ -14,11 +14,13 @@ from dqreg.geometry.surface import Surface
 from dqreg.icp.estimators import Estimator
 from dqreg.icp.kernels import InlierMixture
 from dqreg.icp.loop import Icp, Observer, Run
+from dqreg.icp.pairs import Pairs
 from dqreg.icp.stopping import Stopping
 from dqreg.icp.weights import NormalAngle, WithinDistance
 
-# A stage is converged when it moves less than this share of its own width.
-STAGE_TOLERANCE = 0.03
+# A stage is converged when it moves less than this share of its own width; where planes take over near the answer and
+# nearly every point is explained, the next stage goes on from anywhere within the width.
+STAGE_TOLERANCE, WITHIN = 0.03, 0.3
 # The width is settled when learning changes it by less than this factor; near the answer the pose hardly feels it, and
 # another stage would ask about all points again.
 SETTLED, SETTLED_NEAR = 0.97, 0.9
@@ -176,7 +178,7 @@ class Level:
             if enough is not None and enough(run, learned):
                 mixture = learned
                 break
-            run = self._run(mixture, run.T_target_source, schedule, observe, first + len(history))
+            run = self._run(mixture, run.T_target_source, schedule, observe, first + len(history), run.pairs)
             history += run.history
         return dataclasses.replace(run, history=history), mixture
 
@@ -191,7 +193,13 @@ class Level:
         return learned.surprise(run.pairs.distances[near], rejected=int(np.count_nonzero(~near)))
 
     def _run(
-        self, mixture: InlierMixture, start: FloatArray, schedule: Schedule, observe: Observer | None, first: int
+        self,
+        mixture: InlierMixture,
+        start: FloatArray,
+        schedule: Schedule,
+        observe: Observer | None,
+        first: int,
+        before: Pairs | None = None,
     ) -> Run:
         plan = self.plan
         iterations = schedule.iterations or plan.stopping.iterations
@@ -210,7 +218,7 @@ class Level:
             accelerate=plan.accelerate and iterations > 1,
             stage=schedule.name,
         )
-        return icp.run(self.scan, self.surface, start, observe, first)
+        return icp.run(self.scan, self.surface, start, observe, first, before)
 
     def _tolerance(self, mixture: InlierMixture) -> float:
         width = mixture.scale / self.surface.diagonal
@@ -218,7 +226,10 @@ class Level:
         placed = width / float(np.sqrt(len(self.scan)))
         if self.last:
             return max(self.plan.stopping.tolerance, PLACED * placed)
-        return STAGE_TOLERANCE * width if len(self.scan) <= FEW else PLACED * placed
+        if len(self.scan) > FEW:
+            return PLACED * placed
+        planes = self.near and self.plan.fine is not None
+        return (WITHIN if planes and mixture.share >= EXPLAINED else STAGE_TOLERANCE) * width
 
     def _learned(self, mixture: InlierMixture, run: Run, schedule: Schedule) -> InlierMixture:
         distances = run.pairs.distances[run.weights > 0.0]

@@ -1,24 +1,40 @@
-"""Iterations as they happen: a live table on a terminal, one plain line each when piped, nothing when quiet."""
+"""A registration as it happens: bar and table on a terminal, a plain line a step when piped, nothing when quiet."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import TracebackType
 from typing import Protocol, Self
 
 import numpy as np
-from rich.console import Console
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
 from dqreg.records import Iteration
+from dqreg.report.time_left import Steps
+from dqreg.start import Stage
 
 # Rows shown at once: the latest ones; a whole history would scroll away what matters.
 ROWS = 12
 COLUMNS = ("iteration", "stage", "points", "inliers", "rms", "width", "turn [deg]", "motion [size]")
+# Columns of lengths, which carry the target's unit.
+LENGTHS = ("rms", "width")
+READING = "reading and measuring both sides"
+# What the search does after each of its stages.
+NEXT = {
+    "proposed": "screening {} poses",
+    "screened": "refining {} poses roughly",
+    "refined roughly": "refining {} poses",
+    "refined": "turning {} poses to where the part looks alike",
+    "turned": "refining {} poses finely",
+    "refined finely": "comparing {} poses",
+}
 
 
 class Progress(Protocol):
-    """Something that can be shown iterations, inside a ``with`` block."""
+    """Something that can be shown a registration's steps, inside a ``with`` block."""
 
     def __enter__(self) -> Self:
         """Begin to show."""
@@ -31,7 +47,11 @@ class Progress(Protocol):
         ...
 
     def __call__(self, iteration: Iteration) -> None:
-        """Show one more."""
+        """Show one more iteration."""
+        ...
+
+    def search(self, stage: Stage) -> None:
+        """Show that a stage of the search for a start is done."""
         ...
 
 
@@ -47,51 +67,147 @@ class Silent:
     def __call__(self, iteration: Iteration) -> None:
         """Do nothing."""
 
+    def search(self, stage: Stage) -> None:
+        """Do nothing."""
+
 
 class Lines(Silent):
-    """One line an iteration, for pipes and log files."""
+    """One line a step, for pipes and log files.
 
-    def __init__(self, console: Console) -> None:
+    Parameters
+    ----------
+    console : Console
+        Where to.
+    unit : str or None
+        Of the lengths; None where it is not known before the end.
+    """
+
+    def __init__(self, console: Console, unit: str | None = None) -> None:
         self._console = console
+        self._names = columns(unit)
         self._begun = False
 
     def __call__(self, iteration: Iteration) -> None:
         """Print one line, under the names of the columns at first."""
         if not self._begun:
-            self._console.out("  ".join(f"{name:>13}" for name in COLUMNS), highlight=False)
+            self._line(self._names)
             self._begun = True
-        self._console.out("  ".join(f"{cell:>13}" for cell in cells(iteration)), highlight=False)
+        self._line(cells(iteration))
+
+    def search(self, stage: Stage) -> None:
+        """Print what the search has done."""
+        self._console.out(f"search  {stage_words(stage)}", highlight=False)
+
+    def _line(self, texts: tuple[str, ...]) -> None:
+        widths = (max(13, len(name)) for name in self._names)
+        self._console.out("  ".join(f"{text:>{width}}" for text, width in zip(texts, widths, strict=True)),
+                          highlight=False)  # fmt: skip
 
 
 class LiveTable(Silent):
-    """A table of the latest iterations that stays in place."""
+    """A bar with the time left over a table of the latest iterations; both stay in place.
 
-    def __init__(self, console: Console) -> None:
+    Parameters
+    ----------
+    console : Console
+        Where to.
+    unit : str or None
+        Of the lengths; None where it is not known before the end.
+    searching : bool
+        Whether a search for a start comes first.
+    now : callable, optional
+        Clock in seconds.
+    """
+
+    def __init__(
+        self,
+        console: Console,
+        unit: str | None = None,
+        *,
+        searching: bool = False,
+        now: Callable[[], float] | None = None,
+    ) -> None:
+        self._names = columns(unit)
         self._rows: list[Iteration] = []
-        self._live = Live(console=console, refresh_per_second=8)
+        self._steps = Steps(READING, searching=searching, now=now)
+        # The bar is drawn from the clock, several times a second, whatever the work is doing.
+        self._live = Live(console=console, refresh_per_second=8, get_renderable=self._picture)
 
     def __enter__(self) -> Self:
+        self._live.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._rows:
-            self._live.update(self._table(), refresh=True)
-            self._live.stop()
+        self._steps = self._steps.ended()
+        # Without iterations nothing is worth staying on the screen.
+        self._live.transient = not self._rows
+        self._live.stop()
 
     def __call__(self, iteration: Iteration) -> None:
         """Show the latest iterations."""
-        if not self._rows:
-            self._live.start()
         self._rows = [*self._rows[1 - ROWS :], iteration]
-        self._live.update(self._table())
+        self._steps = self._steps.iterated(f"iteration {iteration.number}, {iteration.points:,} points")
 
-    def _table(self) -> Table:
-        table = Table(box=None)
-        for name in COLUMNS:
-            table.add_column(name, justify="right")
-        for row in self._rows:
-            table.add_row(*cells(row))
-        return table
+    def search(self, stage: Stage) -> None:
+        """Show how far the search has come."""
+        words = NEXT.get(stage.name, "{} poses left").format(f"{stage.poses:,}")
+        self._steps = self._steps.searched(stage.name, f"search: {words}")
+
+    def _picture(self) -> RenderableType:
+        parts: list[RenderableType] = []
+        if self._rows:
+            table = Table(box=None)
+            for name in self._names:
+                # As text: in markup the brackets of a unit would be a style.
+                table.add_column(Text(name), justify="right")
+            for row in self._rows:
+                table.add_row(*cells(row))
+            parts.append(table)
+        if not self._steps.is_over:
+            parts.append(self._steps.line())
+        return Group(*parts)
+
+
+def columns(unit: str | None) -> tuple[str, ...]:
+    """Names of the columns, with units.
+
+    Parameters
+    ----------
+    unit : str or None
+        Of the target's lengths.
+
+    Returns
+    -------
+    tuple of str
+        As many as `COLUMNS`.
+
+    Examples
+    --------
+    >>> columns("mm")[4:6], columns(None)[4]
+    (('rms [mm]', 'width [mm]'), 'rms [target units]')
+    """
+    return tuple(f"{name} [{unit or 'target units'}]" if name in LENGTHS else name for name in COLUMNS)
+
+
+def stage_words(stage: Stage) -> str:
+    """A finished stage of the search in a few words.
+
+    Parameters
+    ----------
+    stage : Stage
+        As `dqreg.register` reports it.
+
+    Returns
+    -------
+    str
+        Name, poses, seconds.
+
+    Examples
+    --------
+    >>> stage_words(Stage("screened", 160, 0.31))
+    'screened, 160 poses left, 0.3 s'
+    """
+    return f"{stage.name}, {stage.poses:,} pose{'' if stage.poses == 1 else 's'} left, {stage.seconds:.1f} s"
 
 
 def cells(iteration: Iteration) -> tuple[str, ...]:
@@ -120,8 +236,8 @@ def cells(iteration: Iteration) -> tuple[str, ...]:
     )
 
 
-def make_progress(console: Console, *, quiet: bool) -> Progress:
-    """The way to show iterations that suits the console.
+def make_progress(console: Console, *, quiet: bool, unit: str | None = None, searching: bool = False) -> Progress:
+    """The way to show a registration that suits the console.
 
     Parameters
     ----------
@@ -129,6 +245,10 @@ def make_progress(console: Console, *, quiet: bool) -> Progress:
         Where to.
     quiet : bool
         Whether to show nothing.
+    unit : str, optional
+        Unit of the target's lengths, where it is known beforehand.
+    searching : bool
+        Whether a search for a start comes first: it takes most of the time.
 
     Returns
     -------
@@ -142,4 +262,4 @@ def make_progress(console: Console, *, quiet: bool) -> Progress:
     """
     if quiet:
         return Silent()
-    return LiveTable(console) if console.is_terminal else Lines(console)
+    return LiveTable(console, unit, searching=searching) if console.is_terminal else Lines(console, unit)

@@ -30,7 +30,7 @@ def summary_rows(result: Registration) -> list[tuple[str, str]]:
         (
             "source",
             f"{settings['source_points']} points, {settings['used_points']} used, {settings['source_dropped']} "
-            f"dropped; spacing {settings['source_spacing']:.4g}, noise {settings['source_noise']:.4g} {unit}",
+            f"dropped; spacing {settings['source_spacing']:.4g} {unit}, noise {settings['source_noise']:.4g} {unit}",
         ),
         (
             "target",
@@ -60,12 +60,13 @@ def print_summary(console: Console, result: Registration) -> None:
         The answer.
     """
     level = result.verdict.level
-    console.print(f"[bold {COLOURS[level]}]{level.upper()}[/]")
+    unit = result.settings["target_units"] or "target units"
+    console.print(f"[bold {COLOURS[level]}]{level.upper()}[/] [dim](lengths in {unit})[/]", highlight=False)
     for reason in result.verdict.reasons:
         console.print(f"  {reason}", highlight=False, markup=False, soft_wrap=True)
     for name, value in summary_rows(result):
         console.print(f"{name:>10}  {value}", highlight=False, markup=False, soft_wrap=True)
     if np.isfinite(result.rms):
-        console.print("T_target_source", highlight=False)
+        console.print(f"T_target_source (translation in {unit})", highlight=False, markup=False)
         for row in result.T_target_source:
             console.print("  " + " ".join(f"{x: .12e}" for x in row), highlight=False, soft_wrap=True)

@@ -128,12 +128,15 @@ def _blocks(points: FeatureSet, directions: FeatureSet | None) -> list[slice] | 
 def _solve_block(chosen: slice | np.ndarray, points: FeatureSet, directions: FeatureSet | None, fits: Fits) -> None:
     p, q, beta = points.take(chosen)
     sides = None if directions is None else directions.take(chosen)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    # Lengths whose squares leave float64 make their own problem degenerate, not the others.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         sums = sum_block(p, q, beta, sides)
-        values, vectors = np.linalg.eigh(_quaternion_forms(sums.H))
+        forms = _quaternion_forms(sums.H)
+        tame = np.isfinite(forms).all(axis=(1, 2)) & np.isfinite(sums.reach)
+        values, vectors = np.linalg.eigh(np.where(tame[:, None, None], forms, 0.0))
         R = _rotations(vectors[:, :, 3].T)
         lambda_1, lambda_2 = values[:, 3], values[:, 2]
-        good = (sums.weight > 0.0) & (lambda_1 - lambda_2 > SMALLEST_GAP * sums.reach + sums.floor)
+        good = tame & (sums.weight > 0.0) & (lambda_1 - lambda_2 > SMALLEST_GAP * sums.reach + sums.floor)
         gap = np.where(lambda_1 > 0.0, (lambda_1 - lambda_2) / lambda_1, 0.0)
         point_cost, direction_cost = residual_sums(R, sums, beta, sides)
         rms = np.sqrt(point_cost / sums.weight)

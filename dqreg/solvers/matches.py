@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray, as_vectors, as_weights, require_finite
+from dqreg.arrays import FloatArray, as_vectors, as_weights, require_finite, require_workable
 from dqreg.errors import InputError
 
 
@@ -106,6 +106,8 @@ def refuse_bad_values(matches: Matches) -> None:
     for name in ("points_source", "points_target", "directions_source", "directions_target"):
         array = getattr(matches, name)
         require_finite(array, name)
+        if name.startswith("points") and len(array):
+            require_workable(array, name)
         if name.startswith("directions"):
             refuse_zero_directions(array, name, matches.direction_weights)
 

@@ -57,6 +57,12 @@ class Poses:
     def __add__(self, other: Poses) -> Poses:
         return Poses(np.concatenate([self.R, other.R]), np.concatenate([self.t, other.t]))
 
+    @property
+    def inverse(self) -> Poses:
+        """From target to source."""
+        back = self.R.transpose(0, 2, 1)
+        return Poses(back, -np.einsum("nij,nj->ni", back, self.t))
+
     def matrix(self, row: int) -> FloatArray:
         """One of them, (4, 4)."""
         T = np.eye(4)

@@ -113,8 +113,8 @@ def _without_strays(points: FloatArray) -> FloatArray:
     return points[near]
 
 
-def target_features(target: PointCloud | Mesh, surface: Surface, count: int) -> tuple[Features, FloatArray]:
-    """Faces and rims of a target.
+def even_places(target: PointCloud | Mesh, surface: Surface, count: int) -> tuple[FloatArray, FloatArray]:
+    """Places evenly over a target, in Morton order, and their normals.
 
     Parameters
     ----------
@@ -122,6 +122,30 @@ def target_features(target: PointCloud | Mesh, surface: Surface, count: int) -> 
         Geometry.
     surface : Surface
         The same, for its normals.
+    count : int
+        Places at most.
+
+    Returns
+    -------
+    points, normals : ndarray, (n, 3)
+        Normals are zero where none is known.
+    """
+    points = target.points if isinstance(target, PointCloud) else sample_mesh(target, count, _rng()).points
+    points = points[morton_order(points)][sample_rows(len(points), count)]
+    return points, surface.closest(points).normals
+
+
+def target_features(
+    target: PointCloud | Mesh, points: FloatArray, normals: FloatArray, count: int
+) -> tuple[Features, FloatArray]:
+    """Faces and rims of a target.
+
+    Parameters
+    ----------
+    target : PointCloud or Mesh
+        Geometry.
+    points, normals : ndarray, (n, 3)
+        Many places of it, see `even_places`.
     count : int
         Places at most, of both kinds together.
 
@@ -132,10 +156,7 @@ def target_features(target: PointCloud | Mesh, surface: Surface, count: int) -> 
     edges : ndarray, (m, 3)
         Dense samples of the rims; empty where there are none.
     """
-    rng = np.random.default_rng(0)
-    points = target.points if isinstance(target, PointCloud) else sample_mesh(target, 20 * count, rng).points
-    points = points[morton_order(points)][sample_rows(len(points), 20 * count)]
-    normals = surface.closest(points).normals
+    rng = _rng()
     if isinstance(target, Mesh):
         edges, outwards = _sharp_edges(target, rng)
     else:
@@ -158,6 +179,11 @@ def target_features(target: PointCloud | Mesh, surface: Surface, count: int) -> 
         np.ones(len(rows) + len(rim_rows)),
     )
     return features, edges
+
+
+def _rng() -> np.random.Generator:
+    # The same target gives the same places.
+    return np.random.default_rng(0)
 
 
 def rarity(normals: FloatArray) -> FloatArray:

@@ -10,6 +10,11 @@ from dqreg.arrays import FloatArray
 from dqreg.geometry import Surface
 from dqreg.icp import InlierMixture
 
+# Poses whose widths are learned.
+LEARNED = 6
+# Normals farther apart than this are of different faces.
+GATE_RAD = np.deg2rad(50.0)
+
 
 @dataclasses.dataclass(frozen=True)
 class Judgement:
@@ -38,10 +43,14 @@ class Judgement:
     def behind(self, best: int, blocks: int = 60) -> tuple[FloatArray, FloatArray]:
         """How far each pose stays behind one of them, in mean log-likelihood, and the standard error of that.
 
-        Neighbouring points err together (they stand on one face of a part that is not quite its drawing), so the error
-        is taken from blocks of neighbours.
+        Only points that one of the poses puts near the target have a say: in a scene all others are the same to all
+        poses. Neighbouring points err together (they stand on one face of a part that is not quite its drawing), so the
+        error is taken from blocks of neighbours.
         """
-        gaps = self.likelihoods[best] - self.likelihoods
+        said = self.distances.min(axis=0) < self.distances.max()
+        if not said.any():
+            said[:] = True
+        gaps = (self.likelihoods[best] - self.likelihoods)[:, said]
         edges = np.linspace(0, gaps.shape[1], min(blocks, gaps.shape[1]) + 1).astype(np.int64)[:-1]
         counts = np.diff(np.append(edges, gaps.shape[1]))
         means = np.add.reduceat(gaps, edges, axis=1) / counts
@@ -50,7 +59,13 @@ class Judgement:
 
 
 def weigh_up(
-    R: FloatArray, t: FloatArray, points: FloatArray, surface: Surface, limit: float, floor: float
+    R: FloatArray,
+    t: FloatArray,
+    points: FloatArray,
+    surface: Surface,
+    limit: float,
+    floor: float,
+    directions: FloatArray | None = None,
 ) -> Judgement:
     """Likelihood of every point under every pose.
 
@@ -68,15 +83,29 @@ def weigh_up(
         Distance beyond which a point tells nothing more.
     floor : float
         Smallest width.
+    directions : ndarray, (m, 3), optional
+        Normals of the points, of either sign, zero where unknown. Where they are given, a point on a face that looks
+        another way is no inlier, and the width is ``floor``: two clouds that overlap only in part agree there to their
+        noise or not at all, and a width learned from all would favour a pose that lays one loosely over the other.
 
     Returns
     -------
     Judgement
         One row a pose.
     """
-    distances = np.stack([surface.closest(points @ R[k].T + t[k]).distances for k in range(len(R))])
+    found = [surface.closest(points @ R[k].T + t[k]) for k in range(len(R))]
+    distances = np.stack([each.distances for each in found])
+    if directions is not None:
+        unknown = np.asarray(~directions.any(axis=1))
+        for k, each in enumerate(found):
+            cosines = np.abs(np.einsum("ij,ij->i", directions @ R[k].T, each.normals))
+            distances[k, ~(unknown | (cosines > np.cos(GATE_RAD)))] = np.inf
+        cut = np.minimum(distances, limit)
+        return Judgement(np.stack([_likelihoods(row, limit, floor) for row in distances]), cut, floor)
     cut = np.minimum(distances, limit)
-    learned = [_learned(row, limit, floor) for row in distances]
+    # The width is that of the pose under which the points are likeliest: one of those that leave the least over.
+    few = np.argsort(np.sqrt(cut).mean(axis=1), kind="stable")[:LEARNED]
+    learned = [_learned(row, limit, floor) for row in distances[few]]
     best = max(learned, key=lambda pair: pair[0])[1]
     # One width for all: else a wrong pose could call its misfit noise.
     rows = [_likelihoods(row, limit, best.scale) for row in distances]

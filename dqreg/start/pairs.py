@@ -16,12 +16,13 @@ from dqreg.arrays import FloatArray, IntArray, bounds
 from dqreg.geometry import Mesh, PointCloud, Surface
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.solvers.oriented_pairs import OrientedPairs, poses_from_pairs
-from dqreg.start.features import Features, target_features
+from dqreg.start.features import Features, even_places, target_features
+from dqreg.start.plane_grid import PlaneGrid
 from dqreg.start.screening import DistanceGrid
 from dqreg.start.symmetry import Symmetry, find_symmetry
 
-# Places of the target whose pairs are tabulated: their square is the table.
-TABLE_POINTS = 1_000
+# Places of the target whose pairs are tabulated: their square is the table. They are drawn from so many.
+TABLE_POINTS, DENSE = 1_000, 20_000
 # Bins: distance in sizes, angles in radians.
 LENGTH_BIN, ANGLE_BIN = 0.02, 0.2
 # Shorter pairs fix the turn badly; a share of the size.
@@ -53,8 +54,8 @@ class PairTable:
         Ascending.
     size : float
         Diagonal of the target.
-    grid : DistanceGrid
-        Distances to the target.
+    grid : PlaneGrid
+        Distances to the target, and its tangent planes.
     edges : ndarray, (m, 3)
         Samples of the rims; may be empty.
     edge_grid : DistanceGrid or None
@@ -70,7 +71,7 @@ class PairTable:
     second: IntArray
     keys: IntArray
     size: float
-    grid: DistanceGrid
+    grid: PlaneGrid
     edges: FloatArray
     edge_grid: DistanceGrid | None
     target: PointCloud | Mesh
@@ -91,7 +92,8 @@ class PairTable:
     @staticmethod
     def of(target: PointCloud | Mesh, surface: Surface) -> PairTable:
         """Table of a target; the same target gives the same table."""
-        features, edges = target_features(target, surface, TABLE_POINTS)
+        places, normals = even_places(target, surface, DENSE)
+        features, edges = target_features(target, places, normals, TABLE_POINTS)
         # A target without a single normal has no features, but it has a size.
         alone = target.vertices if isinstance(target, Mesh) else target.points
         low, high = bounds(features.points if len(features.points) else alone)
@@ -99,7 +101,7 @@ class PairTable:
         keys, usable = pair_keys(features, first, second, surface.diagonal)
         rows = np.flatnonzero(usable)
         rows = rows[np.argsort(keys[rows], kind="stable")]
-        grid = DistanceGrid(lambda nodes: surface.closest(nodes).distances, low, high, surface.diagonal)
+        grid = PlaneGrid(surface, places, normals, low, high)
         edge_grid = None
         if len(edges):
             tree = NeighbourTree(edges)

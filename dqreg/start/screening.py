@@ -5,16 +5,80 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 
 from dqreg.arrays import FloatArray, IntArray
 
+# Single precision: a hundredth of a cell is all that is needed.
+Single = npt.NDArray[np.float32]
 # Nodes of a grid, and room around the target in sizes.
 NODES, MARGIN = 300_000, 0.05
 # Poses looked at in one step: bounds the memory, and what is looked up stays in the cache.
 CHUNK = 1_024
 
 
-class DistanceGrid:
+class Lattice:
+    """Regular nodes in a box; what is known at each is looked up at the nearest one.
+
+    Parameters
+    ----------
+    low, high : ndarray, (3,)
+        Corners of the box.
+    cell : float
+        Distance between nodes.
+    """
+
+    def __init__(self, low: FloatArray, high: FloatArray, cell: float) -> None:
+        self.low, self.cell = low, cell
+        self.shape = np.ceil((high - low) / cell).astype(np.int64) + 1
+
+    @property
+    def count(self) -> int:
+        """Number of nodes."""
+        return int(np.prod(self.shape))
+
+    def nodes(self, points: FloatArray) -> IntArray:
+        """Nearest node of each place, (n,); the number of all nodes stands for "outside"."""
+        return self._flat(((points - self.low) / self.cell + 0.5).astype(np.float32).T)
+
+    def mean_gains(self, R: FloatArray, t: FloatArray, points: FloatArray, gains: Single) -> FloatArray:
+        """Mean gain of the points under each pose, (n,).
+
+        Parameters
+        ----------
+        R : ndarray, (n, 3, 3)
+            Rotations.
+        t : ndarray, (n, 3)
+            Translations.
+        points : ndarray, (m, 3)
+            Points to be moved.
+        gains : ndarray, (count + 1,)
+            Of each node; the last is the gain outside.
+        """
+        if not len(points):
+            return np.zeros(len(R))
+        parts = [self._chunk(R[i : i + CHUNK], t[i : i + CHUNK], points, gains) for i in range(0, len(R), CHUNK)]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    def _chunk(self, R: FloatArray, t: FloatArray, points: FloatArray, gains: Single) -> FloatArray:
+        # Rows of all rotations against all points in one product; single precision is finer than a cell.
+        scaled = (R.transpose(1, 0, 2).reshape(-1, 3) / self.cell).astype(np.float32)
+        moved = (scaled @ points.T.astype(np.float32)).reshape(3, len(R), -1)
+        moved += ((t - self.low) / self.cell + 0.5).astype(np.float32).T[:, :, None]
+        mean: FloatArray = gains[self._flat(moved)].mean(axis=1, dtype=np.float64)
+        return mean
+
+    def _flat(self, moved: Single) -> IntArray:
+        """Row of the node, of places in cells, (3, ...)."""
+        inside = (moved >= 0.0).all(axis=0)
+        node = np.where(inside, moved, np.float32(0.0)).astype(np.int32)
+        for k in range(3):
+            inside &= node[k] < self.shape[k]
+        flat = (node[0] * np.int32(self.shape[1]) + node[1]) * np.int32(self.shape[2]) + node[2]
+        return np.where(inside, flat, np.int32(self.count))
+
+
+class DistanceGrid(Lattice):
     """Distances on a regular grid, looked up at the nearest node.
 
     Parameters
@@ -31,13 +95,11 @@ class DistanceGrid:
         self, distance: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray, size: float
     ) -> None:
         room = MARGIN * size
-        self.low = low - room
-        extent = high - low + 2.0 * room
-        self.cell = float(np.prod(extent) / NODES) ** (1.0 / 3.0)
-        self.shape = np.ceil(extent / self.cell).astype(np.int64) + 1
+        cell = float(np.prod(high - low + 2.0 * room) / NODES) ** (1.0 / 3.0)
+        super().__init__(low - room, high + room, cell)
         axes = [self.low[k] + self.cell * np.arange(self.shape[k]) for k in range(3)]
-        nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        self.distances = distance(nodes).astype(np.float32)
+        places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        self.distances = distance(places).astype(np.float32)
 
     def scores(self, R: FloatArray, t: FloatArray, points: FloatArray, reach: float) -> FloatArray:
         """Mean of ``1 - (d / reach)^2`` over the points, 0 beyond the reach, for each pose.
@@ -59,22 +121,7 @@ class DistanceGrid:
             Between 0 and 1; the higher the better.
         """
         gains = np.append(np.maximum(1.0 - (self.distances / np.float32(reach)) ** 2, 0.0), np.float32(0.0))
-        parts = [self._chunk(R[i : i + CHUNK], t[i : i + CHUNK], points, gains) for i in range(0, len(R), CHUNK)]
-        return np.concatenate(parts) if parts else np.zeros(0)
-
-    def _chunk(self, R: FloatArray, t: FloatArray, points: FloatArray, gains: FloatArray) -> FloatArray:
-        # Rows of all rotations against all points in one product; single precision is finer than a cell.
-        scaled = (R.transpose(1, 0, 2).reshape(-1, 3) / self.cell).astype(np.float32)
-        moved = (scaled @ points.T.astype(np.float32)).reshape(3, len(R), -1)
-        moved += ((t - self.low) / self.cell + 0.5).astype(np.float32).T[:, :, None]
-        node = moved.astype(np.int32)
-        inside = (moved >= 0.0).all(axis=0)
-        for k in range(3):
-            inside &= node[k] < self.shape[k]
-        flat = (node[0] * np.int32(self.shape[1]) + node[1]) * np.int32(self.shape[2]) + node[2]
-        # The last entry is what lies outside.
-        mean: FloatArray = gains[np.where(inside, flat, len(gains) - 1)].mean(axis=1, dtype=np.float64)
-        return mean
+        return self.mean_gains(R, t, points, gains)
 
 
 def distinct(R: FloatArray, t: FloatArray, middle: FloatArray, angle_rad: float, offset: float, most: int) -> IntArray:

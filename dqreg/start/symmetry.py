@@ -14,8 +14,9 @@ import numpy as np
 from dqreg.arrays import BoolArray, FloatArray
 from dqreg.geometry import Mesh, Surface, sample_mesh
 from dqreg.start.axes import moments, principal_axes
+from dqreg.start.plane_grid import PlaneGrid
 from dqreg.start.refining import Sample, refine
-from dqreg.start.screening import DistanceGrid, distinct
+from dqreg.start.screening import distinct
 from dqreg.start.turns import SAME_AXIS_RAD, all_round, angle_of, axis_of, canonical, keeps_axis, turn_about
 
 # Largest distance from the part after a symmetric turn, in sizes: the facets of a round hole are no feature.
@@ -23,7 +24,9 @@ SAME = 2e-3
 # Rotations tried on the grid, the best of them refined; points for either, and for the check.
 TRIED, REFINED, SCREENED, FITTED, CHECKED = 4_000, 80, 150, 200, 2_000
 # Reach of the screening and first and last width of the refinement, in sizes.
-REACH, WIDE, NARROW, STEPS = 0.06, 0.04, 5e-4, 10
+REACH, WIDE, FINE, NARROW, STEPS = 0.06, 0.04, 6e-3, 5e-4, 6
+# A turn is worth the exact surface with this score on the grid, at this reach beyond a cell, in sizes.
+FINE_REACH, LIKELY = 0.01, 0.55
 # Highest order that is looked for about the principal axes; above it a part is as good as round.
 HIGHEST = 72
 # An angle that is a fraction of no turn of interest: what survives it is round.
@@ -120,7 +123,7 @@ class Symmetry:
         return tuple(axis.words for axis in self.axes)
 
 
-def find_symmetry(mesh: Mesh, surface: Surface, grid: DistanceGrid) -> Symmetry:
+def find_symmetry(mesh: Mesh, surface: Surface, grid: PlaneGrid) -> Symmetry:
     """Symmetries of a mesh from itself alone.
 
     Parameters
@@ -129,8 +132,8 @@ def find_symmetry(mesh: Mesh, surface: Surface, grid: DistanceGrid) -> Symmetry:
         The part.
     surface : Surface
         The same part, to be asked for distances.
-    grid : DistanceGrid
-        Its distances for the screening.
+    grid : PlaneGrid
+        Its distances and planes for the screening.
 
     Returns
     -------
@@ -143,18 +146,23 @@ def find_symmetry(mesh: Mesh, surface: Surface, grid: DistanceGrid) -> Symmetry:
     >>> from dqreg.synth.parts import box
     >>> part = Mesh(*box((3.0, 2.0, 1.0)))
     >>> surface = MeshSurface(part)
-    >>> grid = DistanceGrid(lambda p: surface.closest(p).distances, *part.bounds, part.diagonal)
+    >>> sample = sample_mesh(part, 20_000, np.random.default_rng(0))
+    >>> grid = PlaneGrid(surface, sample.points, sample.normals, *part.bounds)
     >>> found = find_symmetry(part, surface, grid)
     >>> len(found.axes), len(found.mirrors), len(found.turns)
     (3, 3, 3)
     """
-    part = _Part.of(mesh, surface)
+    part = _Part.of(mesh, surface, grid)
     turns, shifts = _candidates(part, grid, 1.0)
     near = part.nearly_same(turns, shifts)
     main = part.principal
-    by_order = [(axis, order) for axis in main.T for order in range(2, HIGHEST + 1)]
-    turns = np.concatenate([turns, np.array([turn_about(axis, 2.0 * np.pi / order) for axis, order in by_order])])
-    turns = turns[part.same(turns)]
+    # What survives an odd angle is round: its orders need not be asked for.
+    odd = np.array([turn_about(axis, ODD_RAD) for axis in main.T])
+    is_round = part.same(odd)
+    orders = range(2, HIGHEST + 1)
+    by_order = [turn_about(axis, 2.0 * np.pi / k) for axis in main.T[~is_round] for k in orders]
+    turns = np.concatenate([turns, np.array(by_order).reshape(-1, 3, 3)])
+    turns = np.concatenate([turns[part.same(turns)], odd[is_round]])
     turns = turns[[k for k in range(len(turns)) if angle_of(turns[k]) > SAME_AXIS_RAD]]
     axes = _axes(part, turns)
     others = np.array([R for R in turns if not any(a.order is None and keeps_axis(R, a.direction) for a in axes)])
@@ -178,6 +186,7 @@ class _Part:
     """What the tests need of the part: its surface, its centre and axes, points to fit and points to check."""
 
     surface: Surface
+    grid: PlaneGrid
     centre: FloatArray
     principal: FloatArray
     points: FloatArray
@@ -185,7 +194,7 @@ class _Part:
     checks: FloatArray
 
     @staticmethod
-    def of(mesh: Mesh, surface: Surface) -> _Part:
+    def of(mesh: Mesh, surface: Surface, grid: PlaneGrid) -> _Part:
         rng = np.random.default_rng(0)
         centre, principal = principal_axes(*moments(mesh))
         sample = sample_mesh(mesh, CHECKED, rng)
@@ -193,19 +202,24 @@ class _Part:
         corners = mesh.vertices[np.unique(mesh.faces)]
         corners = corners[rng.permutation(len(corners))[:CHECKED]]
         normals = np.asarray(sample.normals)
-        return _Part(surface, centre, principal, sample.points, normals, np.concatenate([corners, sample.points]))
+        return _Part(surface, grid, centre, principal, sample.points, normals, np.concatenate([corners, sample.points]))
 
     def same(self, turns: FloatArray) -> BoolArray:
         """Which of n orthogonal matrices, applied about the centre, leave the part as it is; few points first."""
         alive = np.ones(len(turns), dtype=bool)
         arms = self.checks - self.centre
+        # No place is nearer than its node, but for the way between them.
+        limit, some = SAME * self.surface.diagonal, arms[:: max(1, len(arms) // FITTED)]
+        known = np.append(self.grid.distances, np.float32(np.inf))
+        for k, R in enumerate(turns):
+            alive[k] = known[self.grid.nodes(some @ R.T + self.centre)].max() < limit + self.grid.cell
         for few in (60, 600, len(arms)):
             rows = np.flatnonzero(alive)
             if len(rows):
                 some = arms[:: max(1, len(arms) // few)]
                 moved = some @ turns[rows].transpose(0, 2, 1) + self.centre
                 found = self.surface.closest(moved.reshape(-1, 3)).distances.reshape(len(rows), -1)
-                alive[rows] = found.max(axis=1) < SAME * self.surface.diagonal
+                alive[rows] = found.max(axis=1) < limit
         return alive
 
     def nearly_same(self, R: FloatArray, t: FloatArray) -> FloatArray:
@@ -222,7 +236,7 @@ class _Part:
         return poses
 
 
-def _candidates(part: _Part, grid: DistanceGrid, sign: float) -> tuple[FloatArray, FloatArray]:
+def _candidates(part: _Part, grid: PlaneGrid, sign: float) -> tuple[FloatArray, FloatArray]:
     """Orthogonal matrices of determinant ``sign``, and shifts, that may leave the part as it is, refined."""
     rng = np.random.default_rng(0)
     size = part.surface.diagonal
@@ -236,7 +250,12 @@ def _candidates(part: _Part, grid: DistanceGrid, sign: float) -> tuple[FloatArra
     kept = distinct(R, t, part.centre, np.deg2rad(10.0), np.inf, REFINED)
     rows = rng.choice(len(points), size=min(FITTED, len(points)), replace=False)
     sample = Sample(points[rows], normals[rows], np.zeros((0, 3)), np.zeros((0, 3)))
-    R, t = refine(R[kept], t[kept], sample, part.surface, None, np.geomspace(WIDE, NARROW, STEPS) * size, points[:0])
+    R, t, nothing = R[kept], t[kept], points[:0]
+    R, t = refine(R, t, sample, grid, None, np.geomspace(WIDE, FINE, STEPS) * size, nothing)
+    # Few are worth the exact surface.
+    likely = grid.scores(R, t, sample.points, FINE_REACH * size + grid.cell) > LIKELY
+    R, t = R[likely], t[likely]
+    R, t = refine(R, t, sample, part.surface, None, np.geomspace(FINE, NARROW, STEPS) * size, nothing)
     return sign * R, t
 
 

@@ -10,6 +10,8 @@ from dqreg.records import Alternative, Direction, Level, Verdict
 FEW_INLIERS = 0.7
 # Inliers fewer than this cannot carry a pose of six unknowns with anything left to check it.
 FEWEST_INLIERS = 30
+# Fewer fix no pose at all.
+FEWEST_OF_ALL = 3
 # Patches of neighbouring points that lie off the target as a whole; points on it that face another way; points that
 # lie on no surface: shares above these speak against the pose.
 PATCHES_OFF, NORMALS_APART, STRAYS = 0.03, 0.15, 0.5
@@ -105,6 +107,11 @@ def _why_nothing(evidence: Evidence) -> str:
         return (
             f"no pose: hardly any scan point comes within {evidence.length(evidence.max_distance)} of the target with "
             "a matching normal; check the start and the units, or raise max_distance"
+        )
+    if evidence.inliers < FEWEST_OF_ALL:
+        return (
+            f"no pose: the loop ended with {evidence.inliers:.2g} points on the target, and three fix a pose at least; "
+            "check the start, the units and that both sides show the same"
         )
     return f"no pose: the loop ended with {evidence.status!r}"
 

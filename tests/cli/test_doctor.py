@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.metadata
+import json
 import subprocess
 import sys
 from typing import Any
@@ -145,3 +146,9 @@ def test_importing_the_command_loads_nothing_heavy() -> None:
     heavy = "('open3d', 'scipy', 'trimesh', 'matplotlib', 'rich.table')"
     code = f"import sys, dqreg.cli.doctor; sys.exit(any(name in sys.modules for name in {heavy}))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_json_holds_the_same_checks() -> None:
+    result = CliRunner().invoke(doctor, ["--json"])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.output) == [dataclasses.asdict(check) for check in examine()]

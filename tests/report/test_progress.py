@@ -1,13 +1,16 @@
 from __future__ import annotations
 
 import io
+import re
 
 import numpy as np
 import pytest
 from rich.console import Console
 
 from dqreg.report.progress import COLUMNS, Lines, LiveTable, Silent, cells, make_progress
+from dqreg.report.time_left import SEARCHED, Steps
 from dqreg.result import Iteration
+from dqreg.start import Stage
 
 
 def iteration(number: int, motion: float = 1e-3) -> Iteration:
@@ -38,12 +41,76 @@ def test_lines_are_one_each_under_one_header():
     assert [line.split()[0] for line in lines] == ["iteration", "1", "2", "3"]
 
 
-def test_nothing_is_printed_without_iterations():
+def visible(text: str) -> str:
+    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text)
+
+
+def test_nothing_stays_on_the_screen_without_iterations():
     for terminal in (True, False):
         text = io.StringIO()
         with make_progress(Console(file=text, force_terminal=terminal), quiet=False):
             pass
-        assert text.getvalue() == ""
+        assert visible(text.getvalue()).strip() == ""
+
+
+def test_stages_of_the_search_are_lines_in_a_pipe():
+    text = io.StringIO()
+    with make_progress(Console(file=text, force_terminal=False), quiet=False) as progress:
+        progress.search(Stage("screened", 1_600, 0.31))
+        progress(iteration(1))
+    lines = text.getvalue().splitlines()
+    assert lines[0] == "search  screened, 1,600 poses left, 0.3 s"
+    assert len(lines) == 3
+    assert "\x1b" not in text.getvalue()
+
+
+def test_units_stand_in_the_head_of_the_table():
+    for terminal in (True, False):
+        text = io.StringIO()
+        with make_progress(Console(file=text, force_terminal=terminal, width=200), quiet=False, unit="mm") as progress:
+            progress(iteration(1))
+        for name in ("rms [mm]", "width [mm]", "turn [deg]", "motion [size]"):
+            assert name in text.getvalue()
+
+
+def test_the_bar_moves_with_the_stages_and_says_how_long():
+    seconds = [0.0]
+    text = io.StringIO()
+    live = LiveTable(Console(file=text, force_terminal=True, width=200), searching=True, now=lambda: seconds[0])
+    with live:
+        for name, after in (("proposed", 3.5), ("refined", 4.6)):
+            seconds[0] = after
+            live.search(Stage(name, 12, after))
+        live._live.refresh()
+    shown = visible(text.getvalue())
+    assert "turning 12 poses" in shown
+    # 46 % are usually gone when this stage ends: 4.6 of 10 seconds.
+    assert "about 5 s left" in shown
+
+
+def test_shares_of_the_steps_only_grow():
+    seconds = [0.0]
+    steps = Steps("reading", searching=True, now=lambda: seconds[0])
+    assert steps.left() is None
+    shares = []
+    for name in SEARCHED:
+        seconds[0] += 1.0
+        steps = steps.searched(name, name)
+        shares.append(steps.share)
+    for number in range(40):
+        seconds[0] += 0.1
+        steps = steps.iterated(str(number))
+        shares.append(steps.share)
+    assert shares == sorted(shares)
+    assert shares[-1] < 1.0
+    # Between two steps the bar follows the clock, and waits at the next one.
+    reached = []
+    for after in (0.0, 1.0, 1e6):
+        seconds[0] += after
+        reached.append(steps.reached())
+    assert reached == sorted(reached)
+    assert reached[-1] == pytest.approx(steps.following)
+    assert steps.left() == 0.0
 
 
 def test_live_table_shows_the_latest():

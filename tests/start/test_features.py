@@ -5,7 +5,7 @@ import pytest
 
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.start.features import rarity, rims, scan_features, target_features
+from dqreg.start.features import even_places, rarity, rims, scan_features, target_features
 from dqreg.synth.parts import box
 
 
@@ -52,7 +52,7 @@ def test_places_of_a_scan_are_on_it_however_many_strays(strays):
 
 def test_edges_of_a_box_are_its_twelve_edges():
     mesh = Mesh(*box((3.0, 2.0, 1.0), divisions=3))
-    features, edges = target_features(mesh, MeshSurface(mesh), 400)
+    features, edges = target_features(mesh, *even_places(mesh, MeshSurface(mesh), 8_000), 400)
     at_limit = np.isclose(np.abs(edges), [1.5, 1.0, 0.5]).sum(axis=1)
     assert (at_limit >= 2).all()
     # A way off a face of a box is a normal of another face, and leads out of the box.

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.geometry import Mesh, MeshSurface, PointCloud, Scan, prepare_scan, sample_mesh
+from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, Scan, prepare_scan, sample_mesh
 from dqreg.icp import ESTIMATORS, Plan
 from dqreg.rigid import pose
 from dqreg.start import Candidate, PairTable, search
@@ -89,3 +89,15 @@ def test_stages_are_reported_and_may_stop_the_search(part):
     assert [s.seconds for s in seen] == sorted(s.seconds for s in seen)
     stopped = part.search(scan, observe=lambda stage: stage.name != "screened")
     assert stopped[0].stage == "screened"
+
+
+def test_a_part_is_found_in_a_larger_cloud(part):
+    # The scene is the part at its place and a wall three times its size; truth: the drawn pose itself.
+    scan, T = part.scan(5)
+    rng = np.random.default_rng(6)
+    wall = part.mesh.diagonal * np.column_stack([rng.uniform(-1.5, 1.5, size=(6_000, 2)), np.full(6_000, 1.2)])
+    scene = PointCloud(np.concatenate([sample_mesh(part.mesh, 8_000, rng).points, wall]))
+    surface = CloudSurface(scene)
+    plan = Plan(ESTIMATORS["dq"], 0.2 * part.mesh.diagonal)
+    found = search(scan, surface, scene, plan, PairTable.of(scene, surface), np.random.default_rng(0))
+    assert part.error(found[0], T) < 0.02

@@ -5,7 +5,8 @@ import pytest
 
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.rigid import pose
-from dqreg.start.screening import DistanceGrid
+from dqreg.start.features import even_places
+from dqreg.start.plane_grid import PlaneGrid
 from dqreg.start.symmetry import SAME, Symmetry, find_symmetry
 from dqreg.start.turns import all_round, angle_of
 from dqreg.synth.parts import box, cylinder
@@ -13,7 +14,7 @@ from dqreg.synth.parts import box, cylinder
 
 def symmetry_of(mesh: Mesh) -> Symmetry:
     surface = MeshSurface(mesh)
-    grid = DistanceGrid(lambda p: surface.closest(p).distances, *mesh.bounds, mesh.diagonal)
+    grid = PlaneGrid(surface, *even_places(mesh, surface, 20_000), *mesh.bounds)
     return find_symmetry(mesh, surface, grid)
 
 

@@ -1,0 +1,106 @@
+"""What every result promises, looked at where it leaves the package: no pose that is none, no covariance that is none.
+
+A broken promise is a fault of this package, not of the input. It must neither pass as a pose nor stop a night of
+registrations, so the result that broke it becomes a failed one that says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from dqreg.arrays import FloatArray
+
+# Departure of R^T R from the identity: a hundred times what a product of rotations leaves.
+RIGID = 1e-12
+# Departure of a covariance from symmetry, and its lowest eigenvalue below zero, in correlations.
+SEMIDEFINITE = 1e-9
+
+
+def broken_promise(
+    T_target_source: FloatArray,
+    covariance: FloatArray,
+    level: str,
+    rms: float,
+    inlier_fraction: float,
+    alternatives: Iterable[FloatArray] = (),
+) -> str:
+    """What a result promises and does not keep.
+
+    Parameters
+    ----------
+    T_target_source : ndarray, (4, 4)
+        Rigid to 1e-12 with the last row 0 0 0 1; or NaN as a whole, and the level "failed".
+    covariance : ndarray, (6, 6)
+        Symmetric and positive semidefinite but for rows and columns that are NaN as a whole; all NaN without a pose.
+    level : str
+        Of the verdict.
+    rms : float
+        Finite and not negative; NaN without a pose, and where nothing was measured.
+    inlier_fraction : float
+        From 0 to 1; NaN where nothing was measured.
+    alternatives : iterable of ndarray, (4, 4)
+        Rigid as well.
+
+    Returns
+    -------
+    str
+        The first broken promise in words; "" where all are kept.
+
+    Examples
+    --------
+    >>> broken_promise(np.eye(4), np.eye(6), "accepted", 0.1, 1.0)
+    ''
+    >>> broken_promise(np.full((4, 4), np.nan), np.full((6, 6), np.nan), "accepted", np.nan, 0.0)
+    'no pose, but the verdict accepted'
+    """
+    nothing = bool(np.isnan(T_target_source).all())
+    if nothing and level != "failed":
+        return f"no pose, but the verdict {level}"
+    for name, T in (("pose", T_target_source), *(("alternative", other) for other in alternatives)):
+        wrong = "" if nothing and name == "pose" else _not_rigid(T)
+        if wrong:
+            return f"the {name} {wrong}"
+    if nothing and not (np.isnan(rms) and np.isnan(covariance).all()):
+        return "no pose, but a root mean square distance or a covariance of one"
+    # Where nothing was measured (the frame that a map begins with), neither number is there.
+    measured = not np.isnan(inlier_fraction)
+    if not nothing and measured and not 0.0 <= rms < np.inf:
+        return f"a pose with a root mean square distance of {rms:g}"
+    if measured and not -SEMIDEFINITE <= inlier_fraction <= 1.0 + SEMIDEFINITE:
+        return f"a share of inliers of {inlier_fraction:g}"
+    return _no_covariance(covariance)
+
+
+def _not_rigid(T: FloatArray) -> str:
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        return "holds numbers that are not finite"
+    if T[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        return f"has the last row {T[3].tolist()}"
+    R = T[:3, :3]
+    # Numbers beyond float64's squares are not within the tolerance either.
+    with np.errstate(over="ignore", invalid="ignore"):
+        gap = float(np.abs(R.T @ R - np.eye(3)).max())
+        mirrored = not np.linalg.det(R) > 0.0
+    if not gap <= RIGID:
+        return f"is not rigid: its rotation departs from orthonormal by {gap:.3g}"
+    return "is a mirror image" if mirrored else ""
+
+
+def _no_covariance(covariance: FloatArray) -> str:
+    if covariance.shape != (6, 6):
+        return f"a covariance of shape {covariance.shape}"
+    free = np.isnan(np.diag(covariance))
+    if not np.array_equal(np.isnan(covariance), free[:, None] | free):
+        return "a covariance that is NaN in places, not in whole rows and columns"
+    held = covariance[np.ix_(~free, ~free)]
+    if not np.isfinite(held).all() or (np.diag(held) < 0.0).any():
+        return "a covariance with infinite numbers or negative variances"
+    spread = np.sqrt(np.diag(held))
+    spread = np.where(spread > 0.0, spread, 1.0)
+    correlation = held / spread / spread[:, None]
+    if np.abs(correlation - correlation.T).max(initial=0.0) > SEMIDEFINITE:
+        return "a covariance that is not symmetric"
+    lowest = float(np.linalg.eigvalsh(correlation).min()) if len(held) else 0.0
+    return "" if lowest >= -SEMIDEFINITE else f"a covariance with the negative eigenvalue {lowest:.3g}"

@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dqreg.cli import register as room
+from dqreg.cli.interrupt import Interrupts
+from dqreg.cli.main import main
+from dqreg.icp import ESTIMATORS
+from dqreg.options import EFFORTS
+from dqreg.result import Registration
+from dqreg.synth import demo_case, load_case
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return int(stop.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def case():
+    return load_case(demo_case())
+
+
+@pytest.fixture
+def start(tmp_path, case):
+    np.savetxt(tmp_path / "start.txt", case.T_start)
+    return tmp_path / "start.txt"
+
+
+def test_words_are_those_of_the_library():
+    assert ("auto", *ESTIMATORS) == room.METHODS
+    assert tuple(EFFORTS) == room.EFFORTS
+
+
+def test_json_is_all_that_standard_output_holds(tmp_path, case, start, capsys):
+    out = tmp_path / "result.json"
+    code = run("register", case.scan, case.part, "--start", start, "--effort", "fast", "--json", "--out", out)
+    captured = capsys.readouterr()
+    assert code == 0
+    assert captured.err == ""
+    values = json.loads(captured.out)
+    assert values["verdict"]["level"] == "accepted"
+    # The same numbers as in the file, to the last bit.
+    assert values == json.loads(out.read_text())
+    assert np.array_equal(values["T_target_source"], Registration.load(out).T_target_source)
+
+
+def test_locked_motions_stay_as_in_the_start(tmp_path, case, start, capsys):
+    files = case.scan, case.part
+    assert run("register", *files, "--start", start, "--effort", "fast", "--json", "--dof", "rz tx ty") in (0, 1)
+    T = np.array(json.loads(capsys.readouterr().out)["T_target_source"])
+    moved = T @ np.linalg.inv(case.T_start)
+    # A turn about z and a shift in the plane: the third row and column are those of the identity.
+    np.testing.assert_allclose(moved[2], [0.0, 0.0, 1.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(moved[:3, 2], [0.0, 0.0, 1.0], atol=1e-9)
+    assert run("register", case.scan, case.part, "--dof", "rz") == 2
+    assert "dof" in capsys.readouterr().err
+
+
+def test_a_time_limit_is_said(case, start, capsys):
+    code = run("register", case.scan, case.part, "--start", start, "--time-limit", "1e-6")
+    assert code == 1
+    assert "time limit" in capsys.readouterr().out
+
+
+def test_units_are_checked_unless_told_not_to(tmp_path, case, capsys):
+    points = np.random.default_rng(0).normal(size=(3_000, 3))
+    np.save(tmp_path / "inch.npy", points / 25.4)
+    np.save(tmp_path / "mm.npy", points)
+    files = tmp_path / "inch.npy", tmp_path / "mm.npy"
+    assert run("register", *files, "--start", "identity") == 2
+    assert "--units ignore" in capsys.readouterr().err
+    assert run("register", *files, "--start", "identity", "--units", "ignore", "--quiet") in (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--method", "plan"], "Did you mean plane?"),
+        (["--effort", "norml"], "Did you mean normal?"),
+        (["--tolerence", "1"], "--tolerance"),
+        (["--units", "chek"], "Did you mean check?"),
+        (["--source-units", "inches"], "Did you mean inch?"),
+    ],
+)
+def test_what_was_probably_meant(arguments, said, capsys):
+    assert run("register", "a.ply", "b.ply", *arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert said in captured.err
+    assert captured.err.count("\n") == 1
+
+
+def test_every_option_stands_under_a_heading():
+    options = {option.name for option in room.register_command.params if option.param_type_name == "option"}
+    headed = {name for names in room.SECTIONS.values() for name in names}
+    assert options - headed == {"quiet"}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send to one process")
+@pytest.mark.parametrize("after", [0.3, 1.2])
+def test_ctrl_c_leaves_one_line_and_no_file(after, tmp_path, case):
+    out = tmp_path / "result.json"
+    words = [str(w) for w in ("register", case.scan, case.part, "--effort", "best", "--out", out)]
+    code = f"from dqreg.cli.main import main; print('begun', flush=True); main({words!r})"
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                               env=environment)  # fmt: skip
+    assert process.stdout is not None
+    process.stdout.readline()
+    # While Open3D and other compiled parts load: there the interrupt used to be lost.
+    time.sleep(after)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert error.strip() == "dqreg: error: stopped by the user; no file is left half-written"
+    assert list(tmp_path.iterdir()) == []
+
+
+def swallowed(seen: list[str]) -> None:
+    with Interrupts() as interrupts:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            seen.append("swallowed, as compiled modules do")
+        try:
+            interrupts.checked(seen.append)("an iteration")
+        except KeyboardInterrupt:
+            seen.append("said again")
+        raise ValueError("and another error in its place")
+
+
+def test_an_interrupt_that_was_swallowed_is_kept():
+    seen: list[str] = []
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        swallowed(seen)
+    assert seen == ["swallowed, as compiled modules do", "said again"]
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def held(seen: list[str]) -> None:
+    with Interrupts() as interrupts, interrupts.held():
+        signal.raise_signal(signal.SIGINT)
+        seen.append("still here")
+
+
+def test_a_held_interrupt_waits_for_the_end():
+    seen: list[str] = []
+    with pytest.raises(KeyboardInterrupt):
+        held(seen)
+    assert seen == ["still here"]

@@ -1,0 +1,85 @@
+"""The pages of the site that can be checked without building it; `.ci/docs` builds it."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+
+import dqreg
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted(path.name for path in DOCS.glob("*.md"))
+API = "\n".join(path.read_text(encoding="utf-8") for path in sorted((DOCS / "api").glob("*.md")))
+
+
+def blocks(page: str, language: str) -> list[str]:
+    text = (DOCS / page).read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.S | re.M)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")])
+def test_python_on_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
+    if page == "howto_perception.md":
+        pytest.importorskip("kiss_icp", reason="the page ends with odometry: dqreg[odometry]")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for body in blocks(page, "python"):
+        exec(compile(body, page, "exec"), names)
+
+
+def commands() -> list[tuple[str, str]]:
+    lines = [(page, line) for page in PAGES for body in blocks(page, "sh") for line in body.splitlines()]
+    return [(page, line.partition("  #")[0].partition(" > ")[0]) for page, line in lines if line.startswith("dqreg ")]
+
+
+@pytest.mark.parametrize(("page", "line"), commands())
+def test_commands_on_a_page_parse(page, line):
+    from dqreg.cli.main import cli
+
+    words = shlex.split(line)
+    context = click.Context(cli)
+    command = cli.get_command(context, words[1])
+    assert command is not None
+    command.make_context(words[1], words[2:])
+
+
+def test_every_public_name_is_documented():
+    modules = {"solvers", "quaternion"}
+    missing = [name for name in dqreg.__all__ if name not in modules and not re.search(rf":: (dqreg\.)?{name}\b", API)]
+    assert missing == []
+
+
+def test_every_command_has_its_help():
+    from dqreg.cli.main import ENTRIES
+
+    page = (DOCS / "command_line.md").read_text(encoding="utf-8")
+    assert re.findall(r"\{command-help\} (\w+)", page) == list(ENTRIES)
+
+
+def test_every_page_is_in_the_contents():
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"^(?:.*<)?([\w/]+)>?$", index, flags=re.M))
+    pages = {
+        path.relative_to(DOCS).with_suffix("").as_posix() for path in DOCS.rglob("*.md") if "_build" not in path.parts
+    }
+    assert pages - {"index"} <= named
+
+
+def test_the_link_checker_sees_what_is_broken(tmp_path):
+    broken = runpy.run_path(str(DOCS / "check_links.py"))["broken"]
+    (tmp_path / "a.html").write_text('<a href="b.html#here">x</a><a href="b.html">x</a><a href="https://x.org/y">x</a>')
+    (tmp_path / "b.html").write_text('<h1 id="here">b</h1><img src="none.png"><a href="a.html#gone">x</a>')
+    assert broken(tmp_path) == ["b.html: none.png does not exist", "b.html: a.html#gone has no such anchor"]
+
+
+def test_the_gallery_on_the_page_is_the_one_that_runs():
+    page = (DOCS / "failures.md").read_text(encoding="utf-8")
+    example = (ROOT / "examples" / "gallery_of_failures.py").read_text(encoding="utf-8")
+    for name in re.findall(r'yield Failure\("([^"]+)"', example):
+        assert f"| {name} |" in page
