@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import functools
 import importlib
+import os
 import platform
 import re
 import signal
@@ -47,6 +48,8 @@ def load_open3d() -> ModuleType:
     'open3d'
     """
     _preload_libusb()
+    # Its web viewer writes three lines into every notebook, and nothing here uses it.
+    os.environ.setdefault("OPEN3D_DISABLE_WEB_VISUALIZER", "true")
     try:
         with _uninterrupted():
             open3d = importlib.import_module("open3d")

@@ -7,16 +7,17 @@ import json
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray, as_pose, as_vectors, require_finite
+from dqreg.arrays import FloatArray, as_vectors
 from dqreg.atomic import write_atomically
 from dqreg.door import broken_promise
 from dqreg.errors import InputError
-from dqreg.records import Alternative, Direction, Iteration, Level, Verdict
+from dqreg.records import Alternative, Direction, Iteration, Verdict
+from dqreg.result_fields import plain, read_fields
 from dqreg.rigid import DualQuaternion, pose
 from dqreg.target import Inputs
 from dqreg.trust import Deviations, measure_deviations, why_unsigned
@@ -278,11 +279,11 @@ class Registration:
             What `save` writes.
         """
         names = [field.name for field in dataclasses.fields(self) if field.name != "inputs"]
-        plain = {name: _plain(getattr(self, name)) for name in names}
+        values = {name: plain(getattr(self, name)) for name in names}
         found = bool(np.isfinite(self.T_target_source).all())
         dq = self.dual_quaternion if found else None
-        plain["dual_quaternion"] = {"real": _plain(dq.real), "dual": _plain(dq.dual)} if dq else None
-        return {"format": FORMAT, **plain}
+        values["dual_quaternion"] = {"real": plain(dq.real), "dual": plain(dq.dual)} if dq else None
+        return {"format": FORMAT, **values}
 
     def save(self, path: str | Path) -> None:
         """Write the result as JSON, whole or not at all.
@@ -342,104 +343,8 @@ def _broken(result: Registration) -> str:
 
 
 def _from_dict(values: dict[str, Any]) -> Registration:
-    read = Registration(
-        T_target_source=_pose(values["T_target_source"]),
-        verdict=Verdict(_level(values["verdict"]["level"]), tuple(map(_text, _of(list, values["verdict"]["reasons"])))),
-        status=_text(values["status"]),
-        covariance=_array(values["covariance"], (6, 6)),
-        observability=tuple(
-            Direction(_number(d["strength"]), _number(d["sigma"]), _text(d["words"])) for d in values["observability"]
-        ),
-        alternatives=tuple(
-            Alternative(_pose(a["T_target_source"]), _number(a["score"]), _text(a["symmetry"]))
-            for a in values["alternatives"]
-        ),
-        history=tuple(_iteration(record) for record in values["history"]),
-        rms=_number(values["rms"]),
-        inlier_fraction=_number(values["inlier_fraction"]),
-        timings={key: _number(seconds) for key, seconds in _of(dict, values["timings"]).items()},
-        settings=_settings(_of(dict, values["settings"])),
-    )
+    read = Registration(**read_fields(values))
     if read.verdict.level != values["verdict"]["level"]:
         # What was saved keeps its promises: here somebody else wrote.
         raise ValueError(read.verdict.reasons[0].rpartition("data: ")[2])
     return read
-
-
-def _settings(values: dict[str, Any]) -> dict[str, Any]:
-    # Only what methods of a result work with: the others are told, not used.
-    for name in ("source_scale", "max_distance", "diagonal"):
-        if name in values and not 0.0 < _of((int, float), values[name]) < np.inf:
-            raise ValueError(f"{name} of {values[name]!r:.60}")
-    for name in ("source_units", "target_units", "source", "target"):
-        if name in values:
-            _of((str, type(None)), values[name])
-    if "seed" in values and _of(int, values["seed"]) < 0:
-        raise ValueError(f"seed of {values['seed']!r:.60}")
-    if "centre" in values:
-        require_finite(_array(values["centre"], (3,)), "centre")
-    return values
-
-
-def _iteration(record: dict[str, Any]) -> Iteration:
-    fields: dict[str, Any] = {
-        key: _text(value) if key == "stage" else _of((int, float, type(None)), value)
-        for key, value in _of(dict, record).items()
-        if key != "T_target_source"
-    }
-    fields["T_target_source"] = _pose(record["T_target_source"])
-    # A motion is infinite where an extrapolation was taken back; anything else that is not finite was NaN.
-    missing = {key: np.inf if key == "motion" else np.nan for key, value in fields.items() if value is None}
-    return Iteration(**{**fields, **missing})
-
-
-def _of(kind: type | tuple[type, ...], value: Any) -> Any:
-    if not isinstance(value, kind):
-        raise TypeError(f"cannot use {value!r:.60}")
-    return value
-
-
-def _text(value: Any) -> str:
-    text: str = _of(str, value)
-    return text
-
-
-def _level(value: Any) -> Level:
-    if value not in get_args(Level):
-        raise ValueError(f"unknown level {value!r:.60}; known are {', '.join(get_args(Level))}")
-    level: Level = value
-    return level
-
-
-def _pose(rows: Any) -> FloatArray:
-    T = _array(rows, (4, 4))
-    if not np.isnan(T).all():
-        # Looked at, but kept as it was: to the last bit.
-        as_pose(T, "T_target_source")
-    return T
-
-
-def _array(rows: Any, shape: tuple[int, ...]) -> FloatArray:
-    # None becomes NaN in a float array.
-    array = np.array(rows, dtype=np.float64)
-    if array.shape != shape:
-        raise ValueError(f"an array of shape {array.shape} instead of {shape}")
-    return array
-
-
-def _number(value: float | None) -> float:
-    return np.nan if value is None else float(value)
-
-
-def _plain(value: Any) -> Any:
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [_plain(item) for item in value]
-    if isinstance(value, (np.ndarray, np.generic)):
-        return _plain(value.tolist())
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value

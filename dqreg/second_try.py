@@ -20,7 +20,7 @@ from dqreg.start.judging import weigh_up
 
 # Patches of points off the target, or points that face another way, beyond which the pose is doubted enough to look
 # for another one.
-DOUBT = 0.1
+DOUBT, DOUBT_BORDER = 0.1, 0.3
 # And widths of the distances, in the scan's own noise.
 MISFIT = 10.0
 # A pose that explains the scan better by so much mean log-likelihood is taken, if it is within this turn and this
@@ -63,9 +63,11 @@ def try_again(
         A better one that does not: it is not what the caller meant, but has to be known.
     """
     evidence = first.evidence
+    # Two scans of one scene always differ somewhere, and their normals are guesses.
+    doubt = DOUBT_BORDER if evidence.has_border else DOUBT
     doubted = (
-        evidence.patches_off > DOUBT + evidence.strays
-        or evidence.normals_apart > DOUBT
+        evidence.patches_off > doubt + evidence.strays
+        or evidence.normals_apart > doubt
         or evidence.width > MISFIT * evidence.expected > 0.0
     )
     if not first.found or not doubted or deadline.is_over:

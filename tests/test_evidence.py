@@ -62,7 +62,8 @@ def test_strays_are_counted_and_move_few_patches(share: float) -> None:
 def test_a_table_is_no_stray() -> None:
     low, high = PART.bounds
     rng = np.random.default_rng(2)
-    sheet = np.column_stack([rng.uniform(low[:2] - SIZE, high[:2] + SIZE, (len(POINTS), 2)), np.full(len(POINTS), low[2])])
+    around = rng.uniform(low[:2] - SIZE, high[:2] + SIZE, (len(POINTS), 2))
+    sheet = np.column_stack([around, np.full(len(POINTS), low[2])])
     sheet[:, 2] += 0.3 * NOISE * rng.normal(size=len(sheet)) - 0.06 * SIZE
     found = evidence_of(np.vstack([POINTS, sheet]))
     assert found.strays <= 0.05

@@ -20,7 +20,7 @@ from dqreg.start.refining import Sample, refine
 # where that share does: then it is a symmetry, which no scan can decide.
 MOST, NEARLY = 0.7, 5e-3
 ALL, SAME = 0.998, 2e-3
-CHECKED = 2_000
+CHECKED, SCREENED, SLACK = 2_000, 100, 0.2
 # Points that refine a flip and points that judge it; first and last width of the refinement, in sizes; steps.
 REFINERS, JUDGES, WIDE, NARROW, STEPS = 1_000, 5_000, 6e-3, 1e-3, 6
 # A flip is as good within so much mean log-likelihood: half of what the notch of a block costs that is 0.7 % of its
@@ -53,9 +53,13 @@ def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
     """
     centre, axes = principal_axes(*moments(mesh))
     points = sample_mesh(mesh, CHECKED, np.random.default_rng(0)).points
+    rotations = [axes @ turn @ axes.T for turn in proper_turns()]
+    turns = [pose.from_parts(R, centre - R @ centre) for R in rotations]
+    # Few points of all turns in one question; most turns move most of the part far away.
+    few = np.concatenate([pose.apply(T, points[:: CHECKED // SCREENED]) for T in turns])
+    shares = (surface.closest(few).distances <= NEARLY * surface.diagonal).reshape(len(turns), -1).mean(axis=1)
     found = []
-    for turn in proper_turns():
-        T = pose.from_parts(axes @ turn @ axes.T, centre - axes @ turn @ axes.T @ centre)
+    for T in (turns[k] for k in np.flatnonzero(shares >= MOST - SLACK)):
         distances = surface.closest(pose.apply(T, points)).distances / surface.diagonal
         if np.mean(distances <= NEARLY) >= MOST and np.mean(distances <= SAME) < ALL:
             found.append(T)
@@ -97,8 +101,4 @@ def flipped(
     judgement = weigh_up(R, t, judges, surface, limit, floor)
     behind = judgement.means[0] - judgement.means
     rms = np.sqrt((judgement.distances**2).mean(axis=1))
-    return [
-        (pose.from_parts(R[k], t[k]), float(rms[k]))
-        for k in range(1, len(R))
-        if behind[k] <= AS_GOOD
-    ]
+    return [(pose.from_parts(R[k], t[k]), float(rms[k])) for k in range(1, len(R)) if behind[k] <= AS_GOOD]

@@ -108,6 +108,8 @@ def _why_nothing(evidence: Evidence) -> str:
             f"no pose: hardly any scan point comes within {evidence.length(evidence.max_distance)} of the target with "
             "a matching normal; check the start and the units, or raise max_distance"
         )
+    if evidence.status == "degenerate correspondences":
+        return f"no pose: the loop ended with {evidence.status!r}; both sides must span an area where they meet"
     if evidence.inliers < FEWEST_OF_ALL:
         return (
             f"no pose: the loop ended with {evidence.inliers:.2g} points on the target, and three fix a pose at least; "

@@ -137,7 +137,7 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
         ("a.stl", struct.pack("<80sI12f2x", b"", 1, *[np.nan] * 12), "NaN or infinite"),
         ("a.glb", b"glTF" + bytes(20), "JSON cannot be used"),
         ("a.gltf", "{}", "cannot parse|no faces"),
-        ("a.gltf", '{"asset": {"version": "2"}, "buffers": [{"uri": "gone.bin", "byteLength": 4}]}', "gone.bin', where no file is"),
+        ("a.gltf", '{"asset": {"version": "2"}, "buffers": [{"uri": "gone.bin", "byteLength": 4}]}', "gone.bin', where no file is"),  # noqa: E501
         ("a.3mf", b"PK\x03\x04" + bytes(40), "a damaged archive"),
     ],
 )  # fmt: skip

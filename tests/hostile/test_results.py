@@ -1,5 +1,5 @@
 # Either outcome is right here, so errors are looked at where they are caught.
-# ruff: noqa: PT017, PT012
+# ruff: noqa: PT017
 from __future__ import annotations
 
 import copy

@@ -24,6 +24,6 @@ def test_planes_of_the_grid_are_the_surfaces_own_near_it():
 
 
 def test_outside_nothing_is_near():
-    found = GRID.closest(BRACKET.centre + [[3.0 * BRACKET.diagonal, 0.0, 0.0]])
+    found = GRID.closest((BRACKET.centre + 3.0 * BRACKET.diagonal)[None])
     assert np.isinf(found.distances).all()
     assert (found.normals == 0.0).all()
