@@ -10,6 +10,10 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
+# Run by hand, with atheris; see its first lines.
+collect_ignore = ["hostile/fuzz_readers.py"]
+
+
 @pytest.fixture(scope="session")
 def real_data() -> Path:
     """Folder of the real scans; the test is skipped where they are not."""

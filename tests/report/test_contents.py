@@ -162,7 +162,7 @@ def test_hints_name_units_that_are_confused():
     import dqreg
 
     points = bumpy().inputs.source.cloud.points[:2000]
-    result = dqreg.register(points / 1000.0, bumpy().inputs.target.geometry, "identity")
+    result = dqreg.register(points / 1000.0, bumpy().inputs.target.geometry, "identity", units="ignore")
     assert result.verdict.level != "accepted"
     assert any("m and mm" in hint for hint in hints_of(result, story_of(result)))
     assert hints_of(bumpy(), story_of(bumpy())) == []
