@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
+from types import FrameType
 
 import click
 
@@ -57,6 +60,7 @@ def main(arguments: list[str] | None = None) -> None:
     arguments : list of str, optional
         Instead of ``sys.argv[1:]``.
     """
+    _terminate_in_order()
     try:
         code = cli.main(arguments, prog_name="dqreg", standalone_mode=False)
     except click.ClickException as error:
@@ -82,3 +86,12 @@ def _leave_without_output(error: OSError) -> None:
     # What is still in the buffer would fail once more at the very end.
     sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123
     _leave(f"cannot write to the standard output: {error.strerror or error}")
+
+
+def _terminate_in_order() -> None:
+    # A process that is ended otherwise leaves what it was writing; as an exception SIGTERM runs all that tidies up.
+    def leave(number: int, frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, leave)

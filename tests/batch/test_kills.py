@@ -95,7 +95,7 @@ def test_a_signal_ends_politely_and_resume_goes_on(scene, undisturbed, tmp_path,
                 # Once the work has begun: before that there is nothing to be polite about.
                 first = run.stdout.readline()
                 if "about" in first or "done already" in first:
-                    time.sleep(rng.uniform(0.0, 0.3))
+                    time.sleep(rng.uniform(0.0, 0.03))
                     run.send_signal(number)
             rest, errors = run.communicate(timeout=60.0)
         code, rounds = run.returncode, rounds + 1
