@@ -11,18 +11,28 @@ whose correspondences are exact: closest points on triangles for meshes, nearest
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import importlib
+import sys
+from types import ModuleType
 
-from dqreg import solvers
-from dqreg.errors import DegenerateGeometryError, DqregError, InputError, MissingDependencyError, UnitsError
-from dqreg.geometry import Mesh, PointCloud
-from dqreg.register import Target, prepare_target, register
-from dqreg.result import Registration
-from dqreg.rigid import DualQuaternion, quaternion
-from dqreg.solvers import Freedom, PoseCost, likelihood_weights, solve, solve_many
-
+# Every type checker takes this name for true; `typing` itself is a third of what this file costs.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from dqreg import errors as errors
+    from dqreg import files as files
+    from dqreg import geometry as geometry
+    from dqreg import rigid as rigid
+    from dqreg import solvers as solvers
+    from dqreg import synth as synth
+    from dqreg import trust as trust
+    from dqreg.errors import DegenerateGeometryError, DqregError, InputError, MissingDependencyError, UnitsError
+    from dqreg.geometry import Mesh, PointCloud
     from dqreg.odometry import Odometry
+    from dqreg.prepared import Target, prepare_target
+    from dqreg.register import register
+    from dqreg.result import Registration
+    from dqreg.rigid import DualQuaternion, quaternion
+    from dqreg.solvers import Freedom, PoseCost, likelihood_weights, solve, solve_many
 
 __all__ = [
     "DegenerateGeometryError",
@@ -49,11 +59,54 @@ __all__ = [
 
 __version__ = "0.1.0"
 
+# Rooms that `import dqreg` alone makes reachable.
+_ROOMS = ("errors", "files", "geometry", "rigid", "solvers", "synth", "trust")
+# Where each public name lives. It is imported at its first use: SciPy takes a third of a second.
+_HOMES = {
+    "DegenerateGeometryError": "dqreg.errors",
+    "DqregError": "dqreg.errors",
+    "DualQuaternion": "dqreg.rigid",
+    "Freedom": "dqreg.solvers",
+    "InputError": "dqreg.errors",
+    "Mesh": "dqreg.geometry",
+    "MissingDependencyError": "dqreg.errors",
+    "Odometry": "dqreg.odometry",
+    "PointCloud": "dqreg.geometry",
+    "PoseCost": "dqreg.solvers",
+    "Registration": "dqreg.result",
+    "Target": "dqreg.prepared",
+    "UnitsError": "dqreg.errors",
+    "likelihood_weights": "dqreg.solvers",
+    "prepare_target": "dqreg.prepared",
+    "quaternion": "dqreg.rigid",
+    "register": "dqreg.register",
+    "solve": "dqreg.solvers",
+    "solve_many": "dqreg.solvers",
+}
 
-def __getattr__(name: str) -> Any:
-    # The odometry stands on KISS-ICP, which takes its time to load and need not be installed.
-    if name == "Odometry":
-        from dqreg.odometry import Odometry
 
-        return Odometry
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:
+    # Hidden from type checkers, to whom it would say that any name exists.
+    def __getattr__(name: str) -> object:
+        if name in _ROOMS:
+            return importlib.import_module(f"{__name__}.{name}")
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        found = getattr(importlib.import_module(_HOMES[name]), name)
+        globals()[name] = found
+        return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_ROOMS})
+
+
+class _Package(ModuleType):
+    """Keeps `dqreg.register` the function where Python would put the module of that name once it is imported."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name not in _HOMES or not isinstance(value, ModuleType):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

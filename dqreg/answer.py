@@ -12,11 +12,13 @@ from dqreg.arrays import FloatArray
 from dqreg.evidence import gather_evidence, has_pose
 from dqreg.geometry import Mesh, Scan
 from dqreg.icp import InlierMixture, Plan, Run
+from dqreg.inputs import Inputs
 from dqreg.known import Known
 from dqreg.records import Alternative, Direction, Iteration
 from dqreg.result import Registration
 from dqreg.rigid import pose
-from dqreg.target import CentredSource, IndexedTarget, Inputs
+from dqreg.source import CentredSource
+from dqreg.target import IndexedTarget
 from dqreg.trust import Evidence, Information, covariance_of, information_of, judge, observe_directions
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import numbers
+from typing import Any
 
 import numpy as np
 
@@ -102,3 +103,25 @@ class Options:
             accelerate=self.accelerate,
             stopping=Stopping(tolerance=self.tolerance, iterations=self.max_iterations),
         )
+
+
+def require_callable(**observers: Any) -> None:
+    """Raise unless every observer is a function or None.
+
+    Parameters
+    ----------
+    **observers
+        Observers by the names that callers know.
+
+    Raises
+    ------
+    InputError
+        If one cannot be called.
+
+    Examples
+    --------
+    >>> require_callable(observe=print, observe_search=None)
+    """
+    for name, observer in observers.items():
+        if observer is not None and not callable(observer):
+            raise InputError(f"{name} must be a function of one record, or None; got {observer!r:.80}")

@@ -16,10 +16,10 @@ from dqreg.arrays import FloatArray, as_vectors
 from dqreg.atomic import write_atomically
 from dqreg.door import broken_promise
 from dqreg.errors import InputError
+from dqreg.inputs import Inputs
 from dqreg.records import Alternative, Direction, Iteration, Verdict
 from dqreg.result_fields import plain, read_fields
 from dqreg.rigid import DualQuaternion, pose
-from dqreg.target import Inputs
 from dqreg.trust import Deviations, measure_deviations, why_unsigned
 
 __all__ = ["Alternative", "Direction", "Iteration", "Registration", "Verdict"]

@@ -1,4 +1,4 @@
-"""A second try where a given start ended in a pose that leaves much of the scan unexplained: search, and compare."""
+"""Doubts about where a given start has led: another pose from a search, and the flips of a nearly symmetric part."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from dqreg.icp.loop import Observer
 from dqreg.records import Alternative
 from dqreg.rigid import pose
 from dqreg.start import Candidate
+from dqreg.start.flips import flipped
 from dqreg.start.judging import weigh_up
 
 # Patches of points off the target, or points that face another way, beyond which the pose is doubted enough to look
@@ -95,6 +96,27 @@ def try_again(
     if turn <= MEANT_RAD and shift <= MEANT * first.target.surface.diagonal:
         return second, ()
     return first, (Alternative(from_work(T, first.target.origin, first.source.origin), rms),)
+
+
+def flips_of(outcome: Outcome, flips: FloatArray) -> tuple[Alternative, ...]:
+    """Poses flipped by a turn that leaves most of the part in place, where they explain the scan about as well.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Where the registration ended.
+    flips : ndarray, (k, 4, 4)
+        Such turns of the target, in its centred frame.
+
+    Returns
+    -------
+    tuple of Alternative
+        In the caller's frames.
+    """
+    surface = outcome.target.surface
+    limit, floor = 0.25 * outcome.plan.max_distance, width_floor(outcome.scan, surface)
+    found = flipped(outcome.run.T_target_source, flips, outcome.scan, surface, limit, floor)
+    return tuple(Alternative(from_work(T, outcome.target.origin, outcome.source.origin), rms) for T, rms in found)
 
 
 def _gain(first: Outcome, second: Outcome) -> tuple[float, float]:

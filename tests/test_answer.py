@@ -11,8 +11,9 @@ from dqreg.arrays import FloatArray
 from dqreg.geometry import Mesh, PointCloud, prepare_scan
 from dqreg.icp import Plan, points_and_normals, points_to_planes, run_graduated
 from dqreg.rigid import pose
+from dqreg.source import centre_source
 from dqreg.synth.parts import bracket
-from dqreg.target import centre_source, index_target
+from dqreg.target import index_target
 from tests.icp.scenes import bracket_mesh, bracket_points
 from tests.strategies import poses, translations
 

@@ -13,8 +13,9 @@ from dqreg.errors import DegenerateGeometryError, DqregError, InputError, UnitsE
 from dqreg.files import write_cloud
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.open3d_gate import load_open3d
+from dqreg.prepared import prepare_target
 from dqreg.records import Iteration
-from dqreg.register import prepare_target, register
+from dqreg.register import register
 from dqreg.result import Registration
 from dqreg.rigid import pose
 from dqreg.synth import disturbance, worst_vertex_displacement

@@ -9,8 +9,10 @@ import pytest
 
 from dqreg.errors import DegenerateGeometryError, InputError, UnitsError
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud
+from dqreg.given import read_any
+from dqreg.source import MESH_SAMPLES, centre_source, require_spread
 from dqreg.synth.parts import box
-from dqreg.target import MESH_SAMPLES, centre_source, index_target, read_any, require_spread
+from dqreg.target import index_target
 from tests.strategies import FloatArray
 
 VERTICES, FACES = box((3.0, 2.0, 1.0))

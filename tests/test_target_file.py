@@ -13,7 +13,7 @@ import pytest
 from dqreg import prepare_target, register
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
-from dqreg.register import Target
+from dqreg.prepared import Target
 from dqreg.rigid import pose
 from dqreg.synth import disturbance
 from dqreg.synth.parts import bracket

@@ -18,7 +18,7 @@ from dqreg.batch.sums import measure, split, total
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
-    from dqreg.register import Target
+    from dqreg.prepared import Target
     from dqreg.result import Registration
 
 
@@ -70,7 +70,8 @@ def register_huge(
     >>> bool(np.abs(result.T_target_source - np.eye(4)).max() < 1e-9), result.history[-1].points
     (True, 5000)
     """
-    from dqreg.register import Target, prepare_target, register
+    from dqreg.prepared import Target, prepare_target
+    from dqreg.register import register
 
     if options.get("method", "auto") not in ("auto", "plane"):
         raise InputError(f'method must be "auto" or "plane" here; got {options["method"]!r}')

@@ -10,11 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from dqreg.batch.starts import read_start
 from dqreg.errors import DqregError
+from dqreg.files.poses import read_start
 
 if TYPE_CHECKING:
-    from dqreg.register import Target
+    from dqreg.prepared import Target
     from dqreg.result import Registration
 
 Status = Literal["ran", "error", "crashed", "timeout"]
@@ -147,7 +147,7 @@ class Targets:
         Target
             Ready to be registered to.
         """
-        from dqreg.register import prepare_target
+        from dqreg.prepared import prepare_target
 
         mark = tuple(mark_of(path))
         if mark not in self._prepared:

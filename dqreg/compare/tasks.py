@@ -14,8 +14,9 @@ from dqreg.compare.poses import Truth, truth_of
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.units import factor
+from dqreg.given import read_any
+from dqreg.source import MESH_SAMPLES, moved
 from dqreg.synth import Case, load_case
-from dqreg.target import MESH_SAMPLES, moved, read_any
 
 
 def from_case(case: Case | str | os.PathLike[str], *, from_nothing: bool = False, **options: Any) -> Challenge:

@@ -13,9 +13,11 @@ from dqreg.engines.running import Clock, Found, nothing, start_of, timed
 from dqreg.geometry import PointCloud, prepare_scan
 from dqreg.icp import ESTIMATORS, NO_POSE, Icp, Stopping, WithinDistance
 from dqreg.open3d_gate import load_open3d
+from dqreg.prepared import prepare_target
 from dqreg.records import Iteration
-from dqreg.register import prepare_target, register
-from dqreg.target import centre_source, index_target
+from dqreg.register import register
+from dqreg.source import centre_source
+from dqreg.target import index_target
 
 # Same loop: the cap and not the stopping rule decides.
 TIGHT = 1e-9

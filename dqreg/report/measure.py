@@ -8,10 +8,10 @@ import numpy as np
 
 from dqreg.arrays import FloatArray
 from dqreg.geometry import Mesh
+from dqreg.inputs import Inputs
 from dqreg.report.colours import Scale, nice_above
 from dqreg.result import Registration
 from dqreg.rigid import pose
-from dqreg.target import Inputs
 from dqreg.trust import Deviations
 
 # The scale of the colours reaches that share of the points on the part, at least the first and at most the second

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg.atomic import require_writable, write_atomically
-from dqreg.report import page_facts as facts
 from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
 from dqreg.report.charts import NARROW, WIDE, convergence
 from dqreg.report.hints import hints_of
 from dqreg.report.measure import unit_of
 from dqreg.report.numbers_text import text_of
+from dqreg.report.page_facts import facts_of
 from dqreg.report.picture_marks import as_jpeg
 from dqreg.report.pictures import Panel, draw
 from dqreg.report.pose_forms import pose_forms
@@ -136,12 +136,10 @@ def _evidence(result: Registration, unit: str) -> dict[str, Any]:
     steps = len(result.history)
     ran = f"{result.status} after {steps} iteration{'' if steps == 1 else 's'}"
     return {
-        "motions": facts.motions_of(result, unit),
-        "sigmas": facts.sigmas_of(result, unit) if found else None,
+        **facts_of(result, unit),
         "sure_words": "Six independent motions of the part, the least held first: how far the part could still move "
         "along each without the scan telling.",
         "forms": pose_forms(result.T_target_source, unit) if found else [],
-        "converted": facts.converted_words(result),
         "alternatives": [
             {
                 "words": f"Score {text_of(other.score)} {unit}: truncated rms distance of the scan; smaller is better.",
@@ -151,11 +149,6 @@ def _evidence(result: Registration, unit: str) -> dict[str, Any]:
         ],
         "run_words": f"The loop ended: {ran}{'' if seconds is None else f', {seconds:.2f} s in all'}.",
         "convergence": "".join(convergence(result.history, unit, size) for size in (WIDE, NARROW) if result.history),
-        "history": facts.history_table(result, unit),
-        "sides": facts.sides_of(result, unit),
-        "timings": [(name, f"{value:.3f}") for name, value in result.timings.items()],
-        "settings": _halves(facts.settings_of(result, unit)),
-        "versions": facts.versions_of(),
     }
 
 
@@ -203,11 +196,6 @@ def panels_of(story: Story) -> list[Panel]:
     behind = next(name for name, angles in VIEWS.items() if angles == ((yaw + 180.0) % 360.0, pitch))
     first = Panel("before", "best") if story.T_before is not None else Panel("after", "best")
     return [first, Panel("deviation", "best"), Panel("deviation", behind), Panel("deviation", "top")]
-
-
-def _halves(rows: list[tuple[str, str]]) -> list[list[tuple[str, str]]]:
-    middle = -(-len(rows) // 2)
-    return [rows[:middle], rows[middle:]]
 
 
 def _short(pose: dict[str, Any]) -> str:

@@ -14,8 +14,8 @@ from dqreg.result import Registration
 Rows = list[tuple[str, str]]
 
 
-def motions_of(result: Registration, unit: str) -> list[dict[str, str]]:
-    """Rows of the six motions.
+def facts_of(result: Registration, unit: str) -> dict[str, Any]:
+    """What the page's template asks for, by name.
 
     Parameters
     ----------
@@ -23,6 +23,34 @@ def motions_of(result: Registration, unit: str) -> list[dict[str, str]]:
         The answer.
     unit : str
         Length unit, in words.
+
+    Returns
+    -------
+    dict
+        Rows and tables as text; no sigmas where no pose was found.
+    """
+    found = bool(np.isfinite(result.T_target_source).all())
+    settings = [(name, setting_text(name, value, unit)) for name, value in sorted(result.settings.items())]
+    middle = -(-len(settings) // 2)
+    return {
+        "motions": motions_of(result),
+        "sigmas": _sigmas(result, unit) if found else None,
+        "converted": _converted(result),
+        "history": _history(result, unit),
+        "sides": _sides(result, unit),
+        "settings": [settings[:middle], settings[middle:]],
+        "timings": [(name, f"{value:.3f}") for name, value in result.timings.items()],
+        "versions": versions_of(),
+    }
+
+
+def motions_of(result: Registration) -> list[dict[str, str]]:
+    """Rows of the six motions.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer.
 
     Returns
     -------
@@ -40,21 +68,8 @@ def motions_of(result: Registration, unit: str) -> list[dict[str, str]]:
     ]
 
 
-def sigmas_of(result: Registration, unit: str) -> dict[str, Any]:
-    """Standard deviations of the six numbers of the pose.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer.
-    unit : str
-        Length unit, in words.
-
-    Returns
-    -------
-    dict
-        Columns, one row, and what they mean.
-    """
+def _sigmas(result: Registration, unit: str) -> dict[str, Any]:
+    """Standard deviations of the six numbers of the pose: columns, one row, and what they mean."""
     sigma = np.sqrt(np.diag(result.covariance))
     row = [text_of(s, 2) if np.isfinite(s) else "free" for s in [*np.rad2deg(sigma[:3]), *sigma[3:]]]
     columns = [(f"turn about {axis}", "degrees", True) for axis in "xyz"]
@@ -66,21 +81,8 @@ def sigmas_of(result: Registration, unit: str) -> dict[str, Any]:
     return {"columns": columns, "row": row, "words": words}
 
 
-def sides_of(result: Registration, unit: str) -> Rows:
-    """What was registered to what.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer.
-    unit : str
-        Length unit, in words.
-
-    Returns
-    -------
-    list of (str, str)
-        Names and values.
-    """
+def _sides(result: Registration, unit: str) -> Rows:
+    """What was registered to what."""
     get = result.settings.get
     rows = [
         ("Scan", str(get("source", "not known"))),
@@ -91,22 +93,12 @@ def sides_of(result: Registration, unit: str) -> Rows:
         ("Target", f"{get('target', 'not known')} ({get('target_kind', 'not known')})"),
         ("Size of the target", f"{text_of(get('diagonal'), 5)} {unit}, diagonal of its bounding box"),
     ]
-    return [*rows, ("Units", converted_words(result))] if converted_words(result) else rows
+    converted = _converted(result)
+    return [*rows, ("Units", converted)] if converted else rows
 
 
-def converted_words(result: Registration) -> str:
-    """What was done to the scan's unit; empty if nothing.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer.
-
-    Returns
-    -------
-    str
-        A sentence.
-    """
+def _converted(result: Registration) -> str:
+    """What was done to the scan's unit; empty if nothing."""
     scale = result.settings.get("source_scale", 1.0)
     if scale == 1.0:
         return ""
@@ -114,39 +106,8 @@ def converted_words(result: Registration) -> str:
     return f"The scan's coordinates were multiplied by {scale:g} first ({names[0]} to {names[1]})."
 
 
-def settings_of(result: Registration, unit: str) -> Rows:
-    """All settings, by name.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer.
-    unit : str
-        Length unit, in words.
-
-    Returns
-    -------
-    list of (str, str)
-        Names and values.
-    """
-    return [(name, setting_text(name, value, unit)) for name, value in sorted(result.settings.items())]
-
-
-def history_table(result: Registration, unit: str) -> dict[str, Any]:
-    """All iterations.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer.
-    unit : str
-        Length unit, in words.
-
-    Returns
-    -------
-    dict
-        Columns and rows.
-    """
+def _history(result: Registration, unit: str) -> dict[str, Any]:
+    """All iterations: columns and rows."""
     units = {"No.": "", "Stage": "", "Points": "", "Inliers": "%", "Rms": unit, "Kernel": unit, "Turn": "degrees",
              "Motion": "sizes"}  # fmt: skip
     columns = [(name, of, True) for name, of in units.items()]

@@ -8,9 +8,9 @@ import numpy as np
 
 from dqreg.arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh
+from dqreg.inputs import Inputs
 from dqreg.report.measure import normals_at
 from dqreg.report.part_mesh import weld_edges
-from dqreg.target import Inputs
 from dqreg.trust import Bands, Deviations
 from dqreg.trust.deviation_bands import bands_of
 

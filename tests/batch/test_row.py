@@ -15,6 +15,7 @@ from tests.batch.scenes import make_scene
 
 # The package has a function of the same name.
 ROOM = importlib.import_module("dqreg.register")
+PREPARED = importlib.import_module("dqreg.prepared")
 
 
 @pytest.fixture
@@ -66,7 +67,7 @@ def test_a_file_that_changes_while_it_is_read_is_no_result(rows, monkeypatch, co
 
 
 def test_a_part_that_changes_while_it_is_read_is_not_kept(rows, monkeypatch):
-    real, seen = ROOM.prepare_target, []
+    real, seen = PREPARED.prepare_target, []
 
     def slow(path: Path):
         seen.append(path)
@@ -75,7 +76,7 @@ def test_a_part_that_changes_while_it_is_read_is_not_kept(rows, monkeypatch):
             os.utime(path, ns=(7, 7))
         return prepared
 
-    monkeypatch.setattr(ROOM, "prepare_target", slow)
+    monkeypatch.setattr(PREPARED, "prepare_target", slow)
     targets = Targets()
     assert run_row(rows[0], targets).status == "error"
     assert run_row(rows[0], targets).status == "ran"

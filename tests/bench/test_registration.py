@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 import dqreg
+from dqreg.given import read_any
 from dqreg.open3d_gate import load_open3d
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
 from dqreg.synth.parts import bracket
-from dqreg.target import read_any
 from tests.bench.test_solve import report
 
 VIEWS = [(1.0, 1.0, 1.0), (-1.0, 0.3, -0.8)]

@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg.arrays import FloatArray
 from dqreg.geometry import Mesh
-from dqreg.register import Target, prepare_target
+from dqreg.prepared import Target, prepare_target
 from dqreg.result import Registration
 from dqreg.synth import disturbance
 from tests.icp.scenes import bracket_mesh, bracket_points

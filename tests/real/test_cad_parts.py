@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, PointCloud
+from dqreg.given import read_any
 from dqreg.register import register
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
-from dqreg.target import read_any
 
 pytestmark = pytest.mark.real
 

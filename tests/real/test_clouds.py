@@ -9,9 +9,9 @@ import pytest
 
 from dqreg.arrays import FloatArray
 from dqreg.geometry import PointCloud
+from dqreg.given import read_any
 from dqreg.register import register
 from dqreg.rigid import pose, twist
-from dqreg.target import read_any
 
 pytestmark = pytest.mark.real
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import dqreg
+from dqreg.given import read_any
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, random_pose, scan_mesh, worst_vertex_displacement
-from dqreg.target import read_any
 
 pytestmark = pytest.mark.real
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh
+from dqreg.given import read_any
 from dqreg.register import register
 from dqreg.rigid import pose
 from dqreg.synth import disturbance
-from dqreg.target import read_any
 
 pytestmark = pytest.mark.real
 

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, sample_mesh
-from dqreg.register import prepare_target, register
+from dqreg.prepared import prepare_target
+from dqreg.register import register
 from dqreg.rigid import pose
 from dqreg.solvers import solve
 from dqreg.solvers.scale import SurfaceMatches, robust_weights, scale_on_planes, solve_scale

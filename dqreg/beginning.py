@@ -1,0 +1,147 @@
+"""Where a registration begins: at the start that was given, or at what the search finds."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from dqreg.answer import from_work, to_work
+from dqreg.arrays import FloatArray, as_pose
+from dqreg.deadline import Deadline
+from dqreg.errors import InputError
+from dqreg.geometry import Scan
+from dqreg.known import Known
+from dqreg.options import Options
+from dqreg.prepared import Target
+from dqreg.records import Alternative
+from dqreg.start import Candidate, Stage, search
+
+# How near the search for a start comes, in diagonals of the target.
+FOUND = 5e-3
+
+
+@dataclasses.dataclass(frozen=True)
+class Beginning:
+    """Where to begin, between the centred frames, and what the search for it knows.
+
+    Attributes
+    ----------
+    T_work : ndarray, (4, 4)
+        Pose to begin at.
+    width : float or None
+        Width of the kernel to begin with; None where the loop finds it.
+    alternatives : tuple of Alternative
+        Other poses that the search found as good, in the caller's frames.
+    searched : str
+        Stage in which the search ended; empty where there was none.
+    """
+
+    T_work: FloatArray
+    width: float | None = None
+    alternatives: tuple[Alternative, ...] = ()
+    searched: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Searching:
+    """A search for a start that is ready to run, and runs only if it is asked to."""
+
+    scan: Scan
+    target: Target
+    options: Options
+    reach: float
+    deadline: Deadline
+    observe: Callable[[Stage], object] | None = None
+
+    @property
+    def width(self) -> float:
+        """Width of the kernel with which to go on from what was found."""
+        return FOUND * self.target.indexed.surface.diagonal
+
+    def candidates(self) -> tuple[Candidate, ...]:
+        """Start poses between the centred frames, the best first."""
+        indexed = self.target.indexed
+        return search(
+            self.scan,
+            indexed.surface,
+            indexed.geometry,
+            self.options.plan(self.reach, Known()),
+            self.target.pairs,
+            np.random.default_rng(self.options.seed),
+            time_limit=self.deadline.left,
+            observe=self.observe,
+        )
+
+
+def begin(T_start: FloatArray | None, searching: Searching, origin_source: FloatArray) -> Beginning:
+    """Begin at the start that was given, else search for one.
+
+    Parameters
+    ----------
+    T_start : ndarray, (4, 4), or None
+        Start between the caller's frames.
+    searching : Searching
+        The search for it, run where there is none.
+    origin_source : ndarray, (3,)
+        What was subtracted from the source's coordinates.
+
+    Returns
+    -------
+    Beginning
+        Between the centred frames.
+    """
+    origin = searching.target.indexed.origin
+    if T_start is not None:
+        return Beginning(to_work(T_start, origin, origin_source))
+    found = searching.candidates()
+    if not found:
+        return Beginning(np.eye(4), searched="judged")
+    others = tuple(
+        Alternative(from_work(c.T_target_source, origin, origin_source), c.rms, c.symmetry) for c in found[1:]
+    )
+    # The search has looked at the whole of both sides: what is left is to come near.
+    width = searching.width if found[0].stage == "judged" else None
+    return Beginning(found[0].T_target_source, width, others, found[0].stage)
+
+
+def read_start(start: Any, prior: Any, dof: Any) -> FloatArray | None:
+    """The pose to begin at, as a caller may give it.
+
+    Parameters
+    ----------
+    start : None, "identity" or (4, 4) array_like
+        As in `dqreg.register`.
+    prior : tuple or None
+        Its pose is the start where none is given.
+    dof : str, Freedom or None
+        Needs one of the two.
+
+    Returns
+    -------
+    ndarray, (4, 4), or None
+        None asks for a search.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or motions are locked about nothing.
+
+    Examples
+    --------
+    >>> read_start("identity", None, None).tolist()[0]
+    [1.0, 0.0, 0.0, 0.0]
+    """
+    if start is None and isinstance(prior, tuple) and len(prior) == 2:
+        return as_pose(prior[0], "prior[0]")
+    if start is None:
+        if dof is not None:
+            raise InputError(f"dof={str(dof)!r} locks motions of a start, and there is none: give start, or a prior")
+        return None
+    if isinstance(start, str):
+        if start != "identity":
+            raise InputError(f'start must be None, "identity" or a 4x4 pose T_target_source; got {start!r}')
+        return np.eye(4)
+    return as_pose(start, "start")

@@ -1,0 +1,65 @@
+"""Whatever a caller gives as a source or a target, opened and named."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from dqreg.errors import InputError
+from dqreg.files import CloudData, read_geometry
+from dqreg.geometry import Mesh, PointCloud, as_geometry
+
+
+def read_any(value: Any, name: str) -> PointCloud | Mesh:
+    """Geometry of a path or an object.
+
+    Parameters
+    ----------
+    value : path, array or object
+        What the caller gave.
+    name : str
+        What the caller calls it, for messages.
+
+    Returns
+    -------
+    PointCloud or Mesh
+        Checked geometry.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or used.
+    """
+    if not isinstance(value, (str, os.PathLike)):
+        return as_geometry(value, name)
+    data = read_geometry(value)
+    try:
+        if isinstance(data, CloudData):
+            return PointCloud(data.points, data.normals, data.viewpoint, data.units, data.dropped)
+        return Mesh(data.vertices, data.faces, data.units)
+    except InputError as error:
+        raise InputError(f"{name} {os.fspath(value)}: {error}") from error
+
+
+def describe(value: Any) -> str:
+    """Name of what a caller gave, for reports: a path as it was written, else the type and the size.
+
+    Parameters
+    ----------
+    value : path, array or object
+        A source or a target.
+
+    Returns
+    -------
+    str
+        A short name.
+
+    Examples
+    --------
+    >>> describe("part.stl"), describe([[0.0, 0.0, 0.0]])
+    ('part.stl', 'list of 1')
+    """
+    if isinstance(value, (str, os.PathLike)):
+        return os.fspath(value)
+    size = f" of {len(value)}" if hasattr(value, "__len__") else ""
+    return f"{type(value).__name__}{size}"

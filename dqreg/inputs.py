@@ -1,0 +1,56 @@
+"""Both sides of a registration, kept beside its answer."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from dqreg.source import CentredSource, centre_source
+from dqreg.target import IndexedTarget, index_target
+
+
+@dataclasses.dataclass(frozen=True)
+class Inputs:
+    """Both sides of a registration, kept so that its result can be looked at: deviations, pictures, reports.
+
+    Attributes
+    ----------
+    source : CentredSource
+        The scan, in target units.
+    target : IndexedTarget
+        What it was registered to.
+    """
+
+    source: CentredSource
+    target: IndexedTarget
+
+    @staticmethod
+    def read(
+        source: Any, target: Any, source_units: str | None = None, target_units: str | None = None, seed: int = 0
+    ) -> Inputs:
+        """Both sides from whatever `dqreg.register` takes.
+
+        Parameters
+        ----------
+        source, target : path, array or object
+            The scan and the target.
+        source_units, target_units : str or None
+            As in `centre_source`.
+        seed : int
+            For sampling a mesh that is the source.
+
+        Returns
+        -------
+        Inputs
+            Read, converted and moved near the origin.
+
+        Raises
+        ------
+        InputError, UnitsError, DegenerateGeometryError
+            If either side cannot be used.
+        """
+        indexed = index_target(target)
+        units = target_units or indexed.units
+        return Inputs(centre_source(source, source_units, units, np.random.default_rng(seed)), indexed)

@@ -1,0 +1,146 @@
+"""The source as the loop takes it: read, converted to the target's unit, moved near the origin."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from dqreg.arrays import FloatArray, bounds
+from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.geometry import Mesh, PointCloud, sample_mesh
+from dqreg.geometry.units import factor
+from dqreg.given import read_any
+
+# Points drawn from a mesh that is the source.
+MESH_SAMPLES = 100_000
+# Points that are asked first whether they lie on a line.
+SPREAD_SAMPLE = 2_000
+# A cloud whose second largest extent is below this share of its largest is a line.
+LINE = 1e-9
+# Of a cloud that is a line for its strays alone, at least this share spans an area.
+BODY = 0.9
+
+
+@dataclasses.dataclass(frozen=True)
+class CentredSource:
+    """A source in target units, moved near the origin.
+
+    Attributes
+    ----------
+    cloud : PointCloud
+        Points scaled, then moved so that ``origin`` is at zero.
+    origin : ndarray, (3,)
+        Middle of the bounding box of the scaled source.
+    scale : float
+        Factor from source units to target units.
+    """
+
+    cloud: PointCloud
+    origin: FloatArray
+    scale: float
+
+
+def centre_source(
+    source: Any, source_units: str | None, target_units: str | None, rng: np.random.Generator
+) -> CentredSource:
+    """Read a source, convert its unit, and move it to its own middle.
+
+    Parameters
+    ----------
+    source : path, array or object
+        What the caller gave; a mesh is sampled.
+    source_units, target_units : str or None
+        Named units win over what a file says; a unit that is not known converts nothing.
+    rng : numpy.random.Generator
+        For sampling a mesh.
+
+    Returns
+    -------
+    CentredSource
+        Ready to be prepared.
+
+    Raises
+    ------
+    InputError, UnitsError, DegenerateGeometryError
+        If it cannot be used as a source.
+    """
+    geometry = read_any(source, "source")
+    if isinstance(geometry, Mesh):
+        geometry = sample_mesh(geometry, MESH_SAMPLES, rng)
+    scale = factor(source_units or geometry.units, target_units)
+    require_spread(geometry.points, "source")
+    origin = 0.5 * scale * np.add(*bounds(geometry.points))
+    return CentredSource(moved(geometry, -origin, scale), origin, scale)
+
+
+def moved(cloud: PointCloud, offset: FloatArray, scale: float) -> PointCloud:
+    """The cloud scaled about zero, then shifted.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Any cloud.
+    offset : ndarray, (3,)
+        Shift after scaling.
+    scale : float
+        Factor.
+
+    Returns
+    -------
+    PointCloud
+        A new cloud.
+    """
+    viewpoint = None if cloud.viewpoint is None else scale * cloud.viewpoint + offset
+    points = cloud.points + offset if scale == 1.0 else scale * cloud.points + offset
+    return dataclasses.replace(cloud, points=points, viewpoint=viewpoint)
+
+
+def require_spread(points: FloatArray, name: str) -> None:
+    """Raise unless the points are three at least and not on one line.
+
+    Parameters
+    ----------
+    points : ndarray, (n, 3)
+        Finite points.
+    name : str
+        What the caller calls them.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three.
+    DegenerateGeometryError
+        If they all lie on one line: a turn about it could never be seen.
+    """
+    if len(points) < 3:
+        raise InputError(f"{name} has {len(points)} usable points; at least three are needed to fix a pose")
+    # Some points that span an area settle it; only if they do not, all are looked at.
+    if len(points) > 2 * SPREAD_SAMPLE:
+        with contextlib.suppress(DegenerateGeometryError):
+            require_spread(points[:: len(points) // SPREAD_SAMPLE], name)
+            return
+    centred = points - points.mean(axis=0)
+    extents = np.sqrt(np.maximum(np.linalg.eigvalsh(centred.T @ centred), 0.0))
+    # Squaring halves the digits, so what looks like a line is looked at again without it.
+    if extents[1] <= 1e-6 * extents[2]:
+        extents = np.linalg.svd(centred, compute_uv=False)[::-1]
+    rounding = 8.0 * np.finfo(float).eps * np.abs(points).max() * np.sqrt(len(points))
+    if extents[1] <= max(LINE * extents[2], rounding):
+        raise DegenerateGeometryError(
+            f"all {len(points)} points of the {name} lie on one line (spread across it {extents[1]:.3g}, along it "
+            f"{extents[2]:.3g}); a turn about that line cannot be determined. {_remedy(points)}"
+        )
+
+
+def _remedy(points: FloatArray) -> str:
+    away = np.abs(points - np.median(points, axis=0)).max(axis=1)
+    body = points[away <= np.quantile(away, BODY)]
+    if len(body) >= 3 and len(body) < len(points):
+        with contextlib.suppress(DegenerateGeometryError):
+            require_spread(body, "points")
+            strays = int(np.count_nonzero(away > 1e3 * np.quantile(away, BODY)))
+            return f"Remove the {strays} strays up to {away.max():.3g} from the middle: the others span an area"
+    return "Give points that span an area"
