@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import dqreg
+from dqreg.given import read_any
 from dqreg.rigid import pose
-from dqreg.target import read_any
 
 # Box that holds the part and little of the table, in metres, from the scene's own settings.
 WELD_BOX = (0.0, -0.9, -0.01), (0.5, -0.4, 0.23)
@@ -53,6 +53,7 @@ def real_pairs(data: Path) -> Iterator[Pair]:
         "redkitchen_fragments": _kitchen,
         "pcl_milk_scene": _milk,
         "libpointmatcher_car": _car,
+        "small_gicp_kitti_pair": _street,
     }
     for folder, make in makers.items():
         if (data / folder).is_dir():
@@ -118,6 +119,11 @@ def _car(folder: Path) -> Iterator[Pair]:
     target = read_any(folder / "car_cloud400.csv", "target")
     T = _pose(folder / "T_400_401_utest_validT3d.txt")
     yield _pair("LiDAR on a car", _points(folder / "car_cloud401.csv"), dqreg.PointCloud(target.points), T)
+
+
+def _street(folder: Path) -> Iterator[Pair]:
+    source, target = (_points(folder / f"{side}.ply") for side in ("source", "target"))
+    yield _pair("LiDAR, street", source, dqreg.PointCloud(target), _pose(folder / "T_target_source.txt"))
 
 
 def _pair(

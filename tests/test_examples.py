@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dqreg.compare import from_case
+from dqreg.files import write_cloud
 from dqreg.rigid import pose
 from dqreg.synth import demo_case, load_case, worst_vertex_displacement
 from dqreg.synth.parts import bracket
@@ -16,6 +18,14 @@ from dqreg.synth.parts import bracket
 EXAMPLES = Path(__file__).parents[1] / "examples"
 # Run by hand, for their minutes.
 LONG = {"verdicts", "covariances", "real_pairs"}
+# Imported by "from_nothing".
+BESIDE = {"peers", "random_views", "kept_runs"}
+
+
+@pytest.fixture(autouse=True)
+def beside_each_other(monkeypatch):
+    # As for `python examples/one.py`, which finds what stands beside it.
+    monkeypatch.syspath_prepend(str(EXAMPLES))
 
 
 def main_of(name: str) -> Callable[..., Any]:
@@ -39,6 +49,25 @@ def test_shipped_case_is_brought_home(name, capsys):
     # 2e-5 of the part's diagonal is 3 um, six times the Cramer-Rao bound.
     assert error_of(main_of(name)()) < 2e-5
     assert "accepted" in capsys.readouterr().out
+
+
+def test_real_pairs_become_cases(tmp_path):
+    # A stand-in for the data: a street of two planes, and its pose as drawn here.
+    folder, rng = tmp_path / "data" / "small_gicp_kitti_pair", np.random.default_rng(5)
+    folder.mkdir(parents=True)
+    points = rng.uniform(-1.0, 1.0, size=(600, 3)) * [[4.0, 2.0, 1.0]]
+    points[::2, 2], points[1::2, 1] = 0.0, 2.0
+    T = pose.exp([0.1, 0.0, 0.3, 1.0, 2.0, 0.5])
+    write_cloud(folder / "target.ply", points)
+    write_cloud(folder / "source.ply", pose.apply(pose.inverse(T), points))
+    np.savetxt(folder / "T_target_source.txt", T)
+    (written,) = main_of("real_cases")([str(tmp_path / "data"), str(tmp_path / "cases")])
+    case = load_case(written)
+    np.testing.assert_allclose(case.T_target_source, T, rtol=0.0, atol=1e-12)
+    assert pose.angle_between(case.T_start, T) == pytest.approx(np.deg2rad(5.0), abs=1e-9)
+    challenge = from_case(case)
+    # Files hold float32: 4 m to 2.4e-7.
+    np.testing.assert_allclose(challenge.task.target.points, points, rtol=0.0, atol=1e-6)
 
 
 def test_from_nothing_with_a_report(tmp_path, capsys):
@@ -105,11 +134,24 @@ def test_race_ranks_exact_mesh_before_sampled_cad(capsys):
     assert "worst vertex" in capsys.readouterr().out
 
 
-def test_poses_from_nothing_are_found(capsys):
-    found = main_of("from_nothing")(["--seeds", "1", "--pixels", "100"])
-    right, cases, _ = found["all"]["dqreg"]
-    assert (right, cases) == (3, 3)
+def test_poses_from_nothing_are_found_and_kept(tmp_path, capsys):
+    kept = tmp_path / "runs.jsonl"
+    race = main_of("from_nothing")
+    asked = ["--seeds", "1", "--pixels", "100", "--keep", str(kept)]
+    runs = race(asked)
+    assert [run.right for run in runs] == [True, True, True]
     assert "accepted though wrong" in capsys.readouterr().out
+    # A race that is killed leaves half a line; the next one runs what is missing and nothing else.
+    lines = kept.read_text(encoding="utf-8").splitlines(keepends=True)
+    kept.write_text("".join(lines[:-1]) + lines[-1][:20], encoding="utf-8")
+    assert [run.right for run in race([*asked, "--markdown", "--apart", "plate"])] == [True, True, True]
+    again = kept.read_text(encoding="utf-8").splitlines(keepends=True)
+    assert again[:2] == lines[:2]
+    assert len(again) == 4
+    text = capsys.readouterr().out
+    assert text.count("seed 0") == 1
+    assert "| two | all | dqreg | 3 of 3 (100.0 %) | 0 |" in text
+    assert "| two | plate | dqreg | 1 of 1 (100.0 %) | 0 |" in text
 
 
 @pytest.mark.skipif(importlib.util.find_spec("nbclient") is None, reason="needs nbclient and ipykernel: dqreg[test]")

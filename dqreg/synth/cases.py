@@ -18,6 +18,9 @@ from dqreg.errors import InputError
 from dqreg.synth.case_contents import PART, RECIPE, SCAN, TRUTH, case_contents
 from dqreg.synth.recipe import Recipe, read_recipe
 
+# Of cases that no recipe made: a scan's target may be another scan.
+PART_PLY = "part.ply"
+
 
 @dataclass(frozen=True, eq=False)
 class Case:
@@ -28,7 +31,8 @@ class Case:
     folder : Path
         The case's folder.
     scan, part, recipe : Path
-        ``scan.ply`` (the source), ``part.stl`` (the target) and ``recipe.toml`` in it.
+        ``scan.ply`` (the source), ``part.stl`` (the target) and ``recipe.toml`` in it. A case of one's own may have a
+        cloud or a mesh ``part.ply`` instead, and no recipe.
     T_target_source : ndarray, (4, 4)
         Truth: maps the scan's coordinates to the part's.
     T_start : ndarray, (4, 4)
@@ -87,15 +91,17 @@ def load_case(folder: str | os.PathLike[str]) -> Case:
     ((4, 4), 'mm')
     """
     folder = Path(folder)
-    for name in (SCAN, PART, TRUTH):
-        if not (folder / name).is_file():
-            raise InputError(f"{folder} is not a case: {name} is missing; needed: {SCAN}, {PART}, {TRUTH}")
+    part = folder / (PART_PLY if (folder / PART_PLY).is_file() else PART)
+    for path in (folder / SCAN, part, folder / TRUTH):
+        if not path.is_file():
+            needed = f"{SCAN}, {PART} or {PART_PLY}, {TRUTH}"
+            raise InputError(f"{folder} is not a case: {path.name} is missing; needed: {needed}")
     try:
         truth = json.loads((folder / TRUTH).read_text(encoding="utf-8"))
         return Case(
             folder=folder,
             scan=folder / SCAN,
-            part=folder / PART,
+            part=part,
             recipe=folder / RECIPE,
             T_target_source=as_pose(truth["T_target_source"], "T_target_source"),
             T_start=as_pose(truth["T_start"], "T_start"),
