@@ -48,7 +48,7 @@ nb_execution_raise_on_error = True
 # Standard error is for people at a terminal.
 nb_output_stderr = "remove"
 
-# External links are checked on request only: DQREG_EXTERNAL_LINKS=1 .ci/docs
+# External links are asked by .ci/docs where the network lets them be.
 linkcheck_timeout = 20
 linkcheck_workers = 4
 

@@ -10,8 +10,10 @@ import numpy as np
 
 from dqreg.arrays import FloatArray
 from dqreg.evidence import gather_evidence, has_pose
-from dqreg.geometry import Mesh, Scan
-from dqreg.icp import InlierMixture, Plan, Run
+from dqreg.geometry import Mesh, Scan, Surface
+from dqreg.icp import InlierMixture, Plan, Run, correspond
+from dqreg.icp.borders import beyond_border
+from dqreg.icp.face_noise import points_to_weighed_planes, relative_precisions
 from dqreg.inputs import Inputs
 from dqreg.known import Known
 from dqreg.records import Alternative, Direction, Iteration
@@ -19,7 +21,18 @@ from dqreg.result import Registration
 from dqreg.rigid import pose
 from dqreg.source import CentredSource
 from dqreg.target import IndexedTarget
-from dqreg.trust import Evidence, Information, covariance_of, information_of, judge, observe_directions
+from dqreg.trust import (
+    Evidence,
+    Information,
+    covariance_of,
+    information_of,
+    judge,
+    observe_directions,
+    without_free_motion,
+)
+
+# Share of the inliers that must remain where a free motion is taken back.
+STAYS = 0.99
 
 
 def to_work(T_target_source: FloatArray, origin_target: FloatArray, origin_source: FloatArray) -> FloatArray:
@@ -86,6 +99,7 @@ class Outcome:
     run: Run
     mixture: InlierMixture
     scan: Scan
+    surface: Surface
     source: CentredSource
     target: IndexedTarget
     plan: Plan
@@ -122,12 +136,12 @@ class Outcome:
         Registration
             With verdict and evidence.
         """
-        information = self._information() if self.found else None
+        information = self.information if self.found else None
         directions = observe_directions(information) if information else ()
         T = np.full((4, 4), np.nan)
         if self.found:
             T = from_work(self.run.T_target_source, self.target.origin, self.source.origin)
-        weights, distances = self.run.weights, self.run.pairs.distances
+        weights, pairs = self.run.weights, self.run.pairs
         return Registration(
             T_target_source=T,
             verdict=judge(self._complete(directions, alternatives, settings.get("target_units"))),
@@ -136,29 +150,62 @@ class Outcome:
             observability=directions,
             alternatives=alternatives,
             history=tuple(for_caller(record, self.target.origin, self.source.origin) for record in self.run.history),
-            rms=float(np.sqrt(weights @ distances**2 / weights.sum())) if self.found else np.nan,
-            inlier_fraction=float(weights.mean()) if self.found else 0.0,
+            rms=float(np.sqrt(weights @ pairs.squares / weights.sum())) if self.found else np.nan,
+            inlier_fraction=float(weights.sum() / pairs.scan.represented) if self.found else 0.0,
             timings=timings,
             settings={**settings, **self._resolved()},
             inputs=Inputs(self.source, self.target) if keep_inputs else None,
         )
 
-    def _information(self) -> Information:
+    def with_free_motions_of(self, start: FloatArray) -> Outcome:
+        """The same with the motions that nothing holds as the start had them.
+
+        Parameters
+        ----------
+        start : ndarray, (4, 4)
+            Where the run began, between the centred frames.
+
+        Returns
+        -------
+        Outcome
+            Itself where all motions are held, or where going back would leave the target.
+        """
+        if not self.found or self.known.anything or not self.information.free.any():
+            return self
+        T = without_free_motion(self.run.T_target_source, start, self.information)
+        pairs = correspond(self.run.pairs.scan, self.surface, T)
+        weights = np.where(self.run.weights > 0.0, self.mixture.weight(pairs.distances), 0.0)
+        if pairs.scan.counts is not None:
+            weights *= pairs.scan.counts
+        if weights.sum() < STAYS * self.run.weights.sum():
+            return self
+        return dataclasses.replace(
+            self, run=dataclasses.replace(self.run, T_target_source=T, pairs=pairs, weights=weights)
+        )
+
+    @cached_property
+    def information(self) -> Information:
+        """What the matches hold, and how well."""
         pairs = self.run.pairs
         points = pose.apply(self.run.T_target_source, pairs.scan.points)
-        normals, surface = pairs.closest.normals, self.target.surface
+        normals, surface, scan = pairs.closest.normals, self.surface, pairs.scan
         along = np.einsum("ij,ij->i", points - pairs.closest.points, normals)
         lever = 0.5 * surface.diagonal
+        weights = self.run.weights
+        if self.plan.fine is points_to_weighed_planes:
+            weights = weights * relative_precisions(normals, np.sqrt(along**2 + scan.scatter), weights)
         smooth = self.target.smooth_normals(pairs.closest)
         held = information_of(
             points,
             normals,
             along,
-            self.run.weights,
+            weights,
             lever,
             np.zeros(3),
             smooth,
             patchwise=True,
+            counts=scan.counts,
+            scattered=scan.scatter,
             allowed=self.known.allowed(self.run.T_target_source),
             prior=self.known.information(self.run.T_target_source),
         )
@@ -173,7 +220,7 @@ class Outcome:
     @cached_property
     def evidence(self) -> Evidence:
         """What speaks for and against the pose, but for what is held and for other poses."""
-        surface = self.target.surface
+        surface = self.surface
         return gather_evidence(
             self.run,
             self.mixture,
@@ -186,6 +233,12 @@ class Outcome:
             has_border=not (isinstance(self.target.geometry, Mesh) and self.target.geometry.is_closed),
         )
 
+    def _beyond_border(self) -> int:
+        if not self.found:
+            return 0
+        out = beyond_border(self.run.pairs, self.surface, self.mixture.scale, self.plan.max_distance)
+        return int(np.count_nonzero(out))
+
     def _resolved(self) -> dict[str, Any]:
         return {
             "max_distance": self.plan.max_distance,
@@ -195,10 +248,11 @@ class Outcome:
             "source_points": self.scan.total,
             "source_dropped": self.source.cloud.dropped,
             "source_scale": self.source.scale,
-            "used_points": len(self.run.pairs.scan),
+            "used_points": round(self.run.pairs.scan.represented),
+            "beyond_border": self._beyond_border(),
             "normals_oriented": self.run.pairs.same_sign,
             "target_kind": self.target.kind,
             "target_dropped": self.target.geometry.dropped,
-            "diagonal": self.target.surface.diagonal,
+            "diagonal": self.surface.diagonal,
             "centre": self.target.origin.tolist(),
         }

@@ -20,12 +20,14 @@ BoolArray = NDArray[np.bool_]
 RIGID_TOLERANCE = 1e-5
 # Lengths within this of zero, and sizes above its inverse, can be squared and squared again in float64.
 LARGEST = 1e60
+# Points that stand side by side where three numbers a row are too few for NumPy to be quick about.
+WIDE = 256
 
 
 def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest coordinates of points, each (3,).
 
-    Column by column: along rows of three NumPy takes ten times as long.
+    Along rows of three NumPy takes ten times as long.
 
     Parameters
     ----------
@@ -43,8 +45,43 @@ def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     >>> low.tolist(), high.tolist()
     ([0.0, 3.0, 1.0], [2.0, 5.0, 1.0])
     """
-    columns = np.ascontiguousarray(points.T)
-    return columns.min(axis=1), columns.max(axis=1)
+    whole = len(points) - len(points) % WIDE
+    rest = np.ascontiguousarray(points[whole:].T)
+    if not whole:
+        return rest.min(axis=1), rest.max(axis=1)
+    # Many points side by side are one long row, and along those it is quick without a copy.
+    rows = np.ascontiguousarray(points[:whole]).reshape(-1, 3 * WIDE)
+    lows, highs = rows.min(axis=0).reshape(WIDE, 3), rows.max(axis=0).reshape(WIDE, 3)
+    low, high = lows.min(axis=0), highs.max(axis=0)
+    return (np.minimum(low, rest.min(axis=1)), np.maximum(high, rest.max(axis=1))) if rest.size else (low, high)
+
+
+def shifted(points: FloatArray, offset: FloatArray) -> FloatArray:
+    """Points moved by one offset: ``points + offset``, three times as fast.
+
+    Parameters
+    ----------
+    points : ndarray, (n, 3)
+        Points.
+    offset : ndarray, (3,)
+        What is added to each.
+
+    Returns
+    -------
+    ndarray, (n, 3)
+        A new array.
+
+    Examples
+    --------
+    >>> shifted(np.zeros((2, 3)), np.array([1.0, 2, 3])).tolist()
+    [[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]
+    """
+    moved = np.zeros((len(points), 3))
+    whole = len(points) - len(points) % WIDE
+    rows = np.ascontiguousarray(points[:whole]).reshape(-1, 3 * WIDE)
+    np.add(rows, np.tile(offset, WIDE), out=moved[:whole].reshape(-1, 3 * WIDE))
+    np.add(points[whole:], offset, out=moved[whole:])
+    return moved
 
 
 def as_float(value: Any, name: str) -> FloatArray:

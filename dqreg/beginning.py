@@ -69,7 +69,7 @@ class Searching:
             indexed.surface,
             indexed.geometry,
             self.options.plan(self.reach, Known()),
-            self.target.pairs,
+            lambda: self.target.pairs,
             np.random.default_rng(self.options.seed),
             time_limit=self.deadline.left,
             observe=self.observe,

@@ -6,16 +6,25 @@ import dataclasses
 
 import numpy as np
 
-from dqreg.arrays import BoolArray
+from dqreg.arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan, Surface
+from dqreg.geometry.normals import sample_rows
 from dqreg.icp import NO_POSE, InlierMixture, Pairs, Plan, Run, correspond, width_floor
 from dqreg.records import Alternative, Direction
+from dqreg.rigid import pose
 from dqreg.trust import Evidence
+from dqreg.trust.stretch import stretch_of
 
+# A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
+# has a say there; on denser scans clutter makes patterns of its own, and the noise is known.
+SPARSE = 1_000
 # Inliers without which there is no pose.
 FEWEST_POINTS = 3
-# Points that are looked at, evenly over the scan.
-LOOKED_AT = 10_000
+# Points that are looked at, evenly over the scan; where the loop has asked about enough of them, those, and of those
+# with a normal of their own.
+LOOKED_AT, ENOUGH, ENOUGH_FITTED = 10_000, 3_000, 1_000
+# Where no point has moved by more than that many widths since it was asked about, nothing here can tell.
+STILL = 0.1
 # Share of the largest distance within which a point ought to lie on the target: farther off stands the table.
 NEAR = 0.25
 # Widths within which a point counts as lying on the target; real scans have longer tails than a Gaussian.
@@ -72,16 +81,22 @@ def gather_evidence(
     """
     near = NEAR * plan.max_distance
     width = min(ON * mixture.scale, near)
-    # Thinning for the loop keeps the points with normals; here any will do.
-    pairs = correspond(scan.taken(scan.even_rows(min(LOOKED_AT, len(scan)))), surface, run.T_target_source)
+    pairs = _pairs(run, scan, surface, mixture.scale)
     on = pairs.distances <= width
     aside = pairs.aside[on]
     close = pairs.distances <= near
     if has_border:
         close &= on | (np.abs(pairs.aside) > width)
     patches, patches_off = _patches(pairs, close, mixture.scale)
-    fitted = scan if scan.fitted is None else scan.taken(scan.fitted)
-    local = _Local.of(correspond(fitted.thinned(LOOKED_AT), surface, run.T_target_source), width)
+    if scan.fitted is not None and len(pairs.scan) < len(scan):
+        local = _Local.of(_fitted_pairs(run, scan, scan.fitted, surface, mixture.scale), width)
+    else:
+        local = _Local.of(pairs, width)
+    stretch, along = 0.0, np.zeros(3)
+    if not has_border and len(scan) < SPARSE:
+        flat = close & pairs.closest.normals.any(axis=1)
+        # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
+        stretch, along = stretch_of(pairs.closest.points[flat], pairs.closest.normals[flat], pairs.aside[flat])
     return Evidence(
         status=run.status,
         found=has_pose(run),
@@ -100,7 +115,35 @@ def gather_evidence(
         directions=directions,
         alternatives=alternatives,
         search=searched,
+        stretch=stretch,
+        stretched_along=(float(along[0]), float(along[1]), float(along[2])),
     )
+
+
+def _pairs(run: Run, scan: Scan, surface: Surface, width: float) -> Pairs:
+    for asked in (run.pairs, *run.earlier[::-1]):
+        drawn_evenly = asked.scan.counts is None and (len(asked.scan) == len(scan) or asked is not run.pairs)
+        if drawn_evenly and ENOUGH <= len(asked.scan) <= LOOKED_AT:
+            return _again(asked, surface, run.T_target_source, width)
+    # Thinning for the loop keeps the points with normals; here any will do.
+    return correspond(scan.taken(sample_rows(len(scan), LOOKED_AT)), surface, run.T_target_source)
+
+
+def _again(asked: Pairs, surface: Surface, T: FloatArray, width: float) -> Pairs:
+    # The last pose is no farther off than a step: most faces and points are still the closest.
+    moved = pose.apply(T, asked.scan.points) - asked.moved
+    if np.einsum("ij,ij->i", moved, moved).max(initial=0.0) <= (STILL * width) ** 2:
+        return asked
+    return correspond(asked.scan, surface, T, asked)
+
+
+def _fitted_pairs(run: Run, scan: Scan, fitted: IntArray, surface: Surface, width: float) -> Pairs:
+    """Pairs of points that have a normal of their own."""
+    least = min(ENOUGH_FITTED, len(fitted))
+    for asked in run.earlier[::-1]:
+        if asked.scan.fitted is not None and len(asked.scan) == len(asked.scan.fitted) >= least:
+            return _again(asked, surface, run.T_target_source, width)
+    return correspond(scan.taken(fitted).thinned(LOOKED_AT), surface, run.T_target_source)
 
 
 def has_pose(run: Run) -> bool:

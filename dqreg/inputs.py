@@ -28,7 +28,12 @@ class Inputs:
 
     @staticmethod
     def read(
-        source: Any, target: Any, source_units: str | None = None, target_units: str | None = None, seed: int = 0
+        source: Any,
+        target: Any,
+        source_units: str | None = None,
+        target_units: str | None = None,
+        seed: int = 0,
+        scale: float = 1.0,
     ) -> Inputs:
         """Both sides from whatever `dqreg.register` takes.
 
@@ -40,6 +45,8 @@ class Inputs:
             As in `centre_source`.
         seed : int
             For sampling a mesh that is the source.
+        scale : float
+            As in `centre_source`.
 
         Returns
         -------
@@ -53,4 +60,4 @@ class Inputs:
         """
         indexed = index_target(target)
         units = target_units or indexed.units
-        return Inputs(centre_source(source, source_units, units, np.random.default_rng(seed)), indexed)
+        return Inputs(centre_source(source, source_units, units, np.random.default_rng(seed), scale), indexed)

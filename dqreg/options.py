@@ -10,11 +10,14 @@ import numpy as np
 
 from dqreg.arrays import LARGEST
 from dqreg.errors import InputError
-from dqreg.icp import COARSE, ESTIMATORS, Plan, Stopping
+from dqreg.icp import COARSE, ESTIMATORS, Estimator, Plan, Stopping
+from dqreg.icp.face_noise import points_to_weighed_planes
 from dqreg.known import Known
 
 # Points of the last level.
 EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 60_000, "best": None}
+# Cells of a dense cloud: the mean of each stands for its points.
+CELLS: dict[str, int | None] = {"fast": 6_000, "normal": 10_000, "best": None}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,6 +34,7 @@ class Options:
     tolerance: float
     units: str = "check"
     time_limit: float | None = None
+    scale: float | str = 1.0
 
     def __post_init__(self) -> None:
         known = ("auto", *ESTIMATORS)
@@ -51,6 +55,7 @@ class Options:
                 raise InputError(f"{name} must be a whole number; got {value!r}")
         if not isinstance(self.accelerate, (bool, np.bool_)):
             raise InputError(f"accelerate must be True or False; got {self.accelerate!r}")
+        _require_scale(self.scale)
         if self.time_limit is not None and not self.time_limit > 0.0:
             raise InputError(f"time_limit must be a number of seconds above 0; got {self.time_limit!r}")
         if self.max_distance is not None and not 0.0 < float(self.max_distance) <= LARGEST:
@@ -65,11 +70,23 @@ class Options:
             raise InputError(f"tolerance is a share of the target's size, above 0 and below 1; got {self.tolerance!r}")
 
     @property
+    def cells(self) -> int | None:
+        """Cells to which dense clouds are thinned; None leaves them whole."""
+        return CELLS[self.effort] if self.method in ("auto", "generalised") else None
+
+    @property
+    def solves_scale(self) -> bool:
+        """Whether the scale is asked for."""
+        return self.scale == "solve"
+
+    @property
     def fitted(self) -> int | None:
         """Points that need normals of their own: planes take the target's."""
+        if self.method == "generalised":
+            return None
         return COARSE if self.method == "auto" else EFFORTS[self.effort]
 
-    def plan(self, reach: float, known: Known, first_width: float | None = None) -> Plan:
+    def plan(self, reach: float, known: Known, first_width: float | None = None, *, clouds: bool = False) -> Plan:
         """Parts of the loop.
 
         Parameters
@@ -80,6 +97,8 @@ class Options:
             What holds the pose beside the pairs.
         first_width : float, optional
             Width of the kernel to begin with, for a start that is near.
+        clouds : bool
+            Whether both sides are clouds whose normals are fitted at all points.
 
         Returns
         -------
@@ -87,7 +106,10 @@ class Options:
             For `run_graduated`.
         """
         auto = self.method == "auto"
-        coarse, fine = ESTIMATORS["dq" if auto else self.method], ESTIMATORS["plane"] if auto else None
+        coarse: Estimator = ESTIMATORS["dq" if auto else self.method]
+        fine: Estimator | None = points_to_weighed_planes if auto else None
+        if auto and clouds:
+            fine = ESTIMATORS["generalised"]
         if known.anything:
             coarse, fine = (
                 known.estimator(planes=self.method == "plane"),
@@ -125,3 +147,17 @@ def require_callable(**observers: Any) -> None:
     for name, observer in observers.items():
         if observer is not None and not callable(observer):
             raise InputError(f"{name} must be a function of one record, or None; got {observer!r:.80}")
+
+
+def _require_scale(scale: object) -> None:
+    # Only text is compared: an array would answer with an array.
+    if isinstance(scale, str) and scale == "solve":
+        return
+    if (
+        isinstance(scale, (bool, str))
+        or not isinstance(scale, numbers.Real)
+        or not 1.0 / LARGEST < float(scale) < LARGEST
+    ):
+        raise InputError(
+            f'scale must be a number above 0 that source lengths are multiplied with, or "solve"; got {scale!r:.60}'
+        )

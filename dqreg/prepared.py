@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import threading
 import time
 from functools import cached_property
 from pathlib import Path
@@ -49,6 +51,25 @@ class Target:
         """Turns that leave most of the part in place, (k, 4, 4), in the centred frame; none for a cloud."""
         geometry = self.indexed.geometry
         return near_flips(geometry, self.indexed.surface) if isinstance(geometry, Mesh) else np.zeros((0, 4, 4))
+
+    def build_beside(self) -> threading.Thread:
+        """Begin to build what a registration to a mesh asks for, in a thread of its own; the same whoever builds it.
+
+        Returns
+        -------
+        threading.Thread
+            Running; to be joined before the rest is asked for.
+        """
+        thread = threading.Thread(target=self._build, daemon=True)
+        thread.start()
+        return thread
+
+    def _build(self) -> None:
+        # What fails here fails again where it is asked for, and there somebody hears of it.
+        with contextlib.suppress(Exception):
+            if isinstance(self.indexed.geometry, Mesh):
+                self.indexed.build()
+                _ = self.flips
 
     @property
     def nbytes(self) -> int:

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dqreg.all_points import all_points_say_more, go_on
 from dqreg.answer import Outcome, for_caller
-from dqreg.beginning import Searching, begin, read_start
+from dqreg.beginning import FOUND, Searching, begin, read_start
 from dqreg.deadline import Deadline
-from dqreg.geometry.prepare import prepare_scan
 from dqreg.geometry.unit_mistake import require_same_units
 from dqreg.given import describe
 from dqreg.icp import run_graduated
@@ -23,11 +23,15 @@ from dqreg.options import Options, require_callable
 from dqreg.prepared import Target
 from dqreg.records import Iteration
 from dqreg.result import Registration
+from dqreg.scaling import register_scaled
 from dqreg.second_try import flips_of, try_again
+from dqreg.seen import as_viewpoints
+from dqreg.sides import Sides
 from dqreg.solvers import Freedom
 from dqreg.source import CentredSource, centre_source
 from dqreg.start import Stage
 from dqreg.target import IndexedTarget, index_target
+from dqreg.viewing import look_again, seen_from
 
 # Largest distance of a pair, in diagonals of the smaller of source and target.
 REACH = 0.2
@@ -52,6 +56,8 @@ def register(
     dof: str | Freedom | None = None,
     prior: tuple[ArrayLike, ArrayLike] | None = None,
     time_limit: float | None = None,
+    scale: float | str = 1.0,
+    viewpoint: ArrayLike | None = None,
     observe: Callable[[Iteration], object] | None = None,
     observe_search: Callable[[Stage], object] | None = None,
     keep_inputs: bool = True,
@@ -67,9 +73,10 @@ def register(
     start : None, "identity" or (4, 4) array_like
         None finds the pose from nothing. A matrix is ``T_target_source``, right to about 15 degrees and a tenth of
         the part's size.
-    method : {"auto", "dq", "dq-points", "svd", "plane"}
-        Pose step: the dual-quaternion closed form on points and normals, on points alone, Arun's SVD, or points to
-        planes. Auto takes "dq" until the basin is found and "plane" for the last digits.
+    method : {"auto", "dq", "dq-points", "svd", "plane", "generalised"}
+        Pose step: the dual-quaternion closed form on points and normals, on points alone, Arun's SVD, points to
+        planes, or planes to planes. Auto takes "dq" until the basin is found and, for the last digits, "plane", or
+        "generalised" from a start between clouds.
     max_distance : float, optional
         Largest distance of a pair, target units. Default: 0.2 of the smaller bounding-box diagonal.
     max_angle_deg : float
@@ -77,7 +84,10 @@ def register(
     source_units, target_units : {"mm", "cm", "m", "inch", "ft"}, optional
         Length units. Where both are known and differ, the source is converted to the target's unit.
     effort : {"fast", "normal", "best"}
-        Points of the last level: 20,000, 60,000, all; not drawn evenly but where they say most.
+        Points of the last level: 20,000, 60,000, all; not drawn evenly but where they say most. From a start between
+        clouds of more than 18,000 or 30,000 points, the means of about 6,000 or 10,000 cells stand for them
+        (``settings["cell_size"]``), unless the points lie so much nearer to the surface than to each other that all of
+        them say more; "best" has no cells.
     seed : int
         For whatever is drawn (samples of a mesh that is the source).
     accelerate : bool
@@ -97,6 +107,15 @@ def register(
         target's bounding box). It is the start where none is given.
     time_limit : float, optional
         Seconds after which the best pose so far is returned, with a verdict that says so.
+    scale : float or "solve"
+        What source lengths are multiplied with, beside the conversion of units; nothing is ever scaled unasked.
+        "solve" finds it: `Registration.scale` and `Registration.scale_sigma` then tell it and how sure it is. The
+        pose stays rigid and is that of the scaled source, ``p_target = R (scale p_source) + t``; so is a start,
+        but one for the source as it is will do. Not together with ``dof``, ``prior`` or ``viewpoint``.
+    viewpoint : (3,) or (k, 3) array_like, optional
+        Where the scanner stood, in source coordinates. Faces of a mesh that it cannot have seen (the inside of a thin
+        wall, a part behind another) do not attract then, and deviations are from the others. Of a single one the
+        signs of estimated normals are told too. What a file says of its viewpoint hides nothing unless given here.
     observe : callable, optional
         Called with each `Iteration`; returning False stops the run.
     observe_search : callable, optional
@@ -129,22 +148,32 @@ def register(
     >>> result.verdict.level, result.T_target_source[:3, 3].round(6).tolist()
     ('accepted', [-1.0, 2.0, -0.5])
     """
-    began = time.perf_counter()
-    options = Options(
-        method, max_distance, max_angle_deg, effort, seed, accelerate, max_iterations, tolerance, units, time_limit
-    )
+    arguments, began = dict(locals()), time.perf_counter()
+    options = Options(**{field.name: arguments[field.name] for field in dataclasses.fields(Options)})
     require_callable(observe=observe, observe_search=observe_search)
-    T_start = read_start(start, prior, dof)
+    if options.solves_scale:
+        return register_scaled(register, arguments)
+    T_start, viewpoints = read_start(start, prior, dof), as_viewpoints(viewpoint)
     prepared = target if isinstance(target, Target) else Target(index_target(target))
+    building = None if prepared is target else prepared.build_beside()
     indexed = prepared.indexed
-    centred = centre_source(source, source_units, target_units or indexed.units, np.random.default_rng(seed))
+    units_to = target_units or indexed.units
+    centred = centre_source(source, source_units, units_to, np.random.default_rng(seed), float(scale))
+    if viewpoints is not None:
+        centred = seen_from(centred, viewpoints, indexed)
     named = source_units or centred.cloud.units, target_units or indexed.units
     if units == "check" and None in named:
         require_same_units(centred.cloud, indexed.geometry, *named, indexed.spreads)
     timings = {"read": time.perf_counter() - began}
     with _timed(timings, "prepare"):
-        surface = indexed.surface
-        scan = prepare_scan(centred.cloud, options.fitted)
+        clouds = options.cells is not None and T_start is not None and indexed.kind == "cloud"
+        if clouds:
+            sides = Sides.even(centred, indexed, options.cells or 0)
+        else:
+            sides = Sides.whole(centred, indexed, options.fitted)
+        if building is not None:
+            building.join()
+        scan, surface = sides.scan, sides.surface
         reach = max_distance or REACH * min(surface.diagonal, scan.diagonal)
     deadline = Deadline(began, time_limit)
     searching = Searching(scan, prepared, options, reach, deadline, observe_search)
@@ -153,20 +182,27 @@ def register(
     watch = _observer(observe, centred, indexed)
     with _timed(timings, "register"):
         known = Known.of(dof, prior, begun.T_work, centred.origin, indexed.origin)
-        plan = options.plan(reach, known, begun.width)
+        plan = options.plan(reach, known, begun.width, clouds=clouds)
         run, mixture = run_graduated(scan, surface, begun.T_work, plan, deadline.watching(watch))
+        if all_points_say_more(sides, run):
+            sides, plan = Sides.whole(centred, indexed, options.fitted), options.plan(reach, known)
+            run, mixture = go_on(sides, plan, run, mixture, deadline.watching(watch))
         run = dataclasses.replace(
             run, T_target_source=known.held(run.T_target_source), status=deadline.status(run.status)
         )
-    outcome = Outcome(run, mixture, scan, centred, indexed, plan, known, begun.searched)
+    outcome = Outcome(run, mixture, sides.scan, sides.surface, centred, indexed, plan, known, begun.searched)
     alternatives = begun.alternatives
     if T_start is not None and outcome.found:
         with _timed(timings, "second try"):
             if method == "auto" and not known.anything:
                 outcome, alternatives = try_again(
-                    outcome, begun.T_work, searching.candidates, searching.width, watch, deadline
+                    outcome, begun.T_work, searching.candidates, FOUND * surface.diagonal, watch, deadline
                 )
+            outcome = outcome.with_free_motions_of(begun.T_work)
             alternatives += flips_of(outcome, prepared.flips)
+    if viewpoints is not None:
+        with _timed(timings, "viewpoint"):
+            outcome = look_again(outcome, viewpoints, watch, deadline)
     settings = {
         **dataclasses.asdict(options),
         "source": describe(source),
@@ -175,6 +211,8 @@ def register(
         "T_start": None if T_start is None else T_start.tolist(),
         "dof": None if dof is None else str(Freedom.parse(dof)),
         "prior": prior is not None,
+        "viewpoint": None if viewpoints is None else viewpoints.tolist(),
+        "cell_size": sides.cell,
         "source_units": named[0],
         "target_units": named[1],
     }

@@ -20,6 +20,7 @@ from dqreg.inputs import Inputs
 from dqreg.records import Alternative, Direction, Iteration, Verdict
 from dqreg.result_fields import plain, read_fields
 from dqreg.rigid import DualQuaternion, pose
+from dqreg.seen import seen_target
 from dqreg.trust import Deviations, measure_deviations, why_unsigned
 
 __all__ = ["Alternative", "Direction", "Iteration", "Registration", "Verdict"]
@@ -39,7 +40,7 @@ class Registration:
     Attributes
     ----------
     T_target_source : ndarray, (4, 4)
-        Maps source coordinates to target coordinates; all NaN where no pose was found.
+        Maps source coordinates, times `scale`, to target coordinates; all NaN where no pose was found.
     verdict : Verdict
         Level and reasons.
     status : str
@@ -116,7 +117,23 @@ class Registration:
         """
         known = self.settings
         units = known.get("source_units"), known.get("target_units")
-        return dataclasses.replace(self, inputs=Inputs.read(source, target, *units, known.get("seed", 0)))
+        inputs = Inputs.read(source, target, *units, known.get("seed", 0), known.get("scale", 1.0))
+        viewpoint = known.get("viewpoint")
+        if viewpoint is not None and np.isfinite(self.T_target_source).all():
+            seen = self.apply(viewpoint) - inputs.target.origin
+            inputs = dataclasses.replace(inputs, target=seen_target(inputs.target, seen))
+        return dataclasses.replace(self, inputs=inputs)
+
+    @property
+    def scale(self) -> float:
+        """What source lengths were multiplied with, the conversion of units included: ``p_target = R (scale p) + t``."""
+        return float(self.settings.get("source_scale", 1.0))
+
+    @property
+    def scale_sigma(self) -> float:
+        """Standard deviation of ``scale``: 0 where it was given, NaN where it was asked for and is free."""
+        sigma = self.settings.get("scale_sigma", 0.0)
+        return np.nan if sigma is None else float(sigma)
 
     @property
     def dual_quaternion(self) -> DualQuaternion:
@@ -142,7 +159,7 @@ class Registration:
             If no pose was found.
         """
         checked = as_vectors(points, "points")
-        return pose.apply(self._found(), checked * self.settings.get("source_scale", 1.0))
+        return pose.apply(self._found(), checked * self.scale)
 
     def deviations(
         self,
@@ -283,6 +300,7 @@ class Registration:
         found = bool(np.isfinite(self.T_target_source).all())
         dq = self.dual_quaternion if found else None
         values["dual_quaternion"] = {"real": plain(dq.real), "dual": plain(dq.dual)} if dq else None
+        values |= {"scale": self.scale, "scale_sigma": plain(self.scale_sigma)}
         return {"format": FORMAT, **values}
 
     def save(self, path: str | Path) -> None:

@@ -53,7 +53,7 @@ def read_fields(values: dict[str, Any]) -> dict[str, Any]:
 
 def _settings(values: dict[str, Any]) -> dict[str, Any]:
     # Only what methods of a result work with: the others are told, not used.
-    for name in ("source_scale", "max_distance", "diagonal"):
+    for name in ("source_scale", "scale", "max_distance", "diagonal"):
         if name in values and not 0.0 < _of((int, float), values[name]) < np.inf:
             raise ValueError(f"{name} of {values[name]!r:.60}")
     for name in ("source_units", "target_units", "source", "target"):
@@ -61,6 +61,11 @@ def _settings(values: dict[str, Any]) -> dict[str, Any]:
             _of((str, type(None)), values[name])
     if "seed" in values and _of(int, values["seed"]) < 0:
         raise ValueError(f"seed of {values['seed']!r:.60}")
+    if values.get("scale_sigma") is not None and not 0.0 <= _of((int, float), values["scale_sigma"]) < np.inf:
+        raise ValueError(f"scale_sigma of {values['scale_sigma']!r:.60}")
+    if values.get("viewpoint") is not None:
+        places = np.array(values["viewpoint"], dtype=np.float64)
+        require_finite(_array(values["viewpoint"], (len(places), 3)), "viewpoint")
     if "centre" in values:
         require_finite(_array(values["centre"], (3,)), "centre")
     return values

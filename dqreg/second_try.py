@@ -77,9 +77,7 @@ def try_again(
     if not found:
         return first, ()
     plan = dataclasses.replace(first.plan, first_width=first_width)
-    run, mixture = run_graduated(
-        first.scan, first.target.surface, found[0].T_target_source, plan, deadline.watching(observe)
-    )
+    run, mixture = run_graduated(first.scan, first.surface, found[0].T_target_source, plan, deadline.watching(observe))
     history = first.run.history + tuple(
         dataclasses.replace(record, number=record.number + len(first.run.history)) for record in run.history
     )
@@ -93,7 +91,7 @@ def try_again(
     T = run.T_target_source
     turn = pose.angle_between(T, T_start)
     shift = pose.offset_between(T, T_start, at=np.zeros(3))
-    if turn <= MEANT_RAD and shift <= MEANT * first.target.surface.diagonal:
+    if turn <= MEANT_RAD and shift <= MEANT * first.surface.diagonal:
         return second, ()
     return first, (Alternative(from_work(T, first.target.origin, first.source.origin), rms),)
 
@@ -113,7 +111,7 @@ def flips_of(outcome: Outcome, flips: FloatArray) -> tuple[Alternative, ...]:
     tuple of Alternative
         In the caller's frames.
     """
-    surface = outcome.target.surface
+    surface = outcome.surface
     limit, floor = 0.25 * outcome.plan.max_distance, width_floor(outcome.scan, surface)
     found = flipped(outcome.run.T_target_source, flips, outcome.scan, surface, limit, floor)
     return tuple(Alternative(from_work(T, outcome.target.origin, outcome.source.origin), rms) for T, rms in found)
@@ -123,7 +121,7 @@ def _gain(first: Outcome, second: Outcome) -> tuple[float, float]:
     # Mean log-likelihood that the second pose gains, and its truncated distance.
     poses = np.stack([first.run.T_target_source, second.run.T_target_source])
     points = first.scan.points[sample_rows(len(first.scan), JUDGES)]
-    surface = first.target.surface
+    surface = first.surface
     floor = width_floor(first.scan, surface)
     judgement = weigh_up(poses[:, :3, :3], poses[:, :3, 3], points, surface, 0.25 * first.plan.max_distance, floor)
     means = judgement.means

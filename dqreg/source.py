@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, bounds
+from dqreg.arrays import FloatArray, bounds, shifted
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.units import factor
@@ -35,7 +35,7 @@ class CentredSource:
     origin : ndarray, (3,)
         Middle of the bounding box of the scaled source.
     scale : float
-        Factor from source units to target units.
+        Factor from source units to target units, and what else was asked for.
     """
 
     cloud: PointCloud
@@ -44,7 +44,11 @@ class CentredSource:
 
 
 def centre_source(
-    source: Any, source_units: str | None, target_units: str | None, rng: np.random.Generator
+    source: Any,
+    source_units: str | None,
+    target_units: str | None,
+    rng: np.random.Generator,
+    scale: float = 1.0,
 ) -> CentredSource:
     """Read a source, convert its unit, and move it to its own middle.
 
@@ -56,6 +60,8 @@ def centre_source(
         Named units win over what a file says; a unit that is not known converts nothing.
     rng : numpy.random.Generator
         For sampling a mesh.
+    scale : float
+        What lengths are multiplied with beside that.
 
     Returns
     -------
@@ -70,7 +76,7 @@ def centre_source(
     geometry = read_any(source, "source")
     if isinstance(geometry, Mesh):
         geometry = sample_mesh(geometry, MESH_SAMPLES, rng)
-    scale = factor(source_units or geometry.units, target_units)
+    scale = scale * factor(source_units or geometry.units, target_units)
     require_spread(geometry.points, "source")
     origin = 0.5 * scale * np.add(*bounds(geometry.points))
     return CentredSource(moved(geometry, -origin, scale), origin, scale)
@@ -94,7 +100,7 @@ def moved(cloud: PointCloud, offset: FloatArray, scale: float) -> PointCloud:
         A new cloud.
     """
     viewpoint = None if cloud.viewpoint is None else scale * cloud.viewpoint + offset
-    points = cloud.points + offset if scale == 1.0 else scale * cloud.points + offset
+    points = shifted(cloud.points if scale == 1.0 else scale * cloud.points, offset)
     return dataclasses.replace(cloud, points=points, viewpoint=viewpoint)
 
 

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from dqreg.arrays import FloatArray, bounds
+from dqreg.errors import InputError
 from dqreg.geometry import Closest, CloudSurface, Mesh, MeshSurface, PointCloud, Surface
+from dqreg.geometry.cells import EvenCloud, even_size
 from dqreg.geometry.smooth_normals import SmoothNormals
 from dqreg.geometry.unit_mistake import principal_spreads
 from dqreg.given import describe, read_any
@@ -29,8 +31,8 @@ class IndexedTarget:
         Middle of the bounding box in the target's frame.
     name : str
         What the caller gave, see `describe`.
-    fitted : ndarray, (m, 3), optional
-        Normals of a cloud's surface where they were fitted before.
+    fitted : ndarray, (m, 4), optional
+        Normals and variances of a cloud's surface where they were fitted before.
     """
 
     geometry: PointCloud | Mesh
@@ -38,6 +40,7 @@ class IndexedTarget:
     name: str = ""
     fitted: FloatArray | None = dataclasses.field(default=None, repr=False)
     _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
+    _evened: dict[int, EvenCloud] = dataclasses.field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def surface(self) -> Surface:
@@ -62,6 +65,26 @@ class IndexedTarget:
             _ = self.geometry.face_neighbours, self.geometry.is_closed
         elif isinstance(self.surface, CloudSurface):
             _ = self.surface.normals
+
+    def evened(self, count: int) -> EvenCloud:
+        """The cloud as the means of about so many cells, and their surface; built once and only read from then on.
+
+        Parameters
+        ----------
+        count : int
+            Cells; the target is a cloud.
+
+        Returns
+        -------
+        EvenCloud
+            The cloud itself where it has hardly more points.
+        """
+        if not isinstance(self.geometry, PointCloud):
+            raise InputError("only a cloud has cells; the target is a mesh")
+        with self._lock:
+            if count not in self._evened:
+                self._evened[count] = EvenCloud.of(self.geometry, even_size(self.geometry.points, count))
+            return self._evened[count]
 
     @cached_property
     def spreads(self) -> FloatArray:

@@ -21,7 +21,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import CloudSurface, Mesh, PointCloud
 from dqreg.target import IndexedTarget
 
-FORMAT, VERSION = "dqreg target", 1
+FORMAT, VERSION = "dqreg target", 2
 # What Open3D's trees take beside the arrays, measured as resident memory: 75 to 92 bytes a triangle, and a copy of the
 # coordinates and the permutation with a few nodes for a cloud.
 TREE_BYTES_A_FACE, TREE_BYTES_A_POINT = 85, 48
@@ -65,7 +65,7 @@ def save_target(indexed: IndexedTarget, path: str | Path) -> None:
     if isinstance(geometry, Mesh):
         arrays |= {"vertices": geometry.vertices, "faces": geometry.faces, "flat": geometry.flat}
     else:
-        fitted = indexed.surface.normals if isinstance(indexed.surface, CloudSurface) else None
+        fitted = indexed.surface.fitted if isinstance(indexed.surface, CloudSurface) else None
         arrays |= {"points": geometry.points, "normals": geometry.normals, "viewpoint": geometry.viewpoint}
         arrays |= {"fitted": fitted if geometry.normals is None else None}
     stream = io.BytesIO()

@@ -1,16 +1,18 @@
 """Poses from nothing: how often dqreg, FPFH with RANSAC, FGR and KISS-Matcher find a part, on the same scans.
 
 Virtual scans of a part from random views, at random poses. Right is a pose whose worst vertex is within 2 % of the
-part's size of the truth, or one that explains a second, denser scan from the same views as well as the truth does
-(a part with symmetries has several right poses): mean log-likelihood of the exact distances within 0.01 of the truth's.
-Every peer is refined by Open3D's point-to-plane ICP. Seconds are per scan, of search and refinement together; what is
-prepared once a part (tables, samples, features) is not counted for anyone.
+part's size of the truth; or one that a symmetry of the part turns into the truth, to 0.1 % of the size; or one that
+explains a second, denser scan from the same views as well as the truth does, where they do not show what tells them
+apart: mean log-likelihood of the exact distances within 0.01 of the truth's.
+Seconds are per scan, of search and refinement together; what is prepared once a part (tables, samples, features) is
+not counted for anyone.
 
     python examples/from_nothing.py                                      # parts that ship with dqreg, two seeds
-    python examples/from_nothing.py parts/ --seeds 3 --peers             # every mesh of a folder, with the peers
-    python examples/from_nothing.py part.stl --views 1 --noise 3e-3 --outliers 0.3
-    python examples/from_nothing.py --real DATA --peers                  # real scans whose pose is known
+    python examples/from_nothing.py parts/ --seeds 10 --cells two,one,noise,strays --methods dqreg,ransac,fgr,kiss
+    python examples/from_nothing.py parts/ --keep runs.jsonl             # what the file holds is not run again
+    python examples/from_nothing.py --real DATA --methods dqreg,ransac   # real scans whose pose is known
 
+Cells: two views; one view; two views with noise of 3e-3 of the size instead of 3e-4; two views with 30 % of strays.
 On real scans right is a root mean square error of the judged points (the whole source, or the part in a scene) within
 2 % of the smaller side. "overlap" is the share of them that have a target within 1 % of that size at the true pose.
 """
@@ -18,99 +20,120 @@ On real scans right is a root mean square error of the judged points (the whole 
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import importlib.util
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+
+# These stand beside this file.
+from kept_runs import NO_VERDICT, Keeper, Run, as_markdown, on_screen, rows_of
+from peers import missing_peers, peers_of
+from random_views import CELLS, JUDGES, NEAR, is_right, make_case
+from real_pairs import Pair, real_pairs
 from rich.console import Console
-from rich.table import Table
 
 import dqreg
 from dqreg.files import read_mesh
-from dqreg.icp import InlierMixture
-from dqreg.open3d_gate import load_open3d
 from dqreg.rigid import pose
-from dqreg.synth import Noise, Scanner, random_pose, scan_mesh, worst_vertex_displacement
+from dqreg.synth import worst_vertex_displacement
 from dqreg.synth.parts import box, bracket, plate
 
-if TYPE_CHECKING:
-    from real_pairs import Pair
-
 MESHES = {".stl", ".ply", ".obj", ".off", ".3mf", ".glb"}
-# Right: worst vertex in sizes; or mean log-likelihood of the judge's points behind the truth's, at most.
-NEAR, AS_WELL = 0.02, 0.01
-# Distance, in sizes, beyond which a point tells the judge nothing more; points of the judge.
-LIMIT, JUDGES = 0.05, 20_000
-# Voxel of the peers in sizes, and samples of the CAD they get.
-VOXEL, CAD_SAMPLES = 0.015, 100_000
+METHODS = ("dqreg", "ransac", "fgr", "kiss")
 
-Method = Callable[[np.ndarray], np.ndarray]
+# From the points of a scan to the pose, the level of the verdict and the seconds of the search.
+Answer = tuple[np.ndarray, str, float | None]
 
 
-@dataclasses.dataclass(frozen=True)
-class Case:
-    """A scan in its own frame, a denser one from the same views that no method sees, and the truth."""
-
-    points: np.ndarray
-    held_out: np.ndarray
-    T_truth: np.ndarray
-
-
-def main(arguments: list[str] | None = None) -> dict[str, dict[str, tuple[int, int, float]]]:
-    """Right answers, cases and median seconds for each part and method."""
+def main(arguments: list[str] | None = None) -> list[Run]:
+    """All runs that were asked for, those of the file included."""
     options = _parser().parse_args(arguments)
-    if options.real is not None:
-        return real_main(options)
+    missing = missing_peers(options.methods)
+    if missing:
+        raise SystemExit(f"pip install {' '.join(missing)}, or leave the method out")
+    keeper = Keeper(options.keep)
+    runs = list((_real if options.real is not None else _virtual)(options, keeper))
+    rows = rows_of(runs, options.apart)
+    if options.markdown:
+        print(as_markdown(rows))
+    else:
+        Console(width=140).print(on_screen(rows, "poses from nothing"))
+    return runs
+
+
+def _virtual(options: argparse.Namespace, keeper: Keeper) -> Any:
+    racers: dict[str, _Racers] = {}
     shapes = _shapes(options.parts)
-    table = Table("part", "method", "right", "accepted though wrong", "median s", title=_title(options), box=None)
-    totals: dict[str, list[tuple[bool, bool, float]]] = {}
-    answer: dict[str, dict[str, tuple[int, int, float]]] = {}
-    for name, mesh in shapes.items():
-        target = dqreg.prepare_target(mesh)
-        _ = target.pairs.symmetry
-        for method, rows in _race(mesh, target, options).items():
-            totals.setdefault(method, []).extend(rows)
-            answer.setdefault(name, {})[method] = _row(table, name, method, rows)
-    for method, rows in totals.items():
-        answer.setdefault("all", {})[method] = _row(table, "all", method, rows)
-    Console().print(table)
-    return answer
+    for seed in range(options.first_seed, options.first_seed + options.seeds):
+        for cell in options.cells:
+            for name, mesh in shapes.items():
+                left = [m for m in options.methods if not keeper.has(name, cell, seed, m)]
+                if left and name not in racers:
+                    racers[name] = _Racers(mesh, mesh.diagonal, options.methods, "fast")
+                case = make_case(mesh, seed, CELLS[cell], options.pixels) if left else None
+                for method in left:
+                    T, timed = racers[name].run(method, case.points)
+                    right = is_right(T, case, mesh, racers[name].target)
+                    error = worst_vertex_displacement(T, case.T_truth, mesh.vertices) / mesh.diagonal
+                    keeper.add(Run(name, cell, seed, method, right, error=_finite(error), **timed))
+                    print(keeper.runs[name, cell, seed, method].line, flush=True)
+                yield from (keeper.runs[name, cell, seed, m] for m in options.methods)
 
 
-def real_main(options: argparse.Namespace) -> dict[str, dict[str, tuple[int, int, float]]]:
-    """As `main`, for real scans."""
-    # It stands beside this file.
-    from real_pairs import real_pairs
-
-    columns = ("pair", "overlap", "method", "right", "error", "verdict", "seconds")
-    table = Table(*columns, title="real scans, no start", box=None)
-    answer: dict[str, dict[str, tuple[int, int, float]]] = {}
+def _real(options: argparse.Namespace, keeper: Keeper) -> Any:
     for pair in real_pairs(options.real):
         if options.only not in pair.name:
             continue
-        target = dqreg.prepare_target(pair.target)
-        overlap = _overlap(pair, target)
-        for method, run in {"dqreg": None, **(_peers(pair.target, pair.size) if options.peers else {})}.items():
-            began = time.perf_counter()
-            if run is None:
-                result = target.register(pair.source)
-                T, verdict = result.T_target_source, result.verdict.level
-            else:
-                T, verdict = run(pair.source), "none given"
-            seconds = time.perf_counter() - began
+        left = [m for m in options.methods if not keeper.has(pair.name, "real", 0, m)]
+        racers = _Racers(pair.target, pair.size, left, "normal") if left else None
+        for method in left:
+            T, timed = racers.run(method, pair.source)
             moved = [pose.apply(each, pair.judged) for each in (T, pair.T_truth)]
             error = float(np.sqrt(((moved[0] - moved[1]) ** 2).sum(axis=1).mean())) / pair.size
-            right = error <= NEAR
-            cells = (f"{100 * overlap:.0f} %", method, "yes" if right else "no", f"{error:.4f} S", verdict)
-            table.add_row(pair.name, *cells, f"{seconds:.1f}")
-            answer.setdefault(pair.name, {})[method] = (int(right), 1, seconds)
-    Console(width=140).print(table)
-    return answer
+            note = f"overlap {100 * _overlap(pair, racers.target):.0f} %"
+            keeper.add(Run(pair.name, "real", 0, method, error <= NEAR, error=_finite(error), note=note, **timed))
+            print(f"{keeper.runs[pair.name, 'real', 0, method].line}, {error:.4f} S off, {note}", flush=True)
+        yield from (keeper.runs[pair.name, "real", 0, m] for m in options.methods)
+
+
+class _Racers:
+    """The methods, prepared for one target."""
+
+    def __init__(self, geometry: dqreg.Mesh | dqreg.PointCloud, size: float, methods: list[str], effort: str) -> None:
+        began = time.perf_counter()
+        self.target = dqreg.prepare_target(geometry)
+        if "dqreg" in methods:
+            _ = self.target.pairs.symmetry
+        self.prepare_seconds = time.perf_counter() - began
+        peers = peers_of(geometry, size, [m for m in methods if m != "dqreg"])
+        self.methods: dict[str, Callable[[np.ndarray], Answer]] = {
+            "dqreg": lambda points: self._ours(points, effort),
+            **{name: self._without_verdict(peer) for name, peer in peers.items()},
+        }
+
+    def run(self, method: str, points: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
+        wall, cpu = time.perf_counter(), time.process_time()
+        T, verdict, search = self.methods[method](points)
+        seconds = {"cpu_seconds": time.process_time() - cpu, "wall_seconds": time.perf_counter() - wall}
+        ours = {"search_seconds": search, "prepare_seconds": self.prepare_seconds} if method == "dqreg" else {}
+        return T, {"verdict": verdict, **seconds, **ours, "T_target_source": tuple(T.ravel().tolist())}
+
+    def _ours(self, points: np.ndarray, effort: str) -> Answer:
+        result = self.target.register(points, effort=effort)
+        return result.T_target_source, result.verdict.level, result.timings["start"]
+
+    @staticmethod
+    def _without_verdict(peer: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], Answer]:
+        def run(points: np.ndarray) -> Answer:
+            try:
+                return peer(points), NO_VERDICT, None
+            except RuntimeError:
+                return np.full((4, 4), np.nan), NO_VERDICT, None
+
+        return run
 
 
 def _overlap(pair: Pair, target: dqreg.Target) -> float:
@@ -119,155 +142,8 @@ def _overlap(pair: Pair, target: dqreg.Target) -> float:
     return float((distances < 0.01 * pair.size).mean())
 
 
-def make_case(mesh: dqreg.Mesh, seed: int, views: int, noise: float, outliers: float, pixels: int) -> Case:
-    rng = np.random.default_rng(seed)
-    directions = [tuple(v) for v in rng.normal(size=(2, 3))[:views]]
-    sigma = Noise(range_sigma=noise * mesh.diagonal)
-    scans = [
-        scan_mesh(mesh.vertices, mesh.faces, Scanner(directions, pixels=count), sigma, rng=draw).points
-        for count, draw in ((pixels, rng), (5 * pixels // 3, np.random.default_rng(seed + 1_000_000)))
-    ]
-    low, high = scans[0].min(axis=0), scans[0].max(axis=0)
-    strays = int(len(scans[0]) * outliers / (1.0 - outliers))
-    room = 0.1 * (high - low)
-    points = np.concatenate([scans[0], rng.uniform(low - room, high + room, size=(strays, 3))])
-    T_truth = random_pose(rng, mesh.diagonal, mesh.centre)
-    back = pose.inverse(T_truth)
-    return Case(pose.apply(back, points), pose.apply(back, scans[1]), T_truth)
-
-
-def is_right(T: np.ndarray, case: Case, mesh: dqreg.Mesh, target: dqreg.Target) -> bool:
-    if not np.isfinite(T).all():
-        return False
-    if worst_vertex_displacement(T, case.T_truth, mesh.vertices) <= NEAR * mesh.diagonal:
-        return True
-    held_out = case.held_out[:: max(1, len(case.held_out) // JUDGES)]
-    ours, truth = (_likelihood(pose.apply(each, held_out), mesh, target) for each in (T, case.T_truth))
-    return ours >= truth - AS_WELL
-
-
-def _likelihood(points: np.ndarray, mesh: dqreg.Mesh, target: dqreg.Target) -> float:
-    # Width and share of the inliers are those under which this pose is likeliest: no pose is favoured.
-    distances = target.indexed.surface.closest(points - target.indexed.origin).distances
-    limit = LIMIT * mesh.diagonal
-    near = distances < limit
-    if not near.any():
-        return -np.inf
-    mixture = InlierMixture(0.2 * limit, 0.5, limit).learned(distances[near], floor=1e-6 * mesh.diagonal, rounds=100)
-    return -mixture.surprise(distances[near], int(np.count_nonzero(~near)))
-
-
-def _race(
-    mesh: dqreg.Mesh, target: dqreg.Target, options: argparse.Namespace
-) -> dict[str, list[tuple[bool, bool, float]]]:
-    rows: dict[str, list[tuple[bool, bool, float]]] = {}
-    peers = _peers(mesh, mesh.diagonal) if options.peers else {}
-    for seed in range(options.first_seed, options.first_seed + options.seeds):
-        case = make_case(mesh, seed, options.views, options.noise, options.outliers, options.pixels)
-        began = time.perf_counter()
-        result = target.register(case.points, effort="fast")
-        seconds = time.perf_counter() - began
-        right = is_right(result.T_target_source, case, mesh, target)
-        rows.setdefault("dqreg", []).append((right, result.verdict.level == "accepted", seconds))
-        for name, run in peers.items():
-            began = time.perf_counter()
-            T = run(case.points)
-            seconds = time.perf_counter() - began
-            rows.setdefault(name, []).append((is_right(T, case, mesh, target), False, seconds))
-    return rows
-
-
-def _peers(target: dqreg.Mesh | dqreg.PointCloud, size: float) -> dict[str, Method]:
-    open3d = load_open3d()
-    registration = open3d.pipelines.registration
-    voxel = VOXEL * size
-    cad = _stands(target, voxel)
-    few_cad, cad_features = _described(cad, voxel)
-
-    def refined(points: np.ndarray, T: np.ndarray) -> np.ndarray:
-        for reach in (2.0 * voxel, 0.5 * voxel):
-            T = registration.registration_icp(
-                _cloud(points), cad, reach, T, registration.TransformationEstimationPointToPlane()
-            ).transformation
-        return np.asarray(T)
-
-    def ransac(points: np.ndarray) -> np.ndarray:
-        open3d.utility.random.seed(0)
-        few, features = _described(_cloud(points), voxel)
-        found = registration.registration_ransac_based_on_feature_matching(
-            few,
-            few_cad,
-            features,
-            cad_features,
-            True,
-            1.5 * voxel,
-            registration.TransformationEstimationPointToPoint(False),
-            3,
-            [
-                registration.CorrespondenceCheckerBasedOnEdgeLength(0.9),
-                registration.CorrespondenceCheckerBasedOnDistance(1.5 * voxel),
-            ],
-            registration.RANSACConvergenceCriteria(100_000, 0.999),
-        )
-        return refined(points, found.transformation)
-
-    def fgr(points: np.ndarray) -> np.ndarray:
-        few, features = _described(_cloud(points), voxel)
-        option = registration.FastGlobalRegistrationOption(maximum_correspondence_distance=voxel)
-        found = registration.registration_fgr_based_on_feature_matching(few, few_cad, features, cad_features, option)
-        return refined(points, found.transformation)
-
-    peers: dict[str, Method] = {"FPFH + RANSAC + ICP": ransac, "FGR + ICP": fgr}
-    if importlib.util.find_spec("kiss_matcher") is not None:
-        import kiss_matcher
-
-        def kiss(points: np.ndarray) -> np.ndarray:
-            # It takes no small voxels and clamps its bounds to metres; parts come in any unit, so they are scaled.
-            config = kiss_matcher.KISSMatcherConfig(1.0, enable_noise_bound_clamping=False)
-            matcher = kiss_matcher.KISSMatcher(config)
-            sides = [np.asarray(c.voxel_down_sample(voxel).points) / voxel for c in (_cloud(points), cad)]
-            found = matcher.estimate(*sides)
-            T = np.eye(4)
-            T[:3, :3], T[:3, 3] = found.rotation, voxel * np.asarray(found.translation).ravel()
-            return refined(points, T)
-
-        peers["KISS-Matcher + ICP"] = kiss
-    return peers
-
-
-def _stands(target: dqreg.Mesh | dqreg.PointCloud, voxel: float) -> object:
-    open3d = load_open3d()
-    if isinstance(target, dqreg.PointCloud):
-        cloud = _cloud(target.points)
-        cloud.estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(radius=2.0 * voxel, max_nn=30))
-        return cloud
-    part = open3d.geometry.TriangleMesh(
-        open3d.utility.Vector3dVector(target.vertices), open3d.utility.Vector3iVector(target.faces)
-    )
-    open3d.utility.random.seed(0)
-    return part.sample_points_uniformly(CAD_SAMPLES, use_triangle_normal=True)
-
-
-def _cloud(points: np.ndarray) -> object:
-    open3d = load_open3d()
-    return open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
-
-
-def _described(cloud: object, voxel: float) -> tuple[object, object]:
-    open3d = load_open3d()
-    few = cloud.voxel_down_sample(voxel)
-    few.estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(radius=2.0 * voxel, max_nn=30))
-    # The histograms depend on the signs of the normals: the peers do far better with consistent ones.
-    few.orient_normals_consistent_tangent_plane(15)
-    near = open3d.geometry.KDTreeSearchParamHybrid(radius=5.0 * voxel, max_nn=100)
-    return few, open3d.pipelines.registration.compute_fpfh_feature(few, near)
-
-
-def _row(table: Table, name: str, method: str, rows: list[tuple[bool, bool, float]]) -> tuple[int, int, float]:
-    right, seconds = sum(row[0] for row in rows), float(np.median([row[2] for row in rows]))
-    false_success = str(sum(row[1] and not row[0] for row in rows)) if method == "dqreg" else "no verdict"
-    table.add_row(name, method, f"{right} of {len(rows)}", false_success, f"{seconds:.2f}")
-    return right, len(rows), seconds
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def _shapes(paths: list[Path]) -> dict[str, dqreg.Mesh]:
@@ -280,24 +156,31 @@ def _shapes(paths: list[Path]) -> dict[str, dqreg.Mesh]:
     return {name: dqreg.Mesh(data.vertices, data.faces) for name, data in read.items()}
 
 
-def _title(options: argparse.Namespace) -> str:
-    noise = f"noise {options.noise:g} S, {100 * options.outliers:g} % outliers"
-    return f"poses from nothing: {options.views} view(s), {noise}, {options.seeds} seed(s) a part"
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("parts", nargs="*", type=Path, help="meshes, or folders of meshes")
     parser.add_argument("--seeds", type=int, default=2, help="random poses a part")
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--views", type=int, choices=(1, 2), default=2)
-    parser.add_argument("--noise", type=float, default=3e-4, help="sigma of the range, in sizes")
-    parser.add_argument("--outliers", type=float, default=0.0, help="share of uniform strays, below 1")
+    parser.add_argument("--cells", type=_some_of(tuple(CELLS)), default=["two"], help=",".join(CELLS))
+    parser.add_argument("--methods", type=_some_of(METHODS), default=["dqreg"], help=",".join(METHODS))
     parser.add_argument("--pixels", type=int, default=200, help="pixels along one side of a view")
-    parser.add_argument("--peers", action="store_true", help="run the peers as well")
+    parser.add_argument("--keep", type=Path, metavar="FILE", help="one JSON line a run; runs that it holds are done")
+    parser.add_argument("--markdown", action="store_true", help="the table at the end as Markdown")
+    parser.add_argument("--apart", nargs="+", default=[], metavar="NAME", help="parts with rows of their own as well")
     parser.add_argument("--real", type=Path, metavar="DATA", help="real scans in the folders of DATA instead")
     parser.add_argument("--only", default="", help="with --real: pairs whose name holds this")
     return parser
+
+
+def _some_of(known: tuple[str, ...]) -> Callable[[str], list[str]]:
+    def read(text: str) -> list[str]:
+        names = text.split(",")
+        for name in names:
+            if name not in known:
+                raise argparse.ArgumentTypeError(f"{name!r} is none of {', '.join(known)}")
+        return names
+
+    return read
 
 
 if __name__ == "__main__":

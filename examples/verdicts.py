@@ -43,13 +43,13 @@ class Task:
     words: tuple[str, ...] = ()
 
 
-MISFIT = ("lie on it", "off the target", "patches", "no pose", "normals", "too few")
+MISFIT = ("lie on it", "off the target", "patches", "no pose", "face another way", "too few", "the scan looks")
 EXPECTED = {
     "another part": MISFIT,
     "mirrored part": MISFIT,
     "no overlap": MISFIT,
     "wrong units": ("unit", *MISFIT),
-    "wrong minimum": (*MISFIT, "other pose"),
+    "wrong minimum": (*MISFIT, "other pose", "another pose"),
     "plane only": ("free to",),
     "cylinder only": ("free to",),
     "60 % strays": ("strays", *MISFIT),

@@ -43,7 +43,7 @@ def outcome() -> Outcome:
     plan = Plan(points_and_normals, 0.2 * target.surface.diagonal, fine=points_to_planes)
     start = to_work(pose.from_parts(np.eye(3), 1.0 - OFFSET), target.origin, source.origin)
     run, mixture = run_graduated(scan, target.surface, start, plan)
-    return Outcome(run, mixture, scan, source, target, plan)
+    return Outcome(run, mixture, scan, target.surface, source, target, plan)
 
 
 def test_the_answer_is_in_the_frames_of_the_caller(outcome: Outcome) -> None:

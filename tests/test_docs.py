@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import http.server
 import re
 import runpy
 import shlex
+import threading
 from pathlib import Path
 
 import click
@@ -47,6 +49,23 @@ def test_commands_on_a_page_parse(page, line):
     command = cli.get_command(context, words[1])
     assert command is not None
     command.make_context(words[1], words[2:])
+
+
+def test_links_to_other_sites_are_asked_only_where_they_can_be(tmp_path, capsys):
+    names = runpy.run_path(str(DOCS / "check_links.py"))
+    (tmp_path / "index.html").write_text('<a href="index.html">here</a>')
+    assert names["main"](["--network", str(tmp_path)]) == 1
+    assert "external links not checked: 0 of them" in capsys.readouterr().out
+    with http.server.HTTPServer(("127.0.0.1", 0), http.server.BaseHTTPRequestHandler) as server:
+        address = f"http://127.0.0.1:{server.server_port}"
+        (tmp_path / "index.html").write_text(f'<a href="{address}/page">there</a>')
+        thread = threading.Thread(target=server.handle_request)
+        thread.start()
+        # It knows no HEAD, and says so: that is an answer.
+        assert names["main"](["--network", str(tmp_path)]) == 0
+        thread.join()
+    assert names["main"](["--network", str(tmp_path)]) == 1
+    assert "external links not checked: 1 of them (127.0.0.1" in capsys.readouterr().out
 
 
 def test_every_public_name_is_documented():

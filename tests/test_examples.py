@@ -17,7 +17,7 @@ from dqreg.synth.parts import bracket
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 # Run by hand, for their minutes.
-LONG = {"verdicts", "covariances", "real_pairs"}
+LONG = {"verdicts", "covariances", "cramer_rao", "real_pairs", "cloud_pairs"}
 # Imported by "from_nothing".
 BESIDE = {"peers", "random_views", "kept_runs"}
 
@@ -170,3 +170,17 @@ def test_the_notebook_runs(recwarn):
     assert "accepted" in text
     assert text.count("free to") == 3
     assert any("ACCEPTED" in output.get("data", {}).get("text/html", "") for output in outputs)
+
+
+def test_size_measures_time_memory_and_truth(tmp_path):
+    names = runpy.run_path(str(EXAMPLES / "size") + ".py")
+    names["make_case"](tmp_path, 3_000, 2_000)
+    row = {"points": 3_000, **names["measure"](tmp_path, "fast", False)}
+    assert (row["verdict"], row["deviations"]) == ("accepted", 3_000)
+    # Noise of 1e-4 S on 3,000 points; the relief makes every face another plane.
+    assert row["worst_vertex_1e6_s"] < 100.0
+    assert row["deviation_rms_1e6_s"] == pytest.approx(100.0, rel=0.1)
+    assert row["all_bytes"] >= row["register_bytes"] >= row["idle_bytes"] > 2**20
+    assert names["row_words"](row).count("|") == names["HEAD"].splitlines()[0].count("|")
+    names["draw"]([row], tmp_path / "size.png")
+    assert (tmp_path / "size.png").read_bytes().startswith(b"\x89PNG")

@@ -120,6 +120,8 @@ def test_the_file_is_strict_json_with_the_documented_keys(tmp_path: Path, make: 
         "inlier_fraction",
         "timings",
         "settings",
+        "scale",
+        "scale_sigma",
     }
     assert set(content["verdict"]) == {"level", "reasons"}
     if make is failed:

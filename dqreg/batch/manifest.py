@@ -14,8 +14,8 @@ from typing import Any
 
 from dqreg.batch.options import check_options, option_name, parse_option
 from dqreg.batch.row import Row
-from dqreg.batch.starts import WORDS, read_start
 from dqreg.errors import DqregError, InputError
+from dqreg.files.poses import START_WORDS, read_start
 
 COLUMNS = ("scan", "target", "name", "start")
 # Bad rows named in one message; more are counted.
@@ -175,7 +175,7 @@ def _row(line: int, values: Mapping[str, str], base: Path, defaults: Defaults) -
     else:
         raise InputError("the cell target is empty, and no --target is given")
     start = values.get("start") or defaults.start
-    if start not in WORDS:
+    if start not in START_WORDS:
         # Those of the command line are relative to where it was typed.
         start = os.path.abspath(base / start if values.get("start") else start)  # noqa: PTH100 - keeps links as they are
     read_start(start)

@@ -119,6 +119,45 @@ def to_csv(lines: Sequence[Line]) -> str:
     return buffer.getvalue()
 
 
+def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
+    """The summary as plain values.
+
+    Parameters
+    ----------
+    lines : sequence of Line
+        In the manifest's order.
+
+    Returns
+    -------
+    list of dict
+        Keys as the columns of the CSV, but reasons are a list and the pose is a dictionary; None where nothing is
+        known.
+
+    Examples
+    --------
+    >>> row = Row("a", Path("a.ply"), Path("b.stl"))
+    >>> to_records([Line(row, "error", ("no luck",))])[0]["reasons"]
+    ['no luck']
+    """
+    return [
+        {
+            "name": line.row.name,
+            "verdict": line.verdict,
+            "reasons": list(line.reasons),
+            "rms": line.rms,
+            "inlier_fraction": line.inlier_fraction,
+            "seconds": line.seconds,
+            "pose": None if math.isnan(line.pose[0]) else dict(zip(POSE, line.pose, strict=True)),
+            "scan": str(line.row.scan),
+            "target": str(line.row.target),
+            "result": f"results/{line.row.name}.json" if line.ran else None,
+            "line": line.row.line,
+            "kept": line.kept,
+        }
+        for line in lines
+    ]
+
+
 def to_html(title: str, lines: Sequence[Line], thumbnails: Path | None = None) -> str:
     """The summary as a page that loads nothing; a click on a head sorts.
 

@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING, Any, Self
 
 import click
 
+from dqreg.cli.leaving import loading
+from dqreg.cli.outputs import as_json_option, consoles, print_json
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -48,8 +51,9 @@ WIDTH, HEIGHT, DOTS = 240, 180, 20_000
 @click.option("--target-units")
 @click.option("--seed", type=int)
 @click.option("--no-thumbnails", "thumbnails", flag_value=False, default=True, help="No pictures in the summary.")
+@as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
-def batch(manifest: Path, target: Path | None, out: Path | None, quiet: bool, **options: Any) -> int:
+def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, quiet: bool, **options: Any) -> int:
     """Register every row of MANIFEST; a crash or a hang costs one row.
 
     MANIFEST is a CSV file with the columns scan and target, and if wanted name, start, and any option of dqreg register
@@ -60,24 +64,24 @@ def batch(manifest: Path, target: Path | None, out: Path | None, quiet: bool, **
     dqreg batch my_scans --target part.stl --effort fast --out on_part
     dqreg batch parts.csv --resume                 after a kill, a crash or a correction: only what is missing
     dqreg batch parts.csv --scheduler tcp://host:8786
+    dqreg batch parts.csv --json | jq '.rows[] | select(.verdict != "accepted")'
 
     Written are results/NAME.json a row, summary.csv, and summary.html to look at. Ctrl-C keeps the rows that are done
     and writes the summary; a second one stops at once.
 
     Exit codes: 0 every row accepted, 1 some were not, 2 bad input, 130 or 143 stopped by a signal.
     """
-    from rich.console import Console
+    with loading():
+        from dqreg.batch import Crew, Defaults, read_manifest, run_batch
 
-    from dqreg.batch import Crew, Defaults, read_manifest, run_batch
-
-    console = Console(quiet=quiet, highlight=False)
+    console, shown = consoles(quiet=quiet, as_json=as_json)
     with _Stop() as stop:
         crew = Crew(*(options[name] for name in ("workers", "scheduler", "threads", "timeout")))
         shared = {name: options[name] for name in SHARED if options[name] is not None}
         rows = read_manifest(manifest, Defaults(target, options["start"], shared))
         place = out or Path(f"{manifest.absolute().name if manifest.is_dir() else manifest.stem}-results")
         stop.polite = True
-        with _Observer(console) as observe:
+        with _Observer(shown) as observe:
             found = run_batch(
                 rows,
                 place,
@@ -89,6 +93,10 @@ def batch(manifest: Path, target: Path | None, out: Path | None, quiet: bool, **
                 stop=stop.asked,
             )
     _show(console, found)
+    if as_json:
+        from dqreg.batch.summary import to_records
+
+        print_json({"rows": to_records(found.lines), "files": [str(path) for path in found.files]})
     if found.stopped:
         click.echo(f"dqreg: stopped; the rows done so far are in {place}: go on with --resume", err=True)
         return 128 + stop.signal

@@ -5,16 +5,20 @@ from __future__ import annotations
 import math
 import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from dqreg.cli.leaving import loading
+from dqreg.cli.outputs import as_json_option, consoles, print_json
+
 if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg.compare import Progress
+    from dqreg.compare.entrants import Entrant
 
 FILE = click.Path(path_type=Path)
 # A pipe has no width of its own; the tables need more than the usual 80.
@@ -49,8 +53,9 @@ STOPPED = 130
 @click.option("--csv", type=FILE, help="Summary at full precision.")
 @click.option("--plots", type=FILE, help="Folder for the plots as PNG.")
 @click.option("--list", "show", is_flag=True, help="List the engines and leave.")
+@as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
-def compare(inputs: tuple[Path, ...], show: bool, quiet: bool, **options: Any) -> int:
+def compare(inputs: tuple[Path, ...], show: bool, as_json: bool, quiet: bool, **options: Any) -> int:
     """Run every engine, ours and our peers', on the same tasks: pose error, time and memory side by side.
 
     \b
@@ -60,22 +65,23 @@ def compare(inputs: tuple[Path, ...], show: bool, quiet: bool, **options: Any) -
     dqreg compare --sweep standard --report report.html  from how far, how exact, how fast: half an hour, resumable
     dqreg compare my_case --engine-file my_engine.py     your own method against all others
     """
-    from rich.console import Console
-
-    console = Console(quiet=quiet, width=None if sys.stdout.isatty() else PIPE_WIDTH, highlight=False)
+    console, shown = consoles(quiet=quiet, as_json=as_json, width=PIPE_WIDTH)
     if show:
-        _list(console, options)
+        with loading():
+            from dqreg.compare.entrants import entrants
+        _list(console, entrants(_engines(options)), as_json=as_json)
         return 0
-    return _run(console, inputs, options, quiet=quiet)
+    return _run(console, shown, inputs, options, as_json=as_json)
 
 
-def _run(console: Console, inputs: tuple[Path, ...], options: dict[str, Any], *, quiet: bool) -> int:
-    from dqreg.compare import Rules
-    from dqreg.compare import compare as run
-    from dqreg.compare.output import Goals, write
-    from dqreg.compare.showing import footer, print_tables
-    from dqreg.compare.tables import tables
-    from dqreg.errors import InputError
+def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: dict[str, Any], *, as_json: bool) -> int:
+    with loading():
+        from dqreg.compare import Rules
+        from dqreg.compare import compare as run
+        from dqreg.compare.output import Goals, to_json, write
+        from dqreg.compare.showing import footer, print_tables
+        from dqreg.compare.tables import tables
+        from dqreg.errors import InputError
 
     sweep = options["sweep"]
     if options["out"] is None and sweep is not None:
@@ -95,7 +101,7 @@ def _run(console: Console, inputs: tuple[Path, ...], options: dict[str, Any], *,
         raise InputError("give a case, a recipe, SCAN TARGET or --sweep; see dqreg compare --help")
     goals.check()
     try:
-        with _Observer(console, quiet=quiet) as observe:
+        with _Observer(shown) as observe:
             found = run(tasks, _engines(options), rules=rules, out=goals.lines, observe=observe)
     except KeyboardInterrupt:
         kept = f"; the runs so far are in {goals.lines}: the same command goes on from there" if goals.lines else ""
@@ -107,6 +113,8 @@ def _run(console: Console, inputs: tuple[Path, ...], options: dict[str, Any], *,
     console.print(note, style="dim", markup=False, soft_wrap=True)
     for path in write(found, made, goals, note, _command()):
         console.print(f"wrote {path}", markup=False, soft_wrap=True)
+    if as_json:
+        click.echo(to_json(found), nl=False)
     return 0
 
 
@@ -134,8 +142,8 @@ def _tasks(inputs: tuple[Path, ...], options: dict[str, Any], rules: Any) -> tup
 
 
 def _pair(inputs: tuple[Path, ...], options: dict[str, Any], rules: Any) -> list[Any]:
-    from dqreg.cli.register import read_start
     from dqreg.compare import from_pair, read_truth
+    from dqreg.files.poses import read_start
 
     start = read_start(options["start"] or "identity")
     truth = None if options["truth"] is None else read_truth(options["truth"])
@@ -169,10 +177,18 @@ def _engines(options: dict[str, Any]) -> list[Any] | None:
     return [*(own or ENGINES), *files]
 
 
-def _list(console: Console, options: dict[str, Any]) -> None:
-    from dqreg.compare.entrants import entrants
-
-    for entrant in entrants(_engines(options)):
+def _list(console: Console, found: Sequence[Entrant], *, as_json: bool) -> None:
+    if as_json:
+        print_json([
+            {
+                "engine": entrant.name,
+                "from_nothing": entrant.from_nothing,
+                "settings": entrant.settings,
+                "missing": entrant.missing,
+            }
+            for entrant in found
+        ])  # fmt: skip
+    for entrant in found:
         state = f"missing: pip install {' '.join(entrant.missing)}" if entrant.missing else "ready"
         start = "with or without start" if entrant.from_nothing else "needs a start"
         line = f"{entrant.name:<34} {start:<22} {', '.join(entrant.settings):<20} {state}"
@@ -182,12 +198,12 @@ def _list(console: Console, options: dict[str, Any]) -> None:
 class _Observer:
     """Shows progress: a bar with the time left on a terminal, one line a run in a pipe, nothing when quiet."""
 
-    def __init__(self, console: Console, *, quiet: bool) -> None:
-        self._console, self._quiet = console, quiet
+    def __init__(self, console: Console) -> None:
+        self._console = console
         self._bar: Any = None
 
     def __enter__(self) -> Callable[[Progress], None]:
-        if self._quiet:
+        if self._console.quiet:
             return lambda progress: None
         if not self._console.is_terminal:
             return self._line

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dqreg.trust import Deviations
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dqreg.trust import Deviations
 
 # Places worth a line on the screen; the file holds them all.
 PLACES = 5
@@ -24,6 +27,7 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
     Examples
     --------
     >>> import numpy as np
+    >>> from dqreg.trust import Deviations
     >>> points, faces = np.zeros((1000, 3)), np.zeros(1000, dtype=np.int64)
     >>> values = np.full(1000, 0.02)
     >>> found = Deviations(values, points, points, faces, True, "positive outside", "mm", tolerance=0.05, apart=2.0)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
+
+from dqreg.cli.leaving import loading
+from dqreg.cli.outputs import as_json_option, consoles, say
 
 if TYPE_CHECKING:
     from dqreg.compare import Score, Yardstick
@@ -20,8 +24,10 @@ FILE = click.Path(path_type=Path)
 @click.option("--target", type=FILE, help="Part or cloud whose points are measured  [default: part.stl beside the "
               "truth].")  # fmt: skip
 @click.option("--scan", type=FILE, help="Scan, to measure its distance from the target too.")
-@click.option("--within", type=float, help="Exit with 1 if a point of the target is farther off than this length.")
+@click.option("--within", type=float, metavar="LENGTH", help="Exit with 1 if a point of the target is farther off than "
+              "this, target units.")  # fmt: skip
 @click.option("--out", type=FILE, help="Write the figures as JSON.")
+@as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def evaluate(
     result: Path,
@@ -30,6 +36,7 @@ def evaluate(
     scan: Path | None,
     within: float | None,
     out: Path | None,
+    as_json: bool,
     quiet: bool,
 ) -> int:
     """Judge a pose: RESULT is a result.json of dqreg register, or 4x4 numbers as text from any program.
@@ -37,45 +44,56 @@ def evaluate(
     \b
     dqreg evaluate result.json --truth my_case/truth.json
     dqreg evaluate pose.txt --truth true_pose.txt --target part.stl --within 0.05
+    dqreg evaluate result.json --truth my_case/truth.json --json | jq .worst
 
     A symmetric part: "symmetries" in truth.json lists the 4x4 poses that map the part onto itself, "axis" a point and
     the direction of an axis of revolution.
     """
-    from rich.console import Console
-    from rich.table import Table
-
-    from dqreg.atomic import require_writable, write_atomically
-    from dqreg.compare import judge, read_pose
-    from dqreg.compare.records import plain_values
+    with loading():
+        from dqreg.atomic import require_writable, write_atomically
+        from dqreg.compare import judge, read_pose
+        from dqreg.compare.records import plain_values
 
     if out is not None:
         require_writable(out)
     T = read_pose(result)
-    yardstick = _yardstick(truth, target, scan)
+    yardstick, unit = _yardstick(truth, target, scan)
+    unit = unit or _unit_of_result(result)
     score = judge(T, yardstick)
-    console = Console(quiet=quiet, highlight=False)
+    console, _ = consoles(quiet=quiet, as_json=as_json)
+    good = score.kind == "rigid" and (within is None or score.worst <= within)
+    _show(console, _figures(score, yardstick, unit or "target units"))
+    if within is not None:
+        say(console, f"{'within' if good else 'NOT within'} {within:g} {unit or 'target units'}")
+    values = {**dataclasses.asdict(score), "size": yardstick.size, "units": unit}
+    text = json.dumps(plain_values(values), indent=1, allow_nan=False)
+    if out is not None:
+        write_atomically(out, text + "\n")
+        say(console, f"wrote {out}")
+    if as_json:
+        click.echo(text)
+    return 1 if within is not None and not good else 0
+
+
+def _show(console: Any, figures: list[tuple[str, str]]) -> None:
+    from rich.table import Table
+
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column()
     table.add_column(justify="right")
-    figures = _figures(score, yardstick)
     for name, value in figures:
         table.add_row(name, value)
     console.print(table)
-    if out is not None:
-        import dataclasses
-
-        values = {**dataclasses.asdict(score), "size": yardstick.size}
-        write_atomically(out, json.dumps(plain_values(values), indent=1, allow_nan=False) + "\n")
-        console.print(f"wrote {out}", markup=False, soft_wrap=True)
-    return 1 if within is not None and not (score.kind == "rigid" and score.worst <= within) else 0
 
 
-def _yardstick(truth: Path, target: Path | None, scan: Path | None) -> Yardstick:
+def _yardstick(truth: Path, target: Path | None, scan: Path | None) -> tuple[Yardstick, str | None]:
+    """What is known, and the unit of its lengths where a file says it."""
     import numpy as np
 
     from dqreg.compare import Truth, from_pair, read_truth
     from dqreg.compare.judge import Yardstick
     from dqreg.errors import InputError
+    from dqreg.given import read_any
 
     known: Truth = read_truth(truth)
     beside = truth.parent / "part.stl"
@@ -85,37 +103,49 @@ def _yardstick(truth: Path, target: Path | None, scan: Path | None) -> Yardstick
         if scan is not None:
             raise InputError("--scan needs --target, the part or cloud that its points shall lie on")
         # Without a part there is nothing but the frames: the origin is the one point that can be followed.
-        return Yardstick(np.zeros((1, 3)), float("nan"), known.poses, known.axis)
-    import dataclasses
-
-    from dqreg.target import read_any
-
-    made = from_pair(target if scan is None else scan, target, "identity", known)
-    yardstick = made.yardstick
+        return Yardstick(np.zeros((1, 3)), float("nan"), known.poses, known.axis), known.units
+    part = read_any(target, "target")
+    unit = known.units or part.units
+    yardstick = from_pair(part if scan is None else scan, part, "identity", known).yardstick
     if scan is None:
-        return dataclasses.replace(yardstick, held_out=np.zeros((0, 3)))
+        return dataclasses.replace(yardstick, held_out=np.zeros((0, 3))), unit
     whole = read_any(scan, "scan")
     points = getattr(whole, "points", None)
-    return yardstick if points is None else dataclasses.replace(yardstick, held_out=points)
+    return (yardstick if points is None else dataclasses.replace(yardstick, held_out=points)), unit
 
 
-def _figures(score: Score, yardstick: Yardstick) -> list[tuple[str, str]]:
+def _unit_of_result(path: Path) -> str | None:
+    """The unit in which a result of `dqreg register` gives its lengths; None for a pose from elsewhere."""
+    if path.suffix.lower() != ".json":
+        return None
+    from dqreg.files.poses import read_json
+
+    settings = read_json(path).get("settings")
+    named = settings.get("target_units") if isinstance(settings, dict) else None
+    return named if isinstance(named, str) else None
+
+
+def _figures(score: Score, yardstick: Yardstick, unit: str) -> list[tuple[str, str]]:
     import math
 
     from dqreg.compare.tables import number
 
     rows = [("pose", score.kind), ("angle", f"{number(math.degrees(score.angle_rad))} deg")]
     if math.isnan(yardstick.size):
-        return [*rows, ("offset at the origin", number(score.offset)), ("vertices", "give --target to measure them")]
+        return [
+            *rows,
+            ("offset at the origin", f"{number(score.offset)} {unit}"),
+            ("vertices", "give --target to measure them"),
+        ]
     relative = number(score.worst / yardstick.size)
     rows += [
-        ("offset at the middle of the part", number(score.offset)),
-        ("vertex displacement, rms", number(score.rms)),
-        ("vertex displacement, worst", f"{number(score.worst)} ({relative} of the size)"),
+        ("offset at the middle of the part", f"{number(score.offset)} {unit}"),
+        ("vertex displacement, rms", f"{number(score.rms)} {unit}"),
+        ("vertex displacement, worst", f"{number(score.worst)} {unit} ({relative} of the size)"),
     ]
     if len(yardstick.held_out):
         rows += [
             ("scan points on the target", f"{100 * score.overlap:.1f} %"),
-            ("their distance from it, rms", number(score.surface_rms)),
+            ("their distance from it, rms", f"{number(score.surface_rms)} {unit}"),
         ]
     return rows

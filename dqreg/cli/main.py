@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import threading
 from types import FrameType
 
 import click
 
 from dqreg.cli.grouping import Commands, Entry
+from dqreg.cli.leaving import Signals, say
 from dqreg.errors import DqregError
 
 BAD_INPUT, STOPPED = 2, 130
@@ -60,38 +60,48 @@ def main(arguments: list[str] | None = None) -> None:
     arguments : list of str, optional
         Instead of ``sys.argv[1:]``.
     """
-    _terminate_in_order()
+    noted = _Noted()
     try:
-        code = cli.main(arguments, prog_name="dqreg", standalone_mode=False)
-    except click.ClickException as error:
-        _leave(error.format_message())
-    except click.Abort:
-        _leave("stopped by the user; no file is left half-written", code=STOPPED)
-    except DqregError as error:
-        _leave(str(error))
-    except OSError as error:
-        # Files are opened where errors have names; what has none is the output itself.
-        if error.filename is not None:
-            raise
-        _leave_without_output(error)
+        with Signals(noted):
+            code = cli.main(arguments, prog_name="dqreg", standalone_mode=False)
+    except BaseException as error:
+        if noted.number:
+            # What a signal has become on its way through other people's code is not worth a trace.
+            say(noted.number)
+            sys.exit(128 + noted.number)
+        code = _tell(error)
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def _leave(message: str, code: int = BAD_INPUT) -> None:
+class _Noted:
+    """Raises what a signal stands for, so that all that tidies up is run, and remembers which it was."""
+
+    def __init__(self) -> None:
+        self.number = 0
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        self.number = number
+        raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
+
+
+def _tell(error: BaseException) -> int:
+    """Say what went wrong; unexpected errors go on as they are."""
+    if isinstance(error, click.ClickException):
+        return _bad(error.format_message())
+    if isinstance(error, click.Abort):
+        # An interrupt that a command has kept for itself until now.
+        say(signal.SIGINT)
+        return STOPPED
+    if isinstance(error, DqregError):
+        return _bad(str(error))
+    # Files are opened where errors have names; what has none is the output itself.
+    if isinstance(error, OSError) and error.filename is None:
+        # What is still in the buffer would fail once more at the very end.
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123
+        return _bad(f"cannot write to the standard output: {error.strerror or error}")
+    raise error
+
+
+def _bad(message: str) -> int:
     click.echo(f"dqreg: error: {' '.join(message.split())}", err=True)
-    sys.exit(code)
-
-
-def _leave_without_output(error: OSError) -> None:
-    # What is still in the buffer would fail once more at the very end.
-    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123
-    _leave(f"cannot write to the standard output: {error.strerror or error}")
-
-
-def _terminate_in_order() -> None:
-    # A process that is ended otherwise leaves what it was writing; as an exception SIGTERM runs all that tidies up.
-    def leave(number: int, frame: FrameType | None) -> None:
-        raise SystemExit(128 + number)
-
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, leave)
+    return BAD_INPUT

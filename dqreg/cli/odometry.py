@@ -8,9 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
+
+from dqreg.cli.leaving import loading
+from dqreg.cli.outputs import as_json_option, consoles, print_json
+from dqreg.cli.outputs import say as _say
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from dqreg.arrays import FloatArray
     from dqreg.odometry.engines import Trip
     from dqreg.odometry.scans import Scans
@@ -42,6 +47,7 @@ WIDTH = 120
 @click.option("--search", "search_deg", type=float, default=60.0, show_default=True, help="Largest turn between two "
               "frames that is searched, degrees.")  # fmt: skip
 @click.option("--method", default="plane", show_default=True, help="Pose step: plane, dq or dq-points.")
+@as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def odometry_command(scans: Path, **options: Any) -> int:
     """Turn a LiDAR sequence into a trajectory.
@@ -52,31 +58,34 @@ def odometry_command(scans: Path, **options: Any) -> int:
     dqreg odometry my_scans --out poses.txt
     dqreg odometry my_scans --truth truth.txt --plot run.png --frames frames.csv
     dqreg odometry my_scans --truth truth.txt --compare
+    dqreg odometry my_scans --json | jq '.frames[] | select(.level != "accepted")'
     dqreg odometry kitti/ --loader kitti --sequence 07 --out poses_07.txt
 
     Exit codes: 0 every frame accepted, 1 some were not (they are named), 2 bad input.
     """
-    from dqreg.atomic import require_writable
-    from dqreg.odometry.scans import open_scans
-    from dqreg.odometry.settings import OdometrySettings
+    with loading():
+        from dqreg.atomic import require_writable
+        from dqreg.odometry.scans import open_scans
+        from dqreg.odometry.settings import OdometrySettings
 
     names = ("voxel_size", "max_range", "min_range", "deskew", "search_deg", "method")
     settings = OdometrySettings(**{name: options[name] for name in names})
     for name in ("out", "frames", "plot"):
         if options[name] is not None:
             require_writable(options[name])
-    console = Console(quiet=options["quiet"])
-    if not console.is_terminal:
-        console.width = WIDTH  # a table squeezed into a pipe's 80 columns cannot be read
+    # A table squeezed into a pipe's 80 columns cannot be read.
+    console, shown = consoles(quiet=options["quiet"], as_json=options["as_json"], width=WIDTH)
     data = _first(open_scans(scans, options["times"], options["loader"], options["sequence"]), options["first"])
     truth = _truth(options["truth"], data)
-    if options["compare"]:
-        trips = _compare(console, data, settings)
-    else:
-        trips = [_run(console, options["engine"], data, settings)]
+    alone = not options["compare"]
+    trips = [_run(shown, options["engine"], data, settings)] if alone else _compare(shown, data, settings)
     _show(console, trips, truth)
     main = trips[-1]
     _write(console, main, data, truth, options)
+    if options["as_json"]:
+        from dqreg.odometry.frames_csv import to_records
+
+        print_json({"engine": main.name, "frames": to_records(main, data)})
     if not main.results:
         return 0
     return 0 if all(result.verdict.level == "accepted" for result in main.results) else 1
@@ -113,7 +122,9 @@ def _bar(console: Console, name: str, total: int) -> Iterator[Any]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    with Progress(
+        *columns, console=console, transient=True, disable=console.quiet or not console.is_terminal
+    ) as progress:
         task = progress.add_task(name, total=total)
         yield lambda *_: progress.advance(task)
 
@@ -190,7 +201,3 @@ def _write(console: Console, trip: Trip, scans: Scans, truth: FloatArray | None,
     if options["plot"] is not None:
         plot_trip(options["plot"], trip, truth)
         _say(console, f"wrote {options['plot']}")
-
-
-def _say(console: Console, text: str) -> None:
-    console.print(text, highlight=False, markup=False, soft_wrap=True)

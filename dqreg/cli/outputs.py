@@ -3,28 +3,77 @@
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg.result import Registration
+    from dqreg.trust import Deviations
+
+as_json_option = click.option("--json", "as_json", is_flag=True, help="The answer as JSON on standard output, and "
+                              "nothing else there.")  # fmt: skip
 
 
-def print_json(result: Registration) -> None:
-    """Print the result as JSON to standard output, as `Registration.save` writes it.
+def consoles(*, quiet: bool, as_json: bool, width: int | None = None) -> tuple[Console, Console]:
+    """Where the answer is told to people, and where the progress is shown.
 
     Parameters
     ----------
-    result : Registration
-        The answer.
+    quiet : bool
+        Whether to print nothing but errors.
+    as_json : bool
+        Whether standard output is the JSON's: then people are told nothing, and progress goes to standard error if a
+        person sits there.
+    width : int, optional
+        Columns where it is no terminal, which has no width of its own.
+
+    Returns
+    -------
+    told, shown : Console
+        For the answer, for the progress.
+
+    Examples
+    --------
+    >>> [console.quiet for console in consoles(quiet=False, as_json=True)][0]
+    True
     """
-    click.echo(json.dumps(result.to_dict(), indent=1, allow_nan=False))
+    from rich.console import Console
+
+    told = Console(stderr=as_json, quiet=quiet or as_json, highlight=False)
+    shown = Console(stderr=as_json, quiet=quiet, highlight=False)
+    shown.quiet = quiet or (as_json and not shown.is_terminal)
+    if width is not None:
+        for console in (told, shown):
+            if not console.is_terminal:
+                console.width = width
+    return told, shown
+
+
+def print_json(value: Any) -> None:
+    """Print anything that the records of a result are made of as strict JSON to standard output.
+
+    Parameters
+    ----------
+    value : object
+        Records, arrays, containers; NaN and infinity become null.
+
+    Examples
+    --------
+    >>> print_json({"rms": float("nan"), "units": "mm"})
+    {
+     "rms": null,
+     "units": "mm"
+    }
+    """
+    from dqreg.result_fields import plain
+
+    click.echo(json.dumps(plain(value), indent=1, allow_nan=False))
 
 
 def write_outputs(result: Registration, scan: Path, out: Path | None, aligned: Path | None, console: Console) -> None:
@@ -46,7 +95,7 @@ def write_outputs(result: Registration, scan: Path, out: Path | None, aligned: P
         say(console, f"wrote {out}")
     if aligned is None:
         return
-    if not np.isfinite(result.rms):
+    if not math.isfinite(result.rms):
         say(console, f"not written: {aligned} (no pose was found)")
         return
     from dqreg.files import CloudData, read_geometry, write_cloud
@@ -77,20 +126,52 @@ def tell_deviations(
     console : Console
         Told the figures.
     """
-    if not np.isfinite(result.rms):
+    if not math.isfinite(result.rms):
         say(console, f"not written: {path} (no pose was found)" if path else "no deviations: no pose was found")
         return
     from dqreg.cli.deviation_lines import deviation_lines
 
-    with warnings.catch_warnings(), console.status("measuring deviations"):
+    with warnings.catch_warnings(), console.status("measuring deviations") as status:
+
+        def show(done: int, total: int) -> None:
+            status.update(f"measuring deviations: {done:,} of {total:,} points")
+
         # Why there are no signs stands in the first line.
         warnings.simplefilter("ignore", UserWarning)
-        deviations = result.deviations(tolerance, reach=reach)
+        deviations = result.deviations(tolerance, reach=reach, progress=show)
     for name, text in deviation_lines(deviations):
         say(console, f"{name:>10}  {text}")
     if path is not None:
         deviations.save(path)
         say(console, f"wrote {path}")
+
+
+def deviation_record(deviations: Deviations) -> dict[str, Any]:
+    """The figures of `tell_deviations` as plain values.
+
+    Parameters
+    ----------
+    deviations : Deviations
+        Of a result.
+
+    Returns
+    -------
+    dict
+        Units, summary, bands where there is a tolerance, worst places.
+    """
+    import dataclasses
+
+    from dqreg.cli.deviation_lines import PLACES
+
+    return {
+        "units": deviations.units,
+        "signed": deviations.signed,
+        "reason": deviations.reason,
+        "reach": deviations.reach,
+        "summary": dataclasses.asdict(deviations.summary()),
+        "bands": None if deviations.tolerance is None else dataclasses.asdict(deviations.bands()),
+        "worst": [dataclasses.asdict(place) for place in deviations.worst(PLACES)],
+    }
 
 
 def tell_report(
@@ -111,6 +192,8 @@ def tell_report(
     console : Console
         Told what was written.
     """
+    import numpy as np
+
     with console.status("writing the report"):
         result.report(path, tolerance, reach=reach, start=start if isinstance(start, np.ndarray) else None)
     say(console, f"wrote {path}")

@@ -10,20 +10,20 @@ import click
 from dqreg.cli.choice import Choice
 from dqreg.cli.grouping import SectionedCommand
 from dqreg.cli.interrupt import Interrupts
-from dqreg.cli.outputs import print_json, tell_deviations, tell_report, write_outputs
+from dqreg.cli.leaving import loading
+from dqreg.cli.outputs import consoles, print_json, tell_deviations, tell_report, write_outputs
+from dqreg.cli.scale_type import ScaleType
 from dqreg.errors import InputError
 
-__all__ = ["read_start", "register_command", "write_outputs"]
-
 # The same words as in the library, which a test compares: importing them would load the solvers for `--help`.
-METHODS = ("auto", "dq", "dq-points", "svd", "plane")
+METHODS = ("auto", "dq", "dq-points", "svd", "plane", "generalised")
 EFFORTS = ("fast", "normal", "best")
 UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
 FILE = click.Path(path_type=Path)
 SECTIONS = {
     "What is written": ("out", "report", "aligned", "deviations", "as_json"),
-    "Where to begin": ("start", "dof"),
-    "Units": ("source_units", "target_units", "units"),
+    "Where to begin": ("start", "dof", "viewpoint"),
+    "Units": ("source_units", "target_units", "units", "scale"),
     "Judging the part": ("tolerance", "reach"),
     "How hard to try": ("effort", "time_limit", "max_distance", "max_angle_deg", "method", "accelerate", "seed"),
 }
@@ -36,6 +36,8 @@ SECTIONS = {
               "from nothing; FILE holds a 4x4 T_target_source as text or is a result.json.")  # fmt: skip
 @click.option("--dof", metavar="MOTIONS", help="Motions that may change the start, such as 'rz tx ty'; all others are "
               "locked exactly.")  # fmt: skip
+@click.option("--viewpoint", type=float, nargs=3, multiple=True, metavar="X Y Z", help="Where the scanner stood, in "
+              "SCAN's coordinates; may be given again. Faces that it cannot have seen do not attract.")  # fmt: skip
 @click.option("--out", type=FILE, help="The result as JSON.")
 @click.option("--report", type=FILE, help="One HTML page: verdict, view, deviations; with --tolerance, pass or fail.")
 @click.option("--aligned", type=FILE, help="The scan in the target's frame as PLY.")
@@ -63,6 +65,8 @@ SECTIONS = {
 @click.option("--target-units", type=UNITS, help="Length unit of TARGET, where its file does not say.")
 @click.option("--units", type=Choice(["check", "ignore"]), default="check", show_default=True, help="Whether sizes "
               "that differ like mm and inches are refused.")  # fmt: skip
+@click.option("--scale", type=ScaleType(), default="1", show_default=True, metavar="solve|FACTOR", help="What SCAN's "
+              "lengths are multiplied with beside units; solve finds it, and says how sure it is.")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def register_command(
     scan: Path,
@@ -87,30 +91,30 @@ def register_command(
     dqreg register moved.ply fixed.ply --start identity --aligned moved_on_fixed.ply
     dqreg register scan.ply part.stl --source-units m --target-units mm
     dqreg register scan.ply part.stl --start nominal.txt --dof "rz tx ty"
+    dqreg register scan.ply part.stl --scale solve
+    dqreg register scan.ply part.stl --viewpoint 0 0 0
     dqreg register scan.ply part.stl --json | jq .verdict.level
 
     Exit codes: 0 verdict accepted, 1 ran but not accepted, 2 bad input (one line on standard error).
     """
-    from rich.console import Console
-
-    from dqreg.open3d_gate import load_open3d
-    from dqreg.register import register
-    from dqreg.report import make_progress, print_summary
+    with loading():
+        from dqreg.files.poses import read_start
+        from dqreg.open3d_gate import load_open3d
+        from dqreg.register import register
+        from dqreg.report import make_progress, print_summary
 
     # Asked before the work starts, so that no result is lost after it.
     _check(out, aligned, deviations, report, {"--tolerance": tolerance, "--reach": reach})
-    # Standard output is the JSON's; people are told on standard error, where one sits there.
-    console = Console(stderr=as_json, quiet=quiet or as_json)
-    shown = Console(stderr=as_json, quiet=quiet)
-    silent = quiet or (as_json and not shown.is_terminal)
+    console, shown = consoles(quiet=quiet, as_json=as_json)
     began = read_start(start)
-    shows = make_progress(shown, quiet=silent, unit=options["target_units"], searching=began is None)
+    shows = make_progress(shown, quiet=shown.quiet, unit=options["target_units"], searching=began is None)
     with Interrupts() as interrupts, shows as progress:
         # A file that is not there is said at once, without the second that Open3D takes to load.
         if scan.exists() and target.exists():
             with interrupts.held():
                 load_open3d()
         observe, observe_search = interrupts.checked(progress), interrupts.checked(progress.search)
+        options["viewpoint"] = options["viewpoint"] or None
         result = register(scan, target, began, observe=observe, observe_search=observe_search, **options)
     print_summary(console, result)
     write_outputs(result, scan, out, aligned, console)
@@ -119,7 +123,7 @@ def register_command(
     if report is not None:
         tell_report(result, report, tolerance, reach, began, console)
     if as_json:
-        print_json(result)
+        print_json(result.to_dict())
     return 0 if result.verdict.level == "accepted" else 1
 
 
@@ -141,51 +145,3 @@ def _check(
     for name, length in lengths.items():
         if length is not None and not length > 0.0:
             raise InputError(f"{name} must be a length above 0 in target units; got {length!r}")
-
-
-def read_start(text: str) -> Any:
-    """What ``--start`` means: None, "identity", or a pose read from a file.
-
-    Parameters
-    ----------
-    text : str
-        The option's value.
-
-    Returns
-    -------
-    None, str or ndarray
-        As `dqreg.register` takes it.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read as a pose.
-
-    Examples
-    --------
-    >>> read_start("none"), read_start("identity")
-    (None, 'identity')
-    """
-    if text == "none":
-        return None
-    if text == "identity":
-        return text
-    path = Path(text)
-    if not path.is_file():
-        raise InputError(f"--start must be none, identity or a file with a 4x4 pose; there is no file {text!r}")
-    if path.suffix.lower() == ".json":
-        from dqreg.result import Registration
-
-        loaded = Registration.load(path)
-        loaded.inverse()  # raises in words where that result found no pose
-        return loaded.T_target_source
-    import warnings
-
-    import numpy as np
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # NumPy does no more than warn of an empty file
-            return np.loadtxt(path, ndmin=2)
-    except (OSError, ValueError, UserWarning) as error:
-        raise InputError(f"--start {text}: not a 4x4 pose of plain numbers ({error})") from error

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
 
-from dqreg.atomic import require_writable
+from dqreg.cli.leaving import loading
+from dqreg.cli.outputs import as_json_option, consoles, deviation_record, print_json, say
 from dqreg.errors import InputError
-from dqreg.result import Registration
+
+if TYPE_CHECKING:
+    from dqreg.report.story import Story
+    from dqreg.result import Registration
 
 FILE = click.Path(path_type=Path)
 VIEWS = "best"
@@ -28,6 +31,7 @@ VIEWS = "best"
 @click.option("--tolerance", type=float, metavar="LENGTH", help="Largest deviation allowed, target units: the colours "
               "end there.")  # fmt: skip
 @click.option("--start", type=FILE, help="The 4x4 pose at which the registration began, for before: views.")
+@as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def show(
     result: Path,
@@ -38,6 +42,7 @@ def show(
     report: Path | None,
     tolerance: float | None,
     start: Path | None,
+    as_json: bool,
     quiet: bool,
 ) -> int:
     """Look at RESULT, the JSON that dqreg register --out wrote.
@@ -46,11 +51,15 @@ def show(
     dqreg show result.json --save view.png
     dqreg show result.json --save sides.png --views before:iso,iso,iso-back,top --start nominal.txt
     dqreg show result.json --report report.html --tolerance 0.05
+    dqreg show result.json --json                   verdict, pose and deviations; opens no window
     dqreg show result.json                          a window, where there is a display
     """
-    from dqreg.report.pictures import parse_panels, picture_path, save_picture
-    from dqreg.report.story import tell
-    from dqreg.report.window import open_window, require_display
+    with loading():
+        from dqreg.atomic import require_writable
+        from dqreg.report.pictures import parse_panels, picture_path, save_picture
+        from dqreg.report.story import tell
+        from dqreg.report.window import open_window, require_display
+        from dqreg.result import Registration
 
     # Everything that can be refused is asked before the work.
     panels = parse_panels(views)
@@ -58,24 +67,38 @@ def show(
         picture_path(save)
     if report is not None:
         require_writable(report)
-    if save is None and report is None:
+    in_a_window = save is None and report is None and not as_json
+    if in_a_window:
         require_display()
     began = _start_pose(start)
     attached = attach(Registration.load(result), source, target)
     assert attached.inputs is not None
-    console = Console(quiet=quiet)
+    console, _ = consoles(quiet=quiet, as_json=as_json)
     if report is not None:
         attached.report(report, tolerance, start=began)
-        console.print(f"wrote {report}", highlight=False, markup=False, soft_wrap=True)
-        if save is None:
+        say(console, f"wrote {report}")
+        if save is None and not as_json:
             return 0
     story = tell(attached, attached.inputs, tolerance, began)
-    if save is None:
+    if in_a_window:
         open_window(story)
-        return 0
-    save_picture(story, save, panels)
-    console.print(f"wrote {save}", highlight=False, markup=False, soft_wrap=True)
+    if save is not None:
+        save_picture(story, save, panels)
+        say(console, f"wrote {save}")
+    if as_json:
+        print_json(_record(attached, story, [path for path in (report, save) if path is not None]))
     return 0
+
+
+def _record(result: Registration, story: Story, files: list[Path]) -> dict[str, Any]:
+    """What a picture shows, for programs."""
+    return {
+        "verdict": result.verdict,
+        "T_target_source": result.T_target_source,
+        "units": result.settings.get("target_units"),
+        "deviations": None if story.deviations is None else deviation_record(story.deviations),
+        "files": [str(path) for path in files],
+    }
 
 
 def attach(result: Registration, source: Path | None, target: Path | None) -> Registration:
@@ -115,6 +138,6 @@ def _side(result: Registration, name: str, given: Path | None) -> Path:
 def _start_pose(start: Path | None) -> Any:
     if start is None:
         return None
-    from dqreg.cli.register import read_start
+    from dqreg.files.poses import read_start
 
-    return read_start(str(start))
+    return read_start(start)

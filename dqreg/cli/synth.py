@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
+
+from dqreg.cli.leaving import loading
+from dqreg.cli.outputs import as_json_option, consoles, print_json, say
 
 if TYPE_CHECKING:
     from dqreg.synth import Case
@@ -16,8 +18,9 @@ if TYPE_CHECKING:
 @click.argument("recipe", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the case  [default: the recipe's name].")
 @click.option("--seed", type=int, help="Instead of the recipe's own seed.")
+@as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
-def synth(recipe: Path, out: Path | None, seed: int | None, quiet: bool) -> int:
+def synth(recipe: Path, out: Path | None, seed: int | None, as_json: bool, quiet: bool) -> int:
     """Make the case that RECIPE (TOML) describes: scan.ply, part.stl, truth.json and the recipe itself.
 
     The same recipe and seed give the same bytes. An older case in the folder is replaced, other files are not.
@@ -26,14 +29,18 @@ def synth(recipe: Path, out: Path | None, seed: int | None, quiet: bool) -> int:
     dqreg synth datasets_synth/bracket/recipe.toml --out my_bracket --seed 7
     dqreg synth datasets_synth/recipes/gear.toml
     """
-    from dqreg.synth import read_recipe, write_case
+    with loading():
+        from dqreg.synth import read_recipe, write_case
 
-    console = Console(quiet=quiet)
+    console, shown = consoles(quiet=quiet, as_json=as_json)
     what = read_recipe(recipe)
-    with console.status("scanning"):
+    with shown.status("scanning"):
         case = write_case(out or Path(what.name), what, seed=seed)
     for line in _summary(case):
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        say(console, line)
+    if as_json:
+        files = {"folder": case.folder, "scan": case.scan, "part": case.part, "recipe": case.recipe}
+        print_json({**{name: str(path) for name, path in files.items()}, "truth": dict(case.truth)})
     return 0
 
 

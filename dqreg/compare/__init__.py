@@ -11,11 +11,12 @@ from __future__ import annotations
 from dqreg.compare.challenge import Challenge, Loop
 from dqreg.compare.judge import Score, Yardstick, judge
 from dqreg.compare.plan import Rules
-from dqreg.compare.poses import Truth, read_pose, read_truth
+from dqreg.compare.poses import Truth, read_truth
 from dqreg.compare.run import Comparison, Progress, compare
 from dqreg.compare.sweep import Sweep
 from dqreg.compare.sweep_file import read_sweep
 from dqreg.compare.tasks import from_case, from_pair
+from dqreg.files.poses import read_pose
 
 __all__ = [
     "Challenge",

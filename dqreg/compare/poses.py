@@ -1,9 +1,8 @@
-"""Poses and truths on disk: result files, truth.json, and 4x4 text."""
+"""What a truth file says of a part: its true poses, and its symmetries."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -12,8 +11,7 @@ import numpy as np
 
 from dqreg.arrays import FloatArray, as_float, as_pose
 from dqreg.errors import InputError
-
-POSE = "T_target_source"
+from dqreg.files.poses import POSE, read_json, read_pose
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -26,50 +24,17 @@ class Truth:
         True poses ``T_target_source``, the one named in the file first, then the symmetric ones.
     axis : ndarray, (2, 3), or None
         Point and direction of an axis of revolution, target frame.
+    units : str or None
+        Unit of the target's lengths, where the file names it.
     """
 
     poses: FloatArray
     axis: FloatArray | None = None
-
-
-def read_pose(path: str | os.PathLike[str]) -> FloatArray:
-    """Pose of a result file or a text file, as it stands there: not mended, NaN where nothing was found.
-
-    Parameters
-    ----------
-    path : str or path
-        JSON with the key ``T_target_source``, or text with 4x4 (or 3x4) numbers.
-
-    Returns
-    -------
-    ndarray, (4, 4)
-        The numbers.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or holds no 4x4 numbers; the message names it.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = Path(folder) / "pose.txt"
-    ...     np.savetxt(path, np.eye(4))
-    ...     read_pose(path).shape
-    (4, 4)
-    """
-    path = Path(path)
-    if path.suffix.lower() == ".json":
-        rows = _read_json(path).get(POSE)
-        if rows is None:
-            raise InputError(f"{path}: the key {POSE!r} is missing; give a result.json, a truth.json or a 4x4 text")
-        return _matrix(_with_nan(rows), path)
-    return _matrix(_read_text(path), path)
+    units: str | None = None
 
 
 def read_truth(path: str | os.PathLike[str]) -> Truth:
-    """Truth of a ``truth.json`` or of a text file with a 4x4 pose.
+    """Truth of a ``truth.json``, or of any other file that holds a pose.
 
     Besides ``T_target_source``, JSON may hold ``symmetric_truths``, a list of all 4x4 poses that are true because the
     part is symmetric, and ``symmetry_axis``, the ``point`` and ``direction`` of an axis of revolution (target frame).
@@ -99,7 +64,7 @@ def read_truth(path: str | os.PathLike[str]) -> Truth:
     first = as_pose(read_pose(path), f"{path}: {POSE}")
     if path.suffix.lower() != ".json":
         return Truth(first[None])
-    data = _read_json(path)
+    data = read_json(path)
     return truth_of(data, first, str(path))
 
 
@@ -135,9 +100,10 @@ def truth_of(data: Any, first: FloatArray, name: str) -> Truth:
         raise InputError(f"{name}: symmetric_truths must be a list of 4x4 poses; got {type(others).__name__}")
     checked = [as_pose(item, f"{name}: symmetric_truths[{i}]") for i, item in enumerate(others)]
     poses = [first, *(T for T in checked if not np.array_equal(T, first))]
-    axis = data.get("symmetry_axis")
+    axis, named = data.get("symmetry_axis"), data.get("units")
+    unit = named if isinstance(named, str) else None
     if axis is None:
-        return Truth(np.stack(poses))
+        return Truth(np.stack(poses), units=unit)
     if not isinstance(axis, dict) or not {"point", "direction"} <= set(axis):
         raise InputError(f"{name}: symmetry_axis must have the keys point and direction; got {axis!r:.80}")
     rows = as_float([axis["point"], axis["direction"]], f"{name}: symmetry_axis")
@@ -145,43 +111,4 @@ def truth_of(data: Any, first: FloatArray, name: str) -> Truth:
         raise InputError(
             f"{name}: symmetry_axis must hold a point and a direction that is not zero, three numbers each"
         )
-    return Truth(np.stack(poses), rows)
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"cannot read {path}: {error}") from error
-    if not isinstance(data, dict):
-        raise InputError(f"{path}: expected a JSON object with the key {POSE!r}; got {type(data).__name__}")
-    return data
-
-
-def _read_text(path: Path) -> FloatArray:
-    try:
-        # Some programs write poses with commas.
-        text = path.read_text(encoding="utf-8").replace(",", " ")
-        if not text.strip():
-            raise ValueError("it is empty")
-        return np.loadtxt(text.splitlines(), ndmin=2)
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot read {path}: not a 4x4 pose of plain numbers ({error})") from error
-
-
-def _with_nan(rows: Any) -> Any:
-    if not isinstance(rows, list):
-        return rows
-    return [_with_nan(row) if isinstance(row, list) else (np.nan if row is None else row) for row in rows]
-
-
-def _matrix(rows: Any, path: Path) -> FloatArray:
-    try:
-        T = as_float(rows, str(path))
-    except InputError as error:
-        raise InputError(f"{path}: {POSE} must be 4x4 numbers ({error})") from error
-    if T.shape == (3, 4):
-        T = np.vstack([T, [0.0, 0.0, 0.0, 1.0]])
-    if T.shape != (4, 4):
-        raise InputError(f"{path}: a pose is 4x4 numbers; got shape {T.shape}")
-    return T
+    return Truth(np.stack(poses), rows, unit)

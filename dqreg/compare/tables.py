@@ -73,7 +73,7 @@ def tables(found: Comparison) -> list[Table]:
 
 
 def _case(found: Comparison, lines: list[Line]) -> Table:
-    place, unit = lines[0].place, lines[0].units or "units"
+    place, unit = lines[0].place, lines[0].units or "target units"
     start = "from nothing" if place.from_nothing else "from the given start"
     title = f"{place.case}, {_words(place.setting)}, {start}: {lines[0].points} points, S = {lines[0].size:.4g} {unit}"
     head = ("engine", "found", "worst vertex [S]", f"rms [{unit}]", "angle [deg]", f"on surface [{unit}]", "overlap",

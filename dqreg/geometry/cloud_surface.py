@@ -6,12 +6,13 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, IntArray, bounds
+from dqreg.arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import fit_planes
+from dqreg.geometry.normals import fit_planes_around
 from dqreg.geometry.order import distinct_in_order
+from dqreg.geometry.rims import Rims
 from dqreg.geometry.surface import Closest
 
 # Two distances that near to each other may be equal: then the tree decides.
@@ -25,8 +26,8 @@ class CloudSurface:
     ----------
     cloud : PointCloud
         The target; its normals are used where it has some, else they are fitted to 16 neighbours, sign unknown.
-    fitted : ndarray, (m, 3), optional
-        `normals` of an earlier surface of the same cloud, which saves fitting them again.
+    fitted : ndarray, (m, 4), optional
+        `fitted` of an earlier surface of the same cloud, which saves fitting its normals again.
 
     Examples
     --------
@@ -41,14 +42,17 @@ class CloudSurface:
         self.order = distinct_in_order(cloud.points)
         self._points = cloud.points[self.order]
         self._rows = len(cloud.points)
-        given = fitted if cloud.normals is None else cloud.normals[self.order]
-        if given is not None and given.shape != self._points.shape:
+        size = len(self._points)
+        if fitted is not None and fitted.shape != (size, 4):
             raise InputError(
-                f"fitted normals must be one row per distinct point, {self._points.shape}; got {given.shape}. Take "
-                "them from a surface of the same cloud"
+                f"fitted normals and variances must be one row per distinct point, {(size, 4)}; got {fitted.shape}. "
+                "Take them from a surface of the same cloud"
             )
-        self._normals = np.zeros_like(self._points) if given is None else given
-        self._known = np.full(len(self._points), given is not None)
+        # Normals that were given are taken at their word.
+        given = None if cloud.normals is None else np.column_stack([cloud.normals[self.order], np.zeros(size)])
+        given = fitted if given is None else given
+        self._fits = np.zeros((size, 4)) if given is None else given
+        self._known = np.full(size, given is not None)
         self._tree = NeighbourTree(self._points)
         low, high = bounds(self._points)
         self.centre: FloatArray = 0.5 * (low + high)
@@ -58,19 +62,26 @@ class CloudSurface:
     @property
     def normals(self) -> FloatArray:
         """Unit normals of the distinct points in Morton order, (m, 3); zero where there is none."""
-        return self._normals_at(np.arange(len(self._points)))
+        return self.fitted[:, :3]
 
-    def _normals_at(self, rows: IntArray) -> FloatArray:
+    @property
+    def fitted(self) -> FloatArray:
+        """Normals and their variances in rad^2, (m, 4), in that order; no normal has the variance 1."""
+        return self._fits_at(np.arange(len(self._points)))
+
+    def _fits_at(self, rows: IntArray) -> FloatArray:
         # Fitted where first asked for: a registration touches a part of a large cloud. The fit at a point depends on
         # the cloud alone, so threads that meet here write the same; a normal is there before it is called known.
         missing = rows[~self._known[rows]]
         if len(missing):
             missing = np.flatnonzero(np.bincount(missing, minlength=len(self._known)))
-            fits = fit_planes(self._tree, self._points, self._points[missing])
+            fits = fit_planes_around(self._tree, self._points, missing)
             # A point whose neighbours lie on a line has no normal: zero gives no direction and passes no angle test.
-            self._normals[missing] = np.nan_to_num(fits.normals)
+            known = np.isfinite(fits.normals[:, :1])
+            variances = np.where(known, np.minimum(fits.variances[:, None], 1.0), 1.0)
+            self._fits[missing] = np.hstack([np.where(known, fits.normals, 0.0), variances])
             self._known[missing] = True
-        return np.take(self._normals, rows, axis=0)
+        return np.take(self._fits, rows, axis=0)
 
     def closest(self, points: FloatArray) -> Closest:
         """Nearest cloud point for each query.
@@ -120,6 +131,25 @@ class CloudSurface:
             rows[asked], distances[asked], others[asked] = indices[:, 0], found[:, 0], found[:, 1]
         return self._answer(rows, distances, others)
 
+    def on_rim(self, closest: Closest) -> BoolArray:
+        """Whether the matches of some queries are points at which the cloud ends.
+
+        Parameters
+        ----------
+        closest : Closest
+            What `closest` answered.
+
+        Returns
+        -------
+        ndarray of bool, (n,)
+            True on the rim.
+        """
+        return self._rims.at(self._ranks[closest.elements], closest.normals)
+
+    @cached_property
+    def _rims(self) -> Rims:
+        return Rims(self._tree, self._points)
+
     @cached_property
     def _ranks(self) -> IntArray:
         # Row in Morton order of each row of the cloud as it was given; copies that were left out have none.
@@ -129,7 +159,8 @@ class CloudSurface:
 
     def _answer(self, rows: IntArray, distances: FloatArray, others: FloatArray) -> Closest:
         points = np.take(self._points, rows, axis=0)
-        return Closest(points, self._normals_at(rows), distances, self.order[rows], others)
+        fits = self._fits_at(rows)
+        return Closest(points, fits[:, :3], distances, self.order[rows], others, fits[:, 3])
 
 
 def _lengths(rows: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from dqreg.arrays import FloatArray, IntArray, as_vectors, require_workable
 from dqreg.errors import InputError
+from dqreg.geometry.borders import Borders
 from dqreg.geometry.topology import Topology
 
 
@@ -96,6 +97,11 @@ class Mesh:
     def is_closed(self) -> bool:
         """Whether every side of every face is shared: the mesh bounds a body, it is watertight."""
         return self.topology.open_sides == 0
+
+    @cached_property
+    def borders(self) -> Borders | None:
+        """Where an open mesh ends; None for a closed one."""
+        return None if self.is_closed else Borders.of(self)
 
     @property
     def is_consistently_wound(self) -> bool:

@@ -7,13 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, IntArray
+from dqreg.arrays import BoolArray, FloatArray, IntArray
+from dqreg.geometry.borders import Borders
+from dqreg.geometry.face_sides import FaceSides
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.surface import Closest
 from dqreg.open3d_gate import load_open3d
 
 # Barycentric distance to an edge below which a float32 answer cannot tell inside from outside.
 EDGE_MARGIN = 1e-3
+# A query that has moved by less than this share of the size keeps its face, if the place on it is farther from the
+# face's sides than so many heights above it and so many motions: no face that meets it at 40 degrees or more is nearer.
+STEP, HEIGHTS, STEPS = 1e-4, 3.0, 4.0
 # Faces walked from the one that float32 named; and the relative gain of a squared distance that is more than rounding.
 WALK, CLOSER = 8, 2e-12
 
@@ -42,6 +47,11 @@ class MeshSurface:
         self.mesh = mesh
         self.diagonal = mesh.diagonal
         self.centre = mesh.centre
+
+    @property
+    def borders(self) -> Borders | None:
+        """Where the surface ends; None for a closed mesh."""
+        return self.mesh.borders
 
     @cached_property
     def _scene(self) -> Any:
@@ -85,35 +95,76 @@ class MeshSurface:
         # Near an edge the foot of the perpendicular may lie outside the triangle, and in float32 the triangle itself
         # may be the wrong one of two: only those take the long way.
         u, v = np.ascontiguousarray(uv.T)
-        edge = np.flatnonzero((np.minimum(u, v) < EDGE_MARGIN) | (u + v > 1.0 - EDGE_MARGIN))
+        near = np.stack([v < EDGE_MARGIN, u + v > 1.0 - EDGE_MARGIN, u < EDGE_MARGIN])
+        edge = np.flatnonzero(near.any(axis=0))
         distances = np.abs(height)
         if len(edge):
             beside = np.take(points, edge, axis=0)
-            places, walked = self._across_edges(beside, faces[edge])
+            places, walked = self._across_edges(beside, faces[edge], near[:, edge])
             on_face[edge], faces[edge], normals[edge] = places, walked, np.take(self.mesh.face_normals, walked, axis=0)
             distances[edge] = np.sqrt(_squared(beside - places))
         return Closest(on_face, normals, distances, faces)
 
-    def _across_edges(self, points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-        """Closest points in float64, walking to a neighbouring face for as long as it is strictly closer."""
-        corners, neighbours = self.mesh.corners, self.mesh.face_neighbours
+    def closest_again(self, points: FloatArray, before: Closest, places: FloatArray) -> Closest:
+        """The answer of `closest` for queries that have moved a little, asking only where the face may have changed.
+
+        A query high above the inside of its face keeps the face, where it has moved by less than a ten-thousandth of
+        the part. Between two sides of a sheet, that may be the farther one by as much as the query has moved.
+
+        Parameters
+        ----------
+        points : ndarray, (n, 3)
+            Queries in the mesh's frame.
+        before : Closest
+            What this surface answered for the same queries at other places.
+        places : ndarray, (n, 3)
+            Those places.
+
+        Returns
+        -------
+        Closest
+            Points, face normals, distances and face numbers.
+        """
+        moved = np.sqrt(_squared(points - places))
+        if not len(points) or moved.max() > STEP * self.diagonal:
+            return self.closest(points)
+        corners = np.take(self.mesh.corners, before.elements, axis=0)
+        height = np.einsum("ij,ij->i", points - corners[:, 0], before.normals)
+        # Square to the face, the query itself is as far from the planes through the sides as its foot.
+        clear = FaceSides.of(corners, before.normals).inset(points)
+        asked = np.flatnonzero(clear <= HEIGHTS * np.abs(height) + STEPS * moved)
+        found = self.closest(np.take(points, asked, axis=0))
+        feet, normals = points - height[:, None] * before.normals, before.normals.copy()
+        distances, faces = np.abs(height), before.elements.copy()
+        feet[asked], normals[asked] = found.points, found.normals
+        distances[asked], faces[asked] = found.distances, found.elements
+        return Closest(feet, normals, distances, faces)
+
+    def _across_edges(self, points: FloatArray, faces: IntArray, near: BoolArray) -> tuple[FloatArray, IntArray]:
+        """Closest points in float64, walking to a neighbouring face for as long as it is strictly closer.
+
+        ``near``, (3, n), says which sides of its face each query is near to; at first only what lies across is tried.
+        """
         best = np.empty_like(points)
         faces = faces.copy()
         rows = np.arange(len(points))
         for _ in range(WALK):
-            # A face and its three neighbours at once; the face itself wins a draw.
-            here = faces[rows]
-            tried = np.column_stack([here, np.take(neighbours, here, axis=0)]).ravel()
-            queries = np.repeat(np.take(points, rows, axis=0), 4, axis=0)
-            candidates = closest_on_triangles(queries, np.take(corners, tried, axis=0))
-            apart = _squared(queries - candidates).reshape(-1, 4)
-            closer = apart.min(axis=1) < apart[:, 0] * (1.0 - CLOSER)
-            chosen = np.where(closer, apart.argmin(axis=1), 0)
-            kept = chosen + 4 * np.arange(len(rows))
+            # A face and its neighbours at once; the face itself wins a draw.
+            sides, of = np.nonzero(near)
+            tried = np.r_[faces[rows], self.mesh.face_neighbours[faces[rows[of]], sides]]
+            queries = np.take(points, np.r_[rows, rows[of]], axis=0)
+            candidates = closest_on_triangles(queries, np.take(self.mesh.corners, tried, axis=0))
+            squared = _squared(queries - candidates)
+            apart, place = np.full((4, len(rows)), np.inf), np.zeros((4, len(rows)), dtype=np.int64)
+            apart[0], place[0] = squared[: len(rows)], np.arange(len(rows))
+            apart[1 + sides, of], place[1 + sides, of] = squared[len(rows) :], np.arange(len(rows), len(tried))
+            closer = apart.min(axis=0) < apart[0] * (1.0 - CLOSER)
+            kept = place[np.where(closer, apart.argmin(axis=0), 0), np.arange(len(rows))]
             best[rows], faces[rows] = candidates[kept], tried[kept]
-            rows = rows[chosen > 0]
+            rows = rows[closer]
             if not len(rows):
                 break
+            near = np.ones((3, len(rows)), dtype=bool)
         return best, faces
 
 
@@ -150,17 +201,22 @@ def closest_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
     first, second, third = np.einsum("kin,kin->kn", gaps, gaps)
     closest = np.where(second < first, on_sides[1], on_sides[0])
     closest = np.where(third < np.minimum(first, second), on_sides[2], closest)
-    normal = _cross(sides[2], sides[0])
+    normal = np.empty_like(p)
+    _cross(sides[2], sides[0], normal)
     normal /= np.sqrt(np.einsum("in,in->n", normal, normal))
     # Inside when the query is on the inner side of all three planes through a side along the normal.
-    inner = [np.einsum("in,in->n", _cross(normal, side), away) for side, away in zip(sides, offsets, strict=True)]
+    inward = np.empty_like(sides)
+    _cross(normal[:, None], sides.transpose(1, 0, 2), inward.transpose(1, 0, 2))
+    inside = np.einsum("kin,kin->kn", inward, offsets).min(axis=0) >= 0.0
     foot = p - np.einsum("in,in->n", offsets[0], normal) * normal
-    return np.ascontiguousarray(np.where(np.min(inner, axis=0) >= 0.0, foot, closest).T)
+    return np.ascontiguousarray(np.where(inside, foot, closest).T)
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    # Of columns, (3, n).
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+def _cross(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    # Of columns, (3, ...).
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(a[j], b[k], out=out[i])
+        out[i] -= a[k] * b[j]
 
 
 def _squared(gaps: FloatArray) -> FloatArray:

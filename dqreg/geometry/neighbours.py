@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dqreg.arrays import FloatArray, IntArray, bounds
 from dqreg.open3d_gate import load_open3d
+
+# Neighbours of its own points that a tree remembers: what normals and rims of a cloud are read from.
+AROUND = 24
 
 
 class NeighbourTree:
@@ -29,6 +35,7 @@ class NeighbourTree:
     def __init__(self, points: FloatArray) -> None:
         open3d = load_open3d()
         self.size = len(points)
+        self._points = points
         self._centre = 0.5 * np.add(*bounds(points))
         self._search = open3d.core.nns.NearestNeighborSearch(open3d.core.Tensor(points - self._centre))
         self._search.knn_index()
@@ -56,3 +63,33 @@ class NeighbourTree:
         tensor = load_open3d().core.Tensor(queries - self._centre)
         indices, squared = self._search.knn_search(tensor, count)
         return indices.numpy().astype(np.int64).reshape(-1, count), np.sqrt(squared.numpy()).reshape(-1, count)
+
+    def around(self, rows: IntArray) -> tuple[NDArray[np.int32], FloatArray]:
+        """Nearest points of points of the cloud itself, each looked up once.
+
+        Parameters
+        ----------
+        rows : ndarray of int, (m,)
+            Rows of the cloud.
+
+        Returns
+        -------
+        indices : ndarray of int, (m, k)
+            Rows of the cloud, closest first, k = min(24, cloud size); of a place that is there once, itself first.
+        farthest : ndarray, (m,)
+            Distance of the last of them.
+        """
+        indices, farthest = self._around
+        missing = rows[farthest[rows] < 0.0]
+        if len(missing):
+            missing = np.flatnonzero(np.bincount(missing, minlength=self.size))
+            found, distances = self.nearest(self._points[missing], AROUND)
+            # What is found depends on the cloud alone, so threads that meet here write the same; a row's neighbours are
+            # there before their distance says so.
+            indices[missing] = found
+            farthest[missing] = distances[:, -1]
+        return np.take(indices, rows, axis=0), farthest[rows]
+
+    @cached_property
+    def _around(self) -> tuple[NDArray[np.int32], FloatArray]:
+        return np.zeros((self.size, min(AROUND, self.size)), dtype=np.int32), np.full(self.size, -1.0)

@@ -32,7 +32,7 @@ def morton_order(points: FloatArray) -> IntArray:
     >>> morton_order(np.array([[9.0, 9, 9], [0, 0, 0], [0, 0, 1]])).tolist()
     [1, 2, 0]
     """
-    return np.argsort(_codes(points), kind="stable")
+    return np.argsort(morton_codes(points), kind="stable")
 
 
 def distinct_in_order(points: FloatArray) -> IntArray:
@@ -56,7 +56,7 @@ def distinct_in_order(points: FloatArray) -> IntArray:
     >>> distinct_in_order(np.array([[1.0, 0, 0], [0, 0, 0], [1, 0, 0]])).tolist()
     [1, 0]
     """
-    codes = _codes(points)
+    codes = morton_codes(points)
     order = np.argsort(codes, kind="stable")
     fresh, mixed = _news(points, codes, order)
     if mixed:
@@ -76,12 +76,32 @@ def _news(points: FloatArray, codes: CodeArray, order: IntArray) -> tuple[BoolAr
     return fresh, bool(differ.any())
 
 
-def _codes(points: FloatArray) -> CodeArray:
+def morton_codes(points: FloatArray, size: float = 0.0) -> CodeArray:
+    """Place of each point along the Z-order curve: the number of its cell.
+
+    Parameters
+    ----------
+    points : ndarray, (n, 3)
+        Finite points.
+    size : float
+        Edge of a cell; as small as the numbers allow where it is 0 or less than that.
+
+    Returns
+    -------
+    ndarray of uint64, (n,)
+        Equal for points of one cell.
+
+    Examples
+    --------
+    >>> morton_codes(np.array([[0.0, 0, 0], [0.4, 0, 0], [0, 0, 1.2]]), 1.0).tolist()
+    [0, 0, 1]
+    """
     # Column by column: rows of three cost NumPy ten times as much.
     columns = np.ascontiguousarray(points.T)
     lows = columns.min(axis=1)
     extent = float((columns.max(axis=1) - lows).max())
     cells = 0.0 if extent == 0.0 else (2**BITS - 1) / extent
+    cells = min(cells, 1.0 / size) if size > 0.0 else cells
     codes = np.zeros(len(points), dtype=np.uint64)
     for i in range(0, len(points), CHUNK):
         part = codes[i : i + CHUNK]

@@ -21,7 +21,7 @@ FEWEST_POINTS = 3
 THINNED = 50_000
 # Pieces of the cloud on which spacing and noise are measured then, points of a piece, and those in its middle, whose
 # neighbours are in the piece.
-PIECES, PIECE, MIDDLE = 40, 512, 64
+PIECES, PIECE, MIDDLE = 30, 512, 64
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +48,10 @@ class Scan:
         Distinct points of the whole cloud.
     fitted : ndarray of int, (m,), or None
         Rows at which planes were fitted, ascending; None stands for all.
+    counts : ndarray, (n,), or None
+        Points of one face that each row stands for, as their mean; None where every row is a point.
+    within : ndarray, (n,), or None
+        Sum of the squared distances of those points from their mean, along the normal of that face.
     """
 
     points: FloatArray
@@ -59,6 +63,8 @@ class Scan:
     noise: float
     total: int
     fitted: IntArray | None = None
+    counts: FloatArray | None = None
+    within: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -87,6 +93,16 @@ class Scan:
             residuals=self.residuals[rows],
             fitted=fitted,
         )
+
+    @property
+    def represented(self) -> float:
+        """Points that all rows stand for."""
+        return float(len(self) if self.counts is None else self.counts.sum())
+
+    @cached_property
+    def scatter(self) -> FloatArray | float:
+        """Mean squared distance, along the normal, of the points of each row from the row: zero where it is a point."""
+        return 0.0 if self.counts is None or self.within is None else self.within / self.counts
 
     @cached_property
     def directed(self) -> BoolArray:
@@ -170,7 +186,7 @@ def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, flo
     if len(points) <= PIECES * PIECE:
         tree = NeighbourTree(points)
         fits = fit_planes(tree, points, points[rows])
-        return fits, measure_spacing(tree, points), _noise(fits)
+        return fits, measure_spacing(tree, points[rows]), _noise(fits)
     thinned = points[sample_rows(len(points), max(THINNED, 2 * len(rows)))]
     fits = fit_planes(NeighbourTree(thinned), thinned, points[rows])
     # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those

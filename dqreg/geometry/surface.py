@@ -24,6 +24,8 @@ class Closest:
         Which cloud point or which face it is.
     others : ndarray, (n,), optional
         No other point of a cloud is nearer to the query than this; None where nobody looked.
+    variances : ndarray, (n,), optional
+        Variance of each normal, rad^2, see `PlaneFits.variances`; None where the normals are exact.
     """
 
     points: FloatArray
@@ -31,6 +33,7 @@ class Closest:
     distances: FloatArray
     elements: IntArray
     others: FloatArray | None = None
+    variances: FloatArray | None = None
 
 
 class Surface(Protocol):

@@ -84,6 +84,12 @@ class Topology:
         """Edges at which an odd number of faces meet: one face is a rim, three are a wall on a surface."""
         return int(np.count_nonzero(self._uses(np.ones_like(self.forward)) % 2))
 
+    @cached_property
+    def free_sides(self) -> IntArray:
+        """Numbers of the sides that one face alone has, ascending: where the surface ends."""
+        alone = self._uses(np.ones_like(self.forward)) == 1
+        return np.flatnonzero(alone[self.edges].ravel() & np.repeat(self.real, 3))
+
     @property
     def uneven_sides(self) -> int:
         """Edges at which an even number of faces meet, but not half of them in each sense."""

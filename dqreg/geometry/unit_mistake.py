@@ -46,7 +46,7 @@ CLOSE = 1.25
 AGREE, THIN, THICK = 1.18, 0.45, 1.18
 # Spacings of two clouds agree with the ratio of units within that factor: sensors differ.
 SPACING = 3.0
-SAMPLE, KEPT = 20_000, 0.95
+SAMPLE, KEPT = 5_000, 0.95
 
 
 @dataclasses.dataclass(frozen=True)

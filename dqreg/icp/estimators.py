@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dqreg.arrays import FloatArray
+from dqreg.icp.generalised import form_of_pairs
 from dqreg.icp.pairs import Pairs
 from dqreg.solvers import Fit, moments_of, solve_moments, svd
 from dqreg.solvers.pose_newton import minimise
@@ -117,9 +118,35 @@ def points_to_planes(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
     return Fit(T, cost, float(np.sqrt(max(cost, 0.0) / w.sum())), np.nan)
 
 
+def surfaces_to_surfaces(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+    """Surfaces onto surfaces, each pair weighed by the normals of both sides and by how sure they are.
+
+    See `dqreg.icp.generalised`. Between two clouds, where either side's planes are guesses, it beats points to planes;
+    on an exact mesh it does not.
+
+    Parameters
+    ----------
+    pairs, weights, noise
+        As in `points_and_normals`; the scale is not used.
+
+    Returns
+    -------
+    Fit
+        Absolute pose, by Newton's method from the last one; its gap is not determined.
+    """
+    used = (weights > 0.0) & pairs.closest.normals.any(axis=1)
+    if np.count_nonzero(used) < 6:
+        return points_only(pairs, weights, noise)
+    form = form_of_pairs(pairs, weights)
+    T = minimise(form, pairs.T_target_source)
+    cost = max(form.value(T), 0.0)
+    return Fit(T, cost, float(np.sqrt(cost / weights.sum())), np.nan)
+
+
 ESTIMATORS: dict[str, Estimator] = {
     "dq": points_and_normals,
     "dq-points": points_only,
     "svd": svd_points,
     "plane": points_to_planes,
+    "generalised": surfaces_to_surfaces,
 }

@@ -74,8 +74,29 @@ def favoured_rows(values: FloatArray, places: IntArray, total: int, count: int) 
     """
     if count >= total:
         return np.arange(total)
-    borders = np.r_[0, (places[1:] + places[:-1] + 1) // 2, total]
-    lengths = np.diff(borders)
+    return favoured_of(values, np.diff(np.r_[0, (places[1:] + places[:-1] + 1) // 2, total]), count)
+
+
+def favoured_of(values: FloatArray, lengths: IntArray, count: int) -> IntArray:
+    """Rows to take out of groups that follow each other, more of them where the value is high.
+
+    Parameters
+    ----------
+    values : ndarray, (m,)
+        Value of the rows of each group.
+    lengths : ndarray of int, (m,)
+        Rows of each group; there may be none.
+    count : int
+        Rows to take, about.
+
+    Returns
+    -------
+    ndarray of int
+        Ascending rows.
+    """
+    total = int(lengths.sum())
+    if count >= total or not count:
+        return np.arange(min(count, total))
     even = count / total
     # A pair that is surely no inlier has a weight of 1e-300, and numbers that small do not divide.
     values = np.where(values > NOTHING * values.max(), values, 0.0)

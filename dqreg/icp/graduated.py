@@ -23,14 +23,14 @@ import numpy as np
 from dqreg.arrays import FloatArray
 from dqreg.geometry.prepare import Scan
 from dqreg.geometry.surface import Surface
-from dqreg.icp.favour import favoured_rows, value_of
+from dqreg.icp.finishing import FINE, MIDDLE, finish
 from dqreg.icp.kernels import InlierMixture
 from dqreg.icp.loop import Observer, Run
-from dqreg.icp.pairs import correspond
+from dqreg.icp.pairs import Pairs, correspond
 from dqreg.icp.stage import EXPLAINED, Level, Plan, Schedule
 
-# Points of the coarse level, where the basin is decided, and of the level between it and the last.
-COARSE, MIDDLE = 2_000, 10_000
+# Points of the coarse level, where the basin is decided.
+COARSE = 2_000
 # Share of the scan's noise (or spacing, where that is smaller: lines of a LiDAR make poor planes) below which a width
 # would only separate lucky points from unlucky ones.
 NOISE_FLOOR = 0.3
@@ -38,12 +38,11 @@ NOISE_FLOOR = 0.3
 EXACT_FLOOR = 1e-7
 # The basin is found where the scan is explained to a width below that share of the target's size.
 NEAR_WIDTH = 0.01
-# Points that tell at the start whether it is near already.
-LOOK = 500
+# Points that tell at the start whether it is near already, and of the coarse level where it is.
+NEAR = 1_000
 
 PATIENT = Schedule("patient", stages=30, iterations=None, rounds=30)
 QUICK = Schedule("quick", stages=150, iterations=1, rounds=1)
-FINE = Schedule("fine", stages=30, iterations=None, rounds=30)
 
 
 def run_graduated(
@@ -75,22 +74,19 @@ def run_graduated(
     counts = [count for count in (COARSE, MIDDLE) if 2 * count <= finest] + [finest]
     level = Level(scan.thinned(counts[0]), surface, plan, width_floor(scan, surface), last=len(counts) == 1)
     run, mixture, level = _placed(level, start, observe)
-    for count in counts[1:]:
-        if run.ended_early:
-            break
-        level = _finer(level, scan, count, last=count == counts[-1], so_far=run)
-        finer, mixture = level.descend(mixture, run.T_target_source, FINE, observe, len(run.history) + 1)
-        run = dataclasses.replace(finer, history=run.history + finer.history)
-    return run, mixture
+    return finish(level, scan, counts[1:], run, mixture, observe)
 
 
 def _placed(level: Level, start: FloatArray, observe: Observer | None) -> tuple[Run, InlierMixture, Level]:
     """End of the coarse level, with the fine estimator where there is one, and that level as the finer ones go on."""
-    mixture = _first_look(level, start)
+    # Where the start is near, there is no basin to decide on any more.
+    few = dataclasses.replace(level, scan=level.scan.thinned(NEAR))
+    mixture, seen = _first_look(few, start)
     if mixture is not None:
-        near = _near(level, None)
-        run, mixture = near.descend(mixture, start, FINE, observe, 1)
-        return run, mixture, _near(level, run)
+        if level.last:
+            few, seen = level, None
+        run, mixture = _near(few, None).descend(mixture, start, FINE, observe, 1, before=seen)
+        return run, mixture, _near(few, run)
     if level.plan.fine is None:
         run, mixture = find_basin(level, start, observe)
         return run, mixture, _near(level, run)
@@ -108,20 +104,21 @@ def _placed(level: Level, start: FloatArray, observe: Observer | None) -> tuple[
     return dataclasses.replace(run, history=history, status=status), mixture, near
 
 
-def _first_look(level: Level, start: FloatArray) -> InlierMixture | None:
-    """Width and share to go on with at once, where the start is known to be near or is seen to be."""
+def _first_look(level: Level, start: FloatArray) -> tuple[InlierMixture | None, Pairs | None]:
+    """Width and share to go on with at once, where the start is known to be near or is seen to be; what was seen."""
     plan = level.plan
     if plan.first_width is not None:
-        return InlierMixture(max(plan.first_width, level.floor), 0.5, plan.max_distance)
+        return InlierMixture(max(plan.first_width, level.floor), 0.5, plan.max_distance), None
     if plan.fine is None:
-        return None
-    distances = correspond(level.scan.thinned(LOOK), level.surface, start).distances
+        return None, None
+    pairs = correspond(level.scan, level.surface, start)
+    distances = pairs.distances
     within = distances[distances <= plan.max_distance]
     if len(within) < EXPLAINED * len(distances):
-        return None
+        return None, None
     learned = _widest(level).learned(within, floor=level.floor, rounds=PATIENT.rounds)
     explained = learned.share * len(within) >= EXPLAINED * len(distances)
-    return learned if explained and _is_near(level, learned) else None
+    return learned if explained and _is_near(level, learned) else None, pairs
 
 
 def _widest(level: Level) -> InlierMixture:
@@ -150,18 +147,6 @@ def _near(level: Level, run: Run | None) -> Level:
         plan = dataclasses.replace(plan, estimator=plan.fine, accelerate=False)
     floor = width_floor(_judged_by_inliers(level.scan, run) if run else level.scan, level.surface)
     return dataclasses.replace(level, plan=plan, floor=floor, near=True)
-
-
-def _finer(level: Level, scan: Scan, count: int, *, last: bool, so_far: Run) -> Level:
-    contraction = level.contraction if so_far.contraction is None else so_far.contraction
-    if not so_far.history or so_far.history[-1].stage != FINE.name:
-        # The last step was another estimator's.
-        return dataclasses.replace(level, scan=scan.thinned(count), last=last)
-    if level.plan.fine is not None and last and count < len(scan):
-        places = scan.even_rows(len(level.scan))
-        rows = favoured_rows(value_of(so_far.pairs, so_far.weights), places, len(scan), count)
-        return dataclasses.replace(level, scan=scan.taken(rows), last=last, contraction=contraction)
-    return dataclasses.replace(level, scan=scan.thinned(count), last=last, contraction=contraction)
 
 
 def _judged_by_inliers(scan: Scan, run: Run) -> Scan:

@@ -45,7 +45,9 @@ class Run:
     pairs : Pairs
         Correspondences of the last iteration.
     weights : ndarray, (n,)
-        Their weights.
+        Their weights; a pair that stands for many points has up to as many.
+    earlier : tuple of Pairs
+        The last correspondences of coarser levels, evenly drawn from the scan.
     """
 
     T_target_source: FloatArray
@@ -53,6 +55,7 @@ class Run:
     history: tuple[Iteration, ...]
     pairs: Pairs
     weights: FloatArray
+    earlier: tuple[Pairs, ...] = ()
 
     @property
     def contraction(self) -> float | None:
@@ -145,6 +148,8 @@ class Icp:
             pairs = before = correspond(scan, surface, T, before)
             gate = product(self.gates, pairs)
             weights = gate * Robust(self.kernel)(pairs)
+            if scan.counts is not None:
+                weights *= scan.counts
             if np.count_nonzero(weights) < FEWEST_PAIRS:
                 return Run(T, "no correspondences", tuple(history), pairs, weights)
             energy = self._energy(pairs, gate)
@@ -169,7 +174,8 @@ class Icp:
         farthest = pairs.distances.max(where=gate > 0.0, initial=0.0)
         limits = [w.limit for w in self.gates if hasattr(w, "limit")]
         cap = min([*limits, np.inf]) if limits else farthest
-        return float(self.kernel.cost(np.where(gate > 0.0, pairs.distances, cap)).mean())
+        costs = self.kernel.cost(np.where(gate > 0.0, pairs.distances, cap))
+        return float(np.average(costs, weights=pairs.scan.counts))
 
     def _record(
         self, number: int, pairs: Pairs, weights: FloatArray, energy: float, T: FloatArray, motion: float, began: float
@@ -180,8 +186,8 @@ class Icp:
             stage=self.stage,
             points=len(pairs.distances),
             pairs=int(np.count_nonzero(weights)),
-            inlier_fraction=total / len(weights),
-            rms=float(np.sqrt(weights @ pairs.distances**2 / total)),
+            inlier_fraction=total / pairs.scan.represented,
+            rms=float(np.sqrt(weights @ pairs.squares / total)),
             scale=self.kernel.scale,
             energy=energy,
             turn_rad=float(pose.angle_between(pairs.T_target_source, T)),

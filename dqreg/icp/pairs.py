@@ -9,6 +9,7 @@ import numpy as np
 
 from dqreg.arrays import FloatArray
 from dqreg.geometry.cloud_surface import CloudSurface
+from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.prepare import Scan
 from dqreg.geometry.surface import Closest, Surface
 from dqreg.rigid import pose
@@ -39,6 +40,12 @@ class Pairs:
     def distances(self) -> FloatArray:
         """Distance of each pair, (n,)."""
         return self.closest.distances
+
+    @property
+    def squares(self) -> FloatArray:
+        """Mean squared distance of the points that each pair stands for, (n,)."""
+        squares: FloatArray = self.closest.distances**2 + self.scan.scatter
+        return squares
 
     @cached_property
     def moved(self) -> FloatArray:
@@ -86,8 +93,10 @@ def correspond(scan: Scan, surface: Surface, T_target_source: FloatArray, before
     Pairs
         One pair per scan point; nothing is rejected yet.
     """
+    if before is not None and before.scan is scan and np.array_equal(before.T_target_source, T_target_source):
+        return before
     moved = pose.apply(T_target_source, scan.points)
-    if before is not None and isinstance(surface, CloudSurface):
+    if before is not None and isinstance(surface, (CloudSurface, MeshSurface)):
         closest = surface.closest_again(moved, before.closest, before.moved)
     else:
         closest = surface.closest(moved)

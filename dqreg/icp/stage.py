@@ -11,6 +11,7 @@ from dqreg.arrays import FloatArray
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.prepare import Scan
 from dqreg.geometry.surface import Surface
+from dqreg.icp.borders import inland
 from dqreg.icp.estimators import Estimator
 from dqreg.icp.kernels import InlierMixture
 from dqreg.icp.loop import Icp, Observer, Run
@@ -135,6 +136,7 @@ class Level:
         observe: Observer | None,
         first: int,
         enough: Callable[[Run, InlierMixture], bool] | None = None,
+        before: Pairs | None = None,
     ) -> tuple[Run, InlierMixture]:
         """Run at falling widths until the width settles.
 
@@ -152,6 +154,8 @@ class Level:
             Number of the first iteration.
         enough : callable, optional
             Whether a stage and what was learned from it suffice; asked after each.
+        before : Pairs, optional
+            Correspondences of this level's points that are known already.
 
         Returns
         -------
@@ -160,7 +164,7 @@ class Level:
         InlierMixture
             Width and share at the end.
         """
-        run = self._run(mixture, start, schedule, observe, first)
+        run = self._run(mixture, start, schedule, observe, first, before)
         history = run.history
         unfinished = 0
         for _ in range(schedule.stages - 1):
@@ -181,6 +185,31 @@ class Level:
             run = self._run(mixture, run.T_target_source, schedule, observe, first + len(history), run.pairs)
             history += run.history
         return dataclasses.replace(run, history=history), mixture
+
+    def once(
+        self, mixture: InlierMixture, schedule: Schedule, observe: Observer | None, first: int, pairs: Pairs
+    ) -> Run:
+        """Run at one width from pairs of this level's points, without learning another width.
+
+        Parameters
+        ----------
+        mixture : InlierMixture
+            Width and share of inliers.
+        schedule : Schedule
+            Its name, and its limit of iterations.
+        observe : callable, optional
+            Called with each iteration.
+        first : int
+            Number of the first iteration.
+        pairs : Pairs
+            Correspondences at the pose to begin with.
+
+        Returns
+        -------
+        Run
+            How it ended.
+        """
+        return self._run(mixture, pairs.T_target_source, schedule, observe, first, pairs)
 
     def explains(self, run: Run, mixture: InlierMixture) -> bool:
         """Whether nearly all points of a run belong to the inliers of a mixture."""
@@ -208,7 +237,11 @@ class Level:
         icp = Icp(
             estimator=plan.estimator,
             kernel=mixture,
-            gates=(WithinDistance(plan.max_distance), NormalAngle(float(angle))),
+            gates=(
+                WithinDistance(plan.max_distance),
+                NormalAngle(float(angle)),
+                *(inland(self.surface, mixture.scale) if self.near else ()),
+            ),
             stopping=dataclasses.replace(
                 plan.stopping,
                 tolerance=self._tolerance(mixture),
@@ -223,7 +256,7 @@ class Level:
     def _tolerance(self, mixture: InlierMixture) -> float:
         width = mixture.scale / self.surface.diagonal
         # How well so many points of this width can place the part at all: no use in going on far below it.
-        placed = width / float(np.sqrt(len(self.scan)))
+        placed = width / float(np.sqrt(self.scan.represented))
         if self.last:
             return max(self.plan.stopping.tolerance, PLACED * placed)
         if len(self.scan) > FEW:

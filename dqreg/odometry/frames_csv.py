@@ -5,12 +5,14 @@ from __future__ import annotations
 import csv
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from dqreg.atomic import write_atomically
 from dqreg.odometry.engines import Trip
 from dqreg.odometry.scans import Scans
+from dqreg.result import Registration
 
 HEADER = (
     "frame",
@@ -55,15 +57,58 @@ def write_frames(path: str | Path, trip: Trip, scans: Scans) -> None:
         words = [""] * 6
         if trip.results:
             result = trip.results[number]
-            turn, shift = (float(np.sqrt(np.trace(result.covariance[part, part]))) for part in (slice(3), slice(3, 6)))
             words = [
                 result.verdict.level,
-                *(_number(value) for value in (np.rad2deg(turn), shift, result.inlier_fraction, result.rms)),
+                *(_number(value) for value in (*_sigmas(result), result.inlier_fraction, result.rms)),
                 "; ".join(result.verdict.reasons),
             ]
         row = [number, name, time, words[0], *place, *words[1:5], _number(trip.seconds[number]), words[5]]
         writer.writerow(row)
     write_atomically(Path(path), text.getvalue())
+
+
+def to_records(trip: Trip, scans: Scans) -> list[dict[str, Any]]:
+    """The frames as plain values.
+
+    Parameters
+    ----------
+    trip : Trip
+        A run; engines without verdicts leave those values None.
+    scans : Scans
+        Its frames, for names and times.
+
+    Returns
+    -------
+    list of dict
+        Keys as the columns of the CSV, with the pose as ``T_target_source`` and reasons as a list; lengths in the
+        scans' unit.
+    """
+    records = []
+    for number, name in enumerate(scans.names):
+        result = trip.results[number] if trip.results else None
+        turn, shift = (None, None) if result is None else _sigmas(result)
+        records.append(
+            {
+                "frame": number,
+                "name": name,
+                "time": None if scans.times is None else float(scans.times[number]),
+                "level": None if result is None else result.verdict.level,
+                "T_target_source": trip.poses[number],
+                "sigma_turn_deg": turn,
+                "sigma_shift": shift,
+                "on_map": None if result is None else result.inlier_fraction,
+                "rms": None if result is None else result.rms,
+                "seconds": float(trip.seconds[number]),
+                "reasons": [] if result is None else list(result.verdict.reasons),
+            }
+        )
+    return records
+
+
+def _sigmas(result: Registration) -> tuple[float, float]:
+    """One sigma of the turn in degrees and of the shift."""
+    turn, shift = (float(np.sqrt(np.trace(result.covariance[part, part]))) for part in (slice(3), slice(3, 6)))
+    return float(np.rad2deg(turn)), shift
 
 
 def _number(value: float) -> str:

@@ -13,11 +13,11 @@ from dqreg.odometry.evaluation import CHI2_HIGH, evaluate, nees
 COLUMNS = (
     "engine",
     "turn [deg]\n1 frame",
-    "shift\n1 frame",
+    "shift [scan unit]\n1 frame",
     "turn [deg]\n10 frames",
-    "shift\n10 frames",
+    "shift [scan unit]\n10 frames",
     "lost",
-    "path\nrms",
+    "path rms\n[scan unit]",
     "frames\na second",
 )
 

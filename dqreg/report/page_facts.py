@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dqreg.report.numbers_text import percent, place_text, setting_text, text_of
+from dqreg.report.summary import scale_words
 from dqreg.result import Registration
 
 Rows = list[tuple[str, str]]
@@ -99,11 +100,13 @@ def _sides(result: Registration, unit: str) -> Rows:
 
 def _converted(result: Registration) -> str:
     """What was done to the scan's unit; empty if nothing."""
-    scale = result.settings.get("source_scale", 1.0)
-    if scale == 1.0:
+    scaled = scale_words(result)
+    if scaled:
+        return f"Scale {scaled}."
+    if result.scale == 1.0:
         return ""
     names = (result.settings.get("source_units"), result.settings.get("target_units"))
-    return f"The scan's coordinates were multiplied by {scale:g} first ({names[0]} to {names[1]})."
+    return f"The scan's coordinates were multiplied by {result.scale:g} first ({names[0]} to {names[1]})."
 
 
 def _history(result: Registration, unit: str) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from types import TracebackType
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
 from rich.console import Console, Group, RenderableType
@@ -14,7 +14,9 @@ from rich.text import Text
 
 from dqreg.records import Iteration
 from dqreg.report.time_left import Steps
-from dqreg.start import Stage
+
+if TYPE_CHECKING:
+    from dqreg.start import Stage
 
 # Rows shown at once: the latest ones; a whole history would scroll away what matters.
 ROWS = 12
@@ -204,6 +206,7 @@ def stage_words(stage: Stage) -> str:
 
     Examples
     --------
+    >>> from dqreg.start import Stage
     >>> stage_words(Stage("screened", 160, 0.31))
     'screened, 160 poses left, 0.3 s'
     """

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-from rich.console import Console
+from typing import TYPE_CHECKING
 
-from dqreg.result import Registration
+import numpy as np
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from dqreg.result import Registration
 
 COLOURS = {"accepted": "green", "suspect": "yellow", "failed": "red"}
 
@@ -38,7 +42,9 @@ def summary_rows(result: Registration) -> list[tuple[str, str]]:
             f"pairs up to {settings['max_distance']:.4g} {unit}",
         ),
     ]
-    if settings["source_scale"] != 1.0:
+    if words := scale_words(result):
+        rows.append(("scale", words))
+    elif settings["source_scale"] != 1.0:
         rows.append(("units", f"source converted from {settings['source_units']}: x {settings['source_scale']:g}"))
     if np.isfinite(result.rms):
         rows.append(
@@ -47,6 +53,26 @@ def summary_rows(result: Registration) -> list[tuple[str, str]]:
         weakest = result.observability[0]
         rows.append(("least held", f"{weakest.words} (one sigma {weakest.sigma:.2g} {unit})"))
     return rows
+
+
+def scale_words(result: Registration) -> str:
+    """What the source was multiplied with because it was asked for; units are another matter.
+
+    Parameters
+    ----------
+    result : Registration
+        The answer.
+
+    Returns
+    -------
+    str
+        Empty where no scale was asked for.
+    """
+    settings, scale, sigma = result.settings, result.scale, result.scale_sigma
+    if settings.get("scale_solved"):
+        known = f"+- {sigma:.2g} (one sigma)" if np.isfinite(sigma) else "is not fixed by the data"
+        return f"solved for: source x {scale:.9g} {known}"
+    return "" if settings.get("scale", 1.0) == 1.0 else f"as asked, units included: source x {scale:.9g}"
 
 
 def print_summary(console: Console, result: Registration) -> None:

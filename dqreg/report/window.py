@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
+import ctypes.util
 import os
 import sys
+import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +15,13 @@ import numpy as np
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh
 from dqreg.open3d_gate import load_open3d
+from dqreg.report.cameras import VIEWS, camera
 from dqreg.report.colours import OFF_PART, SOURCE, TARGET, rgb
 from dqreg.report.story import Story
+
+INSTEAD = "give --save view.png for a picture or --report report.html for an interactive page"
+# Between two pictures, so that an idle window takes no core for itself.
+PAUSE_SECONDS = 0.01
 
 
 def require_display() -> None:
@@ -21,13 +30,34 @@ def require_display() -> None:
     Raises
     ------
     InputError
-        If neither X nor Wayland is there on Linux; the message says what to do instead.
+        If neither X nor Wayland answers on Linux; the message says what to do instead.
     """
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise InputError(
-            "there is no display for a window here; give --save view.png for a picture or --report report.html for an "
-            "interactive page"
-        )
+    if not sys.platform.startswith("linux") or _wayland_is_there():
+        return
+    name = os.environ.get("DISPLAY")
+    if not name:
+        raise InputError(f"there is no display for a window here; {INSTEAD}")
+    # Asked before Open3D is: where nobody answers, it opens a window that nobody sees and waits for its end.
+    if not _x_answers():
+        raise InputError(f"the display {name!r} does not answer (DISPLAY in the environment); {INSTEAD}")
+
+
+def _wayland_is_there() -> bool:
+    name = os.environ.get("WAYLAND_DISPLAY")
+    return bool(name) and (Path(os.environ.get("XDG_RUNTIME_DIR", "/")) / str(name)).exists()
+
+
+def _x_answers() -> bool:
+    library = ctypes.util.find_library("X11")
+    if library is None:
+        return True  # it cannot be asked
+    x11 = ctypes.CDLL(library)
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
+    display = x11.XOpenDisplay(None)
+    if display:
+        x11.XCloseDisplay(display)
+    return bool(display)
 
 
 def open_window(story: Story) -> None:
@@ -45,13 +75,43 @@ def open_window(story: Story) -> None:
     """
     open3d = load_open3d()
     window = open3d.visualization.Visualizer()
-    if not window.create_window(window_name=f"dqreg: {story.result.verdict.level}", width=1200, height=860):
-        raise InputError("no window can be opened on this display; use --save view.png or --report report.html")
+    if not window.create_window(window_name=title_of(story), width=1200, height=860):
+        raise InputError(f"no window can be opened on this display; {INSTEAD}")
     for geometry in shapes_of(story):
         window.add_geometry(geometry)
-    window.get_render_option().point_size = 2.5
-    window.run()
+    options = window.get_render_option()
+    options.point_size = 2.5
+    options.background_color = np.full(3, 0.85)
+    _, up, towards = camera(*VIEWS[story.view])
+    control = window.get_view_control()
+    control.set_front(towards)
+    control.set_up(up)
+    # Not `window.run()`, in which Ctrl-C would wait for the window's end.
+    while window.poll_events():
+        window.update_renderer()
+        time.sleep(PAUSE_SECONDS)
     window.destroy_window()
+
+
+def title_of(story: Story) -> str:
+    """What stands above the window: the verdict, and what the colours mean.
+
+    Parameters
+    ----------
+    story : Story
+        What is shown.
+
+    Returns
+    -------
+    str
+        A line.
+    """
+    level = f"dqreg: {story.result.verdict.level}"
+    if story.deviations is None or story.scale is None:
+        return level
+    if not story.scale.signed:
+        return f"{level}; deviations from 0 to {story.scale.limit:.3g} {story.unit}"
+    return f"{level}; deviations from blue, -{story.scale.limit:.3g} {story.unit}, to orange, +{story.scale.limit:.3g}"
 
 
 def shapes_of(story: Story) -> list[Any]:

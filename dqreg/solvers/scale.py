@@ -1,33 +1,30 @@
-"""Scale from closest points on a surface, as an explicit request: scale and pose in turns.
+"""Scale from closest points on a surface, as an explicit request: one step of scale and pose together.
 
 Points may slide along the faces of the target, so the closed form for given matches (`similarity`) only creeps here;
-seven unknowns on the tangent planes, a twist and the logarithm of the scale, are solved at once instead. Measured on
-scans of CAD parts with 3e-4 S noise and the pose free, from 5 % off: 4 to 10 alignments to 1e-5 of the scale.
+seven unknowns on the tangent planes, a twist and the logarithm of the scale, are solved at once instead.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from dqreg.arrays import FloatArray
-from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.errors import DegenerateGeometryError
+from dqreg.rigid import pose, twist
 from dqreg.solvers.similarity import spread_of
 
-# Largest change of scale in one step: farther off, the tangent planes mislead.
-STEP = 1.25
-# Starts that are followed, alignments of each of them, and misfits that are as good as the least.
-SHORT, TRIAL, ALIKE = 3, 5, 2.0
 # Share of the scale's own information that must be left once the pose is free: of a flat or round part nothing is.
 HELD = 1e-8
+# Patches of neighbouring matches whose noise may be one; and the fewest from which a scatter can be learned.
+PATCHES, FEWEST_PATCHES = 200, 30
 
 
 @dataclasses.dataclass(frozen=True)
 class SurfaceMatches:
-    """A scaled source under its best pose, and where it meets the target.
+    """A scaled source under a pose, and where it meets the target.
 
     Attributes
     ----------
@@ -37,63 +34,100 @@ class SurfaceMatches:
         Closest places of the target and its unit normals there, of any sign; a zero normal leaves its match out.
     weights : ndarray, (n,)
         beta >= 0: see `robust_weights`.
-    T_target_source : ndarray, (4, 4), optional
-        The pose found, for the next alignment to begin with.
-    misfit : float
-        Width of the distances by what the source's own noise explains, noise scaled along with the source: 1 for a
-        scan that fits. It must not shrink with the scale, or the smallest copy would always fit best.
     """
 
     points: FloatArray
     closest: FloatArray
     normals: FloatArray
     weights: FloatArray
-    T_target_source: FloatArray | None = None
-    misfit: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True)
-class ScaleFit:
-    """Where the alternation of scale and pose ended.
+class ScaleStep:
+    """A small change of scale and pose together.
+
+    The points go to ``middle + shift + factor Rot(turn) (p - middle)``.
 
     Attributes
     ----------
-    scale : float
-        What source lengths are multiplied with.
+    factor : float
+        What the scale is multiplied with.
     sigma : float
-        Standard deviation of the scale, relative to it, from the matches' own residuals.
-    misfit : float
-        As the last alignment told it: far above 1, the scan does not fit at this scale, converged or not.
-    converged : bool
-        Whether the last step was below the tolerance.
-    history : tuple of float
-        Scale of each alignment of the start that was followed.
+        Standard deviation of the logarithm of the scale, with the pose free: of its residuals as they scatter from
+        patch to patch where there are enough of them, and never less than if all were independent.
+    turn : ndarray, (3,)
+        Rotation vector.
+    shift : ndarray, (3,)
+        A length vector.
+    middle : ndarray, (3,)
+        Weighted mean of the points.
+    pull : ndarray, (6,)
+        How turn and shift follow the logarithm of the scale along the valley of the cost.
     """
 
-    scale: float
+    factor: float
     sigma: float
-    misfit: float
-    converged: bool
-    history: tuple[float, ...]
+    turn: FloatArray
+    shift: FloatArray
+    middle: FloatArray
+    pull: FloatArray
+
+    def moved(self, T_target_source: FloatArray) -> FloatArray:
+        """Pose of the source scaled by the factor too.
+
+        Parameters
+        ----------
+        T_target_source : ndarray, (4, 4)
+            Pose of the source at the scale before the step.
+
+        Returns
+        -------
+        ndarray, (4, 4)
+            Pose after it.
+        """
+        turn = twist.exp(np.r_[self.turn, 0.0, 0.0, 0.0])[:3, :3]
+        away = T_target_source[:3, 3] - self.middle
+        return pose.from_parts(turn @ T_target_source[:3, :3], self.middle + self.shift + self.factor * (turn @ away))
+
+    def follow(self, T_target_source: FloatArray, centre: FloatArray) -> FloatArray:
+        """How the pose of the scaled source follows the logarithm of the scale.
+
+        Parameters
+        ----------
+        T_target_source : ndarray, (4, 4)
+            The pose.
+        centre : ndarray, (3,)
+            What the twist is about, target frame.
+
+        Returns
+        -------
+        ndarray, (6,)
+            Twist of a left increment about the centre, rotation first, for each unit of the logarithm.
+        """
+        turn, shift = self.pull[:3], self.pull[3:]
+        followed: FloatArray = np.r_[
+            turn, shift + np.cross(turn, centre - self.middle) + T_target_source[:3, 3] - self.middle
+        ]
+        return followed
 
 
-def scale_on_planes(matches: SurfaceMatches) -> tuple[float, float]:
-    """Factor by which a source under its pose should still be scaled, so that it lies on the tangent planes.
+def scale_step(matches: SurfaceMatches, *, hold: bool = False) -> ScaleStep:
+    """Scale and motion that put a source on the tangent planes of its matches.
 
-    Minimises ``sum beta (n.(p + w x p' + v + sigma p' - q))^2`` over the twist (w, v) and sigma together, with p'
-    from the weighted mean of the points; the factor is ``exp(sigma)``.
+    Minimises ``sum beta (n.(p + w x p' + v + s p' - q))^2`` over the twist (w, v) and s together, with p' from the
+    weighted mean of the points; the factor is ``exp(s)``.
 
     Parameters
     ----------
     matches : SurfaceMatches
-        Matches of one alignment.
+        Matches at one scale and pose, in Morton order where the scatter shall be learned.
+    hold : bool
+        Whether the scale stays, and the motion alone is solved for.
 
     Returns
     -------
-    factor : float
-        1 where the scale is right already.
-    sigma : float
-        Standard deviation of the logarithm of the factor.
+    ScaleStep
+        A factor of 1 where the scale is right already.
 
     Raises
     ------
@@ -102,7 +136,7 @@ def scale_on_planes(matches: SurfaceMatches) -> tuple[float, float]:
 
     Examples
     --------
-    >>> scale_on_planes(SurfaceMatches(np.eye(3), np.eye(3), np.eye(3), np.ones(3)))
+    >>> scale_step(SurfaceMatches(np.eye(3), np.eye(3), np.eye(3), np.ones(3)))
     Traceback (most recent call last):
     ...
     dqreg.errors.DegenerateGeometryError: 3 matches are too few for a scale and a pose; at least 8 are needed
@@ -112,27 +146,48 @@ def scale_on_planes(matches: SurfaceMatches) -> tuple[float, float]:
     if count < 8:
         raise DegenerateGeometryError(f"{count} matches are too few for a scale and a pose; at least 8 are needed")
     p, n, weights = matches.points[used], matches.normals[used], matches.weights[used]
-    away = p - weights @ p / weights.sum()
+    middle = weights @ p / weights.sum()
     # Lengths in sizes of the source, so that all seven columns are alike.
     size = spread_of(p, weights)
-    away = away / size
+    away = (p - middle) / size
     rows = np.column_stack([np.cross(away, n), n, np.einsum("ij,ij->i", n, away)])
     gaps = -np.einsum("ij,ij->i", n, p - matches.closest[used]) / size
     weighed = weights[:, None] * rows
     form, right = rows.T @ weighed, weighed.T @ gaps
     # What the pose could explain is taken out of the scale's column; motions that nothing holds do not matter.
     inverse = np.linalg.pinv(form[:6, :6], rcond=1e-10, hermitian=True)
-    held = float(form[6, 6] - form[6, :6] @ inverse @ form[:6, 6])
-    if not held > HELD * weights.sum():
+    pull = -inverse @ form[:6, 6]
+    held = float(form[6, 6] + form[6, :6] @ pull)
+    if not hold and not held > HELD * weights.sum():
         raise DegenerateGeometryError(
             "the matches leave the scale free (a plane or a cone fits itself at any size); give the scale, or scan "
             "opposite sides of the part"
         )
-    sigma = float(right[6] - form[6, :6] @ inverse @ right[:6]) / held
-    solution = np.append(inverse @ (right[:6] - form[:6, 6] * sigma), sigma)
-    residual = gaps - rows @ solution
-    noise = float(weights @ residual**2) / max(float(weights.sum()) - 7.0, 1.0)
-    return math.exp(sigma), math.sqrt(noise / held)
+    log = 0.0 if hold else float(right[6] + pull @ right[:6]) / held
+    motion = inverse @ right[:6] + log * pull
+    residuals = gaps - rows @ np.append(motion, log)
+    alone = rows[:, 6] + rows[:, :6] @ pull
+    lengths = np.r_[[1.0] * 3, [size] * 3]
+    return ScaleStep(
+        math.exp(log),
+        math.nan if hold else _sigma(alone, residuals, weights, held),
+        motion[:3],
+        size * motion[3:],
+        middle,
+        lengths * pull,
+    )
+
+
+def _sigma(alone: FloatArray, residuals: FloatArray, weights: FloatArray, held: float) -> float:
+    # As in the covariance of the pose: White's sandwich over patches, for the one column that is left of the scale.
+    total = max(float(weights.sum()) - 7.0, 1.0)
+    independent = math.sqrt(float(weights @ residuals**2) / total / held)
+    count = min(PATCHES, len(weights) // 8)
+    if count < FEWEST_PATCHES:
+        return independent
+    starts = np.linspace(0, len(weights), count, endpoint=False).astype(np.int64)
+    scores = np.add.reduceat(alone * weights * residuals, starts)
+    return max(independent, math.sqrt(float(scores @ scores) * count / (count - 8.0)) / held)
 
 
 def robust_weights(distances: FloatArray, noise: float) -> FloatArray:
@@ -160,123 +215,3 @@ def robust_weights(distances: FloatArray, noise: float) -> FloatArray:
     width = max(1.4826 * float(np.median(distances)), noise)
     weights: FloatArray = (1.0 + (distances / (2.0 * width)) ** 2) ** -2
     return weights
-
-
-def solve_scale(
-    align: Callable[[float, FloatArray | None], SurfaceMatches],
-    starts: Sequence[float],
-    *,
-    tolerance: float = 1e-7,
-    iterations: int = 30,
-) -> ScaleFit:
-    """Alternate scale and pose until the scale stands, from the best of several starts.
-
-    Every start is aligned once and the three that fit best are followed. A small enough copy of a scan lies snugly in
-    some corner of the part, so a good fit alone proves nothing: of those whose misfit is near the least, the one with
-    the largest scale goes to the end.
-
-    Parameters
-    ----------
-    align : callable
-        ``align(scale, T_start)`` registers the source times a scale, from a pose of the scaled source, or from
-        nothing where that is None, and answers with its matches.
-    starts : sequence of float
-        Scales to begin with, > 0, see `scale_starts`. A start finds its basin from about 5 % off where the pose is
-        known, and from 3 % where it has to be searched.
-    tolerance : float
-        Relative change of the scale that counts as none.
-    iterations : int
-        Alignments of the best start at most.
-
-    Returns
-    -------
-    ScaleFit
-        The scale, how sure it is, and the way there.
-
-    Raises
-    ------
-    InputError
-        If a start or a limit cannot be used.
-    DegenerateGeometryError
-        If the matches of every start leave the scale free.
-
-    Examples
-    --------
-    A ball of radius 2 among points of radius 1, which know their pose:
-
-    >>> normals = np.random.default_rng(0).normal(size=(200, 3))
-    >>> normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    >>> def align(scale, T_start):
-    ...     return SurfaceMatches(scale * normals, 2.0 * normals, normals, np.ones(200))
-    >>> fit = solve_scale(align, [1.5])
-    >>> round(fit.scale, 9), fit.converged
-    (2.0, True)
-    """
-    if not len(starts) or not all(isinstance(s, (int, float)) and 0.0 < s < math.inf for s in starts):
-        raise InputError(f"starts must be scales above 0, one at least; got {list(starts)!r}")
-    if not 0.0 < tolerance < 1.0 or iterations < 1:
-        raise InputError(f"tolerance must be between 0 and 1 and iterations at least 1; got {tolerance}, {iterations}")
-    tried, refused = [], None
-    for start in starts:
-        try:
-            tried.append(_follow(align, float(start), None, tolerance, 1))
-        except DegenerateGeometryError as error:
-            refused = error
-    if not tried:
-        raise refused or DegenerateGeometryError("no start found matches")
-    short = sorted(tried, key=lambda t: t[0].misfit)[:SHORT]
-    tried = [_follow(align, fit.scale, T, tolerance, min(TRIAL, iterations)) for fit, T in short]
-    least = min(fit.misfit for fit, _ in tried)
-    fit, T = max((t for t in tried if t[0].misfit <= ALIKE * max(least, 1.0)), key=lambda t: t[0].scale)
-    if fit.converged or iterations <= TRIAL:
-        return fit
-    further, _ = _follow(align, fit.scale, T, tolerance, iterations - TRIAL)
-    return dataclasses.replace(further, history=fit.history + further.history)
-
-
-def scale_starts(ratio: float, spread: float = 1.35, step: float = 1.05) -> list[float]:
-    """Scales to try about a ratio of sizes: a scan from few sides is larger or smaller than its part by some share.
-
-    Parameters
-    ----------
-    ratio : float
-        Size of the target by size of the source, see `dqreg.geometry.unit_mistake.principal_spreads`.
-    spread : float
-        Largest factor to either side, > 1.
-    step : float
-        Factor from one start to the next, > 1.
-
-    Returns
-    -------
-    list of float
-        The ratio itself first, then outwards in turns.
-
-    Examples
-    --------
-    >>> [round(s, 2) for s in scale_starts(100.0, spread=1.1)]
-    [100.0, 95.24, 105.0]
-    """
-    count = int(math.log(spread) / math.log(step))
-    return [ratio * step**k for k in sorted(range(-count, count + 1), key=lambda k: (abs(k), k))]
-
-
-def _follow(
-    align: Callable[[float, FloatArray | None], SurfaceMatches],
-    scale: float,
-    T: FloatArray | None,
-    tolerance: float,
-    iterations: int,
-) -> tuple[ScaleFit, FloatArray | None]:
-    history = []
-    sigma, misfit, converged = math.nan, math.inf, False
-    for _ in range(iterations):
-        history.append(scale)
-        matches = align(scale, T)
-        T, misfit = matches.T_target_source, matches.misfit
-        factor, sigma = scale_on_planes(matches)
-        # Below a hundredth of what noise leaves open, a further step would say nothing.
-        converged = abs(math.log(factor)) <= max(tolerance, 0.01 * sigma)
-        scale *= 1.0 if converged else min(max(factor, 1.0 / STEP), STEP)
-        if converged:
-            break
-    return ScaleFit(scale, sigma, misfit, converged, tuple(history)), T

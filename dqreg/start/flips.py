@@ -51,15 +51,35 @@ def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
     >>> len(near_flips(part, MeshSurface(part)))
     0
     """
+    return maps_about_axes(mesh, surface, proper_turns())
+
+
+def maps_about_axes(mesh: Mesh, surface: Surface, turns: list[FloatArray]) -> FloatArray:
+    """Those of some orthogonal matrices that, about the principal axes, leave most of a part in place, but not all.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The part.
+    surface : Surface
+        The same as a surface.
+    turns : list of ndarray, (3, 3)
+        In the frame of the principal axes.
+
+    Returns
+    -------
+    ndarray, (k, 4, 4)
+        The part's maps onto itself, nearly.
+    """
     centre, axes = principal_axes(*moments(mesh))
     points = sample_mesh(mesh, CHECKED, np.random.default_rng(0)).points
-    rotations = [axes @ turn @ axes.T for turn in proper_turns()]
-    turns = [pose.from_parts(R, centre - R @ centre) for R in rotations]
+    rotations = [axes @ turn @ axes.T for turn in turns]
+    maps = [pose.from_parts(R, centre - R @ centre) for R in rotations]
     # Few points of all turns in one question; most turns move most of the part far away.
-    few = np.concatenate([pose.apply(T, points[:: CHECKED // SCREENED]) for T in turns])
-    shares = (surface.closest(few).distances <= NEARLY * surface.diagonal).reshape(len(turns), -1).mean(axis=1)
+    few = np.concatenate([pose.apply(T, points[:: CHECKED // SCREENED]) for T in maps])
+    shares = (surface.closest(few).distances <= NEARLY * surface.diagonal).reshape(len(maps), -1).mean(axis=1)
     found = []
-    for T in (turns[k] for k in np.flatnonzero(shares >= MOST - SLACK)):
+    for T in (maps[k] for k in np.flatnonzero(shares >= MOST - SLACK)):
         distances = surface.closest(pose.apply(T, points)).distances / surface.diagonal
         if np.mean(distances <= NEARLY) >= MOST and np.mean(distances <= SAME) < ALL:
             found.append(T)

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg.arrays import BoolArray, FloatArray
 from dqreg.geometry import Surface
 from dqreg.icp import InlierMixture
 
@@ -14,6 +14,9 @@ from dqreg.icp import InlierMixture
 LEARNED = 6
 # Normals farther apart than this are of different faces.
 GATE_RAD = np.deg2rad(50.0)
+# A point speaks clearly for one of two poses with this log-likelihood between them; so many points are enough if what
+# they say is so many times what speaks against them.
+CLEAR, WITNESSES, UNANIMOUS = 2.0, 30, 10.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +59,25 @@ class Judgement:
         means = np.add.reduceat(gaps, edges, axis=1) / counts
         error = means.std(axis=1, ddof=1) / np.sqrt(len(edges)) if len(edges) > 1 else np.zeros(len(gaps))
         return gaps.mean(axis=1), error
+
+    def told_apart(self, best: int) -> BoolArray:
+        """Which poses some points speak clearly against, and next to none for, (n,).
+
+        A notch is seen by few points, which all stand in a few blocks: their mean says little and its error is large,
+        but nothing speaks for the other pose. Where the part is not quite its drawing, points speak for either.
+        """
+        gaps = self.likelihoods[best] - self.likelihoods
+        clear = np.abs(gaps) > CLEAR
+        against, in_favour = clear & (gaps > 0.0), clear & (gaps < 0.0)
+        weights = np.where(against, gaps, 0.0).sum(axis=1), np.where(in_favour, -gaps, 0.0).sum(axis=1)
+        told: BoolArray = (np.count_nonzero(against, axis=1) >= WITNESSES) & (weights[0] > UNANIMOUS * weights[1])
+        return told
+
+
+def both_ways(there: Judgement, back: Judgement) -> Judgement:
+    """One judgement of the points of both sides: each side has as much to say as it has points."""
+    likelihoods = np.concatenate([there.likelihoods, back.likelihoods], axis=1)
+    return Judgement(likelihoods, np.concatenate([there.distances, back.distances], axis=1), there.width)
 
 
 def weigh_up(

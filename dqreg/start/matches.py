@@ -8,6 +8,7 @@ with both (SC2-PCR, Chen 2022): such pairs and triples go into the closed form.
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 
 import numpy as np
 
@@ -40,16 +41,30 @@ class Described:
     ----------
     points, normals : ndarray, (n, 3)
         Places, a voxel apart; normals of consistent sign where they could be made so.
-    histograms : ndarray, (n, 33)
-        Fast point feature histograms.
-    against : ndarray, (n, 33)
-        The same for all normals turned round: which of both is right, only the other side knows.
+    around, slopes : ndarray, (m, 3)
+        All places and normals that the histograms are made of; those kept are among them.
+    kept : ndarray of int, (n,)
+        Their rows there.
+    radius : float
+        Of a histogram.
     """
 
     points: FloatArray
     normals: FloatArray
-    histograms: FloatArray
-    against: FloatArray
+    around: FloatArray
+    slopes: FloatArray
+    kept: IntArray
+    radius: float
+
+    @cached_property
+    def histograms(self) -> FloatArray:
+        """Fast point feature histograms, (n, 33)."""
+        return _histograms(self.around, self.slopes, self.radius)[self.kept]
+
+    @cached_property
+    def against(self) -> FloatArray:
+        """The same for all normals turned round, (n, 33): which of both is right, only the other side knows."""
+        return _histograms(self.around, -self.slopes, self.radius)[self.kept]
 
     @staticmethod
     def of(points: FloatArray, voxel: float, normals: FloatArray | None = None) -> Described:
@@ -74,8 +89,7 @@ class Described:
         else:
             normals = normals[rows]
         kept = sample_rows(len(places), PLACES)
-        histograms = [_histograms(places, sign * normals, RADIUS * voxel)[kept] for sign in (1.0, -1.0)]
-        return Described(places[kept], normals[kept], *histograms)
+        return Described(places[kept], normals[kept], places, normals, kept, RADIUS * voxel)
 
 
 def one_a_voxel(points: FloatArray, voxel: float) -> IntArray:

@@ -19,7 +19,8 @@ from dqreg.solvers.oriented_pairs import OrientedPairs, poses_from_pairs
 from dqreg.start.features import Features, even_places, target_features
 from dqreg.start.plane_grid import PlaneGrid
 from dqreg.start.screening import DistanceGrid
-from dqreg.start.symmetry import Symmetry, find_symmetry
+from dqreg.start.self_maps import find_symmetry
+from dqreg.start.symmetry import Symmetry
 
 # Places of the target whose pairs are tabulated: their square is the table. They are drawn from so many.
 TABLE_POINTS, DENSE = 1_000, 20_000

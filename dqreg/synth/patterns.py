@@ -9,7 +9,7 @@ import numpy as np
 from dqreg.arrays import FloatArray, as_float, as_vectors
 from dqreg.errors import InputError
 from dqreg.synth.view_checks import check_views, is_within, require_rays, unit
-from dqreg.synth.views import Scanner, camera_axes
+from dqreg.synth.views import Scanner, camera_axes, sensors_around
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class Lidar:
         >>> Lidar(views=((1, 0, 0),)).sensor_positions(np.zeros(3), 10.0).tolist()
         [[15.0, 0.0, 0.0]]
         """
-        return centre + self.stand_off * diagonal * unit(as_vectors(self.views, "views"))
+        return sensors_around(self.views, self.stand_off, centre, diagonal)
 
     def projector_positions(self, centre: FloatArray, diagonal: float) -> FloatArray | None:
         """Return None: a LiDAR sends its own light along the ray.

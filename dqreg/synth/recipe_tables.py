@@ -238,10 +238,10 @@ def _rounded(vertices: FloatArray) -> FloatArray:
 
 
 def _read_mesh(path: Path) -> parts.Mesh:
-    import trimesh
+    from dqreg.files import read_mesh
 
     try:
-        mesh = trimesh.load_mesh(path)
+        mesh = read_mesh(path)
         return check_mesh(mesh.vertices, mesh.faces)
-    except Exception as error:  # trimesh raises whatever its readers raise
-        raise InputError(f"recipe: part.file: cannot read a mesh from {path}: {error}") from error
+    except InputError as error:
+        raise InputError(f"recipe: part.file: {error}") from error

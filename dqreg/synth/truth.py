@@ -77,15 +77,16 @@ def random_pose(rng: np.random.Generator, offset: float, centre: ArrayLike) -> F
 
 
 def worst_vertex_displacement(T: ArrayLike, T_truth: ArrayLike, vertices: ArrayLike) -> float:
-    """Greatest distance between where a pose puts a vertex and where the true pose puts it.
+    """Greatest distance of a vertex of the part from where the true pose has it.
+
+    The scan of a vertex b lies at inv(T_truth) b; a pose puts it at T inv(T_truth) b, which should be b.
 
     Parameters
     ----------
     T, T_truth : array_like, (4, 4)
-        Pose to judge, and the true pose; both map the vertices' frame to the same other frame.
+        ``T_target_source``: pose to judge, and the true pose.
     vertices : array_like, (v, 3)
-        Vertices of the part. For a pose ``T_target_source`` and vertices in the target frame give the inverse
-        of both poses, or move the vertices first.
+        Vertices of the part, in its own (target) frame.
 
     Returns
     -------
@@ -107,14 +108,14 @@ def worst_vertex_displacement(T: ArrayLike, T_truth: ArrayLike, vertices: ArrayL
 
 
 def rms_vertex_displacement(T: ArrayLike, T_truth: ArrayLike, vertices: ArrayLike) -> float:
-    """Root mean square distance between where a pose puts the vertices and where the true pose puts them.
+    """Root mean square distance of the part's vertices from where the true pose has them.
 
     Parameters
     ----------
     T, T_truth : array_like, (4, 4)
-        Pose to judge, and the true pose, as for `worst_vertex_displacement`.
+        ``T_target_source``: pose to judge, and the true pose, as for `worst_vertex_displacement`.
     vertices : array_like, (v, 3)
-        Vertices of the part.
+        Vertices of the part, in its own (target) frame.
 
     Returns
     -------
@@ -176,7 +177,7 @@ def nearest_truth(
         raise InputError("truths must hold at least one pose")
     if axis is not None:
         candidates = [_turned_nearest(judged, truth, V, *axis) for truth in candidates]
-    worst = [worst_vertex_displacement(judged @ pose.inverse(truth), np.eye(4), V) for truth in candidates]
+    worst = [worst_vertex_displacement(judged, truth, V) for truth in candidates]
     best = int(np.argmin(worst))
     return candidates[best], worst[best]
 
@@ -199,7 +200,9 @@ def _squared_displacements(T: ArrayLike, T_truth: ArrayLike, vertices: ArrayLike
     V = as_vectors(vertices, "vertices")
     if not len(V):
         raise InputError("vertices must hold at least one point")
+    # The difference first: what is left of two nearly equal poses is small, and keeps its digits.
     difference = as_pose(T, "T") - as_pose(T_truth, "T_truth")
+    difference = difference @ pose.inverse(T_truth)
     squares: FloatArray = ((V @ difference[:3, :3].T + difference[:3, 3]) ** 2).sum(axis=1)
     return squares
 

@@ -79,7 +79,7 @@ class Scanner:
         >>> Scanner(views=((0, 0, 2),)).sensor_positions(np.zeros(3), 10.0).tolist()
         [[0.0, 0.0, 15.0]]
         """
-        return centre + self.stand_off * diagonal * unit(as_vectors(self.views, "views"))
+        return sensors_around(self.views, self.stand_off, centre, diagonal)
 
     def projector_positions(self, centre: FloatArray, diagonal: float) -> FloatArray | None:
         """Return None: a plain camera needs no second light.
@@ -145,6 +145,35 @@ class Scanner:
         if shift is not None:
             s_right, s_up = s_right + half * pitch * shift[..., :1], s_up + half * pitch * shift[..., 1:]
         return unit(forward[:, None, None] + s_up * up[:, None, None] + s_right * right[:, None, None])
+
+
+def sensors_around(
+    views: tuple[tuple[float, float, float], ...], stand_off: float, centre: FloatArray, diagonal: float
+) -> FloatArray:
+    """Return where sensors stand that look at a part, all from the same distance.
+
+    Parameters
+    ----------
+    views : sequence of (float, float, float)
+        Directions from the part's centre to the sensors, any length above zero.
+    stand_off : float
+        Distance from the centre, in diagonals.
+    centre : ndarray, (3,)
+        Centre of the part.
+    diagonal : float
+        Its diagonal.
+
+    Returns
+    -------
+    ndarray, (k, 3)
+        In the part's frame and unit.
+
+    Examples
+    --------
+    >>> sensors_around(((0, 0, 2),), 1.5, np.zeros(3), 10.0).tolist()
+    [[0.0, 0.0, 15.0]]
+    """
+    return centre + stand_off * diagonal * unit(as_vectors(views, "views"))
 
 
 def camera_axes(views: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -8,6 +8,7 @@ from dqreg.trust.deviation_bands import Band, Bands, Summary
 from dqreg.trust.deviation_colours import colours_of
 from dqreg.trust.deviation_places import Place
 from dqreg.trust.deviation_record import Deviations
+from dqreg.trust.free_motions import without_free_motion
 from dqreg.trust.observability import observe_directions
 from dqreg.trust.verdict import Evidence, judge
 
@@ -26,4 +27,5 @@ __all__ = [
     "measure_deviations",
     "observe_directions",
     "why_unsigned",
+    "without_free_motion",
 ]

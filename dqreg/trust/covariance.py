@@ -7,11 +7,13 @@ import dataclasses
 import numpy as np
 
 from dqreg.arrays import BoolArray, FloatArray
+from dqreg.trust.scatter import scatter_of
 
 # Information below this share of what all pairs could give with the longest lever is rounding or facets, not shape.
 FREE = 1e-5
-# Patches of neighbouring pairs whose noise may be one; and the fewest from which a scatter can be learned.
-PATCHES, FEWEST_PATCHES = 200, 30
+# A coordinate takes part in a free motion from this share on: less of it is the noise of the fit, and half a turn
+# about an axis so far aside would displace the centre by three such shares of the part.
+TOUCHED = 1e-4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,6 +82,8 @@ def information_of(
     patchwise: bool = False,
     allowed: FloatArray | None = None,
     prior: FloatArray | None = None,
+    counts: FloatArray | None = None,
+    scattered: FloatArray | float = 0.0,
 ) -> Information:
     """Information from distances along the target's normals: sliding along a face costs nothing.
 
@@ -105,12 +109,15 @@ def information_of(
         hold a round shaft against a spin.
     patchwise : bool
         Whether the covariance is learned from how the residuals scatter from patch to patch (points in Morton order):
-        noise that differs from face to face, or that neighbours share, then counts as it is (White 1980; Liang and
-        Zeger 1986).
+        noise that differs from face to face, or that neighbours share, then counts as it is; see `scatter_of`.
     allowed : ndarray, (6, k), optional
         Twists about the centre that the pose may still take, one a column; the others were locked.
     prior : ndarray, (6, 6), optional
         Information about the twist that was known beforehand.
+    counts : ndarray, (n,), optional
+        Pairs that each row stands for, where it is the mean of some; the weight is of all of them.
+    scattered : ndarray, (n,), or float
+        Mean squared distance of those from their mean, along the normal.
 
     Returns
     -------
@@ -126,7 +133,7 @@ def information_of(
     3
     """
     total = float(weights.sum())
-    variance = float(weights @ residuals**2) / max(total - 6.0, 1.0)
+    variance = float(weights @ (residuals**2 + scattered)) / max(total - 6.0, 1.0)
     scaling = np.r_[[lever] * 3, [1.0] * 3]
     basis = np.eye(6) if allowed is None else np.linalg.qr(allowed * scaling[:, None])[0]
     # What was known beforehand, in the units of the pairs' own information.
@@ -138,29 +145,17 @@ def information_of(
         rows, shape = basis.T @ rows, basis.T @ shape
     values, vectors = np.linalg.eigh(((shape * weights) @ shape.T + known) / max(total, np.finfo(float).tiny))
     shares = weights * (vectors.T @ shape) ** 2
-    squared = (shares**2).sum(axis=1)
+    squared = (shares**2 if counts is None else shares**2 / counts).sum(axis=1)
     carriers = shares.sum(axis=1) ** 2 / np.where(squared > 0.0, squared, np.inf)
     sigma = float(np.sqrt(variance))
     held = Information(np.maximum(values, 0.0), basis @ vectors, total, sigma, lever, centre, carriers)
-    if not patchwise or min(PATCHES, len(weights) // 8) < FEWEST_PATCHES:
-        return held
     inner = vectors[:, ~held.free]
-    scatter = _scatter(inner.T @ rows, residuals, weights, inner.T @ known @ inner, variance)
+    if not patchwise or not inner.shape[1]:
+        return held
+    known = inner.T @ known @ inner
+    scatter = scatter_of(inner.T @ rows, points, normals, residuals, weights, known, variance, counts)
     outer = basis @ inner
-    return dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
-
-
-def _scatter(
-    J: FloatArray, residuals: FloatArray, weights: FloatArray, known: FloatArray, variance: float
-) -> FloatArray:
-    # The sandwich A^-1 B A^-1: A is the information, B what the scores of the patches amount to.
-    count = min(PATCHES, len(weights) // 8)
-    starts = np.linspace(0, len(weights), count, endpoint=False).astype(np.int64)
-    scores = np.add.reduceat(J * (weights * residuals), starts, axis=1)
-    bread = np.linalg.inv((J * weights) @ J.T + known)
-    meat = scores @ scores.T * count / (count - len(J) - 1.0) + variance * known
-    scatter: FloatArray = bread @ meat @ bread
-    return scatter
+    return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
 
 
 def plane_rows(points: FloatArray, normals: FloatArray, centre: FloatArray, lever: float) -> FloatArray:
@@ -215,7 +210,7 @@ def covariance_of(information: Information) -> FloatArray:
         scaled = (vectors / (information.values[held] * information.weight)) @ vectors.T * information.sigma**2
     unscale = np.r_[[1.0 / information.lever] * 3, [1.0] * 3]
     covariance: FloatArray = scaled * unscale[:, None] * unscale
-    touched = (np.abs(information.vectors[:, ~held]) > 1e-6).any(axis=1)
+    touched = (np.abs(information.vectors[:, ~held]) > TOUCHED).any(axis=1)
     covariance[touched] = np.nan
     covariance[:, touched] = np.nan
     return covariance

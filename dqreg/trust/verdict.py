@@ -21,6 +21,11 @@ PATCHES_OFF_BORDER = 0.12
 OFF_PER_STRAY = 0.25
 # Distances this many times the scan's own noise: the shapes differ, or the pose is wrong.
 ROUGH = 5.0
+# What to do about a loop that ended so.
+ADVICE = {
+    "iteration limit": "; raise max_iterations, or give a nearer start",
+    "stalled": "; its steps went on without shrinking: look at the pose, or give a nearer start",
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,6 +62,8 @@ class Evidence:
         Whether the target ends somewhere: a cloud, an open mesh.
     units : str or None
         Of all lengths, where known.
+    stretch, stretched_along : float, tuple of 3 floats
+        Share by which the scan is longer than the target along an axis, see `stretch_of`; below 0 where shorter.
     """
 
     status: str
@@ -76,6 +83,8 @@ class Evidence:
     search: str = ""
     has_border: bool = False
     units: str | None = None
+    stretch: float = 0.0
+    stretched_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def length(self, value: float) -> str:
         """A length in words, with its unit where that is known."""
@@ -109,7 +118,10 @@ def _why_nothing(evidence: Evidence) -> str:
             "a matching normal; check the start and the units, or raise max_distance"
         )
     if evidence.status == "degenerate correspondences":
-        return f"no pose: the loop ended with {evidence.status!r}; both sides must span an area where they meet"
+        return (
+            f"no pose: what the two sides share lies on a line or at one place ({evidence.status}); scan more of the "
+            "part, or check the start"
+        )
     if evidence.inliers < FEWEST_OF_ALL:
         return (
             f"no pose: the loop ended with {evidence.inliers:.2g} points on the target, and three fix a pose at least; "
@@ -161,15 +173,23 @@ def _doubts(evidence: Evidence) -> list[str]:
             f"{evidence.width / evidence.expected:.0f} times what the scan's own noise ({noise}) "
             "explains: shapes differ, or the pose is wrong"
         )
+    if evidence.stretch:
+        x, y, z = (c if abs(c) >= 0.005 else 0.0 for c in evidence.stretched_along)
+        doubts.append(
+            f"the scan looks about {100 * abs(evidence.stretch):.0f} % too "
+            f"{'long' if evidence.stretch > 0.0 else 'short'} along ({x:.2f}, {y:.2f}, {z:.2f}): another part, a "
+            "scaled file, or a wrong minimum"
+        )
     doubts.extend(d.words for d in evidence.directions if d.words.startswith("free"))
     others = sum(not alternative.symmetry for alternative in evidence.alternatives)
     if others:
-        doubts.append(f"{others} other pose(s) explain the scan about as well: see alternatives")
+        some = "another pose explains" if others == 1 else f"{others} other poses explain"
+        doubts.append(f"{some} the scan about as well: see alternatives")
     if evidence.search not in ("", "judged"):
         doubts.append(
             f"the time was up when the search for a start had {evidence.search} its poses: they were not compared; "
             "give it more time, or a start"
         )
     if evidence.status != "converged":
-        doubts.append(f"the loop did not converge: {evidence.status}")
+        doubts.append(f"the loop did not converge: {evidence.status}{ADVICE.get(evidence.status, '')}")
     return doubts

@@ -89,10 +89,10 @@ def test_normals_fitted_where_they_are_asked_for_are_those_of_the_whole_cloud() 
 
 def test_fitted_normals_are_taken_over_and_others_refused() -> None:
     surface = CloudSurface(CLOUD)
-    again = CloudSurface(CLOUD, surface.normals)
+    again = CloudSurface(CLOUD, surface.fitted)
     assert not again.oriented
     found, expected = (s.closest(CLOUD.points[:50]) for s in (again, surface))
     for field in dataclasses.fields(found):
         np.testing.assert_array_equal(getattr(found, field.name), getattr(expected, field.name))
     with pytest.raises(InputError, match="one row per distinct point"):
-        CloudSurface(CLOUD, surface.normals[:-1])
+        CloudSurface(CLOUD, surface.fitted[:-1])

@@ -6,7 +6,15 @@ from hypothesis import given, settings
 from scipy.stats import chi2
 
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import CHUNK, NEIGHBOURS, PlaneFits, fit_planes, orient_towards, sample_rows
+from dqreg.geometry.normals import (
+    CHUNK,
+    NEIGHBOURS,
+    PlaneFits,
+    fit_planes,
+    fit_planes_around,
+    orient_towards,
+    sample_rows,
+)
 from tests.strategies import FloatArray, floats, rotations, unit_vectors
 
 
@@ -138,3 +146,25 @@ def test_rows_are_spread_evenly_each_once(total: int, wanted: int) -> None:
         assert (rows[0], rows[-1]) == (0, total - 1)
         assert gaps.min() >= 1
         assert gaps.max() - gaps.min() <= 1
+
+
+def test_planes_from_remembered_neighbours_are_those_from_a_fresh_search() -> None:
+    cloud = np.random.default_rng(4).uniform(size=(500, 3)) * [1.0, 1.0, 0.05]
+    tree = NeighbourTree(cloud)
+    rows = np.array([7, 3, 3, 499])
+    for _ in range(2):
+        found, expected = fit_planes_around(tree, cloud, rows), fit_planes(tree, cloud, cloud[rows])
+        for name in ("normals", "residuals", "lever", "count"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    indices, farthest = tree.around(rows)
+    expected_indices, expected_distances = tree.nearest(cloud[rows], 24)
+    np.testing.assert_array_equal(indices, expected_indices)
+    np.testing.assert_array_equal(farthest, expected_distances[:, -1])
+    assert len(fit_planes_around(tree, cloud, rows[:0]).normals) == 0
+
+
+def test_a_tree_of_few_points_remembers_all_of_them() -> None:
+    tree = NeighbourTree(np.arange(9.0).reshape(3, 3))
+    indices, farthest = tree.around(np.array([0]))
+    assert indices.tolist() == [[0, 1, 2]]
+    assert farthest.tolist() == [np.sqrt(108.0)]

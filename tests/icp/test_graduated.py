@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg.arrays import FloatArray
-from dqreg.geometry import MeshSurface, PointCloud, Scan, prepare_scan
+from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, Scan, prepare_scan, sample_mesh
 from dqreg.icp import (
     ESTIMATORS,
     Plan,
@@ -131,12 +131,25 @@ def test_an_explained_scan_needs_no_second_schedule(surface: MeshSurface, small:
     assert sum(record.points == len(small) for record in run.history) <= 2
 
 
-def test_the_last_level_takes_as_many_points_as_the_plan_says(surface: MeshSurface) -> None:
+def test_the_last_level_takes_as_many_points_as_the_plan_says() -> None:
     scan = prepare_scan(PointCloud(bracket_points(300, seed=0)), fitted=2_000)
-    run, _ = run_graduated(scan, surface, start_of(0), dataclasses.replace(PLAN, finest=25_000))
+    cloud = CloudSurface(sample_mesh(PART, 20_000, np.random.default_rng(0)))
+    run, _ = run_graduated(scan, cloud, start_of(0), dataclasses.replace(PLAN, finest=25_000))
     assert run.history[-1].points == pytest.approx(25_000, rel=0.03)
-    # Three times what all points reach: 25,000 of 70,000.
-    assert error(run) <= 3e-5
+
+
+@pytest.mark.parametrize("finest", [15_000, 25_000, 60_000])
+def test_on_a_mesh_all_points_have_their_say_for_few_questions(surface: MeshSurface, finest: int) -> None:
+    scan = prepare_scan(PointCloud(bracket_points(300, seed=0)), fitted=2_000)
+    assert 60_000 < len(scan) < 80_000
+    run, _ = run_graduated(scan, surface, start_of(0), dataclasses.replace(PLAN, finest=finest))
+    everything, _ = run_graduated(scan, surface, start_of(0), PLAN)
+    assert run.history[-1].points == len(run.pairs.scan) <= 0.45 * finest
+    assert run.pairs.scan.represented >= 0.6 * len(scan)
+    assert run.weights.sum() == pytest.approx(run.history[-1].inlier_fraction * run.pairs.scan.represented, rel=1e-12)
+    # As many points as there are questions would lose a factor of two to four.
+    assert error(run) <= 2.0 * error(everything)
+    assert run.history[-1].rms == pytest.approx(everything.history[-1].rms, rel=0.05)
 
 
 @pytest.mark.parametrize("last", ["patient", "quick", "fine"])

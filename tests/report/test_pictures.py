@@ -87,7 +87,8 @@ def test_a_picture_shows_start_deviation_and_bump(tmp_path):
     assert beyond > 30
     save_picture(story, tmp_path / "view.jpg", parse_panels("best,front,top"), 160, 120)
     with Image.open(tmp_path / "view.jpg") as saved:
-        assert saved.size == (2 * 160 + 28, 2 * (120 + 44) + 86)
+        # Rounded to whole pixels by Matplotlib, in its own way in each version.
+        np.testing.assert_allclose(saved.size, (2 * 160 + 28, 2 * (120 + 44) + 86), atol=1)
 
 
 def test_a_failure_is_drawn_where_it_lay():
@@ -117,6 +118,7 @@ def test_a_window_needs_a_display(monkeypatch):
     with pytest.raises(InputError, match="--save"):
         require_display()
     monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr("dqreg.report.window._x_answers", lambda: True)
     require_display()
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial import transform
 
 from dqreg.errors import InputError
 from dqreg.rigid import DualQuaternion, pose
@@ -49,7 +49,9 @@ def test_matrix_there_and_back(T):
 @fast
 @given(poses())
 def test_components_agree_with_scipy(T):
-    theirs = RigidTransform.from_matrix(T).as_dual_quat(scalar_first=True)
+    if not hasattr(transform, "RigidTransform"):
+        pytest.skip("the oracle came with SciPy 1.16")
+    theirs = transform.RigidTransform.from_matrix(T).as_dual_quat(scalar_first=True)
     q = of(T)
     mine = np.concatenate([q.real, q.dual])
     theirs = theirs * np.sign(theirs[:4] @ mine[:4])

@@ -6,7 +6,8 @@ import sys
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial import transform
+from scipy.spatial.transform import Rotation
 
 from dqreg.errors import InputError
 from dqreg.rigid import pose
@@ -23,7 +24,9 @@ def reach(*matrices):
 @given(poses(), points())
 def test_apply_and_rotate_agree_with_scipy(T, p):
     scale = 1e-13 * (reach(T) + np.abs(p).max(initial=0))
-    expected = RigidTransform.from_matrix(T).apply(p) if len(p) else p
+    if not hasattr(transform, "RigidTransform"):
+        pytest.skip("the oracle came with SciPy 1.16")
+    expected = transform.RigidTransform.from_matrix(T).apply(p) if len(p) else p
     np.testing.assert_allclose(pose.apply(T, p), expected, rtol=0, atol=scale)
     np.testing.assert_allclose(pose.rotate(T, p), pose.apply(T, p) - T[:3, 3], rtol=0, atol=scale)
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from scipy.spatial.transform import Rotation, Slerp
 
 from dqreg.errors import InputError
@@ -10,7 +10,8 @@ from dqreg.rigid import quaternion as quat
 from dqreg.rigid.quaternion_interpolation import interpolate_axis
 from tests.strategies import floats, unit_quaternions, unit_vectors
 
-fast = settings(deadline=None, max_examples=50)
+# An older Hypothesis draws poles so often that leaving them out looks like too much to it.
+fast = settings(deadline=None, max_examples=50, suppress_health_check=[HealthCheck.filter_too_much])
 FRACTIONS = np.linspace(0, 1, 11)
 
 
@@ -39,7 +40,7 @@ def test_slerp_is_the_great_arc(r1, r2, tau):
 @given(unit_quaternions(), unit_quaternions())
 def test_the_shorter_turn_agrees_with_scipy(r1, r2):
     assume(abs(r1 @ r2) > 1e-6)  # at a half-turn both ways are equally short
-    both = Rotation.from_quat([r1, r2], scalar_first=True)
+    both = Rotation.from_quat(np.roll([r1, r2], -1, axis=1))
     expected = Slerp([0, 1], both)(FRACTIONS).as_matrix()
     np.testing.assert_allclose(quat.to_matrix(quat.slerp(r1, r2, FRACTIONS, shorter_turn=True)), expected, atol=1e-9)
 

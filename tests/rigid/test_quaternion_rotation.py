@@ -18,7 +18,7 @@ def test_rotation_is_q_v_q_star_and_agrees_with_scipy(q, v):
     rotated = quat.rotate(q, v)
     pure = np.column_stack([np.zeros(len(v)), v])
     sandwich = quat.multiply(quat.multiply(q, pure), quat.conjugate(q))
-    scipy_rotation = Rotation.from_quat(q, scalar_first=True)
+    scipy_rotation = Rotation.from_quat(np.roll(q, -1))
     np.testing.assert_allclose(sandwich[:, 0], 0, atol=1e-11)
     np.testing.assert_allclose(rotated, sandwich[:, 1:], rtol=0, atol=1e-11)
     np.testing.assert_allclose(rotated, scipy_rotation.apply(v), rtol=0, atol=1e-11)

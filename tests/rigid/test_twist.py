@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial import transform
 
 from dqreg.errors import InputError
 from dqreg.rigid import pose
@@ -40,7 +40,9 @@ def test_exp_is_the_matrix_exponential(twist):
 @fast
 @given(twists)
 def test_exp_agrees_with_scipy(twist):
-    np.testing.assert_allclose(pose.exp(twist), RigidTransform.from_exp_coords(twist).as_matrix(), atol=1e-13)
+    if not hasattr(transform, "RigidTransform"):
+        pytest.skip("the oracle came with SciPy 1.16")
+    np.testing.assert_allclose(pose.exp(twist), transform.RigidTransform.from_exp_coords(twist).as_matrix(), atol=1e-13)
 
 
 @fast

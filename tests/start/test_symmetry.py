@@ -7,7 +7,8 @@ from dqreg.geometry import Mesh, MeshSurface
 from dqreg.rigid import pose
 from dqreg.start.features import even_places
 from dqreg.start.plane_grid import PlaneGrid
-from dqreg.start.symmetry import SAME, Symmetry, find_symmetry
+from dqreg.start.self_maps import SAME, find_symmetry
+from dqreg.start.symmetry import Symmetry
 from dqreg.start.turns import all_round, angle_of
 from dqreg.synth.parts import box, cylinder
 

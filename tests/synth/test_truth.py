@@ -55,7 +55,9 @@ def test_displacements_agree_with_moving_the_vertices():
     rng = np.random.default_rng(1)
     T, truth = pose.random(rng, reach=10.0), pose.random(rng, reach=10.0)
     vertices = rng.normal(size=(40, 3))
-    apart = np.linalg.norm(pose.apply(T, vertices) - pose.apply(truth, vertices), axis=1)
+    # Where a perfect scan has the vertices, and where the pose puts them from there.
+    scanned = pose.apply(pose.inverse(truth), vertices)
+    apart = np.linalg.norm(pose.apply(T, scanned) - vertices, axis=1)
     assert worst_vertex_displacement(T, truth, vertices) == pytest.approx(apart.max(), rel=1e-12)
     assert rms_vertex_displacement(T, truth, vertices) == pytest.approx(np.sqrt((apart**2).mean()), rel=1e-12)
     assert worst_vertex_displacement(truth, truth, vertices) < 1e-14

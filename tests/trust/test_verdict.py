@@ -52,8 +52,17 @@ CAUSES: dict[str, tuple[dict[str, Any], str]] = {
     "strays": ({"strays": STRAYS + 0.01}, "51 % of all points are strays"),
     "no time": ({"search": "refined"}, "the time was up when the search for a start had refined its poses"),
     "free": ({"directions": (FREE, *(HELD,) * 5)}, FREE.words),
-    "ambiguous": ({"alternatives": (Alternative(np.eye(4), 0.1),)}, "1 other pose(s) explain the scan about as well"),
-    "stopped": ({"status": "iteration limit"}, "the loop did not converge: iteration limit"),
+    "ambiguous": ({"alternatives": (Alternative(np.eye(4), 0.1),)}, "another pose explains the scan about as well"),
+    "stopped": ({"status": "iteration limit"}, "the loop did not converge: iteration limit; raise max_iterations"),
+    "stalled": ({"status": "stalled"}, "look at the pose, or give a nearer start"),
+    "too long": (
+        {"stretch": 0.034, "stretched_along": (1.0, -0.001, 0.0)},
+        "the scan looks about 3 % too long along (1.00, 0.00, 0.00)",
+    ),
+    "too short": (
+        {"stretch": -0.1, "stretched_along": (0.0, 0.0, 1.0)},
+        "about 10 % too short along (0.00, 0.00, 1.00)",
+    ),
 }
 
 
@@ -73,7 +82,7 @@ def test_a_symmetry_of_the_part_is_said_and_is_no_doubt() -> None:
     # One that is more than symmetry is a doubt, and only that one counts.
     mixed = judge(dataclasses.replace(GOOD, alternatives=(other, Alternative(np.eye(4), 0.1))))
     assert mixed.level == "suspect"
-    assert mixed.reasons[0].startswith("1 other pose(s)")
+    assert mixed.reasons[0].startswith("another pose explains")
 
 
 @pytest.mark.parametrize("cause", CAUSES)
@@ -118,14 +127,14 @@ def test_all_doubts_stand_side_by_side_and_each_free_motion_for_itself() -> None
     assert verdict.level == "suspect"
     assert len(verdict.reasons) == 7
     assert sum("free to" in reason for reason in verdict.reasons) == 2
-    assert "3 other pose(s)" in verdict.reasons[5]
+    assert "3 other poses explain" in verdict.reasons[5]
 
 
 @pytest.mark.parametrize(
     ("status", "sentence"),
     [
         ("no correspondences", "hardly any scan point comes within 20 of the target"),
-        ("degenerate correspondences", "no pose: the loop ended with 'degenerate correspondences'"),
+        ("degenerate correspondences", "no pose: what the two sides share lies on a line or at one place"),
     ],
 )
 def test_nothing_found_is_failed_whatever_else_is_known(status: str, sentence: str) -> None:

@@ -1,0 +1,159 @@
+"""A pose in a file: 4x4 text, an array of NumPy, or JSON with ``T_target_source``, such as a result."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dqreg.arrays import FloatArray, as_float, as_pose
+from dqreg.errors import InputError
+from dqreg.files.opening import require_readable, unreadable
+from dqreg.files.text_table import read_text
+
+POSE = "T_target_source"
+# Starts that need no file.
+START_WORDS = ("none", "identity")
+
+
+def read_pose(path: str | os.PathLike[str]) -> FloatArray:
+    """Pose of a file, as it stands there: not mended, NaN where nothing was found.
+
+    Parameters
+    ----------
+    path : str or path
+        JSON with the key ``T_target_source`` (a result, a truth), an array of NumPy (.npy), or text; 4x4 numbers, or
+        the upper three rows of them. Text may separate them by blanks or commas.
+
+    Returns
+    -------
+    ndarray, (4, 4)
+        The numbers.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or holds no 4x4 numbers; the message names it.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "pose.txt"
+    ...     np.savetxt(path, np.eye(4))
+    ...     read_pose(path).shape
+    (4, 4)
+    """
+    path = require_readable(path)
+    kind = path.suffix.lower()
+    if kind == ".json":
+        rows = read_json(path).get(POSE)
+        if rows is None:
+            raise InputError(f"{path}: the key {POSE!r} is missing; give a result.json, a truth.json or a 4x4 text")
+        return _matrix(_with_nan(rows), path)
+    return _matrix(_read_array(path) if kind == ".npy" else _read_table(path), path)
+
+
+def read_start(text: str | os.PathLike[str]) -> FloatArray | str | None:
+    """A start as words and files say it, as `dqreg.register` takes it.
+
+    Parameters
+    ----------
+    text : str or path
+        "none", "identity", or a file that `read_pose` reads.
+
+    Returns
+    -------
+    None, str or ndarray, (4, 4)
+        None for "none".
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it holds no rigid pose.
+
+    Examples
+    --------
+    >>> read_start("none"), read_start("identity")
+    (None, 'identity')
+    """
+    if text in START_WORDS:
+        return None if text == "none" else str(text)
+    if not Path(text).is_file():
+        raise InputError(
+            f"start must be none, identity or a file with a 4x4 pose; there is no file {os.fspath(text)!r}"
+        )
+    T = read_pose(text)
+    if np.isnan(T).all():
+        raise InputError(f"start {text}: no pose was found there; give another result, or start from none")
+    as_pose(T, f"start {text}")  # looked at, but kept as it was: to the last bit
+    return T
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The object of a JSON file.
+
+    Parameters
+    ----------
+    path : Path
+        A file.
+
+    Returns
+    -------
+    dict
+        As parsed; nothing in it is checked.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is no JSON, or holds something else than an object.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"cannot read {path}: {error}") from error
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: expected a JSON object with the key {POSE!r}; got {type(data).__name__}")
+    return data
+
+
+def _read_table(path: Path) -> FloatArray:
+    try:
+        # Some programs write poses with commas.
+        lines = [line for line in read_text(path).replace(",", " ").splitlines() if line.partition("#")[0].strip()]
+        if not lines:
+            raise ValueError("it is empty")
+        return np.loadtxt(lines, ndmin=2)
+    except ValueError as error:
+        raise InputError(f"cannot read {path}: not a 4x4 pose of plain numbers ({error})") from error
+
+
+def _read_array(path: Path) -> Any:
+    try:
+        # Mapped first: a header that promises too much fails before memory is taken.
+        np.load(path, mmap_mode="r", allow_pickle=False)
+        return np.load(path, allow_pickle=False)
+    except Exception as error:
+        # A damaged header is parsed as Python, which fails in as many ways as Python has errors.
+        raise unreadable(path, f"no plain array ({error})", "4x4 numbers, as numpy.save writes them") from error
+
+
+def _with_nan(rows: Any) -> Any:
+    if not isinstance(rows, list):
+        return rows
+    return [_with_nan(row) if isinstance(row, list) else (np.nan if row is None else row) for row in rows]
+
+
+def _matrix(rows: Any, path: Path) -> FloatArray:
+    try:
+        T = as_float(rows, str(path))
+    except InputError as error:
+        raise InputError(f"{path}: {POSE} must be 4x4 numbers ({error})") from error
+    if T.shape == (3, 4):
+        T = np.vstack([T, [0.0, 0.0, 0.0, 1.0]])
+    if T.shape != (4, 4):
+        raise InputError(f"{path}: a pose is 4x4 numbers; got shape {T.shape}")
+    return T

@@ -1,0 +1,179 @@
+"""Faces of a part that a scanner could have seen, and a surface made of those alone."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg.arrays import BoolArray, FloatArray, IntArray
+from dqreg.geometry.borders import Borders
+from dqreg.geometry.mesh import Mesh
+from dqreg.geometry.mesh_surface import MeshSurface
+from dqreg.geometry.surface import Closest
+from dqreg.open3d_gate import load_open3d
+from dqreg.rigid import twist
+
+# Places that are looked at, shared out by area, and on each face at least: its middle, and one near each corner.
+PLACES, CORNER = 40_000, 0.9
+# A pose that is not final yet, and an instrument that sees from two places, ask for some margin: what is seen from a
+# place turned by so much about the part counts as seen.
+MARGIN_RAD = float(np.deg2rad(2.0))
+# Rays begin outside, so many sizes before their place, and may end short of it by so much: float32's rounding.
+BEFORE, SHORT = 2.0, 2e-6
+
+
+def visible_faces(mesh: Mesh, viewpoints: FloatArray) -> BoolArray:
+    """Which faces can be seen, at least in part, from any of some places.
+
+    A face is seen from either side: a sheet may be meshed with one layer of faces.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The part.
+    viewpoints : ndarray, (k, 3)
+        Places of the scanner in the part's frame; one within the part sees it from inside.
+
+    Returns
+    -------
+    ndarray of bool, (f,)
+        Seen from one of them, or from within two degrees of it.
+
+    Examples
+    --------
+    >>> two = Mesh([[0, 0, 0], [9, 0, 0], [0, 9, 0], [2, 2, -1], [4, 2, -1], [2, 4, -1]], [[0, 1, 2], [3, 4, 5]])
+    >>> visible_faces(two, np.array([[3.0, 3.0, 9.0]])).tolist()
+    [True, False]
+    """
+    places, faces = _places(mesh)
+    unit = (places - mesh.centre) / mesh.diagonal
+    scene = _scene(mesh)
+    seen = np.zeros(len(mesh.faces), dtype=bool)
+    for viewpoint in (viewpoints - mesh.centre) / mesh.diagonal:
+        for eye in _around(viewpoint):
+            left = ~seen[faces]
+            rows = np.flatnonzero(left)
+            seen[faces[rows[_reached(scene, eye, unit[rows], faces[rows])]]] = True
+    return seen
+
+
+def _places(mesh: Mesh) -> tuple[FloatArray, IntArray]:
+    """Places on all faces, (n, 3), and the face of each: the same for the same mesh."""
+    rest = 0.5 * (1.0 - CORNER)
+    fixed = np.full((4, 3), 1.0 / 3.0)
+    fixed[1:] = rest + (CORNER - rest) * np.eye(3)
+    count = len(mesh.faces)
+    more = np.floor(PLACES * mesh.face_areas / mesh.face_areas.sum()).astype(np.int64)
+    faces = np.repeat(np.arange(count), more)
+    # Two irrational steps fill the unit square evenly (the R2 sequence); folded, the triangle.
+    g = 1.32471795724474602596
+    u, v = np.modf(np.arange(1, len(faces) + 1)[:, None] * [1.0 / g, 1.0 / g**2])[0].T
+    over = u + v > 1.0
+    u, v = np.where(over, 1.0 - u, u), np.where(over, 1.0 - v, v)
+    shares = np.concatenate([np.tile(fixed, (count, 1)), np.column_stack([1.0 - u - v, u, v])])
+    faces = np.concatenate([np.repeat(np.arange(count), 4), faces])
+    places: FloatArray = np.einsum("ik,ikj->ij", shares, mesh.corners[faces])
+    return places, faces
+
+
+def _around(viewpoint: FloatArray) -> FloatArray:
+    # The place itself, and four more: turned about the middle of the part along two directions across the line of
+    # sight. One in the very middle has no such line, and moves by as much instead.
+    sight = viewpoint / max(float(np.linalg.norm(viewpoint)), 1e-12)
+    first = np.cross(sight, np.eye(3)[np.argmin(np.abs(sight))])
+    axes = [first / max(float(np.linalg.norm(first)), 1e-12)]
+    axes.append(np.cross(sight, axes[0]))
+    turns = [twist.exp(np.r_[sign * MARGIN_RAD * axis, 0.0, 0.0, 0.0])[:3, :3] for axis in axes for sign in (1.0, -1.0)]
+    return np.array([viewpoint, *(turn @ viewpoint for turn in turns)])
+
+
+def _scene(mesh: Mesh) -> object:
+    open3d = load_open3d()
+    scene = open3d.t.geometry.RaycastingScene()
+    unit = np.clip((mesh.vertices - mesh.centre) / mesh.diagonal, -1.0, 1.0)
+    scene.add_triangles(open3d.core.Tensor(unit.astype(np.float32)), open3d.core.Tensor(mesh.faces.astype(np.uint32)))
+    return scene
+
+
+def _reached(scene: object, eye: FloatArray, places: FloatArray, faces: IntArray) -> BoolArray:
+    """Whether nothing stands between the eye and each place, in units of the part."""
+    if not len(places):
+        return np.zeros(0, dtype=bool)
+    away = places - eye
+    lengths = np.linalg.norm(away, axis=1)
+    rays = away / np.maximum(lengths, 1e-12)[:, None]
+    # From far off, float32 would lose the digits: no ray begins farther out than just outside the part.
+    lengths = np.minimum(lengths, BEFORE)
+    cast = np.column_stack([places - lengths[:, None] * rays, rays]).astype(np.float32)
+    found = scene.cast_rays(load_open3d().core.Tensor(cast))  # type: ignore[attr-defined]
+    met, first = found["t_hit"].numpy(), found["primitive_ids"].numpy().astype(np.int64)
+    return np.asarray((first == faces) | (met >= lengths - SHORT))
+
+
+class VisibleSurface(MeshSurface):
+    """The faces of a mesh that were seen, as a surface; faces are numbered as in the whole mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The whole part.
+    seen : ndarray of bool, (f,)
+        Faces to take, one at least.
+
+    Examples
+    --------
+    >>> two = Mesh([[0, 0, 0], [9, 0, 0], [0, 9, 0], [2, 2, -1], [4, 2, -1], [2, 4, -1]], [[0, 1, 2], [3, 4, 5]])
+    >>> VisibleSurface(two, np.array([False, True])).closest(np.zeros((1, 3))).elements.tolist()
+    [1]
+    """
+
+    def __init__(self, mesh: Mesh, seen: BoolArray) -> None:
+        super().__init__(mesh)
+        self.rows = np.flatnonzero(seen)
+        self._seen = MeshSurface(Mesh(mesh.vertices, mesh.faces[seen]))
+        # Sizes stay those of the part: widths and tolerances refer to them.
+        self._seen.diagonal, self._seen.centre = self.diagonal, self.centre
+
+    @property
+    def borders(self) -> Borders | None:
+        """Where what was seen ends."""
+        return self._seen.mesh.borders
+
+    def closest(self, points: FloatArray) -> Closest:
+        """Closest point on the faces that were seen, for each query.
+
+        Parameters
+        ----------
+        points : ndarray, (n, 3)
+            Queries in the mesh's frame; n may be 0.
+
+        Returns
+        -------
+        Closest
+            With the numbers that the faces have in the whole mesh.
+        """
+        return self._in_whole(self._seen.closest(points))
+
+    def closest_again(self, points: FloatArray, before: Closest, places: FloatArray) -> Closest:
+        """As `MeshSurface.closest_again`, on the faces that were seen.
+
+        Parameters
+        ----------
+        points : ndarray, (n, 3)
+            Queries in the mesh's frame.
+        before : Closest
+            What this surface answered for the same queries at other places.
+        places : ndarray, (n, 3)
+            Those places.
+
+        Returns
+        -------
+        Closest
+            With the numbers that the faces have in the whole mesh.
+        """
+        known = dataclasses.replace(before, elements=np.searchsorted(self.rows, before.elements))
+        return self._in_whole(self._seen.closest_again(points, known, places))
+
+    def _in_whole(self, found: Closest) -> Closest:
+        return dataclasses.replace(found, elements=self.rows[found.elements])

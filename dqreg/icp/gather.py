@@ -1,0 +1,148 @@
+"""All points of a scan for the price of few questions: what lies on one face is taken together.
+
+The cost of distances to planes is additive: points whose closest places are inside one and the same face enter it
+through their number and their mean. So one question a run of neighbouring points finds the face, arithmetic says which
+of the run's points lie on it, and only the others are asked about one by one. On five CAD parts 60 to 85 % of 300,000
+points are settled by 10,000 questions, and the pose is as exact as with all of them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg.arrays import BoolArray, FloatArray, IntArray
+from dqreg.geometry.face_sides import FaceSides
+from dqreg.geometry.mesh_surface import MeshSurface
+from dqreg.geometry.prepare import Scan
+from dqreg.geometry.surface import Closest
+from dqreg.icp.favour import favoured_of, value_of
+from dqreg.icp.pairs import Pairs, correspond
+from dqreg.rigid import pose
+
+# A point belongs to its run's face if it is so many widths inside each side of it and off it by less than so many.
+INSIDE, OFF = 3.0, 4.0
+# Where the points of a run scatter about the face by more widths than this, there is more than one face: a sheet, say.
+ONE_FACE = 1.5
+# Points looked at in one go: what is in between stays in the cache.
+CHUNK = 65_536
+
+
+def run_centres(total: int, runs: int) -> tuple[IntArray, int]:
+    """The scan cut into about so many runs of neighbours, all of one length; what is left over is in none.
+
+    Parameters
+    ----------
+    total : int
+        Points, in Morton order.
+    runs : int
+        Runs wanted at most.
+
+    Returns
+    -------
+    rows : ndarray of int, (m,)
+        The row in the middle of each run.
+    length : int
+        Points of a run.
+
+    Examples
+    --------
+    >>> rows, length = run_centres(11, 3)
+    >>> rows.tolist(), length
+    ([2, 6], 4)
+    """
+    length = -(-total // runs)
+    return length // 2 + length * np.arange(total // length), length
+
+
+def gather(
+    scan: Scan, surface: MeshSurface, pairs: Pairs, weights: FloatArray, T: FloatArray, width: float, count: int
+) -> Pairs:
+    """Pairs for all points that lie on the face of their run, one a run, and for a choice of the others.
+
+    Parameters
+    ----------
+    scan : Scan
+        All points.
+    surface : MeshSurface
+        Target.
+    pairs : Pairs
+        Correspondences of the middles of the runs, see `run_centres`, at a pose near T.
+    weights : ndarray, (m,)
+        Their weights.
+    T : ndarray, (4, 4)
+        The pose to ask at.
+    width : float
+        Standard deviation of the distances.
+    count : int
+        Other points to ask about, those that say most.
+
+    Returns
+    -------
+    Pairs
+        In Morton order; its scan says how many points each row stands for.
+    """
+    runs = len(pairs.scan)
+    length = len(scan) // runs
+    on, means, within = _on_faces(scan.points, length, surface, pairs, T, width)
+    counts = on.sum(axis=1)
+    gathered = np.flatnonzero(counts)
+    others = np.flatnonzero(np.r_[~on.ravel(), np.ones(len(scan) - on.size, dtype=bool)])
+    lengths = length - counts
+    lengths[-1] += len(scan) - on.size
+    asked = others[favoured_of(value_of(pairs, weights), lengths, count)]
+    order = np.argsort(np.r_[gathered * length + length // 2, asked], kind="stable")
+    alone = correspond(scan.taken(asked), surface, T)
+    moved = pose.apply(T, means[gathered])
+    normals = pairs.closest.normals[gathered]
+    heights = np.einsum("ij,ij->i", moved - pairs.closest.points[gathered], normals)
+    found = alone.closest
+    closest = Closest(
+        np.concatenate([moved - heights[:, None] * normals, found.points])[order],
+        np.concatenate([normals, found.normals])[order],
+        np.r_[np.abs(heights), found.distances][order],
+        np.r_[pairs.closest.elements[gathered], found.elements][order],
+    )
+    none = np.zeros((len(gathered), 3))
+    together = dataclasses.replace(
+        scan,
+        points=np.concatenate([means[gathered], alone.scan.points])[order],
+        normals=np.concatenate([none, alone.scan.normals])[order],
+        levers=np.r_[none[:, 0], alone.scan.levers][order],
+        residuals=np.r_[none[:, 0] * np.nan, alone.scan.residuals][order],
+        fitted=np.zeros(0, dtype=np.int64),
+        counts=np.r_[counts[gathered], np.ones(len(asked))][order],
+        within=np.r_[within[gathered], np.zeros(len(asked))][order],
+    )
+    return Pairs(together, T, closest, pairs.same_sign)
+
+
+def _on_faces(
+    points: FloatArray, length: int, surface: MeshSurface, pairs: Pairs, T: FloatArray, width: float
+) -> tuple[BoolArray, FloatArray, FloatArray]:
+    """Which points of each run lie on its face, (m, k); their mean, (m, 3); how they scatter about it, (m,)."""
+    closest, runs = pairs.closest, len(pairs.scan)
+    sides = FaceSides.of(np.take(surface.mesh.corners, closest.elements, axis=0), closest.normals)
+    # The face's plane and those through its sides, as numbers by which the untouched points are multiplied.
+    planes = np.concatenate([closest.normals.T[None], sides.inward])
+    offsets = np.vstack([np.einsum("ij,ij->i", closest.points, closest.normals), sides.offsets])
+    factors = np.ascontiguousarray((planes.transpose(2, 0, 1) @ T[:3, :3]).transpose(0, 2, 1))
+    shifts = (np.einsum("kim,i->km", planes, T[:3, 3]) - offsets).T[:, None]
+    on = np.zeros((runs, length), dtype=bool)
+    means, within = np.zeros((runs, 3)), np.zeros(runs)
+    step = max(CHUNK // length, 1)
+    for i in range(0, runs, step):
+        part = slice(i, i + step)
+        block = points[i * length : min(i + step, runs) * length].reshape(-1, length, 3)
+        height, *insets = np.moveaxis(block @ factors[part] + shifts[part], 2, 0)
+        lies = (np.minimum(np.minimum(*insets[:2]), insets[2]) > INSIDE * width) & (np.abs(height) <= OFF * width)
+        height = np.where(lies, height, 0.0)
+        squares = np.einsum("rk,rk->r", height, height)
+        count = np.count_nonzero(lies, axis=1)
+        lies[squares > count * (ONE_FACE * width) ** 2] = False
+        count = np.maximum(count, 1)
+        on[part] = lies
+        within[part] = squares - height.sum(axis=1) ** 2 / count
+        means[part] = (lies[:, None].astype(float) @ block)[:, 0] / count[:, None]
+    return on, means, within

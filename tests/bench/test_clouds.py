@@ -1,0 +1,79 @@
+"""Clouds against clouds beside small_gicp in the same run: ``pytest tests/bench/test_clouds.py --benchmark-only``.
+
+Both begin with raw points and end with a pose: thinning, trees, normals, covariances and, for dqreg, the verdict are
+counted. They take turns, so that a busy machine is busy for both. The figures inform, they never gate on a time; what
+is asserted is the error.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dqreg
+from dqreg.given import read_any
+from dqreg.rigid import pose
+from tests.bench.test_solve import report
+
+# small_gicp's own settings for this pair: its manual and its tests.
+VOXEL, REACH, THREADS = 0.25, 1.0, 2
+ROUNDS = 10
+
+
+def small_gicp(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    gicp = pytest.importorskip("small_gicp")
+    fixed, tree = gicp.preprocess_points(target, downsampling_resolution=VOXEL, num_threads=THREADS)
+    moving, _ = gicp.preprocess_points(source, downsampling_resolution=VOXEL, num_threads=THREADS)
+    options = {"registration_type": "GICP", "num_threads": THREADS, "max_correspondence_distance": REACH}
+    return gicp.align(fixed, moving, tree, **options).T_target_source
+
+
+def in_turns(runs: dict[str, Callable[[], object]], rounds: int) -> dict[str, tuple[float, float]]:
+    """Shortest wall seconds and shortest CPU seconds of each, taken in turns."""
+    best = dict.fromkeys(runs, (np.inf, np.inf))
+    for _ in range(rounds):
+        for name, run in runs.items():
+            wall, cpu = time.perf_counter(), time.process_time()
+            run()
+            found = time.perf_counter() - wall, time.process_time() - cpu
+            best[name] = min(best[name][0], found[0]), min(best[name][1], found[1])
+    return best
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("effort", ["fast", "normal"])
+def test_a_lidar_pair_beside_small_gicp(benchmark, capsys, real_data: Path, effort: str) -> None:
+    folder = real_data / "small_gicp_kitti_pair"
+    source, target = (read_any(folder / f"{name}.ply", name).points for name in ("source", "target"))
+    T_truth = np.loadtxt(folder / "T_target_source.txt")
+
+    def ours() -> np.ndarray:
+        return dqreg.register(source, target, "identity", effort=effort).T_target_source
+
+    def peer() -> np.ndarray:
+        return small_gicp(source, target)
+
+    answers = {"ours": ours(), "gicp": peer()}
+    best = in_turns({"ours": ours, "gicp": peer}, ROUNDS)
+    figures = {}
+    for name, T in answers.items():
+        off = pose.apply(T, source) - pose.apply(T_truth, source)
+        figures[f"{name}_deg"] = float(np.rad2deg(pose.angle_between(T, T_truth)))
+        figures[f"{name}_sensor_mm"] = 1e3 * float(pose.offset_between(T, T_truth, at=np.zeros(3)))
+        figures[f"{name}_points_mm"] = 1e3 * float(np.sqrt((off**2).sum(axis=1).mean()))
+    benchmark.pedantic(ours, rounds=1)
+    report(
+        benchmark,
+        capsys,
+        wall_ms=1e3 * best["ours"][0],
+        times_gicp_wall=best["ours"][0] / best["gicp"][0],
+        times_gicp_cpu=best["ours"][1] / best["gicp"][1],
+        **figures,
+    )
+    # No worse than the peer: in the turn, and over all points.
+    assert figures["ours_deg"] <= figures["gicp_deg"]
+    assert figures["ours_points_mm"] <= figures["gicp_points_mm"]

@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg.arrays import FloatArray
+from dqreg.geometry import Closest, MeshSurface
+from tests.icp.scenes import bracket_mesh, bracket_points
+
+PART = bracket_mesh()
+SIZE = PART.diagonal
+
+
+class Counting(MeshSurface):
+    """A surface that counts what it is asked."""
+
+    asked = 0
+
+    def closest(self, points: FloatArray) -> Closest:
+        self.asked += len(points)
+        return super().closest(points)
+
+
+@pytest.mark.parametrize("step", [1e-9, 1e-7, 1e-5, 9e-5])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_small_step_finds_the_same_places(step: float, seed: int) -> None:
+    # Asking about every point anew is the oracle. The part has no sheet thinner than the step.
+    surface = Counting(PART)
+    places = bracket_points(100, seed)
+    before = surface.closest(places)
+    rng = np.random.default_rng(seed)
+    shift = rng.normal(size=places.shape)
+    moved = places + step * SIZE * shift / np.linalg.norm(shift, axis=1, keepdims=True)
+    expected = surface.closest(moved)
+    surface.asked = 0
+    found = surface.closest_again(moved, before, places)
+    # Most keep their face without a question.
+    assert surface.asked <= 0.5 * len(places)
+    np.testing.assert_allclose(found.distances, expected.distances, atol=1e-12 * SIZE)
+    np.testing.assert_allclose(found.points, expected.points, atol=1e-9 * SIZE)
+    same_place = np.linalg.norm(found.normals - expected.normals, axis=1) <= 1e-9
+    # On an edge either face is right.
+    assert same_place.mean() >= 0.999
+
+
+def test_a_large_step_asks_about_all() -> None:
+    surface = Counting(PART)
+    places = bracket_points(60, seed=0)
+    before = surface.closest(places)
+    surface.asked = 0
+    moved = places + 2e-4 * SIZE
+    found = surface.closest_again(moved, before, places)
+    assert surface.asked == len(places)
+    np.testing.assert_array_equal(found.points, surface.closest(moved).points)
+
+
+def test_what_was_answered_before_stays_as_it_was() -> None:
+    surface = MeshSurface(PART)
+    places = bracket_points(60, seed=0)
+    before = surface.closest(places)
+    copies = [x.copy() for x in (before.points, before.normals, before.distances, before.elements)]
+    surface.closest_again(places + 1e-5 * SIZE, before, places)
+    for was, copy in zip((before.points, before.normals, before.distances, before.elements), copies, strict=True):
+        np.testing.assert_array_equal(was, copy)
+
+
+def test_nothing_is_nothing() -> None:
+    surface = MeshSurface(PART)
+    none = surface.closest(np.zeros((0, 3)))
+    assert len(surface.closest_again(np.zeros((0, 3)), none, np.zeros((0, 3))).points) == 0

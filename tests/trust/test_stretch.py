@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dqreg.trust.stretch import LEAST, stretch_of
+from tests.strategies import FloatArray, rotations
+from tests.trust.shapes import box, cylinder, plane, sphere
+
+
+def moved_apart(points: FloatArray, normals: FloatArray, E: FloatArray) -> FloatArray:
+    """Distances along the normals after a strain: exact to first order, as the fit has it."""
+    return np.einsum("ij,ij->i", points @ E.T, normals)
+
+
+@settings(deadline=None, max_examples=25)
+@given(rotations(), st.sampled_from([-0.3, -0.05, 0.03, 0.2]), st.sampled_from([1e-6, 1.0, 1e6]), st.integers(0, 2))
+def test_a_strain_along_any_axis_is_found_in_any_unit(R: FloatArray, strain: float, unit: float, axis: int) -> None:
+    rng = np.random.default_rng(0)
+    points, normals = box(rng, 2_000)
+    points, normals = points @ R.T, normals @ R.T
+    along = R[:, axis]
+    # A turn and a shift besides: what the pose has yet to take up is no strain.
+    rigid = np.einsum("ij,ij->i", np.cross([0.01, -0.02, 0.01], points) + np.array([0.1, 0.0, -0.2]), normals)
+    off = moved_apart(points, normals, strain * np.outer(along, along)) + rigid + 0.005 * rng.normal(size=2_000)
+    found, axis_found = stretch_of(unit * points + unit * np.array([5.0, 0.0, 0.0]), normals, unit * off)
+    assert found == pytest.approx(strain, abs=0.003)
+    assert abs(axis_found @ along) > 0.99
+    assert axis_found[np.abs(axis_found).argmax()] > 0.0
+
+
+@pytest.mark.parametrize("make", [box, cylinder, plane, sphere])
+def test_noise_is_no_strain(make) -> None:
+    # 60 draws of each: chance reaches the limit once in a million.
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        points, normals = make(rng, 400)
+        assert stretch_of(points, normals, 0.1 * rng.normal(size=400))[0] == 0.0
+
+
+def test_a_small_strain_is_left_to_the_deviations() -> None:
+    rng = np.random.default_rng(0)
+    points, normals = box(rng, 2_000)
+    E = np.diag([0.9 * LEAST, 0.0, 0.0])
+    assert stretch_of(points, normals, moved_apart(points, normals, E) + 1e-4 * rng.normal(size=2_000))[0] == 0.0
+
+
+def test_what_the_faces_do_not_show_is_not_made_up() -> None:
+    # A plane stretched in itself stays a plane; few points and points at one place say nothing.
+    points, normals = plane(np.random.default_rng(0), 1_000)
+    assert stretch_of(points, normals, np.zeros(1_000))[0] == 0.0
+    assert stretch_of(points[:50], normals[:50], points[:50, 0])[0] == 0.0
+    assert stretch_of(np.ones((500, 3)), normals[:500], np.ones(500))[0] == 0.0
