@@ -11,9 +11,9 @@ import numpy as np
 from dqreg.arrays import FloatArray
 from dqreg.evidence import gather_evidence, has_pose
 from dqreg.geometry import Mesh, Scan, Surface
-from dqreg.icp import InlierMixture, Plan, Run, correspond
+from dqreg.icp import ESTIMATORS, InlierMixture, Plan, Run, correspond
 from dqreg.icp.borders import beyond_border
-from dqreg.icp.face_noise import points_to_weighed_planes, relative_precisions
+from dqreg.icp.face_noise import weighed_by_faces
 from dqreg.inputs import Inputs
 from dqreg.known import Known
 from dqreg.records import Alternative, Direction, Iteration
@@ -117,6 +117,7 @@ class Outcome:
         timings: dict[str, float],
         settings: dict[str, Any],
         keep_inputs: bool = False,
+        mirror_gain: float = -np.inf,
     ) -> Registration:
         """The answer in the caller's frames.
 
@@ -130,6 +131,8 @@ class Outcome:
             What was asked for; what was resolved is added.
         keep_inputs : bool
             Whether the answer holds both sides.
+        mirror_gain : float
+            See `Evidence`.
 
         Returns
         -------
@@ -144,7 +147,7 @@ class Outcome:
         weights, pairs = self.run.weights, self.run.pairs
         return Registration(
             T_target_source=T,
-            verdict=judge(self._complete(directions, alternatives, settings.get("target_units"))),
+            verdict=judge(self._complete(directions, alternatives, settings.get("target_units"), mirror_gain)),
             status=self.run.status,
             covariance=covariance_of(information) if information else np.full((6, 6), np.nan),
             observability=directions,
@@ -192,8 +195,8 @@ class Outcome:
         along = np.einsum("ij,ij->i", points - pairs.closest.points, normals)
         lever = 0.5 * surface.diagonal
         weights = self.run.weights
-        if self.plan.fine is points_to_weighed_planes:
-            weights = weights * relative_precisions(normals, np.sqrt(along**2 + scan.scatter), weights)
+        if self.plan.fine is not None and self.plan.fine is not ESTIMATORS["generalised"]:
+            weights = weighed_by_faces(pairs, weights, self.mixture.scale)
         smooth = self.target.smooth_normals(pairs.closest)
         held = information_of(
             points,
@@ -213,9 +216,15 @@ class Outcome:
         return dataclasses.replace(held, centre=self.target.origin)
 
     def _complete(
-        self, directions: tuple[Direction, ...], alternatives: tuple[Alternative, ...], units: str | None
+        self,
+        directions: tuple[Direction, ...],
+        alternatives: tuple[Alternative, ...],
+        units: str | None,
+        mirror_gain: float,
     ) -> Evidence:
-        return dataclasses.replace(self.evidence, directions=directions, alternatives=alternatives, units=units)
+        return dataclasses.replace(
+            self.evidence, directions=directions, alternatives=alternatives, units=units, mirror_gain=mirror_gain
+        )
 
     @cached_property
     def evidence(self) -> Evidence:

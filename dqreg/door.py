@@ -99,7 +99,10 @@ def _no_covariance(covariance: FloatArray) -> str:
         return "a covariance with infinite numbers or negative variances"
     spread = np.sqrt(np.diag(held))
     spread = np.where(spread > 0.0, spread, 1.0)
-    correlation = held / spread / spread[:, None]
+    with np.errstate(over="ignore"):
+        correlation = held / spread / spread[:, None]
+    if not np.isfinite(correlation).all():
+        return "a covariance far larger than its own variances"
     if np.abs(correlation - correlation.T).max(initial=0.0) > SEMIDEFINITE:
         return "a covariance that is not symmetric"
     lowest = float(np.linalg.eigvalsh(correlation).min()) if len(held) else 0.0

@@ -13,6 +13,7 @@ from dqreg.icp import NO_POSE, InlierMixture, Pairs, Plan, Run, correspond, widt
 from dqreg.records import Alternative, Direction
 from dqreg.rigid import pose
 from dqreg.trust import Evidence
+from dqreg.trust.patches import ON, patches_off
 from dqreg.trust.stretch import stretch_of
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
@@ -27,11 +28,6 @@ LOOKED_AT, ENOUGH, ENOUGH_FITTED = 10_000, 3_000, 1_000
 STILL = 0.1
 # Share of the largest distance within which a point ought to lie on the target: farther off stands the table.
 NEAR = 0.25
-# Widths within which a point counts as lying on the target; real scans have longer tails than a Gaussian.
-ON = 4.0
-# Neighbouring points of a patch, and the widths that its median distance may be off: for 32 points of independent
-# noise the median is good to a quarter of a width.
-PATCH, OFF = 32, 2.0
 # Neighbourhoods flatter than this have a normal worth comparing; rougher than that they are no surface at all; both in
 # extents of the neighbourhood.
 SMOOTH, ROUGH = 0.4, 0.4
@@ -87,7 +83,7 @@ def gather_evidence(
     close = pairs.distances <= near
     if has_border:
         close &= on | (np.abs(pairs.aside) > width)
-    patches, patches_off = _patches(pairs, close, mixture.scale)
+    patches, off = patches_off(pairs.scan.points, pairs.distances, pairs.aside, close, mixture.scale)
     if scan.fitted is not None and len(pairs.scan) < len(scan):
         local = _Local.of(_fitted_pairs(run, scan, scan.fitted, surface, mixture.scale), width)
     else:
@@ -104,7 +100,7 @@ def gather_evidence(
         share_near=_share(on, close),
         near=near,
         patches=patches,
-        patches_off=patches_off,
+        patches_off=off,
         strays=local.strays,
         normals_apart=local.normals_apart,
         width=float(np.sqrt(np.mean(aside**2))) if len(aside) else mixture.scale,
@@ -154,17 +150,6 @@ def has_pose(run: Run) -> bool:
 def _share(part: BoolArray, whole: BoolArray) -> float:
     count = int(np.count_nonzero(whole))
     return float(np.count_nonzero(part & whole)) / count if count else 0.0
-
-
-def _patches(pairs: Pairs, close: BoolArray, width: float) -> tuple[int, float]:
-    # Runs along the Morton curve. A stray leaves the median of its patch alone; a face in the wrong place moves it.
-    count = len(pairs.distances) // PATCH
-    if count == 0:
-        return 0, 0.0
-    apart, aside, near = (x[: count * PATCH].reshape(count, PATCH) for x in (pairs.distances, pairs.aside, close))
-    off = (np.abs(np.median(aside, axis=1)) > OFF * width) | (np.median(apart, axis=1) > ON * width)
-    looked_at = near.mean(axis=1) >= 0.5
-    return int(np.count_nonzero(looked_at)), _share(off, looked_at)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,6 +17,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import Mesh
 from dqreg.start import PairTable
 from dqreg.start.flips import near_flips
+from dqreg.start.mirrors import near_mirrors
 from dqreg.target import IndexedTarget, index_target
 from dqreg.target_file import bytes_of, load_target, save_target
 
@@ -51,6 +52,12 @@ class Target:
         """Turns that leave most of the part in place, (k, 4, 4), in the centred frame; none for a cloud."""
         geometry = self.indexed.geometry
         return near_flips(geometry, self.indexed.surface) if isinstance(geometry, Mesh) else np.zeros((0, 4, 4))
+
+    @cached_property
+    def mirrors(self) -> FloatArray:
+        """Mirrorings that leave most of the part in place, (k, 4, 4), in the centred frame; none for a cloud."""
+        geometry = self.indexed.geometry
+        return near_mirrors(geometry, self.indexed.surface) if isinstance(geometry, Mesh) else np.zeros((0, 4, 4))
 
     def build_beside(self) -> threading.Thread:
         """Begin to build what a registration to a mesh asks for, in a thread of its own; the same whoever builds it.

@@ -24,7 +24,7 @@ from dqreg.prepared import Target
 from dqreg.records import Iteration
 from dqreg.result import Registration
 from dqreg.scaling import register_scaled
-from dqreg.second_try import flips_of, try_again
+from dqreg.second_try import flips_of, mirror_gain, try_again
 from dqreg.seen import as_viewpoints
 from dqreg.sides import Sides
 from dqreg.solvers import Freedom
@@ -200,6 +200,7 @@ def register(
                 )
             outcome = outcome.with_free_motions_of(begun.T_work)
             alternatives += flips_of(outcome, prepared.flips)
+    mirrored = mirror_gain(outcome, prepared)
     if viewpoints is not None:
         with _timed(timings, "viewpoint"):
             outcome = look_again(outcome, viewpoints, watch, deadline)
@@ -217,7 +218,7 @@ def register(
         "target_units": named[1],
     }
     timings["total"] = time.perf_counter() - began
-    return outcome.registration(alternatives, timings, settings, keep_inputs)
+    return outcome.registration(alternatives, timings, settings, keep_inputs, mirrored)
 
 
 def _observer(

@@ -126,7 +126,7 @@ class Registration:
 
     @property
     def scale(self) -> float:
-        """What source lengths were multiplied with, the conversion of units included: ``p_target = R (scale p) + t``."""
+        """What source lengths were multiplied with, conversion of units included: ``p_target = R (scale p) + t``."""
         return float(self.settings.get("source_scale", 1.0))
 
     @property

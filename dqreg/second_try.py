@@ -1,4 +1,4 @@
-"""Doubts about where a given start has led: another pose from a search, and the flips of a nearly symmetric part."""
+"""Doubts about where a given start has led: another pose from a search, and the flips and mirrorings of a part."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from dqreg.deadline import Deadline
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import run_graduated, width_floor
 from dqreg.icp.loop import Observer
+from dqreg.prepared import Target
 from dqreg.records import Alternative
 from dqreg.rigid import pose
 from dqreg.start import Candidate
 from dqreg.start.flips import flipped
 from dqreg.start.judging import weigh_up
+from dqreg.start.mirrors import gain_of_mirror
 
 # Patches of points off the target, or points that face another way, beyond which the pose is doubted enough to look
 # for another one.
@@ -115,6 +117,28 @@ def flips_of(outcome: Outcome, flips: FloatArray) -> tuple[Alternative, ...]:
     limit, floor = 0.25 * outcome.plan.max_distance, width_floor(outcome.scan, surface)
     found = flipped(outcome.run.T_target_source, flips, outcome.scan, surface, limit, floor)
     return tuple(Alternative(from_work(T, outcome.target.origin, outcome.source.origin), rms) for T, rms in found)
+
+
+def mirror_gain(outcome: Outcome, target: Target) -> float:
+    """Mean log-likelihood that the scan gains when it is mirrored; asked only where some of it lies off the target.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Where the registration ended.
+    target : Target
+        What it was registered to, with its mirrorings.
+
+    Returns
+    -------
+    float
+        Minus infinity where it was not asked, or the part has no near mirror symmetry.
+    """
+    if not outcome.found or not outcome.evidence.patches_off > 0.0:
+        return -np.inf
+    surface = outcome.target.surface
+    limit, floor = 0.25 * outcome.plan.max_distance, width_floor(outcome.scan, surface)
+    return gain_of_mirror(outcome.run.T_target_source, target.mirrors, outcome.scan, surface, limit, floor)
 
 
 def _gain(first: Outcome, second: Outcome) -> tuple[float, float]:

@@ -7,7 +7,7 @@ import pytest
 
 import dqreg
 from dqreg.rigid import pose
-from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
+from dqreg.synth import Noise, Scanner, disturbance, random_pose, scan_mesh, worst_vertex_displacement
 from dqreg.synth.parts import bracket
 
 PART = dqreg.Mesh(*bracket())
@@ -66,3 +66,13 @@ def test_what_was_asked_for_in_so_many_words_is_done_alone(options: dict) -> Non
 def test_history_counts_on() -> None:
     result = TARGET.register(SCAN, start(35.0, 1), effort="fast")
     assert [record.number for record in result.history] == list(range(1, len(result.history) + 1))
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_mirrored_scan_of_a_nearly_symmetric_part_is_told(mirrored: bool) -> None:
+    # Truth: the pose drawn here; a mirrored scan has none. Dense enough to see on which side the bracket's hole is.
+    T = random_pose(np.random.default_rng(0), SIZE, PART.centre)
+    points = SCAN * [1.0, 1.0, -1.0] if mirrored else SCAN
+    verdict = TARGET.register(pose.apply(T, points), effort="fast").verdict
+    assert verdict.level == ("suspect" if mirrored else "accepted")
+    assert mirrored == any("mirror image" in reason for reason in verdict.reasons)

@@ -64,7 +64,7 @@ class Stage:
 
         self._ask, self._size = ask, surface.diagonal
         self._floor = width_floor(scan, surface)
-        self._spread = Spread.of(scan.points)
+        self._spread, self._noise = Spread.of(scan.points), scan.noise
 
     def descend(self, T: FloatArray, mixture: InlierMixture, angle_rad: float, count: int) -> End:
         """Step until neither pose nor width moves.
@@ -86,24 +86,27 @@ class Stage:
             Pose, records and status.
         """
         from dqreg.icp import Stopping
+        from dqreg.icp.face_noise import MISFIT
         from dqreg.solvers.pose_newton import minimise
         from dqreg.solvers.quadratic import QuadraticForm
 
         stopping = Stopping(TOLERANCE, STEPS, PATIENCE)
         history: list[Iteration] = []
+        faces: FloatArray | None = None
         floor = min(self._floor, mixture.scale)
         while True:
             began = time.perf_counter()
             middle = self._spread.mean
             origins = (middle, pose.apply(T, middle[None])[0])
-            sums = self._ask(Question(T, mixture, angle_rad, origins))
+            sums = self._ask(Question(T, mixture, angle_rad, origins, faces))
             if not sums.weight > 0.0:
                 return End(T, tuple(history), "no correspondences")
             T_next = minimise(QuadraticForm(sums.matrix, *origins), T)
             learned = _learned(mixture, sums, floor)
-            settled = abs(learned.scale - mixture.scale) <= SETTLED * mixture.scale
+            weighed = learned.scale <= MISFIT * self._noise
+            settled = (faces is not None) == weighed and abs(learned.scale - mixture.scale) <= SETTLED * mixture.scale
             history.append(self._record(count + len(history) + 1, sums, mixture, T, T_next, began))
-            T, mixture = T_next, learned
+            T, mixture, faces = T_next, learned, sums.faces if weighed else None
             status = stopping.status([each.motion for each in history])
             if status is not None and (settled or status != "converged"):
                 return End(T, tuple(history), status)

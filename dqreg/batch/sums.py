@@ -29,6 +29,8 @@ class Sums:
         Sum of the robust cost.
     near, pairs, points : int
         Points within the largest distance, with a weight, and all.
+    faces : ndarray, (2, k)
+        How the points scatter on faces that look the same way, see `dqreg.icp.face_noise.face_sums`.
     """
 
     matrix: FloatArray
@@ -38,6 +40,7 @@ class Sums:
     near: int
     pairs: int
     points: int
+    faces: FloatArray
 
     def __add__(self, other: Sums) -> Sums:
         return Sums(*(getattr(self, field.name) + getattr(other, field.name) for field in dataclasses.fields(self)))
@@ -57,12 +60,15 @@ class Question:
         Largest angle between normals, where both are known.
     origins : pair of ndarray, (3,)
         Of the quadratic form, the same for all chunks.
+    faces : ndarray, (2, k), or None
+        Sums of all chunks by which the faces are weighed; None weighs them alike.
     """
 
     T_target_source: FloatArray
     mixture: InlierMixture
     angle_rad: float
     origins: tuple[FloatArray, FloatArray]
+    faces: FloatArray | None = None
 
 
 def measure(scan: Scan, surface: Surface, question: Question) -> Sums:
@@ -83,6 +89,7 @@ def measure(scan: Scan, surface: Surface, question: Question) -> Sums:
         To be added to those of other chunks.
     """
     from dqreg.icp import NormalAngle, WithinDistance, correspond
+    from dqreg.icp.face_noise import face_sums, precisions_at
     from dqreg.icp.weights import product
     from dqreg.solvers.quadratic import plane_form
 
@@ -93,14 +100,18 @@ def measure(scan: Scan, surface: Surface, question: Question) -> Sums:
     weights = gate * mixture.weight(distances)
     used = (weights > 0.0) & pairs.closest.normals.any(axis=1)
     closest = pairs.closest
+    normals, held = closest.normals[used], weights[used]
+    if question.faces is not None:
+        held = held * precisions_at(normals, question.faces)
     return Sums(
-        plane_form(scan.points[used], closest.points[used], closest.normals[used], weights[used], question.origins),
+        plane_form(scan.points[used], closest.points[used], normals, held, question.origins),
         float(weights.sum()),
         float(weights @ distances**2),
         float(mixture.cost(np.where(gate > 0.0, distances, mixture.limit)).sum()),
         int(np.count_nonzero(gate)),
         int(np.count_nonzero(weights)),
         len(distances),
+        face_sums(normals, pairs.aside[used], weights[used]),
     )
 
 

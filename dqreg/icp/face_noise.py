@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg.arrays import FloatArray, IntArray
 from dqreg.icp.estimators import points_to_planes
 from dqreg.icp.pairs import Pairs
 from dqreg.solvers import Fit
@@ -26,8 +26,8 @@ MISFIT = 5.0
 LEAST = 0.03
 
 
-def relative_precisions(normals: FloatArray, residuals: FloatArray, weights: FloatArray) -> FloatArray:
-    """One over the variance of the residuals on faces that look the same way; the weighted mean is one.
+def face_sums(normals: FloatArray, residuals: FloatArray, weights: FloatArray) -> FloatArray:
+    """Squared residuals and weights, summed over the faces that look the same way; sums of chunks add up.
 
     Parameters
     ----------
@@ -40,30 +40,92 @@ def relative_precisions(normals: FloatArray, residuals: FloatArray, weights: Flo
 
     Returns
     -------
+    ndarray, (2, k)
+        One column for each cell of directions.
+    """
+    cells, count = _cells(normals), (CELLS + 1) ** 3
+    # A pair without a match has no weight, and no residual to speak of.
+    squares = weights * np.where(weights > 0.0, residuals, 0.0) ** 2
+    return np.stack([np.bincount(cells, squares, count), np.bincount(cells, weights, count)])
+
+
+def precisions_at(normals: FloatArray, sums: FloatArray) -> FloatArray:
+    """One over the variance of the residuals on faces that look the same way; the weighted mean is one.
+
+    Parameters
+    ----------
+    normals : ndarray, (n, 3)
+        Unit normals of the target.
+    sums : ndarray, (2, k)
+        See `face_sums`; of these pairs or of more of them.
+
+    Returns
+    -------
     ndarray, (n,)
         Factors for the weights, all one where the residuals are zero.
+    """
+    squares, weights = sums
+    total = float(weights.sum())
+    usual = float(squares.sum()) / total if total > 0.0 else 0.0
+    if not usual > 0.0:
+        return np.ones(len(normals))
+    variances = (squares + BEFOREHAND * usual) / (weights + BEFOREHAND)
+    factors = 1.0 / np.maximum(variances, LEAST * usual)
+    scaled: FloatArray = (factors * (total / float(weights @ factors)))[_cells(normals)]
+    return scaled
+
+
+def relative_precisions(normals: FloatArray, residuals: FloatArray, weights: FloatArray) -> FloatArray:
+    """`precisions_at` the pairs that the variances are learned from.
+
+    Parameters
+    ----------
+    normals, residuals, weights
+        As in `face_sums`.
+
+    Returns
+    -------
+    ndarray, (n,)
+        Factors for the weights.
 
     Examples
     --------
     >>> up_and_aside = np.repeat([[0.0, 0, 1], [1, 0, 0]], 1000, axis=0)
     >>> noise = np.random.default_rng(0).normal(size=2000) * np.repeat([1.0, 2.0], 1000)
     >>> factors = relative_precisions(up_and_aside, noise, np.ones(2000))
-    >>> 3.0 < factors[0] / factors[-1] < 5.0, bool(abs(factors.mean() - 1.0) < 1e-12)
+    >>> bool(3.0 < factors[0] / factors[-1] < 5.0), bool(abs(factors.mean() - 1.0) < 1e-12)
     (True, True)
     """
-    # A pair without a match has no weight, and no residual to speak of.
-    squares, total = weights * np.where(weights > 0.0, residuals, 0.0) ** 2, float(weights.sum())
-    usual = float(squares.sum()) / total if total > 0.0 else 0.0
-    if not usual > 0.0:
-        return np.ones(len(weights))
-    side = CELLS + 1
+    return precisions_at(normals, face_sums(normals, residuals, weights))
+
+
+def weighed_by_faces(pairs: Pairs, weights: FloatArray, noise: float) -> FloatArray:
+    """Weights times the precision of each face, near the answer; as they are while the misfit is larger than the noise.
+
+    Parameters
+    ----------
+    pairs : Pairs
+        Correspondences.
+    weights : ndarray, (n,)
+        Their weights.
+    noise : float
+        Scale of the distances.
+
+    Returns
+    -------
+    ndarray, (n,)
+        Weights, of the same sum.
+    """
+    if noise > MISFIT * pairs.scan.noise:
+        return weights
+    residuals = np.sqrt(pairs.aside**2 + pairs.scan.scatter)
+    return weights * relative_precisions(pairs.closest.normals, residuals, weights)
+
+
+def _cells(normals: FloatArray) -> IntArray:
     x, y, z = ((column + 1.0) * (0.5 * CELLS) + 0.5 for column in np.clip(normals.T, -1.0, 1.0))
-    cells = (x.astype(np.int64) * side + y.astype(np.int64)) * side + z.astype(np.int64)
-    found = np.bincount(cells, squares, side**3) + BEFOREHAND * usual
-    variances = found / (np.bincount(cells, weights, side**3) + BEFOREHAND)
-    factors = (1.0 / np.maximum(variances, LEAST * usual))[cells]
-    scaled: FloatArray = factors * (total / float(weights @ factors))
-    return scaled
+    side = CELLS + 1
+    return np.asarray((x.astype(np.int64) * side + y.astype(np.int64)) * side + z.astype(np.int64))
 
 
 def points_to_weighed_planes(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
@@ -72,15 +134,11 @@ def points_to_weighed_planes(pairs: Pairs, weights: FloatArray, noise: float) ->
     Parameters
     ----------
     pairs, weights, noise
-        As in `points_and_normals`; the scale is not used.
+        As in `points_and_normals`; the scale says whether the pose is near.
 
     Returns
     -------
     Fit
         As from `points_to_planes`.
     """
-    if noise > MISFIT * pairs.scan.noise:
-        return points_to_planes(pairs, weights, noise)
-    residuals = np.sqrt(pairs.aside**2 + pairs.scan.scatter)
-    factors = relative_precisions(pairs.closest.normals, residuals, weights)
-    return points_to_planes(pairs, weights * factors, noise)
+    return points_to_planes(pairs, weighed_by_faces(pairs, weights, noise), noise)

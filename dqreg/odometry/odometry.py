@@ -58,7 +58,7 @@ class Odometry:
     >>> odometry = Odometry()
     >>> for step in range(3):
     ...     result = odometry.register_frame(walls - [0.1 * step, 0, 0])
-    >>> result.verdict.level, odometry.poses[-1][:3, 3].round(2).tolist()
+    >>> result.verdict.level, (odometry.poses[-1][:3, 3].round(2) + 0.0).tolist()
     ('accepted', [0.2, 0.0, 0.0])
     """
 

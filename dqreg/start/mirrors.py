@@ -16,9 +16,6 @@ from dqreg.start.flips import JUDGES, NARROW, REFINERS, STEPS, WIDE, maps_about_
 from dqreg.start.judging import weigh_up
 from dqreg.start.refining import Sample, refine
 
-# Mean log-likelihood that a mirrored scan has to gain.
-BETTER = 0.015
-
 
 def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
     """Improper turns about the principal axes that leave most of a part in place, but not all of it.

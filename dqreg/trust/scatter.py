@@ -115,10 +115,14 @@ def _sandwich(bread: FloatArray, scores: FloatArray, known: FloatArray) -> Float
 
 def _larger(one: FloatArray, other: FloatArray) -> FloatArray:
     # In every direction the larger of both: in axes where one is the identity, and the other is diagonal.
-    root = np.linalg.cholesky(one)
-    inverse = np.linalg.inv(root)
-    values, vectors = np.linalg.eigh(inverse @ other @ inverse.T)
-    axes = root @ vectors
+    spreads, sides = np.linalg.eigh(one)
+    # Exact data leave directions without any scatter.
+    roots = np.sqrt(np.maximum(spreads, SINGULAR * spreads[-1]))
+    if not roots.all():
+        return other
+    inverse = sides / roots
+    values, vectors = np.linalg.eigh(inverse.T @ other @ inverse)
+    axes = (sides * roots) @ vectors
     larger: FloatArray = (axes * np.maximum(values, 1.0)) @ axes.T
     return larger
 

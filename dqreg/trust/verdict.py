@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 from dqreg.records import Alternative, Direction, Level, Verdict
 
@@ -21,6 +22,8 @@ PATCHES_OFF_BORDER = 0.12
 OFF_PER_STRAY = 0.25
 # Distances this many times the scan's own noise: the shapes differ, or the pose is wrong.
 ROUGH = 5.0
+# Mean log-likelihood that mirroring the scan may gain: right scans lose 0.25 and more, mirrored ones gain as much.
+MIRRORED = 0.015
 # What to do about a loop that ended so.
 ADVICE = {
     "iteration limit": "; raise max_iterations, or give a nearer start",
@@ -62,6 +65,8 @@ class Evidence:
         Whether the target ends somewhere: a cloud, an open mesh.
     units : str or None
         Of all lengths, where known.
+    mirror_gain : float
+        Mean log-likelihood that the scan gains when it is mirrored; minus infinity where that was not asked.
     stretch, stretched_along : float, tuple of 3 floats
         Share by which the scan is longer than the target along an axis, see `stretch_of`; below 0 where shorter.
     """
@@ -85,6 +90,7 @@ class Evidence:
     units: str | None = None
     stretch: float = 0.0
     stretched_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mirror_gain: float = -math.inf
 
     def length(self, value: float) -> str:
         """A length in words, with its unit where that is known."""
@@ -150,6 +156,10 @@ def _doubts(evidence: Evidence) -> list[str]:
         doubts.append(
             f"only {100 * evidence.share_near:.0f} % of the points within {near} of the target "
             f"lie on it (to {width}): a wrong minimum, another part, or much clutter"
+        )
+    if evidence.mirror_gain > MIRRORED:
+        doubts.append(
+            "mirrored, the scan fits better: it shows the part's mirror image, or comes from a left-handed frame"
         )
     allowed = PATCHES_OFF_BORDER if evidence.has_border else PATCHES_OFF
     if not evidence.patches_off <= allowed + OFF_PER_STRAY * evidence.strays:

@@ -8,7 +8,8 @@ from dqreg.batch.sums import Question, Sums, measure, split
 from dqreg.batch.sums import total as summed
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_mesh
-from dqreg.icp import Icp, InlierMixture, NormalAngle, Stopping, WithinDistance, points_to_planes
+from dqreg.icp import Icp, InlierMixture, NormalAngle, Stopping, WithinDistance
+from dqreg.icp.face_noise import points_to_weighed_planes
 from dqreg.icp.weights import Robust, product
 from dqreg.register import register
 from dqreg.solvers.quadratic import QuadraticForm
@@ -44,7 +45,7 @@ def test_it_ends_where_the_loop_of_one_machine_ends(scene):
     share = last.inlier_fraction
     kernel = InlierMixture(last.scale, share, found.settings["max_distance"])
     gates = (WithinDistance(kernel.limit), NormalAngle(np.deg2rad(60.0)))
-    loop = Icp(points_to_planes, kernel, gates, Stopping(1e-9, 30, 10), accelerate=False)
+    loop = Icp(points_to_weighed_planes, kernel, gates, Stopping(1e-9, 30, 10), accelerate=False)
     shift = found.inputs.source.origin - origin
     start = np.eye(4)
     start[:3, 3] = shift

@@ -63,7 +63,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     for name, T in (("pose", START), ("nan", np.full((4, 4), np.nan)), ("mirror", np.diag([1.0, 1, -1, 1]))):
         np.savetxt(folder / f"{name}.txt", T)
     failed().save(folder / "failed.json")
-    broken = good().to_dict() | {"covariance": (-np.eye(6)).tolist()}
+    broken = good().to_dict() | {"T_target_source": (2.0 * np.eye(4)).tolist()}
     (folder / "broken.json").write_text(json.dumps(broken))
     (folder / "out").mkdir()
     names = {"scan": "scan.ply", "part": "part.obj", "pose": "pose.txt", "nan": "nan.txt", "mirror": "mirror.txt",

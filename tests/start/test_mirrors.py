@@ -6,8 +6,9 @@ import pytest
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_mesh
 from dqreg.icp import width_floor
 from dqreg.rigid import pose
-from dqreg.start.mirrors import BETTER, gain_of_mirror, near_mirrors
+from dqreg.start.mirrors import gain_of_mirror, near_mirrors
 from dqreg.synth.parts import box, bracket
+from dqreg.trust.verdict import MIRRORED
 
 PART = Mesh(*bracket())
 SURFACE = MeshSurface(PART)
@@ -51,5 +52,5 @@ def test_without_a_mirror_nothing_is_gained():
 @pytest.mark.parametrize("seed", range(3))
 def test_the_twin_gains_in_the_mirror_and_the_part_loses(seed):
     # A tenth of the bracket's surface is the difference: far from the limit on either side.
-    assert gain(TWIN, seed) > 10.0 * BETTER
-    assert gain(PART, seed) < -10.0 * BETTER
+    assert gain(TWIN, seed) > 10.0 * MIRRORED
+    assert gain(PART, seed) < -10.0 * MIRRORED
