@@ -8,19 +8,16 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg.all_points import all_points_say_more, go_on
-from dqreg.answer import Outcome, for_caller
-from dqreg.beginning import FOUND, Searching, begin, read_start
+from dqreg.answer import Outcome
+from dqreg.beginning import Beginning, Searching, begin, read_start
+from dqreg.both import Both
 from dqreg.deadline import Deadline
-from dqreg.geometry.unit_mistake import require_same_units
-from dqreg.given import describe
-from dqreg.icp import run_graduated
+from dqreg.icp import Observer, run_graduated
 from dqreg.known import Known
 from dqreg.options import Options, require_callable
-from dqreg.prepared import Target
 from dqreg.records import Iteration
 from dqreg.result import Registration
 from dqreg.scaling import register_scaled
@@ -28,10 +25,8 @@ from dqreg.second_try import flips_of, mirror_gain, try_again
 from dqreg.seen import as_viewpoints
 from dqreg.sides import Sides
 from dqreg.solvers import Freedom
-from dqreg.source import CentredSource, centre_source
 from dqreg.start import Stage
-from dqreg.target import IndexedTarget, index_target
-from dqreg.viewing import look_again, seen_from
+from dqreg.viewing import look_again
 
 # Largest distance of a pair, in diagonals of the smaller of source and target.
 REACH = 0.2
@@ -84,7 +79,8 @@ def register(
     source_units, target_units : {"mm", "cm", "m", "inch", "ft"}, optional
         Length units. Where both are known and differ, the source is converted to the target's unit.
     effort : {"fast", "normal", "best"}
-        Points of the last level: 20,000, 60,000, all; not drawn evenly but where they say most. From a start between
+        How much a mesh is asked for the last digits: about 8,000 places, 25,000, or every point; from the first two, all
+        points on the face of a place that was asked count as well. From a start between
         clouds of more than 18,000 or 30,000 points, the means of about 6,000 or 10,000 cells stand for them
         (``settings["cell_size"]``), unless the points lie so much nearer to the surface than to each other that all of
         them say more; "best" has no cells.
@@ -154,80 +150,65 @@ def register(
     if options.solves_scale:
         return register_scaled(register, arguments)
     T_start, viewpoints = read_start(start, prior, dof), as_viewpoints(viewpoint)
-    prepared = target if isinstance(target, Target) else Target(index_target(target))
-    building = None if prepared is target else prepared.build_beside()
-    indexed = prepared.indexed
-    units_to = target_units or indexed.units
-    centred = centre_source(source, source_units, units_to, np.random.default_rng(seed), float(scale))
-    if viewpoints is not None:
-        centred = seen_from(centred, viewpoints, indexed)
-    named = source_units or centred.cloud.units, target_units or indexed.units
-    if units == "check" and None in named:
-        require_same_units(centred.cloud, indexed.geometry, *named, indexed.spreads)
-    timings = {"read": time.perf_counter() - began}
+    timings: dict[str, float] = {}
+    with _timed(timings, "read"):
+        both = Both.read(source, target, options, source_units, target_units, viewpoints)
     with _timed(timings, "prepare"):
-        clouds = options.cells is not None and T_start is not None and indexed.kind == "cloud"
-        if clouds:
-            sides = Sides.even(centred, indexed, options.cells or 0)
-        else:
-            sides = Sides.whole(centred, indexed, options.fitted)
-        if building is not None:
-            building.join()
-        scan, surface = sides.scan, sides.surface
-        reach = max_distance or REACH * min(surface.diagonal, scan.diagonal)
+        sides = both.sides(options, started=T_start is not None)
+        reach = max_distance or REACH * min(sides.surface.diagonal, sides.scan.diagonal)
     deadline = Deadline(began, time_limit)
-    searching = Searching(scan, prepared, options, reach, deadline, observe_search)
+    searching = Searching(sides.scan, both.target, options, reach, deadline, observe_search)
     with _timed(timings, "start"):
-        begun = begin(T_start, searching, centred.origin)
-    watch = _observer(observe, centred, indexed)
+        begun = begin(T_start, searching, both.source.origin)
+    watch = both.observer(observe)
     with _timed(timings, "register"):
-        known = Known.of(dof, prior, begun.T_work, centred.origin, indexed.origin)
-        plan = options.plan(reach, known, begun.width, clouds=clouds)
-        run, mixture = run_graduated(scan, surface, begun.T_work, plan, deadline.watching(watch))
-        if all_points_say_more(sides, run):
-            sides, plan = Sides.whole(centred, indexed, options.fitted), options.plan(reach, known)
-            run, mixture = go_on(sides, plan, run, mixture, deadline.watching(watch))
-        run = dataclasses.replace(
-            run, T_target_source=known.held(run.T_target_source), status=deadline.status(run.status)
-        )
-    outcome = Outcome(run, mixture, sides.scan, sides.surface, centred, indexed, plan, known, begun.searched)
+        known = Known.of(dof, prior, begun.T_work, both.source.origin, both.target.indexed.origin)
+        outcome = _run(both, sides, begun, known, options, reach, deadline, watch)
     alternatives = begun.alternatives
     if T_start is not None and outcome.found:
         with _timed(timings, "second try"):
             if method == "auto" and not known.anything:
-                outcome, alternatives = try_again(
-                    outcome, begun.T_work, searching.candidates, FOUND * surface.diagonal, watch, deadline
-                )
+                outcome, alternatives = try_again(outcome, begun.T_work, searching, watch, deadline)
             outcome = outcome.with_free_motions_of(begun.T_work)
-            alternatives += flips_of(outcome, prepared.flips)
-    mirrored = mirror_gain(outcome, prepared)
+            alternatives += flips_of(outcome, both.target.flips)
+    mirrored = mirror_gain(outcome, both.target)
     if viewpoints is not None:
         with _timed(timings, "viewpoint"):
             outcome = look_again(outcome, viewpoints, watch, deadline)
     settings = {
         **dataclasses.asdict(options),
-        "source": describe(source),
-        "target": indexed.name,
+        **both.settings(),
         "start": "search" if T_start is None else start if isinstance(start, str) else "given",
         "T_start": None if T_start is None else T_start.tolist(),
         "dof": None if dof is None else str(Freedom.parse(dof)),
         "prior": prior is not None,
         "viewpoint": None if viewpoints is None else viewpoints.tolist(),
         "cell_size": sides.cell,
-        "source_units": named[0],
-        "target_units": named[1],
     }
     timings["total"] = time.perf_counter() - began
     return outcome.registration(alternatives, timings, settings, keep_inputs, mirrored)
 
 
-def _observer(
-    observe: Callable[[Iteration], object] | None, centred: CentredSource, indexed: IndexedTarget
-) -> Callable[[Iteration], object] | None:
-    if observe is None:
-        return None
-    told = observe
-    return lambda record: told(for_caller(record, indexed.origin, centred.origin))
+def _run(
+    both: Both,
+    sides: Sides,
+    begun: Beginning,
+    known: Known,
+    options: Options,
+    reach: float,
+    deadline: Deadline,
+    watch: Observer | None,
+) -> Outcome:
+    """The loop, on cells of dense clouds first and on all points where they say more."""
+    plan = options.plan(reach, known, begun.width, clouds=sides.even)
+    run, mixture = run_graduated(sides.scan, sides.surface, begun.T_work, plan, deadline.watching(watch))
+    if all_points_say_more(sides, run):
+        sides, plan = both.whole(options), options.plan(reach, known)
+        run, mixture = go_on(sides, plan, run, mixture, deadline.watching(watch))
+    T, status = known.held(run.T_target_source), deadline.status(run.status)
+    run = dataclasses.replace(run, T_target_source=T, status=status)
+    indexed = both.target.indexed
+    return Outcome(run, mixture, sides.scan, sides.surface, both.source, indexed, plan, known, begun.searched)
 
 
 @contextlib.contextmanager

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 
 from dqreg.answer import Outcome, from_work
 from dqreg.arrays import FloatArray
+from dqreg.beginning import Searching
 from dqreg.deadline import Deadline
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import run_graduated, width_floor
@@ -16,7 +16,6 @@ from dqreg.icp.loop import Observer
 from dqreg.prepared import Target
 from dqreg.records import Alternative
 from dqreg.rigid import pose
-from dqreg.start import Candidate
 from dqreg.start.flips import flipped
 from dqreg.start.judging import weigh_up
 from dqreg.start.mirrors import gain_of_mirror
@@ -36,8 +35,7 @@ JUDGES = 10_000
 def try_again(
     first: Outcome,
     T_start: FloatArray,
-    search: Callable[[], tuple[Candidate, ...]],
-    first_width: float,
+    searching: Searching,
     observe: Observer | None,
     deadline: Deadline,
 ) -> tuple[Outcome, tuple[Alternative, ...]]:
@@ -49,10 +47,8 @@ def try_again(
         Where the given start led.
     T_start : ndarray, (4, 4)
         That start, between the centred frames.
-    search : callable
-        Finds start poses, the best first.
-    first_width : float
-        Width of the kernel to begin with from there.
+    searching : Searching
+        Finds start poses, if it is asked to.
     observe : callable, optional
         Called with each iteration.
     deadline : Deadline
@@ -75,10 +71,10 @@ def try_again(
     )
     if not first.found or not doubted or deadline.is_over:
         return first, ()
-    found = search()
+    found = searching.candidates()
     if not found:
         return first, ()
-    plan = dataclasses.replace(first.plan, first_width=first_width)
+    plan = dataclasses.replace(first.plan, first_width=searching.width)
     run, mixture = run_graduated(first.scan, first.surface, found[0].T_target_source, plan, deadline.watching(observe))
     history = first.run.history + tuple(
         dataclasses.replace(record, number=record.number + len(first.run.history)) for record in run.history

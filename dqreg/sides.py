@@ -25,11 +25,14 @@ class Sides:
         The target.
     cell : float
         Edge of the cells by whose means dense clouds stand, target units; 0 where there are none.
+    even : bool
+        Whether both are clouds with a plane fitted at every point that is left.
     """
 
     scan: Scan
     surface: Surface
     cell: float = 0.0
+    even: bool = False
 
     @staticmethod
     def whole(source: CentredSource, target: IndexedTarget, fitted: int | None) -> Sides:
@@ -37,7 +40,7 @@ class Sides:
         return Sides(prepare_scan(source.cloud, fitted), target.surface)
 
     @staticmethod
-    def even(source: CentredSource, target: IndexedTarget, count: int) -> Sides:
+    def evened(source: CentredSource, target: IndexedTarget, count: int) -> Sides:
         """Two clouds, thinned to one point a cell where they are denser, with planes fitted at all that are left.
 
         LiDARs crowd their points near the sensor, where they say least about a turn, and depth cameras give many times
@@ -66,4 +69,4 @@ class Sides:
             stands, moves = EvenCloud.of(target.geometry, size), evened(source.cloud, size)
         thinned = stands.surface is not None or moves is not source.cloud
         scan = dataclasses.replace(prepare_scan(moves), total=len(source.cloud))
-        return Sides(scan, stands.surface or target.surface, size if thinned else 0.0)
+        return Sides(scan, stands.surface or target.surface, size if thinned else 0.0, even=True)

@@ -56,11 +56,11 @@ def test_best_takes_all_points_at_once() -> None:
 def test_nothing_thinned_or_nothing_found_needs_no_more() -> None:
     few = centre_source(moved_back(DENSE[:2_000]), None, None, rng := np.random.default_rng(0))
     stands = index_target(DENSE[:2_000])
-    whole = Sides.even(few, stands, 1_000)
+    whole = Sides.evened(few, stands, 1_000)
     run, _ = run_graduated(whole.scan, whole.surface, np.eye(4), Plan(ESTIMATORS["plane"], 0.2))
     assert not all_points_say_more(whole, run)
     dense, far = centre_source(DENSE, None, None, rng), index_target(DENSE)
-    cells = Sides.even(dense, far, 1_000)
+    cells = Sides.evened(dense, far, 1_000)
     away = pose.from_parts(np.eye(3), [50.0, 0.0, 0.0])
     lost, _ = run_graduated(cells.scan, cells.surface, away, Plan(ESTIMATORS["plane"], 0.2))
     assert lost.status == "no correspondences"

@@ -22,7 +22,7 @@ def target(points: np.ndarray) -> IndexedTarget:
 
 
 def test_dense_clouds_become_equal_cells_with_a_plane_at_each() -> None:
-    sides = Sides.even(source(SHEET), target(SHEET), 1_000)
+    sides = Sides.evened(source(SHEET), target(SHEET), 1_000)
     assert 800 <= len(sides.scan) <= 1_250
     assert sides.scan.directed.all()
     assert sides.scan.total == 40_000
@@ -35,27 +35,27 @@ def test_dense_clouds_become_equal_cells_with_a_plane_at_each() -> None:
 def test_sparse_clouds_and_meshes_stay_whole() -> None:
     few = SHEET[:2_900]
     stands = target(few)
-    sides = Sides.even(source(few), stands, 1_000)
+    sides = Sides.evened(source(few), stands, 1_000)
     assert sides.cell == 0.0
     assert len(sides.scan) == 2_900
     assert sides.surface is stands.surface
     with pytest.raises(InputError, match="mesh"):
-        Sides.even(source(few), index_target(Mesh(*bracket())), 1_000)
+        Sides.evened(source(few), index_target(Mesh(*bracket())), 1_000)
 
 
 def test_a_small_source_asks_for_cells_of_its_own_size() -> None:
     # A thousandth of the target's area: cells of the target would leave it one point.
     piece = SHEET[(np.abs(SHEET[:, :2]) < 0.1).all(axis=1)]
-    sides = Sides.even(source(piece), target(SHEET), 1_000)
+    sides = Sides.evened(source(piece), target(SHEET), 1_000)
     assert len(sides.scan) >= len(piece) / 2
     dense = np.column_stack([np.random.default_rng(1).uniform(-0.1, 0.1, size=(30_000, 2)), np.zeros(30_000)])
-    sides = Sides.even(source(dense), target(SHEET), 1_000)
+    sides = Sides.evened(source(dense), target(SHEET), 1_000)
     assert 500 <= len(sides.scan) <= 1_500
 
 
 def test_a_dense_source_is_thinned_though_its_target_is_sparse() -> None:
     stands = target(SHEET[:2_900])
-    sides = Sides.even(source(SHEET), stands, 1_000)
+    sides = Sides.evened(source(SHEET), stands, 1_000)
     assert 800 <= len(sides.scan) <= 1_250
     assert sides.surface is stands.surface
 
@@ -63,4 +63,4 @@ def test_a_dense_source_is_thinned_though_its_target_is_sparse() -> None:
 def test_the_cells_of_a_target_are_built_once() -> None:
     stands = target(SHEET)
     assert stands.evened(1_000) is stands.evened(1_000)
-    assert Sides.even(source(SHEET), stands, 1_000).surface is stands.evened(1_000).surface
+    assert Sides.evened(source(SHEET), stands, 1_000).surface is stands.evened(1_000).surface

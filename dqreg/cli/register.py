@@ -47,8 +47,8 @@ SECTIONS = {
               "share within, and end the colours there.")  # fmt: skip
 @click.option("--reach", type=float, metavar="LENGTH", help="Points farther off than this belong to something else and "
               "enter no figures, target units  [default: a quarter of --max-distance].")  # fmt: skip
-@click.option("--effort", type=Choice(EFFORTS), default="normal", show_default=True, help="How many points decide the "
-              "last digits: 20,000, 60,000 or all.")  # fmt: skip
+@click.option("--effort", type=Choice(EFFORTS), default="normal", show_default=True, help="How many places of the "
+              "target decide the last digits: 8,000, 25,000, or one for every point.")  # fmt: skip
 @click.option("--time-limit", type=float, metavar="SECONDS", help="Then the best pose so far, and a verdict that says "
               "so.")  # fmt: skip
 @click.option("--max-distance", type=float, metavar="LENGTH", help="Largest distance of a pair, target units  "
