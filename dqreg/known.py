@@ -10,6 +10,7 @@ import numpy as np
 from dqreg.arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.icp import Estimator, constrained
+from dqreg.icp.face_noise import weighed_by_faces
 from dqreg.rigid import pose
 from dqreg.solvers import Freedom, PoseCost
 
@@ -81,11 +82,14 @@ class Known:
         """Whether there is something to hold the pose to."""
         return self.freedom is not None or self.prior is not None
 
-    def estimator(self, *, planes: bool) -> Estimator:
-        """Estimator that holds the pose to it; see `constrained`."""
+    def estimator(self, *, planes: bool, weighed: bool = False) -> Estimator:
+        """Estimator that holds the pose to it, see `constrained`; with faces weighed by their scatter, if so asked."""
         if self.reference is None:
             raise InputError("locked motions and priors need a start to hold the pose to")
-        return constrained(self.freedom or Freedom.parse("all"), self.reference, self.prior, planes=planes)
+        held = constrained(self.freedom or Freedom.parse("all"), self.reference, self.prior, planes=planes)
+        if not weighed:
+            return held
+        return lambda pairs, weights, noise: held(pairs, weighed_by_faces(pairs, weights, noise), noise)
 
     def held(self, T: FloatArray) -> FloatArray:
         """The pose with its locked motions exactly as they were: an early end may hold an extrapolated one."""

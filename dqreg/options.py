@@ -113,7 +113,7 @@ class Options:
         if known.anything:
             coarse, fine = (
                 known.estimator(planes=self.method == "plane"),
-                known.estimator(planes=True) if auto else None,
+                known.estimator(planes=True, weighed=True) if auto else None,
             )
         return Plan(
             estimator=coarse,

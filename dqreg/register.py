@@ -183,7 +183,8 @@ def register(
         "dof": None if dof is None else str(Freedom.parse(dof)),
         "prior": prior is not None,
         "viewpoint": None if viewpoints is None else viewpoints.tolist(),
-        "cell_size": sides.cell,
+        # Zero where all points have said more.
+        "cell_size": sides.cell if outcome.scan is sides.scan else 0.0,
     }
     timings["total"] = time.perf_counter() - began
     return outcome.registration(alternatives, timings, settings, keep_inputs, mirrored)

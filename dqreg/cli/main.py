@@ -70,6 +70,10 @@ def main(arguments: list[str] | None = None) -> None:
             say(noted.number)
             sys.exit(128 + noted.number)
         code = _tell(error)
+    if noted.number:
+        # It was swallowed on its way: the work is done, and whoever sent it has to know.
+        say(noted.number)
+        code = 128 + noted.number
     sys.exit(code if isinstance(code, int) else 0)
 
 

@@ -7,7 +7,6 @@ import numpy as np
 from dqreg.arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.icp.estimators import Estimator
-from dqreg.icp.face_noise import weighed_by_faces
 from dqreg.icp.pairs import Pairs
 from dqreg.solvers import Fit, Freedom, PoseCost
 from dqreg.solvers.cost_minimise import minimise
@@ -63,7 +62,7 @@ def constrained(
     def estimate(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
         if not weights.any():
             raise DegenerateGeometryError("no pair carries weight, so nothing says where the source belongs")
-        data = _planes(pairs, weighed_by_faces(pairs, weights, noise)) if planes else None
+        data = _planes(pairs, weights) if planes else None
         data = data or _points(pairs, weights, noise)
         form = data if prior is None else data + (prior * _variance(pairs, weights, noise)).form
         T = minimise(form, pairs.T_target_source, freedom, reference, flat, escape=False).T_target_source
