@@ -79,9 +79,9 @@ def register(
     source_units, target_units : {"mm", "cm", "m", "inch", "ft"}, optional
         Length units. Where both are known and differ, the source is converted to the target's unit.
     effort : {"fast", "normal", "best"}
-        How much a mesh is asked for the last digits: about 8,000 places, 25,000, or every point; from the first two, all
-        points on the face of a place that was asked count as well. From a start between
-        clouds of more than 18,000 or 30,000 points, the means of about 6,000 or 10,000 cells stand for them
+        How much a mesh is asked for the last digits: about 8,000 places, 25,000, or every point; of the first two, all
+        points on the face of a place that was asked count as well. From a start between clouds of more than 18,000 or
+        30,000 points, the means of about 6,000 or 10,000 cells stand for them
         (``settings["cell_size"]``), unless the points lie so much nearer to the surface than to each other that all of
         them say more; "best" has no cells.
     seed : int
