@@ -112,7 +112,9 @@ def test_every_option_stands_under_a_heading():
 def test_ctrl_c_leaves_one_line_and_no_file(after, tmp_path, case):
     out = tmp_path / "result.json"
     words = [str(w) for w in ("register", case.scan, case.part, "--effort", "best", "--out", out)]
-    code = f"from dqreg.cli.main import main; print('begun', flush=True); main({words!r})"
+    # A shell that runs its jobs in the background has SIGINT ignored, which is handed on, and respected.
+    listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    code = f"{listen}; from dqreg.cli.main import main; print('begun', flush=True); main({words!r})"
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                                env=environment)  # fmt: skip
