@@ -9,7 +9,7 @@ import numpy as np
 from dqreg.arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan, Surface
 from dqreg.geometry.normals import sample_rows
-from dqreg.icp import NO_POSE, InlierMixture, Pairs, Plan, Run, correspond, width_floor
+from dqreg.icp import NO_POSE, InlierMixture, Pairs, Plan, Run, carried, correspond, width_floor
 from dqreg.records import Alternative, Direction
 from dqreg.rigid import pose
 from dqreg.trust import Evidence
@@ -24,8 +24,9 @@ FEWEST_POINTS = 3
 # Points that are looked at, evenly over the scan; where the loop has asked about enough of them, those, and of those
 # with a normal of their own.
 LOOKED_AT, ENOUGH, ENOUGH_FITTED = 10_000, 3_000, 1_000
-# Where no point has moved by more than that many widths since it was asked about, nothing here can tell.
-STILL = 0.1
+# Where no point has moved by more than that many widths since it was asked about, nothing here can tell; by more than
+# so many, a point may be on another face.
+STILL, NEARBY = 0.1, 1.0
 # Share of the largest distance within which a point ought to lie on the target: farther off stands the table.
 NEAR = 0.25
 # Neighbourhoods flatter than this have a normal worth comparing; rougher than that they are no surface at all; both in
@@ -128,9 +129,10 @@ def _pairs(run: Run, scan: Scan, surface: Surface, width: float) -> Pairs:
 def _again(asked: Pairs, surface: Surface, T: FloatArray, width: float) -> Pairs:
     # The last pose is no farther off than a step: most faces and points are still the closest.
     moved = pose.apply(T, asked.scan.points) - asked.moved
-    if np.einsum("ij,ij->i", moved, moved).max(initial=0.0) <= (STILL * width) ** 2:
+    farthest = float(np.sqrt(np.einsum("ij,ij->i", moved, moved).max(initial=0.0)))
+    if farthest <= STILL * width:
         return asked
-    return correspond(asked.scan, surface, T, asked)
+    return carried(asked, T) if farthest <= NEARBY * width else correspond(asked.scan, surface, T, asked)
 
 
 def _fitted_pairs(run: Run, scan: Scan, fitted: IntArray, surface: Surface, width: float) -> Pairs:

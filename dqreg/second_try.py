@@ -130,7 +130,7 @@ def mirror_gain(outcome: Outcome, target: Target) -> float:
     float
         Minus infinity where it was not asked, or the part has no near mirror symmetry.
     """
-    if not outcome.found or not outcome.evidence.patches_off > 0.0:
+    if outcome.target.kind == "cloud" or not outcome.found or not outcome.evidence.patches_off > 0.0:
         return -np.inf
     surface = outcome.target.surface
     limit, floor = 0.25 * outcome.plan.max_distance, width_floor(outcome.scan, surface)

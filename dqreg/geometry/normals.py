@@ -33,12 +33,16 @@ class PlaneFits:
         point's variance into a normal's: ``sigma_n^2 = sigma_r^2 / (k lever)``.
     count : int
         Neighbours k used a fit.
+    gaps : ndarray, (n,), or None
+        Distance from each place to the second nearest point, the nearest other one of a point of the cloud; None where
+        the neighbours were known before, without their distances.
     """
 
     normals: FloatArray
     residuals: FloatArray
     lever: FloatArray
     count: int
+    gaps: FloatArray | None = None
 
     @property
     def variances(self) -> FloatArray:
@@ -75,11 +79,12 @@ def fit_planes(tree: NeighbourTree, cloud: FloatArray, at: FloatArray, count: in
     >>> np.abs(fits.normals[:, 2]).round(12).tolist()
     [1.0, 1.0]
     """
-    parts = []
+    parts, gaps = [], [np.zeros(0)]
     for i in range(0, len(at), CHUNK):
-        indices, _ = tree.nearest(at[i : i + CHUNK], count)
+        indices, distances = tree.nearest(at[i : i + CHUNK], count)
         parts.append(_fit_chunk(cloud, indices))
-    return _joined(parts, min(count, tree.size))
+        gaps.append(distances[:, :2][:, -1])
+    return dataclasses.replace(_joined(parts, min(count, tree.size)), gaps=np.concatenate(gaps))
 
 
 def fit_planes_around(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, count: int = NEIGHBOURS) -> PlaneFits:

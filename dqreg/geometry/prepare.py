@@ -179,14 +179,14 @@ def prepare_scan(cloud: PointCloud, fitted: int | None = None) -> Scan:
 def _fit_all(points: FloatArray) -> tuple[PlaneFits, float, float]:
     tree = NeighbourTree(points)
     fits = fit_planes(tree, points, points)
-    return fits, measure_spacing(tree, points), _noise(fits)
+    return fits, _spacing(fits, points), _noise(fits)
 
 
 def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, float]:
     if len(points) <= PIECES * PIECE:
         tree = NeighbourTree(points)
         fits = fit_planes(tree, points, points[rows])
-        return fits, measure_spacing(tree, points[rows]), _noise(fits)
+        return fits, _spacing(fits, points[rows]), _noise(fits)
     thinned = points[sample_rows(len(points), max(THINNED, 2 * len(rows)))]
     fits = fit_planes(NeighbourTree(thinned), thinned, points[rows])
     # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those
@@ -194,8 +194,8 @@ def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, flo
     firsts = np.linspace(0, len(points) - PIECE, PIECES).astype(np.int64)
     pieces = points[(firsts[:, None] + np.arange(PIECE)).ravel()]
     middles = points[(firsts[:, None] + (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)).ravel()]
-    tree = NeighbourTree(pieces)
-    return fits, measure_spacing(tree, middles), _noise(fit_planes(tree, pieces, middles))
+    pieced = fit_planes(NeighbourTree(pieces), pieces, middles)
+    return fits, _spacing(pieced, middles), _noise(pieced)
 
 
 def _known(fits: PlaneFits) -> BoolArray:
@@ -233,10 +233,18 @@ def measure_spacing(tree: NeighbourTree, points: FloatArray) -> float:
     >>> measure_spacing(NeighbourTree(line), line)
     2.0
     """
-    sample = points[sample_rows(len(points), SPACING_SAMPLE)]
-    _, distances = tree.nearest(sample, 2)
-    gaps = distances[:, -1]
-    if gaps.max() > 0.0:
+    _, distances = tree.nearest(points[sample_rows(len(points), SPACING_SAMPLE)], 2)
+    return _usual_gap(distances[:, -1], points)
+
+
+def _spacing(fits: PlaneFits, points: FloatArray) -> float:
+    # The same from distances that are known already, of distinct points.
+    gaps = np.zeros(0) if fits.gaps is None else fits.gaps
+    return _usual_gap(gaps[sample_rows(len(gaps), SPACING_SAMPLE)], points)
+
+
+def _usual_gap(gaps: FloatArray, points: FloatArray) -> float:
+    if gaps.max(initial=0.0) > 0.0:
         return float(np.median(gaps[gaps > 0.0]))
     # Every sampled point has a twin; only a cloud that is one single place has no spacing at all.
     extent = float(np.linalg.norm(np.subtract(*bounds(points))))

@@ -11,7 +11,7 @@ from dqreg.icp.estimators import ESTIMATORS, Estimator, points_and_normals, poin
 from dqreg.icp.graduated import COARSE, find_basin, run_graduated, width_floor
 from dqreg.icp.kernels import Huber, InlierMixture, LeastSquares, Tukey, Welsch
 from dqreg.icp.loop import NO_POSE, Icp, Observer, Run
-from dqreg.icp.pairs import Pairs, correspond
+from dqreg.icp.pairs import Pairs, carried, correspond
 from dqreg.icp.stage import Level, Plan, Schedule
 from dqreg.icp.stopping import Stopping
 from dqreg.icp.weights import NormalAngle, Robust, Trimmed, WithinDistance
@@ -38,6 +38,7 @@ __all__ = [
     "Tukey",
     "Welsch",
     "WithinDistance",
+    "carried",
     "constrained",
     "correspond",
     "find_basin",

@@ -43,6 +43,8 @@ NEAR = 1_000
 
 PATIENT = Schedule("patient", stages=30, iterations=None, rounds=30)
 QUICK = Schedule("quick", stages=150, iterations=1, rounds=1)
+# From a start that is near there is nothing to be patient about: the width is learned anew after each step.
+TRACKING = Schedule(FINE.name, stages=30, iterations=1, rounds=30)
 
 
 def run_graduated(
@@ -85,7 +87,7 @@ def _placed(level: Level, start: FloatArray, observe: Observer | None) -> tuple[
     if mixture is not None:
         if level.last:
             few, seen = level, None
-        run, mixture = _near(few, None).descend(mixture, start, FINE, observe, 1, before=seen)
+        run, mixture = _near(few, None).descend(mixture, start, TRACKING, observe, 1, before=seen)
         return run, mixture, _near(few, run)
     if level.plan.fine is None:
         run, mixture = find_basin(level, start, observe)

@@ -101,3 +101,30 @@ def correspond(scan: Scan, surface: Surface, T_target_source: FloatArray, before
     else:
         closest = surface.closest(moved)
     return Pairs(scan, T_target_source, closest, same_sign=scan.oriented and surface.oriented)
+
+
+def carried(pairs: Pairs, T_target_source: FloatArray) -> Pairs:
+    """Pairs at a pose nearby, without asking the surface again: each match slides with its point on its tangent plane.
+
+    On a face that is what it does, and between the points of a cloud it leaves the gaps as wide as they were.
+
+    Parameters
+    ----------
+    pairs : Pairs
+        Correspondences.
+    T_target_source : ndarray, (4, 4)
+        The other pose.
+
+    Returns
+    -------
+    Pairs
+        Of the same faces or points; right to first order, but where a point has left its face.
+    """
+    moved = pose.apply(T_target_source, pairs.scan.points)
+    motion = moved - pairs.moved
+    across = np.einsum("ij,ij->i", motion, pairs.closest.normals)
+    points = pairs.closest.points + motion - across[:, None] * pairs.closest.normals
+    gaps = moved - points
+    distances = np.sqrt(np.einsum("ij,ij->i", gaps, gaps))
+    found = dataclasses.replace(pairs.closest, points=points, distances=distances, others=None)
+    return Pairs(pairs.scan, T_target_source, found, pairs.same_sign)

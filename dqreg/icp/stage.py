@@ -15,9 +15,10 @@ from dqreg.icp.borders import inland
 from dqreg.icp.estimators import Estimator
 from dqreg.icp.kernels import InlierMixture
 from dqreg.icp.loop import Icp, Observer, Run
-from dqreg.icp.pairs import Pairs
+from dqreg.icp.pairs import Pairs, carried
 from dqreg.icp.stopping import Stopping
 from dqreg.icp.weights import NormalAngle, WithinDistance
+from dqreg.records import Iteration
 
 # A stage is converged when it moves less than this share of its own width; where planes take over near the answer and
 # nearly every point is explained, the next stage goes on from anywhere within the width.
@@ -177,7 +178,9 @@ class Level:
             mixture = dataclasses.replace(
                 learned, scale=max(learned.scale, self._steepest(learned, run) * mixture.scale)
             )
-            if settled and run.history[-1].motion * self.contraction <= self._tolerance(mixture):
+            to_come = run.history[-1].motion * self._contraction(history)
+            if settled and to_come <= self._tolerance(mixture):
+                run = dataclasses.replace(run, status="converged")
                 break
             if enough is not None and enough(run, learned):
                 mixture = learned
@@ -265,9 +268,17 @@ class Level:
         return (WITHIN if planes and mixture.share >= EXPLAINED else STAGE_TOLERANCE) * width
 
     def _learned(self, mixture: InlierMixture, run: Run, schedule: Schedule) -> InlierMixture:
-        distances = run.pairs.distances[run.weights > 0.0]
+        # Near the answer the last step is all that is wrong with the distances.
+        pairs = carried(run.pairs, run.T_target_source) if self.near else run.pairs
+        distances = pairs.distances[run.weights > 0.0]
         some = distances[sample_rows(len(distances), LEARNED_FROM)]
         return mixture.learned(some, floor=self.floor, rounds=schedule.rounds)
+
+    def _contraction(self, history: tuple[Iteration, ...]) -> float:
+        # Two steps from a start that is near show how fast they shrink.
+        if not self.near or len(history) < 2 or history[-2].motion <= 0.0:
+            return self.contraction
+        return min(self.contraction, history[-1].motion / history[-2].motion)
 
     def _steepest(self, learned: InlierMixture, run: Run) -> float:
         # Where nearly every point is explained, there is nothing that a slower fall could still win over.

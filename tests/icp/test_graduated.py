@@ -181,3 +181,19 @@ def test_a_scan_too_small_to_be_thinned_has_one_level(surface: MeshSurface) -> N
     run, _ = run_graduated(scan, surface, start_of(0), PLAN)
     assert {record.points for record in run.history} == {3_000}
     assert error(run) <= 2e-4
+
+
+@pytest.mark.parametrize("points", [60, 150])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_tracking_takes_few_steps_and_ends_where_patience_does(surface: MeshSurface, points: int, seed: int) -> None:
+    # Scans in the part's frame; the few points are those of one level, so that the first look's level is the last.
+    scan = prepare_scan(PointCloud(bracket_points(points, seed)))
+    near = disturbance(np.random.default_rng(seed), np.deg2rad(0.5), 2e-3 * SIZE, PART.centre)
+    run, mixture = run_graduated(scan, surface, near, PLAN)
+    assert run.status == "converged"
+    assert len(run.history) <= 3
+    again, settled = run_graduated(scan, surface, run.T_target_source, PLAN)
+    # Another run from the answer finds nothing to mend beyond a part of what so many points leave open.
+    left = worst_vertex_displacement(again.T_target_source, run.T_target_source, PART.vertices)
+    assert left <= 2.0 * mixture.scale / np.sqrt(len(scan))
+    assert settled.scale == pytest.approx(mixture.scale, rel=0.1)

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.geometry import CloudSurface, PointCloud, prepare_scan
-from dqreg.icp import correspond
+from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, prepare_scan
+from dqreg.icp import Pairs, carried, correspond
 from dqreg.rigid import pose
-from tests.icp.scenes import bumpy_cloud, made_pairs, motion
+from tests.icp.scenes import bracket_mesh, bracket_points, bumpy_cloud, made_pairs, motion
 
 
 def test_correspond_asks_for_the_moved_points_and_leaves_the_scan_alone() -> None:
@@ -44,3 +44,38 @@ def test_signs_count_only_if_both_sides_know_theirs(source: bool, target: bool) 
     scan = prepare_scan(PointCloud(points, up if source else None))
     surface = CloudSurface(PointCloud(points, up if target else None))
     assert correspond(scan, surface, np.eye(4)).same_sign is (source and target)
+
+
+def tracked(step: float) -> tuple[Pairs, np.ndarray, MeshSurface]:
+    """Pairs of a scan at its true pose, which is the identity, and a pose a step of the size away."""
+    part = bracket_mesh()
+    scan = prepare_scan(PointCloud(bracket_points(60, seed=0)))
+    return correspond(scan, MeshSurface(part), np.eye(4)), motion(step, step * part.diagonal), MeshSurface(part)
+
+
+@pytest.mark.parametrize("step", [1e-5, 1e-4])
+def test_carried_pairs_are_those_that_the_surface_would_name(step: float) -> None:
+    pairs, T, surface = tracked(step)
+    there, asked = carried(pairs, T), correspond(pairs.scan, surface, T)
+    gone = np.linalg.norm(there.moved - pairs.moved, axis=1)
+    off = np.abs(there.distances - asked.distances)
+    # Exact inside the faces; and over an edge no point is wrong by more than it has moved.
+    assert (off <= 1e-12 * surface.diagonal).mean() >= 0.9
+    assert (off <= gone).all()
+    np.testing.assert_allclose(there.distances, np.linalg.norm(there.moved - there.closest.points, axis=1), rtol=1e-12)
+    # The answer is of the new pose, not of the old one.
+    assert np.median(np.abs(pairs.distances - asked.distances)) > 100.0 * np.median(off)
+
+
+def test_carried_pairs_of_a_cloud_keep_the_gaps_between_its_points() -> None:
+    points = bumpy_cloud(400, seed=3)
+    normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    pairs = correspond(
+        prepare_scan(PointCloud(points + np.array([0.01, 0.0, 0.02]))),
+        CloudSurface(PointCloud(points, normals)),
+        np.eye(4),
+    )
+    aside, up = (carried(pairs, pose.from_parts(np.eye(3), shift)) for shift in ([0.005, 0.0, 0.0], [0.0, 0.0, 0.003]))
+    np.testing.assert_allclose(aside.distances, pairs.distances, rtol=1e-12)
+    np.testing.assert_allclose(up.aside, pairs.aside + 0.003, atol=1e-14)
+    np.testing.assert_allclose(up.distances**2 - up.aside**2, pairs.distances**2 - pairs.aside**2, atol=1e-14)
