@@ -10,7 +10,6 @@ from dqreg.odometry.align import Aligned
 from dqreg.odometry.frame import Keypoints
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.map_surface import MapSurface
-from dqreg.odometry.settings import Resolved
 from dqreg.odometry.trust import held_by
 from dqreg.odometry.verdicts import FrameEvidence, frame_verdict, without_pose
 from dqreg.result import Registration
@@ -21,7 +20,6 @@ def frame_result(
     aligned: Aligned,
     surface: MapSurface,
     keys: Keypoints,
-    lengths: Resolved,
     usual: float,
     notes: tuple[str, ...],
     words: dict[str, Any],
@@ -36,8 +34,6 @@ def frame_result(
         The map.
     keys : Keypoints
         The frame.
-    lengths : Resolved
-        Lengths of the sequence.
     usual : float
         Usual share of points on the map, NaN where unknown.
     notes : tuple of str
@@ -51,7 +47,7 @@ def frame_result(
         NaN and "failed" where there is no pose, or so few points lie on the map that there is none to speak of.
     """
     run, mixture = aligned.run, aligned.mixture
-    held = held_by(run, surface, keys.reach, lengths.voxel_size) if aligned.found else None
+    held = held_by(run, surface, keys.reach) if aligned.found else None
     directions = observe_directions(held.information) if held else ()
     evidence = FrameEvidence(
         run.status, aligned.found, float(run.weights.sum()), aligned.on_map, usual, mixture.scale, directions

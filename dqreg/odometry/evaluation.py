@@ -38,7 +38,8 @@ class Errors:
     kiss_segments : (float, float)
         KISS-ICP's (KITTI's) mean error over 100 to 800 units of path: per cent, degrees a unit; NaN on shorter paths.
     evo_ape_rmse : float
-        The same as ``absolute_rmse`` by the package ``evo``, where it is installed; else NaN.
+        The same as ``absolute_rmse`` by the package ``evo``; NaN where it is not installed, or refuses to align a path
+        that is straight.
     """
 
     steps: dict[int, tuple[FloatArray, FloatArray]]
@@ -186,8 +187,13 @@ def _evo(poses: FloatArray, truth: FloatArray) -> float:
         return np.nan
     metrics: Any = importlib.import_module("evo.core.metrics")
     trajectory: Any = importlib.import_module("evo.core.trajectory")
+    geometry: Any = importlib.import_module("evo.core.geometry")
     reference, estimate = (trajectory.PosePath3D(poses_se3=list(rows)) for rows in (truth, poses))
-    estimate.align(reference)
+    try:
+        estimate.align(reference)
+    except geometry.GeometryException:
+        # The turn about a straight path is open, though the distance that is left does not depend on it.
+        return np.nan
     ape = metrics.APE(metrics.PoseRelation.translation_part)
     ape.process_data((reference, estimate))
     return float(ape.get_statistic(metrics.StatisticsType.rmse))

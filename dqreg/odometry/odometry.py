@@ -184,7 +184,7 @@ class Odometry:
             undone = Undone(kiss, frame, lengths.voxel_size, keys, aligned, self._motion)
             undone = undone.repeated(seek, self._T_last, ratio)
             keys, aligned, notes = undone.keys, undone.aligned, notes + undone.notes
-        result = frame_result(aligned, surface, keys, lengths, self._usual_share, notes, self._words(keys))
+        result = frame_result(aligned, surface, keys, self._usual_share, notes, self._words(keys))
         self._learn(kiss, keys, result, T_predicted, ratio)
         return result
 

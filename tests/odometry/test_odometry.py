@@ -36,10 +36,10 @@ def test_turns_that_constant_velocity_misses_by_70_degrees_are_followed(jerky, f
 
 def test_covariances_keep_their_word(jerky, followed):
     odometry, results = followed
-    # Six on average where they are exact. Here they are cautious (1.5: sigmas twice too wide, because blocks and single
-    # points are added); a factor of ten either way would be a mistake.
+    # Six on average where they are exact; 2.9 on this ride, 4.8 over four like it. Half of that would be sigmas that
+    # nobody can use, twice of it too much trust.
     values = nees(odometry.poses, [r.covariance for r in results], jerky.truth)
-    assert 0.6 < values.mean() < 12.0
+    assert 2.0 < values.mean() < 12.0
 
 
 def test_the_map_frame_is_the_first_frame_or_the_start(jerky, followed):

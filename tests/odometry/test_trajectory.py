@@ -81,6 +81,38 @@ def test_errors_do_not_depend_on_the_frame_of_either_side(seed):
     assert moved.absolute_rmse == pytest.approx(plain.absolute_rmse, rel=1e-6)
 
 
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 2**31), st.sampled_from(["kitti", "tum"]))
+def test_evo_reads_what_is_written_and_finds_the_same_errors(tmp_path_factory, seed, form):
+    metrics, files = (pytest.importorskip(f"evo.{name}") for name in ("core.metrics", "tools.file_interface"))
+    rng = np.random.default_rng(seed)
+    folder, truth, times = tmp_path_factory.mktemp("t"), walk(15, seed), np.linspace(1.6e9, 1.6e9 + 7, 15)
+    poses = pose.random(rng, reach=5.0) @ truth @ twist.exp(rng.normal(scale=0.01, size=(15, 6)))
+    for name, rows in (("ours", poses), ("truth", truth)):
+        write_trajectory(folder / name, rows, times, form)
+    read = files.read_kitti_poses_file if form == "kitti" else files.read_tum_trajectory_file
+    theirs, reference = (read(str(folder / name)) for name in ("ours", "truth"))
+    np.testing.assert_allclose(theirs.poses_se3, poses, atol=1e-12)
+    assert form == "kitti" or np.abs(theirs.timestamps - times).max() < 1e-6
+    errors = evaluate(poses, truth)
+    for relation, which in ((metrics.PoseRelation.rotation_angle_deg, 0), (metrics.PoseRelation.translation_part, 1)):
+        for step in (1, 10):
+            rpe = metrics.RPE(relation, delta=step, delta_unit=metrics.Unit.frames, all_pairs=True)
+            rpe.process_data((reference, theirs))
+            np.testing.assert_allclose(rpe.error, errors.steps[step][which], atol=1e-7)
+    assert errors.evo_ape_rmse == pytest.approx(errors.absolute_rmse, rel=1e-9)
+
+
+def test_a_straight_path_has_an_error_whether_evo_aligns_it_or_not():
+    truth = np.stack([pose.from_parts(np.eye(3), [0.2 * i, 0.0, 0.0]) for i in range(12)])
+    poses = truth.copy()
+    poses[::2, 1, 3] += 0.02
+    # Half of the places lie 0.01 to either side of the line through their middle.
+    errors = evaluate(poses, truth)
+    assert errors.absolute_rmse == pytest.approx(0.01, rel=0.02)
+    assert np.isnan(errors.evo_ape_rmse)
+
+
 def test_lost_frames_are_counted():
     truth = walk(12)
     poses = truth.copy()
