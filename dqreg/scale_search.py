@@ -1,7 +1,6 @@
-"""Which scale a scan was made at: a few scales are tried, each from its own start, and judged by the likelihood.
+"""Which scale a scan was made at: a few scales are tried, each from its own start, and the likeliest are told.
 
-Every scale is refined together with its pose on a few thousand points. Distances are compared in the *source's* own
-unit, where the noise does not change with the scale: in the target's unit the smallest copy would always fit best.
+Every scale is refined together with its pose on a few thousand points, see `dqreg.scale_fit`.
 """
 
 from __future__ import annotations
@@ -13,12 +12,8 @@ import numpy as np
 from dqreg.answer import to_work
 from dqreg.arrays import FloatArray
 from dqreg.beginning import Searching
-from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry import Mesh
-from dqreg.geometry.prepare import Scan
-from dqreg.icp import COARSE, InlierMixture, correspond, width_floor
-from dqreg.rigid import pose
-from dqreg.solvers.scale import SurfaceMatches, robust_weights, scale_step
+from dqreg.scale_fit import STILL, ScaleCandidate, refine_scale, scaled
 
 # Ratios of units that get mixed up: mm, cm, m, inch and ft among each other.
 RATIOS = (1.0, 2.54, 10.0, 12.0, 25.4, 30.48, 39.37007874, 100.0, 304.8, 1000.0, 3.280839895)
@@ -35,8 +30,6 @@ BETWEEN = (0.975, 1.025, 0.925, 1.075, 0.875, 1.125)
 FOLLOWED, FITS = 3, 4.0
 # Share of the points that must lie on the target for the other scales to be spared.
 EXPLAINED = 0.95
-# Steps of the joint refinement at most; the largest change of scale in one of them; the change that is none.
-STEPS, LARGEST, STILL = 40, 1.03, 1e-6
 # Two scales that near to each other are one.
 SAME = 3e-3
 # Distances of exact data, in sizes of the part.
@@ -44,34 +37,6 @@ EXACT = 1e-6
 # A scale whose mean log-likelihood is that near to the best explains the scan as well; and how far from the best scale
 # it is asked whether another scale would do.
 AS_GOOD, ASIDE = 0.02, 0.03
-
-
-@dataclasses.dataclass(frozen=True)
-class ScaleCandidate:
-    """A scale, its pose, and how badly both explain the scan.
-
-    Attributes
-    ----------
-    scale : float
-        What the source, in the unit it is worked with, is multiplied with.
-    T_work : ndarray, (4, 4)
-        Pose of the scaled source between the centred frames.
-    surprise : float
-        Mean negative log-likelihood of the distances in source units; the lower the better.
-    held : bool
-        Whether the matches fix the scale.
-    width : float
-        Width of the inliers' distances, source units.
-    share : float
-        Share of inliers among all points.
-    """
-
-    scale: float
-    T_work: FloatArray
-    surprise: float
-    held: bool
-    width: float = np.inf
-    share: float = 0.0
 
 
 def scale_starts(ratio: float, *, searched: bool) -> tuple[list[float], list[float]]:
@@ -99,31 +64,6 @@ def scale_starts(ratio: float, *, searched: bool) -> tuple[list[float], list[flo
     first = [float(middle * step) for middle in likely for step in (SEARCHED if searched else GIVEN)]
     further = [float(middle * step) for middle in dict.fromkeys([*likely, ratio]) for step in BETWEEN]
     return first, further
-
-
-def scaled(scan: Scan, scale: float) -> Scan:
-    """A scan in another unit.
-
-    Parameters
-    ----------
-    scan : Scan
-        Any scan.
-    scale : float
-        Factor of all lengths.
-
-    Returns
-    -------
-    Scan
-        A new one.
-    """
-    return dataclasses.replace(
-        scan,
-        points=scale * scan.points,
-        levers=scale**2 * scan.levers,
-        residuals=scale * scan.residuals,
-        spacing=scale * scan.spacing,
-        noise=scale * scan.noise,
-    )
 
 
 def try_scale(
@@ -159,61 +99,6 @@ def try_scale(
     return tuple(refine_scale(searching, scale, T) for T in starts)
 
 
-def refine_scale(searching: Searching, scale: float, T_work: FloatArray, *, hold: bool = False) -> ScaleCandidate:
-    """Scale and pose together, on a few thousand points.
-
-    Parameters
-    ----------
-    searching : Searching
-        Both sides, the source as it is.
-    scale : float
-        Scale to begin with.
-    T_work : ndarray, (4, 4)
-        Pose of the scaled source to begin with, between the centred frames.
-    hold : bool
-        Whether the scale stays.
-
-    Returns
-    -------
-    ScaleCandidate
-        Where it ended.
-    """
-    surface = searching.target.indexed.surface
-    few = searching.scan.thinned(COARSE)
-    floor, held = width_floor(few, surface), True
-    for _ in range(STEPS):
-        pairs = correspond(scaled(few, scale), surface, T_work)
-        weights = robust_weights(pairs.distances, scale * floor)
-        matches = SurfaceMatches(pairs.moved, pairs.closest.points, pairs.closest.normals, weights)
-        try:
-            step = scale_step(matches, hold=hold or not held)
-        except DegenerateGeometryError:
-            if not held:
-                break
-            held = False
-            continue
-        if not 1.0 / LARGEST <= step.factor <= LARGEST:
-            step = dataclasses.replace(step, factor=float(np.clip(step.factor, 1.0 / LARGEST, LARGEST)))
-        before, T_work, scale = T_work, step.moved(T_work), scale * step.factor
-        moved = float(pose.offset_between(before, T_work)) + float(pose.angle_between(before, T_work)) * few.diagonal
-        if abs(np.log(step.factor)) <= STILL and moved <= STILL * surface.diagonal:
-            break
-    return _judged(searching, few, ScaleCandidate(scale, T_work, np.inf, held and not hold), floor)
-
-
-def _judged(searching: Searching, few: Scan, found: ScaleCandidate, floor: float) -> ScaleCandidate:
-    surface, limit = searching.target.indexed.surface, searching.reach
-    distances = correspond(scaled(few, found.scale), surface, found.T_work).distances / found.scale
-    near = distances[distances <= limit]
-    if not len(near):
-        return found
-    mixture = InlierMixture(max(0.5 * limit, floor), 0.5, limit).learned(near, floor=floor, rounds=100)
-    surprise = mixture.surprise(near, rejected=len(distances) - len(near))
-    return dataclasses.replace(
-        found, surprise=surprise, width=mixture.scale, share=mixture.share * len(near) / len(distances)
-    )
-
-
 def explained(searching: Searching, candidates: list[ScaleCandidate]) -> bool:
     """Whether the best of some candidates leaves little of the scan over, so that no others need to be tried.
 
@@ -229,8 +114,7 @@ def explained(searching: Searching, candidates: list[ScaleCandidate]) -> bool:
     bool
         False for none.
     """
-    best = min(candidates, key=lambda c: c.surprise, default=None)
-    return best is not None and best.share >= EXPLAINED and fits(searching, candidates)
+    return fits(searching, candidates) and _likeliest(candidates).share >= EXPLAINED
 
 
 def fits(searching: Searching, candidates: list[ScaleCandidate]) -> bool:
@@ -248,11 +132,16 @@ def fits(searching: Searching, candidates: list[ScaleCandidate]) -> bool:
     bool
         False for none.
     """
-    scan, surface = searching.scan, searching.target.indexed.surface
+    if not candidates:
+        return False
+    scan, best, surface = searching.scan, _likeliest(candidates), searching.target.indexed.surface
     # From cloud to cloud the closest point is a spacing away.
     usual = scan.noise if isinstance(searching.target.indexed.geometry, Mesh) else scan.noise + scan.spacing
-    best = min(candidates, key=lambda c: c.surprise, default=None)
-    return best is not None and best.width <= max(FITS * usual, EXACT * surface.diagonal / best.scale)
+    return best.width <= max(FITS * usual, EXACT * surface.diagonal / best.scale)
+
+
+def _likeliest(candidates: list[ScaleCandidate]) -> ScaleCandidate:
+    return min(candidates, key=lambda c: c.surprise)
 
 
 def distinct_scales(candidates: list[ScaleCandidate]) -> list[ScaleCandidate]:

@@ -23,22 +23,15 @@ from dqreg.geometry import Mesh, sample_mesh
 from dqreg.geometry.prepare import Scan, prepare_scan
 from dqreg.geometry.unit_mistake import principal_spreads
 from dqreg.given import describe, read_any
-from dqreg.icp import InlierMixture, correspond
+from dqreg.icp import InlierMixture, Pairs
 from dqreg.icp.borders import inland
 from dqreg.options import EFFORTS, Options
 from dqreg.prepared import Target
 from dqreg.records import Verdict
 from dqreg.result import Registration
-from dqreg.scale_search import (
-    ScaleCandidate,
-    distinct_scales,
-    explained,
-    scale_starts,
-    scaled,
-    try_scale,
-    why_not_fixed,
-)
-from dqreg.solvers.scale import ScaleStep, SurfaceMatches, scale_step
+from dqreg.scale_fit import ScaleCandidate, joint_step
+from dqreg.scale_search import distinct_scales, explained, scale_starts, try_scale, why_not_fixed
+from dqreg.solvers.scale import ScaleStep
 from dqreg.source import MESH_SAMPLES, centre_source
 from dqreg.target import index_target
 
@@ -186,16 +179,17 @@ def _work(task: _Task, result: Registration) -> FloatArray:
 def _last_step(task: _Task, result: Registration, scale: float) -> ScaleStep:
     scan: Scan = task.searching.scan
     surface, settings = task.searching.target.indexed.surface, result.settings
-    pairs = correspond(
-        scaled(scan.taken(scan.even_rows(EFFORTS[settings["effort"]] or len(scan))), scale),
-        surface,
-        _work(task, result),
-    )
     share = min(max(result.inlier_fraction, 0.05), 0.999)
-    weights = InlierMixture(settings["width"], share, settings["max_distance"]).weight(pairs.distances)
-    for gate in inland(surface, settings["width"]):
-        weights = weights * gate(pairs)
-    return scale_step(SurfaceMatches(pairs.moved, pairs.closest.points, pairs.closest.normals, weights))
+    mixture = InlierMixture(settings["width"], share, settings["max_distance"])
+
+    def weigh(pairs: Pairs) -> FloatArray:
+        weights = mixture.weight(pairs.distances)
+        for gate in inland(surface, settings["width"]):
+            weights = weights * gate(pairs)
+        return weights
+
+    used = scan.taken(scan.even_rows(EFFORTS[settings["effort"]] or len(scan)))
+    return joint_step(used, surface, scale, _work(task, result), weigh)
 
 
 def _told(

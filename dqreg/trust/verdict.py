@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable, Iterator
 
 from dqreg.records import Alternative, Direction, Level, Verdict
 
@@ -112,9 +113,9 @@ def judge(evidence: Evidence) -> Verdict:
     """
     if not evidence.found:
         return Verdict("failed", (_why_nothing(evidence),))
-    doubts = _doubts(evidence)
+    doubts = tuple(sentence for doubt in DOUBTS for sentence in doubt(evidence))
     level: Level = "suspect" if doubts else "accepted"
-    return Verdict(level, tuple(doubts) or (_summary(evidence),))
+    return Verdict(level, doubts or (_summary(evidence),))
 
 
 def _why_nothing(evidence: Evidence) -> str:
@@ -146,60 +147,108 @@ def _summary(evidence: Evidence) -> str:
     return words + "".join(f"; {sentence}, so the pose is one of several that are alike" for sentence in same)
 
 
-def _doubts(evidence: Evidence) -> list[str]:
-    doubts = []
-    near, width, noise = (evidence.length(x) for x in (evidence.near, evidence.width, evidence.expected))
-    # "Not enough" instead of "too little": a number that is NaN must not pass.
+# One function a doubt: it yields its sentence where the evidence speaks so. They say "not enough" instead of "too
+# little", because a number that is NaN must not pass.
+
+
+def _few_points(evidence: Evidence) -> Iterator[str]:
     if not evidence.inliers >= FEWEST_INLIERS:
-        doubts.append(f"only {evidence.inliers:.0f} points lie on the target: too few to check the pose with")
+        yield f"only {evidence.inliers:.0f} points lie on the target: too few to check the pose with"
+
+
+def _few_of_the_near(evidence: Evidence) -> Iterator[str]:
     if not evidence.share_near >= FEW_INLIERS:
-        doubts.append(
-            f"only {100 * evidence.share_near:.0f} % of the points within {near} of the target "
-            f"lie on it (to {width}): a wrong minimum, another part, or much clutter"
+        yield (
+            f"only {100 * evidence.share_near:.0f} % of the points within {evidence.length(evidence.near)} of the "
+            f"target lie on it (to {evidence.length(evidence.width)}): a wrong minimum, another part, or much clutter"
         )
+
+
+def _mirrored(evidence: Evidence) -> Iterator[str]:
     if evidence.mirror_gain > MIRRORED:
-        doubts.append(
-            "mirrored, the scan fits better: it shows the part's mirror image, or comes from a left-handed frame"
-        )
+        yield "mirrored, the scan fits better: it shows the part's mirror image, or comes from a left-handed frame"
+
+
+def _patches_off(evidence: Evidence) -> Iterator[str]:
     allowed = PATCHES_OFF_BORDER if evidence.has_border else PATCHES_OFF
     if not evidence.patches_off <= allowed + OFF_PER_STRAY * evidence.strays:
-        doubts.append(
-            f"{100 * evidence.patches_off:.0f} % of the patches of points within {near} of the target lie "
-            "off it as a whole: a wrong minimum, another part, or something that touches the part"
+        yield (
+            f"{100 * evidence.patches_off:.0f} % of the patches of points within {evidence.length(evidence.near)} of "
+            "the target lie off it as a whole: a wrong minimum, another part, or something that touches the part"
         )
+
+
+def _normals_apart(evidence: Evidence) -> Iterator[str]:
     if not evidence.normals_apart <= NORMALS_APART:
-        doubts.append(
+        yield (
             f"{100 * evidence.normals_apart:.0f} % of the points on the target face another way than it does there: "
             "a wrong minimum or another part"
         )
+
+
+def _strays(evidence: Evidence) -> Iterator[str]:
     if not evidence.strays <= STRAYS:
-        doubts.append(
+        yield (
             f"{100 * evidence.strays:.0f} % of all points are strays, which lie on no surface; only "
             f"{evidence.inliers:.0f} lie on the target: clean the scan, or look at the pose"
         )
+
+
+def _rough(evidence: Evidence) -> Iterator[str]:
     if evidence.expected > 0.0 and not evidence.width <= ROUGH * evidence.expected:
-        doubts.append(
-            f"the points lie {width} off the target (one sigma), "
-            f"{evidence.width / evidence.expected:.0f} times what the scan's own noise ({noise}) "
-            "explains: shapes differ, or the pose is wrong"
+        yield (
+            f"the points lie {evidence.length(evidence.width)} off the target (one sigma), "
+            f"{evidence.width / evidence.expected:.0f} times what the scan's own noise "
+            f"({evidence.length(evidence.expected)}) explains: shapes differ, or the pose is wrong"
         )
+
+
+def _stretched(evidence: Evidence) -> Iterator[str]:
     if evidence.stretch:
         x, y, z = (c if abs(c) >= 0.005 else 0.0 for c in evidence.stretched_along)
-        doubts.append(
+        yield (
             f"the scan looks about {100 * abs(evidence.stretch):.0f} % too "
             f"{'long' if evidence.stretch > 0.0 else 'short'} along ({x:.2f}, {y:.2f}, {z:.2f}): another part, a "
             "scaled file, or a wrong minimum"
         )
-    doubts.extend(d.words for d in evidence.directions if d.words.startswith("free"))
+
+
+def _free_motions(evidence: Evidence) -> Iterator[str]:
+    return (direction.words for direction in evidence.directions if direction.words.startswith("free"))
+
+
+def _other_poses(evidence: Evidence) -> Iterator[str]:
     others = sum(not alternative.symmetry for alternative in evidence.alternatives)
     if others:
         some = "another pose explains" if others == 1 else f"{others} other poses explain"
-        doubts.append(f"{some} the scan about as well: see alternatives")
+        yield f"{some} the scan about as well: see alternatives"
+
+
+def _search_cut_short(evidence: Evidence) -> Iterator[str]:
     if evidence.search not in ("", "judged"):
-        doubts.append(
+        yield (
             f"the time was up when the search for a start had {evidence.search} its poses: they were not compared; "
             "give it more time, or a start"
         )
+
+
+def _not_converged(evidence: Evidence) -> Iterator[str]:
     if evidence.status != "converged":
-        doubts.append(f"the loop did not converge: {evidence.status}{ADVICE.get(evidence.status, '')}")
-    return doubts
+        yield f"the loop did not converge: {evidence.status}{ADVICE.get(evidence.status, '')}"
+
+
+# In the order in which a verdict names them.
+DOUBTS: tuple[Callable[[Evidence], Iterator[str]], ...] = (
+    _few_points,
+    _few_of_the_near,
+    _mirrored,
+    _patches_off,
+    _normals_apart,
+    _strays,
+    _rough,
+    _stretched,
+    _free_motions,
+    _other_poses,
+    _search_cut_short,
+    _not_converged,
+)
