@@ -28,7 +28,9 @@ class Interrupts:
 
     def __enter__(self) -> Self:
         # Python lets only the main thread listen to signals.
-        if threading.current_thread() is threading.main_thread():
+        listening = threading.current_thread() is threading.main_thread()
+        # What the caller has had ignored (nohup, a job in the background) stays ignored.
+        if listening and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
             self._before = signal.signal(signal.SIGINT, self._note)
         return self
 

@@ -142,7 +142,24 @@ def swallowed(seen: list[str]) -> None:
         raise ValueError("and another error in its place")
 
 
-def test_an_interrupt_that_was_swallowed_is_kept():
+@pytest.fixture
+def listening():
+    # Jobs in the background are started with Ctrl-C ignored, and so may be this run of the tests.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_what_the_caller_has_had_ignored_stays_ignored(listening):
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with Interrupts() as interrupts:
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+        signal.raise_signal(signal.SIGINT)
+        interrupts.check()
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+def test_an_interrupt_that_was_swallowed_is_kept(listening):
     seen: list[str] = []
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt):
@@ -157,7 +174,7 @@ def held(seen: list[str]) -> None:
         seen.append("still here")
 
 
-def test_a_held_interrupt_waits_for_the_end():
+def test_a_held_interrupt_waits_for_the_end(listening):
     seen: list[str] = []
     with pytest.raises(KeyboardInterrupt):
         held(seen)
