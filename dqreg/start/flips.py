@@ -15,6 +15,7 @@ from dqreg.rigid import pose
 from dqreg.start.axes import moments, principal_axes, proper_turns
 from dqreg.start.judging import weigh_up
 from dqreg.start.refining import Sample, refine
+from dqreg.start.rings import ring_steps
 
 # A turn leaves most of the part in place where this share of its surface comes this close, in sizes; and all of it
 # where that share does: then it is a symmetry, which no scan can decide.
@@ -29,7 +30,7 @@ AS_GOOD = 0.015
 
 
 def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
-    """Turns about the principal axes that leave most of a part in place, but not all of it.
+    """Turns about the principal axes that leave most of a part in place, but not all of it; by a tooth, of a ring.
 
     Parameters
     ----------
@@ -41,7 +42,7 @@ def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
     Returns
     -------
     ndarray, (k, 4, 4)
-        Poses of the part onto itself, up to 23.
+        Poses of the part onto itself, up to 23, and eight of a ring.
 
     Examples
     --------
@@ -51,7 +52,7 @@ def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
     >>> len(near_flips(part, MeshSurface(part)))
     0
     """
-    return maps_about_axes(mesh, surface, proper_turns())
+    return maps_about_axes(mesh, surface, proper_turns() + ring_steps(mesh, surface))
 
 
 def maps_about_axes(mesh: Mesh, surface: Surface, turns: list[FloatArray]) -> FloatArray:
