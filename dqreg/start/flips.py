@@ -22,6 +22,9 @@ from dqreg.start.rings import ring_steps
 MOST, NEARLY = 0.7, 5e-3
 ALL, SAME = 0.998, 2e-3
 CHECKED, SCREENED, SLACK = 2_000, 100, 0.2
+# Points that say whether a flip is worth refining, how far off the part they say nothing more, in sizes, and what they
+# may lack.
+FEW, REACH, LACKS = 300, 0.02, 0.15
 # Points that refine a flip and points that judge it; first and last width of the refinement, in sizes; steps.
 REFINERS, JUDGES, WIDE, NARROW, STEPS = 1_000, 5_000, 6e-3, 1e-3, 6
 # A flip is as good within so much mean log-likelihood: half of what the notch of a block costs that is 0.7 % of its
@@ -110,6 +113,7 @@ def flipped(
     list of (ndarray, (4, 4)) and float
         Refined poses, each with its truncated root mean square distance.
     """
+    flips = _worth_refining(T_target_source, flips, scan, surface)
     if not len(flips):
         return []
     some = scan.points[sample_rows(len(scan), REFINERS)]
@@ -123,3 +127,12 @@ def flipped(
     behind = judgement.means[0] - judgement.means
     rms = np.sqrt((judgement.distances**2).mean(axis=1))
     return [(pose.from_parts(R[k], t[k]), float(rms[k])) for k in range(1, len(R)) if behind[k] <= AS_GOOD]
+
+
+def _worth_refining(T_target_source: FloatArray, flips: FloatArray, scan: Scan, surface: Surface) -> FloatArray:
+    # A flip that leaves one point in six off the part is nowhere near as good, whatever its refinement mends.
+    few = scan.points[sample_rows(len(scan), FEW)]
+    places = np.concatenate([pose.apply(T, few) for T in (T_target_source, *(flips @ T_target_source))])
+    apart = surface.closest(places).distances.reshape(-1, len(few)) / (REACH * surface.diagonal)
+    gains = np.maximum(1.0 - apart**2, 0.0).mean(axis=1)
+    return np.asarray(flips[gains[1:] >= gains[0] - LACKS])
