@@ -61,7 +61,8 @@ class Run:
     def contraction(self) -> float | None:
         """Factor between two successive motions of one stage on the same points: the last such pair, None without."""
         for before, after in zip(self.history[-2::-1], self.history[:0:-1], strict=True):
-            if (before.stage, before.points) == (after.stage, after.points):
+            # After an extrapolation that was taken back the motion is infinite, and no measure of the next one.
+            if (before.stage, before.points) == (after.stage, after.points) and np.isfinite(before.motion):
                 return min(after.motion / before.motion, 1.0) if before.motion > 0.0 else 1.0
         return None
 

@@ -18,7 +18,6 @@ from dqreg.icp.loop import Icp, Observer, Run
 from dqreg.icp.pairs import Pairs, carried
 from dqreg.icp.stopping import Stopping
 from dqreg.icp.weights import NormalAngle, WithinDistance
-from dqreg.records import Iteration
 
 # A stage is converged when it moves less than this share of its own width; where planes take over near the answer and
 # nearly every point is explained, the next stage goes on from anywhere within the width.
@@ -178,7 +177,7 @@ class Level:
             mixture = dataclasses.replace(
                 learned, scale=max(learned.scale, self._steepest(learned, run) * mixture.scale)
             )
-            to_come = run.history[-1].motion * self._contraction(history)
+            to_come = run.history[-1].motion * self._contraction(dataclasses.replace(run, history=history))
             if settled and to_come <= self._tolerance(mixture):
                 run = dataclasses.replace(run, status="converged")
                 break
@@ -274,11 +273,10 @@ class Level:
         some = distances[sample_rows(len(distances), LEARNED_FROM)]
         return mixture.learned(some, floor=self.floor, rounds=schedule.rounds)
 
-    def _contraction(self, history: tuple[Iteration, ...]) -> float:
+    def _contraction(self, run: Run) -> float:
         # Two steps from a start that is near show how fast they shrink.
-        if not self.near or len(history) < 2 or history[-2].motion <= 0.0:
-            return self.contraction
-        return min(self.contraction, history[-1].motion / history[-2].motion)
+        shown = run.contraction if self.near else None
+        return self.contraction if shown is None else min(self.contraction, shown)
 
     def _steepest(self, learned: InlierMixture, run: Run) -> float:
         # Where nearly every point is explained, there is nothing that a slower fall could still win over.

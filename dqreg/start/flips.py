@@ -113,7 +113,7 @@ def flipped(
     list of (ndarray, (4, 4)) and float
         Refined poses, each with its truncated root mean square distance.
     """
-    flips = _worth_refining(T_target_source, flips, scan, surface)
+    flips = _worth_refining(T_target_source, flips, scan, surface) if len(flips) else flips
     if not len(flips):
         return []
     some = scan.points[sample_rows(len(scan), REFINERS)]

@@ -230,3 +230,15 @@ def test_the_motion_of_a_spread_is_that_of_its_points() -> None:
         assert spread.motion(T_a, T_b) == pytest.approx(np.sqrt(np.mean(moved**2)), rel=1e-7)
     assert spread.motion(T_a, T_a) == 0.0
     assert spread.size == pytest.approx(np.sqrt(points.var(axis=0).sum()), rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("motions", "expected"),
+    [((0.4, 0.1), 0.25), ((0.1, 0.4), 1.0), ((np.inf, 0.1), None), ((0.4, 0.1, np.inf, 0.1), 1.0), ((0.1,), None)],
+)
+def test_the_contraction_is_of_two_plain_steps(motions: tuple[float, ...], expected: float | None) -> None:
+    # A motion is infinite where an extrapolation was taken back: it must not make the next step look like the last.
+    cloud = PointCloud(bumpy_cloud(50))
+    run = Icp(stopping=Stopping(iterations=1)).run(prepare_scan(cloud), CloudSurface(cloud), np.eye(4))
+    history = tuple(dataclasses.replace(run.history[0], motion=motion) for motion in motions)
+    assert dataclasses.replace(run, history=history).contraction == expected
