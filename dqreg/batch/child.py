@@ -16,13 +16,13 @@ from typing import IO, Any
 
 from dqreg.batch.row import Done, Row, Thumbnail
 from dqreg.batch.serve import receive, send
+from dqreg.child_start import safe_environment, safe_path
 from dqreg.errors import InputError
 
 # Loading the libraries is not the row's doing.
 START_SECONDS = 180.0
 # Rows after which a process is replaced: whatever libraries leak goes with it.
 RECYCLED_AFTER = 256
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from dqreg.batch.serve import serve; serve({idle})"
 
 
@@ -193,12 +193,12 @@ def _started(threads: int, idle: float | None) -> tuple[subprocess.Popen[bytes],
     """The process, and the file that holds what its libraries print."""
     import json
 
-    environment = {**os.environ, **{name: str(threads) for name in THREAD_VARIABLES}}
+    environment = {**os.environ, **safe_environment(threads)}
     # Ctrl-C in a terminal goes to the whole group; the parent alone decides what it means.
     group: dict[str, Any] = {"process_group": 0}
     if os.name == "nt":
         group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}  # type: ignore[attr-defined,unused-ignore]
-    command = [sys.executable, "-c", CODE.format(idle=idle), json.dumps(sys.path)]
+    command = [sys.executable, "-P", "-c", CODE.format(idle=idle), json.dumps(safe_path(sys.path))]
     pipe = subprocess.PIPE
     try:
         log = tempfile.TemporaryFile("a+b")  # noqa: SIM115 - lives as long as the process

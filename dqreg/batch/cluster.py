@@ -112,7 +112,10 @@ def _require_dqreg(client: Any, address: str) -> None:
         client.wait_for_workers(1, timeout=CONNECT_SECONDS)
         versions = client.run(_version)
     except TimeoutError as error:
-        raise InputError(f"the Dask cluster at {address} has no workers; start one: dask worker {address}") from error
+        # In safe-path mode: Dask's own processes import from their working folder as well.
+        raise InputError(
+            f"the Dask cluster at {address} has no workers; start one: python -P -m dask worker {address}"
+        ) from error
     except ImportError as error:
         raise InputError(f"the workers at {address} cannot load dqreg ({error}); install it where they run") from error
     other = {str(version) for version in versions.values()} - {dqreg.__version__}

@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from dqreg.child_start import safely_started
 from dqreg.compare.attempt import Outcome, call, pack, warm_up
 from dqreg.compare.entrants import Entrant
 from dqreg.engines.protocol import Task
@@ -19,7 +20,6 @@ from dqreg.engines.protocol import Task
 # Starting Python is not the engine's doing, nor is the loading of libraries in its first run, which is not timed.
 START_SECONDS, WARM_SECONDS = 120.0, 20.0
 POLL_SECONDS = 0.1
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 MEMORY_SHARE = 0.75
 
 
@@ -98,7 +98,7 @@ class Worker:
         context = multiprocessing.get_context("spawn")
         self._link, theirs = context.Pipe()
         self._process = context.Process(target=serve, args=(theirs, self._log.name), daemon=True)
-        with _environment({name: str(self._threads) for name in THREAD_VARIABLES}):
+        with safely_started(self._threads):
             self._process.start()
         theirs.close()
         self._answer(self._link, START_SECONDS)
@@ -204,17 +204,3 @@ def machine_memory() -> float:
         return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     except (OSError, ValueError, AttributeError):
         return float("inf")
-
-
-@contextlib.contextmanager
-def _environment(values: dict[str, str]) -> Iterator[None]:
-    old = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in old.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
