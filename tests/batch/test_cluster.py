@@ -1,4 +1,4 @@
-"""Batches and huge scans on a Dask cluster: a scheduler, and workers that are processes of their own."""
+"""Batches on a Dask cluster: a scheduler, and workers that are processes of their own."""
 
 from __future__ import annotations
 
@@ -11,12 +11,8 @@ import pytest
 
 from dqreg.batch import Crew, read_manifest, run_batch
 from dqreg.batch import cluster as door
-from dqreg.batch import huge as huge_room
-from dqreg.batch.huge import register_huge
 from dqreg.batch.row import Targets, run_row
 from dqreg.errors import InputError, MissingDependencyError
-from dqreg.geometry import Mesh, sample_mesh
-from dqreg.synth.parts import bracket
 from tests.batch.scenes import make_scene, results, without_times
 
 distributed = pytest.importorskip("distributed")
@@ -73,34 +69,6 @@ def test_a_killed_worker_loses_nothing_and_results_are_those_of_one_machine(clus
         assert there["batch"] == here["batch"]
         # The number of threads may change the order of sums.
         np.testing.assert_allclose(there["T_target_source"], here["T_target_source"], rtol=0.0, atol=1e-9)
-
-
-@pytest.fixture(scope="module")
-def scan():
-    mesh = Mesh(*bracket())
-    rng = np.random.default_rng(3)
-    points = sample_mesh(mesh, 30_000, rng).points
-    return mesh, points + rng.normal(scale=1e-4 * mesh.diagonal, size=points.shape)
-
-
-def test_a_huge_scan_has_the_same_pose_on_the_cluster_even_if_a_worker_dies(cluster, scan, monkeypatch):
-    mesh, points = scan
-    alone = register_huge(points, mesh, "identity", effort="fast")
-    steps, real = [], huge_room.total
-
-    def sums(parts):
-        steps.append(len(parts))
-        if len(steps) == 1:
-            kill_one(cluster)
-        return real(parts)
-
-    monkeypatch.setattr(huge_room, "total", sums)
-    there = register_huge(points, mesh, "identity", effort="fast", scheduler=cluster.scheduler_address, chunks=5)
-    # The same points and pairs; only the order of the sums differs.
-    assert np.abs(there.T_target_source - alone.T_target_source).max() <= 1e-10 * mesh.diagonal
-    assert set(steps) == {5}
-    assert len(there.history) == len(alone.history)
-    assert there.rms == pytest.approx(alone.rms, rel=1e-9)
 
 
 def test_no_scheduler_and_no_dask_are_said_in_words(monkeypatch, tmp_path):
