@@ -16,6 +16,8 @@ from dqreg.known import Known
 
 # Points of the last level.
 EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 60_000, "best": None}
+# Share of the target's diagonal: a step that moves the points by less ends the last level.
+CONVERGENCE = 1e-7
 # Cells of a dense cloud: the mean of each stands for its points.
 CELLS: dict[str, int | None] = {"fast": 6_000, "normal": 10_000, "best": None}
 
@@ -31,7 +33,7 @@ class Options:
     seed: int
     accelerate: bool
     max_iterations: int
-    tolerance: float
+    convergence: float
     units: str = "check"
     time_limit: float | None = None
     scale: float | str = 1.0
@@ -45,7 +47,7 @@ class Options:
             raise InputError(f"unknown effort {self.effort!r}; known are {', '.join(EFFORTS)}")
         if self.units not in ("check", "ignore"):
             raise InputError(f'units must be "check" or "ignore"; got {self.units!r}')
-        for name in ("max_distance", "max_angle_deg", "max_iterations", "tolerance", "seed", "time_limit"):
+        for name in ("max_distance", "max_angle_deg", "max_iterations", "convergence", "seed", "time_limit"):
             value = getattr(self, name)
             if not isinstance(value, numbers.Real) and not (value is None and name in ("max_distance", "time_limit")):
                 raise InputError(f"{name} must be a number; got {value!r}")
@@ -66,8 +68,10 @@ class Options:
             raise InputError(f"seed must be a whole number, 0 or more; got {self.seed!r}")
         if self.max_iterations < 1:
             raise InputError(f"max_iterations must be at least 1; got {self.max_iterations!r}")
-        if not 0.0 < self.tolerance < 1.0:
-            raise InputError(f"tolerance is a share of the target's size, above 0 and below 1; got {self.tolerance!r}")
+        if not 0.0 < self.convergence < 1.0:
+            raise InputError(
+                f"convergence is a share of the target's size, above 0 and below 1; got {self.convergence!r}"
+            )
 
     @property
     def cells(self) -> int | None:
@@ -123,7 +127,7 @@ class Options:
             first_width=first_width if auto else None,
             max_angle_rad=float(np.deg2rad(self.max_angle_deg)),
             accelerate=self.accelerate,
-            stopping=Stopping(tolerance=self.tolerance, iterations=self.max_iterations),
+            stopping=Stopping(convergence=self.convergence, iterations=self.max_iterations),
         )
 
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dqreg.arrays import FloatArray
-from dqreg.errors import InputError
 from dqreg.geometry import Mesh
+from dqreg.renamed import renamed
 from dqreg.start import PairTable
 from dqreg.start.flips import near_flips
 from dqreg.start.mirrors import near_mirrors
@@ -120,7 +120,15 @@ class Target:
         began = time.perf_counter()
         return _built(load_target(path), began)
 
-    def register(self, scan: Any, start: Any = None, *, max_time: float | None = None, **options: Any) -> Registration:
+    def register(
+        self,
+        scan: Any,
+        start: Any = None,
+        *,
+        time_limit: float | None = None,
+        max_time: float | None = None,
+        **options: Any,
+    ) -> Registration:
         """Register a scan to this target; see `register` for the options.
 
         Parameters
@@ -129,8 +137,10 @@ class Target:
             Source.
         start : None, "identity" or (4, 4) array_like
             Where to begin. In tracking, the last pose: a start that explains the scan at once spares the coarse steps.
+        time_limit : float, optional
+            Seconds after which the best pose so far is returned.
         max_time : float, optional
-            Seconds after which the best pose so far is returned; another name of ``time_limit``.
+            Old name of ``time_limit``, deprecated.
         **options
             Keyword options of `register`.
 
@@ -144,13 +154,10 @@ class Target:
         InputError
             If ``max_time`` and ``time_limit`` are both given, and where `register` does.
         """
-        if max_time is not None:
-            if options.get("time_limit") is not None:
-                raise InputError("max_time and time_limit are two names of one limit; give one of them")
-            options["time_limit"] = max_time
         from dqreg.register import register
 
-        return register(scan, self, start, **options)
+        time_limit = renamed("max_time", max_time, "time_limit", time_limit, None)
+        return register(scan, self, start, time_limit=time_limit, **options)
 
 
 def prepare_target(target: Any) -> Target:

@@ -6,6 +6,7 @@ import dataclasses
 from typing import Literal
 
 from dqreg.arrays import FloatArray
+from dqreg.renamed import warn_of_old_name
 
 Level = Literal["accepted", "suspect", "failed"]
 
@@ -29,7 +30,7 @@ class Iteration:
         Mean weight of all points used.
     rms : float
         Weighted root mean square distance of the pairs, before the step.
-    scale : float
+    kernel_scale : float
         Width of the robust kernel.
     energy : float
         Mean robust cost before the step, a length squared.
@@ -50,12 +51,18 @@ class Iteration:
     pairs: int
     inlier_fraction: float
     rms: float
-    scale: float
+    kernel_scale: float
     energy: float
     turn_rad: float
     motion: float
     seconds: float
     T_target_source: FloatArray = dataclasses.field(repr=False, compare=False)
+
+    @property
+    def scale(self) -> float:
+        """Old name of `kernel_scale`, deprecated."""
+        warn_of_old_name("Iteration.scale", "kernel_scale")
+        return self.kernel_scale
 
 
 @dataclasses.dataclass(frozen=True)

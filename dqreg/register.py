@@ -17,8 +17,9 @@ from dqreg.both import Both
 from dqreg.deadline import Deadline
 from dqreg.icp import Observer, run_graduated
 from dqreg.known import Known
-from dqreg.options import Options, require_callable
+from dqreg.options import CONVERGENCE, Options, require_callable
 from dqreg.records import Iteration
+from dqreg.renamed import renamed
 from dqreg.result import Registration
 from dqreg.scaling import register_scaled
 from dqreg.second_try import flips_of, mirror_gain, try_again
@@ -46,7 +47,7 @@ def register(
     seed: int = 0,
     accelerate: bool = True,
     max_iterations: int = 100,
-    tolerance: float = 1e-7,
+    convergence: float = CONVERGENCE,
     units: str = "check",
     dof: str | Freedom | None = None,
     prior: tuple[ArrayLike, ArrayLike] | None = None,
@@ -56,6 +57,7 @@ def register(
     observe: Callable[[Iteration], object] | None = None,
     observe_search: Callable[[Stage], object] | None = None,
     keep_inputs: bool = True,
+    tolerance: float | None = None,
 ) -> Registration:
     """Pose that puts the source on the target.
 
@@ -90,7 +92,7 @@ def register(
         Whether Anderson acceleration extrapolates the steps.
     max_iterations : int
         Iterations at one width of the kernel at most.
-    tolerance : float
+    convergence : float
         The last level ends once a step moves the points by less than this share of the target's diagonal, or by less
         than a tenth of what noise and number of the points leave open.
     units : {"check", "ignore"}
@@ -119,6 +121,8 @@ def register(
     keep_inputs : bool
         Whether the result holds both sides, for `Registration.deviations`, pictures and reports. False where many
         results are kept.
+    tolerance : float, optional
+        Old name of ``convergence``, deprecated: a tolerance is the largest deviation allowed.
 
     Returns
     -------
@@ -144,6 +148,8 @@ def register(
     >>> result.verdict.level, result.T_target_source[:3, 3].round(6).tolist()
     ('accepted', [-1.0, 2.0, -0.5])
     """
+    convergence = renamed("tolerance", tolerance, "convergence", convergence, CONVERGENCE)
+    del tolerance
     arguments, began = dict(locals()), time.perf_counter()
     options = Options(**{field.name: arguments[field.name] for field in dataclasses.fields(Options)})
     require_callable(observe=observe, observe_search=observe_search)

@@ -18,7 +18,7 @@ from dqreg.door import broken_promise
 from dqreg.errors import InputError
 from dqreg.inputs import Inputs
 from dqreg.records import Alternative, Direction, Iteration, Verdict
-from dqreg.result_fields import plain, read_fields
+from dqreg.result_fields import plain, plain_iteration, read_fields
 from dqreg.rigid import DualQuaternion, pose
 from dqreg.seen import seen_target
 from dqreg.trust import Deviations, measure_deviations, why_unsigned
@@ -300,6 +300,7 @@ class Registration:
         found = bool(np.isfinite(self.T_target_source).all())
         dq = self.dual_quaternion if found else None
         values["dual_quaternion"] = {"real": plain(dq.real), "dual": plain(dq.dual)} if dq else None
+        values["history"] = [plain_iteration(record) for record in self.history]
         values |= {"scale": self.scale, "scale_sigma": plain(self.scale_sigma)}
         return {"format": FORMAT, **values}
 

@@ -75,12 +75,20 @@ def _iteration(record: dict[str, Any]) -> Iteration:
     fields: dict[str, Any] = {
         key: _text(value) if key == "stage" else _of((int, float, type(None)), value)
         for key, value in _of(dict, record).items()
-        if key != "T_target_source"
+        if key not in ("T_target_source", "scale")
     }
+    if "kernel_scale" not in fields:
+        # A result of old.
+        fields["kernel_scale"] = _of((int, float, type(None)), record["scale"])
     fields["T_target_source"] = _pose(record["T_target_source"])
     # A motion is infinite where an extrapolation was taken back; anything else that is not finite was NaN.
     missing = {key: np.inf if key == "motion" else np.nan for key, value in fields.items() if value is None}
     return Iteration(**{**fields, **missing})
+
+
+def plain_iteration(record: Iteration) -> dict[str, Any]:
+    """Plain values of an iteration; readers of old look for the kernel scale under ``scale``."""
+    return {**plain(record), "scale": plain(record.kernel_scale)}
 
 
 def _of(kind: type | tuple[type, ...], value: Any) -> Any:

@@ -290,11 +290,11 @@ BAD: dict[str, tuple[dict[str, Any], type[DqregError], str]] = {
     "negative distance": ({"max_distance": -1.5}, InputError, r"max_distance.*-1\.5"),
     "no distance": ({"max_distance": 0.0}, InputError, r"max_distance.*0\.0"),
     "distance as text": ({"max_distance": "5 mm"}, InputError, r"max_distance.*'5 mm'"),
-    "tolerance as text": ({"tolerance": "fine"}, InputError, r"tolerance.*'fine'"),
+    "convergence as text": ({"convergence": "fine"}, InputError, r"convergence.*'fine'"),
     "NaN distance": ({"max_distance": np.nan}, InputError, "max_distance.*nan"),
     "angle": ({"max_angle_deg": 120.0}, InputError, r"max_angle_deg.*120\.0"),
     "iterations": ({"max_iterations": 0}, InputError, "max_iterations.*0"),
-    "tolerance": ({"tolerance": 1.5}, InputError, r"tolerance.*1\.5"),
+    "convergence": ({"convergence": 1.5}, InputError, r"convergence.*1\.5"),
     "seed": ({"seed": -1}, InputError, "seed.*-1"),
     "source units": ({"source_units": "parsec", "target_units": "mm"}, UnitsError, "'parsec'"),
     "target units": ({"target_units": "furlong"}, UnitsError, "'furlong'"),
@@ -306,6 +306,18 @@ def test_bad_input_is_refused_by_name_with_what_was_given(case: str) -> None:
     options, error, message = BAD[case]
     with pytest.raises(error, match=rf"(?s){message}"):
         register(**{"source": SCAN, "target": PART, "start": "identity", **options})
+
+
+def test_tolerance_is_the_old_name_of_convergence() -> None:
+    with pytest.warns(DeprecationWarning, match="tolerance is the old name of convergence") as told:
+        old = register(SCAN, PART, "identity", tolerance=1e-3)
+    assert told[0].filename == __file__
+    new = register(SCAN, PART, "identity", convergence=1e-3)
+    np.testing.assert_array_equal(old.T_target_source, new.T_target_source)
+    assert old.settings["convergence"] == new.settings["convergence"] == 1e-3
+    assert "tolerance" not in new.settings
+    with pytest.raises(InputError, match="tolerance is the old name of convergence"):
+        register(SCAN, PART, "identity", tolerance=1e-3, convergence=1e-4)
 
 
 def test_an_unknown_extension_is_refused(tmp_path: Path) -> None:

@@ -130,7 +130,7 @@ def test_the_file_is_strict_json_with_the_documented_keys(tmp_path: Path, make: 
         assert content["T_target_source"] == [[None] * 4] * 4
     else:
         assert set(content["dual_quaternion"]) == {"real", "dual"}
-        assert set(content["history"][0]) == {field.name for field in dataclasses.fields(Iteration)}
+        assert set(content["history"][0]) == {*(field.name for field in dataclasses.fields(Iteration)), "scale"}
 
 
 def change(*path: Any, to: Any = "gone") -> Callable[[dict[str, Any]], None]:
@@ -274,3 +274,15 @@ def test_nothing_found_moves_nothing() -> None:
         with pytest.raises(InputError, match="this registration found no pose: no pose: nothing near"):
             ask()
     assert np.isnan(result.T_target_source).all()
+
+
+def test_the_kernel_scale_is_read_and_written_under_its_old_name_as_well(tmp_path: Path) -> None:
+    content = good().to_dict()
+    for record in content["history"]:
+        assert record["scale"] == record.pop("kernel_scale") == RECORD.kernel_scale
+    (tmp_path / "old.json").write_text(json.dumps(content))
+    old = Registration.load(tmp_path / "old.json")
+    assert old.history == good().history
+    with pytest.warns(DeprecationWarning, match="Iteration.scale is the old name of kernel_scale") as told:
+        assert old.history[0].scale == RECORD.kernel_scale
+    assert told[0].filename == __file__

@@ -136,12 +136,15 @@ def test_the_size_counts_the_arrays_and_the_trees() -> None:
     assert least < target.nbytes < 10 * least
 
 
-def test_max_time_is_time_limit_and_not_both() -> None:
+def test_max_time_is_the_old_name_of_time_limit() -> None:
     target = prepare_target(PART)
-    result = target.register(SCAN, TRUTH, max_time=1e-6)
-    assert result.status == "time limit"
-    assert result.settings["time_limit"] == 1e-6
-    with pytest.raises(InputError, match="two names of one limit"):
+    with pytest.warns(DeprecationWarning, match="max_time is the old name of time_limit") as told:
+        old = target.register(SCAN, TRUTH, max_time=1e-6)
+    assert told[0].filename == __file__
+    new = target.register(SCAN, TRUTH, time_limit=1e-6)
+    assert old.status == new.status == "time limit"
+    assert old.settings["time_limit"] == new.settings["time_limit"] == 1e-6
+    with pytest.raises(InputError, match="max_time is the old name of time_limit"):
         target.register(SCAN, TRUTH, max_time=1.0, time_limit=1.0)
 
 

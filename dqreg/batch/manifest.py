@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from dqreg.batch.options import check_options, option_name, parse_option
+from dqreg.batch.options import RENAMED, check_options, option_name, parse_option
 from dqreg.batch.row import Row
 from dqreg.errors import DqregError, InputError
 from dqreg.files.poses import START_WORDS, read_start
@@ -132,6 +132,9 @@ def _columns(path: Path, head: list[str]) -> list[str]:
     columns = [name if name in COLUMNS else option_name(name) for name in (cell.strip().lower() for cell in head)]
     known = [*COLUMNS, *option_name()]
     for name, found in zip(head, columns, strict=True):
+        word = name.strip().lower()
+        if found is None and word in RENAMED:
+            raise InputError(f"{path}, line 1: the column {word} is no more: {RENAMED[word]}")
         if found is None:
             near = difflib.get_close_matches(name.strip().lower(), known, n=1)
             hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"

@@ -10,7 +10,11 @@ from typing import Any, overload
 from dqreg.errors import InputError
 
 # Told by the batch itself, or no text.
-NOT_OFFERED = ("observe", "keep_inputs")
+NOT_OFFERED = ("observe", "keep_inputs", "tolerance")
+# Words that a manifest of old has, and what to write.
+RENAMED = {
+    "tolerance": "it set when the iterations end, which is convergence now; a tolerance of the part goes to dqreg show"
+}
 KINDS = {"str": str, "float": float, "int": int, "bool": bool}
 WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -119,6 +123,8 @@ def check_options(options: dict[str, Any]) -> None:
 
     unknown = [name for name in options if name not in _kinds()]
     if unknown:
+        if unknown[0] in RENAMED:
+            raise InputError(f"the option {unknown[0]} is no more: {RENAMED[unknown[0]]}")
         raise InputError(f"unknown option {unknown[0]!r}; known are {', '.join(_kinds())}")
     defaults = {name: parameter.default for name, parameter in inspect.signature(register).parameters.items()}
     full = {**defaults, **options}

@@ -89,13 +89,13 @@ class DqregLoop:
             accelerate=self.accelerate,
             max_distance=float(task.max_distance or 0.0),
             max_iterations=int(task.max_iterations or 0),
-            tolerance=TIGHT,
+            convergence=TIGHT,
         )
         cap = settings["max_iterations"]
         loop = Icp(
             estimator=ESTIMATORS[self.method],
             gates=(WithinDistance(settings["max_distance"]),),
-            stopping=Stopping(tolerance=TIGHT, iterations=cap, patience=cap),
+            stopping=Stopping(convergence=TIGHT, iterations=cap, patience=cap),
             accelerate=self.accelerate,
         )
         steps: list[Step] = []

@@ -189,7 +189,7 @@ class Icp:
             pairs=int(np.count_nonzero(weights)),
             inlier_fraction=total / pairs.scan.represented,
             rms=float(np.sqrt(weights @ pairs.squares / total)),
-            scale=self.kernel.scale,
+            kernel_scale=self.kernel.scale,
             energy=energy,
             turn_rad=float(pose.angle_between(pairs.T_target_source, T)),
             motion=motion,

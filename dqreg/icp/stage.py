@@ -178,7 +178,7 @@ class Level:
                 learned, scale=max(learned.scale, self._steepest(learned, run) * mixture.scale)
             )
             to_come = run.history[-1].motion * self._contraction(dataclasses.replace(run, history=history))
-            if settled and to_come <= self._tolerance(mixture):
+            if settled and to_come <= self._convergence(mixture):
                 run = dataclasses.replace(run, status="converged")
                 break
             if enough is not None and enough(run, learned):
@@ -246,7 +246,7 @@ class Level:
             ),
             stopping=dataclasses.replace(
                 plan.stopping,
-                tolerance=self._tolerance(mixture),
+                convergence=self._convergence(mixture),
                 iterations=iterations,
                 contraction=self.contraction,
             ),
@@ -255,12 +255,12 @@ class Level:
         )
         return icp.run(self.scan, self.surface, start, observe, first, before)
 
-    def _tolerance(self, mixture: InlierMixture) -> float:
+    def _convergence(self, mixture: InlierMixture) -> float:
         width = mixture.scale / self.surface.diagonal
         # How well so many points of this width can place the part at all: no use in going on far below it.
         placed = width / float(np.sqrt(self.scan.represented))
         if self.last:
-            return max(self.plan.stopping.tolerance, PLACED * placed)
+            return max(self.plan.stopping.convergence, PLACED * placed)
         if len(self.scan) > FEW:
             return PLACED * placed
         planes = self.near and self.plan.fine is not None

@@ -11,7 +11,7 @@ class Stopping:
 
     Attributes
     ----------
-    tolerance : float
+    convergence : float
         Converged once the root mean square motion of the points in one plain step is below this share of the size.
     iterations : int
         Iterations at most.
@@ -22,7 +22,7 @@ class Stopping:
         with it, a step needs no further one to prove it was the last.
     """
 
-    tolerance: float = 1e-7
+    convergence: float = 1e-7
     iterations: int = 100
     patience: int = 25
     contraction: float = 1.0
@@ -42,10 +42,10 @@ class Stopping:
 
         Examples
         --------
-        >>> Stopping(tolerance=1e-3).status([0.1, 1e-4]), Stopping().status([0.1, 0.01])
+        >>> Stopping(convergence=1e-3).status([0.1, 1e-4]), Stopping().status([0.1, 0.01])
         ('converged', None)
         """
-        if motions[-1] * self.contraction <= self.tolerance:
+        if motions[-1] * self.contraction <= self.convergence:
             return "converged"
         if len(motions) >= self.iterations:
             return "iteration limit"

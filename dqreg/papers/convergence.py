@@ -123,7 +123,7 @@ def _follow(
         errors.append(float(np.sqrt(np.mean(np.sum(away**2, axis=1)))) / surface.diagonal)
         return fit
 
-    icp = Icp(estimator=solve_and_compare, accelerate=accelerate, stopping=Stopping(tolerance=1e-6, iterations=150))
+    icp = Icp(estimator=solve_and_compare, accelerate=accelerate, stopping=Stopping(convergence=1e-6, iterations=150))
     run = icp.run(scan, surface, start)
     rms = floats(record.rms / surface.diagonal for record in run.history)
     return Path(name, run.status, tuple(errors), rms)

@@ -117,7 +117,7 @@ def convergence(history: Sequence[Iteration], unit: str, size: tuple[int, int] =
         An ``svg`` element.
     """
     rms = np.array([record.rms for record in history])
-    width = np.array([record.scale for record in history])
+    width = np.array([record.kernel_scale for record in history])
     seen = np.concatenate([rms, width])
     seen = np.log10(seen[np.isfinite(seen) & (seen > 0.0)])
     low, high = (float(seen.min()), float(seen.max())) if len(seen) else (-1.0, 0.0)

@@ -121,7 +121,7 @@ def _history(result: Registration, unit: str) -> dict[str, Any]:
             f"{record.points:,}",
             percent(record.inlier_fraction),
             text_of(record.rms),
-            text_of(record.scale),
+            text_of(record.kernel_scale),
             text_of(float(np.rad2deg(record.turn_rad)), 2),
             "taken back" if np.isinf(record.motion) else text_of(record.motion, 2),
         )

@@ -233,7 +233,7 @@ def cells(iteration: Iteration) -> tuple[str, ...]:
         str(iteration.points),
         f"{100 * iteration.inlier_fraction:.1f} %",
         f"{iteration.rms:.4g}",
-        f"{iteration.scale:.4g}",
+        f"{iteration.kernel_scale:.4g}",
         f"{np.rad2deg(iteration.turn_rad):.2e}",
         motion,
     )

@@ -84,6 +84,7 @@ def test_names_are_file_names_and_never_twice(folder):
         ("scan,target\nscan0.npy,bracket.off,x\n", "line 2: found 3 cells"),
         ('scan,target\n"scan0.npy,bracket.off\n', "line 2: not CSV|line 3: not CSV"),
         ("scan,taget\nscan0.npy,bracket.off\n", "line 1: .*did you mean target"),
+        ("scan,target,Tolerance\nscan0.npy,bracket.off,1e-3\n", "line 1: .*tolerance .* convergence .* show"),
         ("scan,scan\nscan0.npy,bracket.off\n", "line 1: .*twice"),
         ("a\n", "line 1: "),
         ("", "line 1: .*scan and target"),
@@ -124,3 +125,10 @@ def test_options_are_those_of_register():
     assert parse_option("seed", "3") == 3
     with pytest.raises(InputError, match="'colour'"):
         check_options({"colour": "red"})
+
+
+def test_a_tolerance_is_no_option_and_convergence_is_one(folder):
+    with pytest.raises(InputError, match=r"tolerance is no more: .* convergence"):
+        check_options({"tolerance": 1e-3})
+    (row,) = rows_of(folder, "scan,target,convergence\nscan0.npy,bracket.off,1e-3\n")
+    assert row.options == {"convergence": 1e-3}

@@ -116,7 +116,7 @@ def test_records_run_through_all_stages_in_order(surface: MeshSurface, small: Sc
     fine = [record for record in seen if record.stage == "fine"]
     assert fine[-1].points == len(small)
     # The quick schedule's width falls in every iteration, by half at most.
-    widths = np.array([record.scale for record in seen if record.stage == "quick"])
+    widths = np.array([record.kernel_scale for record in seen if record.stage == "quick"])
     assert (widths[1:] >= 0.5 * widths[:-1] - 1e-12).all()
     assert widths[-1] < 0.01 * widths[0]
 
@@ -172,7 +172,7 @@ def test_out_of_reach_is_no_correspondences(surface: MeshSurface, small: Scan) -
 def test_one_iteration_at_each_width_is_respected(surface: MeshSurface, small: Scan) -> None:
     plan = dataclasses.replace(PLAN, fine=None, stopping=Stopping(iterations=1))
     run, _ = run_graduated(small, surface, start_of(0), plan)
-    widths = [record.scale for record in run.history if record.stage == "patient"]
+    widths = [record.kernel_scale for record in run.history if record.stage == "patient"]
     assert len(set(widths)) == len(widths)
 
 

@@ -140,7 +140,9 @@ def test_records_are_numbered_and_say_what_happened(cloud_task: tuple[Scan, Surf
     run = icp.run(scan, surface, start, observe=seen.append)
     assert list(run.history) == seen
     assert [record.number for record in run.history] == list(range(1, len(run.history) + 1))
-    assert {(record.stage, record.points, record.scale) for record in run.history} == {("named", len(scan), 0.01)}
+    assert {(record.stage, record.points, record.kernel_scale) for record in run.history} == {
+        ("named", len(scan), 0.01)
+    }
     last = run.history[-1]
     weights, distances = run.weights, run.pairs.distances
     assert last.pairs == np.count_nonzero(weights) < len(scan)
@@ -164,7 +166,7 @@ def test_a_rejected_pair_costs_as_much_as_one_at_the_limit(cloud_task: tuple[Sca
 
 @pytest.mark.parametrize("limit", [1, 2, 5])
 def test_the_iteration_limit_is_counted_exactly(cloud_task: tuple[Scan, Surface, FloatArray], limit: int) -> None:
-    run = dataclasses.replace(PLAIN, stopping=Stopping(tolerance=1e-15, iterations=limit)).run(*cloud_task)
+    run = dataclasses.replace(PLAIN, stopping=Stopping(convergence=1e-15, iterations=limit)).run(*cloud_task)
     assert run.status == "iteration limit"
     assert len(run.history) == limit
 
