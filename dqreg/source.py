@@ -36,11 +36,20 @@ class CentredSource:
         Middle of the bounding box of the scaled source.
     scale : float
         Factor from source units to target units, and what else was asked for.
+    mesh : Mesh or None
+        The mesh that the points were drawn from, as it was given.
     """
 
     cloud: PointCloud
     origin: FloatArray
     scale: float
+    mesh: Mesh | None = None
+
+    def as_given(self) -> tuple[FloatArray, FloatArray | None]:
+        """Points, or the vertices of a mesh, and normals as they were given, to the rounding of the coordinates."""
+        if self.mesh is not None:
+            return self.mesh.vertices, None
+        return (self.cloud.points + self.origin) / self.scale, self.cloud.normals
 
 
 def centre_source(
@@ -74,12 +83,13 @@ def centre_source(
         If it cannot be used as a source.
     """
     geometry = read_any(source, "source")
+    mesh = geometry if isinstance(geometry, Mesh) else None
     if isinstance(geometry, Mesh):
         geometry = sample_mesh(geometry, MESH_SAMPLES, rng)
     scale = scale * factor(source_units or geometry.units, target_units)
     require_spread(geometry.points, "source")
     origin = 0.5 * scale * np.add(*bounds(geometry.points))
-    return CentredSource(moved(geometry, -origin, scale), origin, scale)
+    return CentredSource(moved(geometry, -origin, scale), origin, scale, mesh)
 
 
 def moved(cloud: PointCloud, offset: FloatArray, scale: float) -> PointCloud:

@@ -66,7 +66,7 @@ def demo(out: Path, quiet: bool) -> int:
     print_summary(console, result)
     if math.isfinite(result.rms):
         _print_error(console, result.T_target_source, case.T_target_source, case.part, case.units, case.truth)
-    write_outputs(result, case.scan, result_path, aligned_path, console)
+    write_outputs(result, result_path, aligned_path, console)
     result.report(report_path, tolerance=TOLERANCE_MM, start=case.T_start)
     say(console, f"wrote {report_path}: open it in a browser")
     return 0 if result.verdict.level == "accepted" else 1

@@ -76,15 +76,13 @@ def print_json(value: Any) -> None:
     click.echo(json.dumps(plain(value), indent=1, allow_nan=False))
 
 
-def write_outputs(result: Registration, scan: Path, out: Path | None, aligned: Path | None, console: Console) -> None:
+def write_outputs(result: Registration, out: Path | None, aligned: Path | None, console: Console) -> None:
     """Write the result and the moved scan.
 
     Parameters
     ----------
     result : Registration
-        The answer.
-    scan : Path
-        Source file, read again for its points.
+        The answer, with both sides.
     out, aligned : Path or None
         Where to; None writes nothing.
     console : Console
@@ -98,12 +96,12 @@ def write_outputs(result: Registration, scan: Path, out: Path | None, aligned: P
     if not math.isfinite(result.rms):
         say(console, f"not written: {aligned} (no pose was found)")
         return
-    from dqreg.files import CloudData, read_geometry, write_cloud
+    from dqreg.files import write_cloud
+
+    assert result.inputs is not None
 
     with console.status("writing the aligned scan"):
-        data = read_geometry(scan)
-        points = data.points if isinstance(data, CloudData) else data.vertices
-        normals = data.normals if isinstance(data, CloudData) else None
+        points, normals = result.inputs.source.as_given()
         if normals is not None:
             normals = normals @ result.T_target_source[:3, :3].T
         write_cloud(aligned, result.apply(points), normals)
@@ -112,7 +110,7 @@ def write_outputs(result: Registration, scan: Path, out: Path | None, aligned: P
 
 def tell_deviations(
     result: Registration, path: Path | None, tolerance: float | None, reach: float | None, console: Console
-) -> None:
+) -> Deviations | None:
     """Print the deviations of a result and write them.
 
     Parameters
@@ -125,10 +123,15 @@ def tell_deviations(
         As in `Registration.deviations`.
     console : Console
         Told the figures.
+
+    Returns
+    -------
+    Deviations or None
+        What was measured; None where no pose was found.
     """
     if not math.isfinite(result.rms):
         say(console, f"not written: {path} (no pose was found)" if path else "no deviations: no pose was found")
-        return
+        return None
     from dqreg.cli.deviation_lines import deviation_lines
 
     with warnings.catch_warnings(), console.status("measuring deviations") as status:
@@ -144,6 +147,7 @@ def tell_deviations(
     if path is not None:
         deviations.save(path)
         say(console, f"wrote {path}")
+    return deviations
 
 
 def deviation_record(deviations: Deviations) -> dict[str, Any]:
@@ -175,7 +179,13 @@ def deviation_record(deviations: Deviations) -> dict[str, Any]:
 
 
 def tell_report(
-    result: Registration, path: Path, tolerance: float | None, reach: float | None, start: Any, console: Console
+    result: Registration,
+    path: Path,
+    tolerance: float | None,
+    reach: float | None,
+    start: Any,
+    console: Console,
+    deviations: Deviations | None = None,
 ) -> None:
     """Write the HTML report of a result.
 
@@ -191,11 +201,16 @@ def tell_report(
         Where the registration began; shown where it is a pose.
     console : Console
         Told what was written.
+    deviations : Deviations, optional
+        With this tolerance and reach, where they were measured before.
     """
     import numpy as np
 
+    from dqreg.report.page import write_report
+
+    T_start = start if isinstance(start, np.ndarray) else None
     with console.status("writing the report"):
-        result.report(path, tolerance, reach=reach, start=start if isinstance(start, np.ndarray) else None)
+        write_report(result, path, tolerance, reach=reach, start=T_start, deviations=deviations)
     say(console, f"wrote {path}")
 
 

@@ -117,11 +117,12 @@ def register_command(
         options["viewpoint"] = options["viewpoint"] or None
         result = register(scan, target, began, observe=observe, observe_search=observe_search, **options)
     print_summary(console, result)
-    write_outputs(result, scan, out, aligned, console)
+    write_outputs(result, out, aligned, console)
+    measured = None
     if deviations is not None or tolerance is not None:
-        tell_deviations(result, deviations, tolerance, reach, console)
+        measured = tell_deviations(result, deviations, tolerance, reach, console)
     if report is not None:
-        tell_report(result, report, tolerance, reach, began, console)
+        tell_report(result, report, tolerance, reach, began, console, measured)
     if as_json:
         print_json(result.to_dict())
     return 0 if result.verdict.level == "accepted" else 1

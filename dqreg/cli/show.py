@@ -55,7 +55,8 @@ def show(
     dqreg show result.json                          a window, where there is a display
     """
     with loading():
-        from dqreg.atomic import require_writable
+        from dqreg.atomic import require_writable, write_atomically
+        from dqreg.report.page import to_html
         from dqreg.report.pictures import parse_panels, picture_path, save_picture
         from dqreg.report.story import tell
         from dqreg.report.window import open_window, require_display
@@ -74,12 +75,10 @@ def show(
     attached = attach(Registration.load(result), source, target)
     assert attached.inputs is not None
     console, _ = consoles(quiet=quiet, as_json=as_json)
-    if report is not None:
-        attached.report(report, tolerance, start=began)
-        say(console, f"wrote {report}")
-        if save is None and not as_json:
-            return 0
     story = tell(attached, attached.inputs, tolerance, began)
+    if report is not None:
+        write_atomically(report, to_html(attached, story))
+        say(console, f"wrote {report}")
     if in_a_window:
         open_window(story)
     if save is not None:

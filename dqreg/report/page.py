@@ -26,6 +26,7 @@ from dqreg.report.pose_forms import pose_forms
 from dqreg.report.story import Story, checked_tolerance, tell
 from dqreg.report.view3d import ELLIPSOID, scene_of
 from dqreg.result import Registration
+from dqreg.trust import Deviations
 
 # Pixels of one panel of the picture for print.
 PANEL_WIDTH, PANEL_HEIGHT = 760, 540
@@ -42,6 +43,7 @@ def write_report(
     *,
     reach: float | None = None,
     start: ArrayLike | None = None,
+    deviations: Deviations | None = None,
 ) -> Path:
     """Write the report of a registration, whole or not at all.
 
@@ -57,6 +59,8 @@ def write_report(
         Points farther off belong to something else, see `Registration.deviations`.
     start : (4, 4) array_like, optional
         Where the registration began, for the view of before.
+    deviations : Deviations, optional
+        With this tolerance and reach, where they were measured before.
 
     Returns
     -------
@@ -70,7 +74,7 @@ def write_report(
     """
     goal = require_writable(path)
     checked_tolerance(tolerance)
-    story = None if result.inputs is None else tell(result, result.inputs, tolerance, start, reach)
+    story = None if result.inputs is None else tell(result, result.inputs, tolerance, start, reach, deviations)
     write_atomically(goal, to_html(result, story))
     return goal
 

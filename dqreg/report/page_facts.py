@@ -76,8 +76,9 @@ def _sigmas(result: Registration, unit: str) -> dict[str, Any]:
     columns = [(f"turn about {axis}", "degrees", True) for axis in "xyz"]
     columns += [(f"shift along {axis}", unit, True) for axis in "xyz"]
     words = (
-        f"One sigma, with the target's axes, about its middle {place_text(np.array(result.settings['centre']))}. They "
-        "take the residuals of all pairs as independent: noise that neighbours share makes the true ones larger."
+        f"One sigma, with the target's axes, about its middle {place_text(np.array(result.settings['centre']))}. "
+        "Estimated from how the residuals scatter from patch to patch of the surface; where the pairs are too few for "
+        "that, as if all were independent. Errors common to the whole scan, such as calibration, are not included."
     )
     return {"columns": columns, "row": row, "words": words}
 

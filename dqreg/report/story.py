@@ -97,6 +97,7 @@ def tell(
     tolerance: float | None = None,
     T_start: ArrayLike | None = None,
     reach: float | None = None,
+    deviations: Deviations | None = None,
 ) -> Story:
     """Work out what a report shows.
 
@@ -112,6 +113,8 @@ def tell(
         Where the registration began, where the result does not say.
     reach : float, optional
         Points farther off belong to something else, see `Registration.deviations`.
+    deviations : Deviations, optional
+        With this tolerance and reach, where they were measured before.
 
     Returns
     -------
@@ -128,7 +131,8 @@ def tell(
     T_before, before_name = _before(result, T_start)
     surface = inputs.target.surface
     drawn = result.T_target_source if found else T_before
-    deviations = quiet_deviations(result, tolerance, reach) if found else None
+    if found and deviations is None:
+        deviations = quiet_deviations(result, tolerance, reach)
     regions, how = regions_of(deviations, inputs, REQUIRED_SHARE) if deviations else ([], "")
     origin = inputs.target.origin
     return Story(

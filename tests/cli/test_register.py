@@ -6,14 +6,17 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dqreg import result as result_room
 from dqreg.cli import register as room
 from dqreg.cli.interrupt import Interrupts
 from dqreg.cli.main import main
+from dqreg.files import READERS, read_cloud, read_geometry, write_cloud
 from dqreg.icp import ESTIMATORS
 from dqreg.options import EFFORTS
 from dqreg.result import Registration
@@ -179,3 +182,55 @@ def test_a_held_interrupt_waits_for_the_end(listening):
     with pytest.raises(KeyboardInterrupt):
         held(seen)
     assert seen == ["still here"]
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """How often files of each name were read, and deviations measured."""
+    counts = Counter()
+
+    def watched(name, function):
+        def call(*arguments, **options):
+            counts[name or Path(arguments[0]).name] += 1
+            return function(*arguments, **options)
+
+        return call
+
+    for extension, reader in list(READERS.items()):
+        monkeypatch.setitem(READERS, extension, watched(None, reader))
+    monkeypatch.setattr(result_room, "measure_deviations", watched("deviations", result_room.measure_deviations))
+    return counts
+
+
+def test_everything_that_is_written_is_read_and_measured_once(tmp_path, case, start, capsys, counted):
+    files = {name: tmp_path / name for name in ("aligned.ply", "deviations.csv", "report.html", "result.json")}
+    options = ("--start", start, "--effort", "fast", "--tolerance", "0.5", "--out", files["result.json"])
+    written = ("--aligned", files["aligned.ply"], "--deviations", files["deviations.csv"], "--report",
+               files["report.html"])  # fmt: skip
+    assert run("register", case.scan, case.part, *options, *written) == 0
+    assert counted == {case.scan.name: 1, case.part.name: 1, "deviations": 1}
+    assert all(path.is_file() for path in files.values())
+    counted.clear()
+    assert run("show", files["result.json"], "--report", files["report.html"], "--json") == 0
+    assert counted == {case.scan.name: 1, case.part.name: 1, "deviations": 1}
+
+
+@pytest.mark.parametrize("kind", ["cloud", "cloud in inches", "mesh"])
+def test_the_aligned_scan_is_the_file_under_the_pose(tmp_path, case, start, kind):
+    scan, options = case.scan, ["--source-units", "mm", "--target-units", "mm"]
+    if kind == "mesh":
+        scan, start = case.part, "identity"
+    if kind == "cloud in inches":
+        given = read_cloud(case.scan)
+        normals = np.tile([0.6, 0.0, 0.8], (len(given.points), 1))
+        scan, options = tmp_path / "inches.ply", ["--source-units", "inch", "--target-units", "mm"]
+        write_cloud(scan, given.points / 25.4, normals)
+    out, aligned = tmp_path / "result.json", tmp_path / "aligned.ply"
+    run("register", scan, case.part, "--start", start, "--effort", "fast", *options, "--out", out, "--aligned", aligned)
+    result, data, found = Registration.load(out), read_geometry(scan), read_cloud(aligned)
+    expected = result.apply(data.vertices if kind == "mesh" else data.points)
+    # The file holds float32 or float64; either way the sum of a few roundings of the largest coordinate.
+    np.testing.assert_allclose(found.points, expected, rtol=0.0, atol=4.0 * np.spacing(np.float32(abs(expected).max())))
+    assert (found.normals is None) == (kind != "cloud in inches")
+    if found.normals is not None:
+        np.testing.assert_allclose(found.normals, normals @ result.T_target_source[:3, :3].T, atol=1e-6)

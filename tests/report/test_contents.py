@@ -14,6 +14,7 @@ from dqreg.report.charts import NARROW, WIDE, convergence, histogram, ticks
 from dqreg.report.colours import Scale, nice_above
 from dqreg.report.hints import hints_of
 from dqreg.report.motions import motion_of
+from dqreg.report.page_facts import facts_of
 from dqreg.report.part_mesh import fewer_triangles, sharp_edges
 from dqreg.report.pose_forms import pose_forms
 from dqreg.report.regions import areas_of, faces_of
@@ -196,3 +197,12 @@ def test_placed_matches_the_pose_far_away():
     np.testing.assert_allclose(
         placed(result.inputs, result.T_target_source), direct - result.inputs.target.origin, atol=1e-11
     )
+
+
+def test_the_sigmas_say_what_they_are_estimated_from_and_what_they_leave_out():
+    words = facts_of(bumpy(), "mm")["sigmas"]["words"]
+    # The covariance is learned from patches; taking all residuals as independent is what is done of few pairs only.
+    assert "from how the residuals scatter from patch to patch" in words
+    assert "common to the whole scan" in words
+    assert "not included" in words
+    assert "take the residuals of all pairs as independent" not in words
