@@ -100,7 +100,7 @@ class Target:
 
     @staticmethod
     def load(path: str | Path) -> Target:
-        """Read a target that `save` wrote; registrations to it give the same bytes.
+        """Read a target that `save` wrote; registrations to it give the same poses as to the one saved.
 
         Parameters
         ----------

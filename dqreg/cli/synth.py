@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 def synth(recipe: Path, out: Path | None, seed: int | None, as_json: bool, quiet: bool) -> int:
     """Make the case that RECIPE (TOML) describes: scan.ply, part.stl, truth.json and the recipe itself.
 
-    The same recipe and seed give the same bytes. An older case in the folder is replaced, other files are not.
+    The same recipe and seed give the same bytes on one kind of processor and library version, and the same case to
+    rounding elsewhere. An older case in the folder is replaced, other files are not.
 
     \b
     dqreg synth datasets_synth/bracket/recipe.toml --out my_bracket --seed 7

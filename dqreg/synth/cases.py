@@ -148,7 +148,8 @@ def write_case(
 
     Notes
     -----
-    The same recipe and seed give the same bytes on the same machine.
+    The same recipe and seed give the same bytes on one kind of processor and library version, and the same
+    case to rounding elsewhere.
 
     Examples
     --------

@@ -61,9 +61,10 @@ def scan_mesh(
 
     Notes
     -----
-    Same mesh, scanner, noise and generator state: same bytes. All random numbers are drawn for every pixel,
-    hit or not, so a ray that just misses an edge on another machine changes no other point. A ray that meets
-    a face from behind first (a mesh with holes) brings nothing back.
+    Same mesh, scanner, noise and generator state: same bytes on one kind of processor and library version, the
+    same points to rounding elsewhere. All random numbers are drawn for every pixel, hit or not, so a ray that
+    just misses an edge on another machine changes no other point. A ray that meets a face from behind first (a
+    mesh with holes) brings nothing back.
 
     Examples
     --------
