@@ -17,20 +17,7 @@ WELL_BELOW = 0.4
 
 
 def all_points_say_more(sides: Sides, run: Run) -> bool:
-    """Whether a run on the means of cells is worth going on with on all points.
-
-    Parameters
-    ----------
-    sides : Sides
-        Cells of both clouds.
-    run : Run
-        Where the loop ended on them.
-
-    Returns
-    -------
-    bool
-        False where nothing was thinned, or nothing found.
-    """
+    """Whether a run on the means of cells is worth going on with on all points."""
     if not sides.cell or run.ended_early or not run.weights.any():
         return False
     # Of a surface: that many points in as many cells, each the square of its edge.
@@ -42,28 +29,7 @@ def all_points_say_more(sides: Sides, run: Run) -> bool:
 def go_on(
     sides: Sides, plan: Plan, run: Run, mixture: InlierMixture, observe: Observer | None
 ) -> tuple[Run, InlierMixture]:
-    """Go on with other sides from where a run has ended.
-
-    Parameters
-    ----------
-    sides : Sides
-        All points.
-    plan : Plan
-        Parts and limits; the width to begin with is the run's.
-    run : Run
-        The run so far.
-    mixture : InlierMixture
-        Its width.
-    observe : callable, optional
-        Called with each further iteration.
-
-    Returns
-    -------
-    Run
-        With the history of both, numbered on.
-    InlierMixture
-        Width and share at the end.
-    """
+    """Go on with other sides from where a run has ended."""
     done = len(run.history)
     plan = dataclasses.replace(plan, first_width=mixture.scale)
     numbered = None if observe is None else lambda record: observe(_later(record, done))

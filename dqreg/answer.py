@@ -36,58 +36,19 @@ STAYS = 0.99
 
 
 def to_work(T_target_source: FloatArray, origin_target: FloatArray, origin_source: FloatArray) -> FloatArray:
-    """The same motion between the centred frames.
-
-    Parameters
-    ----------
-    T_target_source : ndarray, (4, 4)
-        Pose between the caller's frames.
-    origin_target, origin_source : ndarray, (3,)
-        What was subtracted from the coordinates of either side.
-
-    Returns
-    -------
-    ndarray, (4, 4)
-        Pose between the centred frames.
-    """
+    """The same motion between the centred frames."""
     R, t = T_target_source[:3, :3], T_target_source[:3, 3]
     return pose.from_parts(R, R @ origin_source + t - origin_target)
 
 
 def from_work(T_work: FloatArray, origin_target: FloatArray, origin_source: FloatArray) -> FloatArray:
-    """Inverse of `to_work`.
-
-    Parameters
-    ----------
-    T_work : ndarray, (4, 4)
-        Pose between the centred frames.
-    origin_target, origin_source : ndarray, (3,)
-        What was subtracted from the coordinates of either side.
-
-    Returns
-    -------
-    ndarray, (4, 4)
-        Pose between the caller's frames.
-    """
+    """Inverse of `to_work`."""
     R, t = T_work[:3, :3], T_work[:3, 3]
     return pose.from_parts(R, t + origin_target - R @ origin_source)
 
 
 def for_caller(record: Iteration, origin_target: FloatArray, origin_source: FloatArray) -> Iteration:
-    """A record of the loop with its pose between the caller's frames.
-
-    Parameters
-    ----------
-    record : Iteration
-        As the loop wrote it, between the centred frames.
-    origin_target, origin_source : ndarray, (3,)
-        What was subtracted from the coordinates of either side.
-
-    Returns
-    -------
-    Iteration
-        The same record otherwise.
-    """
+    """A record of the loop with its pose between the caller's frames."""
     T = from_work(record.T_target_source, origin_target, origin_source)
     return dataclasses.replace(record, T_target_source=T)
 
@@ -119,26 +80,7 @@ class Outcome:
         keep_inputs: bool = False,
         mirror_gain: float = -np.inf,
     ) -> Registration:
-        """The answer in the caller's frames.
-
-        Parameters
-        ----------
-        alternatives : tuple of Alternative
-            Other poses as good, in the caller's frames.
-        timings : dict
-            Seconds per stage.
-        settings : dict
-            What was asked for; what was resolved is added.
-        keep_inputs : bool
-            Whether the answer holds both sides.
-        mirror_gain : float
-            See `Evidence`.
-
-        Returns
-        -------
-        Registration
-            With verdict and evidence.
-        """
+        """The answer in the caller's frames."""
         information = self.information if self.found else None
         directions = observe_directions(information) if information else ()
         T = np.full((4, 4), np.nan)
@@ -161,18 +103,7 @@ class Outcome:
         )
 
     def with_free_motions_of(self, start: FloatArray) -> Outcome:
-        """The same with the motions that nothing holds as the start had them.
-
-        Parameters
-        ----------
-        start : ndarray, (4, 4)
-            Where the run began, between the centred frames.
-
-        Returns
-        -------
-        Outcome
-            Itself where all motions are held, or where going back would leave the target.
-        """
+        """The same with the motions that nothing holds as the start had them."""
         if not self.found or self.known.anything or not self.information.free.any():
             return self
         T = without_free_motion(self.run.T_target_source, start, self.information)

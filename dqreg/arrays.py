@@ -28,22 +28,6 @@ def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest coordinates of points, each (3,).
 
     Along rows of three NumPy takes ten times as long.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Points, n >= 1.
-
-    Returns
-    -------
-    low, high : ndarray, (3,)
-        Corners of the bounding box.
-
-    Examples
-    --------
-    >>> low, high = bounds(np.array([[0.0, 5, 1], [2, 3, 1]]))
-    >>> low.tolist(), high.tolist()
-    ([0.0, 3.0, 1.0], [2.0, 5.0, 1.0])
     """
     whole = len(points) - len(points) % WIDE
     rest = np.ascontiguousarray(points[whole:].T)
@@ -57,25 +41,7 @@ def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def shifted(points: FloatArray, offset: FloatArray) -> FloatArray:
-    """Points moved by one offset: ``points + offset``, three times as fast.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Points.
-    offset : ndarray, (3,)
-        What is added to each.
-
-    Returns
-    -------
-    ndarray, (n, 3)
-        A new array.
-
-    Examples
-    --------
-    >>> shifted(np.zeros((2, 3)), np.array([1.0, 2, 3])).tolist()
-    [[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]
-    """
+    """Points moved by one offset: ``points + offset``, three times as fast."""
     moved = np.zeros((len(points), 3))
     whole = len(points) - len(points) % WIDE
     rows = np.ascontiguousarray(points[:whole]).reshape(-1, 3 * WIDE)
@@ -85,25 +51,7 @@ def shifted(points: FloatArray, offset: FloatArray) -> FloatArray:
 
 
 def as_float(value: Any, name: str) -> FloatArray:
-    """Float64 array of what was given.
-
-    Parameters
-    ----------
-    value : array_like
-        Numbers of any shape.
-    name : str
-        What the caller calls it, for the message.
-
-    Returns
-    -------
-    ndarray
-        C-contiguous float64; the input itself where it already is one. What an array masks is NaN.
-
-    Raises
-    ------
-    InputError
-        If the value cannot be read as real numbers.
-    """
+    """Float64 array of what was given."""
     try:
         if isinstance(value, np.ma.MaskedArray):
             # NumPy would hand out what stands behind the mask.
@@ -122,27 +70,7 @@ def as_float(value: Any, name: str) -> FloatArray:
 
 
 def as_vectors(value: Any, name: str, *, finite: bool = True) -> FloatArray:
-    """Rows of three numbers, (n, 3).
-
-    Parameters
-    ----------
-    value : array_like, (n, 3)
-        Points or directions.
-    name : str
-        What the caller calls it, for the message.
-    finite : bool
-        Whether NaN or infinity is an error.
-
-    Returns
-    -------
-    ndarray, (n, 3)
-        Float64, C-contiguous.
-
-    Raises
-    ------
-    InputError
-        If the shape is not (n, 3), or a row is not finite while ``finite`` is asked for.
-    """
+    """Rows of three numbers, (n, 3)."""
     array = as_float(value, name)
     if array.ndim != 2 or array.shape[1] != 3:
         raise InputError(f"{name} must have shape (n, 3), one x, y, z row per item; got shape {array.shape}")
@@ -154,24 +82,7 @@ def as_vectors(value: Any, name: str, *, finite: bool = True) -> FloatArray:
 def as_weights(value: Any, name: str, count: int) -> FloatArray:
     """One finite weight >= 0 for each of ``count`` items.
 
-    Parameters
-    ----------
-    value : array_like or float
-        One number for all, or one per item.
-    name : str
-        What the caller calls it, for the message.
-    count : int
-        How many items there are.
-
-    Returns
-    -------
-    ndarray, (count,)
-        Float64 weights.
-
-    Raises
-    ------
-    InputError
-        If the number of weights differs, or one is negative or not finite.
+    Shapes: returns (count,).
     """
     array = as_float(value, name)
     if array.ndim == 0:
@@ -185,25 +96,7 @@ def as_weights(value: Any, name: str, count: int) -> FloatArray:
 
 
 def as_pose(value: Any, name: str) -> FloatArray:
-    """Rigid 4x4 pose.
-
-    Parameters
-    ----------
-    value : array_like, (4, 4)
-        Rotation, translation and the row 0 0 0 1.
-    name : str
-        What the caller calls it, for the message.
-
-    Returns
-    -------
-    ndarray, (4, 4)
-        The pose as given, its rotation block replaced by the nearest rotation.
-
-    Raises
-    ------
-    InputError
-        If the shape, the last row, the lengths of the rotation's columns or its handedness are wrong.
-    """
+    """Rigid 4x4 pose."""
     T = as_float(value, name)
     if T.shape != (4, 4):
         raise InputError(f"{name} must be a 4x4 matrix; got shape {T.shape}")
@@ -234,20 +127,7 @@ def as_pose(value: Any, name: str) -> FloatArray:
 
 
 def require_finite(array: FloatArray, name: str) -> None:
-    """Raise unless every number is finite.
-
-    Parameters
-    ----------
-    array : ndarray
-        Numbers to look at.
-    name : str
-        What the caller calls it, for the message.
-
-    Raises
-    ------
-    InputError
-        If a number is NaN or infinite; the message counts them and names the first.
-    """
+    """Raise unless every number is finite."""
     # One sum is three times faster than looking at each number, and finite unless something is wrong or huge.
     # Infinities of both signs, or a sum beyond float64, are no news here: the look at each number decides.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -262,20 +142,6 @@ def require_finite(array: FloatArray, name: str) -> None:
 def require_workable(points: FloatArray, name: str) -> None:
     """Raise if lengths are so large or so small that float64 cannot square them.
 
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Finite points, n >= 1.
-    name : str
-        What the caller calls them.
-
-    Raises
-    ------
-    InputError
-        If a coordinate is beyond `LARGEST`, or the points differ by less than its inverse.
-
-    Examples
-    --------
     >>> require_workable(np.array([[1e300, 0.0, 0.0]]), "points")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
     ...

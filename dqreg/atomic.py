@@ -13,28 +13,7 @@ from dqreg.errors import InputError
 
 
 def require_writable(path: str | os.PathLike[str]) -> Path:
-    """Path of a file that can be written; asked before long work, so that its result is not lost.
-
-    Parameters
-    ----------
-    path : str or path
-        The file to be written later. It need not exist; its folder must.
-
-    Returns
-    -------
-    Path
-        The same path.
-
-    Raises
-    ------
-    InputError
-        If the path is a folder, its folder is missing or may not be written, or the file is write-protected.
-
-    Examples
-    --------
-    >>> require_writable("result.json").name
-    'result.json'
-    """
+    """Path of a file that can be written; asked before long work, so that its result is not lost."""
     goal = _as_path(path)
     folder = goal.parent
     if goal.is_dir():
@@ -51,28 +30,7 @@ def require_writable(path: str | os.PathLike[str]) -> Path:
 
 
 def write_atomically(path: str | os.PathLike[str], content: bytes | str) -> None:
-    """Write a whole file; on any failure the old file, or none, is left.
-
-    Parameters
-    ----------
-    path : str or path
-        The file to write. An existing file is replaced and keeps its permissions; a symbolic link stays one.
-    content : bytes or str
-        What the file shall hold; text is written as UTF-8, its line ends as given.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written, as `require_writable` says, or the system refuses (a full disk).
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_atomically(Path(folder) / "note.txt", "done")
-    ...     (Path(folder) / "note.txt").read_text()
-    'done'
-    """
+    """Write a whole file; on any failure the old file, or none, is left."""
     goal = require_writable(path)
     data = content.encode("utf-8") if isinstance(content, str) else content
     try:

@@ -25,24 +25,12 @@ FOUND = 5e-3
 
 @dataclasses.dataclass(frozen=True)
 class Beginning:
-    """Where to begin, between the centred frames, and what the search for it knows.
+    """Where to begin, between the centred frames, and what the search for it knows."""
 
-    Attributes
-    ----------
-    T_work : ndarray, (4, 4)
-        Pose to begin at.
-    width : float or None
-        Width of the kernel to begin with; None where the loop finds it.
-    alternatives : tuple of Alternative
-        Other poses that the search found as good, in the caller's frames.
-    searched : str
-        Stage in which the search ended; empty where there was none.
-    """
-
-    T_work: FloatArray
-    width: float | None = None
-    alternatives: tuple[Alternative, ...] = ()
-    searched: str = ""
+    T_work: FloatArray  # (4, 4): Pose to begin at
+    width: float | None = None  # Width of the kernel to begin with; None where the loop finds it
+    alternatives: tuple[Alternative, ...] = ()  # Other poses that the search found as good, in the caller's frames
+    searched: str = ""  # Stage in which the search ended; empty where there was none
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,22 +65,7 @@ class Searching:
 
 
 def begin(T_start: FloatArray | None, searching: Searching, origin_source: FloatArray) -> Beginning:
-    """Begin at the start that was given, else search for one.
-
-    Parameters
-    ----------
-    T_start : ndarray, (4, 4), or None
-        Start between the caller's frames.
-    searching : Searching
-        The search for it, run where there is none.
-    origin_source : ndarray, (3,)
-        What was subtracted from the source's coordinates.
-
-    Returns
-    -------
-    Beginning
-        Between the centred frames.
-    """
+    """Begin at the start that was given, else search for one."""
     origin = searching.target.indexed.origin
     if T_start is not None:
         return Beginning(to_work(T_start, origin, origin_source))
@@ -108,32 +81,7 @@ def begin(T_start: FloatArray | None, searching: Searching, origin_source: Float
 
 
 def read_start(start: Any, prior: Any, dof: Any) -> FloatArray | None:
-    """The pose to begin at, as a caller may give it.
-
-    Parameters
-    ----------
-    start : None, "identity" or (4, 4) array_like
-        As in `dqreg.register`.
-    prior : tuple or None
-        Its pose is the start where none is given.
-    dof : str, Freedom or None
-        Needs one of the two.
-
-    Returns
-    -------
-    ndarray, (4, 4), or None
-        None asks for a search.
-
-    Raises
-    ------
-    InputError
-        If it is none of these, or motions are locked about nothing.
-
-    Examples
-    --------
-    >>> read_start("identity", None, None).tolist()[0]
-    [1.0, 0.0, 0.0, 0.0]
-    """
+    """The pose to begin at, as a caller may give it."""
     if start is None and isinstance(prior, tuple) and len(prior) == 2:
         return as_pose(prior[0], "prior[0]")
     if start is None:

@@ -24,24 +24,12 @@ from dqreg.viewing import seen_from
 
 @dataclasses.dataclass(frozen=True)
 class Both:
-    """Source and target, read.
+    """Source and target, read."""
 
-    Attributes
-    ----------
-    source : CentredSource
-        The scan, in target units.
-    target : Target
-        What it is registered to.
-    name : str
-        What the caller gave as the source, see `describe`.
-    units : tuple of str or None
-        Length units of source and target, where they are known.
-    """
-
-    source: CentredSource
-    target: Target
-    name: str
-    units: tuple[str | None, str | None]
+    source: CentredSource  # The scan, in target units
+    target: Target  # What it is registered to
+    name: str  # What the caller gave as the source, see `describe`
+    units: tuple[str | None, str | None]  # Length units of source and target, where they are known
     _building: threading.Thread | None = dataclasses.field(default=None, repr=False, compare=False)
 
     @staticmethod
@@ -53,27 +41,7 @@ class Both:
         target_units: str | None,
         viewpoints: FloatArray | None,
     ) -> Both:
-        """Read both sides; a target that is not prepared is being built from here on.
-
-        Parameters
-        ----------
-        source, target, source_units, target_units
-            As in `dqreg.register`.
-        options : Options
-            Scale, seed, and whether units are checked.
-        viewpoints : ndarray, (k, 3), or None
-            Where the scanner stood.
-
-        Returns
-        -------
-        Both
-            Ready for `sides`.
-
-        Raises
-        ------
-        InputError, UnitsError, DegenerateGeometryError
-            If either side cannot be used.
-        """
+        """Read both sides; a target that is not prepared is being built from here on."""
         prepared = target if isinstance(target, Target) else Target(index_target(target))
         building = None if prepared is target else prepared.build_beside()
         indexed = prepared.indexed
@@ -87,20 +55,7 @@ class Both:
         return Both(centred, prepared, describe(source), units, building)
 
     def sides(self, options: Options, *, started: bool) -> Sides:
-        """Both as the loop takes them; from a start, two dense clouds are evened out.
-
-        Parameters
-        ----------
-        options : Options
-            Points and cells wanted.
-        started : bool
-            Whether there is a start.
-
-        Returns
-        -------
-        Sides
-            With the target built.
-        """
+        """Both as the loop takes them; from a start, two dense clouds are evened out."""
         indexed = self.target.indexed
         if options.cells is not None and started and indexed.kind == "cloud":
             sides = Sides.evened(self.source, indexed, options.cells)

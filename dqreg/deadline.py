@@ -11,18 +11,10 @@ from dqreg.records import Iteration
 
 @dataclasses.dataclass(frozen=True)
 class Deadline:
-    """When to end.
+    """When to end."""
 
-    Attributes
-    ----------
-    began : float
-        Reading of `time.perf_counter` at the beginning.
-    limit : float or None
-        Seconds from then on; None never ends.
-    """
-
-    began: float
-    limit: float | None
+    began: float  # Reading of `time.perf_counter` at the beginning
+    limit: float | None  # Seconds from then on; None never ends
 
     @property
     def left(self) -> float | None:

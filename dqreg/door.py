@@ -28,32 +28,7 @@ def broken_promise(
 ) -> str:
     """What a result promises and does not keep.
 
-    Parameters
-    ----------
-    T_target_source : ndarray, (4, 4)
-        Rigid to 1e-12 with the last row 0 0 0 1; or NaN as a whole, and the level "failed".
-    covariance : ndarray, (6, 6)
-        Symmetric and positive semidefinite but for rows and columns that are NaN as a whole; all NaN without a pose.
-    level : str
-        Of the verdict.
-    rms : float
-        Finite and not negative; NaN without a pose, and where nothing was measured.
-    inlier_fraction : float
-        From 0 to 1; NaN where nothing was measured.
-    alternatives : iterable of ndarray, (4, 4)
-        Rigid as well.
-
-    Returns
-    -------
-    str
-        The first broken promise in words; "" where all are kept.
-
-    Examples
-    --------
-    >>> broken_promise(np.eye(4), np.eye(6), "accepted", 0.1, 1.0)
-    ''
-    >>> broken_promise(np.full((4, 4), np.nan), np.full((6, 6), np.nan), "accepted", np.nan, 0.0)
-    'no pose, but the verdict accepted'
+    Shapes: covariance (6, 6).
     """
     nothing = bool(np.isnan(T_target_source).all())
     if nothing and level != "failed":

@@ -50,32 +50,7 @@ def gather_evidence(
     *,
     has_border: bool = False,
 ) -> Evidence:
-    """Look at a run's end.
-
-    Parameters
-    ----------
-    run : Run
-        How it ended.
-    mixture : InlierMixture
-        Width and share of the inliers.
-    scan, surface : Scan, Surface
-        Both sides.
-    plan : Plan
-        Limits of the run.
-    directions : tuple of Direction
-        What is held.
-    alternatives : tuple of Alternative
-        Other poses as good.
-    searched : str
-        The last stage of the search for a start, see `Evidence`.
-    has_border : bool
-        Whether the target ends somewhere (a cloud, an open mesh): a point beside it then says nothing.
-
-    Returns
-    -------
-    Evidence
-        For `dqreg.trust.judge`.
-    """
+    """Look at a run's end."""
     near = NEAR * plan.max_distance
     width = min(ON * mixture.scale, near)
     pairs = _pairs(run, scan, surface, mixture.scale)

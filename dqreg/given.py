@@ -11,25 +11,7 @@ from dqreg.geometry import Mesh, PointCloud, as_geometry
 
 
 def read_any(value: Any, name: str) -> PointCloud | Mesh:
-    """Geometry of a path or an object.
-
-    Parameters
-    ----------
-    value : path, array or object
-        What the caller gave.
-    name : str
-        What the caller calls it, for messages.
-
-    Returns
-    -------
-    PointCloud or Mesh
-        Checked geometry.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or used.
-    """
+    """Geometry of a path or an object."""
     if not isinstance(value, (str, os.PathLike)):
         return as_geometry(value, name)
     data = read_geometry(value)
@@ -42,23 +24,7 @@ def read_any(value: Any, name: str) -> PointCloud | Mesh:
 
 
 def describe(value: Any) -> str:
-    """Name of what a caller gave, for reports: a path as it was written, else the type and the size.
-
-    Parameters
-    ----------
-    value : path, array or object
-        A source or a target.
-
-    Returns
-    -------
-    str
-        A short name.
-
-    Examples
-    --------
-    >>> describe("part.stl"), describe([[0.0, 0.0, 0.0]])
-    ('part.stl', 'list of 1')
-    """
+    """Name of what a caller gave, for reports: a path as it was written, else the type and the size."""
     if isinstance(value, (str, os.PathLike)):
         return os.fspath(value)
     size = f" of {len(value)}" if hasattr(value, "__len__") else ""

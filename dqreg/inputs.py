@@ -13,18 +13,10 @@ from dqreg.target import IndexedTarget, index_target
 
 @dataclasses.dataclass(frozen=True)
 class Inputs:
-    """Both sides of a registration, kept so that its result can be looked at: deviations, pictures, reports.
+    """Both sides of a registration, kept so that its result can be looked at: deviations, pictures, reports."""
 
-    Attributes
-    ----------
-    source : CentredSource
-        The scan, in target units.
-    target : IndexedTarget
-        What it was registered to.
-    """
-
-    source: CentredSource
-    target: IndexedTarget
+    source: CentredSource  # The scan, in target units
+    target: IndexedTarget  # What it was registered to
 
     @staticmethod
     def read(
@@ -35,29 +27,7 @@ class Inputs:
         seed: int = 0,
         scale: float = 1.0,
     ) -> Inputs:
-        """Both sides from whatever `dqreg.register` takes.
-
-        Parameters
-        ----------
-        source, target : path, array or object
-            The scan and the target.
-        source_units, target_units : str or None
-            As in `centre_source`.
-        seed : int
-            For sampling a mesh that is the source.
-        scale : float
-            As in `centre_source`.
-
-        Returns
-        -------
-        Inputs
-            Read, converted and moved near the origin.
-
-        Raises
-        ------
-        InputError, UnitsError, DegenerateGeometryError
-            If either side cannot be used.
-        """
+        """Both sides from whatever `dqreg.register` takes."""
         indexed = index_target(target)
         units = target_units or indexed.units
         return Inputs(centre_source(source, source_units, units, np.random.default_rng(seed), scale), indexed)

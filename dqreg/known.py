@@ -17,21 +17,11 @@ from dqreg.solvers import Freedom, PoseCost
 
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """Locked motions and a prior, between the centred frames.
+    """Locked motions and a prior, between the centred frames."""
 
-    Attributes
-    ----------
-    freedom : Freedom or None
-        Motions that are allowed; None allows all.
-    reference : ndarray, (4, 4), or None
-        Pose that the locked motions keep; needed with ``freedom``.
-    prior : PoseCost or None
-        Pose known beforehand.
-    """
-
-    freedom: Freedom | None = None
-    reference: FloatArray | None = None
-    prior: PoseCost | None = None
+    freedom: Freedom | None = None  # Motions that are allowed; None allows all
+    reference: FloatArray | None = None  # (4, 4): Pose that the locked motions keep; needed with ``freedom``
+    prior: PoseCost | None = None  # Pose known beforehand
 
     @staticmethod
     def of(
@@ -41,29 +31,7 @@ class Known:
         origin_source: FloatArray,
         origin_target: FloatArray,
     ) -> Known:
-        """What was said in the caller's frames, brought to the centred ones.
-
-        Parameters
-        ----------
-        dof : str, Freedom or None
-            Motions that are allowed, see `Freedom.parse`.
-        prior : tuple of ((4, 4), (6, 6)), or None
-            Pose and covariance, see `PoseCost.prior`.
-        reference : ndarray, (4, 4)
-            Start between the centred frames.
-        origin_source, origin_target : ndarray, (3,)
-            What was subtracted from the coordinates of either side.
-
-        Returns
-        -------
-        Known
-            Nothing, where neither is given.
-
-        Raises
-        ------
-        InputError
-            If either cannot be read.
-        """
+        """What was said in the caller's frames, brought to the centred ones."""
         freedom = None if dof is None else Freedom.parse(dof).recentred(origin_target)
         if prior is None:
             return Known(freedom, reference)

@@ -30,23 +30,7 @@ APT_PACKAGES = {
 
 @functools.cache
 def load_open3d() -> ModuleType:
-    """Open3D, imported once, quiet, with the libraries it needs loaded before it.
-
-    Returns
-    -------
-    module
-        ``open3d``.
-
-    Raises
-    ------
-    MissingDependencyError
-        If the package or one of its shared libraries is absent; the message names it and the command that brings it.
-
-    Examples
-    --------
-    >>> load_open3d().__name__
-    'open3d'
-    """
+    """Open3D, imported once, quiet, with the libraries it needs loaded before it."""
     _preload_libusb()
     # Its web viewer writes three lines into every notebook, and nothing here uses it.
     os.environ.setdefault("OPEN3D_DISABLE_WEB_VISUALIZER", "true")
@@ -61,23 +45,7 @@ def load_open3d() -> ModuleType:
 
 
 def explain(error: BaseException) -> str:
-    """Say what keeps Open3D from loading and which command mends it.
-
-    Parameters
-    ----------
-    error : BaseException
-        What importing Open3D raised.
-
-    Returns
-    -------
-    str
-        One sentence with the missing part and the command.
-
-    Examples
-    --------
-    >>> explain(ImportError("libGL.so.1: cannot open shared object file: No such file or directory"))
-    'Open3D cannot load: the system library libGL.so.1 is missing; run: apt-get install libgl1'
-    """
+    """Say what keeps Open3D from loading and which command mends it."""
     library = re.search(r"(lib[\w+.-]+\.so[.\d]*): cannot open shared object", str(error))
     if library:
         name = library.group(1)

@@ -91,24 +91,7 @@ class Options:
         return COARSE if self.method == "auto" else EFFORTS[self.effort]
 
     def plan(self, reach: float, known: Known, first_width: float | None = None, *, clouds: bool = False) -> Plan:
-        """Parts of the loop.
-
-        Parameters
-        ----------
-        reach : float
-            Largest distance of a pair, target units.
-        known : Known
-            What holds the pose beside the pairs.
-        first_width : float, optional
-            Width of the kernel to begin with, for a start that is near.
-        clouds : bool
-            Whether both sides are clouds whose normals are fitted at all points.
-
-        Returns
-        -------
-        Plan
-            For `run_graduated`.
-        """
+        """Parts of the loop."""
         auto = self.method == "auto"
         coarse: Estimator = ESTIMATORS["dq" if auto else self.method]
         fine: Estimator | None = points_to_weighed_planes if auto else None
@@ -134,18 +117,6 @@ class Options:
 def require_callable(**observers: Any) -> None:
     """Raise unless every observer is a function or None.
 
-    Parameters
-    ----------
-    **observers
-        Observers by the names that callers know.
-
-    Raises
-    ------
-    InputError
-        If one cannot be called.
-
-    Examples
-    --------
     >>> require_callable(observe=print, observe_search=None)
     """
     for name, observer in observers.items():

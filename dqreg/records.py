@@ -13,50 +13,24 @@ Level = Literal["accepted", "suspect", "failed"]
 
 @dataclasses.dataclass(frozen=True)
 class Iteration:
-    """Record of one iteration.
+    """Record of one iteration."""
 
-    Attributes
-    ----------
-    number : int
-        1 for the first.
-    stage : str
-        Which run of the loop it belongs to. "patient" and "quick" both begin at the start pose, and one of them is
-        dropped; "fine" goes on from the other.
-    points : int
-        Source points used.
-    pairs : int
-        Pairs with a weight above zero.
-    inlier_fraction : float
-        Mean weight of all points used.
-    rms : float
-        Weighted root mean square distance of the pairs, before the step.
-    kernel_scale : float
-        Width of the robust kernel.
-    energy : float
-        Mean robust cost before the step, a length squared.
-    turn_rad : float
-        Rotation of the step.
-    motion : float
-        Root mean square motion of the points in the step, in sizes of the target; infinite where an extrapolation
-        was taken back.
-    seconds : float
-        Wall time.
-    T_target_source : ndarray, (4, 4)
-        The pose after the step.
-    """
-
-    number: int
+    number: int  # 1 for the first
+    # Which run of the loop it belongs to. "patient" and "quick" both begin at the start pose, and one of them is
+    # dropped; "fine" goes on from the other
     stage: str
-    points: int
-    pairs: int
-    inlier_fraction: float
-    rms: float
-    kernel_scale: float
-    energy: float
-    turn_rad: float
+    points: int  # Source points used
+    pairs: int  # Pairs with a weight above zero
+    inlier_fraction: float  # Mean weight of all points used
+    rms: float  # Weighted root mean square distance of the pairs, before the step
+    kernel_scale: float  # Width of the robust kernel
+    energy: float  # Mean robust cost before the step, a length squared
+    turn_rad: float  # Rotation of the step
+    # Root mean square motion of the points in the step, in sizes of the target; infinite where an extrapolation was
+    # taken back
     motion: float
-    seconds: float
-    T_target_source: FloatArray = dataclasses.field(repr=False, compare=False)
+    seconds: float  # Wall time
+    T_target_source: FloatArray = dataclasses.field(repr=False, compare=False)  # (4, 4): The pose after the step
 
     @property
     def scale(self) -> float:
@@ -67,53 +41,27 @@ class Iteration:
 
 @dataclasses.dataclass(frozen=True)
 class Verdict:
-    """Whether the pose may be trusted, and why.
+    """Whether the pose may be trusted, and why."""
 
-    Attributes
-    ----------
-    level : {"accepted", "suspect", "failed"}
-        What to do with the pose: use it, look at it, throw it away.
-    reasons : tuple of str
-        Sentences, the weightiest first.
-    """
-
-    level: Level
-    reasons: tuple[str, ...]
+    level: Level  # What to do with the pose: use it, look at it, throw it away
+    reasons: tuple[str, ...]  # Sentences, the weightiest first
 
 
 @dataclasses.dataclass(frozen=True)
 class Direction:
-    """One of six independent motions of the part, and how firmly the matches hold it.
+    """One of six independent motions of the part, and how firmly the matches hold it."""
 
-    Attributes
-    ----------
-    strength : float
-        1 would be all pairs working against this motion with the longest lever; 0 is free.
-    sigma : float
-        Standard deviation of the pose along it, as the largest displacement on the part; NaN where it is free.
-    words : str
-        The motion in words.
-    """
-
-    strength: float
+    strength: float  # 1 would be all pairs working against this motion with the longest lever; 0 is free
+    # Standard deviation of the pose along it, as the largest displacement on the part; NaN where it is free
     sigma: float
-    words: str
+    words: str  # The motion in words
 
 
 @dataclasses.dataclass(frozen=True)
 class Alternative:
-    """Another pose that explains the scan about as well.
+    """Another pose that explains the scan about as well."""
 
-    Attributes
-    ----------
-    T_target_source : ndarray, (4, 4)
-        The pose.
-    score : float
-        Truncated root mean square distance of the scan under it, target units; the smaller the better.
-    symmetry : str
-        The symmetry of the part that leads to it from the answer, in words; "" where it is another pose altogether.
-    """
-
-    T_target_source: FloatArray
-    score: float
+    T_target_source: FloatArray  # (4, 4): The pose
+    score: float  # Truncated root mean square distance of the scan under it, target units; the smaller the better
+    # The symmetry of the part that leads to it from the answer, in words; "" where it is another pose altogether
     symmetry: str = ""

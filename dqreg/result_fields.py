@@ -12,23 +12,7 @@ from dqreg.records import Alternative, Direction, Iteration, Level, Verdict
 
 
 def read_fields(values: dict[str, Any]) -> dict[str, Any]:
-    """Fields of a `Registration` from what `plain` made of one, each looked at.
-
-    Parameters
-    ----------
-    values : dict
-        Parsed JSON, from anybody.
-
-    Returns
-    -------
-    dict
-        Keyword arguments.
-
-    Raises
-    ------
-    KeyError, TypeError, ValueError, ArithmeticError
-        If a field is missing or cannot be used.
-    """
+    """Fields of a `Registration` from what `plain` made of one, each looked at."""
     return {
         "T_target_source": _pose(values["T_target_source"]),
         "verdict": Verdict(
@@ -130,23 +114,7 @@ def _number(value: float | None) -> float:
 
 
 def plain(value: Any) -> Any:
-    """Lists, numbers and strings of anything in a result; NaN and infinity become None.
-
-    Parameters
-    ----------
-    value : object
-        A record, an array, a container or a number.
-
-    Returns
-    -------
-    object
-        What JSON can hold.
-
-    Examples
-    --------
-    >>> plain({"pose": np.eye(2), "rms": np.nan})
-    {'pose': [[1.0, 0.0], [0.0, 1.0]], 'rms': None}
-    """
+    """Lists, numbers and strings of anything in a result; NaN and infinity become None."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, dict):

@@ -27,47 +27,18 @@ STEPS, LARGEST, STILL = 40, 1.03, 1e-6
 
 @dataclasses.dataclass(frozen=True)
 class ScaleCandidate:
-    """A scale, its pose, and how badly both explain the scan.
+    """A scale, its pose, and how badly both explain the scan."""
 
-    Attributes
-    ----------
-    scale : float
-        What the source, in the unit it is worked with, is multiplied with.
-    T_work : ndarray, (4, 4)
-        Pose of the scaled source between the centred frames.
-    surprise : float
-        Mean negative log-likelihood of the distances in source units; the lower the better.
-    held : bool
-        Whether the matches fix the scale.
-    width : float
-        Width of the inliers' distances, source units.
-    share : float
-        Share of inliers among all points.
-    """
-
-    scale: float
-    T_work: FloatArray
-    surprise: float
-    held: bool
-    width: float = np.inf
-    share: float = 0.0
+    scale: float  # What the source, in the unit it is worked with, is multiplied with
+    T_work: FloatArray  # (4, 4): Pose of the scaled source between the centred frames
+    surprise: float  # Mean negative log-likelihood of the distances in source units; the lower the better
+    held: bool  # Whether the matches fix the scale
+    width: float = np.inf  # Width of the inliers' distances, source units
+    share: float = 0.0  # Share of inliers among all points
 
 
 def scaled(scan: Scan, scale: float) -> Scan:
-    """A scan in another unit.
-
-    Parameters
-    ----------
-    scan : Scan
-        Any scan.
-    scale : float
-        Factor of all lengths.
-
-    Returns
-    -------
-    Scan
-        A new one.
-    """
+    """A scan in another unit."""
     return dataclasses.replace(
         scan,
         points=scale * scan.points,
@@ -87,57 +58,14 @@ def joint_step(
     *,
     hold: bool = False,
 ) -> ScaleStep:
-    """One step of scale and pose together, from the closest places of a scaled scan.
-
-    Parameters
-    ----------
-    scan : Scan
-        The source as it is.
-    surface : Surface
-        The target.
-    scale : float
-        Scale before the step.
-    T_work : ndarray, (4, 4)
-        Pose of the scaled source before the step, between the centred frames.
-    weigh : callable
-        Weights, (n,), of the pairs.
-    hold : bool
-        Whether the scale stays.
-
-    Returns
-    -------
-    ScaleStep
-        What to do about both.
-
-    Raises
-    ------
-    DegenerateGeometryError
-        If the pairs leave the scale free.
-    """
+    """One step of scale and pose together, from the closest places of a scaled scan."""
     pairs = correspond(scaled(scan, scale), surface, T_work)
     matches = SurfaceMatches(pairs.moved, pairs.closest.points, pairs.closest.normals, weigh(pairs))
     return scale_step(matches, hold=hold)
 
 
 def refine_scale(searching: Searching, scale: float, T_work: FloatArray, *, hold: bool = False) -> ScaleCandidate:
-    """Scale and pose together, on a few thousand points.
-
-    Parameters
-    ----------
-    searching : Searching
-        Both sides, the source as it is.
-    scale : float
-        Scale to begin with.
-    T_work : ndarray, (4, 4)
-        Pose of the scaled source to begin with, between the centred frames.
-    hold : bool
-        Whether the scale stays.
-
-    Returns
-    -------
-    ScaleCandidate
-        Where it ended.
-    """
+    """Scale and pose together, on a few thousand points."""
     surface = searching.target.indexed.surface
     few = searching.scan.thinned(COARSE)
     floor, held = width_floor(few, surface), True

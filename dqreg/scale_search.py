@@ -40,25 +40,7 @@ AS_GOOD, ASIDE = 0.02, 0.03
 
 
 def scale_starts(ratio: float, *, searched: bool) -> tuple[list[float], list[float]]:
-    """Scales to try, the likely ones first; and further ones, where none of them fits.
-
-    Parameters
-    ----------
-    ratio : float
-        Size of the target by size of the source.
-    searched : bool
-        Whether the pose has to be searched at each of them.
-
-    Returns
-    -------
-    first, further : list of float
-        About 1 and ratios of units that the sizes allow; about the ratio of the sizes where they allow none.
-
-    Examples
-    --------
-    >>> [round(s, 2) for s in scale_starts(24.0, searched=True)[0]][:5]
-    [25.4, 24.13, 26.67, 22.86, 27.94]
-    """
+    """Scales to try, the likely ones first; and further ones, where none of them fits."""
     units = sorted({*RATIOS, *(1.0 / r for r in RATIOS)}, key=lambda r: (r != 1.0, abs(np.log(ratio / r))))
     likely = [r for r in units if 1.0 / SMALLER <= ratio / r <= LARGER][:MOST] or [ratio]
     first = [float(middle * step) for middle in likely for step in (SEARCHED if searched else GIVEN)]
@@ -69,24 +51,7 @@ def scale_starts(ratio: float, *, searched: bool) -> tuple[list[float], list[flo
 def try_scale(
     searching: Searching, scale: float, T_start: FloatArray | None, origin_source: FloatArray
 ) -> tuple[ScaleCandidate, ...]:
-    """Where a scale leads to, from the start that was given or from what the search finds.
-
-    Parameters
-    ----------
-    searching : Searching
-        The search of the source as it is.
-    scale : float
-        Scale to begin with.
-    T_start : ndarray, (4, 4), or None
-        Start between the caller's frames.
-    origin_source : ndarray, (3,)
-        What was subtracted from the source's coordinates.
-
-    Returns
-    -------
-    tuple of ScaleCandidate
-        One for each start: none, where nothing was found.
-    """
+    """Where a scale leads to, from the start that was given or from what the search finds."""
     origin = searching.target.indexed.origin
     if T_start is None:
         again = dataclasses.replace(searching, scan=scaled(searching.scan, scale), reach=scale * searching.reach)
@@ -100,38 +65,12 @@ def try_scale(
 
 
 def explained(searching: Searching, candidates: list[ScaleCandidate]) -> bool:
-    """Whether the best of some candidates leaves little of the scan over, so that no others need to be tried.
-
-    Parameters
-    ----------
-    searching : Searching
-        Both sides, the source as it is.
-    candidates : list of ScaleCandidate
-        In any order.
-
-    Returns
-    -------
-    bool
-        False for none.
-    """
+    """Whether the best of some candidates leaves little of the scan over, so that no others need to be tried."""
     return fits(searching, candidates) and _likeliest(candidates).share >= EXPLAINED
 
 
 def fits(searching: Searching, candidates: list[ScaleCandidate]) -> bool:
-    """Whether the best of some candidates lies on the target as closely as the scan's own noise allows.
-
-    Parameters
-    ----------
-    searching : Searching
-        Both sides, the source as it is.
-    candidates : list of ScaleCandidate
-        In any order.
-
-    Returns
-    -------
-    bool
-        False for none.
-    """
+    """Whether the best of some candidates lies on the target as closely as the scan's own noise allows."""
     if not candidates:
         return False
     scan, best, surface = searching.scan, _likeliest(candidates), searching.target.indexed.surface
@@ -145,18 +84,7 @@ def _likeliest(candidates: list[ScaleCandidate]) -> ScaleCandidate:
 
 
 def distinct_scales(candidates: list[ScaleCandidate]) -> list[ScaleCandidate]:
-    """The best candidate of each scale, the best first.
-
-    Parameters
-    ----------
-    candidates : list of ScaleCandidate
-        In any order.
-
-    Returns
-    -------
-    list of ScaleCandidate
-        No two of them nearer than three thousandths.
-    """
+    """The best candidate of each scale, the best first."""
     kept: list[ScaleCandidate] = []
     for candidate in sorted(candidates, key=lambda c: c.surprise):
         if all(abs(np.log(candidate.scale / other.scale)) > SAME for other in kept):
@@ -165,20 +93,7 @@ def distinct_scales(candidates: list[ScaleCandidate]) -> list[ScaleCandidate]:
 
 
 def why_not_fixed(searching: Searching, found: list[ScaleCandidate]) -> str:
-    """Why the data do not fix the scale, in a sentence; empty where they do.
-
-    Parameters
-    ----------
-    searching : Searching
-        Both sides, the source as it is.
-    found : list of ScaleCandidate
-        Distinct scales, the best first.
-
-    Returns
-    -------
-    str
-        For the verdict.
-    """
+    """Why the data do not fix the scale, in a sentence; empty where they do."""
     best = found[0]
     free = "the scan leaves the scale free: a plane, a cone or a corner fits itself at any size; give the scale"
     if not best.held:

@@ -44,18 +44,7 @@ VAGUE = 0.02
 
 
 def require_free_scale(arguments: dict[str, Any]) -> None:
-    """Raise where the scale cannot be solved for beside what else was asked.
-
-    Parameters
-    ----------
-    arguments : dict
-        Of `dqreg.register`, by name.
-
-    Raises
-    ------
-    InputError
-        If motions are locked, a prior is given, or the viewpoint is.
-    """
+    """Raise where the scale cannot be solved for beside what else was asked."""
     for name in ("dof", "prior", "viewpoint"):
         if arguments.get(name) is not None:
             raise InputError(
@@ -65,25 +54,7 @@ def require_free_scale(arguments: dict[str, Any]) -> None:
 
 
 def register_scaled(register: Callable[..., Registration], arguments: dict[str, Any]) -> Registration:
-    """Registration with the scale solved for.
-
-    Parameters
-    ----------
-    register : callable
-        `dqreg.register`.
-    arguments : dict
-        What it was called with, by name; ``scale`` is "solve", and is not looked at.
-
-    Returns
-    -------
-    Registration
-        With the scale, its standard deviation, and a verdict that knows of both.
-
-    Raises
-    ------
-    InputError
-        If the scale cannot be solved for beside what else was asked; and as `dqreg.register`.
-    """
+    """Registration with the scale solved for."""
     began = time.perf_counter()
     require_free_scale(arguments)
     task = _Task.of(arguments, began)

@@ -39,28 +39,7 @@ def try_again(
     observe: Observer | None,
     deadline: Deadline,
 ) -> tuple[Outcome, tuple[Alternative, ...]]:
-    """The better of a first outcome and of what a search from nothing finds, where the first is in doubt.
-
-    Parameters
-    ----------
-    first : Outcome
-        Where the given start led.
-    T_start : ndarray, (4, 4)
-        That start, between the centred frames.
-    searching : Searching
-        Finds start poses, if it is asked to.
-    observe : callable, optional
-        Called with each iteration.
-    deadline : Deadline
-        When to end.
-
-    Returns
-    -------
-    Outcome
-        The first, or a better one that lies near the start.
-    tuple of Alternative
-        A better one that does not: it is not what the caller meant, but has to be known.
-    """
+    """The better of a first outcome and of what a search from nothing finds, where the first is in doubt."""
     evidence = first.evidence
     # Two scans of one scene always differ somewhere, and their normals are guesses.
     doubt = DOUBT_BORDER if evidence.has_border else DOUBT
@@ -97,17 +76,7 @@ def try_again(
 def flips_of(outcome: Outcome, flips: FloatArray) -> tuple[Alternative, ...]:
     """Poses flipped by a turn that leaves most of the part in place, where they explain the scan about as well.
 
-    Parameters
-    ----------
-    outcome : Outcome
-        Where the registration ended.
-    flips : ndarray, (k, 4, 4)
-        Such turns of the target, in its centred frame.
-
-    Returns
-    -------
-    tuple of Alternative
-        In the caller's frames.
+    Shapes: flips (k, 4, 4).
     """
     surface = outcome.surface
     limit, floor = 0.25 * outcome.plan.max_distance, width_floor(outcome.scan, surface)
@@ -116,20 +85,7 @@ def flips_of(outcome: Outcome, flips: FloatArray) -> tuple[Alternative, ...]:
 
 
 def mirror_gain(outcome: Outcome, target: Target) -> float:
-    """Mean log-likelihood that the scan gains when it is mirrored; asked only where some of it lies off the target.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        Where the registration ended.
-    target : Target
-        What it was registered to, with its mirrorings.
-
-    Returns
-    -------
-    float
-        Minus infinity where it was not asked, or the part has no near mirror symmetry.
-    """
+    """Mean log-likelihood that the scan gains when it is mirrored; asked only where some of it lies off the target."""
     if outcome.target.kind == "cloud" or not outcome.found or not outcome.evidence.patches_off > 0.0:
         return -np.inf
     surface = outcome.target.surface

@@ -17,23 +17,6 @@ from dqreg.target import IndexedTarget
 def as_viewpoints(value: Any) -> FloatArray | None:
     """Places of the scanner, checked.
 
-    Parameters
-    ----------
-    value : None, (3,) or (k, 3) array_like
-        As in `dqreg.register`.
-
-    Returns
-    -------
-    ndarray, (k, 3), or None
-        One row a place.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-
-    Examples
-    --------
     >>> as_viewpoints([0, 0, 500]).tolist()
     [[0.0, 0.0, 500.0]]
     """
@@ -53,18 +36,7 @@ def as_viewpoints(value: Any) -> FloatArray | None:
 
 
 def require_mesh(target: IndexedTarget) -> None:
-    """Raise where faces cannot be hidden because there are none.
-
-    Parameters
-    ----------
-    target : IndexedTarget
-        The target.
-
-    Raises
-    ------
-    InputError
-        If it is a cloud.
-    """
+    """Raise where faces cannot be hidden because there are none."""
     if not isinstance(target.geometry, Mesh):
         raise InputError(
             "viewpoint leaves out faces of a mesh that the scanner cannot have seen, and this target is a cloud; "
@@ -73,25 +45,7 @@ def require_mesh(target: IndexedTarget) -> None:
 
 
 def seen_target(target: IndexedTarget, viewpoints: FloatArray) -> IndexedTarget:
-    """The target with a surface of those faces alone that can be seen from some places.
-
-    Parameters
-    ----------
-    target : IndexedTarget
-        A mesh.
-    viewpoints : ndarray, (k, 3)
-        Places of the scanner in the target's centred frame.
-
-    Returns
-    -------
-    IndexedTarget
-        Of the same geometry; the target itself where all of it is seen.
-
-    Raises
-    ------
-    InputError
-        If no face is seen.
-    """
+    """The target with a surface of those faces alone that can be seen from some places."""
     require_mesh(target)
     mesh = target.geometry
     assert isinstance(mesh, Mesh)

@@ -15,24 +15,12 @@ SMALL = 0.5
 
 @dataclasses.dataclass(frozen=True)
 class Sides:
-    """Scan and surface of a registration.
+    """Scan and surface of a registration."""
 
-    Attributes
-    ----------
-    scan : Scan
-        Points of the source.
-    surface : Surface
-        The target.
-    cell : float
-        Edge of the cells by whose means dense clouds stand, target units; 0 where there are none.
-    even : bool
-        Whether both are clouds with a plane fitted at every point that is left.
-    """
-
-    scan: Scan
-    surface: Surface
-    cell: float = 0.0
-    even: bool = False
+    scan: Scan  # Points of the source
+    surface: Surface  # The target
+    cell: float = 0.0  # Edge of the cells by whose means dense clouds stand, target units; 0 where there are none
+    even: bool = False  # Whether both are clouds with a plane fitted at every point that is left
 
     @staticmethod
     def whole(source: CentredSource, target: IndexedTarget, fitted: int | None) -> Sides:
@@ -45,20 +33,6 @@ class Sides:
 
         LiDARs crowd their points near the sensor, where they say least about a turn, and depth cameras give many times
         what noise lets them tell apart. Cells are equal on both sides, so that neither is finer than the other.
-
-        Parameters
-        ----------
-        source : CentredSource
-            The scan.
-        target : IndexedTarget
-            A cloud.
-        count : int
-            Cells of the target, about; more where the source is small beside it.
-
-        Returns
-        -------
-        Sides
-            Ready for the loop.
         """
         stands = target.evened(count)
         points = source.cloud.points

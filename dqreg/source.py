@@ -26,24 +26,12 @@ BODY = 0.9
 
 @dataclasses.dataclass(frozen=True)
 class CentredSource:
-    """A source in target units, moved near the origin.
+    """A source in target units, moved near the origin."""
 
-    Attributes
-    ----------
-    cloud : PointCloud
-        Points scaled, then moved so that ``origin`` is at zero.
-    origin : ndarray, (3,)
-        Middle of the bounding box of the scaled source.
-    scale : float
-        Factor from source units to target units, and what else was asked for.
-    mesh : Mesh or None
-        The mesh that the points were drawn from, as it was given.
-    """
-
-    cloud: PointCloud
-    origin: FloatArray
-    scale: float
-    mesh: Mesh | None = None
+    cloud: PointCloud  # Points scaled, then moved so that ``origin`` is at zero
+    origin: FloatArray  # (3,): Middle of the bounding box of the scaled source
+    scale: float  # Factor from source units to target units, and what else was asked for
+    mesh: Mesh | None = None  # The mesh that the points were drawn from, as it was given
 
     def as_given(self) -> tuple[FloatArray, FloatArray | None]:
         """Points, or the vertices of a mesh, and normals as they were given, to the rounding of the coordinates."""
@@ -59,29 +47,7 @@ def centre_source(
     rng: np.random.Generator,
     scale: float = 1.0,
 ) -> CentredSource:
-    """Read a source, convert its unit, and move it to its own middle.
-
-    Parameters
-    ----------
-    source : path, array or object
-        What the caller gave; a mesh is sampled.
-    source_units, target_units : str or None
-        Named units win over what a file says; a unit that is not known converts nothing.
-    rng : numpy.random.Generator
-        For sampling a mesh.
-    scale : float
-        What lengths are multiplied with beside that.
-
-    Returns
-    -------
-    CentredSource
-        Ready to be prepared.
-
-    Raises
-    ------
-    InputError, UnitsError, DegenerateGeometryError
-        If it cannot be used as a source.
-    """
+    """Read a source, convert its unit, and move it to its own middle."""
     geometry = read_any(source, "source")
     mesh = geometry if isinstance(geometry, Mesh) else None
     if isinstance(geometry, Mesh):
@@ -93,44 +59,14 @@ def centre_source(
 
 
 def moved(cloud: PointCloud, offset: FloatArray, scale: float) -> PointCloud:
-    """The cloud scaled about zero, then shifted.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Any cloud.
-    offset : ndarray, (3,)
-        Shift after scaling.
-    scale : float
-        Factor.
-
-    Returns
-    -------
-    PointCloud
-        A new cloud.
-    """
+    """The cloud scaled about zero, then shifted."""
     viewpoint = None if cloud.viewpoint is None else scale * cloud.viewpoint + offset
     points = shifted(cloud.points if scale == 1.0 else scale * cloud.points, offset)
     return dataclasses.replace(cloud, points=points, viewpoint=viewpoint)
 
 
 def require_spread(points: FloatArray, name: str) -> None:
-    """Raise unless the points are three at least and not on one line.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Finite points.
-    name : str
-        What the caller calls them.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than three.
-    DegenerateGeometryError
-        If they all lie on one line: a turn about it could never be seen.
-    """
+    """Raise unless the points are three at least and not on one line."""
     if len(points) < 3:
         raise InputError(f"{name} has {len(points)} usable points; at least three are needed to fix a pose")
     # Some points that span an area settle it; only if they do not, all are looked at.

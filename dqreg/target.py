@@ -21,23 +21,12 @@ from dqreg.source import moved, require_spread
 
 @dataclasses.dataclass(frozen=True)
 class IndexedTarget:
-    """A target ready to be asked, in a frame of its own near the origin.
+    """A target ready to be asked, in a frame of its own near the origin."""
 
-    Attributes
-    ----------
-    geometry : PointCloud or Mesh
-        Moved so that ``origin`` is at zero: far-away coordinates cost no digits.
-    origin : ndarray, (3,)
-        Middle of the bounding box in the target's frame.
-    name : str
-        What the caller gave, see `describe`.
-    fitted : ndarray, (m, 4), optional
-        Normals and variances of a cloud's surface where they were fitted before.
-    """
-
-    geometry: PointCloud | Mesh
-    origin: FloatArray
-    name: str = ""
+    geometry: PointCloud | Mesh  # Moved so that ``origin`` is at zero: far-away coordinates cost no digits
+    origin: FloatArray  # (3,): Middle of the bounding box in the target's frame
+    name: str = ""  # What the caller gave, see `describe`
+    # (m, 4): Normals and variances of a cloud's surface where they were fitted before
     fitted: FloatArray | None = dataclasses.field(default=None, repr=False)
     _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
     _evened: dict[int, EvenCloud] = dataclasses.field(default_factory=dict, repr=False, compare=False)
@@ -67,18 +56,7 @@ class IndexedTarget:
             _ = self.surface.normals
 
     def evened(self, count: int) -> EvenCloud:
-        """The cloud as the means of about so many cells, and their surface; built once and only read from then on.
-
-        Parameters
-        ----------
-        count : int
-            Cells; the target is a cloud.
-
-        Returns
-        -------
-        EvenCloud
-            The cloud itself where it has hardly more points.
-        """
+        """The cloud as the means of about so many cells, and their surface; built once and only read from then on."""
         if not isinstance(self.geometry, PointCloud):
             raise InputError("only a cloud has cells; the target is a mesh")
         with self._lock:
@@ -111,23 +89,7 @@ class IndexedTarget:
 
 
 def index_target(target: Any) -> IndexedTarget:
-    """Read a target and move it to its own middle.
-
-    Parameters
-    ----------
-    target : path, array or object
-        What the caller gave.
-
-    Returns
-    -------
-    IndexedTarget
-        Its trees are built when first asked.
-
-    Raises
-    ------
-    InputError
-        If it cannot be used as a target.
-    """
+    """Read a target and move it to its own middle."""
     geometry = read_any(target, "target")
     if isinstance(geometry, Mesh):
         origin = geometry.centre

@@ -30,20 +30,6 @@ TREE_BYTES_A_FACE, TREE_BYTES_A_POINT = 85, 48
 def save_target(indexed: IndexedTarget, path: str | Path) -> None:
     """Write a target, whole or not at all.
 
-    Parameters
-    ----------
-    indexed : IndexedTarget
-        What `load_target` gives back.
-    path : str or Path
-        File to write, as it is named; ``.npz`` is usual.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-
-    Examples
-    --------
     >>> import tempfile
     >>> from dqreg.synth.parts import box
     >>> from dqreg.target import index_target
@@ -75,23 +61,7 @@ def save_target(indexed: IndexedTarget, path: str | Path) -> None:
 
 
 def load_target(path: str | Path) -> IndexedTarget:
-    """Read what `save_target` wrote.
-
-    Parameters
-    ----------
-    path : str or Path
-        File to read.
-
-    Returns
-    -------
-    IndexedTarget
-        Equal to the saved one in every bit, so that registrations to it are as well.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, damaged, or no prepared target.
-    """
+    """Read what `save_target` wrote."""
     try:
         # NumPy leaves a file that is no archive open; bytes need no closing.
         with np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as archive:
@@ -132,18 +102,7 @@ def _same_rows(normals: NDArray[Any], points: FloatArray) -> FloatArray:
 
 
 def bytes_of(indexed: IndexedTarget) -> int:
-    """Memory that a built target holds, trees included.
-
-    Parameters
-    ----------
-    indexed : IndexedTarget
-        The target.
-
-    Returns
-    -------
-    int
-        Bytes of all its arrays, and an estimate for the trees, good to a fifth.
-    """
+    """Memory that a built target holds, trees included."""
     geometry = indexed.geometry
     if isinstance(geometry, Mesh):
         trees = TREE_BYTES_A_FACE * len(geometry.faces)

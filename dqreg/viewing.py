@@ -24,45 +24,12 @@ WIDER, WIDEST = 3.0, 0.01
 
 
 def in_centred_frame(viewpoints: FloatArray, source: CentredSource) -> FloatArray:
-    """Places in the centred source frame.
-
-    Parameters
-    ----------
-    viewpoints : ndarray, (k, 3)
-        In source coordinates and units.
-    source : CentredSource
-        The source.
-
-    Returns
-    -------
-    ndarray, (k, 3)
-        Scaled and moved like its points.
-    """
+    """Places in the centred source frame."""
     return source.scale * viewpoints - source.origin
 
 
 def seen_from(source: CentredSource, viewpoints: FloatArray, target: IndexedTarget) -> CentredSource:
-    """The source with the signs of its normals told by a single viewpoint.
-
-    Parameters
-    ----------
-    source : CentredSource
-        The source.
-    viewpoints : ndarray, (k, 3)
-        In source coordinates and units.
-    target : IndexedTarget
-        The target.
-
-    Returns
-    -------
-    CentredSource
-        Unchanged where there are several viewpoints, or where it has normals of its own.
-
-    Raises
-    ------
-    InputError
-        If the target is a cloud: none of its points is hidden for sure.
-    """
+    """The source with the signs of its normals told by a single viewpoint."""
     require_mesh(target)
     if len(viewpoints) > 1 or source.cloud.normals is not None:
         return source
@@ -71,29 +38,7 @@ def seen_from(source: CentredSource, viewpoints: FloatArray, target: IndexedTarg
 
 
 def look_again(outcome: Outcome, viewpoints: FloatArray, observe: Observer | None, deadline: Deadline) -> Outcome:
-    """Register again, to what can be seen at the pose found, until that stays the same.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        A near pose, from all faces.
-    viewpoints : ndarray, (k, 3)
-        In source coordinates and units.
-    observe : callable, optional
-        Called with each iteration.
-    deadline : Deadline
-        When to end.
-
-    Returns
-    -------
-    Outcome
-        Against the visible faces.
-
-    Raises
-    ------
-    InputError
-        If nothing can be seen.
-    """
+    """Register again, to what can be seen at the pose found, until that stays the same."""
     places, whole = in_centred_frame(viewpoints, outcome.source), outcome.target
     for _ in range(TURNS):
         if not outcome.found or deadline.is_over or outcome.run.status == "stopped by observer":

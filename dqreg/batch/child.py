@@ -27,24 +27,7 @@ CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from dqreg.batc
 
 
 class Child:
-    """A process that registers one row after another, and is replaced when it dies.
-
-    Parameters
-    ----------
-    threads : int
-        Told to every library that reads it from the environment.
-    idle : float, optional
-        Seconds without work after which it ends by itself.
-
-    Attributes
-    ----------
-    closed : bool
-        Whether `close` was called: it takes no more rows.
-
-    Examples
-    --------
-    >>> Child(threads=1).close()
-    """
+    """A process that registers one row after another, and is replaced when it dies."""
 
     def __init__(self, threads: int, idle: float | None = None) -> None:
         self._threads, self._idle = threads, idle
@@ -56,29 +39,7 @@ class Child:
         self._lock = threading.Lock()
 
     def ask(self, row: Row, timeout: float | None = None, thumbnail: Thumbnail | None = None) -> Done:
-        """Have a row registered; waits for it.
-
-        Parameters
-        ----------
-        row : Row
-            What to do.
-        timeout : float, optional
-            Seconds after which the process is ended.
-        thumbnail : callable, optional
-            As in `run_row`; must be importable by name.
-
-        Returns
-        -------
-        Done
-            Also where the process died or was late.
-
-        Raises
-        ------
-        MissingDependencyError
-            If Open3D cannot load: no row could ever run.
-        InputError
-            If no process can be started.
-        """
+        """Have a row registered; waits for it."""
         if self._rows >= RECYCLED_AFTER:
             self._end()
         for _ in range(2):

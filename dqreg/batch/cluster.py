@@ -15,25 +15,7 @@ CONNECT_SECONDS = 20
 
 @contextlib.contextmanager
 def connected(address: str) -> Iterator[Any]:
-    """A client of a running cluster.
-
-    Parameters
-    ----------
-    address : str
-        Of its scheduler, such as ``tcp://host:8786``.
-
-    Yields
-    ------
-    distributed.Client
-        Closed when the block ends; the cluster goes on.
-
-    Raises
-    ------
-    MissingDependencyError
-        If Dask is not installed here.
-    InputError
-        If no scheduler answers, it has no workers, or they have no dqreg.
-    """
+    """A client of a running cluster."""
     distributed = load_distributed()
     with _quiet():
         try:
@@ -64,23 +46,7 @@ def _quiet() -> Iterator[None]:
 
 
 def load_distributed() -> Any:
-    """The package ``distributed``.
-
-    Returns
-    -------
-    module
-        Dask's distributed scheduler.
-
-    Raises
-    ------
-    MissingDependencyError
-        With the command that brings it.
-
-    Examples
-    --------
-    >>> load_distributed().__name__
-    'distributed'
-    """
+    """The package ``distributed``."""
     try:
         return importlib.import_module("distributed")
     except ImportError as error:
@@ -90,18 +56,7 @@ def load_distributed() -> Any:
 
 
 def slots(client: Any) -> int:
-    """How many tasks the cluster runs at once, as of now.
-
-    Parameters
-    ----------
-    client : distributed.Client
-        Connected.
-
-    Returns
-    -------
-    int
-        Threads of all workers; 0 where there are none.
-    """
+    """How many tasks the cluster runs at once, as of now."""
     return sum(client.nthreads().values())
 
 

@@ -26,53 +26,19 @@ NAME = re.compile(r"\w[\w.+-]{0,120}")
 
 @dataclasses.dataclass(frozen=True)
 class Defaults:
-    """What a row takes where it says nothing itself.
+    """What a row takes where it says nothing itself."""
 
-    Attributes
-    ----------
-    target : Path or None
-        The part.
-    start : str
-        As in `Row`.
-    options : mapping
-        Keyword options of `dqreg.register`.
-    """
-
-    target: Path | None = None
-    start: str = "none"
-    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    target: Path | None = None  # The part
+    start: str = "none"  # As in `Row`
+    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # Keyword options of `dqreg.register`
 
 
 def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None) -> tuple[Row, ...]:
     """Rows of a manifest, checked.
 
     A CSV file has a head with the columns scan and target, and if wanted name, start, and any option of
-    `dqreg.register`; empty cells take the default; paths are relative to the manifest's folder. Of a folder, every
-    file that can be read as a scan is a row; then the defaults must name the target.
-
-    Parameters
-    ----------
-    path : str or path
-        CSV file or folder.
-    defaults : Defaults, optional
-        For rows that say nothing themselves.
-
-    Returns
-    -------
-    tuple of Row
-        In the manifest's order.
-
-    Raises
-    ------
-    InputError
-        If anything in it cannot be used; the message names the line.
-
-    Examples
-    --------
-    >>> read_manifest("nowhere.csv")
-    Traceback (most recent call last):
-    ...
-    dqreg.errors.InputError: cannot read nowhere.csv: found no such file; expected a CSV manifest or a folder of scans
+    `dqreg.register`; empty cells take the default; paths are relative to the manifest's folder. Of a folder, every file
+    that can be read as a scan is a row; then the defaults must name the target.
     """
     place, defaults = Path(path), defaults or Defaults()
     check_options(dict(defaults.options))

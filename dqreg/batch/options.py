@@ -40,23 +40,7 @@ def option_name() -> tuple[str, ...]: ...
 
 
 def option_name(text: str | None = None) -> str | tuple[str, ...] | None:
-    """Name of an option as `dqreg.register` has it, from the spelling of a column; without an argument, all names.
-
-    Parameters
-    ----------
-    text : str, optional
-        With hyphens or underscores; ``max-angle`` as on the command line is known, too.
-
-    Returns
-    -------
-    str, tuple of str or None
-        None for an unknown one.
-
-    Examples
-    --------
-    >>> option_name("max-distance"), option_name("max_angle"), option_name("colour")
-    ('max_distance', 'max_angle_deg', None)
-    """
+    """Name of an option as `dqreg.register` has it, from the spelling of a column; without an argument, all names."""
     if text is None:
         return tuple(_kinds())
     name = text.strip().lower().replace("-", "_").replace(" ", "_")
@@ -64,30 +48,7 @@ def option_name(text: str | None = None) -> str | tuple[str, ...] | None:
 
 
 def parse_option(name: str, text: str) -> Any:
-    """Value of an option from a cell.
-
-    Parameters
-    ----------
-    name : str
-        As `option_name` returns it.
-    text : str
-        The cell, not empty.
-
-    Returns
-    -------
-    str, float, int or bool
-        The value, not yet checked.
-
-    Raises
-    ------
-    InputError
-        If the text is no such value.
-
-    Examples
-    --------
-    >>> parse_option("max_distance", "2.5"), parse_option("accelerate", "no")
-    (2.5, False)
-    """
+    """Value of an option from a cell."""
     kind = _kinds()[name]
     try:
         return WORDS[text.lower()] if kind is bool else kind(text)
@@ -97,25 +58,7 @@ def parse_option(name: str, text: str) -> Any:
 
 
 def check_options(options: dict[str, Any]) -> None:
-    """Raise unless `dqreg.register` would take these options.
-
-    Parameters
-    ----------
-    options : dict
-        Keyword options.
-
-    Raises
-    ------
-    InputError
-        Naming the option and what it may be.
-
-    Examples
-    --------
-    >>> check_options({"effort": "huge"})
-    Traceback (most recent call last):
-    ...
-    dqreg.errors.InputError: unknown effort 'huge'; known are fast, normal, best
-    """
+    """Raise unless `dqreg.register` would take these options."""
     from dqreg.geometry.units import factor
     from dqreg.options import Options
     from dqreg.register import register

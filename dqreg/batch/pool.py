@@ -28,33 +28,7 @@ def on_this_machine(
     thumbnail: Thumbnail | None = None,
     stop: Stop = lambda: False,
 ) -> Iterator[Answer]:
-    """Register rows in worker processes of this machine.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-        What to do; no more than ``workers`` scans are in memory at once.
-    workers : int, optional
-        Processes; by default one a core.
-    threads : int, optional
-        Threads of each; by default the cores shared out.
-    timeout : float, optional
-        Seconds for one row.
-    thumbnail : callable, optional
-        As in `run_row`.
-    stop : callable
-        Asked often; once it says True, rows that are not done are dropped.
-
-    Yields
-    ------
-    (Row, Done)
-        As they get done.
-
-    Raises
-    ------
-    InputError, MissingDependencyError
-        If no row can run at all.
-    """
+    """Register rows in worker processes of this machine."""
     cores = os.cpu_count() or 1
     workers = cores if workers is None else workers
     if workers < 1:
@@ -69,19 +43,7 @@ def on_this_machine(
 
 
 class Backlog:
-    """Rows that wait, given out so that a worker goes on with a part that it has prepared.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-        In the order in which they are wanted.
-
-    Examples
-    --------
-    >>> backlog = Backlog([Row(str(i), Path("s"), Path("ab"[i % 2])) for i in range(4)])
-    >>> [backlog.take([Path("b")]).name for _ in range(4)]
-    ['1', '3', '0', '2']
-    """
+    """Rows that wait, given out so that a worker goes on with a part that it has prepared."""
 
     def __init__(self, rows: Sequence[Row]) -> None:
         self._by_target: OrderedDict[Path, deque[Row]] = OrderedDict()

@@ -26,18 +26,7 @@ LEFT_OVER = re.compile(r"\.[0-9a-f]{16}\.tmp")
 
 
 class Folder:
-    """Results of a batch on disk; made by `open_folder`.
-
-    Parameters
-    ----------
-    path : Path
-        The folder, with its lock held.
-
-    Attributes
-    ----------
-    path : Path
-        The folder.
-    """
+    """Results of a batch on disk; made by `open_folder`."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -51,18 +40,7 @@ class Folder:
         return self.path / THUMBNAILS / f"{row.name}.jpg"
 
     def finished(self, row: Row) -> dict[str, Any] | None:
-        """What the result file of a row holds.
-
-        Parameters
-        ----------
-        row : Row
-            A row.
-
-        Returns
-        -------
-        dict or None
-            None where there is none, it is damaged, or the row's files or options have changed since.
-        """
+        """What the result file of a row holds."""
         path = self.result(row)
         try:
             record = json.loads(path.read_text(encoding="utf-8"))
@@ -75,20 +53,7 @@ class Folder:
         return found
 
     def save(self, row: Row, done: Done) -> None:
-        """Keep what came of a row; it is on the disk when this returns.
-
-        Parameters
-        ----------
-        row : Row
-            The row.
-        done : Done
-            Without a result there is nothing to keep, and an older result of the row, of other files, goes.
-
-        Raises
-        ------
-        InputError
-            If it cannot be written.
-        """
+        """Keep what came of a row; it is on the disk when this returns."""
         if done.record is None:
             for old in (self.result(row), self.thumbnail(row)):
                 with contextlib.suppress(OSError):
@@ -102,25 +67,7 @@ class Folder:
 
 @contextlib.contextmanager
 def open_folder(path: str | os.PathLike[str], *, resume: bool) -> Iterator[Folder]:
-    """Take a folder for a batch.
-
-    Parameters
-    ----------
-    path : str or path
-        Made if it is missing.
-    resume : bool
-        Whether results in it are gone on from; without, they are refused.
-
-    Yields
-    ------
-    Folder
-        Held until the block ends; another batch is refused until then, or until this process dies.
-
-    Raises
-    ------
-    InputError
-        If it holds results, another batch works in it, or it cannot be written to.
-    """
+    """Take a folder for a batch."""
     place = Path(path)
     _refuse(place, resume=resume)
     try:

@@ -27,92 +27,36 @@ TARGETS_KEPT = 2
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """One registration of many.
+    """One registration of many."""
 
-    Attributes
-    ----------
-    name : str
-        Name of its result file, without the ending; no two rows share one.
-    scan, target : Path
-        Files, absolute.
-    start : str
-        "none", "identity", or the absolute path of a pose.
-    options : dict
-        Keyword options of `dqreg.register`.
-    line : int
-        Line of the manifest, or place in the folder, counted from 1.
-    """
-
-    name: str
+    name: str  # Name of its result file, without the ending; no two rows share one
+    # scan, target: Files, absolute
     scan: Path
     target: Path
-    start: str = "none"
-    options: dict[str, Any] = dataclasses.field(default_factory=dict)
-    line: int = 0
+    start: str = "none"  # "none", "identity", or the absolute path of a pose
+    options: dict[str, Any] = dataclasses.field(default_factory=dict)  # Keyword options of `dqreg.register`
+    line: int = 0  # Line of the manifest, or place in the folder, counted from 1
 
 
 @dataclasses.dataclass(frozen=True)
 class Done:
-    """What came of a row.
+    """What came of a row."""
 
-    Attributes
-    ----------
-    status : {"ran", "error", "crashed", "timeout"}
-        Whether there is a result; if not, why not.
-    message : str
-        What went wrong; "" if nothing.
-    record : dict or None
-        The result as `Registration.to_dict` has it, with the key "batch": name, inputs and seconds of the row.
-    thumbnail : bytes or None
-        A small JPEG.
-    """
-
-    status: Status
-    message: str = ""
+    status: Status  # Whether there is a result; if not, why not
+    message: str = ""  # What went wrong; "" if nothing
+    # The result as `Registration.to_dict` has it, with the key "batch": name, inputs and seconds of the row
     record: dict[str, Any] | None = None
-    thumbnail: bytes | None = None
+    thumbnail: bytes | None = None  # A small JPEG
 
 
 def mark_of(path: Path) -> list[Any]:
-    """Path, size and time of the last change of a file: as long as they stay, so does its content.
-
-    Parameters
-    ----------
-    path : Path
-        A file.
-
-    Returns
-    -------
-    list
-        Path as text, bytes, nanoseconds.
-
-    Raises
-    ------
-    OSError
-        If the file is gone.
-    """
+    """Path, size and time of the last change of a file: as long as they stay, so does its content."""
     found = path.stat()
     return [os.fspath(path), found.st_size, found.st_mtime_ns]
 
 
 def inputs_of(row: Row) -> dict[str, Any]:
-    """All that the result of a row depends on, in plain JSON values.
-
-    Parameters
-    ----------
-    row : Row
-        A row.
-
-    Returns
-    -------
-    dict
-        Marks of its files, and its options.
-
-    Raises
-    ------
-    OSError
-        If one of its files is gone.
-    """
+    """All that the result of a row depends on, in plain JSON values."""
     return {
         "scan": mark_of(row.scan),
         "target": mark_of(row.target),
@@ -122,31 +66,14 @@ def inputs_of(row: Row) -> dict[str, Any]:
 
 
 class Targets:
-    """The last few prepared targets, so that a part is prepared once and not once a scan.
-
-    Parameters
-    ----------
-    kept : int
-        How many.
-    """
+    """The last few prepared targets, so that a part is prepared once and not once a scan."""
 
     def __init__(self, kept: int = TARGETS_KEPT) -> None:
         self._kept = kept
         self._prepared: OrderedDict[tuple[Any, ...], Target] = OrderedDict()
 
     def get(self, path: Path) -> Target:
-        """Prepared target of a file; read again where the file has changed since.
-
-        Parameters
-        ----------
-        path : Path
-            The file.
-
-        Returns
-        -------
-        Target
-            Ready to be registered to.
-        """
+        """Prepared target of a file; read again where the file has changed since."""
         from dqreg.prepared import prepare_target
 
         mark = tuple(mark_of(path))
@@ -161,22 +88,7 @@ class Targets:
 
 
 def run_row(row: Row, targets: Targets, thumbnail: Thumbnail | None = None) -> Done:
-    """Register one row.
-
-    Parameters
-    ----------
-    row : Row
-        What to do.
-    targets : Targets
-        Where prepared targets come from.
-    thumbnail : callable, optional
-        From a result with both sides to a small JPEG; what it raises costs the picture alone.
-
-    Returns
-    -------
-    Done
-        Never raises for what a registration raises.
-    """
+    """Register one row."""
     began = time.perf_counter()
     try:
         before = inputs_of(row)

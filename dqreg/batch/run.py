@@ -23,24 +23,12 @@ TIMEOUT = 600.0
 
 @dataclasses.dataclass(frozen=True)
 class Crew:
-    """Who does the work.
+    """Who does the work."""
 
-    Attributes
-    ----------
-    workers : int or None
-        Processes on this machine; None takes one a core.
-    scheduler : str or None
-        Address of a Dask scheduler, to work on its cluster instead.
-    threads : int or None
-        Threads of each worker process; None shares the cores out.
-    timeout : float or None
-        Seconds for one row.
-    """
-
-    workers: int | None = None
-    scheduler: str | None = None
-    threads: int | None = None
-    timeout: float | None = TIMEOUT
+    workers: int | None = None  # Processes on this machine; None takes one a core
+    scheduler: str | None = None  # Address of a Dask scheduler, to work on its cluster instead
+    threads: int | None = None  # Threads of each worker process; None shares the cores out
+    timeout: float | None = TIMEOUT  # Seconds for one row
 
     def __post_init__(self) -> None:
         for name in ("workers", "threads"):
@@ -67,21 +55,11 @@ class Crew:
 
 @dataclasses.dataclass(frozen=True)
 class Batch:
-    """What came of a batch.
+    """What came of a batch."""
 
-    Attributes
-    ----------
-    lines : tuple of Line
-        One a row, in the manifest's order.
-    stopped : bool
-        Whether it was stopped before all rows were done.
-    files : tuple of Path
-        The summaries.
-    """
-
-    lines: tuple[Line, ...]
-    stopped: bool
-    files: tuple[Path, ...]
+    lines: tuple[Line, ...]  # One a row, in the manifest's order
+    stopped: bool  # Whether it was stopped before all rows were done
+    files: tuple[Path, ...]  # The summaries
 
     @property
     def accepted(self) -> bool:
@@ -91,22 +69,13 @@ class Batch:
 
 @dataclasses.dataclass(frozen=True)
 class Progress:
-    """How far a batch is.
+    """How far a batch is."""
 
-    Attributes
-    ----------
-    done, total : int
-        Rows; those kept from an earlier session are done.
-    seconds_left : float
-        Learned from the rows done in this session; NaN at first.
-    line : Line or None
-        The row that has just ended.
-    """
-
+    # done, total: Rows; those kept from an earlier session are done
     done: int
     total: int
-    seconds_left: float
-    line: Line | None = None
+    seconds_left: float  # Learned from the rows done in this session; NaN at first
+    line: Line | None = None  # The row that has just ended
 
 
 def run_batch(

@@ -44,35 +44,7 @@ def on_cluster(
     thumbnail: Thumbnail | None = None,
     stop: Stop = lambda: False,
 ) -> Iterator[Answer]:
-    """Register rows on the workers of a Dask cluster, which must see the files under the same paths.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-        What to do; no more scans are in memory than the cluster has threads.
-    address : str
-        Of the scheduler.
-    threads : int
-        Threads of one registration.
-    timeout : float, optional
-        Seconds for one row.
-    thumbnail : callable, optional
-        As in `run_row`.
-    stop : callable
-        Asked often; once it says True, rows that are not done are dropped.
-
-    Yields
-    ------
-    (Row, Done)
-        As they get done.
-
-    Raises
-    ------
-    MissingDependencyError
-        If Dask is not installed.
-    InputError
-        If the cluster cannot be used, or is lost on the way.
-    """
+    """Register rows on the workers of a Dask cluster, which must see the files under the same paths."""
     if not rows:
         return
     with connected(address) as client:
@@ -169,26 +141,7 @@ def _done(future: Any) -> Done:
 
 
 def do_row(row: Row, batch: str, threads: int, timeout: float | None, thumbnail: Thumbnail | None) -> Done:
-    """Have a row done by a child of this Dask worker; runs there.
-
-    Parameters
-    ----------
-    row : Row
-        What to do.
-    batch : str
-        The batch that it belongs to.
-    threads : int
-        Threads of the child.
-    timeout : float or None
-        Seconds for the row.
-    thumbnail : callable or None
-        As in `run_row`.
-
-    Returns
-    -------
-    Done
-        What came of it.
-    """
+    """Have a row done by a child of this Dask worker; runs there."""
     with _lock:
         child = _idle.pop() if _idle else Child(threads, IDLE_SECONDS)
         _busy[child] = batch
@@ -202,13 +155,7 @@ def do_row(row: Row, batch: str, threads: int, timeout: float | None, thumbnail:
 
 
 def end_children(batch: str) -> None:
-    """End the children of this Dask worker that work for a batch; runs there.
-
-    Parameters
-    ----------
-    batch : str
-        As in `do_row`.
-    """
+    """End the children of this Dask worker that work for a batch; runs there."""
     with _lock:
         children = [child for child, owner in _busy.items() if owner == batch]
     for child in children:

@@ -13,47 +13,14 @@ LENGTH = struct.Struct("<Q")
 
 
 def send(stream: IO[bytes], message: Any) -> None:
-    """Write a message to a pipe.
-
-    Parameters
-    ----------
-    stream : binary file
-        The pipe.
-    message : object
-        Anything that can be pickled.
-    """
+    """Write a message to a pipe."""
     data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
     stream.write(LENGTH.pack(len(data)) + data)
     stream.flush()
 
 
 def receive(stream: IO[bytes]) -> Any:
-    """Read a message that `send` wrote.
-
-    Parameters
-    ----------
-    stream : binary file
-        The pipe.
-
-    Returns
-    -------
-    object
-        The message.
-
-    Raises
-    ------
-    EOFError
-        If the other side is gone.
-
-    Examples
-    --------
-    >>> import io
-    >>> pipe = io.BytesIO()
-    >>> send(pipe, "ready")
-    >>> _ = pipe.seek(0)
-    >>> receive(pipe)
-    'ready'
-    """
+    """Read a message that `send` wrote."""
     head = stream.read(LENGTH.size)
     if len(head) < LENGTH.size:
         raise EOFError
@@ -65,13 +32,7 @@ def receive(stream: IO[bytes]) -> Any:
 
 
 def serve(idle: float | None = None) -> None:
-    """Do what the parent says over standard input and output, until it hangs up.
-
-    Parameters
-    ----------
-    idle : float, optional
-        Seconds without work after which the process ends by itself; by default it waits.
-    """
+    """Do what the parent says over standard input and output, until it hangs up."""
     asked, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     # What libraries print goes to the log, which is standard error: on the pipe it would garble the answers.
     os.dup2(2, 1)

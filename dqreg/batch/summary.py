@@ -23,32 +23,18 @@ COLUMNS = ("name", "verdict", "reasons", "rms", "inlier_fraction", "seconds", *P
 
 @dataclasses.dataclass(frozen=True)
 class Line:
-    """One row in the summary.
+    """One row in the summary."""
 
-    Attributes
-    ----------
-    row : Row
-        What was asked.
-    verdict : str
-        "accepted", "suspect" or "failed" where it ran; else "error", "crashed", "timeout" or "not run".
-    reasons : tuple of str
-        Of the verdict, or what went wrong.
-    rms, inlier_fraction, seconds : float
-        As in `Registration`; NaN where there is none.
-    pose : tuple of float
-        Translation (target units), then the rotation as a quaternion w, x, y, z; NaN where there is none.
-    kept : bool
-        Whether the result is of an earlier session.
-    """
-
-    row: Row
-    verdict: str
-    reasons: tuple[str, ...]
+    row: Row  # What was asked
+    verdict: str  # "accepted", "suspect" or "failed" where it ran; else "error", "crashed", "timeout" or "not run"
+    reasons: tuple[str, ...]  # Of the verdict, or what went wrong
+    # rms, inlier_fraction, seconds: As in `Registration`; NaN where there is none
     rms: float = math.nan
     inlier_fraction: float = math.nan
     seconds: float = math.nan
+    # Translation (target units), then the rotation as a quaternion w, x, y, z; NaN where there is none
     pose: tuple[float, ...] = (math.nan,) * 7
-    kept: bool = False
+    kept: bool = False  # Whether the result is of an earlier session
 
     @property
     def ran(self) -> bool:
@@ -57,22 +43,7 @@ class Line:
 
 
 def line_of(row: Row, done: Done, *, kept: bool = False) -> Line:
-    """Line of a row.
-
-    Parameters
-    ----------
-    row : Row
-        The row.
-    done : Done
-        What came of it.
-    kept : bool
-        Whether its result is of an earlier session.
-
-    Returns
-    -------
-    Line
-        Without the pairs and the history: small, however many rows there are.
-    """
+    """Line of a row."""
     record = done.record
     if record is None:
         return Line(row, done.status, (done.message,))
@@ -89,24 +60,7 @@ def line_of(row: Row, done: Done, *, kept: bool = False) -> Line:
 
 
 def to_csv(lines: Sequence[Line]) -> str:
-    """The summary as CSV, numbers at full precision.
-
-    Parameters
-    ----------
-    lines : sequence of Line
-        In the manifest's order.
-
-    Returns
-    -------
-    str
-        With a head; numbers that are not known are empty.
-
-    Examples
-    --------
-    >>> row = Row("a", Path("a.ply"), Path("b.stl"))
-    >>> to_csv([Line(row, "error", ("no luck",))]).splitlines()[1]
-    'a,error,no luck,,,,,,,,,,,a.ply,b.stl,,0'
-    """
+    """The summary as CSV, numbers at full precision."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -122,19 +76,6 @@ def to_csv(lines: Sequence[Line]) -> str:
 def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
     """The summary as plain values.
 
-    Parameters
-    ----------
-    lines : sequence of Line
-        In the manifest's order.
-
-    Returns
-    -------
-    list of dict
-        Keys as the columns of the CSV, but reasons are a list and the pose is a dictionary; None where nothing is
-        known.
-
-    Examples
-    --------
     >>> row = Row("a", Path("a.ply"), Path("b.stl"))
     >>> to_records([Line(row, "error", ("no luck",))])[0]["reasons"]
     ['no luck']
@@ -159,27 +100,7 @@ def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
 
 
 def to_html(title: str, lines: Sequence[Line], thumbnails: Path | None = None) -> str:
-    """The summary as a page that loads nothing; a click on a head sorts.
-
-    Parameters
-    ----------
-    title : str
-        Heading.
-    lines : sequence of Line
-        In the manifest's order.
-    thumbnails : Path, optional
-        Folder of pictures, NAME.jpg.
-
-    Returns
-    -------
-    str
-        HTML, with everything from outside escaped.
-
-    Examples
-    --------
-    >>> "a &lt; b" in to_html("a < b", [])
-    True
-    """
+    """The summary as a page that loads nothing; a click on a head sorts."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -192,18 +113,7 @@ def to_html(title: str, lines: Sequence[Line], thumbnails: Path | None = None) -
 
 
 def counts(lines: Sequence[Line]) -> dict[str, int]:
-    """How many rows have which verdict, the good ones first; those that none has are left out.
-
-    Parameters
-    ----------
-    lines : sequence of Line
-        Of a batch.
-
-    Returns
-    -------
-    dict
-        Verdict to number.
-    """
+    """How many rows have which verdict, the good ones first; those that none has are left out."""
     found = Counter(line.verdict for line in lines)
     return {verdict: found[verdict] for verdict in reversed(VERDICTS) if found[verdict]}
 

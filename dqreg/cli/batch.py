@@ -104,18 +104,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
 
 
 def thumbnail(result: Registration) -> bytes | None:
-    """A small picture of the scan on its target; runs in the worker, which has both at hand.
-
-    Parameters
-    ----------
-    result : Registration
-        With both sides.
-
-    Returns
-    -------
-    bytes or None
-        JPEG; None where no pose was found.
-    """
+    """A small picture of the scan on its target; runs in the worker, which has both at hand."""
     import io
 
     import numpy as np

@@ -11,8 +11,6 @@ import click
 class Choice(click.Choice[str]):
     """Like `click.Choice`, in one short sentence, with the word that was probably meant.
 
-    Examples
-    --------
     >>> Choice(["auto", "plane"]).convert("plan", None, None)
     Traceback (most recent call last):
     ...
@@ -25,24 +23,6 @@ class Choice(click.Choice[str]):
 
 
 def meant(word: str, known: Iterable[str]) -> str:
-    """A question that names the known word that is nearest, or nothing.
-
-    Parameters
-    ----------
-    word : str
-        What was given.
-    known : iterable of str
-        What there is.
-
-    Returns
-    -------
-    str
-        Begins with a space where it is not empty.
-
-    Examples
-    --------
-    >>> meant("--strat", ["--start", "--seed"]), meant("xyz", ["--start"])
-    (' Did you mean --start?', '')
-    """
+    """A question that names the known word that is nearest, or nothing."""
     near = difflib.get_close_matches(word, list(known), n=1)
     return f" Did you mean {near[0]}?" if near else ""

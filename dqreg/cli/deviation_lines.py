@@ -14,18 +14,6 @@ PLACES = 5
 def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
     """Names and values to print.
 
-    Parameters
-    ----------
-    deviations : Deviations
-        Of a result.
-
-    Returns
-    -------
-    list of (str, str)
-        What was counted, percentiles, share within the tolerance, worst places.
-
-    Examples
-    --------
     >>> import numpy as np
     >>> from dqreg.trust import Deviations
     >>> points, faces = np.zeros((1000, 3)), np.zeros(1000, dtype=np.int64)

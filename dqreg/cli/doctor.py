@@ -22,39 +22,16 @@ OPTIONAL = ("kiss-icp", "small-gicp")
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """One thing that was looked at.
+    """One thing that was looked at."""
 
-    Attributes
-    ----------
-    name : str
-        What it is.
-    version : str or None
-        What was found; None if nothing.
-    ok : bool
-        Whether dqreg can do all its work with it; a missing optional part is fine.
-    remedy : str
-        The command that mends or adds it; empty if there is nothing to do.
-    """
-
-    name: str
-    version: str | None
-    ok: bool
-    remedy: str = ""
+    name: str  # What it is
+    version: str | None  # What was found; None if nothing
+    ok: bool  # Whether dqreg can do all its work with it; a missing optional part is fine
+    remedy: str = ""  # The command that mends or adds it; empty if there is nothing to do
 
 
 def examine() -> list[Check]:
-    """State of everything that dqreg stands on, in the order of the table.
-
-    Returns
-    -------
-    list of Check
-        Required parts first, then optional ones, then the machine.
-
-    Examples
-    --------
-    >>> examine()[0].name
-    'Python'
-    """
+    """State of everything that dqreg stands on, in the order of the table."""
     return [
         _python(),
         _distribution("dqreg"),

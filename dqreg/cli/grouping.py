@@ -13,33 +13,15 @@ from dqreg.cli.choice import meant
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
-    """Where a command lives and what the list of commands says of it.
+    """Where a command lives and what the list of commands says of it."""
 
-    Attributes
-    ----------
-    home : str
-        ``module:attribute``.
-    words : str
-        A few, for the list.
-    section : str
-        Heading of the list under which it stands.
-    """
-
-    home: str
-    words: str
-    section: str
+    home: str  # ``module:attribute``
+    words: str  # A few, for the list
+    section: str  # Heading of the list under which it stands
 
 
 class Commands(click.Group):
-    """A group that imports a command only when it is called, and lists all of them under headings.
-
-    Parameters
-    ----------
-    entries : dict of str to Entry, optional
-        Commands by name, in the order of the list.
-    **attributes
-        As `click.Group` takes them.
-    """
+    """A group that imports a command only when it is called, and lists all of them under headings."""
 
     def __init__(self, entries: dict[str, Entry] | None = None, **attributes: object) -> None:
         super().__init__(**attributes)  # type: ignore[arg-type]
@@ -84,17 +66,7 @@ class Commands(click.Group):
 
 
 class SectionedCommand(click.Command):
-    """A command whose help lists its options under headings.
-
-    Parameters
-    ----------
-    *arguments
-        As `click.Command` takes them.
-    sections : dict of str to tuple of str
-        Heading to names of parameters; what is in none of them stands under "Other options".
-    **attributes
-        As `click.Command` takes them.
-    """
+    """A command whose help lists its options under headings."""
 
     def __init__(self, *arguments: object, sections: dict[str, tuple[str, ...]], **attributes: object) -> None:
         super().__init__(*arguments, **attributes)  # type: ignore[arg-type]

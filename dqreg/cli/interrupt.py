@@ -14,11 +14,6 @@ class Interrupts:
     """Remembers a Ctrl-C inside a ``with`` block, and raises `KeyboardInterrupt` at its end at the latest.
 
     While compiled modules load, an interrupt is swallowed, or comes out as an error that says they were damaged.
-
-    Examples
-    --------
-    >>> with Interrupts() as interrupts, interrupts.held():
-    ...     import math
     """
 
     def __init__(self) -> None:

@@ -21,18 +21,7 @@ WORDS = {
 
 
 class Signals:
-    """What a block does about signals; the handlers of before come back at its end.
-
-    Parameters
-    ----------
-    handler : callable
-        Called with the signal's number and the frame.
-
-    Examples
-    --------
-    >>> with Signals(signal.default_int_handler):
-    ...     pass
-    """
+    """What a block does about signals; the handlers of before come back at its end."""
 
     def __init__(self, handler: Any) -> None:
         self._handler = handler
@@ -58,39 +47,12 @@ def loading() -> Signals:
 
     An interrupt inside an import is swallowed by some compiled modules and comes out of others as an error that says
     that they were damaged. Nothing is held yet that would need tidying up.
-
-    Returns
-    -------
-    context manager
-        To be used at the head of a command.
-
-    Examples
-    --------
-    >>> with loading():
-    ...     import math
     """
     return Signals(leave_at_once)
 
 
 def listen(handler: Any) -> dict[int, Any]:
-    """Have SIGINT and SIGTERM call a function, where Python and the caller allow it.
-
-    Parameters
-    ----------
-    handler : callable
-        Called with the signal's number and the frame.
-
-    Returns
-    -------
-    dict
-        What stood there before, by number; empty in a thread other than the main one.
-
-    Examples
-    --------
-    >>> before = listen(signal.default_int_handler)
-    >>> for number, handler in before.items():
-    ...     _ = signal.signal(number, handler)
-    """
+    """Have SIGINT and SIGTERM call a function, where Python and the caller allow it."""
     before = {}
     try:
         for number in SIGNALS:
@@ -104,13 +66,7 @@ def listen(handler: Any) -> dict[int, Any]:
 
 
 def say(number: int) -> None:
-    """Write the one line of a signal to standard error.
-
-    Parameters
-    ----------
-    number : int
-        Of the signal.
-    """
+    """Write the one line of a signal to standard error."""
     try:
         # Not through a stream: the signal may have come in the middle of its write.
         os.write(2, f"dqreg: error: {WORDS[signal.Signals(number)]}\n".encode())
@@ -119,14 +75,6 @@ def say(number: int) -> None:
 
 
 def leave_at_once(number: int, frame: FrameType | None) -> NoReturn:
-    """Write the line of a signal and end the process, without tidying up.
-
-    Parameters
-    ----------
-    number : int
-        Of the signal.
-    frame : frame or None
-        What was running; of no interest.
-    """
+    """Write the line of a signal and end the process, without tidying up."""
     say(number)
     os._exit(128 + number)

@@ -53,13 +53,7 @@ def cli() -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command line and exit; expected errors are one line on stderr, unexpected ones keep their trace.
-
-    Parameters
-    ----------
-    arguments : list of str, optional
-        Instead of ``sys.argv[1:]``.
-    """
+    """Run the command line and exit; expected errors are one line on stderr, unexpected ones keep their trace."""
     noted = _Noted()
     try:
         with Signals(noted):

@@ -23,23 +23,6 @@ as_json_option = click.option("--json", "as_json", is_flag=True, help="The answe
 def consoles(*, quiet: bool, as_json: bool, width: int | None = None) -> tuple[Console, Console]:
     """Where the answer is told to people, and where the progress is shown.
 
-    Parameters
-    ----------
-    quiet : bool
-        Whether to print nothing but errors.
-    as_json : bool
-        Whether standard output is the JSON's: then people are told nothing, and progress goes to standard error if a
-        person sits there.
-    width : int, optional
-        Columns where it is no terminal, which has no width of its own.
-
-    Returns
-    -------
-    told, shown : Console
-        For the answer, for the progress.
-
-    Examples
-    --------
     >>> [console.quiet for console in consoles(quiet=False, as_json=True)][0]
     True
     """
@@ -58,13 +41,6 @@ def consoles(*, quiet: bool, as_json: bool, width: int | None = None) -> tuple[C
 def print_json(value: Any) -> None:
     """Print anything that the records of a result are made of as strict JSON to standard output.
 
-    Parameters
-    ----------
-    value : object
-        Records, arrays, containers; NaN and infinity become null.
-
-    Examples
-    --------
     >>> print_json({"rms": float("nan"), "units": "mm"})
     {
      "rms": null,
@@ -77,17 +53,7 @@ def print_json(value: Any) -> None:
 
 
 def write_outputs(result: Registration, out: Path | None, aligned: Path | None, console: Console) -> None:
-    """Write the result and the moved scan.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer, with both sides.
-    out, aligned : Path or None
-        Where to; None writes nothing.
-    console : Console
-        Told what was written.
-    """
+    """Write the result and the moved scan."""
     if out is not None:
         result.save(out)
         say(console, f"wrote {out}")
@@ -111,24 +77,7 @@ def write_outputs(result: Registration, out: Path | None, aligned: Path | None, 
 def tell_deviations(
     result: Registration, path: Path | None, tolerance: float | None, reach: float | None, console: Console
 ) -> Deviations | None:
-    """Print the deviations of a result and write them.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer, with both sides.
-    path : Path or None
-        Where to; None writes nothing.
-    tolerance, reach : float or None
-        As in `Registration.deviations`.
-    console : Console
-        Told the figures.
-
-    Returns
-    -------
-    Deviations or None
-        What was measured; None where no pose was found.
-    """
+    """Print the deviations of a result and write them."""
     if not math.isfinite(result.rms):
         say(console, f"not written: {path} (no pose was found)" if path else "no deviations: no pose was found")
         return None
@@ -151,18 +100,7 @@ def tell_deviations(
 
 
 def deviation_record(deviations: Deviations) -> dict[str, Any]:
-    """The figures of `tell_deviations` as plain values.
-
-    Parameters
-    ----------
-    deviations : Deviations
-        Of a result.
-
-    Returns
-    -------
-    dict
-        Units, summary, bands where there is a tolerance, worst places.
-    """
+    """The figures of `tell_deviations` as plain values."""
     import dataclasses
 
     from dqreg.cli.deviation_lines import PLACES
@@ -187,23 +125,7 @@ def tell_report(
     console: Console,
     deviations: Deviations | None = None,
 ) -> None:
-    """Write the HTML report of a result.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer.
-    path : Path
-        Where to.
-    tolerance, reach : float or None
-        As in `Registration.report`.
-    start : ndarray, str or None
-        Where the registration began; shown where it is a pose.
-    console : Console
-        Told what was written.
-    deviations : Deviations, optional
-        With this tolerance and reach, where they were measured before.
-    """
+    """Write the HTML report of a result."""
     import numpy as np
 
     from dqreg.report.page import write_report
@@ -215,13 +137,5 @@ def tell_report(
 
 
 def say(console: Console, text: str) -> None:
-    """Print a line as it is: no markup, no colours, no breaks.
-
-    Parameters
-    ----------
-    console : Console
-        Where to.
-    text : str
-        What.
-    """
+    """Print a line as it is: no markup, no colours, no breaks."""
     console.print(text, highlight=False, markup=False, soft_wrap=True)

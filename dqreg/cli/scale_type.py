@@ -16,8 +16,6 @@ else:
 class ScaleType(Base):
     """A factor above 0, or "solve".
 
-    Examples
-    --------
     >>> ScaleType().convert("solve", None, None), ScaleType().convert("25.4", None, None)
     ('solve', 25.4)
     """

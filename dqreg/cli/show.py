@@ -101,25 +101,7 @@ def _record(result: Registration, story: Story, files: list[Path]) -> dict[str, 
 
 
 def attach(result: Registration, source: Path | None, target: Path | None) -> Registration:
-    """A loaded result with its two sides, from the files given or those that it names.
-
-    Parameters
-    ----------
-    result : Registration
-        As loaded.
-    source, target : Path or None
-        Files to use instead of those named.
-
-    Returns
-    -------
-    Registration
-        With inputs.
-
-    Raises
-    ------
-    InputError
-        If a side has no file; the message names the option.
-    """
+    """A loaded result with its two sides, from the files given or those that it names."""
     sides = {name: _side(result, name, given) for name, given in (("source", source), ("target", target))}
     return result.attached(**sides)
 

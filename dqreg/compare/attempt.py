@@ -24,55 +24,22 @@ _STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Outcome:
-    """What came of one call.
+    """What came of one call."""
 
-    Attributes
-    ----------
-    status : {"ran", "error", "crashed", "timeout", "memory"}
-        As in `dqreg.compare.records.Run`.
-    message : str
-        What went wrong; "" if nothing.
-    attempt : Attempt or None
-        What the engine handed in.
-    wall_seconds : float
-        Around the whole call.
-    peak_memory : float
-        Bytes that the process grew by at its highest; NaN if unknown.
-    """
-
-    status: Status
-    message: str = ""
-    attempt: Attempt | None = None
-    wall_seconds: float = float("nan")
-    peak_memory: float = float("nan")
+    status: Status  # As in `dqreg.compare.records.Run`
+    message: str = ""  # What went wrong; "" if nothing
+    attempt: Attempt | None = None  # What the engine handed in
+    wall_seconds: float = float("nan")  # Around the whole call
+    peak_memory: float = float("nan")  # Bytes that the process grew by at its highest; NaN if unknown
 
 
 def pack(entrant: Entrant, task: Task) -> bytes:
-    """Engine and task as bytes: unpacked anew for each run, so that no run finds what another left.
-
-    Parameters
-    ----------
-    entrant : Entrant
-        The engine.
-    task : Task
-        The task.
-
-    Returns
-    -------
-    bytes
-        For `call` and `warm_up`.
-    """
+    """Engine and task as bytes: unpacked anew for each run, so that no run finds what another left."""
     return pickle.dumps((entrant, task), protocol=pickle.HIGHEST_PROTOCOL)
 
 
 def warm_up(packed: bytes | tuple[Entrant, Task]) -> None:
-    """Run an engine on a small copy of the task: libraries load and compile before the clock runs.
-
-    Parameters
-    ----------
-    packed : bytes or tuple
-        Of `pack`; engine and task themselves where the engine cannot be packed.
-    """
+    """Run an engine on a small copy of the task: libraries load and compile before the clock runs."""
     # What goes wrong here goes wrong in the timed run too, and is recorded there.
     with contextlib.suppress(Exception):
         entrant, task = _unpack(packed)
@@ -80,18 +47,7 @@ def warm_up(packed: bytes | tuple[Entrant, Task]) -> None:
 
 
 def call(packed: bytes | tuple[Entrant, Task]) -> Outcome:
-    """Run an engine once.
-
-    Parameters
-    ----------
-    packed : bytes or tuple
-        Of `pack`; engine and task themselves where the engine cannot be packed.
-
-    Returns
-    -------
-    Outcome
-        Never raises for what an engine raises.
-    """
+    """Run an engine once."""
     try:
         entrant, task = _unpack(packed)
         engine = entrant.load()

@@ -28,24 +28,6 @@ def build(cell: Cell, **options: Any) -> Challenge:
 
     The scan depends on part, points, noise, outliers and trial only, so that along an axis of starts it is the same
     scan that starts from farther and farther away.
-
-    Parameters
-    ----------
-    cell : Cell
-        What to make.
-    **options
-        As for `dqreg.compare.tasks.make_challenge`: ``loop``, ``threads``, ``home``.
-
-    Returns
-    -------
-    Challenge
-        The task and its yardstick, in the frame that the cell names.
-
-    Examples
-    --------
-    >>> made = build(Cell("noise", 0.0, 0, points=1_000, noise=0.0))
-    >>> len(made.task.source) + len(made.yardstick.held_out), made.axis
-    (1000, 'noise')
     """
     part = _part(cell.part)
     scan_rng, pose_rng = (np.random.default_rng([cell.trial, stream]) for stream in (1, 2))
@@ -86,81 +68,32 @@ def build(cell: Cell, **options: Any) -> Challenge:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Frame:
-    """Unit and place of coordinates: p' = scale p + place, for source and target alike.
+    """Unit and place of coordinates: p' = scale p + place, for source and target alike."""
 
-    Attributes
-    ----------
-    scale : float
-        From millimetres.
-    place : ndarray, (3,)
-        Where the old origin is.
-    """
-
-    scale: float
-    place: FloatArray
+    scale: float  # From millimetres
+    place: FloatArray  # (3,): Where the old origin is
 
     @staticmethod
     def named(name: str) -> Frame:
-        """Frame of a sweep.
-
-        Parameters
-        ----------
-        name : str
-            One of `dqreg.compare.sweep.FRAMES`.
-
-        Returns
-        -------
-        Frame
-            The frame.
-        """
+        """Frame of a sweep."""
         scale, place = FRAMES[name]
         return Frame(scale, np.array(place))
 
     def move(self, points: FloatArray) -> FloatArray:
         """Points in this frame.
 
-        Parameters
-        ----------
-        points : ndarray, (..., 3)
-            In millimetres.
-
-        Returns
-        -------
-        ndarray, (..., 3)
-            Moved.
+        Shapes: points (..., 3), returns (..., 3).
         """
         moved: FloatArray = self.scale * points + self.place
         return moved
 
     def carry(self, T: FloatArray) -> FloatArray:
-        """Pose between two frames that are both moved: R stays, t' = scale t + place - R place.
-
-        Parameters
-        ----------
-        T : ndarray, (4, 4)
-            Pose in millimetres.
-
-        Returns
-        -------
-        ndarray, (4, 4)
-            The same motion.
-        """
+        """Pose between two frames that are both moved: R stays, t' = scale t + place - R place."""
         R = T[:3, :3]
         return pose.from_parts(R, self.scale * T[:3, 3] + self.place - R @ self.place)
 
     def target(self, target: Mesh | PointCloud) -> Mesh | PointCloud:
-        """Target in this frame.
-
-        Parameters
-        ----------
-        target : Mesh or PointCloud
-            In millimetres.
-
-        Returns
-        -------
-        Mesh or PointCloud
-            A new one.
-        """
+        """Target in this frame."""
         if isinstance(target, Mesh):
             return Mesh(self.move(target.vertices), target.faces)
         return PointCloud(self.move(target.points))

@@ -25,56 +25,28 @@ PROBES_MOST = 20_000
 
 @dataclasses.dataclass(frozen=True)
 class Loop:
-    """What "same loop" means: identical for everyone.
+    """What "same loop" means: identical for everyone."""
 
-    Attributes
-    ----------
-    source_points, target_points : int
-        Points drawn once for all from the scan and from the target (a mesh is sampled, with normals).
-    max_distance : float
-        Largest distance of a pair, in S, the diagonal of the target's bounding box.
-    max_iterations : int
-        Iteration cap.
-    """
-
+    # source_points, target_points: Points drawn once for all from the scan and from the target (a mesh is sampled, with
+    # normals)
     source_points: int = 10_000
     target_points: int = 100_000
-    max_distance: float = 0.1
-    max_iterations: int = 50
+    max_distance: float = 0.1  # Largest distance of a pair, in S, the diagonal of the target's bounding box
+    max_iterations: int = 50  # Iteration cap
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Challenge:
-    """A task with all that is known of it.
+    """A task with all that is known of it."""
 
-    Attributes
-    ----------
-    key : str
-        Names the task in files: the same key is the same task.
-    case : str
-        Name of the case or of the pair of files.
-    axis : str
-        What is varied: "case" for a single task, or the axis of a sweep.
-    value : str or float or None
-        Where on the axis.
-    trial : int
-        Which repetition with other draws.
-    task : Task
-        What every engine gets.
-    yardstick : Yardstick
-        What the judge gets.
-    units : str
-        Length unit, "" if unknown.
-    """
-
-    key: str
-    case: str
-    axis: str
-    value: str | float | None
-    trial: int
-    task: Task
-    yardstick: Yardstick
-    units: str = ""
+    key: str  # Names the task in files: the same key is the same task
+    case: str  # Name of the case or of the pair of files
+    axis: str  # What is varied: "case" for a single task, or the axis of a sweep
+    value: str | float | None  # Where on the axis
+    trial: int  # Which repetition with other draws
+    task: Task  # What every engine gets
+    yardstick: Yardstick  # What the judge gets
+    units: str = ""  # Length unit, "" if unknown
 
 
 def make_challenge(
@@ -97,42 +69,6 @@ def make_challenge(
 ) -> Challenge:
     """Split a scan into what engines get and what is held out, and draw the points of the same loop.
 
-    Parameters
-    ----------
-    name : str
-        Name of the case.
-    source : PointCloud
-        The whole scan, in target units.
-    target : PointCloud or Mesh
-        The target.
-    start : ndarray, (4, 4), or None
-        Start; None asks for the pose from nothing.
-    truth : Truth or None
-        None where it is not known: then only surface errors can be judged.
-    setting : {"manual", "same-loop"}
-        Which of the two fair settings.
-    noise : float
-        Standard deviation of the scan's noise, target units; widens the gate of held-out points.
-    loop : Loop, optional
-        Rules of the same loop.
-    threads : int
-        Threads that an engine may use.
-    seed : int
-        Of the draws made here, and handed to engines that draw.
-    home : float
-        Largest worst displacement, in S, that counts as found.
-    units : str
-        Length unit, for tables.
-    axis, value, trial
-        Place in a sweep.
-
-    Returns
-    -------
-    Challenge
-        The task and its yardstick.
-
-    Examples
-    --------
     >>> cloud = PointCloud(np.random.default_rng(0).normal(size=(100, 3)))
     >>> made = make_challenge("x", cloud, cloud, None, Truth(np.eye(4)[None]))
     >>> len(made.task.source), len(made.yardstick.held_out)
@@ -164,20 +100,7 @@ def make_challenge(
 
 
 def thinned(task: Task, count: int = 1_000) -> Task:
-    """The same task with few scan points, for warming up.
-
-    Parameters
-    ----------
-    task : Task
-        Any task.
-    count : int
-        Points to keep.
-
-    Returns
-    -------
-    Task
-        A small task.
-    """
+    """The same task with few scan points, for warming up."""
     return dataclasses.replace(
         task,
         source=_rows(task.source, np.arange(0, len(task.source), max(1, len(task.source) // count))),

@@ -10,13 +10,6 @@ class Clock:
 
     Engines differ a thousandfold in speed, so each has its own rate; one that has not run yet is given the mean.
 
-    Parameters
-    ----------
-    jobs : iterable of (engine, work)
-        What is to be done, work in any unit.
-
-    Examples
-    --------
     >>> clock = Clock([("a", 1.0), ("a", 1.0), ("b", 2.0)])
     >>> clock.done("a", 1.0, seconds=3.0)
     >>> clock.seconds_left
@@ -31,17 +24,7 @@ class Clock:
             self._left[engine] = self._left.get(engine, 0.0) + work
 
     def done(self, engine: Hashable, work: float, seconds: float) -> None:
-        """Note that a job is done.
-
-        Parameters
-        ----------
-        engine : hashable
-            Who did it.
-        work : float
-            As in the list of jobs.
-        seconds : float
-            What it took; 0 for a job that was left out, from which nothing is learned.
-        """
+        """Note that a job is done."""
         self._left[engine] = self._left.get(engine, 0.0) - work
         if seconds > 0.0:
             self._worked[engine] = self._worked.get(engine, 0.0) + work

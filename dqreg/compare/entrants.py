@@ -18,30 +18,14 @@ from dqreg.errors import InputError
 
 @dataclasses.dataclass(frozen=True)
 class Entrant:
-    """An engine, and where a worker finds it.
+    """An engine, and where a worker finds it."""
 
-    Attributes
-    ----------
-    name : str
-        Shown in tables.
-    needs : tuple of str
-        Distributions that it needs.
-    from_nothing : bool
-        Whether it can do without a start.
-    settings : tuple of str
-        Fair settings it takes part in.
-    place : str
-        "registry", "object", or the path of a Python file.
-    engine : object
-        The engine itself, for "object".
-    """
-
-    name: str
-    needs: tuple[str, ...]
-    from_nothing: bool
-    settings: tuple[Setting, ...]
-    place: str
-    engine: Any = None
+    name: str  # Shown in tables
+    needs: tuple[str, ...]  # Distributions that it needs
+    from_nothing: bool  # Whether it can do without a start
+    settings: tuple[Setting, ...]  # Fair settings it takes part in
+    place: str  # "registry", "object", or the path of a Python file
+    engine: Any = None  # The engine itself, for "object"
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -49,13 +33,7 @@ class Entrant:
         return tuple(name for name in self.needs if not _installed(name))
 
     def load(self) -> Any:
-        """Get the engine.
-
-        Returns
-        -------
-        Engine
-            Ready to register.
-        """
+        """Get the engine."""
         if self.place == "object":
             return self.engine
         if self.place == "registry":
@@ -66,23 +44,7 @@ class Entrant:
 
 
 def entrants(engines: Iterable[Any] | None) -> list[Entrant]:
-    """Engines that shall take part.
-
-    Parameters
-    ----------
-    engines : iterable of str, path or Engine, or None
-        Names of the registry, paths of Python files (all engines in them), objects; None takes the whole registry.
-
-    Returns
-    -------
-    list of Entrant
-        In the order given, each name once.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown, a file holds no engine, or an object is none.
-    """
+    """Engines that shall take part."""
     found: list[Entrant] = []
     if engines is None:
         from dqreg.engines.registry import ENGINES
@@ -101,18 +63,7 @@ def entrants(engines: Iterable[Any] | None) -> list[Entrant]:
 
 
 def check_sendable(entrant: Entrant) -> None:
-    """Raise unless an engine can be handed to a worker process.
-
-    Parameters
-    ----------
-    entrant : Entrant
-        Any entrant.
-
-    Raises
-    ------
-    InputError
-        If it is an object that cannot be pickled; the message says what to do.
-    """
+    """Raise unless an engine can be handed to a worker process."""
     try:
         pickle.dumps(entrant)
     except (pickle.PicklingError, AttributeError, TypeError) as error:

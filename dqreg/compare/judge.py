@@ -27,96 +27,40 @@ Kind = Literal["rigid", "mirrored", "not rigid", "nothing"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Yardstick:
-    """What the judge knows of a task, and no engine is told.
+    """What the judge knows of a task, and no engine is told."""
 
-    Attributes
-    ----------
-    probes : ndarray, (v, 3)
-        Points of the part, target frame, whose displacement is measured: the vertices of a mesh.
-    size : float
-        S, the diagonal of the target's bounding box.
-    truths : ndarray, (k, 4, 4)
-        True poses ``T_target_source``; more than one where the part is symmetric, none where no truth is known.
-    axis : ndarray, (2, 3), or None
-        A point on the axis of a part of revolution and the axis' direction, target frame: any turn about it is true.
-    held_out : ndarray, (h, 3)
-        Scan points that no engine was given, source frame.
-    surface : Surface or None
-        The target, to measure the held-out points against.
-    gate : float
-        Distance up to which a held-out point counts as lying on the target.
-    home : float
-        Largest worst displacement, in S, of a pose that counts as found.
-    """
-
+    # (v, 3): Points of the part, target frame, whose displacement is measured: the vertices of a mesh
     probes: FloatArray
-    size: float
+    size: float  # S, the diagonal of the target's bounding box
+    # (k, 4, 4): True poses ``T_target_source``; more than one where the part is symmetric, none where no truth is known
     truths: FloatArray
+    # (2, 3): A point on the axis of a part of revolution and the axis' direction, target frame: any turn about it is
+    # true
     axis: FloatArray | None = None
+    # (h, 3): Scan points that no engine was given, source frame
     held_out: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
-    surface: Surface | None = None
-    gate: float = 0.0
-    home: float = HOME
+    surface: Surface | None = None  # The target, to measure the held-out points against
+    gate: float = 0.0  # Distance up to which a held-out point counts as lying on the target
+    home: float = HOME  # Largest worst displacement, in S, of a pose that counts as found
 
 
 @dataclasses.dataclass(frozen=True)
 class Score:
-    """What a pose is worth; lengths in the target's unit, NaN where there is nothing to measure.
+    """What a pose is worth; lengths in the target's unit, NaN where there is nothing to measure."""
 
-    Attributes
-    ----------
-    kind : {"rigid", "mirrored", "not rigid", "nothing"}
-        What was handed in. Only a rigid pose can succeed.
-    success : bool or None
-        Whether the pose brings the scan home; None where no truth is known.
-    angle_rad : float
-        Angle of the turn that is left; NaN unless rigid.
-    offset : float
-        Displacement of the middle of the part.
-    worst, rms : float
-        Greatest and root mean square displacement of the probes.
-    surface_rms : float
-        Root mean square distance of the held-out points that lie on the target.
-    overlap : float
-        Share of the held-out points that lie on the target.
-    """
-
-    kind: Kind
-    success: bool | None
-    angle_rad: float
-    offset: float
+    kind: Kind  # What was handed in. Only a rigid pose can succeed
+    success: bool | None  # Whether the pose brings the scan home; None where no truth is known
+    angle_rad: float  # Angle of the turn that is left; NaN unless rigid
+    offset: float  # Displacement of the middle of the part
+    # worst, rms: Greatest and root mean square displacement of the probes
     worst: float
     rms: float
-    surface_rms: float
-    overlap: float
+    surface_rms: float  # Root mean square distance of the held-out points that lie on the target
+    overlap: float  # Share of the held-out points that lie on the target
 
 
 def judge(T_target_source: ArrayLike, yardstick: Yardstick) -> Score:
-    """Score a pose.
-
-    Parameters
-    ----------
-    T_target_source : array_like, (4, 4)
-        As handed in: it is not mended, so a scale or a mirror counts as what it does to the part. NaN is "nothing".
-    yardstick : Yardstick
-        What is known.
-
-    Returns
-    -------
-    Score
-        Against the nearest of the truths.
-
-    Raises
-    ------
-    InputError
-        If what was handed in is not a 4x4 array of numbers.
-
-    Examples
-    --------
-    >>> known = Yardstick(probes=np.eye(3), size=2.0, truths=np.eye(4)[None])
-    >>> judge(np.eye(4), known).success, judge(np.diag([1.0, 1.0, -1.0, 1.0]), known).kind
-    (True, 'mirrored')
-    """
+    """Score a pose."""
     T = as_float(T_target_source, "T_target_source")
     if T.shape != (4, 4):
         raise InputError(f"T_target_source must be 4x4; got shape {T.shape}")
@@ -143,47 +87,12 @@ def judge(T_target_source: ArrayLike, yardstick: Yardstick) -> Score:
 
 
 def worst_along(poses: Iterable[ArrayLike], yardstick: Yardstick) -> FloatArray:
-    """Worst displacement of each pose on the way, for a curve of convergence.
-
-    Parameters
-    ----------
-    poses : iterable of array_like, (4, 4)
-        Poses ``T_target_source`` in their order.
-    yardstick : Yardstick
-        What is known.
-
-    Returns
-    -------
-    ndarray, (n,)
-        Lengths; NaN where a pose is nothing or no truth is known.
-
-    Examples
-    --------
-    >>> known = Yardstick(probes=np.eye(3), size=2.0, truths=np.eye(4)[None])
-    >>> worst_along([np.eye(4), np.full((4, 4), np.nan)], known).tolist()
-    [0.0, nan]
-    """
+    """Worst displacement of each pose on the way, for a curve of convergence."""
     return np.array([_worst(as_float(T, "pose"), yardstick) for T in poses], dtype=np.float64)
 
 
 def kind_of(T: FloatArray) -> Kind:
-    """What a 4x4 matrix is.
-
-    Parameters
-    ----------
-    T : ndarray, (4, 4)
-        Any numbers.
-
-    Returns
-    -------
-    {"rigid", "mirrored", "not rigid", "nothing"}
-        "nothing" where a number is not finite; "not rigid" for a scale, a shear or a wrong last row.
-
-    Examples
-    --------
-    >>> kind_of(np.eye(4)), kind_of(2.0 * np.eye(4))
-    ('rigid', 'not rigid')
-    """
+    """What a 4x4 matrix is."""
     if not np.isfinite(T).all():
         return "nothing"
     R = T[:3, :3]
@@ -197,26 +106,7 @@ def kind_of(T: FloatArray) -> Kind:
 
 
 def displacements(T: FloatArray, truth: FloatArray, points_target: FloatArray) -> FloatArray:
-    """How far points of the part, at home in the target frame, are from where a pose puts them.
-
-    Parameters
-    ----------
-    T, truth : ndarray, (4, 4)
-        Pose to judge and true pose, both ``T_target_source``; the truth is rigid.
-    points_target : ndarray, (n, 3)
-        Points of the target frame.
-
-    Returns
-    -------
-    ndarray, (n,)
-        Lengths ``|(T truth^-1 - 1) p|``.
-
-    Examples
-    --------
-    >>> T = np.eye(4); T[:3, 3] = [0.0, 3.0, 4.0]
-    >>> displacements(T, np.eye(4), np.eye(3)).tolist()
-    [5.0, 5.0, 5.0]
-    """
+    """How far points of the part, at home in the target frame, are from where a pose puts them."""
     points_source = pose.apply(pose.inverse(truth), points_target)
     difference = T - truth
     moved: FloatArray = np.linalg.norm(points_source @ difference[:3, :3].T + difference[:3, 3], axis=1)

@@ -14,38 +14,13 @@ ALWAYS = ("dqreg", "numpy", "scipy", "open3d", "open3d-cpu")
 
 
 def session(needs: Iterable[str], threads: int) -> dict[str, object]:
-    """What makes the runs of one session.
-
-    Parameters
-    ----------
-    needs : iterable of str
-        Distributions that the engines need.
-    threads : int
-        Threads that engines may use.
-
-    Returns
-    -------
-    dict
-        Machine, versions, threads; plain values.
-
-    Examples
-    --------
-    >>> session([], 2)["threads"]
-    2
-    """
+    """What makes the runs of one session."""
     return {"machine": machine_line(), "versions": versions(needs), "threads": threads}
 
 
 def machine_line() -> str:
     """Processor, cores, memory, system and Python in one line.
 
-    Returns
-    -------
-    str
-        The line.
-
-    Examples
-    --------
     >>> "Python" in machine_line()
     True
     """
@@ -61,23 +36,7 @@ def machine_line() -> str:
 
 
 def versions(names: Iterable[str]) -> dict[str, str]:
-    """Versions of what is installed.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Distributions; dqreg and its numerical foundations are added.
-
-    Returns
-    -------
-    dict
-        Version by name, without those that are missing.
-
-    Examples
-    --------
-    >>> "numpy" in versions([])
-    True
-    """
+    """Versions of what is installed."""
     found = {}
     for name in dict.fromkeys((*ALWAYS, *names)):
         try:

@@ -20,25 +20,14 @@ from dqreg.errors import InputError
 
 @dataclasses.dataclass(frozen=True)
 class Goals:
-    """Where to write what; None writes nothing.
+    """Where to write what; None writes nothing."""
 
-    Attributes
-    ----------
-    out : Path or None
-        JSON with all runs and the summary; the runs also stand in a file of JSON lines beside it.
-    report : Path or None
-        HTML page.
-    markdown, csv : Path or None
-        Tables; the summary at full precision.
-    plots : Path or None
-        Folder for PNG files; made if it is missing.
-    """
-
-    out: Path | None = None
-    report: Path | None = None
+    out: Path | None = None  # JSON with all runs and the summary; the runs also stand in a file of JSON lines beside it
+    report: Path | None = None  # HTML page
+    # markdown, csv: Tables; the summary at full precision
     markdown: Path | None = None
     csv: Path | None = None
-    plots: Path | None = None
+    plots: Path | None = None  # Folder for PNG files; made if it is missing
 
     @property
     def lines(self) -> Path | None:
@@ -46,13 +35,7 @@ class Goals:
         return None if self.out is None else self.out.with_suffix(".jsonl")
 
     def check(self) -> None:
-        """Raise unless all can be written.
-
-        Raises
-        ------
-        InputError
-            If one cannot; the message names it.
-        """
+        """Raise unless all can be written."""
         for path in (self.out, self.lines, self.report, self.markdown, self.csv):
             if path is not None:
                 require_writable(path)
@@ -66,26 +49,7 @@ class Goals:
 
 
 def write(found: Comparison, made: Sequence[Table], goals: Goals, note: str, command: str) -> list[Path]:
-    """Write all that is asked for.
-
-    Parameters
-    ----------
-    found : Comparison
-        What was measured.
-    made : sequence of Table
-        Its tables.
-    goals : Goals
-        Where to.
-    note : str
-        Rules, machine and versions.
-    command : str
-        What repeats it.
-
-    Returns
-    -------
-    list of Path
-        The files.
-    """
+    """Write all that is asked for."""
     from dqreg.compare.page import to_html
 
     pictures = plots(found) if goals.report is not None or goals.plots is not None else []
@@ -106,18 +70,7 @@ def write(found: Comparison, made: Sequence[Table], goals: Goals, note: str, com
 
 
 def to_json(found: Comparison) -> str:
-    """All of a comparison as strict JSON.
-
-    Parameters
-    ----------
-    found : Comparison
-        What was measured.
-
-    Returns
-    -------
-    str
-        Keys: format, title, engines, missing, sessions, summary, runs.
-    """
+    """All of a comparison as strict JSON."""
     summary = [dataclasses.asdict(line) for line in summarise(found.runs)]
     plain = {
         "format": FORMAT,

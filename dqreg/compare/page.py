@@ -11,31 +11,7 @@ from dqreg.compare.tables import Table
 
 
 def to_html(title: str, made: Sequence[Table], pictures: Sequence[Plot], note: str, command: str = "") -> str:
-    """Page of a comparison.
-
-    Parameters
-    ----------
-    title : str
-        Heading.
-    made : sequence of Table
-        Of `dqreg.compare.tables.tables`.
-    pictures : sequence of Plot
-        Of `dqreg.compare.plots.plots`.
-    note : str
-        Rules, machine, versions.
-    command : str
-        What repeats it; "" if it was not a command.
-
-    Returns
-    -------
-    str
-        HTML.
-
-    Examples
-    --------
-    >>> "a &lt; b" in to_html("a < b", [], [], "")
-    True
-    """
+    """Page of a comparison."""
     import jinja2
 
     environment = jinja2.Environment(

@@ -26,39 +26,17 @@ CURVE_DEG = 10.0
 
 @dataclasses.dataclass(frozen=True)
 class Rules:
-    """What holds for all engines.
+    """What holds for all engines."""
 
-    Attributes
-    ----------
-    settings : tuple of {"manual", "same-loop"}
-        Fair settings to run cases in; a sweep brings its own.
-    repeats : int
-        Timed runs of each case after one warm-up; a sweep brings its own.
-    threads : int
-        Threads that an engine may use.
-    timeout : float or None
-        Seconds for one run; None takes the sweep's, and 300 for cases.
-    from_nothing : bool
-        Whether to withhold the start of cases; engines that need one do not take part.
-    loop : Loop
-        Rules of the same loop.
-    home : float
-        Largest worst displacement, in S, of a pose that counts as found.
-    memory_limit : float or None
-        Bytes; None takes three quarters of the machine's memory.
-    isolate : bool
-        Whether engines run in a process of their own. Without it a crash or a hang ends everything.
-    """
-
-    settings: tuple[Setting, ...] = ("manual", "same-loop")
-    repeats: int = 3
-    threads: int = 2
-    timeout: float = 300.0
-    from_nothing: bool = False
-    loop: Loop = dataclasses.field(default_factory=Loop)
-    home: float = HOME
-    memory_limit: float | None = None
-    isolate: bool = True
+    settings: tuple[Setting, ...] = ("manual", "same-loop")  # Fair settings to run cases in; a sweep brings its own
+    repeats: int = 3  # Timed runs of each case after one warm-up; a sweep brings its own
+    threads: int = 2  # Threads that an engine may use
+    timeout: float = 300.0  # Seconds for one run; None takes the sweep's, and 300 for cases
+    from_nothing: bool = False  # Whether to withhold the start of cases; engines that need one do not take part
+    loop: Loop = dataclasses.field(default_factory=Loop)  # Rules of the same loop
+    home: float = HOME  # Largest worst displacement, in S, of a pose that counts as found
+    memory_limit: float | None = None  # Bytes; None takes three quarters of the machine's memory
+    isolate: bool = True  # Whether engines run in a process of their own. Without it a crash or a hang ends everything
 
     def __post_init__(self) -> None:
         for name, least in (("repeats", 1), ("threads", 1)):
@@ -72,90 +50,28 @@ class Rules:
 
 @dataclasses.dataclass(frozen=True)
 class Item:
-    """A task that will be made when its turn comes.
+    """A task that will be made when its turn comes."""
 
-    Attributes
-    ----------
-    key : str
-        Names the task in files.
-    words : str
-        Names it on the screen.
-    weight : float
-        How much work it is: its scan points.
-    repeats : int
-        Timed runs.
-    setting : {"manual", "same-loop"}
-        Which fair setting.
-    from_nothing : bool
-        Whether it has no start.
-    make : callable
-        Makes it.
-    curve : bool
-        Whether poses on the way are wanted.
-    barred : frozenset of str
-        Engines that the sweep wants on other axes only.
-    row : tuple of str, or None
-        Axis and setting, where the axis goes from small scans to large ones.
-    """
-
-    key: str
-    words: str
-    weight: float
-    repeats: int
-    setting: Setting
-    from_nothing: bool
-    make: Callable[[], Challenge]
-    curve: bool = True
-    barred: frozenset[str] = frozenset()
-    row: tuple[str, str] | None = None
+    key: str  # Names the task in files
+    words: str  # Names it on the screen
+    weight: float  # How much work it is: its scan points
+    repeats: int  # Timed runs
+    setting: Setting  # Which fair setting
+    from_nothing: bool  # Whether it has no start
+    make: Callable[[], Challenge]  # Makes it
+    curve: bool = True  # Whether poses on the way are wanted
+    barred: frozenset[str] = frozenset()  # Engines that the sweep wants on other axes only
+    row: tuple[str, str] | None = None  # Axis and setting, where the axis goes from small scans to large ones
 
     def takes(self, entrant: Entrant) -> bool:
-        """Whether an engine takes part.
-
-        Parameters
-        ----------
-        entrant : Entrant
-            The engine.
-
-        Returns
-        -------
-        bool
-            By its own word.
-        """
+        """Whether an engine takes part."""
         if entrant.name in self.barred:
             return False
         return self.setting in entrant.settings and (entrant.from_nothing or not self.from_nothing)
 
 
 def plan(tasks: Any, rules: Rules) -> tuple[list[Item], str]:
-    """Tasks in their order, and a title.
-
-    Parameters
-    ----------
-    tasks : path, Case, Challenge, Sweep, or a list of these
-        What to compare on.
-    rules : Rules
-        What holds for all.
-
-    Returns
-    -------
-    list of Item
-        Each key once.
-    str
-        What it is about, in a few words.
-
-    Raises
-    ------
-    InputError
-        If something is no task.
-
-    Examples
-    --------
-    >>> from dqreg.synth import demo_case
-    >>> items, title = plan(demo_case(), Rules())
-    >>> [item.setting for item in items], title
-    (['manual', 'same-loop'], 'bracket')
-    """
+    """Tasks in their order, and a title."""
     things = list(tasks) if isinstance(tasks, (list, tuple)) else [tasks]
     items = [item for thing in things for item in _items(thing, rules)]
     if not items:

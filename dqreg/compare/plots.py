@@ -27,39 +27,18 @@ LEAST_ERROR = 1e-9
 
 @dataclasses.dataclass(frozen=True)
 class Plot:
-    """A picture.
+    """A picture."""
 
-    Attributes
-    ----------
-    key : str
-        Its file is ``KEY.png``.
-    title : str
-        What it shows; also the text for those who cannot see it.
-    png : bytes
-        The file.
-    """
-
-    key: str
-    title: str
-    png: bytes
+    key: str  # Its file is ``KEY.png``
+    title: str  # What it shows; also the text for those who cannot see it
+    png: bytes  # The file
 
 
 Style = dict[str, Any]
 
 
 def plots(found: Comparison) -> list[Plot]:
-    """All plots that the runs allow.
-
-    Parameters
-    ----------
-    found : Comparison
-        What was measured.
-
-    Returns
-    -------
-    list of Plot
-        Error against time for cases, success along axes, growth with the scan, convergence.
-    """
+    """All plots that the runs allow."""
     lines = summarise(found.runs)
     styles = _styles(found.engines)
     made: list[Plot] = []

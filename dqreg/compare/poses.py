@@ -16,21 +16,12 @@ from dqreg.files.poses import POSE, read_json, read_pose
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Truth:
-    """What a truth file says.
+    """What a truth file says."""
 
-    Attributes
-    ----------
-    poses : ndarray, (k, 4, 4)
-        True poses ``T_target_source``, the one named in the file first, then the symmetric ones.
-    axis : ndarray, (2, 3), or None
-        Point and direction of an axis of revolution, target frame.
-    units : str or None
-        Unit of the target's lengths, where the file names it.
-    """
-
+    # (k, 4, 4): True poses ``T_target_source``, the one named in the file first, then the symmetric ones
     poses: FloatArray
-    axis: FloatArray | None = None
-    units: str | None = None
+    axis: FloatArray | None = None  # (2, 3): Point and direction of an axis of revolution, target frame
+    units: str | None = None  # Unit of the target's lengths, where the file names it
 
 
 def read_truth(path: str | os.PathLike[str]) -> Truth:
@@ -38,27 +29,6 @@ def read_truth(path: str | os.PathLike[str]) -> Truth:
 
     Besides ``T_target_source``, JSON may hold ``symmetric_truths``, a list of all 4x4 poses that are true because the
     part is symmetric, and ``symmetry_axis``, the ``point`` and ``direction`` of an axis of revolution (target frame).
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-
-    Returns
-    -------
-    Truth
-        Checked poses.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or a pose in it is not rigid.
-
-    Examples
-    --------
-    >>> from dqreg.synth import demo_case
-    >>> read_truth(demo_case() / "truth.json").poses.shape
-    (1, 4, 4)
     """
     path = Path(path)
     first = as_pose(read_pose(path), f"{path}: {POSE}")
@@ -71,27 +41,6 @@ def read_truth(path: str | os.PathLike[str]) -> Truth:
 def truth_of(data: Any, first: FloatArray, name: str) -> Truth:
     """Truth with the symmetries that a mapping names.
 
-    Parameters
-    ----------
-    data : mapping
-        Contents of a ``truth.json``.
-    first : ndarray, (4, 4)
-        The true pose.
-    name : str
-        What to call the file in messages.
-
-    Returns
-    -------
-    Truth
-        With all symmetric poses.
-
-    Raises
-    ------
-    InputError
-        If a symmetric truth is no rigid pose, or the axis has no point and direction.
-
-    Examples
-    --------
     >>> truth_of({"symmetric_truths": [np.eye(4), np.diag([-1, -1, 1, 1])]}, np.eye(4), "truth.json").poses.shape
     (2, 4, 4)
     """

@@ -13,74 +13,34 @@ Status = Literal["ran", "error", "crashed", "timeout", "memory"]
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """One run of one engine on one task, judged.
+    """One run of one engine on one task, judged."""
 
-    Attributes
-    ----------
-    key : str
-        The task: runs of the same key did the same.
-    engine : str
-        Name of the engine.
-    repeat : int
-        0 for the first timed run.
-    case, axis, value, trial, setting
-        Place of the task: name, axis of the sweep ("case" for none), value on it, draw, fair setting.
-    from_nothing : bool
-        Whether the task had no start.
-    points : int
-        Scan points that the engine was given.
-    size : float
-        S, target units.
-    units : str
-        Length unit, "" if unknown.
-    status : {"ran", "error", "crashed", "timeout", "memory"}
-        "ran": a pose or NaN came back. Else no pose: an exception, a dead process, no answer in time, too much memory.
-    message : str
-        What went wrong; "" if nothing.
-    T_target_source : list of list of float, or None
-        As handed in; None where there is none.
-    seconds : float
-        From raw data to pose.
-    prepare_seconds : float
-        The part of it that a second scan would not need again; NaN if unknown.
-    wall_seconds : float
-        Measured from outside around the whole call, in which an engine may also record its curve.
-    peak_memory : float
-        Bytes that the process grew by at its highest; NaN if unknown.
-    iterations : int or None
-        Where the engine tells.
-    claims : str
-        What it says about its own success.
-    settings : dict
-        Parameters that it ran with.
-    kind, success, angle_rad, offset, worst, rms, surface_rms, overlap
-        As in `dqreg.compare.judge.Score`.
-    curve : list of (int, float, float)
-        Iteration, seconds and worst displacement, where the engine reveals poses on the way.
-    """
-
-    key: str
-    engine: str
-    repeat: int
+    key: str  # The task: runs of the same key did the same
+    engine: str  # Name of the engine
+    repeat: int  # 0 for the first timed run
+    # case, axis, value, trial, setting: Place of the task: name, axis of the sweep ("case" for none), value on it,
+    # draw, fair setting
     case: str
     axis: str
     value: str | float | None
     trial: int
     setting: str
-    from_nothing: bool
-    points: int
-    size: float
-    units: str
+    from_nothing: bool  # Whether the task had no start
+    points: int  # Scan points that the engine was given
+    size: float  # S, target units
+    units: str  # Length unit, "" if unknown
+    # "ran": a pose or NaN came back. Else no pose: an exception, a dead process, no answer in time, too much memory
     status: Status
-    message: str
-    T_target_source: list[list[float]] | None
-    seconds: float
-    prepare_seconds: float
-    wall_seconds: float
-    peak_memory: float
-    iterations: int | None
-    claims: str
-    settings: dict[str, Any]
+    message: str  # What went wrong; "" if nothing
+    T_target_source: list[list[float]] | None  # As handed in; None where there is none
+    seconds: float  # From raw data to pose
+    prepare_seconds: float  # The part of it that a second scan would not need again; NaN if unknown
+    wall_seconds: float  # Measured from outside around the whole call, in which an engine may also record its curve
+    peak_memory: float  # Bytes that the process grew by at its highest; NaN if unknown
+    iterations: int | None  # Where the engine tells
+    claims: str  # What it says about its own success
+    settings: dict[str, Any]  # Parameters that it ran with
+    # kind, success, angle_rad, offset, worst, rms, surface_rms, overlap: As in `dqreg.compare.judge.Score`
     kind: str
     success: bool | None
     angle_rad: float
@@ -89,6 +49,7 @@ class Run:
     rms: float
     surface_rms: float
     overlap: float
+    # Iteration, seconds and worst displacement, where the engine reveals poses on the way
     curve: list[tuple[int, float, float]]
 
 
@@ -96,40 +57,13 @@ _FLOATS = [field.name for field in dataclasses.fields(Run) if field.type == "flo
 
 
 def to_plain(run: Run) -> dict[str, Any]:
-    """Record as strict JSON takes it: NaN and infinity become None.
-
-    Parameters
-    ----------
-    run : Run
-        The record.
-
-    Returns
-    -------
-    dict
-        Plain values under the attribute names.
-    """
+    """Record as strict JSON takes it: NaN and infinity become None."""
     plain: dict[str, Any] = plain_values(dataclasses.asdict(run))
     return plain
 
 
 def from_plain(values: Any) -> Run:
-    """Record of what `to_plain` made.
-
-    Parameters
-    ----------
-    values : dict
-        Plain values.
-
-    Returns
-    -------
-    Run
-        The record.
-
-    Raises
-    ------
-    InputError
-        If a key is missing or unknown.
-    """
+    """Record of what `to_plain` made."""
     try:
         found = {**values, **{name: math.nan for name in _FLOATS if values[name] is None}}
         found["curve"] = [(i, _nan(seconds), _nan(worst)) for i, seconds, worst in values["curve"]]
@@ -141,18 +75,6 @@ def from_plain(values: Any) -> Run:
 def plain_values(value: Any) -> Any:
     """Plain JSON values of anything that a record or an engine's settings may hold.
 
-    Parameters
-    ----------
-    value : object
-        Arrays become lists; what JSON does not know becomes its text.
-
-    Returns
-    -------
-    object
-        Plain values without NaN.
-
-    Examples
-    --------
     >>> plain_values({"a": (1.0, float("nan")), 2: None})
     {'a': [1.0, None], '2': None}
     """

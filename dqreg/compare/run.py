@@ -27,50 +27,25 @@ NOTHING = [[float("nan")] * 4] * 4
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Comparison:
-    """All that was measured.
+    """All that was measured."""
 
-    Attributes
-    ----------
-    runs : tuple of Run
-        Every single run of this comparison.
-    engines : tuple of str
-        Names of those that took part, in their order.
-    missing : dict
-        Names of those that could not, with what they need.
-    sessions : tuple of dict
-        Machine, versions and threads of each session that made runs.
-    title : str
-        What was compared.
-    """
-
-    runs: tuple[Run, ...]
-    engines: tuple[str, ...]
-    missing: dict[str, tuple[str, ...]]
-    sessions: tuple[dict[str, Any], ...]
-    title: str
+    runs: tuple[Run, ...]  # Every single run of this comparison
+    engines: tuple[str, ...]  # Names of those that took part, in their order
+    missing: dict[str, tuple[str, ...]]  # Names of those that could not, with what they need
+    sessions: tuple[dict[str, Any], ...]  # Machine, versions and threads of each session that made runs
+    title: str  # What was compared
 
 
 @dataclasses.dataclass(frozen=True)
 class Progress:
-    """How far a comparison is.
+    """How far a comparison is."""
 
-    Attributes
-    ----------
-    done, total : float
-        Work in scan points times runs; what had been done before is counted as done.
-    seconds_left : float
-        Learned from what was done so far; NaN at first.
-    words : str
-        What is running now.
-    run : Run or None
-        The run that has just ended.
-    """
-
+    # done, total: Work in scan points times runs; what had been done before is counted as done
     done: float
     total: float
-    seconds_left: float
-    words: str
-    run: Run | None = None
+    seconds_left: float  # Learned from what was done so far; NaN at first
+    words: str  # What is running now
+    run: Run | None = None  # The run that has just ended
 
 
 def compare(
@@ -81,44 +56,7 @@ def compare(
     out: str | os.PathLike[str] | None = None,
     observe: Callable[[Progress], None] | None = None,
 ) -> Comparison:
-    """Run engines on tasks and judge them.
-
-    Parameters
-    ----------
-    tasks : path, Case, Challenge, Sweep, or a list of these
-        Case folders, recipes (TOML), `dqreg.compare.from_pair` of a scan and a target, or a sweep.
-    engines : iterable of str, path or Engine, optional
-        Names of the registry, paths of Python files with engines in them, objects; by default those that a sweep
-        names, or the whole registry.
-    rules : Rules, optional
-        Settings, repeats, threads, time limit.
-    out : path, optional
-        JSON lines, one a run. Where the file exists, runs that are in it are not made again.
-    observe : callable, optional
-        Told of each `Progress`.
-
-    Returns
-    -------
-    Comparison
-        Every run of these tasks and engines, those of the file included.
-
-    Raises
-    ------
-    InputError
-        If a task or an engine cannot be used, or the file not be written.
-
-    Examples
-    --------
-    >>> class Identity:
-    ...     name = "identity"
-    ...     def register(self, task):
-    ...         return np.eye(4)
-    >>> import numpy as np
-    >>> from dqreg.synth import demo_case
-    >>> found = compare(demo_case(), [Identity()], rules=Rules(settings=("manual",), repeats=1, isolate=False))
-    >>> found.runs[0].success, found.runs[0].kind
-    (False, 'rigid')
-    """
+    """Run engines on tasks and judge them."""
     rules = rules or Rules()
     items, title = plan(tasks, rules)
     field = entrants(engines if engines is not None else _own_engines(tasks))

@@ -53,18 +53,7 @@ def markdown(made: Sequence[Table], note: str = "") -> str:
 
 
 def to_csv(lines: Sequence[Line]) -> str:
-    """Every line of the summary at full precision.
-
-    Parameters
-    ----------
-    lines : sequence of Line
-        Of `dqreg.compare.summary.summarise`.
-
-    Returns
-    -------
-    str
-        CSV with a head.
-    """
+    """Every line of the summary at full precision."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     places = ("case", "axis", "value", "setting", "from_nothing")
@@ -77,24 +66,7 @@ def to_csv(lines: Sequence[Line]) -> str:
 
 
 def print_tables(console: Console, made: Sequence[Table]) -> None:
-    """Show tables on a terminal or in a pipe.
-
-    Parameters
-    ----------
-    console : Console
-        Where to.
-    made : sequence of Table
-        Of `tables`.
-
-    Examples
-    --------
-    >>> from rich.console import Console
-    >>> print_tables(Console(width=40), [Table("k", "T", ("engine", "s"), (("a", "1"),))])
-    <BLANKLINE>
-    T
-    engine  s
-    a       1
-    """
+    """Show tables on a terminal or in a pipe."""
     from rich.text import Text
 
     for table in made:
@@ -138,20 +110,7 @@ def _that_fit(table: Table, width: int) -> list[list[int]]:
 
 
 def footer(found: Comparison, home: float) -> str:
-    """Rules and machine in a few sentences, to stand under the tables.
-
-    Parameters
-    ----------
-    found : Comparison
-        What was measured.
-    home : float
-        Largest worst displacement, in S, of a pose that counts as found.
-
-    Returns
-    -------
-    str
-        Sentences.
-    """
+    """Rules and machine in a few sentences, to stand under the tables."""
     machines = list(dict.fromkeys(str(session.get("machine", "")) for session in found.sessions))
     threads = sorted({str(session.get("threads", "")) for session in found.sessions})
     versions: dict[str, str] = {}

@@ -22,30 +22,7 @@ SLOW_SECONDS = 10.0
 
 
 class Store:
-    """A file of runs.
-
-    Parameters
-    ----------
-    path : path or None
-        The file; made if it is missing. None keeps the runs in memory only.
-
-    Attributes
-    ----------
-    runs : list of Run
-        All runs, in the order in which they were made.
-    sessions : list of dict
-        What each session said about itself.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written, or holds something else.
-
-    Examples
-    --------
-    >>> Store(None).runs
-    []
-    """
+    """A file of runs."""
 
     def __init__(self, path: str | os.PathLike[str] | None) -> None:
         self.path = None if path is None else require_writable(path)
@@ -61,64 +38,24 @@ class Store:
                 os.truncate(self.path, whole)
 
     def begin(self, session: Mapping[str, Any]) -> None:
-        """Write down what makes the following runs.
-
-        Parameters
-        ----------
-        session : mapping
-            Machine, versions and options.
-        """
+        """Write down what makes the following runs."""
         line = {"format": FORMAT, **session}
         self.sessions.append(dict(session))
         self._append([line])
 
     def add(self, runs: Iterable[Run]) -> None:
-        """Keep runs; they are on the disk when this returns.
-
-        Parameters
-        ----------
-        runs : iterable of Run
-            New runs.
-        """
+        """Keep runs; they are on the disk when this returns."""
         runs = list(runs)
         self._append(to_plain(run) for run in runs)
         for run in runs:
             self._keep(run)
 
     def done(self, key: str, engine: str) -> int:
-        """How many runs of a task by an engine there are.
-
-        Parameters
-        ----------
-        key : str
-            The task.
-        engine : str
-            The engine.
-
-        Returns
-        -------
-        int
-            Number of runs kept.
-        """
+        """How many runs of a task by an engine there are."""
         return self._counts.get((key, engine), 0)
 
     def finished(self, key: str, engine: str, repeats: int) -> bool:
-        """Whether an engine has nothing left to do on a task.
-
-        Parameters
-        ----------
-        key : str
-            The task.
-        engine : str
-            The engine.
-        repeats : int
-            Runs asked for.
-
-        Returns
-        -------
-        bool
-            True too where it did not come back from one, or took so long that it is not asked again.
-        """
+        """Whether an engine has nothing left to do on a task."""
         return self.done(key, engine) >= repeats or (key, engine) in self._closed
 
     def _append(self, lines: Iterable[dict[str, Any]]) -> None:
@@ -147,18 +84,7 @@ class Store:
 
 
 def is_last(run: Run) -> bool:
-    """Whether a run is the last of its engine on its task, however many were asked for.
-
-    Parameters
-    ----------
-    run : Run
-        A run.
-
-    Returns
-    -------
-    bool
-        True if no pose came back, or a slow one.
-    """
+    """Whether a run is the last of its engine on its task, however many were asked for."""
     return run.status != "ran" or run.seconds > SLOW_SECONDS
 
 

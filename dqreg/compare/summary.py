@@ -14,14 +14,9 @@ NAN = float("nan")
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """Where tasks were: runs of one place are summed up together.
+    """Where tasks were: runs of one place are summed up together."""
 
-    Attributes
-    ----------
-    case, axis, value, setting, from_nothing
-        As in `dqreg.compare.records.Run`; on an axis of a sweep the case is "".
-    """
-
+    # case, axis, value, setting, from_nothing: As in `dqreg.compare.records.Run`; on an axis of a sweep the case is ""
     case: str
     axis: str
     value: str | float | None
@@ -31,59 +26,30 @@ class Place:
 
 @dataclasses.dataclass(frozen=True)
 class Line:
-    """An engine at a place; medians, NaN where there is nothing to take one of.
+    """An engine at a place; medians, NaN where there is nothing to take one of."""
 
-    Attributes
-    ----------
-    engine : str
-        Its name.
-    place : Place
-        Where.
-    runs : int
-        How many.
-    found : int or None
-        How many of them brought the scan home; None where no truth is known.
-    worst, rms, angle_rad : float
-        Of those that brought it home: worst and rms displacement in S, angle.
-    worst_all : float
-        Worst displacement in S of all runs, infinite for those without a pose: exactness that failures spoil.
-    surface_rms : float
-        In S, of all runs with a pose.
-    overlap : float
-        Share of the held-out points on the target, of all runs with a pose.
-    seconds, least_seconds, most_seconds, prepare_seconds : float
-        Of all runs that came back.
-    peak_memory : float
-        Bytes.
-    points : int
-        Scan points.
-    size : float
-        S.
-    units : str
-        Of S.
-    remark : str
-        What went wrong in runs that brought nothing home.
-    """
-
-    engine: str
-    place: Place
-    runs: int
-    found: int | None
+    engine: str  # Its name
+    place: Place  # Where
+    runs: int  # How many
+    found: int | None  # How many of them brought the scan home; None where no truth is known
+    # worst, rms, angle_rad: Of those that brought it home: worst and rms displacement in S, angle
     worst: float
     rms: float
     angle_rad: float
+    # Worst displacement in S of all runs, infinite for those without a pose: exactness that failures spoil
     worst_all: float
-    surface_rms: float
-    overlap: float
+    surface_rms: float  # In S, of all runs with a pose
+    overlap: float  # Share of the held-out points on the target, of all runs with a pose
+    # seconds, least_seconds, most_seconds, prepare_seconds: Of all runs that came back
     seconds: float
     least_seconds: float
     most_seconds: float
     prepare_seconds: float
-    peak_memory: float
-    points: int
-    size: float
-    units: str
-    remark: str
+    peak_memory: float  # Bytes
+    points: int  # Scan points
+    size: float  # S
+    units: str  # Of S
+    remark: str  # What went wrong in runs that brought nothing home
 
     @property
     def all_found(self) -> bool:
@@ -92,35 +58,13 @@ class Line:
 
 
 def place_of(run: Run) -> Place:
-    """Place of a run.
-
-    Parameters
-    ----------
-    run : Run
-        Any run.
-
-    Returns
-    -------
-    Place
-        Where its task was.
-    """
+    """Place of a run."""
     case = run.case if run.axis == "case" else ""
     return Place(case, run.axis, run.value, run.setting, run.from_nothing)
 
 
 def summarise(runs: Iterable[Run]) -> list[Line]:
-    """One line for each engine at each place, in the order in which they first ran.
-
-    Parameters
-    ----------
-    runs : iterable of Run
-        Any runs.
-
-    Returns
-    -------
-    list of Line
-        Medians and counts.
-    """
+    """One line for each engine at each place, in the order in which they first ran."""
     groups: dict[tuple[Place, str], list[Run]] = {}
     for run in runs:
         groups.setdefault((place_of(run), run.engine), []).append(run)
@@ -128,60 +72,18 @@ def summarise(runs: Iterable[Run]) -> list[Line]:
 
 
 def median(values: Iterable[float]) -> float:
-    """Median of the numbers that are not NaN; NaN for none.
-
-    Parameters
-    ----------
-    values : iterable of float
-        Numbers.
-
-    Returns
-    -------
-    float
-        Their median.
-
-    Examples
-    --------
-    >>> median([3.0, float("nan"), 1.0]), median([])
-    (2.0, nan)
-    """
+    """Median of the numbers that are not NaN; NaN for none."""
     known = [value for value in values if not math.isnan(value)]
     return statistics.median(known) if known else NAN
 
 
 def reach(lines: Sequence[Line], engine: str, axis: str, setting: str) -> float:
-    """Largest value of an axis up to which every run of an engine brought the scan home; NaN for none.
-
-    Parameters
-    ----------
-    lines : sequence of Line
-        Of a sweep.
-    engine, axis, setting : str
-        Which.
-
-    Returns
-    -------
-    float
-        The value. Where the axis falls (overlap), the smallest.
-    """
+    """Largest value of an axis up to which every run of an engine brought the scan home; NaN for none."""
     return _along(lines, engine, axis, setting, lambda line: line.all_found)
 
 
 def growth(lines: Sequence[Line], engine: str) -> float:
-    """Exponent with which time grows with the number of points: 1 is linear; NaN for fewer than three sizes.
-
-    Parameters
-    ----------
-    lines : sequence of Line
-        Of a sweep.
-    engine : str
-        Which.
-
-    Returns
-    -------
-    float
-        Slope of a straight line through log time over log points.
-    """
+    """Exponent with which time grows with the number of points: 1 is linear; NaN for fewer than three sizes."""
     pairs = [
         (math.log(line.points), math.log(line.seconds))
         for line in lines

@@ -19,49 +19,24 @@ FRAMES: dict[str, tuple[float, tuple[float, float, float]]] = {
 
 @dataclasses.dataclass(frozen=True)
 class Cell:
-    """One task of a sweep, before it is made; lengths in S, the part's diagonal.
+    """One task of a sweep, before it is made; lengths in S, the part's diagonal."""
 
-    Attributes
-    ----------
-    axis : str
-        What is varied.
-    value : float or str
-        Where on the axis.
-    trial : int
-        Seed of scan, frame and start.
-    setting : {"manual", "same-loop"}
-        Which fair setting.
-    part : str
-        Kind of part, as in recipes.
-    points : int
-        Scan points.
-    start_angle_deg, start_offset : float
-        How far the start is from the truth; an angle of 0 and an offset of 0 is the truth itself.
-    noise : float
-        Standard deviation of the range.
-    outliers : float
-        Share of strays.
-    overlap : float or None
-        None: the scan on the CAD mesh. Else scan on scan, and the share of the source that the target has too.
-    frame : str
-        "mm", "m" or "m, UTM": unit and place of the coordinates.
-    nothing : str
-        Kind of part that is searched for without a start; "" for tasks with one.
-    """
-
-    axis: str
-    value: float | str
-    trial: int
-    setting: Setting = "manual"
-    part: str = "bracket"
-    points: int = 20_000
+    axis: str  # What is varied
+    value: float | str  # Where on the axis
+    trial: int  # Seed of scan, frame and start
+    setting: Setting = "manual"  # Which fair setting
+    part: str = "bracket"  # Kind of part, as in recipes
+    points: int = 20_000  # Scan points
+    # start_angle_deg, start_offset: How far the start is from the truth; an angle of 0 and an offset of 0 is the truth
+    # itself
     start_angle_deg: float = 8.0
     start_offset: float = 0.03
-    noise: float = 3e-4
-    outliers: float = 0.02
+    noise: float = 3e-4  # Standard deviation of the range
+    outliers: float = 0.02  # Share of strays
+    # None: the scan on the CAD mesh. Else scan on scan, and the share of the source that the target has too
     overlap: float | None = None
-    frame: str = "mm"
-    nothing: str = ""
+    frame: str = "mm"  # "mm", "m" or "m, UTM": unit and place of the coordinates
+    nothing: str = ""  # Kind of part that is searched for without a start; "" for tasks with one
 
     @property
     def key(self) -> str:
@@ -71,55 +46,25 @@ class Cell:
 
 @dataclasses.dataclass(frozen=True)
 class Axis:
-    """One axis of a sweep.
+    """One axis of a sweep."""
 
-    Attributes
-    ----------
-    name : str
-        What is varied.
-    values : tuple
-        Where.
-    trials : int
-        Tasks at each value.
-    settings : tuple of str
-        Fair settings to run.
-    repeats : int
-        Timed runs of each task.
-    more_engines : tuple of str
-        Engines that take part on this axis besides those of the sweep.
-    """
-
-    name: str
-    values: tuple[float | str, ...]
-    trials: int = 1
-    settings: tuple[Setting, ...] = ("manual",)
-    repeats: int = 1
-    more_engines: tuple[str, ...] = ()
+    name: str  # What is varied
+    values: tuple[float | str, ...]  # Where
+    trials: int = 1  # Tasks at each value
+    settings: tuple[Setting, ...] = ("manual",)  # Fair settings to run
+    repeats: int = 1  # Timed runs of each task
+    more_engines: tuple[str, ...] = ()  # Engines that take part on this axis besides those of the sweep
 
 
 @dataclasses.dataclass(frozen=True)
 class Sweep:
-    """Axes and what they share.
+    """Axes and what they share."""
 
-    Attributes
-    ----------
-    name : str
-        Title.
-    base : mapping
-        Fields of `Cell` that differ from its defaults.
-    axes : tuple of Axis
-        In their order.
-    timeout : float
-        Seconds after which a single run is given up.
-    engines : tuple of str
-        Who takes part, unless the caller names others; () for the whole registry.
-    """
-
-    name: str
-    base: dict[str, Any]
-    axes: tuple[Axis, ...]
-    timeout: float = 60.0
-    engines: tuple[str, ...] = ()
+    name: str  # Title
+    base: dict[str, Any]  # Fields of `Cell` that differ from its defaults
+    axes: tuple[Axis, ...]  # In their order
+    timeout: float = 60.0  # Seconds after which a single run is given up
+    engines: tuple[str, ...] = ()  # Who takes part, unless the caller names others; () for the whole registry
 
     @property
     def all_engines(self) -> tuple[str, ...]:
@@ -127,29 +72,12 @@ class Sweep:
         return tuple(dict.fromkeys([*self.engines, *(name for axis in self.axes for name in axis.more_engines)]))
 
     def barred(self, axis_name: str) -> frozenset[str]:
-        """Engines that take part on other axes only.
-
-        Parameters
-        ----------
-        axis_name : str
-            An axis.
-
-        Returns
-        -------
-        frozenset of str
-            Their names.
-        """
+        """Engines that take part on other axes only."""
         here = {name for axis in self.axes if axis.name == axis_name for name in axis.more_engines}
         return frozenset(set(self.all_engines) - set(self.engines) - here)
 
     def cells(self) -> list[tuple[Cell, int]]:
-        """Every cell with the number of its timed runs, axis by axis.
-
-        Returns
-        -------
-        list of (Cell, int)
-            In the order in which they are run.
-        """
+        """Every cell with the number of its timed runs, axis by axis."""
         return [
             (self._cell(axis, value, trial, setting), axis.repeats)
             for axis in self.axes

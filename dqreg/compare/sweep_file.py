@@ -19,28 +19,7 @@ SHIPPED = ("standard", "quick")
 
 
 def read_sweep(name: str | os.PathLike[str]) -> Sweep:
-    """Read a sweep.
-
-    Parameters
-    ----------
-    name : str or path
-        "standard" or "quick", which ship with dqreg, or a TOML file of the same form.
-
-    Returns
-    -------
-    Sweep
-        Checked.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or a key or value in it cannot be; the message names it.
-
-    Examples
-    --------
-    >>> [axis.name for axis in read_sweep("quick").axes][:2]
-    ['start_angle_deg', 'start_offset']
-    """
+    """Read a sweep."""
     if str(name) in SHIPPED:
         text = importlib.resources.files("dqreg.compare").joinpath(f"{name}.toml").read_text(encoding="utf-8")
     else:

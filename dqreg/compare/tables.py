@@ -24,42 +24,17 @@ AXES = {
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """A table as text.
+    """A table as text."""
 
-    Attributes
-    ----------
-    key : str
-        Names it in files.
-    title : str
-        What it shows.
-    head : tuple of str
-        Columns; the first is the engine.
-    rows : tuple of tuple of str
-        Cells.
-    note : str
-        What a reader must know to read it.
-    """
-
-    key: str
-    title: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    note: str = ""
+    key: str  # Names it in files
+    title: str  # What it shows
+    head: tuple[str, ...]  # Columns; the first is the engine
+    rows: tuple[tuple[str, ...], ...]  # Cells
+    note: str = ""  # What a reader must know to read it
 
 
 def tables(found: Comparison) -> list[Table]:
-    """All tables of a comparison.
-
-    Parameters
-    ----------
-    found : Comparison
-        What was measured.
-
-    Returns
-    -------
-    list of Table
-        Cases first; of a sweep the answers first, then one table an axis.
-    """
+    """All tables of a comparison."""
     lines = summarise(found.runs)
     places = list(dict.fromkeys(place_of(run) for run in found.runs))
     made = [_case(found, [line for line in lines if line.place == place]) for place in places if place.axis == "case"]
@@ -178,23 +153,7 @@ def _memory(line: Line | None) -> str:
 
 
 def number(value: float) -> str:
-    """A number in two or three digits that mean something.
-
-    Parameters
-    ----------
-    value : float
-        Any number.
-
-    Returns
-    -------
-    str
-        "-" for NaN, "none" for infinity.
-
-    Examples
-    --------
-    >>> number(1234.6), number(0.01234), number(3.456e-6), number(float("nan"))
-    ('1235', '0.0123', '3.5e-6', '-')
-    """
+    """A number in two or three digits that mean something."""
     if math.isnan(value):
         return MISSING
     if math.isinf(value):

@@ -20,33 +20,7 @@ from dqreg.synth import Case, load_case
 
 
 def from_case(case: Case | str | os.PathLike[str], *, from_nothing: bool = False, **options: Any) -> Challenge:
-    """Task of a case folder.
-
-    Parameters
-    ----------
-    case : Case or path
-        The case.
-    from_nothing : bool
-        Whether to withhold the case's start.
-    **options
-        As for `make_challenge`.
-
-    Returns
-    -------
-    Challenge
-        The task and its yardstick.
-
-    Raises
-    ------
-    InputError
-        If the folder is no case.
-
-    Examples
-    --------
-    >>> from dqreg.synth import demo_case
-    >>> from_case(demo_case()).units
-    'mm'
-    """
+    """Task of a case folder."""
     case = case if isinstance(case, Case) else load_case(case)
     source, target = read_any(case.scan, "scan"), read_any(case.part, "part")
     if not isinstance(source, PointCloud):
@@ -67,38 +41,7 @@ def from_pair(
     target_units: str | None = None,
     **options: Any,
 ) -> Challenge:
-    """Task of a scan and a target.
-
-    Parameters
-    ----------
-    scan, target : path, array or object
-        As `dqreg.register` takes them; a scan that is a mesh is sampled.
-    start : ndarray, (4, 4), or "identity" or None
-        Start; None asks for the pose from nothing.
-    truth : Truth or None
-        The true pose, where it is known.
-    source_units, target_units : str or None
-        Named units win over what a file says; a unit that is not known converts nothing.
-    **options
-        As for `make_challenge`.
-
-    Returns
-    -------
-    Challenge
-        The task and its yardstick.
-
-    Raises
-    ------
-    InputError
-        If an input cannot be used.
-
-    Examples
-    --------
-    >>> from dqreg.synth.parts import box
-    >>> part = Mesh(*box())
-    >>> from_pair(part, part).case
-    'scan on target'
-    """
+    """Task of a scan and a target."""
     source, goal = read_any(scan, "scan"), read_any(target, "target")
     if isinstance(source, Mesh):
         source = sample_mesh(source, MESH_SAMPLES, np.random.default_rng(0))

@@ -26,15 +26,6 @@ MEMORY_SHARE = 0.75
 class Worker:
     """A spawned process that runs engines one after another, and is replaced when it dies.
 
-    Parameters
-    ----------
-    threads : int
-        Told to every library that reads it from the environment.
-    memory_limit : float, optional
-        Bytes above which the process is ended; by default three quarters of the machine's memory.
-
-    Examples
-    --------
     >>> Worker(threads=1).close()
     """
 
@@ -46,24 +37,7 @@ class Worker:
         self._log = tempfile.TemporaryDirectory(prefix="dqreg-compare-")
 
     def attempts(self, entrant: Entrant, task: Task, repeats: int, timeout: float) -> Iterator[Outcome]:
-        """Run an engine, and again.
-
-        Parameters
-        ----------
-        entrant : Entrant
-            The engine.
-        task : Task
-            The task.
-        repeats : int
-            Timed runs.
-        timeout : float
-            Seconds for each of them.
-
-        Yields
-        ------
-        Outcome
-            One a run; after a run that did not come back there is no other.
-        """
+        """Run an engine, and again."""
         packed = pack(entrant, task)
         try:
             link = self._ready()
@@ -134,15 +108,7 @@ class Worker:
 
 
 def serve(link: Connection, log_folder: str) -> None:
-    """Do what the parent says until it hangs up; runs in the worker process.
-
-    Parameters
-    ----------
-    link : Connection
-        To the parent.
-    log_folder : str
-        Where to keep what engines print: the parent's table is no place for it.
-    """
+    """Do what the parent says until it hangs up; runs in the worker process."""
     with (Path(log_folder) / "log").open("wb") as log:
         for stream in (1, 2):
             os.dup2(log.fileno(), stream)
@@ -165,18 +131,6 @@ def serve(link: Connection, log_folder: str) -> None:
 def resident_memory(pid: int | None) -> float:
     """Memory of a process.
 
-    Parameters
-    ----------
-    pid : int or None
-        Its number.
-
-    Returns
-    -------
-    float
-        Bytes; 0 where the system does not tell.
-
-    Examples
-    --------
     >>> resident_memory(None)
     0.0
     """
@@ -190,13 +144,6 @@ def resident_memory(pid: int | None) -> float:
 def machine_memory() -> float:
     """Memory of the machine.
 
-    Returns
-    -------
-    float
-        Bytes; infinity where the system does not tell.
-
-    Examples
-    --------
     >>> machine_memory() > 0.0
     True
     """

@@ -87,30 +87,15 @@ FOREIGN = {"TransformationEstimationPointToPoint": "dq-points", "TransformationE
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RegistrationResult:
-    """What Open3D's result holds, under the same names.
+    """What Open3D's result holds, under the same names."""
 
-    Attributes
-    ----------
-    transformation : ndarray, (4, 4)
-        T_target_source; all NaN where no pose was found (Open3D returns where it began).
-    fitness : float
-        Share of the source's points with a target point within the distance.
-    inlier_rmse : float
-        Root mean square distance of those; NaN where there are none (Open3D says 0).
-    correspondence_set : ndarray of int32, (k, 2)
-        Their rows in source and target.
-    converged : bool
-        Whether the criteria were met.
-    num_iterations : int
-        Steps taken.
-    """
-
+    # (4, 4): T_target_source; all NaN where no pose was found (Open3D returns where it began)
     transformation: FloatArray
-    fitness: float
-    inlier_rmse: float
-    correspondence_set: np.ndarray[Any, np.dtype[np.int32]]
-    converged: bool = False
-    num_iterations: int = 0
+    fitness: float  # Share of the source's points with a target point within the distance
+    inlier_rmse: float  # Root mean square distance of those; NaN where there are none (Open3D says 0)
+    correspondence_set: np.ndarray[Any, np.dtype[np.int32]]  # (k, 2): Their rows in source and target
+    converged: bool = False  # Whether the criteria were met
+    num_iterations: int = 0  # Steps taken
 
 
 def registration_icp(
@@ -121,39 +106,7 @@ def registration_icp(
     estimation_method: Any = None,
     criteria: Any = None,
 ) -> RegistrationResult:
-    """ICP with the call, the stopping rule and the figures of ``open3d.pipelines.registration.registration_icp``.
-
-    Parameters
-    ----------
-    source, target : Open3D cloud (legacy or tensor), (n, 3) array or PointCloud
-        Clouds in one unit. Rows that are not finite count as points without a partner.
-    max_correspondence_distance : float
-        Largest distance of a pair.
-    init : (4, 4) array_like, optional
-        Pose to begin with; the identity by default, as in Open3D.
-    estimation_method : object, optional
-        One of this module's, or Open3D's point-to-point (without scaling) or point-to-plane (its robust kernel is
-        not taken over). Default: `TransformationEstimationPointToPoint`, as in Open3D.
-    criteria : object, optional
-        This module's or Open3D's ``ICPConvergenceCriteria``.
-
-    Returns
-    -------
-    RegistrationResult
-        Its figures are those of `evaluate_registration` at its pose.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be used, or scaling is asked for.
-
-    Examples
-    --------
-    >>> cloud = np.random.default_rng(0).uniform(size=(500, 3))
-    >>> result = registration_icp(cloud - [0.01, 0, 0], cloud, 0.2)
-    >>> result.fitness, result.transformation[:3, 3].round(9).tolist()
-    (1.0, [0.01, 0.0, 0.0])
-    """
+    """ICP with the call, the stopping rule and the figures of ``open3d.pipelines.registration.registration_icp``."""
     step = _step(estimation_method)
     limits = _criteria(criteria)
     reach = _reach(max_correspondence_distance)
@@ -181,30 +134,7 @@ def registration_icp(
 def evaluate_registration(
     source: Any, target: Any, max_correspondence_distance: float, transformation: ArrayLike | None = None
 ) -> RegistrationResult:
-    """Fitness, error and correspondences of a pose, as ``open3d.pipelines.registration.evaluate_registration``.
-
-    Parameters
-    ----------
-    source, target, max_correspondence_distance
-        As in `registration_icp`.
-    transformation : (4, 4) array_like, optional
-        Pose T_target_source; the identity by default.
-
-    Returns
-    -------
-    RegistrationResult
-        With the pose as given.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be used.
-
-    Examples
-    --------
-    >>> evaluate_registration([[0, 0, 0], [1, 0, 0]], [[0, 0, 1], [9, 9, 9]], 1.2).fitness
-    0.5
-    """
+    """Fitness, error and correspondences of a pose, as ``open3d.pipelines.registration.evaluate_registration``."""
     reach = _reach(max_correspondence_distance)
     T = np.eye(4) if transformation is None else as_pose(transformation, "transformation")
     sides = read_sides(source, target, with_normals=False)

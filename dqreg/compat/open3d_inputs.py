@@ -16,47 +16,18 @@ from dqreg.geometry.normals import fit_planes
 
 @dataclasses.dataclass(frozen=True)
 class Sides:
-    """Source and target.
+    """Source and target."""
 
-    Attributes
-    ----------
-    scan : Scan
-        The source, every finite point of it, in the caller's order.
-    surface : CloudSurface
-        The target.
-    source_rows, target_rows : ndarray of int
-        Rows that the finite points had in the caller's clouds.
-    source_count : int
-        Points of the caller's source, finite or not.
-    """
-
-    scan: Scan
-    surface: CloudSurface
+    scan: Scan  # The source, every finite point of it, in the caller's order
+    surface: CloudSurface  # The target
+    # source_rows, target_rows: Rows that the finite points had in the caller's clouds
     source_rows: IntArray
     target_rows: IntArray
-    source_count: int
+    source_count: int  # Points of the caller's source, finite or not
 
 
 def read_sides(source: Any, target: Any, *, with_normals: bool) -> Sides:
-    """Read both clouds.
-
-    Parameters
-    ----------
-    source, target : Open3D cloud, array or PointCloud
-        Clouds.
-    with_normals : bool
-        Whether the source's normals will be used.
-
-    Returns
-    -------
-    Sides
-        Nothing thinned, nothing left out but what is not finite.
-
-    Raises
-    ------
-    InputError
-        If one is no cloud, or empty.
-    """
+    """Read both clouds."""
     moving, source_rows, count = _cloud(source, "source")
     standing, target_rows, _ = _cloud(target, "target")
     return Sides(_scan(moving, with_normals), CloudSurface(standing), source_rows, target_rows, count)

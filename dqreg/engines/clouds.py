@@ -22,55 +22,21 @@ REACH = 0.1
 
 @dataclasses.dataclass(frozen=True)
 class Cloud:
-    """Points of one side.
+    """Points of one side."""
 
-    Attributes
-    ----------
-    points : ndarray, (n, 3)
-        Positions.
-    normals : ndarray, (n, 3) or None
-        Unit normals, where they are known.
-    """
-
-    points: FloatArray
-    normals: FloatArray | None
+    points: FloatArray  # (n, 3): Positions
+    normals: FloatArray | None  # (n, 3): Unit normals, where they are known
 
 
 def source_cloud(task: Task) -> Cloud:
-    """The source as points: those of the same loop, or all.
-
-    Parameters
-    ----------
-    task : Task
-        Any task.
-
-    Returns
-    -------
-    Cloud
-        In the source's frame.
-    """
+    """The source as points: those of the same loop, or all."""
     if task.setting == "same-loop" and task.source_points is not None:
         return Cloud(task.source_points, None)
     return Cloud(task.source.points, task.source.normals)
 
 
 def target_cloud(task: Task, settings: dict[str, Any], samples: int = MESH_SAMPLES) -> Cloud:
-    """The target as points: those of the same loop, the cloud's own, or samples of the mesh.
-
-    Parameters
-    ----------
-    task : Task
-        Any task.
-    settings : dict
-        The run's settings; how the mesh was sampled is added.
-    samples : int
-        Points drawn from a mesh.
-
-    Returns
-    -------
-    Cloud
-        In the target's frame.
-    """
+    """The target as points: those of the same loop, the cloud's own, or samples of the mesh."""
     if task.setting == "same-loop" and task.target_points is not None:
         return Cloud(task.target_points, task.target_normals)
     if not isinstance(task.target, Mesh):
@@ -88,64 +54,20 @@ def target_cloud(task: Task, settings: dict[str, Any], samples: int = MESH_SAMPL
 
 
 def task_size(task: Task) -> float:
-    """Length that open lengths of manuals are shares of: the smaller bounding-box diagonal of source and target.
-
-    Parameters
-    ----------
-    task : Task
-        Any task.
-
-    Returns
-    -------
-    float
-        The size S, target units.
-    """
+    """Length that open lengths of manuals are shares of: the smaller bounding-box diagonal of source and target."""
     target = task.target.vertices if isinstance(task.target, Mesh) else task.target.points
     return min(diagonal(task.source.points), diagonal(target))
 
 
 def diagonal(points: FloatArray) -> float:
-    """Bounding-box diagonal.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Points, n >= 1.
-
-    Returns
-    -------
-    float
-        Its length.
-
-    Examples
-    --------
-    >>> diagonal(np.array([[0.0, 0, 0], [3, 4, 0]]))
-    5.0
-    """
+    """Bounding-box diagonal."""
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
 def thinned(points: FloatArray, most: int, seed: int) -> FloatArray:
     """At most so many points, drawn evenly.
 
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Points.
-    most : int
-        How many to keep.
-    seed : int
-        For the draw.
-
-    Returns
-    -------
-    ndarray, (min(n, most), 3)
-        Some of the points, in their order.
-
-    Examples
-    --------
-    >>> thinned(np.zeros((10, 3)), 4, 0).shape
-    (4, 3)
+    Shapes: returns (n, most).
     """
     if len(points) <= most:
         return points

@@ -20,42 +20,16 @@ class FunctionEngine:
 
     Pass it wherever the name of an engine is accepted. It can be sent to other processes if the function stands at the
     top of a module.
-
-    Attributes
-    ----------
-    name : str
-        Shown in tables.
-    function : callable
-        From a `Task` to the pose ``T_target_source``, (4, 4); NaN or None where it found none. Whatever it raises is
-        raised.
-    needs : tuple of str
-        Distributions it needs.
-    from_nothing : bool
-        Whether it can do without a start.
-    settings : tuple of str
-        The settings it takes part in.
-    parameters : dict
-        Written into the settings of each run.
-
-    Examples
-    --------
-    >>> from dqreg.geometry import PointCloud
-    >>> def by_means(task):
-    ...     T = np.eye(4)
-    ...     T[:3, 3] = task.target.points.mean(axis=0) - task.source.points.mean(axis=0)
-    ...     return T
-    >>> mine = FunctionEngine("means", by_means, from_nothing=True)
-    >>> cloud, moved = PointCloud([[0, 0, 0], [2, 0, 0]]), PointCloud([[5, 0, 0], [7, 0, 0]])
-    >>> mine.register(Task(cloud, moved, None)).T_target_source[:3, 3].tolist()
-    [5.0, 0.0, 0.0]
     """
 
-    name: str
+    name: str  # Shown in tables
+    # From a `Task` to the pose ``T_target_source``, (4, 4); NaN or None where it found none. Whatever it raises is
+    # raised
     function: Callable[[Task], ArrayLike | None]
-    needs: tuple[str, ...] = ()
-    from_nothing: bool = False
-    settings: tuple[Setting, ...] = ("manual",)
-    parameters: dict[str, Any] = dataclasses.field(default_factory=dict)
+    needs: tuple[str, ...] = ()  # Distributions it needs
+    from_nothing: bool = False  # Whether it can do without a start
+    settings: tuple[Setting, ...] = ("manual",)  # The settings it takes part in
+    parameters: dict[str, Any] = dataclasses.field(default_factory=dict)  # Written into the settings of each run
 
     def register(self, task: Task) -> Attempt:
         """Do the task; see `dqreg.engines.Engine.register`."""

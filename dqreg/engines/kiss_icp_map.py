@@ -83,18 +83,7 @@ class KissIcpMap:
 
 
 def limits(task: Task) -> dict[str, Any]:
-    """Every number of a run.
-
-    Parameters
-    ----------
-    task : Task
-        Any task.
-
-    Returns
-    -------
-    dict
-        Settings.
-    """
+    """Every number of a run."""
     size = task_size(task)
     # The pipeline thins a frame to half a voxel for the map, and that to one and a half for the registration.
     voxel = VOXEL * size

@@ -39,18 +39,10 @@ DEFAULTS: dict[str, Any] = {
 
 @dataclasses.dataclass(frozen=True)
 class KissMatcher:
-    """KISS-Matcher; the start is not used.
+    """KISS-Matcher; the start is not used."""
 
-    Attributes
-    ----------
-    name : str
-        Shown in tables.
-    refined : bool
-        Whether small_gicp's GICP follows.
-    """
-
-    name: str
-    refined: bool = False
+    name: str  # Shown in tables
+    refined: bool = False  # Whether small_gicp's GICP follows
     needs: tuple[str, ...] = ("kiss-matcher",)
     from_nothing: bool = True
     settings: tuple[Setting, ...] = ("manual",)

@@ -11,18 +11,6 @@ from dqreg.open3d_gate import load_open3d
 def open3d_cloud(cloud: Cloud) -> Any:
     """A legacy Open3D cloud.
 
-    Parameters
-    ----------
-    cloud : Cloud
-        Points, and normals where known.
-
-    Returns
-    -------
-    open3d.geometry.PointCloud
-        A copy.
-
-    Examples
-    --------
     >>> import numpy as np
     >>> open3d_cloud(Cloud(np.zeros((2, 3)), None)).has_normals()
     False
@@ -35,22 +23,7 @@ def open3d_cloud(cloud: Cloud) -> Any:
 
 
 def with_normals(cloud: Any, settings: dict[str, Any], side: str) -> Any:
-    """Fit normals where there are none, as Open3D does by itself (30 nearest neighbours).
-
-    Parameters
-    ----------
-    cloud : open3d.geometry.PointCloud
-        Changed in place where it has no normals.
-    settings : dict
-        The run's settings; where the normals come from is added.
-    side : str
-        "source" or "target", for the settings.
-
-    Returns
-    -------
-    open3d.geometry.PointCloud
-        The cloud.
-    """
+    """Fit normals where there are none, as Open3D does by itself (30 nearest neighbours)."""
     given = cloud.has_normals()
     if not given:
         # The default of `estimate_normals`, called without arguments in the ICP tutorial.

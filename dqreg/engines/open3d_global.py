@@ -36,18 +36,10 @@ FGR_NAMES = (
 
 @dataclasses.dataclass(frozen=True)
 class Open3dGlobal:
-    """FPFH features and RANSAC or FGR; the start is not used.
+    """FPFH features and RANSAC or FGR; the start is not used."""
 
-    Attributes
-    ----------
-    name : str
-        Shown in tables.
-    method : {"ransac", "fgr"}
-        Who turns matched features into a pose.
-    """
-
-    name: str
-    method: Literal["ransac", "fgr"]
+    name: str  # Shown in tables
+    method: Literal["ransac", "fgr"]  # Who turns matched features into a pose
     needs: tuple[str, ...] = ()
     from_nothing: bool = True
     settings: tuple[Setting, ...] = ("manual",)
@@ -106,24 +98,7 @@ class Open3dGlobal:
 
 
 def features(cloud: Any, settings: dict[str, Any], viewpoint: FloatArray | None) -> tuple[Any, Any]:
-    """Thinned cloud and its FPFH features.
-
-    Parameters
-    ----------
-    cloud : open3d.geometry.PointCloud
-        All points; left as it is.
-    settings : dict
-        The run's settings, with "voxel_size"; the radii are added.
-    viewpoint : ndarray, (3,), or None
-        Turns the normals towards the sensor. The tutorial's clouds come with such normals, and the features need them.
-
-    Returns
-    -------
-    open3d.geometry.PointCloud
-        One point a voxel, with normals that keep the signs of given ones.
-    open3d.pipelines.registration.Feature
-        33 numbers a point.
-    """
+    """Thinned cloud and its FPFH features."""
     open3d = load_open3d()
     voxel = settings["voxel_size"]
     settings.update(normal_radius=2.0 * voxel, normal_max_nn=30, feature_radius=5.0 * voxel, feature_max_nn=100)
@@ -139,22 +114,7 @@ def features(cloud: Any, settings: dict[str, Any], viewpoint: FloatArray | None)
 
 
 def ransac(source: Any, target: Any, source_features: Any, target_features: Any, settings: dict[str, Any]) -> Any:
-    """RANSAC with the tutorial's numbers.
-
-    Parameters
-    ----------
-    source, target : open3d.geometry.PointCloud
-        Thinned clouds.
-    source_features, target_features : open3d.pipelines.registration.Feature
-        Their features.
-    settings : dict
-        The run's settings; those of RANSAC are added.
-
-    Returns
-    -------
-    open3d.pipelines.registration.RegistrationResult
-        Coarse pose.
-    """
+    """RANSAC with the tutorial's numbers."""
     registration = load_open3d().pipelines.registration
     used = {
         "mutual_filter": True,
@@ -184,22 +144,7 @@ def ransac(source: Any, target: Any, source_features: Any, target_features: Any,
 
 
 def fgr(source: Any, target: Any, source_features: Any, target_features: Any, settings: dict[str, Any]) -> Any:
-    """Fast global registration with the tutorial's numbers.
-
-    Parameters
-    ----------
-    source, target : open3d.geometry.PointCloud
-        Thinned clouds.
-    source_features, target_features : open3d.pipelines.registration.Feature
-        Their features.
-    settings : dict
-        The run's settings; those of FGR are added.
-
-    Returns
-    -------
-    open3d.pipelines.registration.RegistrationResult
-        Coarse pose.
-    """
+    """Fast global registration with the tutorial's numbers."""
     registration = load_open3d().pipelines.registration
     option = registration.FastGlobalRegistrationOption(maximum_correspondence_distance=0.5 * settings["voxel_size"])
     settings["fgr"] = {name: getattr(option, name) for name in FGR_NAMES if hasattr(option, name)}

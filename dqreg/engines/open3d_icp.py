@@ -35,18 +35,10 @@ TIGHT = 1e-9
 
 @dataclasses.dataclass(frozen=True)
 class Open3dIcp:
-    """One of Open3D's legacy ICP methods.
+    """One of Open3D's legacy ICP methods."""
 
-    Attributes
-    ----------
-    name : str
-        Shown in tables.
-    method : {"point-to-point", "point-to-plane", "symmetric", "generalized"}
-        Which one.
-    """
-
-    name: str
-    method: Method
+    name: str  # Shown in tables
+    method: Method  # Which one
     needs: tuple[str, ...] = ()
     from_nothing: bool = False
     settings: tuple[Setting, ...] = ("manual", "same-loop")
@@ -148,22 +140,7 @@ class Open3dNdt:
 
 
 def criteria(task: Task, size: float, iterations: int) -> dict[str, Any]:
-    """When ICP ends, under Open3D's own names.
-
-    Parameters
-    ----------
-    task : Task
-        Same loop: its cap, and no early end to speak of.
-    size : float
-        Size of the task.
-    iterations : int
-        Cap of the manual.
-
-    Returns
-    -------
-    dict
-        relative_fitness, relative_rmse (a length) and max_iteration.
-    """
+    """When ICP ends, under Open3D's own names."""
     if task.setting == "same-loop":
         return {
             "relative_fitness": TIGHT,
@@ -178,60 +155,19 @@ def criteria(task: Task, size: float, iterations: int) -> dict[str, Any]:
 
 
 def pair_distance(task: Task, size: float) -> float:
-    """Largest distance of a pair.
-
-    Parameters
-    ----------
-    task : Task
-        Same loop: its own limit.
-    size : float
-        Size of the task.
-
-    Returns
-    -------
-    float
-        A length.
-    """
+    """Largest distance of a pair."""
     if task.setting == "same-loop" and task.max_distance is not None:
         return float(task.max_distance)
     return REACH * size
 
 
 def said(result: Any) -> str:
-    """Open3D's words on its own success.
-
-    Parameters
-    ----------
-    result : open3d.pipelines.registration.RegistrationResult
-        Legacy or tensor.
-
-    Returns
-    -------
-    str
-        Fitness and inlier RMSE.
-    """
+    """Open3D's words on its own success."""
     return f"fitness {float(result.fitness):.4f}, inlier rmse {float(result.inlier_rmse):.4g}"
 
 
 def one_by_one(run: Any, start: FloatArray, most: int, end: FloatArray) -> tuple[Step, ...]:
-    """Poses of an ICP that is run one iteration at a time, up to the pose where the timed run ended.
-
-    Parameters
-    ----------
-    run : callable
-        From start and number of iterations to a result with a ``transformation``.
-    start : ndarray, (4, 4)
-        First pose.
-    most : int
-        Iterations at most.
-    end : ndarray, (4, 4)
-        Where the timed run ended.
-
-    Returns
-    -------
-    tuple of Step
-        With NaN for seconds: run like this, every iteration builds its tree anew.
-    """
+    """Poses of an ICP that is run one iteration at a time, up to the pose where the timed run ended."""
     T, steps = start, []
     for number in range(1, most + 1):
         T = np.array(run(T, 1).transformation)

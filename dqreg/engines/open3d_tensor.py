@@ -80,18 +80,7 @@ class Open3dTensor:
 
 
 def scales(task: Task) -> dict[str, Any]:
-    """Voxels, distances and limits, coarse to fine.
-
-    Parameters
-    ----------
-    task : Task
-        Same loop: one scale, with all points.
-
-    Returns
-    -------
-    dict
-        Lists under Open3D's own names.
-    """
+    """Voxels, distances and limits, coarse to fine."""
     size = task_size(task)
     if task.setting == "same-loop":
         return {

@@ -25,18 +25,10 @@ TIGHT = 1e-9
 
 @dataclasses.dataclass(frozen=True)
 class Dqreg:
-    """`dqreg.register` as a user calls it; a mesh is used as it is.
+    """`dqreg.register` as a user calls it; a mesh is used as it is."""
 
-    Attributes
-    ----------
-    name : str
-        Shown in tables.
-    effort : {"fast", "normal", "best"}
-        Its only setting.
-    """
-
-    name: str = "dqreg"
-    effort: str = "normal"
+    name: str = "dqreg"  # Shown in tables
+    effort: str = "normal"  # Its only setting
     needs: tuple[str, ...] = ()
     from_nothing: bool = True
     # Its loop goes from few points to many and counts iterations on each level: one cap cannot mean the same for it.
@@ -54,20 +46,12 @@ class DqregLoop:
 
     In the same loop it is the plain alternation of nearest points and pose step: no widths, no weights, no levels, and
     extrapolation only where the name says so.
-
-    Attributes
-    ----------
-    name : str
-        Shown in tables.
-    method : {"dq", "dq-points", "svd", "plane"}
-        The closed form on points and normals, on points alone, Arun's SVD, or points to planes.
-    accelerate : bool
-        Same loop only: whether Anderson acceleration extrapolates.
     """
 
-    name: str
+    name: str  # Shown in tables
+    # The closed form on points and normals, on points alone, Arun's SVD, or points to planes
     method: Literal["dq", "dq-points", "svd", "plane"]
-    accelerate: bool = False
+    accelerate: bool = False  # Same loop only: whether Anderson acceleration extrapolates
     needs: tuple[str, ...] = ()
     from_nothing: bool = False
     settings: tuple[Setting, ...] = ("manual", "same-loop")
@@ -114,24 +98,7 @@ class DqregLoop:
 
 
 def through_front_door(task: Task, clock: Clock, settings: dict[str, Any], **options: Any) -> Found:
-    """`dqreg.register` on a task.
-
-    Parameters
-    ----------
-    task : Task
-        Without a start, the pose is found from nothing.
-    clock : Clock
-        Of the run.
-    settings : dict
-        Of the run; those of the registration are added, as resolved.
-    **options
-        Keyword options of `dqreg.register`.
-
-    Returns
-    -------
-    Found
-        With every iteration of every schedule, that of the dropped one included.
-    """
+    """`dqreg.register` on a task."""
     with clock.preparing():
         target = prepare_target(task.target)
         if task.start is None:

@@ -15,31 +15,7 @@ from dqreg.errors import MissingDependencyError
 
 
 def load_peer(module: str, distribution: str) -> ModuleType:
-    """A peer's module.
-
-    Parameters
-    ----------
-    module : str
-        What is imported, like "small_gicp".
-    distribution : str
-        What pip installs, like "small-gicp".
-
-    Returns
-    -------
-    module
-        The imported module.
-
-    Raises
-    ------
-    MissingDependencyError
-        If it cannot be imported; the message holds the pip command.
-
-    Examples
-    --------
-    >>> load_peer("no_such_module", "no-such-package")
-    Traceback (most recent call last):
-    dqreg.errors.MissingDependencyError: this engine needs no-such-package; run: pip install no-such-package
-    """
+    """A peer's module."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
@@ -56,19 +32,8 @@ def load_peer(module: str, distribution: str) -> ModuleType:
 def silent() -> Iterator[None]:
     """Let nothing that a peer prints or warns of reach the terminal, whether it prints from Python or from C++.
 
-    For as long as the block runs, the process's standard output and error go nowhere; they are put back after it,
-    also when it raises. Other threads of the process are silent as well for that time.
-
-    Yields
-    ------
-    None
-        To the block.
-
-    Examples
-    --------
-    >>> import os
-    >>> with silent():
-    ...     _ = os.system("echo from another process")
+    For as long as the block runs, the process's standard output and error go nowhere; they are put back after it, also
+    when it raises. Other threads of the process are silent as well for that time.
     """
     with contextlib.suppress(AttributeError, ValueError, OSError):
         sys.stdout.flush()

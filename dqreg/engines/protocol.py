@@ -13,115 +13,55 @@ Setting = Literal["manual", "same-loop"]
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """One registration to be done, the same for every engine.
+    """One registration to be done, the same for every engine."""
 
-    Attributes
-    ----------
-    source : PointCloud
-        The scan, raw, in target units.
-    target : PointCloud or Mesh
-        What it is registered to.
-    start : ndarray, (4, 4), or None
-        ``T_target_source`` to begin with; None asks for the pose from nothing.
-    setting : {"manual", "same-loop"}
-        "manual": raw data in, pose out, each engine with the preprocessing and parameters that its manual
-        recommends. "same-loop": the points, the distance limit and the iteration cap below, for everyone.
-    source_points, target_points : ndarray, (n, 3) and (m, 3), or None
-        Same loop only: the points to use.
-    target_normals : ndarray, (m, 3), or None
-        Same loop only: normals of the target points, for engines that take them.
-    max_distance : float or None
-        Same loop only: largest distance of a pair.
-    max_iterations : int or None
-        Same loop only: iteration cap.
-    threads : int
-        Threads that an engine may use.
-    seed : int
-        For engines that draw.
-    curve : bool
-        Whether poses on the way are wanted even where an engine must run a second time for them, after the clock has
-        stopped. Engines that reveal them for nothing always do.
-    """
-
-    source: PointCloud
-    target: PointCloud | Mesh
-    start: FloatArray | None
+    source: PointCloud  # The scan, raw, in target units
+    target: PointCloud | Mesh  # What it is registered to
+    start: FloatArray | None  # (4, 4): ``T_target_source`` to begin with; None asks for the pose from nothing
+    # "manual": raw data in, pose out, each engine with the preprocessing and parameters that its manual recommends.
+    # "same-loop": the points, the distance limit and the iteration cap below, for everyone
     setting: Setting = "manual"
+    # source_points, target_points: (n, 3): Same loop only: the points to use
     source_points: FloatArray | None = None
     target_points: FloatArray | None = None
+    # (m, 3): Same loop only: normals of the target points, for engines that take them
     target_normals: FloatArray | None = None
-    max_distance: float | None = None
-    max_iterations: int | None = None
-    threads: int = 2
-    seed: int = 0
+    max_distance: float | None = None  # Same loop only: largest distance of a pair
+    max_iterations: int | None = None  # Same loop only: iteration cap
+    threads: int = 2  # Threads that an engine may use
+    seed: int = 0  # For engines that draw
+    # Whether poses on the way are wanted even where an engine must run a second time for them, after the clock has
+    # stopped. Engines that reveal them for nothing always do
     curve: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
 class Step:
-    """A pose on the way, where an engine reveals it.
+    """A pose on the way, where an engine reveals it."""
 
-    Attributes
-    ----------
-    iteration : int
-        1 for the first.
-    seconds : float
-        Since the run began; NaN where the engine reveals poses but no times.
-    T_target_source : ndarray, (4, 4)
-        The pose after that iteration.
-    """
-
-    iteration: int
-    seconds: float
-    T_target_source: FloatArray
+    iteration: int  # 1 for the first
+    seconds: float  # Since the run began; NaN where the engine reveals poses but no times
+    T_target_source: FloatArray  # (4, 4): The pose after that iteration
 
 
 @dataclasses.dataclass(frozen=True)
 class Attempt:
-    """What an engine made of a task.
+    """What an engine made of a task."""
 
-    Attributes
-    ----------
-    T_target_source : ndarray, (4, 4)
-        The pose as the engine reports it, not mended: it may hold a scale or a mirror. All NaN where the engine found
-        nothing or says that it failed.
-    seconds : float
-        From raw data to pose, preprocessing included.
-    prepare_seconds : float
-        The part of it that a second scan to the same target would not need again; NaN where it cannot be told apart.
-    iterations : int or None
-        Where the engine tells.
-    claims : str
-        What the engine says about its own success, in a few words; "" where it says nothing.
-    settings : dict
-        Every parameter it ran with, as resolved.
-    curve : tuple of Step
-        Poses on the way; empty where the engine reveals none.
-    """
-
+    # (4, 4): The pose as the engine reports it, not mended: it may hold a scale or a mirror. All NaN where the engine
+    # found nothing or says that it failed
     T_target_source: FloatArray
-    seconds: float
+    seconds: float  # From raw data to pose, preprocessing included
+    # The part of it that a second scan to the same target would not need again; NaN where it cannot be told apart
     prepare_seconds: float
-    iterations: int | None
-    claims: str
-    settings: dict[str, Any]
-    curve: tuple[Step, ...] = ()
+    iterations: int | None  # Where the engine tells
+    claims: str  # What the engine says about its own success, in a few words; "" where it says nothing
+    settings: dict[str, Any]  # Every parameter it ran with, as resolved
+    curve: tuple[Step, ...] = ()  # Poses on the way; empty where the engine reveals none
 
 
 class Engine(Protocol):
-    """Anything that registers.
-
-    Attributes
-    ----------
-    name : str
-        Shown in tables, like "open3d point-to-plane".
-    needs : tuple of str
-        Distributions it needs beyond dqreg's own dependencies, like ("small-gicp",).
-    from_nothing : bool
-        Whether it can do without a start.
-    settings : tuple of str
-        The settings it takes part in.
-    """
+    """Anything that registers."""
 
     # Properties, so that frozen dataclasses satisfy the protocol as well as plain attributes do.
     @property
@@ -145,21 +85,5 @@ class Engine(Protocol):
         ...
 
     def register(self, task: Task) -> Attempt:
-        """Do the task.
-
-        Parameters
-        ----------
-        task : Task
-            The task.
-
-        Returns
-        -------
-        Attempt
-            The pose and what it took.
-
-        Raises
-        ------
-        MissingDependencyError
-            If a package that it needs is not installed.
-        """
+        """Do the task."""
         ...

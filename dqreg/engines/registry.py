@@ -55,31 +55,7 @@ ENGINES: Mapping[str, Engine] = MappingProxyType({item.name: item for item in _A
 
 
 def engine(name: str | Engine) -> Engine:
-    """An engine by its name; an engine itself is passed through.
-
-    Parameters
-    ----------
-    name : str or Engine
-        A name in `ENGINES`, or any object with a name and a method ``register(task)``.
-
-    Returns
-    -------
-    Engine
-        Whether or not the package it needs is installed: `available` tells.
-
-    Raises
-    ------
-    InputError
-        If there is no such engine; the message holds the nearest names.
-
-    Examples
-    --------
-    >>> engine("dqreg").name
-    'dqreg'
-    >>> engine("open3d point to plane")
-    Traceback (most recent call last):
-    dqreg.errors.InputError: there is no engine 'open3d point to plane'; did you mean 'open3d point-to-plane'?
-    """
+    """An engine by its name; an engine itself is passed through."""
     if not isinstance(name, str):
         if isinstance(getattr(name, "name", None), str) and callable(getattr(name, "register", None)):
             return name
@@ -92,39 +68,12 @@ def engine(name: str | Engine) -> Engine:
 
 
 def available() -> tuple[str, ...]:
-    """Names of the engines whose packages are installed.
-
-    Returns
-    -------
-    tuple of str
-        In the order of `ENGINES`.
-
-    Examples
-    --------
-    >>> "dqreg" in available()
-    True
-    """
+    """Names of the engines whose packages are installed."""
     return tuple(name for name, item in ENGINES.items() if not missing(item))
 
 
 def missing(item: Engine) -> tuple[str, ...]:
-    """Distributions that an engine needs and that are not installed.
-
-    Parameters
-    ----------
-    item : Engine
-        Any engine.
-
-    Returns
-    -------
-    tuple of str
-        What to give to pip install.
-
-    Examples
-    --------
-    >>> missing(engine("dqreg"))
-    ()
-    """
+    """Distributions that an engine needs and that are not installed."""
     return tuple(need for need in item.needs if not _installed(need))
 
 

@@ -33,13 +33,7 @@ class Clock:
 
     @contextlib.contextmanager
     def preparing(self) -> Iterator[None]:
-        """Count a block as work that a second scan to the same target would not need again.
-
-        Yields
-        ------
-        None
-            To the block.
-        """
+        """Count a block as work that a second scan to the same target would not need again."""
         began = self.seconds
         yield
         self.prepared += self.seconds - began
@@ -47,47 +41,17 @@ class Clock:
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """What the work of an engine came to.
+    """What the work of an engine came to."""
 
-    Attributes
-    ----------
-    T_target_source : ndarray, (4, 4)
-        The pose as reported; NaN where nothing was found.
-    claims : str
-        What the engine says of it.
-    iterations : int or None
-        Where it tells.
-    curve : tuple of Step
-        Poses on the way that cost nothing.
-    replay : callable or None
-        How to get poses on the way by a second run.
-    """
-
-    T_target_source: FloatArray
-    claims: str
-    iterations: int | None = None
-    curve: tuple[Step, ...] = ()
-    replay: Replay | None = None
+    T_target_source: FloatArray  # (4, 4): The pose as reported; NaN where nothing was found
+    claims: str  # What the engine says of it
+    iterations: int | None = None  # Where it tells
+    curve: tuple[Step, ...] = ()  # Poses on the way that cost nothing
+    replay: Replay | None = None  # How to get poses on the way by a second run
 
 
 def nothing(claims: str) -> Found:
-    """No pose.
-
-    Parameters
-    ----------
-    claims : str
-        What the engine says.
-
-    Returns
-    -------
-    Found
-        With a pose of NaN.
-
-    Examples
-    --------
-    >>> bool(np.isnan(nothing("no correspondences").T_target_source).all())
-    True
-    """
+    """No pose."""
     return Found(np.full((4, 4), np.nan), claims)
 
 
@@ -100,27 +64,6 @@ def timed(
     """Run an engine's work on a task by the clock.
 
     Packages are imported before this is called: importing is not registering. Nothing else happens ahead of the clock.
-
-    Parameters
-    ----------
-    engine : Engine
-        Whose work it is.
-    task : Task
-        The task.
-    work : callable
-        Does it; given the clock, and the settings to write into.
-    failures : tuple of exception types
-        What the peer raises to say that it failed: these become a pose of NaN and its words, any other is an error.
-
-    Returns
-    -------
-    Attempt
-        Pose, seconds and settings.
-
-    Raises
-    ------
-    InputError
-        If the engine does not take part in the task's setting, or lacks something that it needs of the task.
     """
     require_fit(engine, task)
     settings: dict[str, Any] = {"setting": task.setting}
@@ -146,21 +89,7 @@ def timed(
 
 
 def require_fit(engine: Engine, task: Task) -> None:
-    """Raise unless the task has what the engine needs.
-
-    Parameters
-    ----------
-    engine : Engine
-        Who is to do it.
-    task : Task
-        What is to be done.
-
-    Raises
-    ------
-    InputError
-        If the engine does not take part in the setting, needs a start and there is none, or a same-loop task lacks
-        points or limits.
-    """
+    """Raise unless the task has what the engine needs."""
     if task.setting not in engine.settings:
         raise InputError(f"{engine.name} takes part in {' and '.join(engine.settings)} only; got {task.setting!r}")
     if task.start is None and not engine.from_nothing:
@@ -175,16 +104,5 @@ def require_fit(engine: Engine, task: Task) -> None:
 
 
 def start_of(task: Task) -> FloatArray:
-    """The start of a task that has one.
-
-    Parameters
-    ----------
-    task : Task
-        A task that passed `require_fit` for an engine that needs a start.
-
-    Returns
-    -------
-    ndarray, (4, 4)
-        A copy: peers may write into what they are given.
-    """
+    """The start of a task that has one."""
     return np.eye(4) if task.start is None else np.array(task.start, dtype=np.float64)

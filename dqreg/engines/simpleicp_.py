@@ -62,18 +62,7 @@ class SimpleIcp:
 
 
 def limits(task: Task) -> dict[str, Any]:
-    """Every argument of ``SimpleICP.run``.
-
-    Parameters
-    ----------
-    task : Task
-        A task with a start.
-
-    Returns
-    -------
-    dict
-        Arguments; the start as three angles in degrees and a shift, the form that simpleICP takes.
-    """
+    """Every argument of ``SimpleICP.run``."""
     return {
         # Defaults of the manual.
         "correspondences": 1000,
@@ -92,18 +81,6 @@ def limits(task: Task) -> dict[str, Any]:
 def euler_start(task: Task) -> tuple[float, ...]:
     """The start as simpleICP's rigid-body parameters.
 
-    Parameters
-    ----------
-    task : Task
-        A task with a start.
-
-    Returns
-    -------
-    tuple of float
-        Turns about x, y and z in degrees with R = R_x R_y R_z, then the shift.
-
-    Examples
-    --------
     >>> from dqreg.geometry import PointCloud
     >>> cloud = PointCloud([[0, 0, 0]])
     >>> turned = np.array([[0.0, -1, 0, 5], [1, 0, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]])
@@ -118,13 +95,7 @@ def euler_start(task: Task) -> tuple[float, ...]:
 
 
 def require_old_pandas() -> None:
-    """Raise where simpleICP meets a pandas that it cannot work with.
-
-    Raises
-    ------
-    MissingDependencyError
-        Up to its version 2.0.15 it writes into a column's values, which pandas 3 forbids.
-    """
+    """Raise where simpleICP meets a pandas that it cannot work with."""
     try:
         simple, pandas = (importlib.metadata.version(name) for name in ("simpleicp", "pandas"))
     except importlib.metadata.PackageNotFoundError:

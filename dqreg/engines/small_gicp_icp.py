@@ -36,18 +36,10 @@ TIGHT = 1e-9
 
 @dataclasses.dataclass(frozen=True)
 class SmallGicp:
-    """One of small_gicp's methods.
+    """One of small_gicp's methods."""
 
-    Attributes
-    ----------
-    name : str
-        Shown in tables.
-    method : {"ICP", "PLANE_ICP", "GICP", "VGICP"}
-        ``registration_type`` of the manual.
-    """
-
-    name: str
-    method: Literal["ICP", "PLANE_ICP", "GICP", "VGICP"]
+    name: str  # Shown in tables
+    method: Literal["ICP", "PLANE_ICP", "GICP", "VGICP"]  # ``registration_type`` of the manual
     needs: tuple[str, ...] = ("small-gicp",)
     from_nothing: bool = False
     settings: tuple[Setting, ...] = ("manual", "same-loop")
@@ -84,20 +76,7 @@ class SmallGicp:
 
 
 def limits(task: Task, method: str) -> dict[str, Any]:
-    """Every number of a run, under small_gicp's own names.
-
-    Parameters
-    ----------
-    task : Task
-        Same loop: its points as they are, its limits, and no early end to speak of.
-    method : str
-        "ICP", "PLANE_ICP", "GICP" or "VGICP".
-
-    Returns
-    -------
-    dict
-        Settings.
-    """
+    """Every number of a run, under small_gicp's own names."""
     size = task_size(task)
     same = task.setting == "same-loop"
     chosen: dict[str, Any] = {
@@ -116,22 +95,7 @@ def limits(task: Task, method: str) -> dict[str, Any]:
 
 
 def prepared(gicp: ModuleType, points: FloatArray, settings: dict[str, Any]) -> tuple[Any, Any]:
-    """A cloud with normals and covariances, and its tree.
-
-    Parameters
-    ----------
-    gicp : module
-        small_gicp.
-    points : ndarray, (n, 3)
-        Points.
-    settings : dict
-        From `limits`; without a resolution, the points stay as they are.
-
-    Returns
-    -------
-    small_gicp.PointCloud, small_gicp.KdTree
-        Ready to be aligned.
-    """
+    """A cloud with normals and covariances, and its tree."""
     if settings["downsampling_resolution"] is not None:
         cloud, tree = gicp.preprocess_points(
             points,

@@ -16,23 +16,6 @@ def limited(threads: int) -> Iterator[dict[str, Any]]:
 
     OpenMP and BLAS read their environment when they are loaded, too late to change it here: what it says is recorded.
     Engines whose interface takes a number of threads pass it themselves.
-
-    Parameters
-    ----------
-    threads : int
-        Threads asked for.
-
-    Yields
-    ------
-    dict
-        What is in force, for the settings: "asked", "open3d" (None where this Open3D cannot be told) and
-        "OMP_NUM_THREADS" of the environment (None where unset).
-
-    Examples
-    --------
-    >>> with limited(1) as force:
-    ...     force["asked"]
-    1
     """
     utility = load_open3d().utility
     force = {"asked": threads, "open3d": None, "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS")}

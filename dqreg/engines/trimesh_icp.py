@@ -34,18 +34,10 @@ FIRST, FINAL = 10, 50
 
 @dataclasses.dataclass(frozen=True)
 class TrimeshIcp:
-    """trimesh's point-to-point `icp` between clouds; a mesh is sampled, which is far faster than its own search.
+    """trimesh's point-to-point `icp` between clouds; a mesh is sampled, which is far faster than its own search."""
 
-    Attributes
-    ----------
-    name : str
-        Shown in tables.
-    shipped : bool
-        Whether every parameter keeps its default, scale and reflection included.
-    """
-
-    name: str
-    shipped: bool
+    name: str  # Shown in tables
+    shipped: bool  # Whether every parameter keeps its default, scale and reflection included
     needs: tuple[str, ...] = ()
     from_nothing: bool = False
     settings: tuple[Setting, ...] = ("manual", "same-loop")
@@ -92,31 +84,17 @@ class TrimeshIcp:
 
 @dataclasses.dataclass(frozen=True)
 class TrimeshMeshOther:
-    """trimesh's `mesh_other`: principal axes of mesh and points, eight turns, icp from each; the start is not used.
+    """trimesh's `mesh_other`: principal axes of mesh and points, eight turns, icp from each; the start is not used."""
 
-    Attributes
-    ----------
-    name : str
-        Shown in tables.
-    shipped : bool
-        Whether every parameter keeps its default, reflection included.
-    """
-
-    name: str
-    shipped: bool
+    name: str  # Shown in tables
+    shipped: bool  # Whether every parameter keeps its default, reflection included
     # trimesh's own search for closest points on a mesh.
     needs: tuple[str, ...] = ("rtree",)
     from_nothing: bool = True
     settings: tuple[Setting, ...] = ("manual",)
 
     def register(self, task: Task) -> Attempt:
-        """Do the task; see `dqreg.engines.Engine.register`.
-
-        Raises
-        ------
-        InputError
-            Also if the target is not a mesh.
-        """
+        """Do the task; see `dqreg.engines.Engine.register`."""
         if not isinstance(task.target, Mesh):
             raise InputError(f"{self.name} aligns a mesh; the target is a cloud of points. Use a mesh as the target")
         load_peer("rtree", "rtree")
@@ -146,15 +124,7 @@ class TrimeshMeshOther:
 
 @dataclasses.dataclass(frozen=True)
 class Pose:
-    """Result of one call of icp.
+    """Result of one call of icp."""
 
-    Attributes
-    ----------
-    transformation : ndarray, (4, 4)
-        The pose.
-    cost : float
-        Mean squared distance of the pairs.
-    """
-
-    transformation: FloatArray
-    cost: float
+    transformation: FloatArray  # (4, 4): The pose
+    cost: float  # Mean squared distance of the pairs

@@ -41,35 +41,8 @@ def make_cloud(
 ) -> CloudData:
     """Cloud of a file, without the rows that are not usable.
 
-    A row goes if its position is not finite. Where the file gives normals, a row without a usable one (NaN or
-    zero, as cameras write it at edges) goes too; if no row has one, the points stay without.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for the message.
-    points : ndarray, (n, 3)
-        Positions as read.
-    normals : ndarray, (n, 3), optional
-        Normals as read.
-    viewpoint : ndarray, (3,), optional
-        Where the sensor stood.
-
-    Returns
-    -------
-    CloudData
-        The usable rows and the count of the others.
-
-    Raises
-    ------
-    InputError
-        If no point is left.
-
-    Examples
-    --------
-    >>> cloud = make_cloud(Path("a.ply"), np.array([[0.0, 0.0, 1.0], [np.nan, 0.0, 0.0]]))
-    >>> cloud.points.tolist(), cloud.dropped
-    ([[0.0, 0.0, 1.0]], 1)
+    A row goes if its position is not finite. Where the file gives normals, a row without a usable one (NaN or zero, as
+    cameras write it at edges) goes too; if no row has one, the points stay without.
     """
     if not len(points):
         raise unreadable(path, "no points", "at least one")

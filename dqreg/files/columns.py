@@ -17,27 +17,6 @@ NORMAL_NAMES = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"), ("norm
 def find_columns(path: Path, names: Sequence[str]) -> tuple[list[int], list[int] | None]:
     """Where x, y, z and, if there are any, the three normal components stand.
 
-    Parameters
-    ----------
-    path : Path
-        The file, for the message.
-    names : sequence of str
-        Its columns in order; upper or lower case.
-
-    Returns
-    -------
-    positions : list of int
-        Indices of x, y, z.
-    normals : list of int or None
-        Indices of the normal's x, y, z.
-
-    Raises
-    ------
-    InputError
-        If x, y or z is missing.
-
-    Examples
-    --------
     >>> find_columns(Path("a.csv"), ["Intensity", "X", "Y", "Z"])
     ([1, 2, 3], None)
     """
@@ -54,20 +33,8 @@ def find_columns(path: Path, names: Sequence[str]) -> tuple[list[int], list[int]
 def stack_columns(columns: Sequence[FloatArray], wanted: Sequence[int]) -> FloatArray:
     """Some columns side by side, in float64.
 
-    Parameters
-    ----------
-    columns : sequence of ndarray, (n,)
-        Numbers of any type.
-    wanted : sequence of int
-        Which to take, in this order.
+    Shapes: returns (n, number wanted).
 
-    Returns
-    -------
-    ndarray, (n, number wanted)
-        Float64.
-
-    Examples
-    --------
     >>> stack_columns([np.array([1, 2]), np.array([3, 4])], [1, 0]).tolist()
     [[3.0, 1.0], [4.0, 2.0]]
     """

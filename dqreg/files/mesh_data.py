@@ -34,36 +34,8 @@ class MeshData:
 def make_mesh(path: Path, vertices: FloatArray, faces: IntArray, units: str | None = None) -> MeshData:
     """Mesh of a file, its identical vertices merged.
 
-    Formats without an index (STL) repeat a vertex in each triangle; only merging tells which triangles meet.
-    Vertices merge if they differ by rounding only, relative to the size of the part.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for the message.
-    vertices : ndarray, (v, 3)
-        Positions as read.
-    faces : ndarray, (f, 3) int
-        Indices as read.
-    units : str, optional
-        Length unit.
-
-    Returns
-    -------
-    MeshData
-        The same triangles in the same order, also those without area; unused vertices are gone.
-
-    Raises
-    ------
-    InputError
-        If there are no faces, an index points outside the vertices, or a used vertex is not finite.
-
-    Examples
-    --------
-    >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
-    >>> mesh = make_mesh(Path("a.stl"), corners, np.array([[0, 1, 2], [4, 3, 5]]))
-    >>> len(mesh.vertices), len(mesh.faces)
-    (4, 2)
+    Formats without an index (STL) repeat a vertex in each triangle; only merging tells which triangles meet. Vertices
+    merge if they differ by rounding only, relative to the size of the part.
     """
     if not len(faces):
         raise unreadable(path, f"{len(vertices)} vertices and no faces", "a mesh of triangles; was the file cut short?")

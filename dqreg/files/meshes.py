@@ -34,26 +34,7 @@ VERTEX_ZERO = re.compile(rb"^f[^\n#]*[ \t]0+(?=[/\s]|$)", re.MULTILINE)
 
 
 def read_mesh_file(path: Path) -> MeshData:
-    """Triangles of a mesh file; the bodies of a scene are put in their places and joined.
-
-    Parameters
-    ----------
-    path : Path
-        A readable .stl, .obj, .off, .glb, .gltf or .3mf file; materials and textures are ignored.
-
-    Returns
-    -------
-    MeshData
-        Triangles (polygons are cut up), identical vertices merged, and the unit where the format states one.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged, cut short or holds no faces; if it names files outside its folder, or unfolds to much
-        more than it holds.
-    MissingDependencyError
-        If the format needs a package that is not installed.
-    """
+    """Triangles of a mesh file; the bodies of a scene are put in their places and joined."""
     extension = path.suffix.lower()
     if extension == ".stl":
         _require_whole_stl(path)

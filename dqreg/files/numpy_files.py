@@ -21,23 +21,7 @@ PACKING_NAMES = ("offsets", "scale")
 
 
 def read_npy(path: Path) -> CloudData:
-    """Cloud of an array of shape (n, 3), or (n, 6) with normals.
-
-    Parameters
-    ----------
-    path : Path
-        A readable file, as ``numpy.save`` writes it.
-
-    Returns
-    -------
-    CloudData
-        Positions, and normals if there are six columns.
-
-    Raises
-    ------
-    InputError
-        If the file holds no real numbers, has another shape, or is shorter than its header promises.
-    """
+    """Cloud of an array of shape (n, 3), or (n, 6) with normals."""
     try:
         # Mapped first: a header that promises too much fails before memory is taken. Then read, because a map of a
         # file that is cut short meanwhile ends the whole process.
@@ -50,23 +34,7 @@ def read_npy(path: Path) -> CloudData:
 
 
 def read_npz(path: Path) -> CloudData:
-    """Cloud of the arrays ``points`` (n, 3) and, if present, ``normals`` (n, 3).
-
-    Parameters
-    ----------
-    path : Path
-        A readable file, as ``numpy.savez`` writes it; other arrays are ignored.
-
-    Returns
-    -------
-    CloudData
-        Positions and normals.
-
-    Raises
-    ------
-    InputError
-        If there is no array ``points``, shapes do not fit, or the file is damaged.
-    """
+    """Cloud of the arrays ``points`` (n, 3) and, if present, ``normals`` (n, 3)."""
     require_tame_archive(path)
     try:
         with zipfile.ZipFile(path) as archive:

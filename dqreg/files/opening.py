@@ -33,22 +33,6 @@ SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
 def unreadable(path: Path, found: str, expected: str) -> InputError:
     """Error of a file that cannot be read, worded the same everywhere.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    found : str
-        What it holds.
-    expected : str
-        What it should hold, or what to do.
-
-    Returns
-    -------
-    InputError
-        To be raised by the caller.
-
-    Examples
-    --------
     >>> str(unreadable(Path("a.ply"), "no points", "at least one"))
     'cannot read a.ply: found no points; expected at least one'
     """
@@ -58,23 +42,6 @@ def unreadable(path: Path, found: str, expected: str) -> InputError:
 def require_readable(path: str | os.PathLike[str]) -> Path:
     """Path of a file that exists, may be read and is not empty.
 
-    Parameters
-    ----------
-    path : str or path
-        What the caller gave.
-
-    Returns
-    -------
-    Path
-        The same path.
-
-    Raises
-    ------
-    InputError
-        If nothing is there (near names are offered), or a folder, or an empty file, or one that may not be read.
-
-    Examples
-    --------
     >>> require_readable("no_such_scan.ply")
     Traceback (most recent call last):
     ...
@@ -100,20 +67,7 @@ def require_readable(path: str | os.PathLike[str]) -> Path:
 
 
 def require_own_kind(path: Path, extension: str) -> None:
-    """Raise if the first bytes show that a file is of another kind than its extension says.
-
-    Parameters
-    ----------
-    path : Path
-        A readable file.
-    extension : str
-        Its extension in lower case, with the dot.
-
-    Raises
-    ------
-    InputError
-        If the file begins as one of another kind; the message says which.
-    """
+    """Raise if the first bytes show that a file is of another kind than its extension says."""
     with path.open("rb") as stream:
         head = stream.read(64)
     for beginning, kind, extensions in SIGNATURES:

@@ -23,25 +23,7 @@ LZF_RATIO = 88
 
 
 def read_pcd(path: Path) -> CloudData:
-    """Cloud of a PCD file.
-
-    Parameters
-    ----------
-    path : Path
-        A readable file of version 0.5 to 0.7; fields other than coordinates and normals are ignored.
-
-    Returns
-    -------
-    CloudData
-        Coordinates with all digits of the file; the viewpoint if it is not the default one.
-
-    Raises
-    ------
-    InputError
-        If the header is not understood, the file is shorter than promised, or x, y, z are missing.
-    MissingDependencyError
-        If the file is compressed and Open3D cannot be loaded.
-    """
+    """Cloud of a PCD file."""
     header = read_header(path)
     positions, normals = find_columns(path, header.fields)
     _require_length(path, header)

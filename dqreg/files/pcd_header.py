@@ -20,33 +20,15 @@ LONGEST_HEADER = 1 << 20
 
 @dataclasses.dataclass(frozen=True)
 class PcdHeader:
-    """What a PCD header says.
+    """What a PCD header says."""
 
-    Attributes
-    ----------
-    fields : tuple of str
-        Names, in order; a field with a count of k is one name.
-    types : tuple of str
-        NumPy code of each field.
-    counts : tuple of int
-        Numbers that each field holds.
-    points : int
-        Rows.
-    encoding : str
-        ``ascii``, ``binary`` or ``binary_compressed``.
-    viewpoint : ndarray, (3,) or None
-        Where the sensor stood; None if the file has only the default.
-    size : int
-        Bytes of the header.
-    """
-
-    fields: tuple[str, ...]
-    types: tuple[str, ...]
-    counts: tuple[int, ...]
-    points: int
-    encoding: str
-    viewpoint: FloatArray | None
-    size: int
+    fields: tuple[str, ...]  # Names, in order; a field with a count of k is one name
+    types: tuple[str, ...]  # NumPy code of each field
+    counts: tuple[int, ...]  # Numbers that each field holds
+    points: int  # Rows
+    encoding: str  # ``ascii``, ``binary`` or ``binary_compressed``
+    viewpoint: FloatArray | None  # (3,): Where the sensor stood; None if the file has only the default
+    size: int  # Bytes of the header
 
     @property
     def row_bytes(self) -> int:
@@ -62,23 +44,7 @@ class PcdHeader:
 
 
 def read_header(path: Path) -> PcdHeader:
-    """Header of a PCD file.
-
-    Parameters
-    ----------
-    path : Path
-        A readable file.
-
-    Returns
-    -------
-    PcdHeader
-        Its fields and the number of its points.
-
-    Raises
-    ------
-    InputError
-        If this is no PCD file or its header contradicts itself.
-    """
+    """Header of a PCD file."""
     entries, size = _entries(path)
     fields = entries["FIELDS"]
     width, height = (_whole(path, entries, key, "1") for key in ("WIDTH", "HEIGHT"))

@@ -22,24 +22,7 @@ from dqreg.files.text_table import parse_rows, read_text
 
 
 def read_ply(path: Path) -> CloudData | MeshData:
-    """Mesh of a PLY file that has faces, else its cloud.
-
-    Parameters
-    ----------
-    path : Path
-        A readable file: text or binary, any property types; further properties and
-        comments are ignored, but for one that states the unit.
-
-    Returns
-    -------
-    CloudData or MeshData
-        Coordinates with all digits of the file; polygons with more than three corners as fans of triangles.
-
-    Raises
-    ------
-    InputError
-        If the header is not understood, the file is shorter than promised, or x, y, z are missing.
-    """
+    """Mesh of a PLY file that has faces, else its cloud."""
     header = read_header(path)
     vertex = _vertex_table(path, header)
     positions, normals = find_columns(path, [column.name for column in vertex.properties])

@@ -20,22 +20,7 @@ LETTERS = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4
 def triangles(lengths: IntArray, corners: IntArray) -> IntArray:
     """Polygons as fans of triangles around their first corner.
 
-    Parameters
-    ----------
-    lengths : ndarray, (p,)
-        Corners of each polygon; those with fewer than three have no triangle.
-    corners : ndarray, (sum of lengths,)
-        Vertex indices, polygon after polygon.
-
-    Returns
-    -------
-    ndarray, (f, 3)
-        Vertex indices, in the order of the polygons and with their sense.
-
-    Examples
-    --------
-    >>> triangles(np.array([3, 4]), np.array([0, 1, 2, 4, 5, 6, 7])).tolist()
-    [[0, 1, 2], [4, 5, 6], [4, 6, 7]]
+    Shapes: lengths (p,), corners (sum of lengths,).
     """
     pieces = np.maximum(lengths - 2, 0)
     first = np.repeat(np.cumsum(lengths) - lengths, pieces)
@@ -47,26 +32,7 @@ def triangles(lengths: IntArray, corners: IntArray) -> IntArray:
 def text_polygons(path: Path, face: Element, lines: list[str]) -> tuple[IntArray, IntArray]:
     """Lengths and corners of the polygons of a text file.
 
-    Parameters
-    ----------
-    path : Path
-        The file, for the message.
-    face : Element
-        The table of faces.
-    lines : list of str
-        The file's lines from the first face on.
-
-    Returns
-    -------
-    lengths : ndarray, (p,)
-        Corners of each polygon.
-    corners : ndarray, (sum of lengths,)
-        Vertex indices.
-
-    Raises
-    ------
-    InputError
-        If lines are missing or do not hold what the header says.
+    Shapes: lengths (p,), corners (sum of lengths,).
     """
     index = _index_column(path, face)
     if len(lines) < face.count:
@@ -91,26 +57,7 @@ def text_polygons(path: Path, face: Element, lines: list[str]) -> tuple[IntArray
 def binary_polygons(path: Path, header: PlyHeader, face: Element) -> tuple[IntArray, IntArray]:
     """Lengths and corners of the polygons of a binary file.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    header : PlyHeader
-        Its header.
-    face : Element
-        The table of faces.
-
-    Returns
-    -------
-    lengths : ndarray, (p,)
-        Corners of each polygon.
-    corners : ndarray, (sum of lengths,)
-        Vertex indices.
-
-    Raises
-    ------
-    InputError
-        If the faces cannot be found or the file ends within them.
+    Shapes: lengths (p,), corners (sum of lengths,).
     """
     index = _index_column(path, face)
     before = header.elements[: header.elements.index(face)]

@@ -53,24 +53,12 @@ class Element:
 
 @dataclasses.dataclass(frozen=True)
 class PlyHeader:
-    """What a PLY header says.
+    """What a PLY header says."""
 
-    Attributes
-    ----------
-    byte_order : str
-        ``"<"`` or ``">"``; empty for text.
-    elements : tuple of Element
-        The tables in the order of the file.
-    size : int
-        Bytes of the header: where the tables begin.
-    units : str or None
-        Length unit, where a comment states one ("comment units mm") and no other contradicts it.
-    """
-
-    byte_order: str
-    elements: tuple[Element, ...]
-    size: int
-    units: str | None = None
+    byte_order: str  # ``"<"`` or ``">"``; empty for text
+    elements: tuple[Element, ...]  # The tables in the order of the file
+    size: int  # Bytes of the header: where the tables begin
+    units: str | None = None  # Length unit, where a comment states one ("comment units mm") and no other contradicts it
 
     def element(self, name: str) -> Element | None:
         """Table of this name, or None."""
@@ -86,23 +74,7 @@ class PlyHeader:
 
 
 def read_header(path: Path) -> PlyHeader:
-    """Header of a PLY file, found to be consistent with the size of the file.
-
-    Parameters
-    ----------
-    path : Path
-        A readable file.
-
-    Returns
-    -------
-    PlyHeader
-        Byte order, tables and where they begin.
-
-    Raises
-    ------
-    InputError
-        If this is no PLY file, a line is not understood, or the file is shorter than its header promises.
-    """
+    """Header of a PLY file, found to be consistent with the size of the file."""
     with path.open("rb") as stream:
         head = stream.read(LONGEST_HEADER)
     if head[:3] != b"ply" or head[3:4] not in (b"\n", b"\r"):

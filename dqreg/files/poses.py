@@ -20,33 +20,7 @@ START_WORDS = ("none", "identity")
 
 
 def read_pose(path: str | os.PathLike[str]) -> FloatArray:
-    """Pose of a file, as it stands there: not mended, NaN where nothing was found.
-
-    Parameters
-    ----------
-    path : str or path
-        JSON with the key ``T_target_source`` (a result, a truth), an array of NumPy (.npy), or text; 4x4 numbers, or
-        the upper three rows of them. Text may separate them by blanks or commas.
-
-    Returns
-    -------
-    ndarray, (4, 4)
-        The numbers.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or holds no 4x4 numbers; the message names it.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = Path(folder) / "pose.txt"
-    ...     np.savetxt(path, np.eye(4))
-    ...     read_pose(path).shape
-    (4, 4)
-    """
+    """Pose of a file, as it stands there: not mended, NaN where nothing was found."""
     path = require_readable(path)
     kind = path.suffix.lower()
     if kind == ".json":
@@ -58,28 +32,7 @@ def read_pose(path: str | os.PathLike[str]) -> FloatArray:
 
 
 def read_start(text: str | os.PathLike[str]) -> FloatArray | str | None:
-    """A start as words and files say it, as `dqreg.register` takes it.
-
-    Parameters
-    ----------
-    text : str or path
-        "none", "identity", or a file that `read_pose` reads.
-
-    Returns
-    -------
-    None, str or ndarray, (4, 4)
-        None for "none".
-
-    Raises
-    ------
-    InputError
-        If there is no such file, or it holds no rigid pose.
-
-    Examples
-    --------
-    >>> read_start("none"), read_start("identity")
-    (None, 'identity')
-    """
+    """A start as words and files say it, as `dqreg.register` takes it."""
     if text in START_WORDS:
         return None if text == "none" else str(text)
     if not Path(text).is_file():
@@ -94,23 +47,7 @@ def read_start(text: str | os.PathLike[str]) -> FloatArray | str | None:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The object of a JSON file.
-
-    Parameters
-    ----------
-    path : Path
-        A file.
-
-    Returns
-    -------
-    dict
-        As parsed; nothing in it is checked.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is no JSON, or holds something else than an object.
-    """
+    """The object of a JSON file."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:

@@ -30,34 +30,12 @@ DEEPEST = 100
 
 
 def most_faces(path: Path) -> int:
-    """Triangles beyond which a scene has been unfolded rather than read.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    int
-        A million, or 50 a byte.
-    """
+    """Triangles beyond which a scene has been unfolded rather than read."""
     return max(HARMLESS, UNFOLDED * path.stat().st_size)
 
 
 def require_tame_archive(path: Path) -> None:
-    """Raise if a zip archive unpacks to more than any scan or part does.
-
-    Parameters
-    ----------
-    path : Path
-        A readable file.
-
-    Raises
-    ------
-    InputError
-        If it is no archive, or a member of it is packed too tightly.
-    """
+    """Raise if a zip archive unpacks to more than any scan or part does."""
     try:
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(member.file_size for member in archive.infolist())
@@ -70,18 +48,7 @@ def require_tame_archive(path: Path) -> None:
 
 
 def require_tame_3mf(path: Path) -> None:
-    """Raise if a 3MF file is a bomb: packed, of XML entities, or of objects made of objects.
-
-    Parameters
-    ----------
-    path : Path
-        A readable file.
-
-    Raises
-    ------
-    InputError
-        If so, or if it is damaged.
-    """
+    """Raise if a 3MF file is a bomb: packed, of XML entities, or of objects made of objects."""
     require_tame_archive(path)
     try:
         with zipfile.ZipFile(path) as archive:
@@ -153,18 +120,7 @@ def _bodies(path: Path, parts: dict[str, list[str]]) -> dict[str, int]:
 
 
 def require_tame_gltf(path: Path) -> None:
-    """Raise if a glTF file names files outside its folder, or promises more numbers than it has bytes.
-
-    Parameters
-    ----------
-    path : Path
-        A readable .glb or .gltf file.
-
-    Raises
-    ------
-    InputError
-        If so, or if its JSON cannot be read.
-    """
+    """Raise if a glTF file names files outside its folder, or promises more numbers than it has bytes."""
     try:
         tree = json.loads(_gltf_json(path))
         uris = [item["uri"] for item in tree.get("buffers", []) if "uri" in item]

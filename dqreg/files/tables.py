@@ -19,24 +19,9 @@ COMMENTS = ("#", "//")
 def read_table(path: Path) -> CloudData:
     """Cloud of a text table.
 
-    Columns are found by name where a first line (or a comment above the numbers) names them. Without names
-    there must be three, x y z, or six, x y z nx ny nz. Numbers are parted by white space, commas or semicolons
-    (then a comma may be the decimal sign); an empty field counts as NaN.
-
-    Parameters
-    ----------
-    path : Path
-        A readable text file.
-
-    Returns
-    -------
-    CloudData
-        Positions, and normals if there are columns for them.
-
-    Raises
-    ------
-    InputError
-        If a row is not made of numbers, rows differ in length, or the columns cannot be told apart.
+    Columns are found by name where a first line (or a comment above the numbers) names them. Without names there must
+    be three, x y z, or six, x y z nx ny nz. Numbers are parted by white space, commas or semicolons (then a comma may
+    be the decimal sign); an empty field counts as NaN.
     """
     names, lines = _split_header(path, read_text(path).splitlines())
     delimiter = _delimiter(lines[0])
@@ -55,27 +40,6 @@ def read_table(path: Path) -> CloudData:
 def nameless_cloud(path: Path, table: FloatArray, *, trust_normals: bool = False) -> CloudData:
     """Cloud of a table whose columns have no names.
 
-    Parameters
-    ----------
-    path : Path
-        The file, for the message.
-    table : ndarray, (n, 3) or (n, 6)
-        x y z, or x y z nx ny nz.
-    trust_normals : bool
-        Whether columns four to six are known to be normals; if not, their length tells (colours are longer).
-
-    Returns
-    -------
-    CloudData
-        The same as positions and normals.
-
-    Raises
-    ------
-    InputError
-        If there are neither three nor six columns, or columns four to six are no directions.
-
-    Examples
-    --------
     >>> nameless_cloud(Path("a.xyz"), np.array([[1.0, 2, 3, 0, 0, 1]])).normals
     array([[0., 0., 1.]])
     """

@@ -12,25 +12,7 @@ from dqreg.files.opening import unreadable
 
 
 def read_text(path: Path, skip_bytes: int = 0) -> str:
-    """Text of a file.
-
-    Parameters
-    ----------
-    path : Path
-        A readable file.
-    skip_bytes : int
-        Bytes to leave out at the start.
-
-    Returns
-    -------
-    str
-        The text; letters that are not UTF-8 become question marks, because only numbers matter.
-
-    Raises
-    ------
-    InputError
-        If the file holds null bytes, which no text has.
-    """
+    """Text of a file."""
     with path.open("rb") as stream:
         stream.seek(skip_bytes)
         data = stream.read()
@@ -49,31 +31,8 @@ def parse_rows(
 ) -> FloatArray:
     """Numbers of text lines.
 
-    Parameters
-    ----------
-    path : Path
-        The file, for the message.
-    lines : list of str
-        One row each; ``nan`` and ``inf`` are numbers.
-    columns : int, optional
-        How many numbers each row must hold.
-    delimiter : str, optional
-        What stands between numbers; white space if None.
-    wanted : sequence of int, optional
-        Columns to take; the others may hold anything.
+    Shapes: returns (rows, columns).
 
-    Returns
-    -------
-    ndarray, (rows, columns)
-        Float64.
-
-    Raises
-    ------
-    InputError
-        If a row holds something else, or rows differ in length.
-
-    Examples
-    --------
     >>> parse_rows(Path("a.xyz"), ["1 2 3", "4 5 nan"]).shape
     (2, 3)
     """

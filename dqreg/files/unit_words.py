@@ -17,22 +17,6 @@ STATEMENT = re.compile(r"(?:(?:file|model|length)[ _])?units?\s*[:=]?\s*([a-z]+)
 
 
 def unit_of_comment(comment: str) -> str | None:
-    """Length unit that a comment states and nothing else, or None.
-
-    Parameters
-    ----------
-    comment : str
-        Text of one comment, without the mark that makes it one.
-
-    Returns
-    -------
-    str or None
-        One of "um", "mm", "cm", "m", "inch", "ft".
-
-    Examples
-    --------
-    >>> unit_of_comment("Model units = millimeters"), unit_of_comment("units of the scanner: see manual")
-    ('mm', None)
-    """
+    """Length unit that a comment states and nothing else, or None."""
     stated = STATEMENT.fullmatch(comment.strip())
     return UNIT_WORDS.get(stated.group(1).lower()) if stated else None

@@ -26,42 +26,16 @@ STRIP = 0.1
 
 @dataclasses.dataclass(frozen=True)
 class Borders:
-    """Free edges of an open mesh, cut into short pieces.
+    """Free edges of an open mesh, cut into short pieces."""
 
-    Attributes
-    ----------
-    starts, ends : ndarray, (k, 3)
-        Ends of each piece.
-    widest : float
-        Widest strip along the borders that leaves nine tenths of the surface, a length.
-
-    Examples
-    --------
-    >>> from dqreg.geometry import Mesh
-    >>> square = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-    >>> square.borders.near(np.array([[0.5, 1.0, 0.0], [0.5, 0.5, 0.0], [0.5, 0.999, 0.0]]), 0.0).tolist()
-    [True, False, False]
-    """
-
+    # starts, ends: (k, 3): Ends of each piece
     starts: FloatArray
     ends: FloatArray
-    widest: float
+    widest: float  # Widest strip along the borders that leaves nine tenths of the surface, a length
 
     @staticmethod
     def of(mesh: Mesh) -> Borders | None:
-        """The borders of a mesh.
-
-        Parameters
-        ----------
-        mesh : Mesh
-            Any mesh.
-
-        Returns
-        -------
-        Borders or None
-            None for a closed mesh, and where all free edges are seams: pairs of edges in one place, or nearly, that
-            vertices of one side only divide.
-        """
+        """The borders of a mesh."""
         sides = mesh.topology.free_sides
         if not len(sides):
             return None
@@ -82,20 +56,7 @@ class Borders:
         return Borders(low[real], low[real] + step[edge[real]], STRIP * float(mesh.face_areas.sum()) / length)
 
     def near(self, places: FloatArray, margin: float) -> BoolArray:
-        """Which places lie at a border.
-
-        Parameters
-        ----------
-        places : ndarray, (n, 3)
-            Places on the mesh, n may be 0.
-        margin : float
-            How near counts, a length >= 0; `widest` at most. Rounding of 1e-12 sizes is always allowed.
-
-        Returns
-        -------
-        ndarray of bool, (n,)
-            True at a border.
-        """
+        """Which places lie at a border."""
         allowed = min(margin, self.widest) + self._rounding
         found = np.zeros(len(places), dtype=bool)
         if not len(places):

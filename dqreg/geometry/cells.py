@@ -20,20 +20,6 @@ WHOLE = 2.0 / 3.0
 def even_size(points: FloatArray, count: int) -> float:
     """Edge of the cells that make a dense cloud even and small.
 
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Finite points.
-    count : int
-        Cells wanted, about.
-
-    Returns
-    -------
-    float
-        The edge, a length; 0 for a cloud that is not dense, because it has less than three times that many points.
-
-    Examples
-    --------
     >>> grid = np.stack(np.meshgrid(range(40), range(40), [0.0]), axis=-1).reshape(-1, 3)
     >>> round(even_size(grid, 400), 1), even_size(grid, 800)
     (2.0, 0.0)
@@ -43,82 +29,28 @@ def even_size(points: FloatArray, count: int) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class EvenCloud:
-    """A cloud with one point a cell.
+    """A cloud with one point a cell."""
 
-    Attributes
-    ----------
-    size : float
-        Edge of a cell.
-    cloud : PointCloud
-        Means of the cells; the cloud itself where it has hardly more points than they.
-    surface : CloudSurface or None
-        The same as a surface; None where the cloud is whole, for whoever has it has its surface.
-    """
-
-    size: float
-    cloud: PointCloud
+    size: float  # Edge of a cell
+    cloud: PointCloud  # Means of the cells; the cloud itself where it has hardly more points than they
+    # The same as a surface; None where the cloud is whole, for whoever has it has its surface
     surface: CloudSurface | None
 
     @staticmethod
     def of(cloud: PointCloud, size: float) -> EvenCloud:
-        """Even a cloud out.
-
-        Parameters
-        ----------
-        cloud : PointCloud
-            Any cloud.
-        size : float
-            Edge of a cell.
-
-        Returns
-        -------
-        EvenCloud
-            With its tree built.
-        """
+        """Even a cloud out."""
         even = evened(cloud, size)
         return EvenCloud(size, even, None if even is cloud else CloudSurface(even))
 
 
 def evened(cloud: PointCloud, size: float) -> PointCloud:
-    """Means of the cells of a cloud, or the cloud itself where it has hardly more points than they are.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Any cloud.
-    size : float
-        Edge of a cell; 0 leaves the cloud as it is.
-
-    Returns
-    -------
-    PointCloud
-        See `cell_means`.
-    """
+    """Means of the cells of a cloud, or the cloud itself where it has hardly more points than they are."""
     even = cell_means(cloud, size)
     return even if len(even) < WHOLE * len(cloud) else cloud
 
 
 def cell_size(points: FloatArray, count: int) -> float:
-    """Edge of the cubic cells of which the points fill about so many.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Finite points.
-    count : int
-        Cells wanted.
-
-    Returns
-    -------
-    float
-        The edge, a length; 0 where the points are not more than that.
-
-    Examples
-    --------
-    >>> grid = np.stack(np.meshgrid(range(40), range(40), [0.0]), axis=-1).reshape(-1, 3)
-    >>> round(cell_size(grid, 400), 1)
-    2.0
-    """
+    """Edge of the cubic cells of which the points fill about so many."""
     if len(points) <= count:
         return 0.0
     # Dropping three bits of a Morton code doubles the edge: one sort counts the cells of every such size.
@@ -141,25 +73,7 @@ def cell_size(points: FloatArray, count: int) -> float:
 
 
 def cell_means(cloud: PointCloud, size: float) -> PointCloud:
-    """One point for each cell that holds some: their mean, with the mean of their normals.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Any cloud.
-    size : float
-        Edge of a cell; 0 leaves the cloud as it is.
-
-    Returns
-    -------
-    PointCloud
-        In Morton order, in the same frame. Where the normals of a cell cancel, the first one is taken.
-
-    Examples
-    --------
-    >>> cell_means(PointCloud([[0.0, 0, 0], [0.2, 0, 0], [1.5, 0, 0]]), 1.0).points.round(9).tolist()
-    [[0.1, 0.0, 0.0], [1.5, 0.0, 0.0]]
-    """
+    """One point for each cell that holds some: their mean, with the mean of their normals."""
     if not size > 0.0:
         return cloud
     order, firsts = _runs(cloud.points, size)

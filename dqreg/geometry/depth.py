@@ -26,24 +26,12 @@ FEWEST = 6
 
 @dataclasses.dataclass(frozen=True)
 class DepthPoints:
-    """What a depth image holds.
+    """What a depth image holds."""
 
-    Attributes
-    ----------
-    points : ndarray, (n, 3)
-        In the camera's frame: x right, y down, z forward.
-    normals : ndarray, (n, 3) or None
-        Unit normals towards the camera.
-    pixels : ndarray of int, (n, 2)
-        Row and column of each point.
-    dropped : int
-        Pixels left out: without depth, beyond the limit, or without a plane where normals are asked for.
-    """
-
-    points: FloatArray
-    normals: FloatArray | None
-    pixels: IntArray
-    dropped: int
+    points: FloatArray  # (n, 3): In the camera's frame: x right, y down, z forward
+    normals: FloatArray | None  # (n, 3): Unit normals towards the camera
+    pixels: IntArray  # (n, 2): Row and column of each point
+    dropped: int  # Pixels left out: without depth, beyond the limit, or without a plane where normals are asked for
 
 
 def depth_points(
@@ -57,38 +45,7 @@ def depth_points(
 ) -> DepthPoints:
     """Points, and normals from the grid, of a depth image.
 
-    Parameters
-    ----------
-    depth : array_like, (h, w)
-        Depth along the optical axis. Zero, negative, not finite, and the largest value of an unsigned type (65535)
-        mean that there is none.
-    intrinsics : (3, 3) array_like, (fx, fy, cx, cy), or Open3D's PinholeCameraIntrinsic
-        Pinhole camera; whole pixel coordinates are the middles of pixels.
-    depth_scale : float, optional
-        Numbers of the image a unit of length. Default: 1000 for whole numbers (mm to m), 1 for others.
-    depth_trunc : float, optional
-        Largest depth used, in units of length.
-    stride : int
-        Every so many rows and columns.
-    normals : bool
-        Whether to fit normals; pixels around which no plane can be fitted (edges, strays) are then left out.
-
-    Returns
-    -------
-    DepthPoints
-        Row by row.
-
-    Raises
-    ------
-    InputError
-        If shapes or numbers cannot be used. An image without any depth gives no points.
-
-    Examples
-    --------
-    >>> wall = np.full((8, 8), 2000, dtype=np.uint16)
-    >>> found = depth_points(wall, (500.0, 500.0, 3.5, 3.5))
-    >>> found.points[0].round(3).tolist(), found.normals[0, 2].round(9).tolist()
-    ([-0.014, -0.014, 2.0], -1.0)
+    Shapes: depth (h, w), intrinsics (3, 3).
     """
     image = np.asarray(depth)
     if image.ndim == 3 and image.shape[2] == 1:

@@ -11,34 +11,17 @@ from dqreg.arrays import FloatArray
 
 @dataclasses.dataclass(frozen=True)
 class FaceSides:
-    """Planes square to n faces through their sides, one face a query.
+    """Planes square to n faces through their sides, one face a query."""
 
-    Attributes
-    ----------
-    inward : ndarray, (3, 3, n)
-        Unit normals in the face's plane that point inside: side (first to second corner, ...), axis, face.
-    offsets : ndarray, (3, n)
-        Their products with the sides' places.
-    """
-
+    # (3, 3, n): Unit normals in the face's plane that point inside: side (first to second corner, ...), axis, face
     inward: FloatArray
-    offsets: FloatArray
+    offsets: FloatArray  # (3, n): Their products with the sides' places
 
     @staticmethod
     def of(corners: FloatArray, normals: FloatArray) -> FaceSides:
         """Sides of faces.
 
-        Parameters
-        ----------
-        corners : ndarray, (n, 3, 3)
-            One corner a row.
-        normals : ndarray, (n, 3)
-            Unit normals by the right-hand rule over the corners.
-
-        Returns
-        -------
-        FaceSides
-            In the frame of the corners.
+        Shapes: corners (n, 3, 3).
         """
         # By columns, (corner, axis, face): three numbers a row are too few for NumPy to be quick about.
         a = np.ascontiguousarray(corners.transpose(1, 2, 0))
@@ -49,24 +32,7 @@ class FaceSides:
         return FaceSides(inward, np.einsum("kin,kin->kn", inward, a))
 
     def inset(self, points: FloatArray) -> FloatArray:
-        """Distance of each point from the nearest side of its face, negative outside, (n,).
-
-        Parameters
-        ----------
-        points : ndarray, (n, 3)
-            One for each face.
-
-        Returns
-        -------
-        ndarray, (n,)
-            Lengths in the plane of the face: the height above it does not count.
-
-        Examples
-        --------
-        >>> triangle = np.array([[[0.0, 0, 0], [3, 0, 0], [0, 3, 0]]])
-        >>> FaceSides.of(triangle, np.array([[0.0, 0, 1]])).inset(np.array([[1.0, 0.25, 9.0]])).tolist()
-        [0.25]
-        """
+        """Distance of each point from the nearest side of its face, negative outside, (n,)."""
         columns = np.ascontiguousarray(points.T)
         insets: FloatArray = (np.einsum("kin,in->kn", self.inward, columns) - self.offsets).min(axis=0)
         return insets

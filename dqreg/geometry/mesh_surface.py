@@ -173,23 +173,7 @@ def closest_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
 
     The foot of the perpendicular where it lies inside; else the nearest of the closest points on the three sides.
 
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Queries.
-    corners : ndarray, (n, 3, 3)
-        The triangle of each query, one corner a row.
-
-    Returns
-    -------
-    ndarray, (n, 3)
-        Closest points.
-
-    Examples
-    --------
-    >>> triangle = np.array([[[0.0, 0, 0], [2, 0, 0], [0, 2, 0]]])
-    >>> closest_on_triangles(np.array([[3.0, 3.0, 1.0]]), triangle).tolist()
-    [[1.0, 1.0, 0.0]]
+    Shapes: corners (n, 3, 3).
     """
     # By columns, (corner, axis, query): three numbers a row are too few for NumPy to be quick about.
     a, p = np.ascontiguousarray(corners.transpose(1, 2, 0)), np.ascontiguousarray(points.T)

@@ -18,18 +18,6 @@ class NeighbourTree:
     """KD-tree of points; built once, read-only afterwards.
 
     Always ``knn_search``: asking for one neighbour within a radius (``hybrid_search``) takes 25 times as long.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Points, n >= 1; far-away coordinates are fine, the tree works about their middle.
-
-    Examples
-    --------
-    >>> tree = NeighbourTree(np.array([[0.0, 0, 0], [1, 0, 0], [5, 0, 0]]))
-    >>> indices, distances = tree.nearest(np.array([[1.5, 0.0, 0.0]]), 2)
-    >>> indices.tolist(), distances.tolist()
-    ([[1, 0]], [[0.5, 1.5]])
     """
 
     def __init__(self, points: FloatArray) -> None:
@@ -43,19 +31,7 @@ class NeighbourTree:
     def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
         """Nearest points of each query, closest first.
 
-        Parameters
-        ----------
-        queries : ndarray, (m, 3)
-            Places to ask about; m may be 0.
-        count : int
-            Neighbours a query; fewer where the cloud has fewer points.
-
-        Returns
-        -------
-        indices : ndarray of int, (m, k)
-            Rows of the cloud, k = min(count, cloud size).
-        distances : ndarray, (m, k)
-            Their distances.
+        Shapes: indices (m, k), distances (m, k).
         """
         count = min(count, self.size)
         if not len(queries):
@@ -67,17 +43,7 @@ class NeighbourTree:
     def around(self, rows: IntArray) -> tuple[NDArray[np.int32], FloatArray]:
         """Nearest points of points of the cloud itself, each looked up once.
 
-        Parameters
-        ----------
-        rows : ndarray of int, (m,)
-            Rows of the cloud.
-
-        Returns
-        -------
-        indices : ndarray of int, (m, k)
-            Rows of the cloud, closest first, k = min(24, cloud size); of a place that is there once, itself first.
-        farthest : ndarray, (m,)
-            Distance of the last of them.
+        Shapes: rows (m,), indices (m, k), farthest (m,).
         """
         indices, farthest = self._around
         missing = rows[farthest[rows] < 0.0]

@@ -20,28 +20,19 @@ ELEMENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 @dataclasses.dataclass(frozen=True)
 class PlaneFits:
-    """Planes fitted to the neighbours of n points.
+    """Planes fitted to the neighbours of n points."""
 
-    Attributes
-    ----------
-    normals : ndarray, (n, 3)
-        Unit normals; the sign is arbitrary unless a viewpoint oriented them. NaN where the neighbours lie on a line.
-    residuals : ndarray, (n,)
-        Root mean square distance sigma_r of the k neighbours from their plane, with k - 3 degrees of freedom.
-    lever : ndarray, (n,)
-        ``1 / (1/l1 + 1/l2)`` with the two tangential variances of the neighbours: the squared length that turns a
-        point's variance into a normal's: ``sigma_n^2 = sigma_r^2 / (k lever)``.
-    count : int
-        Neighbours k used a fit.
-    gaps : ndarray, (n,), or None
-        Distance from each place to the second nearest point, the nearest other one of a point of the cloud; None where
-        the neighbours were known before, without their distances.
-    """
-
+    # (n, 3): Unit normals; the sign is arbitrary unless a viewpoint oriented them. NaN where the neighbours lie on a
+    # line
     normals: FloatArray
+    # (n,): Root mean square distance sigma_r of the k neighbours from their plane, with k - 3 degrees of freedom
     residuals: FloatArray
+    # (n,): ``1 / (1/l1 + 1/l2)`` with the two tangential variances of the neighbours: the squared length that turns a
+    # point's variance into a normal's: ``sigma_n^2 = sigma_r^2 / (k lever)``
     lever: FloatArray
-    count: int
+    count: int  # Neighbours k used a fit
+    # (n,): Distance from each place to the second nearest point, the nearest other one of a point of the cloud; None
+    # where the neighbours were known before, without their distances
     gaps: FloatArray | None = None
 
     @property
@@ -53,32 +44,7 @@ class PlaneFits:
 
 
 def fit_planes(tree: NeighbourTree, cloud: FloatArray, at: FloatArray, count: int = NEIGHBOURS) -> PlaneFits:
-    """Fit a plane to the nearest neighbours of each place.
-
-    Parameters
-    ----------
-    tree : NeighbourTree
-        Tree of ``cloud``.
-    cloud : ndarray, (m, 3)
-        Points to take neighbours from.
-    at : ndarray, (n, 3)
-        Places, usually points of the cloud.
-    count : int
-        Neighbours a fit, the place's own point included.
-
-    Returns
-    -------
-    PlaneFits
-        Normals, residuals and levers, in the order of ``at``.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(0)
-    >>> flat = np.column_stack([rng.uniform(size=(50, 2)), np.zeros(50)])
-    >>> fits = fit_planes(NeighbourTree(flat), flat, flat[:2])
-    >>> np.abs(fits.normals[:, 2]).round(12).tolist()
-    [1.0, 1.0]
-    """
+    """Fit a plane to the nearest neighbours of each place."""
     parts, gaps = [], [np.zeros(0)]
     for i in range(0, len(at), CHUNK):
         indices, distances = tree.nearest(at[i : i + CHUNK], count)
@@ -88,30 +54,7 @@ def fit_planes(tree: NeighbourTree, cloud: FloatArray, at: FloatArray, count: in
 
 
 def fit_planes_around(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, count: int = NEIGHBOURS) -> PlaneFits:
-    """Fit planes at points of the cloud itself, from the neighbours that its tree remembers.
-
-    Parameters
-    ----------
-    tree : NeighbourTree
-        Tree of ``cloud``.
-    cloud : ndarray, (m, 3)
-        Points.
-    rows : ndarray of int, (n,)
-        Rows at which to fit.
-    count : int
-        Neighbours a fit, at most 24.
-
-    Returns
-    -------
-    PlaneFits
-        As `fit_planes` at ``cloud[rows]``.
-
-    Examples
-    --------
-    >>> flat = np.column_stack([np.random.default_rng(0).uniform(size=(50, 2)), np.zeros(50)])
-    >>> np.abs(fit_planes_around(NeighbourTree(flat), flat, np.array([0])).normals).round(12).tolist()
-    [[0.0, 0.0, 1.0]]
-    """
+    """Fit planes at points of the cloud itself, from the neighbours that its tree remembers."""
     parts = []
     for i in range(0, len(rows), CHUNK):
         indices, _ = tree.around(rows[i : i + CHUNK])
@@ -148,26 +91,7 @@ def _fit_chunk(cloud: FloatArray, indices: IntArray | NDArray[np.int32]) -> tupl
 
 
 def orient_towards(normals: FloatArray, points: FloatArray, viewpoint: FloatArray) -> FloatArray:
-    """Normals turned to the side on which the sensor stood.
-
-    Parameters
-    ----------
-    normals, points : ndarray, (n, 3)
-        Normals of any sign, and where they stand.
-    viewpoint : ndarray, (3,)
-        Place of the sensor, in the frame of the points.
-
-    Returns
-    -------
-    ndarray, (n, 3)
-        The normals, those that pointed away negated.
-
-    Examples
-    --------
-    >>> up = np.array([[0.0, 0, 1]])
-    >>> orient_towards(up, np.zeros((1, 3)), np.array([0.0, 0, -5])).tolist()
-    [[-0.0, -0.0, -1.0]]
-    """
+    """Normals turned to the side on which the sensor stood."""
     facing = np.einsum("ij,ij->i", viewpoint - points, normals)
     return np.where((facing < 0.0)[:, None], -normals, normals)
 
@@ -175,22 +99,7 @@ def orient_towards(normals: FloatArray, points: FloatArray, viewpoint: FloatArra
 def sample_rows(total: int, wanted: int) -> IntArray:
     """Evenly spread row numbers: with points in Morton order, an even thinning in space.
 
-    Parameters
-    ----------
-    total : int
-        Rows there are.
-    wanted : int
-        Rows to take at most.
-
-    Returns
-    -------
-    ndarray of int, (min(total, wanted),)
-        Ascending row numbers.
-
-    Examples
-    --------
-    >>> sample_rows(10, 3).tolist()
-    [0, 4, 9]
+    Shapes: returns (total, wanted).
     """
     if wanted >= total:
         return np.arange(total)

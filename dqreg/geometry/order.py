@@ -15,23 +15,7 @@ CHUNK = 65_536
 
 
 def morton_order(points: FloatArray) -> IntArray:
-    """Permutation that walks the points along a Z-order curve.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Finite points.
-
-    Returns
-    -------
-    ndarray of int, (n,)
-        ``points[morton_order(points)]`` is the ordered cloud; ties keep their order.
-
-    Examples
-    --------
-    >>> morton_order(np.array([[9.0, 9, 9], [0, 0, 0], [0, 0, 1]])).tolist()
-    [1, 2, 0]
-    """
+    """Permutation that walks the points along a Z-order curve."""
     return np.argsort(morton_codes(points), kind="stable")
 
 
@@ -41,20 +25,7 @@ def distinct_in_order(points: FloatArray) -> IntArray:
     Sensors write returns they did not get as copies of one point, often the origin; a thousand votes for one place
     would hold the pose there.
 
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Finite points.
-
-    Returns
-    -------
-    ndarray of int, (m,)
-        Rows of ``points``; of exact copies the first is kept.
-
-    Examples
-    --------
-    >>> distinct_in_order(np.array([[1.0, 0, 0], [0, 0, 0], [1, 0, 0]])).tolist()
-    [1, 0]
+    Shapes: returns (m,).
     """
     codes = morton_codes(points)
     order = np.argsort(codes, kind="stable")
@@ -79,20 +50,6 @@ def _news(points: FloatArray, codes: CodeArray, order: IntArray) -> tuple[BoolAr
 def morton_codes(points: FloatArray, size: float = 0.0) -> CodeArray:
     """Place of each point along the Z-order curve: the number of its cell.
 
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Finite points.
-    size : float
-        Edge of a cell; as small as the numbers allow where it is 0 or less than that.
-
-    Returns
-    -------
-    ndarray of uint64, (n,)
-        Equal for points of one cell.
-
-    Examples
-    --------
     >>> morton_codes(np.array([[0.0, 0, 0], [0.4, 0, 0], [0, 0, 1.2]]), 1.0).tolist()
     [0, 0, 1]
     """

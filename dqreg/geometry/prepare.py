@@ -210,25 +210,6 @@ def _noise(fits: PlaneFits) -> float:
 def measure_spacing(tree: NeighbourTree, points: FloatArray) -> float:
     """Median distance from a point to its nearest neighbour that is not a duplicate of it.
 
-    Parameters
-    ----------
-    tree : NeighbourTree
-        Tree of the cloud.
-    points : ndarray, (n, 3)
-        The cloud, or some points of it.
-
-    Returns
-    -------
-    float
-        The spacing, > 0.
-
-    Raises
-    ------
-    InputError
-        If all points coincide.
-
-    Examples
-    --------
     >>> line = np.arange(12.0).reshape(-1, 1) * [2.0, 0.0, 0.0]
     >>> measure_spacing(NeighbourTree(line), line)
     2.0

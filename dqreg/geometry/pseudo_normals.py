@@ -24,47 +24,15 @@ CHAIN = 8
 
 @dataclasses.dataclass(frozen=True)
 class PseudoNormals:
-    """Normals of the faces, sides and vertices of a closed mesh; lengths other than one mean nothing.
+    """Normals of the faces, sides and vertices of a closed mesh; lengths other than one mean nothing."""
 
-    Attributes
-    ----------
-    mesh : Mesh
-        The mesh.
-    sides : ndarray, (f, 3, 3)
-        Sum of the unit normals of the faces that meet at each side of each face.
-    vertices : ndarray, (w, 3)
-        Sum of the unit normals about each welded vertex, weighted with the angles, radians.
-
-    Examples
-    --------
-    >>> from dqreg.geometry import MeshSurface
-    >>> from dqreg.synth.parts import box
-    >>> mesh = Mesh(*box((2.0, 2.0, 2.0)))
-    >>> query = np.array([[3.0, 3.0, 3.0]])
-    >>> found = MeshSurface(mesh).closest(query)
-    >>> normal = PseudoNormals.of(mesh).at(query, found)[0]
-    >>> (normal / normal[0]).round(12).tolist()
-    [1.0, 1.0, 1.0]
-    """
-
-    mesh: Mesh
-    sides: FloatArray
-    vertices: FloatArray
+    mesh: Mesh  # The mesh
+    sides: FloatArray  # (f, 3, 3): Sum of the unit normals of the faces that meet at each side of each face
+    vertices: FloatArray  # (w, 3): Sum of the unit normals about each welded vertex, weighted with the angles, radians
 
     @staticmethod
     def of(mesh: Mesh) -> PseudoNormals:
-        """Pseudo-normals of a mesh.
-
-        Parameters
-        ----------
-        mesh : Mesh
-            Closed and consistently wound; of any other the sides mean nothing.
-
-        Returns
-        -------
-        PseudoNormals
-            Computed once, a few numbers a face.
-        """
+        """Pseudo-normals of a mesh."""
         topology, count = mesh.topology, len(mesh.faces)
         shown, own = _shown(mesh)
         real = topology.real
@@ -76,20 +44,7 @@ class PseudoNormals:
         return PseudoNormals(mesh, sums[topology.edges[:count]], turned)
 
     def at(self, points: FloatArray, closest: Closest) -> FloatArray:
-        """Pseudo-normal at the closest place of each point.
-
-        Parameters
-        ----------
-        points : ndarray, (n, 3)
-            Queries, in the mesh's frame.
-        closest : Closest
-            What the surface of the mesh answered for them.
-
-        Returns
-        -------
-        ndarray, (n, 3)
-            Directions whose product with ``points - closest.points`` is positive outside and negative inside.
-        """
+        """Pseudo-normal at the closest place of each point."""
         normals = closest.normals.copy()
         corners = self.mesh.corners[closest.elements]
         rim = np.flatnonzero(_barycentric(closest.points, corners, normals).min(axis=1) < ON_FACE)

@@ -21,23 +21,7 @@ LINED, SAMPLE = 0.2, 500
 
 
 class Rims:
-    """Rim points of a cloud, found where they are first asked for.
-
-    Parameters
-    ----------
-    tree : NeighbourTree
-        Tree of the points.
-    points : ndarray, (m, 3)
-        The points.
-
-    Examples
-    --------
-    >>> grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0), [0.0]), axis=-1).reshape(-1, 3)
-    >>> rims = Rims(NeighbourTree(grid), grid)
-    >>> up = np.tile([0.0, 0, 1], (2, 1))
-    >>> rims.at(np.array([5, 210]), up).tolist()
-    [True, False]
-    """
+    """Rim points of a cloud, found where they are first asked for."""
 
     def __init__(self, tree: NeighbourTree, points: FloatArray) -> None:
         self._tree, self._points = tree, points
@@ -45,20 +29,7 @@ class Rims:
         self._known = np.zeros(len(points), dtype=bool)
 
     def at(self, rows: IntArray, normals: FloatArray) -> BoolArray:
-        """Whether points lie on the rim of the cloud.
-
-        Parameters
-        ----------
-        rows : ndarray of int, (n,)
-            Rows of the cloud.
-        normals : ndarray, (n, 3)
-            Unit normals there, of any sign: across the surface an offset says nothing, at a sharp edge say.
-
-        Returns
-        -------
-        ndarray of bool, (n,)
-            True on the rim; nowhere for a cloud that was swept in lines.
-        """
+        """Whether points lie on the rim of the cloud."""
         if self._in_lines:
             return np.zeros(len(rows), dtype=bool)
         missing = np.flatnonzero(~self._known[rows])

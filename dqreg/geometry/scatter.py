@@ -14,26 +14,10 @@ CLOSE = 1e-5
 def least_axes(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues, ascending, and the unit eigenvector of the smallest.
 
-    The eigenvalues are the roots of the cubic by Smith (1961). The vector is a cross product of two rows of
-    ``A - l I``; its Rayleigh quotient, exact to second order, then gives a better l, and that a better vector.
+    The eigenvalues are the roots of the cubic by Smith (1961). The vector is a cross product of two rows of ``A - l
+    I``; its Rayleigh quotient, exact to second order, then gives a better l, and that a better vector.
 
-    Parameters
-    ----------
-    matrices : ndarray, (6, n)
-        Elements xx, yy, zz, xy, xz, yz of each matrix.
-
-    Returns
-    -------
-    values : ndarray, (n, 3)
-        Ascending.
-    axes : ndarray, (n, 3)
-        Unit vectors, of any sign; any vector of the space where the smallest value is not a single one.
-
-    Examples
-    --------
-    >>> values, axes = least_axes(np.array([[3.0], [1.0], [2.0], [0.0], [0.0], [0.0]]))
-    >>> values.round(12).tolist(), np.abs(axes).tolist()
-    ([[1.0, 2.0, 3.0]], [[0.0, 1.0, 0.0]])
+    Shapes: matrices (6, n).
     """
     size = np.abs(matrices).max(axis=0, initial=0.0)
     size[size == 0.0] = 1.0

@@ -18,21 +18,6 @@ class SmoothNormals:
 
     Faces that meet at a small angle form a group. In each corner the normals of the group's faces there are averaged,
     weighted by the corner's angle (Thuermer and Wuethrich 1998), and interpolated linearly across the face.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The part.
-
-    Examples
-    --------
-    >>> from dqreg.synth.parts import cylinder
-    >>> round_ = Mesh(*cylinder(diameter=2.0, height=2.0, segments=24))
-    >>> side = int(np.flatnonzero(np.abs(round_.face_normals[:, 2]) < 0.5)[0])
-    >>> place = round_.corners[side].mean(axis=0, keepdims=True)
-    >>> radial = place[0] * [1, 1, 0] / np.linalg.norm(place[0, :2])
-    >>> bool(np.allclose(SmoothNormals(round_).at(place, np.array([side]))[0], radial, atol=1e-3))
-    True
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -50,20 +35,7 @@ class SmoothNormals:
         self._round = apart > FLAT
 
     def at(self, places: FloatArray, faces: IntArray) -> FloatArray:
-        """Normals at places on the mesh.
-
-        Parameters
-        ----------
-        places : ndarray, (n, 3)
-            Points on the faces.
-        faces : ndarray of int, (n,)
-            The face of each.
-
-        Returns
-        -------
-        ndarray, (n, 3)
-            Unit normals.
-        """
+        """Normals at places on the mesh."""
         normals = np.take(self._mesh.face_normals, faces, axis=0)
         # Most of a machined part is flat, and there the face's own normal is the answer.
         rows = np.flatnonzero(self._round[faces])

@@ -17,48 +17,20 @@ class Topology:
 
     A side is numbered ``3 * face + k`` and runs from corner k to corner k + 1 of its face.
 
-    Attributes
-    ----------
-    corners : ndarray of int, (f, 3)
-        Welded vertex of each corner; the faces with an area first, then those without.
-    edges : ndarray of int, (f, 3)
-        Edge of each side, whichever way the side runs.
-    forward : ndarray of bool, (f, 3)
-        Whether the side runs from the lower to the higher vertex.
-    real : ndarray of bool, (f,)
-        False for a face two of whose corners are one vertex: it joins nothing.
-
-    Examples
-    --------
     >>> square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     >>> both = Topology.of(square, np.array([[0, 1, 2], [0, 2, 3]]))
     >>> both.open_sides, both.uneven_sides, (both.across // 3).tolist()
     (4, 0, [[0, 0, 1], [0, 1, 1]])
     """
 
-    corners: IntArray
-    edges: IntArray
-    forward: BoolArray
-    real: BoolArray
+    corners: IntArray  # (f, 3): Welded vertex of each corner; the faces with an area first, then those without
+    edges: IntArray  # (f, 3): Edge of each side, whichever way the side runs
+    forward: BoolArray  # (f, 3): Whether the side runs from the lower to the higher vertex
+    real: BoolArray  # (f,): False for a face two of whose corners are one vertex: it joins nothing
 
     @staticmethod
     def of(vertices: FloatArray, faces: IntArray, flat: IntArray | None = None) -> Topology:
-        """Topology of some triangles.
-
-        Parameters
-        ----------
-        vertices : ndarray, (v, 3)
-            Positions.
-        faces : ndarray of int, (f, 3)
-            Triangles with an area.
-        flat : ndarray of int, (k, 3), optional
-            Triangles without: they may close a seam.
-
-        Returns
-        -------
-        Topology
-            Over both.
-        """
+        """Topology of some triangles."""
         every = faces if flat is None else np.concatenate([faces, flat])
         used, place = np.unique(every, return_inverse=True)
         _, welded = merge_identical(vertices[used])

@@ -51,25 +51,14 @@ SAMPLE, KEPT = 5_000, 0.95
 
 @dataclasses.dataclass(frozen=True)
 class UnitMistake:
-    """A likely mistake of units.
+    """A likely mistake of units."""
 
-    Attributes
-    ----------
-    ratio : float
-        Size of the source by the size of the target, in the numbers as they are.
-    factor : float
-        The ratio of units it is taken for, source numbers by target numbers.
-    source_units, target_units : str
-        Units under which the sizes would agree.
-    sentence : str
-        What was found, and what to do.
-    """
-
-    ratio: float
-    factor: float
+    ratio: float  # Size of the source by the size of the target, in the numbers as they are
+    factor: float  # The ratio of units it is taken for, source numbers by target numbers
+    # source_units, target_units: Units under which the sizes would agree
     source_units: str
     target_units: str
-    sentence: str
+    sentence: str  # What was found, and what to do
 
 
 def require_same_units(
@@ -79,32 +68,7 @@ def require_same_units(
     target_units: str | None = None,
     target_spreads: FloatArray | None = None,
 ) -> None:
-    """Raise where source and target look as if they were in different units.
-
-    Parameters
-    ----------
-    source, target : PointCloud or Mesh
-        Both sides, in the numbers as they are.
-    source_units, target_units : str or None
-        Units that are known; where both are, nothing is checked.
-    target_spreads : ndarray, (3,), optional
-        `principal_spreads` of the target, where they are known already.
-
-    Raises
-    ------
-    UnitsError
-        With the likely mistake and the option that mends it.
-
-    Examples
-    --------
-    >>> from dqreg.synth.parts import bracket
-    >>> part = Mesh(*bracket())
-    >>> in_metres = Mesh(part.vertices / 1000.0, part.faces)
-    >>> require_same_units(part, in_metres)  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    ...
-    dqreg.errors.UnitsError: the source is 1000 times as large as the target (spread 47.8 against 0.0478): near ...
-    """
+    """Raise where source and target look as if they were in different units."""
     mistake = find_unit_mistake(source, target, source_units, target_units, target_spreads)
     if mistake is not None:
         raise UnitsError(mistake.sentence)
@@ -117,22 +81,7 @@ def find_unit_mistake(
     target_units: str | None = None,
     target_spreads: FloatArray | None = None,
 ) -> UnitMistake | None:
-    """The likely mistake of units between two sides, or None.
-
-    Parameters
-    ----------
-    source, target : PointCloud or Mesh
-        Both sides, in the numbers as they are.
-    source_units, target_units : str or None
-        Units that are known; where both are, there is no mistake to look for.
-    target_spreads : ndarray, (3,), optional
-        `principal_spreads` of the target, where they are known already.
-
-    Returns
-    -------
-    UnitMistake or None
-        See the module for what counts as evidence.
-    """
+    """The likely mistake of units between two sides, or None."""
     if source_units is not None and target_units is not None:
         return None
     spreads = principal_spreads(source), principal_spreads(target) if target_spreads is None else target_spreads
@@ -158,25 +107,7 @@ def find_unit_mistake(
 
 
 def principal_spreads(geometry: PointCloud | Mesh) -> FloatArray:
-    """Standard deviations along the principal axes, the largest first, strays left out.
-
-    Parameters
-    ----------
-    geometry : PointCloud or Mesh
-        A mesh is sampled evenly by area.
-
-    Returns
-    -------
-    ndarray, (3,)
-        Lengths; they do not change with the pose.
-
-    Examples
-    --------
-    >>> grid = np.stack(np.meshgrid(np.arange(30.0), np.arange(30.0), [0.0]), axis=-1).reshape(-1, 3)
-    >>> spreads = principal_spreads(PointCloud(grid))
-    >>> bool(spreads[0] > 7.0), round(float(spreads[2]), 12)
-    (True, 0.0)
-    """
+    """Standard deviations along the principal axes, the largest first, strays left out."""
     if isinstance(geometry, Mesh):
         points = sample_mesh(geometry, SAMPLE, np.random.default_rng(0)).points
     else:

@@ -18,28 +18,7 @@ METRES = {
 
 
 def factor(source: str | None, target: str | None) -> float:
-    """What source lengths are multiplied with to be in target units; 1 where either unit is unknown.
-
-    Parameters
-    ----------
-    source, target : str or None
-        One of "um", "mm", "cm", "m", "inch", "ft".
-
-    Returns
-    -------
-    float
-        The factor.
-
-    Raises
-    ------
-    UnitsError
-        If a name is not known.
-
-    Examples
-    --------
-    >>> factor("m", "mm")
-    1000.0
-    """
+    """What source lengths are multiplied with to be in target units; 1 where either unit is unknown."""
     for name in (source, target):
         if name is not None and (not isinstance(name, str) or name not in METRES):
             raise UnitsError(f"unknown length unit {name!r}; known are {', '.join(METRES)}")

@@ -28,23 +28,7 @@ def visible_faces(mesh: Mesh, viewpoints: FloatArray) -> BoolArray:
 
     A face is seen from either side: a sheet may be meshed with one layer of faces.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The part.
-    viewpoints : ndarray, (k, 3)
-        Places of the scanner in the part's frame; one within the part sees it from inside.
-
-    Returns
-    -------
-    ndarray of bool, (f,)
-        Seen from one of them, or from within two degrees of it.
-
-    Examples
-    --------
-    >>> two = Mesh([[0, 0, 0], [9, 0, 0], [0, 9, 0], [2, 2, -1], [4, 2, -1], [2, 4, -1]], [[0, 1, 2], [3, 4, 5]])
-    >>> visible_faces(two, np.array([[3.0, 3.0, 9.0]])).tolist()
-    [True, False]
+    Shapes: returns (f,).
     """
     places, faces = _places(mesh)
     unit = (places - mesh.centre) / mesh.diagonal
@@ -112,21 +96,7 @@ def _reached(scene: object, eye: FloatArray, places: FloatArray, faces: IntArray
 
 
 class VisibleSurface(MeshSurface):
-    """The faces of a mesh that were seen, as a surface; faces are numbered as in the whole mesh.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The whole part.
-    seen : ndarray of bool, (f,)
-        Faces to take, one at least.
-
-    Examples
-    --------
-    >>> two = Mesh([[0, 0, 0], [9, 0, 0], [0, 9, 0], [2, 2, -1], [4, 2, -1], [2, 4, -1]], [[0, 1, 2], [3, 4, 5]])
-    >>> VisibleSurface(two, np.array([False, True])).closest(np.zeros((1, 3))).elements.tolist()
-    [1]
-    """
+    """The faces of a mesh that were seen, as a surface; faces are numbered as in the whole mesh."""
 
     def __init__(self, mesh: Mesh, seen: BoolArray) -> None:
         super().__init__(mesh)
@@ -141,37 +111,11 @@ class VisibleSurface(MeshSurface):
         return self._seen.mesh.borders
 
     def closest(self, points: FloatArray) -> Closest:
-        """Closest point on the faces that were seen, for each query.
-
-        Parameters
-        ----------
-        points : ndarray, (n, 3)
-            Queries in the mesh's frame; n may be 0.
-
-        Returns
-        -------
-        Closest
-            With the numbers that the faces have in the whole mesh.
-        """
+        """Closest point on the faces that were seen, for each query."""
         return self._in_whole(self._seen.closest(points))
 
     def closest_again(self, points: FloatArray, before: Closest, places: FloatArray) -> Closest:
-        """As `MeshSurface.closest_again`, on the faces that were seen.
-
-        Parameters
-        ----------
-        points : ndarray, (n, 3)
-            Queries in the mesh's frame.
-        before : Closest
-            What this surface answered for the same queries at other places.
-        places : ndarray, (n, 3)
-            Those places.
-
-        Returns
-        -------
-        Closest
-            With the numbers that the faces have in the whole mesh.
-        """
+        """As `MeshSurface.closest_again`, on the faces that were seen."""
         known = dataclasses.replace(before, elements=np.searchsorted(self.rows, before.elements))
         return self._in_whole(self._seen.closest_again(points, known, places))
 

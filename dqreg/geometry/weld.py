@@ -14,26 +14,10 @@ SAME_VERTEX = 1e-9
 def merge_identical(vertices: FloatArray) -> tuple[FloatArray, IntArray]:
     """Different vertices only, and where each given one went.
 
-    Vertices are the same if they round to the same node of a grid through the origin with a spacing of
-    `SAME_VERTEX` times the largest extent. The first of them in the list keeps its exact place for all.
+    Vertices are the same if they round to the same node of a grid through the origin with a spacing of `SAME_VERTEX`
+    times the largest extent. The first of them in the list keeps its exact place for all.
 
-    Parameters
-    ----------
-    vertices : ndarray, (v, 3)
-        Finite positions.
-
-    Returns
-    -------
-    distinct : ndarray, (d, 3)
-        Each position once, in the order of first appearance.
-    place : ndarray, (v,) int64
-        ``distinct[place]`` equals ``vertices`` up to that spacing.
-
-    Examples
-    --------
-    >>> distinct, place = merge_identical(np.array([[1.0, 0, 0], [0, 0, 0], [1, 0, 0]]))
-    >>> distinct.tolist(), place.tolist()
-    ([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], [0, 1, 0])
+    Shapes: distinct (d, 3), place (v,).
     """
     with np.errstate(over="ignore"):
         spacing = SAME_VERTEX * float(np.ptp(vertices, axis=0).max())

@@ -26,15 +26,6 @@ class Anderson:
 
     Poses are written as twists relative to a reference, with the turn about the middle of the moved points and the
     shift in units of their size, so that both parts of the six numbers are of one kind.
-
-    Parameters
-    ----------
-    reference : ndarray, (4, 4)
-        Pose that the coordinates start from.
-    centre : ndarray, (3,)
-        Middle of the source points, source frame.
-    size : float
-        Their extent, a length.
     """
 
     def __init__(self, reference: FloatArray, centre: FloatArray, size: float) -> None:
@@ -52,25 +43,7 @@ class Anderson:
         self._energy = np.inf
 
     def propose(self, T: FloatArray, T_next: FloatArray, energy: float) -> tuple[FloatArray, bool]:
-        """Where to go from T, given that the plain iteration would go to T_next.
-
-        Parameters
-        ----------
-        T : ndarray, (4, 4)
-            Pose at which the correspondences were found.
-        T_next : ndarray, (4, 4)
-            What the closed form answered.
-        energy : float
-            Cost at T.
-
-        Returns
-        -------
-        T_proposed : ndarray, (4, 4)
-            The next pose to try.
-        sound : bool
-            False where T came from an extrapolation that raised the energy: then T is dropped, the plain step that
-            the extrapolation had replaced is returned, and the past is forgotten.
-        """
+        """Where to go from T, given that the plain iteration would go to T_next."""
         position, target = self._coordinates(T), self._coordinates(T_next)
         if self._plain is not None:
             shorter = np.linalg.norm(target - position) < np.linalg.norm(self._steps[-1])

@@ -45,20 +45,7 @@ class OffRim:
 
 
 def inland(surface: Surface, width: float) -> tuple[Inland | OffRim, ...]:
-    """The gate for a target that ends somewhere.
-
-    Parameters
-    ----------
-    surface : Surface
-        Target.
-    width : float
-        Width of the kernel, a length.
-
-    Returns
-    -------
-    tuple of callables
-        One; none for a closed mesh.
-    """
+    """The gate for a target that ends somewhere."""
     if isinstance(surface, CloudSurface):
         return (OffRim(surface),)
     borders = surface.borders if isinstance(surface, MeshSurface) else None
@@ -66,24 +53,7 @@ def inland(surface: Surface, width: float) -> tuple[Inland | OffRim, ...]:
 
 
 def beyond_border(pairs: Pairs, surface: Surface, width: float, reach: float) -> BoolArray:
-    """Which pairs were left out because they end at a border of the target, (n,).
-
-    Parameters
-    ----------
-    pairs : Pairs
-        Correspondences of the last stage.
-    surface : Surface
-        Target.
-    width : float
-        Width of the kernel at the end.
-    reach : float
-        Largest distance of a pair: what is farther off belongs to something else.
-
-    Returns
-    -------
-    ndarray of bool, (n,)
-        All False for a closed mesh.
-    """
+    """Which pairs were left out because they end at a border of the target, (n,)."""
     out = np.zeros(len(pairs.distances), dtype=bool)
     for gate in inland(surface, width):
         out |= (gate(pairs) == 0.0) & (pairs.distances <= reach)

@@ -26,35 +26,6 @@ def constrained(
     Each step minimises ``sum w d^2 / noise^2 + prior`` over the allowed poses, by Newton's method from the last one.
     While the noise of a stage is large the prior leads; as it falls, the pairs take over as far as the covariance of
     the prior says. The pairs count as independent.
-
-    Parameters
-    ----------
-    freedom : Freedom
-        Which motions are allowed.
-    reference : ndarray, (4, 4)
-        Pose that they begin at, in the frames of the pairs.
-    prior : PoseCost, optional
-        Pose known beforehand, `PoseCost.prior`, in the frames of the pairs (`PoseCost.recentred` brings it there).
-    planes : bool
-        Distances to the target's tangent planes, for the last digits; else points and normals, with the weights of
-        `points_and_normals`, which also lead home from far.
-
-    Returns
-    -------
-    Estimator
-        Takes pairs, weights and the scale of the distances; answers a `Fit` whose gap is not determined. Motions
-        that nothing feels stay as they were. It raises DegenerateGeometryError where no pair carries weight.
-
-    Examples
-    --------
-    >>> from dqreg.geometry import CloudSurface, PointCloud, prepare_scan
-    >>> from dqreg.icp import Icp
-    >>> cloud = PointCloud(np.random.default_rng(0).uniform(size=(500, 3)))
-    >>> start = np.eye(4) + np.eye(4, k=3) * 0.02
-    >>> only_x = constrained(Freedom.only("tx"), start)
-    >>> run = Icp(only_x).run(prepare_scan(cloud), CloudSurface(cloud), start)
-    >>> bool(np.allclose(run.T_target_source, np.eye(4), atol=1e-9))
-    True
     """
     # A prior is there for what the pairs hardly feel; without one that is left alone, as `points_to_planes` does.
     flat = FLAT if prior is None else FREE

@@ -21,22 +21,8 @@ def points_and_normals(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
 
     With point variance ``noise^2`` and normals fitted to k neighbours (variance ``sigma_r^2 / (k lever)``), maximum
     likelihood asks for ``alpha / beta = k lever noise^2 / sigma_r^2``. The k points of a neighbourhood share their
-    evidence, so k falls away; and the ratio of variances is held at one at most, because far from the answer
-    ``noise`` measures the misfit and not the sensor.
-
-    Parameters
-    ----------
-    pairs : Pairs
-        Correspondences, n of them.
-    weights : ndarray, (n,)
-        Weight beta of each pair of points.
-    noise : float
-        Scale of the distances at this stage, a length; infinity where no scale was estimated.
-
-    Returns
-    -------
-    Fit
-        Absolute pose.
+    evidence, so k falls away; and the ratio of variances is held at one at most, because far from the answer ``noise``
+    measures the misfit and not the sensor.
     """
     scan = pairs.scan
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -58,35 +44,13 @@ def points_and_normals(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
 
 
 def points_only(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
-    """The same closed form on points alone.
-
-    Parameters
-    ----------
-    pairs, weights, noise
-        As in `points_and_normals`; the scale is not used.
-
-    Returns
-    -------
-    Fit
-        Absolute pose.
-    """
+    """The same closed form on points alone."""
     kept = weights > 0.0
     return solve_moments(moments_of(pairs.scan.points[kept], pairs.closest.points[kept], weights[kept]))
 
 
 def svd_points(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
-    """Arun's SVD on points alone: the yardstick.
-
-    Parameters
-    ----------
-    pairs, weights, noise
-        As in `points_and_normals`; the scale is not used.
-
-    Returns
-    -------
-    Fit
-        Absolute pose.
-    """
+    """Arun's SVD on points alone: the yardstick."""
     kept = weights > 0.0
     return svd(pairs.scan.points[kept], pairs.closest.points[kept], point_weights=weights[kept])
 
@@ -96,16 +60,6 @@ def points_to_planes(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
 
     Sliding along a face costs nothing, so the loop needs a handful of iterations where point steps need dozens. Far
     from the answer tangent planes mislead; the closed form goes there.
-
-    Parameters
-    ----------
-    pairs, weights, noise
-        As in `points_and_normals`.
-
-    Returns
-    -------
-    Fit
-        Absolute pose; its gap is not determined. Motions that no plane feels stay as they were.
     """
     used = (weights > 0.0) & pairs.closest.normals.any(axis=1)
     if np.count_nonzero(used) < 6:
@@ -123,16 +77,6 @@ def surfaces_to_surfaces(pairs: Pairs, weights: FloatArray, noise: float) -> Fit
 
     See `dqreg.icp.generalised`. Between two clouds, where either side's planes are guesses, it beats points to planes;
     on an exact mesh it does not.
-
-    Parameters
-    ----------
-    pairs, weights, noise
-        As in `points_and_normals`; the scale is not used.
-
-    Returns
-    -------
-    Fit
-        Absolute pose, by Newton's method from the last one; its gap is not determined.
     """
     used = (weights > 0.0) & pairs.closest.normals.any(axis=1)
     if np.count_nonzero(used) < 6:

@@ -29,19 +29,7 @@ LEAST = 0.03
 def face_sums(normals: FloatArray, residuals: FloatArray, weights: FloatArray) -> FloatArray:
     """Squared residuals and weights, summed over the faces that look the same way; sums of chunks add up.
 
-    Parameters
-    ----------
-    normals : ndarray, (n, 3)
-        Unit normals of the target.
-    residuals : ndarray, (n,)
-        Distances along them.
-    weights : ndarray, (n,)
-        Probabilities to be an inlier.
-
-    Returns
-    -------
-    ndarray, (2, k)
-        One column for each cell of directions.
+    Shapes: returns (2, k).
     """
     cells, count = _cells(normals), (CELLS + 1) ** 3
     # A pair without a match has no weight, and no residual to speak of.
@@ -52,17 +40,7 @@ def face_sums(normals: FloatArray, residuals: FloatArray, weights: FloatArray) -
 def precisions_at(normals: FloatArray, sums: FloatArray) -> FloatArray:
     """One over the variance of the residuals on faces that look the same way; the weighted mean is one.
 
-    Parameters
-    ----------
-    normals : ndarray, (n, 3)
-        Unit normals of the target.
-    sums : ndarray, (2, k)
-        See `face_sums`; of these pairs or of more of them.
-
-    Returns
-    -------
-    ndarray, (n,)
-        Factors for the weights, all one where the residuals are zero.
+    Shapes: sums (2, k).
     """
     squares, weights = sums
     total = float(weights.sum())
@@ -76,46 +54,12 @@ def precisions_at(normals: FloatArray, sums: FloatArray) -> FloatArray:
 
 
 def relative_precisions(normals: FloatArray, residuals: FloatArray, weights: FloatArray) -> FloatArray:
-    """`precisions_at` the pairs that the variances are learned from.
-
-    Parameters
-    ----------
-    normals, residuals, weights
-        As in `face_sums`.
-
-    Returns
-    -------
-    ndarray, (n,)
-        Factors for the weights.
-
-    Examples
-    --------
-    >>> up_and_aside = np.repeat([[0.0, 0, 1], [1, 0, 0]], 1000, axis=0)
-    >>> noise = np.random.default_rng(0).normal(size=2000) * np.repeat([1.0, 2.0], 1000)
-    >>> factors = relative_precisions(up_and_aside, noise, np.ones(2000))
-    >>> bool(3.0 < factors[0] / factors[-1] < 5.0), bool(abs(factors.mean() - 1.0) < 1e-12)
-    (True, True)
-    """
+    """`precisions_at` the pairs that the variances are learned from."""
     return precisions_at(normals, face_sums(normals, residuals, weights))
 
 
 def weighed_by_faces(pairs: Pairs, weights: FloatArray, noise: float) -> FloatArray:
-    """Weights times the precision of each face, near the answer; as they are while the misfit is larger than the noise.
-
-    Parameters
-    ----------
-    pairs : Pairs
-        Correspondences.
-    weights : ndarray, (n,)
-        Their weights.
-    noise : float
-        Scale of the distances.
-
-    Returns
-    -------
-    ndarray, (n,)
-        Weights, of the same sum.
-    """
+    """Weights times the precision of each face, near the answer; as they are while the misfit is larger than the noise."""
     if noise > MISFIT * pairs.scan.noise:
         return weights
     residuals = np.sqrt(pairs.aside**2 + pairs.scan.scatter)
@@ -129,16 +73,5 @@ def _cells(normals: FloatArray) -> IntArray:
 
 
 def points_to_weighed_planes(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
-    """Points to the tangent planes of the target, each face weighed by its own scatter; near the answer only.
-
-    Parameters
-    ----------
-    pairs, weights, noise
-        As in `points_and_normals`; the scale says whether the pose is near.
-
-    Returns
-    -------
-    Fit
-        As from `points_to_planes`.
-    """
+    """Points to the tangent planes of the target, each face weighed by its own scatter; near the answer only."""
     return points_to_planes(pairs, weighed_by_faces(pairs, weights, noise), noise)

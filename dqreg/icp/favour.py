@@ -19,20 +19,8 @@ NOTHING = 1e-9
 def value_of(pairs: Pairs, weights: FloatArray) -> FloatArray:
     """How much each pair would lower the mean squared displacement of the part, were there more like it.
 
-    With rows ``J`` of a plane feature, scaled so that turns and shifts are displacements, the mean squared
-    displacement is ``tr(M^-1)``, ``M = sum w J^T J``; one more pair like i lowers it by ``w J_i M^-2 J_i^T``.
-
-    Parameters
-    ----------
-    pairs : Pairs
-        Correspondences near the answer.
-    weights : ndarray, (n,)
-        Their weights.
-
-    Returns
-    -------
-    ndarray, (n,)
-        Values with a mean of one; all one where nothing can be told.
+    With rows ``J`` of a plane feature, scaled so that turns and shifts are displacements, the mean squared displacement
+    is ``tr(M^-1)``, ``M = sum w J^T J``; one more pair like i lowers it by ``w J_i M^-2 J_i^T``.
     """
     points, normals = pairs.moved, pairs.closest.normals
     centre = points.mean(axis=0)
@@ -51,26 +39,7 @@ def value_of(pairs: Pairs, weights: FloatArray) -> FloatArray:
 def favoured_rows(values: FloatArray, places: IntArray, total: int, count: int) -> IntArray:
     """Rows to take, more of them where the value is high.
 
-    Parameters
-    ----------
-    values : ndarray, (m,)
-        Value at some rows, from `value_of`.
-    places : ndarray of int, (m,)
-        Those rows, ascending; between them the nearest one's value holds.
-    total : int
-        Rows there are.
-    count : int
-        Rows to take, about.
-
-    Returns
-    -------
-    ndarray of int
-        Ascending rows, the same for the same input.
-
-    Examples
-    --------
-    >>> favoured_rows(np.array([0.0, 3.0]), np.array([2, 7]), 10, 5).tolist()
-    [3, 5, 7, 8, 9]
+    Shapes: values (m,), places (m,).
     """
     if count >= total:
         return np.arange(total)
@@ -80,19 +49,7 @@ def favoured_rows(values: FloatArray, places: IntArray, total: int, count: int) 
 def favoured_of(values: FloatArray, lengths: IntArray, count: int) -> IntArray:
     """Rows to take out of groups that follow each other, more of them where the value is high.
 
-    Parameters
-    ----------
-    values : ndarray, (m,)
-        Value of the rows of each group.
-    lengths : ndarray of int, (m,)
-        Rows of each group; there may be none.
-    count : int
-        Rows to take, about.
-
-    Returns
-    -------
-    ndarray of int
-        Ascending rows.
+    Shapes: values (m,), lengths (m,).
     """
     total = int(lengths.sum())
     if count >= total or not count:

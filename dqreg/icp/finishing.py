@@ -27,30 +27,7 @@ RUNS, ALONE, SHORTEST = 6, 4, 4
 def finish(
     level: Level, scan: Scan, counts: list[int], run: Run, mixture: InlierMixture, observe: Observer | None
 ) -> tuple[Run, InlierMixture]:
-    """Go on from the coarse level to the last.
-
-    Parameters
-    ----------
-    level : Level
-        The coarse level, with the estimator of the finer ones.
-    scan : Scan
-        The whole scan.
-    counts : list of int
-        Points of the finer levels where they are drawn; none where the coarse level was the last.
-    run : Run
-        How the coarse level ended.
-    mixture : InlierMixture
-        Its width and share.
-    observe : callable, optional
-        Called with each iteration.
-
-    Returns
-    -------
-    Run
-        The last stage, with the history of all.
-    InlierMixture
-        Width and share at the end.
-    """
+    """Go on from the coarse level to the last."""
     surface, finest = level.surface, level.plan.finest
     planes = level.plan.fine is not None and bool(run.history) and run.history[-1].stage == FINE.name
     # Where all points are asked for, each gets an answer of its own.

@@ -32,25 +32,7 @@ CHUNK = 65_536
 def run_centres(total: int, runs: int) -> tuple[IntArray, int]:
     """The scan cut into about so many runs of neighbours, all of one length; what is left over is in none.
 
-    Parameters
-    ----------
-    total : int
-        Points, in Morton order.
-    runs : int
-        Runs wanted at most.
-
-    Returns
-    -------
-    rows : ndarray of int, (m,)
-        The row in the middle of each run.
-    length : int
-        Points of a run.
-
-    Examples
-    --------
-    >>> rows, length = run_centres(11, 3)
-    >>> rows.tolist(), length
-    ([2, 6], 4)
+    Shapes: rows (m,).
     """
     length = -(-total // runs)
     return length // 2 + length * np.arange(total // length), length
@@ -61,27 +43,7 @@ def gather(
 ) -> Pairs:
     """Pairs for all points that lie on the face of their run, one a run, and for a choice of the others.
 
-    Parameters
-    ----------
-    scan : Scan
-        All points.
-    surface : MeshSurface
-        Target.
-    pairs : Pairs
-        Correspondences of the middles of the runs, see `run_centres`, at a pose near T.
-    weights : ndarray, (m,)
-        Their weights.
-    T : ndarray, (4, 4)
-        The pose to ask at.
-    width : float
-        Standard deviation of the distances.
-    count : int
-        Other points to ask about, those that say most.
-
-    Returns
-    -------
-    Pairs
-        In Morton order; its scan says how many points each row stands for.
+    Shapes: weights (m,).
     """
     runs = len(pairs.scan)
     length = len(scan) // runs

@@ -41,31 +41,7 @@ def surface_form(
 ) -> FloatArray:
     """Matrix of ``sum w d^T C^-1 d``, ``d = R p + t - q``, with the covariances C held at their normals.
 
-    Parameters
-    ----------
-    p, q : ndarray, (n, 3)
-        Source and target points.
-    directions : pair of ndarray, (n, 3)
-        Unit normals of the target and of the source, both in the target's frame, of any sign; zero for none.
-    variances : pair of ndarray, (n,)
-        Their variances, rad^2, above 0; from 1 on a normal counts for nothing.
-    weights : ndarray, (n,)
-        Weights.
-    origins : pair of ndarray, (3,)
-        Source and target origin.
-
-    Returns
-    -------
-    ndarray, (13, 13)
-        Symmetric matrix.
-
-    Examples
-    --------
-    >>> up, point = np.array([[0.0, 0, 1]]), np.zeros((1, 3))
-    >>> sure, zero = np.array([0.25]), (np.zeros(3), np.zeros(3))
-    >>> form = QuadraticForm(surface_form(point, point - up, (up, up), (sure, sure), np.ones(1), zero), *zero)
-    >>> round(form.value(np.eye(4)), 12)
-    2.0
+    Shapes: returns (13, 13).
     """
     (n, m), (sure_n, sure_m) = directions, (1.0 - np.clip(variance, 0.0, 1.0) for variance in variances)
     a, b = sure_n * n.any(axis=1), sure_m * m.any(axis=1)
@@ -81,20 +57,7 @@ def surface_form(
 
 
 def form_of_pairs(pairs: Pairs, weights: FloatArray) -> QuadraticForm:
-    """The cost of weighted pairs, in units in which the distance between two sure and parallel planes counts once.
-
-    Parameters
-    ----------
-    pairs : Pairs
-        Correspondences; the source's normals are turned by their pose.
-    weights : ndarray, (n,)
-        Weights; some are above zero.
-
-    Returns
-    -------
-    QuadraticForm
-        About the weighted means.
-    """
+    """The cost of weighted pairs, in units in which the distance between two sure and parallel planes counts once."""
     used = np.flatnonzero(weights > 0.0)
     w = weights[used]
     p, q = np.take(pairs.scan.points, used, axis=0), np.take(pairs.closest.points, used, axis=0)

@@ -50,28 +50,7 @@ TRACKING = Schedule(FINE.name, stages=30, iterations=1, rounds=30)
 def run_graduated(
     scan: Scan, surface: Surface, start: FloatArray, plan: Plan, observe: Observer | None = None
 ) -> tuple[Run, InlierMixture]:
-    """Run the loop from coarse to fine.
-
-    Parameters
-    ----------
-    scan : Scan
-        Source, all of it.
-    surface : Surface
-        Target.
-    start : ndarray, (4, 4)
-        Pose to begin with.
-    plan : Plan
-        Parts and limits.
-    observe : callable, optional
-        Called with each iteration of every stage; the run ends if it returns False.
-
-    Returns
-    -------
-    Run
-        The last stage, with the history of all, the dropped schedule's included.
-    InlierMixture
-        Width and share of inliers at the end.
-    """
+    """Run the loop from coarse to fine."""
     finest = min(plan.finest or len(scan), len(scan))
     counts = [count for count in (COARSE, MIDDLE) if 2 * count <= finest] + [finest]
     level = Level(scan.thinned(counts[0]), surface, plan, width_floor(scan, surface), last=len(counts) == 1)
@@ -158,48 +137,14 @@ def _judged_by_inliers(scan: Scan, run: Run) -> Scan:
 
 
 def width_floor(scan: Scan, surface: Surface) -> float:
-    """Smallest width of the kernel for a scan on a target, a length.
-
-    Parameters
-    ----------
-    scan : Scan
-        Source, with its noise and spacing.
-    surface : Surface
-        Target, for its size.
-
-    Returns
-    -------
-    float
-        The floor, > 0.
-    """
+    """Smallest width of the kernel for a scan on a target, a length."""
     return max(NOISE_FLOOR * min(scan.noise, scan.spacing), EXACT_FLOOR * surface.diagonal)
 
 
 def find_basin(
     level: Level, start: FloatArray, observe: Observer | None = None, first: int = 1, *, hasty: bool = False
 ) -> tuple[Run, InlierMixture]:
-    """The better of both schedules on one level.
-
-    Parameters
-    ----------
-    level : Level
-        A few thousand points against the target.
-    start : ndarray, (4, 4)
-        Pose to begin with.
-    observe : callable, optional
-        Called with each iteration.
-    first : int
-        Number of the first iteration.
-    hasty : bool
-        Whether to end as soon as the scan looks explained at a width that is small against the part.
-
-    Returns
-    -------
-    Run
-        Its pose and last pairs, with the history of whatever ran.
-    InlierMixture
-        Its width and share.
-    """
+    """The better of both schedules on one level."""
     mixture = _widest(level)
 
     def found(run: Run, mixture: InlierMixture) -> bool:

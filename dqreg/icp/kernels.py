@@ -112,28 +112,11 @@ class InlierMixture:
     The cost is ``-2 sigma^2 log(density)`` up to a constant, so its weights are the probabilities that a pair is an
     inlier, and re-weighting is the EM algorithm. Scale and share are learned from the distances themselves: a scan in
     which three quarters of the points belong to the table needs no threshold set by hand.
-
-    Attributes
-    ----------
-    scale : float
-        Standard deviation sigma of the inliers' distances.
-    share : float
-        Share of inliers among the pairs within the limit.
-    limit : float
-        Largest distance at which a pair is looked at.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(0)
-    >>> distances = np.r_[np.abs(rng.normal(0, 0.01, 300)), rng.uniform(0, 1, 900)]
-    >>> mixture = InlierMixture(0.5, 0.5, 1.0).learned(distances, rounds=50)
-    >>> round(mixture.scale, 3), round(mixture.share, 2)
-    (0.01, 0.25)
     """
 
-    scale: float
-    share: float
-    limit: float
+    scale: float  # Standard deviation sigma of the inliers' distances
+    share: float  # Share of inliers among the pairs within the limit
+    limit: float  # Largest distance at which a pair is looked at
 
     @property
     def _odds(self) -> float:
@@ -153,20 +136,7 @@ class InlierMixture:
         return cost
 
     def surprise(self, distances: FloatArray, rejected: int) -> float:
-        """Mean negative log-likelihood of pairs, the lower the better they are explained.
-
-        Parameters
-        ----------
-        distances : ndarray, (n,)
-            Distances of the pairs within the limit.
-        rejected : int
-            Pairs beyond the limit or refused by a gate; each counts as an outlier.
-
-        Returns
-        -------
-        float
-            Mean over all pairs; differences between two sets of pairs of one scan are independent of the length unit.
-        """
+        """Mean negative log-likelihood of pairs, the lower the better they are explained."""
         total = len(distances) + rejected
         share = self.share * len(distances) / total
         outlier = (1.0 - share) / self.limit
@@ -174,22 +144,7 @@ class InlierMixture:
         return float(-(np.log(inlier + outlier).sum() + rejected * np.log(outlier)) / total)
 
     def learned(self, distances: FloatArray, *, floor: float = 0.0, rounds: int = 1) -> InlierMixture:
-        """The mixture after EM rounds on the given distances.
-
-        Parameters
-        ----------
-        distances : ndarray, (n,)
-            Distances of the pairs within the limit, n >= 1.
-        floor : float
-            Smallest scale allowed; without one, a single exact pair would draw all weight to itself.
-        rounds : int
-            EM rounds at most; each raises the likelihood, and one that changes nothing is the last.
-
-        Returns
-        -------
-        InlierMixture
-            With scale and share re-estimated.
-        """
+        """The mixture after EM rounds on the given distances."""
         mixture = self
         for _ in range(rounds):
             weights = mixture.weight(distances)

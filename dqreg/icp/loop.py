@@ -31,31 +31,16 @@ NO_POSE = ("no correspondences", "degenerate correspondences")
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """Where a run of the loop ended.
+    """Where a run of the loop ended."""
 
-    Attributes
-    ----------
-    T_target_source : ndarray, (4, 4)
-        Last pose.
-    status : str
-        "converged", "stalled", "iteration limit", "stopped by observer", "no correspondences" or
-        "degenerate correspondences" (on a line, say).
-    history : tuple of Iteration
-        One record an iteration.
-    pairs : Pairs
-        Correspondences of the last iteration.
-    weights : ndarray, (n,)
-        Their weights; a pair that stands for many points has up to as many.
-    earlier : tuple of Pairs
-        The last correspondences of coarser levels, evenly drawn from the scan.
-    """
-
-    T_target_source: FloatArray
+    T_target_source: FloatArray  # (4, 4): Last pose
+    # "converged", "stalled", "iteration limit", "stopped by observer", "no correspondences" or "degenerate
+    # correspondences" (on a line, say)
     status: str
-    history: tuple[Iteration, ...]
-    pairs: Pairs
-    weights: FloatArray
-    earlier: tuple[Pairs, ...] = ()
+    history: tuple[Iteration, ...]  # One record an iteration
+    pairs: Pairs  # Correspondences of the last iteration
+    weights: FloatArray  # (n,): Their weights; a pair that stands for many points has up to as many
+    earlier: tuple[Pairs, ...] = ()  # The last correspondences of coarser levels, evenly drawn from the scan
 
     @property
     def contraction(self) -> float | None:
@@ -74,39 +59,15 @@ class Run:
 
 @dataclasses.dataclass(frozen=True)
 class Icp:
-    """An ICP loop put together from its parts.
+    """An ICP loop put together from its parts."""
 
-    Attributes
-    ----------
-    estimator : callable
-        From weighted pairs to an absolute pose.
-    kernel : Kernel
-        Robust kernel of the distances; held fixed during a run, so that the energy has one meaning.
-    gates : tuple of callables
-        Further factors of the weights: distance, normal angle, trimming.
-    stopping : Stopping
-        When to end.
-    accelerate : bool
-        Whether Anderson acceleration extrapolates the steps.
-    stage : str
-        Name of this run in the records.
-
-    Examples
-    --------
-    >>> from dqreg.geometry import CloudSurface, PointCloud, prepare_scan
-    >>> cloud = PointCloud(np.random.default_rng(0).uniform(size=(500, 3)))
-    >>> start = pose.from_parts(np.eye(3), [0.01, -0.02, 0.01])
-    >>> run = Icp().run(prepare_scan(cloud), CloudSurface(cloud), start)
-    >>> run.status, bool(np.allclose(run.T_target_source, np.eye(4), atol=1e-12))
-    ('converged', True)
-    """
-
-    estimator: Estimator = points_and_normals
+    estimator: Estimator = points_and_normals  # From weighted pairs to an absolute pose
+    # Robust kernel of the distances; held fixed during a run, so that the energy has one meaning
     kernel: Kernel = LeastSquares()
-    gates: tuple[Weight, ...] = ()
-    stopping: Stopping = Stopping()
-    accelerate: bool = True
-    stage: str = "loop"
+    gates: tuple[Weight, ...] = ()  # Further factors of the weights: distance, normal angle, trimming
+    stopping: Stopping = Stopping()  # When to end
+    accelerate: bool = True  # Whether Anderson acceleration extrapolates the steps
+    stage: str = "loop"  # Name of this run in the records
 
     def run(
         self,
@@ -117,28 +78,7 @@ class Icp:
         first: int = 1,
         before: Pairs | None = None,
     ) -> Run:
-        """Alternate between closest points and closed form until nothing moves.
-
-        Parameters
-        ----------
-        scan : Scan
-            Source; it stays as it is, each pose is solved from its untouched points.
-        surface : Surface
-            Target.
-        start : ndarray, (4, 4)
-            Pose to begin with.
-        observe : callable, optional
-            Called with each `Iteration`; the run ends if it returns False.
-        first : int
-            Number of the first iteration, where a run continues an earlier one.
-        before : Pairs, optional
-            The last pairs of that run, where it was of the same scan.
-
-        Returns
-        -------
-        Run
-            Pose, status, history and the last correspondences.
-        """
+        """Alternate between closest points and closed form until nothing moves."""
         T = start
         history: list[Iteration] = []
         motions: list[float] = []
@@ -200,18 +140,10 @@ class Icp:
 
 @dataclasses.dataclass(frozen=True)
 class Spread:
-    """Mean and second moment of the source points: all that the size of a motion depends on.
+    """Mean and second moment of the source points: all that the size of a motion depends on."""
 
-    Attributes
-    ----------
-    mean : ndarray, (3,)
-        Mean of the points.
-    covariance : ndarray, (3, 3)
-        Their covariance.
-    """
-
-    mean: FloatArray
-    covariance: FloatArray
+    mean: FloatArray  # (3,): Mean of the points
+    covariance: FloatArray  # (3, 3): Their covariance
 
     @staticmethod
     def of(points: FloatArray) -> Spread:

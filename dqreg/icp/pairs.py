@@ -17,24 +17,12 @@ from dqreg.rigid import pose
 
 @dataclasses.dataclass(frozen=True)
 class Pairs:
-    """Correspondences of a scan at one pose.
+    """Correspondences of a scan at one pose."""
 
-    Attributes
-    ----------
-    scan : Scan
-        The source, untouched, in its own frame.
-    T_target_source : ndarray, (4, 4)
-        The pose at which the target was asked.
-    closest : Closest
-        Closest place on the target for each scan point, in the target frame.
-    same_sign : bool
-        Whether both sides' normals have known signs, so that they may be compared as they are.
-    """
-
-    scan: Scan
-    T_target_source: FloatArray
-    closest: Closest
-    same_sign: bool
+    scan: Scan  # The source, untouched, in its own frame
+    T_target_source: FloatArray  # (4, 4): The pose at which the target was asked
+    closest: Closest  # Closest place on the target for each scan point, in the target frame
+    same_sign: bool  # Whether both sides' normals have known signs, so that they may be compared as they are
 
     @property
     def distances(self) -> FloatArray:
@@ -75,24 +63,7 @@ class Pairs:
 
 
 def correspond(scan: Scan, surface: Surface, T_target_source: FloatArray, before: Pairs | None = None) -> Pairs:
-    """Ask the surface for the closest place of every scan point.
-
-    Parameters
-    ----------
-    scan : Scan
-        Source.
-    surface : Surface
-        Target.
-    T_target_source : ndarray, (4, 4)
-        Current pose.
-    before : Pairs, optional
-        Pairs of the same scan and surface at another pose: those that cannot have changed are not looked for again.
-
-    Returns
-    -------
-    Pairs
-        One pair per scan point; nothing is rejected yet.
-    """
+    """Ask the surface for the closest place of every scan point."""
     if before is not None and before.scan is scan and np.array_equal(before.T_target_source, T_target_source):
         return before
     moved = pose.apply(T_target_source, scan.points)
@@ -107,18 +78,6 @@ def carried(pairs: Pairs, T_target_source: FloatArray) -> Pairs:
     """Pairs at a pose nearby, without asking the surface again: each match slides with its point on its tangent plane.
 
     On a face that is what it does, and between the points of a cloud it leaves the gaps as wide as they were.
-
-    Parameters
-    ----------
-    pairs : Pairs
-        Correspondences.
-    T_target_source : ndarray, (4, 4)
-        The other pose.
-
-    Returns
-    -------
-    Pairs
-        Of the same faces or points; right to first order, but where a point has left its face.
     """
     moved = pose.apply(T_target_source, pairs.scan.points)
     motion = moved - pairs.moved

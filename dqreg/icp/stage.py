@@ -43,90 +43,42 @@ NEAR_ANGLE_RAD = np.deg2rad(60.0)
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """What a graduated run needs to know beyond the data.
+    """What a graduated run needs to know beyond the data."""
 
-    Attributes
-    ----------
-    estimator : callable
-        From weighted pairs to a pose, where the basin is decided.
-    max_distance : float
-        Largest distance of a pair, target units.
-    fine : callable, optional
-        Estimator of the finer levels, where the pose is near; None keeps the same.
-    finest : int, optional
-        Points of the last level; None takes all.
-    first_width : float, optional
-        Width of the kernel to begin with, for a start that is known to be near; None begins at half of the largest
-        distance and decides the basin.
-    max_angle_rad : float
-        Largest angle between normals once the width is small; at the start it is 90 degrees.
-    accelerate : bool
-        Whether the loop extrapolates.
-    stopping : Stopping
-        Tolerance of the last stage and the iteration limit of each stage.
-    """
-
-    estimator: Estimator
-    max_distance: float
-    fine: Estimator | None = None
-    finest: int | None = None
+    estimator: Estimator  # From weighted pairs to a pose, where the basin is decided
+    max_distance: float  # Largest distance of a pair, target units
+    fine: Estimator | None = None  # Estimator of the finer levels, where the pose is near; None keeps the same
+    finest: int | None = None  # Points of the last level; None takes all
+    # Width of the kernel to begin with, for a start that is known to be near; None begins at half of the largest
+    # distance and decides the basin
     first_width: float | None = None
+    # Largest angle between normals once the width is small; at the start it is 90 degrees
     max_angle_rad: float = NEAR_ANGLE_RAD
-    accelerate: bool = True
-    stopping: Stopping = Stopping()
+    accelerate: bool = True  # Whether the loop extrapolates
+    stopping: Stopping = Stopping()  # Tolerance of the last stage and the iteration limit of each stage
 
 
 @dataclasses.dataclass(frozen=True)
 class Schedule:
-    """How fast the width may fall.
+    """How fast the width may fall."""
 
-    Attributes
-    ----------
-    name : str
-        Shown with each iteration.
-    stages : int
-        Widths at most.
-    iterations : int or None
-        Iterations at each width at most; None leaves it to the plan.
-    rounds : int
-        EM rounds between two widths.
-    """
-
-    name: str
-    stages: int
-    iterations: int | None
-    rounds: int
+    name: str  # Shown with each iteration
+    stages: int  # Widths at most
+    iterations: int | None  # Iterations at each width at most; None leaves it to the plan
+    rounds: int  # EM rounds between two widths
 
 
 @dataclasses.dataclass(frozen=True)
 class Level:
-    """Points of one level, against the target.
+    """Points of one level, against the target."""
 
-    Attributes
-    ----------
-    scan : Scan
-        The points.
-    surface : Surface
-        The target.
-    plan : Plan
-        Parts and limits.
-    floor : float
-        Smallest width.
-    last : bool
-        Whether there is no finer level to come.
-    contraction : float
-        See `Stopping`.
-    near : bool
-        Whether the basin is found, and the width may fall as fast as the distances allow.
-    """
-
-    scan: Scan
-    surface: Surface
-    plan: Plan
-    floor: float
-    last: bool
-    contraction: float = 1.0
-    near: bool = False
+    scan: Scan  # The points
+    surface: Surface  # The target
+    plan: Plan  # Parts and limits
+    floor: float  # Smallest width
+    last: bool  # Whether there is no finer level to come
+    contraction: float = 1.0  # See `Stopping`
+    near: bool = False  # Whether the basin is found, and the width may fall as fast as the distances allow
 
     def descend(
         self,
@@ -138,32 +90,7 @@ class Level:
         enough: Callable[[Run, InlierMixture], bool] | None = None,
         before: Pairs | None = None,
     ) -> tuple[Run, InlierMixture]:
-        """Run at falling widths until the width settles.
-
-        Parameters
-        ----------
-        mixture : InlierMixture
-            Width and share of inliers to begin with.
-        start : ndarray, (4, 4)
-            Pose to begin with.
-        schedule : Schedule
-            How fast the width may fall.
-        observe : callable, optional
-            Called with each iteration.
-        first : int
-            Number of the first iteration.
-        enough : callable, optional
-            Whether a stage and what was learned from it suffice; asked after each.
-        before : Pairs, optional
-            Correspondences of this level's points that are known already.
-
-        Returns
-        -------
-        Run
-            The last stage, with the history of all.
-        InlierMixture
-            Width and share at the end.
-        """
+        """Run at falling widths until the width settles."""
         run = self._run(mixture, start, schedule, observe, first, before)
         history = run.history
         unfinished = 0
@@ -191,26 +118,7 @@ class Level:
     def once(
         self, mixture: InlierMixture, schedule: Schedule, observe: Observer | None, first: int, pairs: Pairs
     ) -> Run:
-        """Run at one width from pairs of this level's points, without learning another width.
-
-        Parameters
-        ----------
-        mixture : InlierMixture
-            Width and share of inliers.
-        schedule : Schedule
-            Its name, and its limit of iterations.
-        observe : callable, optional
-            Called with each iteration.
-        first : int
-            Number of the first iteration.
-        pairs : Pairs
-            Correspondences at the pose to begin with.
-
-        Returns
-        -------
-        Run
-            How it ended.
-        """
+        """Run at one width from pairs of this level's points, without learning another width."""
         return self._run(mixture, pairs.T_target_source, schedule, observe, first, pairs)
 
     def explains(self, run: Run, mixture: InlierMixture) -> bool:

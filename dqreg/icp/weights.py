@@ -70,20 +70,7 @@ class Trimmed:
 
 
 def product(weights: Sequence[Weight], pairs: Pairs) -> FloatArray:
-    """Product of all factors for each pair.
-
-    Parameters
-    ----------
-    weights : sequence of callables
-        Factors; none at all means one for every pair.
-    pairs : Pairs
-        Correspondences.
-
-    Returns
-    -------
-    ndarray, (n,)
-        Non-negative weights.
-    """
+    """Product of all factors for each pair."""
     total = np.ones(len(pairs.distances))
     for weight in weights:
         total *= weight(pairs)

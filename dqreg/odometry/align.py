@@ -26,18 +26,10 @@ TOLERANCE, ITERATIONS = 1e-5, 20
 
 @dataclasses.dataclass(frozen=True)
 class Aligned:
-    """A frame at its best pose.
+    """A frame at its best pose."""
 
-    Attributes
-    ----------
-    run : Run
-        Last stage, with the history of all.
-    mixture : InlierMixture
-        Width and share of inliers at the end.
-    """
-
-    run: Run
-    mixture: InlierMixture
+    run: Run  # Last stage, with the history of all
+    mixture: InlierMixture  # Width and share of inliers at the end
 
     @property
     def found(self) -> bool:
@@ -53,25 +45,7 @@ class Aligned:
 def align(scan: Scan, surface: MapSurface, poses: FloatArray, settings: Resolved, method: str, keep: int) -> Aligned:
     """The best of several starts.
 
-    Parameters
-    ----------
-    scan : Scan
-        The frame.
-    surface : MapSurface
-        The map.
-    poses : ndarray, (m, 4, 4)
-        Starts.
-    settings : Resolved
-        Lengths of the sequence.
-    method : str
-        Name of an estimator.
-    keep : int
-        Starts that are refined; the rest only takes part in the screening.
-
-    Returns
-    -------
-    Aligned
-        The refined one that explains the distances best.
+    Shapes: poses (m, 4, 4).
     """
     plan = Plan(ESTIMATORS[method], settings.reach)
     floor = width_floor(scan, surface)

@@ -24,28 +24,7 @@ def frame_result(
     notes: tuple[str, ...],
     words: dict[str, Any],
 ) -> Registration:
-    """The answer for one frame.
-
-    Parameters
-    ----------
-    aligned : Aligned
-        The frame at its best pose.
-    surface : MapSurface
-        The map.
-    keys : Keypoints
-        The frame.
-    usual : float
-        Usual share of points on the map, NaN where unknown.
-    notes : tuple of str
-        What was left out of the frame.
-    words : dict
-        Settings to be recorded.
-
-    Returns
-    -------
-    Registration
-        NaN and "failed" where there is no pose, or so few points lie on the map that there is none to speak of.
-    """
+    """The answer for one frame."""
     run, mixture = aligned.run, aligned.mixture
     held = held_by(run, surface, keys.reach) if aligned.found else None
     directions = observe_directions(held.information) if held else ()

@@ -32,17 +32,7 @@ class Engine(Protocol):
 
 
 class KissEngine:
-    """KISS-ICP as it comes, kept away from input that ends its process.
-
-    Parameters
-    ----------
-    max_range : float
-        Its own setting; 100 is its default.
-    voxel_size : float, optional
-        Its own setting; its default is a hundredth of the range.
-    deskew : bool
-        Its own setting.
-    """
+    """KISS-ICP as it comes, kept away from input that ends its process."""
 
     def __init__(self, max_range: float = 100.0, voxel_size: float | None = None, deskew: bool = True) -> None:
         config = load_kiss("config").KISSConfig()
@@ -60,15 +50,7 @@ class KissEngine:
 
 
 class SmallGicpEngine:
-    """small_gicp's GICP from each scan to the one before, from constant velocity.
-
-    Parameters
-    ----------
-    voxel_size : float
-        Its downsampling resolution.
-    reach : float
-        Its largest distance of a pair.
-    """
+    """small_gicp's GICP from each scan to the one before, from constant velocity."""
 
     def __init__(self, voxel_size: float, reach: float) -> None:
         try:
@@ -103,45 +85,18 @@ class SmallGicpEngine:
 
 @dataclasses.dataclass(frozen=True)
 class Trip:
-    """A sequence after it was run.
+    """A sequence after it was run."""
 
-    Attributes
-    ----------
-    name : str
-        What ran it.
-    poses : ndarray, (n, 4, 4)
-        NaN where none was found.
-    results : tuple of Registration
-        One a frame, for our engine; empty for others, which have no verdicts.
-    seconds : ndarray, (n,)
-        Wall time of each frame, without reading it.
-    """
-
-    name: str
-    poses: FloatArray
-    results: tuple[Registration, ...]
-    seconds: FloatArray
+    name: str  # What ran it
+    poses: FloatArray  # (n, 4, 4): NaN where none was found
+    results: tuple[Registration, ...]  # One a frame, for our engine; empty for others, which have no verdicts
+    seconds: FloatArray  # (n,): Wall time of each frame, without reading it
 
 
 def run_ours(
     scans: Scans, settings: OdometrySettings, tell: Callable[[int, Registration], object] | None = None
 ) -> Trip:
-    """Run our odometry over a sequence; a frame that cannot be read fails alone.
-
-    Parameters
-    ----------
-    scans : Scans
-        The sequence.
-    settings : OdometrySettings
-        Settings.
-    tell : callable, optional
-        Called with each frame's number and result.
-
-    Returns
-    -------
-    Trip
-        One pose and one result a frame.
-    """
+    """Run our odometry over a sequence; a frame that cannot be read fails alone."""
     odometry = Odometry(settings)
     results: list[Registration] = []
     for number in range(len(scans)):
@@ -168,24 +123,7 @@ def _registered(odometry: Odometry, data: FrameData, stamp: float | None) -> Reg
 
 
 def run_engine(name: str, engine: Engine, scans: Scans, tell: Callable[[int], object] | None = None) -> Trip:
-    """Run another engine over a sequence.
-
-    Parameters
-    ----------
-    name : str
-        What to call it.
-    engine : Engine
-        The engine, new.
-    scans : Scans
-        The sequence.
-    tell : callable, optional
-        Called with each frame's number.
-
-    Returns
-    -------
-    Trip
-        Poses without verdicts.
-    """
+    """Run another engine over a sequence."""
     poses, seconds = [], []
     for number in range(len(scans)):
         data = scans[number]
@@ -198,25 +136,7 @@ def run_engine(name: str, engine: Engine, scans: Scans, tell: Callable[[int], ob
 
 
 def peers(settings: OdometrySettings, first: FloatArray) -> Iterable[tuple[str, Callable[[], Any]]]:
-    """Engines to compare with: KISS-ICP as it comes, at its range, at finer voxels; small_gicp from scan to scan.
-
-    Parameters
-    ----------
-    settings : OdometrySettings
-        Ours, for range and voxel.
-    first : ndarray, (n, 3)
-        Finite points of the first frame.
-
-    Returns
-    -------
-    iterable of (name, maker)
-        Each maker builds a new engine, or raises `MissingDependencyError`.
-
-    Raises
-    ------
-    InputError
-        If the first frame is empty.
-    """
+    """Engines to compare with: KISS-ICP as it comes, at its range, at finer voxels; small_gicp from scan to scan."""
     if not len(first):
         raise InputError("the first frame holds no finite point; a comparison needs one to measure the voxel")
     lengths = settings.resolve(first)

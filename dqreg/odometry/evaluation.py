@@ -23,30 +23,17 @@ CHI2_LOW, CHI2_HIGH = 1.2373, 14.4494
 
 @dataclasses.dataclass(frozen=True)
 class Errors:
-    """Errors of a trajectory.
+    """Errors of a trajectory."""
 
-    Attributes
-    ----------
-    steps : dict of int to (turn_deg, shift)
-        For each number of frames: errors of the relative poses over that many frames, (n,) each, degrees and lengths.
-    lost : int
-        Frames without a pose, and steps more than `LOST_DEG` off.
-    absolute_rmse : float
-        Root mean square distance of the places, after the best rigid alignment of both trajectories.
-    kiss_ate : (float, float)
-        KISS-ICP's absolute trajectory error: rotation in rad, translation.
-    kiss_segments : (float, float)
-        KISS-ICP's (KITTI's) mean error over 100 to 800 units of path: per cent, degrees a unit; NaN on shorter paths.
-    evo_ape_rmse : float
-        The same as ``absolute_rmse`` by the package ``evo``; NaN where it is not installed, or refuses to align a path
-        that is straight.
-    """
-
+    # For each number of frames: errors of the relative poses over that many frames, (n,) each, degrees and lengths
     steps: dict[int, tuple[FloatArray, FloatArray]]
-    lost: int
-    absolute_rmse: float
-    kiss_ate: tuple[float, float]
+    lost: int  # Frames without a pose, and steps more than `LOST_DEG` off
+    absolute_rmse: float  # Root mean square distance of the places, after the best rigid alignment of both trajectories
+    kiss_ate: tuple[float, float]  # KISS-ICP's absolute trajectory error: rotation in rad, translation
+    # KISS-ICP's (KITTI's) mean error over 100 to 800 units of path: per cent, degrees a unit; NaN on shorter paths
     kiss_segments: tuple[float, float]
+    # The same as ``absolute_rmse`` by the package ``evo``; NaN where it is not installed, or refuses to align a path
+    # that is straight
     evo_ape_rmse: float
 
 
@@ -101,17 +88,7 @@ def evaluate(poses: Any, truth: Any, steps: tuple[int, ...] = (1, 10)) -> Errors
 def relative_errors(poses: FloatArray, truth: FloatArray, step: int) -> tuple[FloatArray, FloatArray]:
     """Errors of the motions over a number of frames.
 
-    Parameters
-    ----------
-    poses, truth : ndarray, (n, 4, 4)
-        Rigid poses.
-    step : int
-        Frames between the two ends.
-
-    Returns
-    -------
-    turn_deg, shift : ndarray, (max(n - step, 0),)
-        Of the motion that is left when the true motion is taken off.
+    Shapes: poses, truth (n, 4, 4), turn_deg, shift (n - step, 0).
     """
     left = pose.inverse(pose.inverse(truth[:-step]) @ truth[step:]) @ (pose.inverse(poses[:-step]) @ poses[step:])
     if not len(left):
@@ -124,33 +101,10 @@ def nees(
 ) -> FloatArray:
     """Normalised squared error of each step: six on average where the covariances keep their word.
 
-    Of two neighbouring frames the errors are taken as independent: their covariances about their sensors are carried
-    to the later sensor and added.
+    Of two neighbouring frames the errors are taken as independent: their covariances about their sensors are carried to
+    the later sensor and added.
 
-    Parameters
-    ----------
-    poses : array_like, (n, 4, 4)
-        Estimated poses T_map_frame.
-    covariances : array_like, (n, 6, 6)
-        Covariance of each, as `Odometry.register_frame` gives it.
-    truth : array_like, (n, 4, 4)
-        True poses in any frame.
-    truth_sigma_deg, truth_sigma : float
-        Standard deviation of one true step, about each axis and along each: a truth that is known to a millimetre
-        cannot check a covariance of a tenth.
-
-    Returns
-    -------
-    ndarray, (n - 1,)
-        NaN where a pose is missing or a motion is free.
-
-    Examples
-    --------
-    >>> still = np.tile(np.eye(4), (2, 1, 1))
-    >>> off = still.copy()
-    >>> off[1, 0, 3] = 0.2
-    >>> nees(off, np.tile(0.01 * np.eye(6), (2, 1, 1)), still).round(6).tolist()
-    [2.0]
+    Shapes: poses (n, 4, 4), covariances (n, 6, 6), truth (n, 4, 4), returns (n - 1,).
     """
     P, C, G = (as_float(v, n) for v, n in ((poses, "poses"), (covariances, "covariances"), (truth, "truth")))
     values = np.full(max(len(P) - 1, 0), np.nan)

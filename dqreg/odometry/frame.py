@@ -26,46 +26,16 @@ NEIGHBOURS = 12
 
 @dataclasses.dataclass(frozen=True)
 class RawFrame:
-    """What came in, cleaned.
+    """What came in, cleaned."""
 
-    Attributes
-    ----------
-    points : ndarray, (n, 3)
-        Finite points in the sensor's frame; n may be 0.
-    times : ndarray, (n,) or None
-        Time of each point, where they can be used to undo the motion.
-    notes : tuple of str
-        What was left out and why, in sentences.
-    """
-
-    points: FloatArray
-    times: FloatArray | None
-    notes: tuple[str, ...]
+    points: FloatArray  # (n, 3): Finite points in the sensor's frame; n may be 0
+    times: FloatArray | None  # (n,): Time of each point, where they can be used to undo the motion
+    notes: tuple[str, ...]  # What was left out and why, in sentences
 
 
 def read_frame(points: Any, timestamps: Any) -> RawFrame:
     """Check a frame and leave out what is no measurement.
 
-    Parameters
-    ----------
-    points : array_like, (n, 3) or PointCloud
-        Points in the sensor's frame; rows that are not finite are left out, and so are returns at the very origin,
-        which sensors write where they got none.
-    timestamps : array_like, (n,), optional
-        Time of each point, any unit; empty or None where there are none.
-
-    Returns
-    -------
-    RawFrame
-        Cleaned frame; it may be empty.
-
-    Raises
-    ------
-    InputError
-        If the shapes are wrong.
-
-    Examples
-    --------
     >>> read_frame([[1, 2, 3], [0, 0, 0], [float("nan"), 1, 1]], None).notes
     ('2 of 3 returns are NaN, infinite or at the origin, and were left out',)
     """
@@ -91,38 +61,15 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
 
 @dataclasses.dataclass(frozen=True)
 class Keypoints:
-    """A frame thinned twice.
+    """A frame thinned twice."""
 
-    Attributes
-    ----------
-    dense : ndarray, (n, 3)
-        What enters the map.
-    scan : Scan
-        What the pose is found from, with normals fitted among the dense points.
-    reach : float
-        Distance of the farthest point from the sensor.
-    """
-
-    dense: FloatArray
-    scan: Scan
-    reach: float
+    dense: FloatArray  # (n, 3): What enters the map
+    scan: Scan  # What the pose is found from, with normals fitted among the dense points
+    reach: float  # Distance of the farthest point from the sensor
 
 
 def thin_frame(points: FloatArray, voxel_size: float) -> Keypoints | None:
-    """Thin a frame and fit its normals.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Finite points in the sensor's frame.
-    voxel_size : float
-        Edge of a voxel of the map.
-
-    Returns
-    -------
-    Keypoints or None
-        None where fewer than three places are left.
-    """
+    """Thin a frame and fit its normals."""
     dense = thin(points, DENSE * voxel_size) if len(points) else points
     sparse = thin(dense, SPARSE * voxel_size) if len(points) else points
     if len(sparse) < 3:

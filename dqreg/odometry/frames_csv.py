@@ -32,22 +32,7 @@ HEADER = (
 
 
 def write_frames(path: str | Path, trip: Trip, scans: Scans) -> None:
-    """Write verdict, place, one-sigmas and reasons of every frame as CSV.
-
-    Parameters
-    ----------
-    path : str or Path
-        File to write.
-    trip : Trip
-        A run; engines without verdicts leave those columns empty.
-    scans : Scans
-        Its frames, for names and times.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write verdict, place, one-sigmas and reasons of every frame as CSV."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEADER)
@@ -68,21 +53,7 @@ def write_frames(path: str | Path, trip: Trip, scans: Scans) -> None:
 
 
 def to_records(trip: Trip, scans: Scans) -> list[dict[str, Any]]:
-    """The frames as plain values.
-
-    Parameters
-    ----------
-    trip : Trip
-        A run; engines without verdicts leave those values None.
-    scans : Scans
-        Its frames, for names and times.
-
-    Returns
-    -------
-    list of dict
-        Keys as the columns of the CSV, with the pose as ``T_target_source`` and reasons as a list; lengths in the
-        scans' unit.
-    """
+    """The frames as plain values."""
     records = []
     for number, name in enumerate(scans.names):
         result = trip.results[number] if trip.results else None

@@ -21,28 +21,7 @@ MODULES = ("config", "kiss_icp", "mapping", "metrics", "preprocess", "threshold"
 
 @functools.cache
 def load_kiss(module: str) -> Any:
-    """A module of KISS-ICP.
-
-    Parameters
-    ----------
-    module : str
-        One of `MODULES`, without the package's name.
-
-    Returns
-    -------
-    module
-        ``kiss_icp.<module>``.
-
-    Raises
-    ------
-    MissingDependencyError
-        If the package is absent or broken; the message holds the command that brings it.
-
-    Examples
-    --------
-    >>> load_kiss("voxelization").__name__
-    'kiss_icp.voxelization'
-    """
+    """A module of KISS-ICP."""
     try:
         return importlib.import_module(f"kiss_icp.{module}")
     except Exception as error:
@@ -54,23 +33,7 @@ def load_kiss(module: str) -> Any:
 
 
 def rigid(T: FloatArray) -> FloatArray:
-    """The pose with its rotation made orthogonal to the last digit.
-
-    Parameters
-    ----------
-    T : ndarray, (4, 4)
-        Nearly rigid pose.
-
-    Returns
-    -------
-    ndarray, (4, 4)
-        The nearest rigid pose.
-
-    Examples
-    --------
-    >>> bool(np.abs(np.linalg.det(rigid(np.diag([1.0 + 1e-6, 1, 1, 1]))[:3, :3]) - 1) < 1e-15)
-    True
-    """
+    """The pose with its rotation made orthogonal to the last digit."""
     U, _, Vt = np.linalg.svd(T[:3, :3])
     pose = T.copy()
     pose[:3, :3] = U @ Vt
@@ -78,36 +41,12 @@ def rigid(T: FloatArray) -> FloatArray:
 
 
 def thin(points: FloatArray, size: float) -> FloatArray:
-    """The first point of each voxel, by KISS-ICP.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Finite points.
-    size : float
-        Edge of a voxel.
-
-    Returns
-    -------
-    ndarray, (m, 3)
-        Points as measured, none averaged; the order is not kept.
-
-    Examples
-    --------
-    >>> len(thin(np.array([[0.1, 0, 0], [0.2, 0, 0], [1.2, 0, 0]]), 1.0))
-    2
-    """
+    """The first point of each voxel, by KISS-ICP."""
     return np.array(load_kiss("voxelization").voxel_down_sample(points, size), dtype=np.float64).reshape(-1, 3)
 
 
 class KissParts:
-    """KISS-ICP's voxel map, motion compensation and adaptive threshold, set up for one sequence.
-
-    Parameters
-    ----------
-    settings : Resolved
-        Lengths of this sequence.
-    """
+    """KISS-ICP's voxel map, motion compensation and adaptive threshold, set up for one sequence."""
 
     def __init__(self, settings: Resolved) -> None:
         s = settings
@@ -123,22 +62,7 @@ class KissParts:
         self._threshold = load_kiss("threshold").get_threshold_estimator(config)
 
     def compensate(self, points: FloatArray, times: FloatArray | None, motion: FloatArray) -> FloatArray:
-        """Points in range, each moved to where it would have been seen at the end of the sweep.
-
-        Parameters
-        ----------
-        points : ndarray, (n, 3)
-            Finite points, n >= 1.
-        times : ndarray, (n,) or None
-            Time of each point, any unit, not all the same; None leaves the points as they are.
-        motion : ndarray, (4, 4)
-            Motion during the sweep: the last one.
-
-        Returns
-        -------
-        ndarray, (m, 3)
-            Points within the range.
-        """
+        """Points in range, each moved to where it would have been seen at the end of the sweep."""
         stamps = np.zeros(0) if times is None else times
         return np.array(self._preprocessor.preprocess(points, stamps, rigid(motion))).reshape(-1, 3)
 

@@ -19,13 +19,6 @@ NEIGHBOURS = 12
 class MapSurface:
     """Points of a map as a surface, for one thread.
 
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Points of the map, n >= 1.
-
-    Examples
-    --------
     >>> flat = np.stack(np.meshgrid(range(8), range(8), [0.0]), axis=-1).reshape(-1, 3)
     >>> found = MapSurface(flat).closest(np.array([[3.2, 4.1, 2.0]]))
     >>> found.points.tolist(), np.abs(found.normals).tolist()
@@ -66,21 +59,6 @@ class MapSurface:
 
 
 def surface_within(points: FloatArray, centre: FloatArray, reach: float) -> MapSurface:
-    """The part of a map around a place, as a surface; all of it where nothing is near.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Points of the map, n >= 1.
-    centre : ndarray, (3,)
-        The place.
-    reach : float
-        Radius.
-
-    Returns
-    -------
-    MapSurface
-        Ready to be asked.
-    """
+    """The part of a map around a place, as a surface; all of it where nothing is near."""
     near = np.linalg.norm(points - centre, axis=1) <= reach
     return MapSurface(points[near] if near.any() else points)

@@ -22,19 +22,7 @@ BLUE, ORANGE, GREY, RED = "#0072B2", "#E69F00", "#888888", "#D55E00"
 def plot_trip(path: str | Path, trip: Trip, truth: FloatArray | None = None) -> None:
     """Draw the path, and below it each frame's share on the map, one-sigma and error.
 
-    Parameters
-    ----------
-    path : str or Path
-        PNG, SVG or PDF to write.
-    trip : Trip
-        A run.
-    truth : ndarray, (n, 4, 4), optional
-        True pose of each frame.
-
-    Raises
-    ------
-    InputError
-        If nothing was found, or the file cannot be written.
+    Shapes: truth (n, 4, 4).
     """
     from matplotlib.figure import Figure
 

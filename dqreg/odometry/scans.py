@@ -27,45 +27,22 @@ TIME_FIELDS = ("t", "timestamp", "timestamps", "time", "times", "stamps")
 
 @dataclasses.dataclass(frozen=True)
 class FrameData:
-    """One frame as it was read.
+    """One frame as it was read."""
 
-    Attributes
-    ----------
-    points : ndarray, (n, 3)
-        Points, perhaps not finite; n is 0 where the frame could not be read.
-    timestamps : ndarray, (n,) or None
-        Time of each point.
-    problem : str or None
-        Why it could not be read.
-    """
-
-    points: FloatArray
-    timestamps: FloatArray | None = None
-    problem: str | None = None
+    points: FloatArray  # (n, 3): Points, perhaps not finite; n is 0 where the frame could not be read
+    timestamps: FloatArray | None = None  # (n,): Time of each point
+    problem: str | None = None  # Why it could not be read
 
 
 @dataclasses.dataclass(frozen=True)
 class Scans:
-    """A sequence, read frame by frame.
+    """A sequence, read frame by frame."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Name of each frame.
-    read : callable
-        From the frame's number to its data; raises `InputError` where it cannot be read.
-    times : ndarray, (n,) or None
-        Time of each frame, seconds.
-    truth : ndarray, (n, 4, 4) or None
-        True poses of the sensor, where a data loader knows them.
-    calibrate : callable or None
-        From poses of the sensor to those that the data set's own files hold (KITTI's camera), (n, 4, 4) to the same.
-    """
-
-    names: tuple[str, ...]
-    read: Callable[[int], FrameData]
-    times: FloatArray | None = None
-    truth: FloatArray | None = None
+    names: tuple[str, ...]  # Name of each frame
+    read: Callable[[int], FrameData]  # From the frame's number to its data; raises `InputError` where it cannot be read
+    times: FloatArray | None = None  # (n,): Time of each frame, seconds
+    truth: FloatArray | None = None  # (n, 4, 4): True poses of the sensor, where a data loader knows them
+    # From poses of the sensor to those that the data set's own files hold (KITTI's camera), (n, 4, 4) to the same
     calibrate: Callable[[FloatArray], FloatArray] | None = None
 
     def __len__(self) -> int:
@@ -82,31 +59,7 @@ class Scans:
 def open_scans(
     path: str | Path, times: str | Path | None = None, loader: str | None = None, sequence: str | None = None
 ) -> Scans:
-    """Find the frames of a sequence.
-
-    Parameters
-    ----------
-    path : str or Path
-        A folder of scans (PLY, PCD, KITTI's BIN, NPZ, NPY, XYZ ...), in natural order of their names; or one NPZ with
-        ``points``, ``offsets`` (frame i is ``points[offsets[i]:offsets[i+1]]``) and perhaps ``scale``, ``times`` and
-        ``timestamps``; or whatever ``loader`` reads.
-    times : str or Path, optional
-        File with the time of each frame, one a line. Default: ``times.txt`` beside the scans, where there is one.
-    loader : str, optional
-        Name of one of KISS-ICP's data loaders (kitti, mulran, rosbag, ...).
-    sequence : str, optional
-        Sequence that the loader is to read.
-
-    Returns
-    -------
-    Scans
-        Frames are read when they are asked for.
-
-    Raises
-    ------
-    InputError
-        If there are no frames, or the times do not fit them.
-    """
+    """Find the frames of a sequence."""
     path = Path(path)
     if not path.exists():
         raise InputError(f"cannot read {path}: no such file or folder; expected a folder of scans or an .npz sequence")

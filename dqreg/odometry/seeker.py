@@ -22,43 +22,16 @@ RESCUE_STARTS = 6
 
 @dataclasses.dataclass(frozen=True)
 class Seeker:
-    """Finds frames in the map.
+    """Finds frames in the map."""
 
-    Attributes
-    ----------
-    surface : MapSurface
-        The map.
-    lengths : Resolved
-        Lengths of the sequence.
-    settings : OdometrySettings
-        Method and largest turn.
-    usual : float
-        Usual share of points on the map; NaN where unknown.
-    anchors : list of (T_last, T_predicted)
-        Poses (4, 4) around which is searched, the likeliest first.
-    """
-
-    surface: MapSurface
-    lengths: Resolved
-    settings: OdometrySettings
-    usual: float
-    anchors: list[tuple[FloatArray, FloatArray]]
+    surface: MapSurface  # The map
+    lengths: Resolved  # Lengths of the sequence
+    settings: OdometrySettings  # Method and largest turn
+    usual: float  # Usual share of points on the map; NaN where unknown
+    anchors: list[tuple[FloatArray, FloatArray]]  # Poses (4, 4) around which is searched, the likeliest first
 
     def find(self, scan: Scan, *, trust_motion: bool) -> Aligned:
-        """The pose of a frame.
-
-        Parameters
-        ----------
-        scan : Scan
-            The frame.
-        trust_motion : bool
-            Whether constant velocity has been right to a voxel lately: then it is tried alone first.
-
-        Returns
-        -------
-        Aligned
-            The first attempt that fits, or the one with most points on the map.
-        """
+        """The pose of a frame."""
         if trust_motion:
             aligned = self._try(scan, self.anchors[0][1][None], 1)
             if fits(aligned.on_map, self.usual):

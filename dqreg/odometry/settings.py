@@ -106,23 +106,14 @@ class OdometrySettings:
 
 @dataclasses.dataclass(frozen=True)
 class Resolved:
-    """Lengths of one sequence, in its own unit.
+    """Lengths of one sequence, in its own unit."""
 
-    Attributes
-    ----------
-    voxel_size, max_range, min_range, deskew, max_points_per_voxel, threads
-        As in `OdometrySettings`.
-    reach : float
-        Largest distance of a pair while the pose is sought.
-    near : float
-        Largest distance of a pair on the last level.
-    """
-
+    # voxel_size, max_range, min_range, deskew, max_points_per_voxel, threads: As in `OdometrySettings`
     voxel_size: float
     max_range: float
     min_range: float
     deskew: bool
     max_points_per_voxel: int
-    reach: float
-    near: float
+    reach: float  # Largest distance of a pair while the pose is sought
+    near: float  # Largest distance of a pair on the last level
     threads: int

@@ -22,20 +22,7 @@ JUDGES = 150
 def turns(limit_deg: float, step_deg: float) -> FloatArray:
     """Rotations on a cubic lattice of rotation vectors, the smallest first.
 
-    Parameters
-    ----------
-    limit_deg, step_deg : float
-        Largest turn, and distance of neighbours on the lattice.
-
-    Returns
-    -------
-    ndarray, (m, 4, 4)
-        Pure turns, the identity among them.
-
-    Examples
-    --------
-    >>> len(turns(40.0, 20.0)), len(turns(0.0, 20.0))
-    (33, 1)
+    Shapes: returns (m, 4, 4).
     """
     count = int(np.floor(limit_deg / step_deg + 1e-9))
     steps = step_deg * np.arange(-count, count + 1)
@@ -48,17 +35,7 @@ def turns(limit_deg: float, step_deg: float) -> FloatArray:
 def candidates(T_last: FloatArray, T_predicted: FloatArray, limit_deg: float, step_deg: float) -> FloatArray:
     """Poses to begin with: the prediction, the last pose, and the last pose turned, at the place of either.
 
-    Parameters
-    ----------
-    T_last, T_predicted : ndarray, (4, 4)
-        Last pose, and what constant velocity makes of it.
-    limit_deg, step_deg : float
-        Of the lattice of turns.
-
-    Returns
-    -------
-    ndarray, (m, 4, 4)
-        The prediction first.
+    Shapes: returns (m, 4, 4).
     """
     turned = T_last @ turns(limit_deg, step_deg)
     carried = turned.copy()
@@ -69,23 +46,7 @@ def candidates(T_last: FloatArray, T_predicted: FloatArray, limit_deg: float, st
 def screen(surface: MapSurface, points: FloatArray, poses: FloatArray, cap: float, keep: int) -> FloatArray:
     """The poses under which the points lie nearest to the map.
 
-    Parameters
-    ----------
-    surface : MapSurface
-        The map.
-    points : ndarray, (n, 3)
-        Points of the frame.
-    poses : ndarray, (m, 4, 4)
-        Poses to judge.
-    cap : float
-        Distance beyond which a point is as good as lost.
-    keep : int
-        Poses to return.
-
-    Returns
-    -------
-    ndarray, (min(keep, m), 4, 4)
-        The best first; of equals the earlier.
+    Shapes: poses (m, 4, 4), returns (keep, m).
     """
     judges = points[np.linspace(0, len(points) - 1, min(JUDGES, len(points))).round().astype(np.int64)]
     moved = np.matmul(judges, poses[:, :3, :3].transpose(0, 2, 1)) + poses[:, None, :3, 3]
@@ -94,26 +55,6 @@ def screen(surface: MapSurface, points: FloatArray, poses: FloatArray, cap: floa
 
 
 def predict(T_last: FloatArray, motion: FloatArray, ratio: float) -> FloatArray:
-    """Constant velocity, along one screw.
-
-    Parameters
-    ----------
-    T_last : ndarray, (4, 4)
-        Last pose, T_map_sensor.
-    motion : ndarray, (4, 4)
-        Last motion, in the sensor's frame.
-    ratio : float
-        Time since the last frame over the time of that motion.
-
-    Returns
-    -------
-    ndarray, (4, 4)
-        Predicted pose.
-
-    Examples
-    --------
-    >>> predict(np.eye(4), twist.exp([0, 0, 0, 1, 0, 0]), 2.0)[:3, 3].tolist()
-    [2.0, 0.0, 0.0]
-    """
+    """Constant velocity, along one screw."""
     step = motion if ratio == 1.0 else twist.exp(ratio * twist.log(motion))
     return T_last @ step

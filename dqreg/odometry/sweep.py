@@ -28,51 +28,18 @@ WORSE = 0.02
 
 @dataclasses.dataclass(frozen=True)
 class Undone:
-    """A frame with a motion undone, and where it was placed.
+    """A frame with a motion undone, and where it was placed."""
 
-    Attributes
-    ----------
-    kiss : KissParts
-        Undoes motions.
-    frame : RawFrame
-        The frame, with times.
-    voxel_size : float
-        Edge of a voxel of the map.
-    keys : Keypoints
-        The frame with the motion undone.
-    aligned : Aligned
-        Where it was placed.
-    motion : ndarray, (4, 4)
-        The motion that was undone.
-    notes : tuple of str
-        What is to be told.
-    """
-
-    kiss: KissParts
-    frame: RawFrame
-    voxel_size: float
-    keys: Keypoints
-    aligned: Aligned
-    motion: FloatArray
-    notes: tuple[str, ...] = ()
+    kiss: KissParts  # Undoes motions
+    frame: RawFrame  # The frame, with times
+    voxel_size: float  # Edge of a voxel of the map
+    keys: Keypoints  # The frame with the motion undone
+    aligned: Aligned  # Where it was placed
+    motion: FloatArray  # (4, 4): The motion that was undone
+    notes: tuple[str, ...] = ()  # What is to be told
 
     def repeated(self, seek: Seeker, T_last: FloatArray, ratio: float) -> Undone:
-        """The same with the motion that was found, until both agree.
-
-        Parameters
-        ----------
-        seek : Seeker
-            Places frames.
-        T_last : ndarray, (4, 4)
-            Pose of the last trusted frame.
-        ratio : float
-            Sweeps since then.
-
-        Returns
-        -------
-        Undone
-            Placed with the motion that its pose tells, unless that fits worse.
-        """
+        """The same with the motion that was found, until both agree."""
         best = self
         if not fits(best.aligned.on_map, seek.usual):
             # The motion that was undone may have been far off, or the times are no times.

@@ -25,30 +25,7 @@ COLUMNS = (
 def match_truth(truth: FloatArray, truth_times: FloatArray | None, times: FloatArray | None, count: int) -> FloatArray:
     """True pose of each frame.
 
-    Parameters
-    ----------
-    truth : ndarray, (m, 4, 4)
-        True poses.
-    truth_times, times : ndarray or None
-        Times of the true poses, (m,), and of the frames, (count,).
-    count : int
-        Frames there are.
-
-    Returns
-    -------
-    ndarray, (count, 4, 4)
-        By number where there is one a frame, else the nearest in time.
-
-    Raises
-    ------
-    InputError
-        If they cannot be matched.
-
-    Examples
-    --------
-    >>> truth = np.tile(np.eye(4), (3, 1, 1))
-    >>> match_truth(truth, np.array([0.0, 1, 2]), np.array([0.0, 2.01]), 2).shape
-    (2, 4, 4)
+    Shapes: truth (m, 4, 4), returns (count, 4, 4).
     """
     if len(truth) == count:
         return truth
@@ -68,17 +45,7 @@ def match_truth(truth: FloatArray, truth_times: FloatArray | None, times: FloatA
 def row(trip: Trip, truth: FloatArray | None) -> tuple[str, ...]:
     """One engine's row, in the order of `COLUMNS`.
 
-    Parameters
-    ----------
-    trip : Trip
-        A sequence that was run.
-    truth : ndarray, (n, 4, 4) or None
-        True pose of each frame; without it only loss and speed are known.
-
-    Returns
-    -------
-    tuple of str
-        Lengths in the sequence's unit.
+    Shapes: truth (n, 4, 4).
     """
     speed = f"{len(trip.seconds) / max(float(trip.seconds.sum()), 1e-9):.1f}"
     missing = int(np.count_nonzero(~np.isfinite(trip.poses).all(axis=(1, 2))))
@@ -96,17 +63,7 @@ def _pair(values: FloatArray) -> str:
 def trust_words(trip: Trip, truth: FloatArray) -> str:
     """Whether the covariances keep their word, in a sentence.
 
-    Parameters
-    ----------
-    trip : Trip
-        A run of ours.
-    truth : ndarray, (n, 4, 4)
-        True pose of each frame.
-
-    Returns
-    -------
-    str
-        Mean and median normalised squared error (NEES), and the share of steps in the 95 % range.
+    Shapes: truth (n, 4, 4).
     """
     covariances = np.stack([result.covariance for result in trip.results])
     values = nees(trip.poses, covariances, truth)

@@ -20,15 +20,7 @@ FORMATS = ("kitti", "tum")
 def found_rows(poses: FloatArray) -> BoolArray:
     """Which poses were found, (n,).
 
-    Parameters
-    ----------
-    poses : ndarray, (n, 4, 4)
-        Poses; NaN where none was found.
-
-    Returns
-    -------
-    ndarray of bool, (n,)
-        False where a number is not finite.
+    Shapes: poses (n, 4, 4).
     """
     return np.asarray(np.isfinite(poses).all(axis=(1, 2)))
 
@@ -36,31 +28,7 @@ def found_rows(poses: FloatArray) -> BoolArray:
 def bridge_gaps(poses: Any) -> tuple[FloatArray, IntArray]:
     """A trajectory without gaps, for formats that need a line a frame.
 
-    Parameters
-    ----------
-    poses : array_like, (n, 4, 4)
-        Poses, NaN where none was found.
-
-    Returns
-    -------
-    bridged : ndarray, (n, 4, 4)
-        Between two poses that were found, one screw at constant speed (ScLERP); before the first and after the last,
-        the nearest one.
-    rows : ndarray of int
-        Which frames were bridged.
-
-    Raises
-    ------
-    InputError
-        If no pose was found at all.
-
-    Examples
-    --------
-    >>> gap = np.stack([np.eye(4), np.full((4, 4), np.nan), np.eye(4)])
-    >>> gap[2, 0, 3] = 2.0
-    >>> bridged, rows = bridge_gaps(gap)
-    >>> bridged[1, :3, 3].tolist(), rows.tolist()
-    ([1.0, 0.0, 0.0], [1])
+    Shapes: poses (n, 4, 4), bridged (n, 4, 4).
     """
     poses = as_float(poses, "poses").reshape(-1, 4, 4)
     found = np.flatnonzero(found_rows(poses))

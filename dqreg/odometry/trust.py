@@ -19,17 +19,10 @@ FEIGNED = 3.0
 
 @dataclasses.dataclass(frozen=True)
 class Held:
-    """What the matches of a frame say about its pose.
+    """What the matches of a frame say about its pose."""
 
-    Attributes
-    ----------
-    information : Information
-        Of the six motions, about the sensor.
-    covariance : ndarray, (6, 6)
-        Of a left increment about the sensor's place, in the map's frame; NaN where a motion is free.
-    """
-
-    information: Information
+    information: Information  # Of the six motions, about the sensor
+    # (6, 6): Of a left increment about the sensor's place, in the map's frame; NaN where a motion is free
     covariance: FloatArray
 
 
@@ -39,20 +32,6 @@ def held_by(run: Run, surface: MapSurface, reach: float) -> Held:
     A wall that the map holds two centimetres off pulls all of its points the same way; counted as independent, they
     would promise a tenth of a millimetre. So the covariance is learned from how the residuals scatter from patch to
     patch.
-
-    Parameters
-    ----------
-    run : Run
-        Last stage of a frame against the map, points in Morton order.
-    surface : MapSurface
-        The map.
-    reach : float
-        Distance of the frame's farthest point from the sensor: the lever of turns.
-
-    Returns
-    -------
-    Held
-        About the sensor's place.
     """
     T, pairs = run.T_target_source, run.pairs
     points, normals = pose.apply(T, pairs.scan.points), pairs.closest.normals
@@ -71,24 +50,7 @@ def held_by(run: Run, surface: MapSurface, reach: float) -> Held:
 
 
 def without_feigned(information: Information, arms: FloatArray, normals: FloatArray, wobble: FloatArray) -> Information:
-    """Information with the motions that only the normals' noise seems to hold set free.
-
-    Parameters
-    ----------
-    information : Information
-        Of the six motions.
-    arms : ndarray, (n, 3)
-        Points from the centre, in levers.
-    normals : ndarray, (n, 3)
-        Unit normals.
-    wobble : ndarray, (n,)
-        Weight of each pair times the variance of its normal about both tangential axes together, rad^2.
-
-    Returns
-    -------
-    Information
-        The weakest first, as before.
-    """
+    """Information with the motions that only the normals' noise seems to hold set free."""
     moved = information.vectors[3:].T[:, None] + np.cross(information.vectors[:3].T[:, None], arms)
     across = np.sum(moved**2, axis=2) - np.einsum("kij,ij->ki", moved, normals) ** 2
     feigned = across @ (0.5 * wobble) / max(information.weight, np.finfo(float).tiny)

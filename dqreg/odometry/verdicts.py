@@ -20,52 +20,20 @@ FEWEST_INLIERS = 30
 
 @dataclasses.dataclass(frozen=True)
 class FrameEvidence:
-    """What the verdict of a frame is made of.
+    """What the verdict of a frame is made of."""
 
-    Attributes
-    ----------
-    status : str
-        How the loop ended.
-    found : bool
-        Whether there is a pose at all.
-    inliers : float
-        Sum of the probabilities of points to lie on the map.
-    on_map : float
-        The same as a share of the frame's points.
-    usual : float
-        The same, median over the frames before; NaN where there are none.
-    width : float
-        Standard deviation of their distances to the nearest map points.
-    directions : tuple of Direction
-        The six motions, the weakest first.
-    """
-
-    status: str
-    found: bool
-    inliers: float
-    on_map: float
-    usual: float
-    width: float
-    directions: tuple[Direction, ...]
+    status: str  # How the loop ended
+    found: bool  # Whether there is a pose at all
+    inliers: float  # Sum of the probabilities of points to lie on the map
+    on_map: float  # The same as a share of the frame's points
+    usual: float  # The same, median over the frames before; NaN where there are none
+    width: float  # Standard deviation of their distances to the nearest map points
+    directions: tuple[Direction, ...]  # The six motions, the weakest first
 
 
 def frame_verdict(evidence: FrameEvidence, notes: tuple[str, ...]) -> Verdict:
     """Level and reasons of a frame.
 
-    Parameters
-    ----------
-    evidence : FrameEvidence
-        What is known.
-    notes : tuple of str
-        What was left out of the frame: told, without being a doubt.
-
-    Returns
-    -------
-    Verdict
-        With the notes last.
-
-    Examples
-    --------
     >>> frame_verdict(FrameEvidence("converged", True, 900.0, 0.9, 0.9, 0.1, ()), ()).level
     'accepted'
     >>> frame_verdict(FrameEvidence("converged", True, 60.0, 0.1, 0.9, 0.1, ()), ()).level
@@ -111,22 +79,6 @@ def _misfit(on_map: float, usual: float) -> str | None:
 def without_pose(reasons: tuple[str, ...], status: str, settings: dict[str, object]) -> Registration:
     """Result of a frame that cannot be placed.
 
-    Parameters
-    ----------
-    reasons : tuple of str
-        Why.
-    status : str
-        In one or two words.
-    settings : dict
-        What was resolved.
-
-    Returns
-    -------
-    Registration
-        Level "failed", all numbers NaN.
-
-    Examples
-    --------
     >>> without_pose(("it is empty",), "no points", {}).verdict.level
     'failed'
     """
@@ -134,22 +86,7 @@ def without_pose(reasons: tuple[str, ...], status: str, settings: dict[str, obje
 
 
 def first_frame(T_map_frame: FloatArray, notes: tuple[str, ...], settings: dict[str, object]) -> Registration:
-    """Result of the frame that the map begins with.
-
-    Parameters
-    ----------
-    T_map_frame : ndarray, (4, 4)
-        Its pose, which defines the map's frame.
-    notes : tuple of str
-        What was left out.
-    settings : dict
-        What was resolved.
-
-    Returns
-    -------
-    Registration
-        Accepted, with covariance zero: its pose is a definition.
-    """
+    """Result of the frame that the map begins with."""
     verdict = Verdict("accepted", ("the map begins with this frame: its pose is a definition", *notes))
     return _bare(T_map_frame, verdict, "first frame", 0.0, settings)
 

@@ -38,44 +38,17 @@ SIZES = (1e-12, 1e12)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """One layout of points.
+    """One layout of points."""
 
-    Attributes
-    ----------
-    layout : str
-        What was tried.
-    floor_rad : float
-        What the rounding of the coordinates alone can do to the rotation, in order of magnitude.
-    worst_rad : dict of float
-        By method: largest rotation error of the trials that gave a pose; NaN if none did.
-    refused : dict of int
-        By method: trials that ended in `DegenerateGeometryError`.
-    trials : int
-        Trials in all.
-    """
-
-    layout: str
-    floor_rad: float
-    worst_rad: dict[str, float]
-    refused: dict[str, int]
-    trials: int
+    layout: str  # What was tried
+    floor_rad: float  # What the rounding of the coordinates alone can do to the rotation, in order of magnitude
+    worst_rad: dict[str, float]  # By method: largest rotation error of the trials that gave a pose; NaN if none did
+    refused: dict[str, int]  # By method: trials that ended in `DegenerateGeometryError`
+    trials: int  # Trials in all
 
 
 def measure_accuracy(rng: np.random.Generator, trials: int = 50) -> tuple[Outcome, ...]:
-    """Solve exact matches in hard layouts.
-
-    Parameters
-    ----------
-    rng : Generator
-        Source of the draws.
-    trials : int
-        Random parts and poses for each layout.
-
-    Returns
-    -------
-    tuple of Outcome
-        Far origins, thin parts, flat, tiny and huge ones, and one repeated point.
-    """
+    """Solve exact matches in hard layouts."""
     eps = float(np.finfo(np.float64).eps)
     outcomes = [_try(rng, name, trials, eps * max(d, 1.0), away=d) for name, d in DISTANCES.items()]
     for width in WIDTHS:
@@ -122,18 +95,7 @@ def _layout(
 
 
 def accuracy_section(outcomes: tuple[Outcome, ...]) -> Section:
-    """Words and table of the measurement.
-
-    Parameters
-    ----------
-    outcomes : tuple of Outcome
-        What `measure_accuracy` found.
-
-    Returns
-    -------
-    Section
-        Largest rotation error of each method in each layout.
-    """
+    """Words and table of the measurement."""
     by_layout = {outcome.layout: outcome for outcome in outcomes}
     far = by_layout["a million sizes away"]
     table = Table(

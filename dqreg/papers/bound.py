@@ -34,27 +34,7 @@ def weighted_information(
 ) -> FloatArray:
     """Sum ``beta J^T J + alpha diag(I - n n^T, 0)`` over points and directions.
 
-    Parameters
-    ----------
-    points : ndarray, (..., n, 3)
-        Points where the true pose puts them, x.
-    directions : ndarray, (..., m, 3)
-        Unit directions likewise; m may be 0.
-    centre : ndarray, (3,) or (..., 3)
-        The place c about which turns are counted.
-    beta, alpha : float
-        One over the variances for the Fisher information.
-
-    Returns
-    -------
-    ndarray, (..., 6, 6)
-        Turn first, then shift.
-
-    Examples
-    --------
-    >>> F = weighted_information(np.zeros((1, 3)), np.array([[0.0, 0, 1]]), np.zeros(3), 1.0, 2.0)
-    >>> np.diag(F).tolist()
-    [2.0, 2.0, 0.0, 1.0, 1.0, 1.0]
+    Shapes: points (..., n, 3), directions (..., m, 3), returns (..., 6, 6).
     """
     away = points - np.asarray(centre)[..., np.newaxis, :]
     J = np.concatenate([-quaternion.cross_matrix(away), np.broadcast_to(np.eye(3), (*away.shape, 3))], axis=-1)
@@ -69,25 +49,7 @@ def cramer_rao(
 ) -> FloatArray:
     """Covariance that no unbiased estimate can undercut.
 
-    Parameters
-    ----------
-    points, directions, centre
-        As in `weighted_information`.
-    sigma_p : float
-        Noise of a point coordinate, a length.
-    sigma_n : float
-        Noise of a direction, radians along each of the two ways across it.
-
-    Returns
-    -------
-    ndarray, (..., 6, 6)
-        Turn first (radians), then shift of the centre (lengths).
-
-    Examples
-    --------
-    >>> corners = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
-    >>> np.diag(cramer_rao(corners, np.zeros((0, 3)), np.zeros(3), 0.1, 1.0)).round(6).tolist()
-    [0.005, 0.005, 0.0025, 0.0025, 0.0025, 0.0025]
+    Shapes: returns (..., 6, 6).
     """
     information = weighted_information(points, directions, centre, sigma_p**-2, sigma_n**-2)
     return np.asarray(np.linalg.inv(information), dtype=np.float64)
@@ -102,26 +64,7 @@ def covariance_of_weights(
 ) -> FloatArray:
     """Covariance that weighted least squares reach, ``A^-1 B A^-1``.
 
-    Parameters
-    ----------
-    points, directions, centre
-        As in `weighted_information`.
-    sigmas : tuple of float
-        True noise sigma_p and sigma_n.
-    weights : tuple of float
-        The weights in use, beta and alpha.
-
-    Returns
-    -------
-    ndarray, (..., 6, 6)
-        Turn first (radians), then shift of the centre (lengths).
-
-    Examples
-    --------
-    >>> x, n = np.eye(3), np.eye(3)
-    >>> best = cramer_rao(x, n, np.zeros(3), 0.1, 0.2)
-    >>> bool(np.allclose(covariance_of_weights(x, n, np.zeros(3), (0.1, 0.2), (100.0, 25.0)), best))
-    True
+    Shapes: returns (..., 6, 6).
     """
     (sigma_p, sigma_n), (beta, alpha) = sigmas, weights
     inverse = np.linalg.inv(weighted_information(points, directions, centre, beta, alpha))
@@ -132,21 +75,7 @@ def covariance_of_weights(
 def rms_of(covariance: FloatArray) -> tuple[float, float]:
     """Root mean square turn and shift of a covariance, or of a mean of several.
 
-    Parameters
-    ----------
-    covariance : ndarray, (..., 6, 6)
-        Turn first, then shift; leading axes are averaged over.
-
-    Returns
-    -------
-    turn_rad, shift : float
-        Radians, and the unit of length.
-
-    Examples
-    --------
-    >>> turn, shift = rms_of(np.diag([1.0, 1, 2, 3, 3, 3]))
-    >>> turn, shift
-    (2.0, 3.0)
+    Shapes: covariance (..., 6, 6).
     """
     variances = np.diagonal(covariance, axis1=-2, axis2=-1)
     turn, shift = variances[..., :3].sum(axis=-1), variances[..., 3:].sum(axis=-1)

@@ -11,29 +11,7 @@ EMPTY = "-"
 
 
 def cell_text(cell: Cell, column: Column) -> str:
-    """Text of a cell.
-
-    Parameters
-    ----------
-    cell : float, int, str, Estimate or None
-        What the cell holds. An estimate shows its standard error in brackets, in units of its last digits.
-    column : Column
-        Its head, which says how plain floats are written.
-
-    Returns
-    -------
-    str
-        The text, without the unit.
-
-    Examples
-    --------
-    >>> cell_text(Estimate(0.123456, 0.00123), Column("angle", "deg"))
-    '0.1235(12)'
-    >>> cell_text(Estimate(4.2e-5, 3.1e-7), Column("angle", "rad"))
-    '4.200(31)e-5'
-    >>> cell_text(3.2e-12, Column("error")), cell_text(None, Column("error")), cell_text(7, Column("count"))
-    ('3.2e-12', '-', '7')
-    """
+    """Text of a cell."""
     if cell is None:
         return EMPTY
     if isinstance(cell, str | int):
@@ -46,18 +24,6 @@ def cell_text(cell: Cell, column: Column) -> str:
 def is_number(cell: Cell) -> bool:
     """Whether a cell is set to the right, as numbers are.
 
-    Parameters
-    ----------
-    cell : float, int, str, Estimate or None
-        What the cell holds.
-
-    Returns
-    -------
-    bool
-        False for words only.
-
-    Examples
-    --------
     >>> is_number(1.5), is_number("refused")
     (True, False)
     """
@@ -67,20 +33,6 @@ def is_number(cell: Cell) -> bool:
 def short_number(value: float, spec: str = "g") -> str:
     """Number without the padding of exponents.
 
-    Parameters
-    ----------
-    value : float
-        A finite number.
-    spec : str
-        Format, as in `format`.
-
-    Returns
-    -------
-    str
-        The text.
-
-    Examples
-    --------
     >>> short_number(1e-5), short_number(1e12), short_number(0.0, ".1e")
     ('1e-5', '1e12', '0')
     """

@@ -22,21 +22,12 @@ SHOWN = (1, 2, 3, 5, 10, 20, 30, 50, 100)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """One run of ICP.
+    """One run of ICP."""
 
-    Attributes
-    ----------
-    name : str
-        What was solved in each iteration.
-    status : str
-        How the run ended.
-    errors, rms : tuple of float
-        After each iteration: root mean square distance of the points from where the truth puts them, and of the
-        pairs; both over the size.
-    """
-
-    name: str
-    status: str
+    name: str  # What was solved in each iteration
+    status: str  # How the run ended
+    # errors, rms: After each iteration: root mean square distance of the points from where the truth puts them, and of
+    # the pairs; both over the size
     errors: tuple[float, ...]
     rms: tuple[float, ...]
 
@@ -44,20 +35,7 @@ class Path:
 def measure_convergence(
     rng: np.random.Generator, source_points: int = 2_000, target_points: int = 20_000
 ) -> tuple[Path, ...]:
-    """Run ICP on two clouds of one surface in three ways.
-
-    Parameters
-    ----------
-    rng : Generator
-        Source of the draws.
-    source_points, target_points : int
-        Points of the two clouds; the source is a noisy part of the target.
-
-    Returns
-    -------
-    tuple of Path
-        As in the notes, with extrapolated steps, and with normals.
-    """
+    """Run ICP on two clouds of one surface in three ways."""
     target = surface_cloud(rng, target_points)
     chosen = target[rng.choice(target_points, source_points, replace=False)]
     size = float(np.linalg.norm(np.ptp(target, axis=0)))
@@ -78,20 +56,8 @@ def measure_convergence(
 def surface_cloud(rng: np.random.Generator, count: int) -> FloatArray:
     """Points on a bumpy sheet without symmetry, of size 1.
 
-    Parameters
-    ----------
-    rng : Generator
-        Source of the draws.
-    count : int
-        How many.
+    Shapes: returns (count, 3).
 
-    Returns
-    -------
-    ndarray, (count, 3)
-        Points whose bounding box has a diagonal of about 1.
-
-    Examples
-    --------
     >>> surface_cloud(np.random.default_rng(0), 5).shape
     (5, 3)
     """
@@ -130,18 +96,7 @@ def _follow(
 
 
 def convergence_section(paths: tuple[Path, ...]) -> Section:
-    """Words, table and figure of the measurement.
-
-    Parameters
-    ----------
-    paths : tuple of Path
-        What `measure_convergence` found.
-
-    Returns
-    -------
-    Section
-        Errors by iteration.
-    """
+    """Words, table and figure of the measurement."""
     plain, points, normals = paths
     return Section(
         "icp",

@@ -22,43 +22,20 @@ PAPER_WEIGHTS = (0.25, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """One number of points and directions at one ratio of noise.
+    """One number of points and directions at one ratio of noise."""
 
-    Attributes
-    ----------
-    points, directions : int
-        How many of each.
-    ratio : float
-        sigma_n * size / sigma_p.
-    likely, equal : Accuracy
-        Errors with weights of maximum likelihood, and with alpha = beta = 1 as in the paper.
-    bound : tuple of float
-        Least possible errors: degrees, length.
-    """
-
+    # points, directions: How many of each
     points: int
     directions: int
-    ratio: float
+    ratio: float  # sigma_n * size / sigma_p
+    # likely, equal: Errors with weights of maximum likelihood, and with alpha = beta = 1 as in the paper
     likely: Accuracy
     equal: Accuracy
-    bound: tuple[float, float]
+    bound: tuple[float, float]  # Least possible errors: degrees, length
 
 
 def measure_directions(rng: np.random.Generator, choices: int = 20, trials: int = 400) -> tuple[Gain, ...]:
-    """Simulate all numbers of points and directions.
-
-    Parameters
-    ----------
-    rng : Generator
-        Source of the draws.
-    choices, trials : int
-        Sets of points and directions, and noisy measurements of each.
-
-    Returns
-    -------
-    tuple of Gain
-        In the order of points, directions, ratio.
-    """
+    """Simulate all numbers of points and directions."""
     gains = []
     for points in POINTS:
         full = SetUp.draw(rng, (points, max(DIRECTIONS)), choices, trials)
@@ -76,18 +53,7 @@ def measure_directions(rng: np.random.Generator, choices: int = 20, trials: int 
 
 
 def directions_section(gains: tuple[Gain, ...]) -> Section:
-    """Words, tables and figure of the measurement.
-
-    Parameters
-    ----------
-    gains : tuple of Gain
-        What `measure_directions` found.
-
-    Returns
-    -------
-    Section
-        Rotation and position, by number of directions.
-    """
+    """Words, tables and figure of the measurement."""
     by_key = {(gain.points, gain.directions, gain.ratio): gain for gain in gains}
     bare, helped = (by_key[3, m, 0.1].likely.turn_deg.value for m in (0, 2))
     unweighted = by_key[3, 2, 0.1].equal.turn_deg.value

@@ -13,18 +13,10 @@ from typing import TypeAlias
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A simulated number with its Monte-Carlo standard error.
+    """A simulated number with its Monte-Carlo standard error."""
 
-    Attributes
-    ----------
-    value : float
-        The estimate.
-    error : float
-        One standard error, in the same unit.
-    """
-
-    value: float
-    error: float
+    value: float  # The estimate
+    error: float  # One standard error, in the same unit
 
 
 Cell: TypeAlias = float | int | str | Estimate | None
@@ -32,21 +24,11 @@ Cell: TypeAlias = float | int | str | Estimate | None
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Head of a column.
+    """Head of a column."""
 
-    Attributes
-    ----------
-    name : str
-        What stands below.
-    unit : str
-        Unit of the numbers; empty for counts, ratios and words.
-    spec : str
-        Format of plain floats, as in `format`.
-    """
-
-    name: str
-    unit: str = ""
-    spec: str = ".3g"
+    name: str  # What stands below
+    unit: str = ""  # Unit of the numbers; empty for counts, ratios and words
+    spec: str = ".3g"  # Format of plain floats, as in `format`
 
     @property
     def head(self) -> str:
@@ -56,27 +38,13 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows of numbers and words.
+    """Rows of numbers and words."""
 
-    Attributes
-    ----------
-    key : str
-        Name in the JSON.
-    title : str
-        What the table shows.
-    columns : tuple of Column
-        Heads.
-    rows : tuple of tuple
-        One cell a column; None is an empty cell.
-    note : str
-        What a reader must know to read it.
-    """
-
-    key: str
-    title: str
-    columns: tuple[Column, ...]
-    rows: tuple[tuple[Cell, ...], ...]
-    note: str = ""
+    key: str  # Name in the JSON
+    title: str  # What the table shows
+    columns: tuple[Column, ...]  # Heads
+    rows: tuple[tuple[Cell, ...], ...]  # One cell a column; None is an empty cell
+    note: str = ""  # What a reader must know to read it
 
     def __post_init__(self) -> None:
         for row in self.rows:
@@ -86,137 +54,67 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One line or row of markers.
+    """One line or row of markers."""
 
-    Attributes
-    ----------
-    label : str
-        Entry of the legend; empty for none.
-    x, y : tuple of float
-        The points.
-    errors : tuple of float
-        Half the height of the error bars; empty for none.
-    colour : int
-        Number in the palette.
-    line, marker : str
-        Matplotlib's signs; empty for none.
-    """
-
-    label: str
+    label: str  # Entry of the legend; empty for none
+    # x, y: The points
     x: tuple[float, ...]
     y: tuple[float, ...]
-    errors: tuple[float, ...] = ()
-    colour: int = 0
+    errors: tuple[float, ...] = ()  # Half the height of the error bars; empty for none
+    colour: int = 0  # Number in the palette
+    # line, marker: Matplotlib's signs; empty for none
     line: str = "-"
     marker: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One pair of axes.
+    """One pair of axes."""
 
-    Attributes
-    ----------
-    x_label, y_label : str
-        Quantity and unit.
-    curves : tuple of Curve
-        What is drawn.
-    title : str
-        Above the axes.
-    log_x, log_y : bool
-        Logarithmic axes.
-    y_limits : tuple of float, optional
-        Lowest and highest y shown.
-    """
-
+    # x_label, y_label: Quantity and unit
     x_label: str
     y_label: str
-    curves: tuple[Curve, ...]
-    title: str = ""
+    curves: tuple[Curve, ...]  # What is drawn
+    title: str = ""  # Above the axes
+    # log_x, log_y: Logarithmic axes
     log_x: bool = False
     log_y: bool = False
-    y_limits: tuple[float, float] | None = None
+    y_limits: tuple[float, float] | None = None  # Lowest and highest y shown
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """Panels below each other, so that they can be read on a phone.
+    """Panels below each other, so that they can be read on a phone."""
 
-    Attributes
-    ----------
-    key : str
-        Name in the JSON and of the PNG file.
-    title : str
-        What it shows; also the text for those who cannot see it.
-    panels : tuple of Panel
-        From top to bottom.
-    note : str
-        How to read it.
-    """
-
-    key: str
-    title: str
-    panels: tuple[Panel, ...]
-    note: str = ""
+    key: str  # Name in the JSON and of the PNG file
+    title: str  # What it shows; also the text for those who cannot see it
+    panels: tuple[Panel, ...]  # From top to bottom
+    note: str = ""  # How to read it
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One question and its answer.
+    """One question and its answer."""
 
-    Attributes
-    ----------
-    key : str
-        Name in the JSON.
-    title : str
-        Heading.
-    finding : str
-        The answer in one or two sentences.
-    text : tuple of str
-        How it was measured, a paragraph each.
-    tables : tuple of Table
-        Numbers.
-    figures : tuple of Figure
-        Curves.
-    """
-
-    key: str
-    title: str
-    finding: str
-    text: tuple[str, ...] = ()
-    tables: tuple[Table, ...] = ()
-    figures: tuple[Figure, ...] = ()
+    key: str  # Name in the JSON
+    title: str  # Heading
+    finding: str  # The answer in one or two sentences
+    text: tuple[str, ...] = ()  # How it was measured, a paragraph each
+    tables: tuple[Table, ...] = ()  # Numbers
+    figures: tuple[Figure, ...] = ()  # Curves
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Everything that `dqreg reproduce` found out about one paper.
+    """Everything that `dqreg reproduce` found out about one paper."""
 
-    Attributes
-    ----------
-    paper : str
-        Short name.
-    title : str
-        Heading of the page.
-    citation : str
-        What was reproduced.
-    seed : int
-        Seed of all draws.
-    quick : bool
-        Whether fewer trials were drawn than a full run draws.
-    sections : tuple of Section
-        Questions and answers.
-    versions : dict
-        Versions of what computed it, and the machine.
-    """
-
-    paper: str
-    title: str
-    citation: str
-    seed: int
-    quick: bool
-    sections: tuple[Section, ...]
-    versions: dict[str, str] = field(default_factory=dict)
+    paper: str  # Short name
+    title: str  # Heading of the page
+    citation: str  # What was reproduced
+    seed: int  # Seed of all draws
+    quick: bool  # Whether fewer trials were drawn than a full run draws
+    sections: tuple[Section, ...]  # Questions and answers
+    versions: dict[str, str] = field(default_factory=dict)  # Versions of what computed it, and the machine
 
     @property
     def figures(self) -> tuple[Figure, ...]:
@@ -225,22 +123,5 @@ class Report:
 
 
 def floats(values: Iterable[float]) -> tuple[float, ...]:
-    """Plain Python numbers of any array, for curves and rows.
-
-    Parameters
-    ----------
-    values : iterable of float
-        Numbers, for example an array.
-
-    Returns
-    -------
-    tuple of float
-        The same numbers.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> floats(np.arange(3))
-    (0.0, 1.0, 2.0)
-    """
+    """Plain Python numbers of any array, for curves and rows."""
     return tuple(float(value) for value in values)

@@ -17,18 +17,12 @@ BEARING_RAD, ELEVATION_RAD = float(np.deg2rad(40.0)), float(np.deg2rad(25.0))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Example:
-    """One printed result.
+    """One printed result."""
 
-    Attributes
-    ----------
-    name, quantity : str
-        Where it stands and what it is.
-    printed, ours : ndarray
-        Both values.
-    """
-
+    # name, quantity: Where it stands and what it is
     name: str
     quantity: str
+    # printed, ours: Both values
     printed: FloatArray
     ours: FloatArray
 
@@ -39,18 +33,7 @@ class Example:
 
 
 def measure_examples() -> tuple[Example, ...]:
-    """Compute examples 1 to 3.
-
-    Returns
-    -------
-    tuple of Example
-        In the order of the notes.
-
-    Examples
-    --------
-    >>> measure_examples()[0].difference
-    0.0
-    """
+    """Compute examples 1 to 3."""
     p, q = np.array([3.0, 1, -2, 1]), np.array([2.0, -1, 2, 3])
     third = quaternion.from_axis_angle([1, 1, 1], 2.0 * np.pi / 3.0)
     columns = np.array([[-0.5, 0.0, 0.0], [0.5, 0.5, 0.5], [0.0, 0.5, -0.5]])
@@ -87,18 +70,6 @@ def _example(name: str, quantity: str, printed: ArrayLike, ours: ArrayLike) -> E
 def examples_section(examples: tuple[Example, ...]) -> Section:
     """Words and table of the examples.
 
-    Parameters
-    ----------
-    examples : tuple of Example
-        What `measure_examples` computed.
-
-    Returns
-    -------
-    Section
-        Ours beside the printed values.
-
-    Examples
-    --------
     >>> len(examples_section(measure_examples()).tables[0].rows)
     9
     """

@@ -25,16 +25,7 @@ _HEIGHTS = ((0.0, 88.0), (88.0, 151.0))
 def feeder_vertices() -> FloatArray:
     """Vertices of two stacked stepped prisms in the box of the paper's object.
 
-    Returns
-    -------
-    ndarray, (32, 3)
-        Distinct points, one corner of their box at the origin, in the paper's units of length.
-
-    Examples
-    --------
-    >>> vertices = feeder_vertices()
-    >>> len(vertices), np.ptp(vertices, axis=0).tolist()
-    (32, [322.0, 84.0, 151.0])
+    Shapes: returns (32, 3).
     """
     rings = [
         (*corner, height)

@@ -22,58 +22,22 @@ START = (0.5, 0.5, -0.5, 0.5)
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """One method of integration.
+    """One method of integration."""
 
-    Attributes
-    ----------
-    name : str
-        What it is.
-    expected : int
-        Order by theory.
-    slope : float
-        Measured order: slope of log error over log step.
-    steps : tuple of float
-        Length of a step in seconds.
-    errors_rad : tuple of float
-        Angle between the last orientation and the true one.
-    """
-
-    name: str
-    expected: int
-    slope: float
-    steps: tuple[float, ...]
-    errors_rad: tuple[float, ...]
+    name: str  # What it is
+    expected: int  # Order by theory
+    slope: float  # Measured order: slope of log error over log step
+    steps: tuple[float, ...]  # Length of a step in seconds
+    errors_rad: tuple[float, ...]  # Angle between the last orientation and the true one
 
 
 def wobble(t: float) -> FloatArray:
-    """Angular velocity that changes in size and direction.
-
-    Parameters
-    ----------
-    t : float
-        Time in seconds.
-
-    Returns
-    -------
-    ndarray, (3,)
-        Radians per second in world coordinates.
-
-    Examples
-    --------
-    >>> wobble(0.0).tolist()
-    [0.0, 1.0, 0.5]
-    """
+    """Angular velocity that changes in size and direction."""
     return np.array([1.5 * np.sin(2.0 * t), np.cos(3.0 * t), 0.5 + t])
 
 
 def measure_orders() -> tuple[Order, ...]:
-    """Integrate with ever shorter steps and compare with an independent solver.
-
-    Returns
-    -------
-    tuple of Order
-        Euler and Runge-Kutta.
-    """
+    """Integrate with ever shorter steps and compare with an independent solver."""
     exact = _reference()
     orders = []
     for method, (name, expected) in METHODS.items():
@@ -99,18 +63,7 @@ def _reference() -> FloatArray:
 
 
 def integration_section(orders: tuple[Order, ...]) -> Section:
-    """Words, table and figure of the orders.
-
-    Parameters
-    ----------
-    orders : tuple of Order
-        What `measure_orders` found.
-
-    Returns
-    -------
-    Section
-        Errors by step, and slopes.
-    """
+    """Words, table and figure of the orders."""
     table = Table(
         "orders",
         "Error of the last orientation",

@@ -17,27 +17,13 @@ NAMES = ("eq. 33, constant rates", "eq. 34, slerp")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Between:
-    """One way from the first rotation to the last.
+    """One way from the first rotation to the last."""
 
-    Attributes
-    ----------
-    name : str
-        Which way.
-    fraction : ndarray, (n,)
-        tau, 0 to 1.
-    angle_deg : ndarray, (n,)
-        Angle of the rotation at tau.
-    axis : ndarray, (n, 3)
-        Its axis.
-    speed_deg : ndarray, (n,)
-        Angular speed, degrees per unit of tau.
-    """
-
-    name: str
-    fraction: FloatArray
-    angle_deg: FloatArray
-    axis: FloatArray
-    speed_deg: FloatArray
+    name: str  # Which way
+    fraction: FloatArray  # (n,): tau, 0 to 1
+    angle_deg: FloatArray  # (n,): Angle of the rotation at tau
+    axis: FloatArray  # (n, 3): Its axis
+    speed_deg: FloatArray  # (n,): Angular speed, degrees per unit of tau
 
     @property
     def swept_deg(self) -> float:
@@ -47,18 +33,7 @@ class Between:
 
 
 def measure_interpolation(steps: int = 400) -> tuple[Between, Between]:
-    """Follow both formulas from 40 degrees about one axis to 160 degrees about another.
-
-    Parameters
-    ----------
-    steps : int
-        Parts into which tau is cut.
-
-    Returns
-    -------
-    tuple of Between
-        By equation 33, and by equation 34.
-    """
+    """Follow both formulas from 40 degrees about one axis to 160 degrees about another."""
     r1, r2 = (quaternion.from_axis_angle(axis, np.deg2rad(angle)) for axis, angle in (FIRST, LAST))
     tau = np.linspace(0.0, 1.0, steps + 1)
     paths = (quaternion.interpolate_axis_angle(r1, r2, tau), quaternion.slerp(r1, r2, tau))
@@ -73,18 +48,7 @@ def _between(name: str, tau: FloatArray, path: FloatArray) -> Between:
 
 
 def interpolation_section(paths: tuple[Between, Between]) -> Section:
-    """Words, table and figures of both ways.
-
-    Parameters
-    ----------
-    paths : tuple of Between
-        What `measure_interpolation` found.
-
-    Returns
-    -------
-    Section
-        Angles, axes and speeds.
-    """
+    """Words, table and figures of both ways."""
     rates, slerp = paths
     table = Table(
         "interpolation",

@@ -20,24 +20,12 @@ Function = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class Jacobian:
-    """One Jacobian.
+    """One Jacobian."""
 
-    Attributes
-    ----------
-    equation : str
-        Its number in the notes.
-    says : str
-        What is differentiated by what.
-    symbol : str
-        Name in ``dqreg.quaternion``.
-    error : float
-        Largest difference from central differences over all draws, entry by entry.
-    """
-
-    equation: str
-    says: str
-    symbol: str
-    error: float
+    equation: str  # Its number in the notes
+    says: str  # What is differentiated by what
+    symbol: str  # Name in ``dqreg.quaternion``
+    error: float  # Largest difference from central differences over all draws, entry by entry
 
 
 def _pure(v: FloatArray) -> FloatArray:
@@ -76,20 +64,7 @@ CASES: tuple[tuple[str, str, str, Callable[..., FloatArray], Callable[..., tuple
 
 
 def measure_jacobians(rng: np.random.Generator, draws: int = 200) -> tuple[Jacobian, ...]:
-    """Compare every Jacobian with central differences at random places.
-
-    Parameters
-    ----------
-    rng : Generator
-        Source of the draws.
-    draws : int
-        Places.
-
-    Returns
-    -------
-    tuple of Jacobian
-        Equations 35 to 46.
-    """
+    """Compare every Jacobian with central differences at random places."""
     places = [_place(rng) for _ in range(draws)]
     return tuple(
         Jacobian(equation, says, symbol, max(_error(matrix(*place), *problem(*place)) for place in places))
@@ -109,18 +84,7 @@ def _error(matrix: FloatArray, function: Function, at: FloatArray) -> float:
 
 
 def jacobians_section(jacobians: tuple[Jacobian, ...]) -> Section:
-    """Words and table of the comparison.
-
-    Parameters
-    ----------
-    jacobians : tuple of Jacobian
-        What `measure_jacobians` found.
-
-    Returns
-    -------
-    Section
-        Largest error of each.
-    """
+    """Words and table of the comparison."""
     table = Table(
         "jacobians",
         "Jacobians against central differences",

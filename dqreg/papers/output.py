@@ -13,28 +13,7 @@ RESULTS, PAGE = "results.json", "report.html"
 
 
 def prepare_folder(folder: Path, figure_keys: Sequence[str]) -> None:
-    """Make the folder and check that every file can be written in it.
-
-    Parameters
-    ----------
-    folder : Path
-        Where the files shall go; it is created, with its parents, if it is missing.
-    figure_keys : sequence of str
-        Keys of the figures to come.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be made, or a file in it not be written.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as place:
-    ...     prepare_folder(Path(place) / "new", ["curve"])
-    ...     (Path(place) / "new").is_dir()
-    True
-    """
+    """Make the folder and check that every file can be written in it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -44,32 +23,7 @@ def prepare_folder(folder: Path, figure_keys: Sequence[str]) -> None:
 
 
 def write_report(report: Report, folder: Path) -> list[Path]:
-    """Write the numbers, the figures and the page.
-
-    Parameters
-    ----------
-    report : Report
-        What was found.
-    folder : Path
-        Where to; it exists.
-
-    Returns
-    -------
-    list of Path
-        The files, in the order in which they were written.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as place:
-    ...     [path.name for path in write_report(Report("p", "A paper", "Someone", 0, False, ()), Path(place))]
-    ['results.json', 'report.html']
-    """
+    """Write the numbers, the figures and the page."""
     from dqreg.papers.drawing import draw_png
     from dqreg.papers.page import to_html
     from dqreg.papers.record import to_json
@@ -87,18 +41,6 @@ def write_report(report: Report, folder: Path) -> list[Path]:
 def picture_name(key: str) -> str:
     """File name of a figure.
 
-    Parameters
-    ----------
-    key : str
-        Its key.
-
-    Returns
-    -------
-    str
-        For example ``figure-weights.png``.
-
-    Examples
-    --------
     >>> picture_name("weights")
     'figure-weights.png'
     """

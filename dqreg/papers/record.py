@@ -11,24 +11,7 @@ from dqreg.papers.document import Report
 
 
 def to_json(report: Report) -> str:
-    """Whole report as strict JSON.
-
-    Parameters
-    ----------
-    report : Report
-        What was found.
-
-    Returns
-    -------
-    str
-        Keys equal the names of the attributes; numbers that do not exist (NaN, infinity) are null.
-
-    Examples
-    --------
-    >>> report = Report("p", "A paper", "Someone", 0, False, ())
-    >>> json.loads(to_json(report))["paper"]
-    'p'
-    """
+    """Whole report as strict JSON."""
     return json.dumps(_plain(asdict(report)), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 

@@ -18,39 +18,17 @@ POINTS = 50
 
 @dataclass(frozen=True, slots=True)
 class HornRow:
-    """Horn's method at one noise.
+    """Horn's method at one noise."""
 
-    Attributes
-    ----------
-    noise : float
-        Standard deviation of a coordinate, over the size of the part.
-    turn_rad, shift : Estimate
-        Root mean square errors of the rotation and of the place of the mean point (over the size).
-    bound : tuple of float
-        Least possible errors of the same.
-    """
-
-    noise: float
+    noise: float  # Standard deviation of a coordinate, over the size of the part
+    # turn_rad, shift: Root mean square errors of the rotation and of the place of the mean point (over the size)
     turn_rad: Estimate
     shift: Estimate
-    bound: tuple[float, float]
+    bound: tuple[float, float]  # Least possible errors of the same
 
 
 def measure_registration(rng: np.random.Generator, trials: int = 2000) -> tuple[HornRow, ...]:
-    """Run Horn on matched points with noise.
-
-    Parameters
-    ----------
-    rng : Generator
-        Source of the draws.
-    trials : int
-        Noisy measurements for each noise.
-
-    Returns
-    -------
-    tuple of HornRow
-        Errors against the known poses.
-    """
+    """Run Horn on matched points with noise."""
     return tuple(_horn_row(rng, noise, trials) for noise in NOISES)
 
 
@@ -68,18 +46,7 @@ def _horn_row(rng: np.random.Generator, noise: float, trials: int) -> HornRow:
 
 
 def registration_section(rows: tuple[HornRow, ...]) -> Section:
-    """Words and table of the measurement.
-
-    Parameters
-    ----------
-    rows : tuple of HornRow
-        What `measure_registration` found.
-
-    Returns
-    -------
-    Section
-        Errors beside the least possible ones.
-    """
+    """Words and table of the measurement."""
     noisy = [row for row in rows if row.noise > 0.0]
     turn = max(row.turn_rad.value / row.bound[0] for row in noisy)
     shift = max(row.shift.value / row.bound[1] for row in noisy)

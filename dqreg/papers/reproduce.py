@@ -29,24 +29,12 @@ Question = Callable[[np.random.Generator, bool], Section]
 
 @dataclass(frozen=True, slots=True)
 class Paper:
-    """One paper.
+    """One paper."""
 
-    Attributes
-    ----------
-    title : str
-        Heading of the page.
-    citation : str
-        Authors, title, where and when.
-    questions : tuple of callable
-        Each makes one section.
-    figures : tuple of str
-        Keys of the figures that they make, known before the work.
-    """
-
-    title: str
-    citation: str
-    questions: tuple[Question, ...]
-    figures: tuple[str, ...]
+    title: str  # Heading of the page
+    citation: str  # Authors, title, where and when
+    questions: tuple[Question, ...]  # Each makes one section
+    figures: tuple[str, ...]  # Keys of the figures that they make, known before the work
 
 
 PAPERS: dict[str, Paper] = {
@@ -84,34 +72,7 @@ PAPERS: dict[str, Paper] = {
 def reproduce(
     paper: str, seed: int = 0, *, quick: bool = False, observe: Callable[[Section], object] | None = None
 ) -> Report:
-    """Answer all questions of one paper.
-
-    Parameters
-    ----------
-    paper : str
-        ``"walker1991"`` or ``"jia2020"``.
-    seed : int
-        Seed of all draws; times of solution differ from run to run all the same.
-    quick : bool
-        Draw fewer trials, for a look or a test.
-    observe : callable, optional
-        Called with each section as soon as it is done.
-
-    Returns
-    -------
-    Report
-        Every number, table and curve.
-
-    Raises
-    ------
-    InputError
-        If the paper is unknown or the seed is negative.
-
-    Examples
-    --------
-    >>> [section.key for section in reproduce("jia2020", quick=True).sections]
-    ['examples', 'registration', 'icp', 'interpolation', 'integration', 'jacobians']
-    """
+    """Answer all questions of one paper."""
     if paper not in PAPERS:
         raise InputError(f"paper must be one of {sorted(PAPERS)}; got {paper!r}")
     if seed < 0:

@@ -13,23 +13,7 @@ if TYPE_CHECKING:
 
 
 def print_section(console: Console, section: Section) -> None:
-    """Print the finding, then the tables.
-
-    Parameters
-    ----------
-    console : Console
-        Where to.
-    section : Section
-        What to print; its paragraphs and figures are left to the page.
-
-    Examples
-    --------
-    >>> from rich.console import Console
-    >>> print_section(Console(width=60), Section("s", "A question", "The answer."))
-    <BLANKLINE>
-    A question
-    The answer.
-    """
+    """Print the finding, then the tables."""
     from rich.text import Text
 
     console.print()

@@ -25,59 +25,24 @@ from dqreg.solvers import solve_many
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """Errors of one way to weigh.
+    """Errors of one way to weigh."""
 
-    Attributes
-    ----------
-    turn_deg : Estimate
-        Root mean square rotation error in degrees.
-    shift : Estimate
-        Root mean square error of the place of the part's centre, a length.
-    """
-
-    turn_deg: Estimate
-    shift: Estimate
+    turn_deg: Estimate  # Root mean square rotation error in degrees
+    shift: Estimate  # Root mean square error of the place of the part's centre, a length
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetUp:
-    """Sets of model points and directions with noise drawn once, so that all weights meet the same measurements.
+    """Sets of model points and directions with noise drawn once, so that all weights meet the same measurements."""
 
-    Attributes
-    ----------
-    points : ndarray, (choices, n, 3)
-        Model points.
-    directions : ndarray, (choices, m, 3)
-        Unit model directions; m may be 0.
-    point_noise : ndarray, (choices, trials, n, 3)
-        Standard normal numbers.
-    direction_noise : ndarray, (choices, trials, m, 3)
-        Likewise.
-    """
-
-    points: FloatArray
-    directions: FloatArray
-    point_noise: FloatArray
-    direction_noise: FloatArray
+    points: FloatArray  # (choices, n, 3): Model points
+    directions: FloatArray  # (choices, m, 3): Unit model directions; m may be 0
+    point_noise: FloatArray  # (choices, trials, n, 3): Standard normal numbers
+    direction_noise: FloatArray  # (choices, trials, m, 3): Likewise
 
     @staticmethod
     def draw(rng: np.random.Generator, counts: tuple[int, int], choices: int, trials: int) -> SetUp:
-        """Draw sets of vertices of the stand-in and of directions.
-
-        Parameters
-        ----------
-        rng : Generator
-            Source of the draws.
-        counts : tuple of int
-            Points and directions in each set.
-        choices, trials : int
-            Sets, and measurements of each.
-
-        Returns
-        -------
-        SetUp
-            Without any scale of noise yet.
-        """
+        """Draw sets of vertices of the stand-in and of directions."""
         n, m = counts
         return SetUp(
             choose_points(rng, choices, n),
@@ -87,35 +52,11 @@ class SetUp:
         )
 
     def first_directions(self, count: int) -> SetUp:
-        """Keep the first directions of every set.
-
-        Parameters
-        ----------
-        count : int
-            How many to keep.
-
-        Returns
-        -------
-        SetUp
-            The same points and noise.
-        """
+        """Keep the first directions of every set."""
         return SetUp(self.points, self.directions[:, :count], self.point_noise, self.direction_noise[:, :, :count])
 
     def simulate(self, sigmas: tuple[float, float], weights: tuple[float, float]) -> Accuracy:
-        """Measure with noise, solve with weights, and compare with the truth.
-
-        Parameters
-        ----------
-        sigmas : tuple of float
-            Noise of a point coordinate (length) and of a direction (radians).
-        weights : tuple of float
-            beta and alpha.
-
-        Returns
-        -------
-        Accuracy
-            NaN where the matches leave the pose free.
-        """
+        """Measure with noise, solve with weights, and compare with the truth."""
         choices, trials, n, _ = self.point_noise.shape
         m, T_truth = self.directions.shape[1], paper_pose()
         R, t = T_truth[:3, :3], T_truth[:3, 3]
@@ -134,20 +75,7 @@ class SetUp:
         return Accuracy(turn, rms_estimate(position_errors(T, T_truth, CENTRE)))
 
     def predict(self, sigmas: tuple[float, float], weights: tuple[float, float] | None = None) -> tuple[float, float]:
-        """Root mean square errors by theory: of given weights, or the least possible ones.
-
-        Parameters
-        ----------
-        sigmas : tuple of float
-            Noise of a point coordinate (length) and of a direction (radians).
-        weights : tuple of float, optional
-            beta and alpha; without them the Cramer-Rao bound.
-
-        Returns
-        -------
-        turn_deg, shift : float
-            Degrees, and a length; NaN where the matches leave the pose free.
-        """
+        """Root mean square errors by theory: of given weights, or the least possible ones."""
         T_truth = paper_pose()
         moved = np.asarray(pose.apply(T_truth, self.points.reshape(-1, 3))).reshape(self.points.shape)
         seen, centre = self.directions @ T_truth[:3, :3].T, pose.apply(T_truth, CENTRE[np.newaxis])[0]

@@ -22,49 +22,18 @@ PRINTED_SECONDS_PER_SAMPLE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Solution times of one method.
+    """Solution times of one method."""
 
-    Attributes
-    ----------
-    method : str
-        Name of the solver.
-    samples : tuple of int
-        Points plus directions.
-    seconds : tuple of float
-        Best time of several calls.
-    slope : float
-        Seconds a sample, of the straight line with the least relative errors.
-    start : float
-        Seconds at no samples, of the same line.
-    r_squared : float
-        Squared correlation of the times with the numbers of samples: 1 on a straight line.
-    """
-
-    method: str
-    samples: tuple[int, ...]
-    seconds: tuple[float, ...]
-    slope: float
-    start: float
-    r_squared: float
+    method: str  # Name of the solver
+    samples: tuple[int, ...]  # Points plus directions
+    seconds: tuple[float, ...]  # Best time of several calls
+    slope: float  # Seconds a sample, of the straight line with the least relative errors
+    start: float  # Seconds at no samples, of the same line
+    r_squared: float  # Squared correlation of the times with the numbers of samples: 1 on a straight line
 
 
 def measure_time(rng: np.random.Generator, most: int = SAMPLES[-1], repeats: int = 9) -> tuple[Timing, ...]:
-    """Time both solvers on points and directions.
-
-    Parameters
-    ----------
-    rng : Generator
-        Source of the draws.
-    most : int
-        Largest number of samples.
-    repeats : int
-        Calls of which the fastest counts.
-
-    Returns
-    -------
-    tuple of Timing
-        One a method.
-    """
+    """Time both solvers on points and directions."""
     counts = tuple(count for count in SAMPLES if count <= most)
     seconds: dict[str, list[float]] = {name: [] for name in METHODS}
     for count in counts:
@@ -101,18 +70,7 @@ def _timing(name: str, counts: tuple[int, ...], seconds: list[float]) -> Timing:
 
 
 def time_section(timings: tuple[Timing, ...]) -> Section:
-    """Words, tables and figure of the measurement.
-
-    Parameters
-    ----------
-    timings : tuple of Timing
-        What `measure_time` found.
-
-    Returns
-    -------
-    Section
-        Times, slopes and linearity.
-    """
+    """Words, tables and figure of the measurement."""
     lines = Table(
         "slopes",
         "Straight line through the times",

@@ -33,44 +33,19 @@ PRINTED = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Row3:
-    """One number of points.
+    """One number of points."""
 
-    Attributes
-    ----------
-    count : int
-        Points in each trial.
-    deviations : dict of ndarray, (4,)
-        By method: standard deviations of x, y, z (lengths) and theta (degrees) of the translation as it stands in T.
-    at_mean : ndarray, (4,)
-        The same by `solve` for the place of the mean of the chosen points.
-    bound : ndarray, (4,)
-        Cramer-Rao bound of the first.
-    apart : tuple of float
-        Largest differences between any two methods over all trials: of t (length) and of R (radians).
-    """
-
-    count: int
+    count: int  # Points in each trial
+    # (4,): By method: standard deviations of x, y, z (lengths) and theta (degrees) of the translation as it stands in T
     deviations: dict[str, FloatArray]
-    at_mean: FloatArray
-    bound: FloatArray
+    at_mean: FloatArray  # (4,): The same by `solve` for the place of the mean of the chosen points
+    bound: FloatArray  # (4,): Cramer-Rao bound of the first
+    # Largest differences between any two methods over all trials: of t (length) and of R (radians)
     apart: tuple[float, float]
 
 
 def measure_table3(rng: np.random.Generator, choices: int = 25, trials: int = 20) -> tuple[Row3, ...]:
-    """Run the paper's simulation on the stand-in.
-
-    Parameters
-    ----------
-    rng : Generator
-        Source of the draws.
-    choices, trials : int
-        Sets of points for each count, and noisy measurements of each set.
-
-    Returns
-    -------
-    tuple of Row3
-        One for 5, 10, 20 and 30 points.
-    """
+    """Run the paper's simulation on the stand-in."""
     return tuple(_measure_row(rng, count, choices, trials) for count in COUNTS)
 
 
@@ -122,18 +97,7 @@ def _largest_difference(poses: dict[str, FloatArray]) -> tuple[float, float]:
 
 
 def table3_section(rows: tuple[Row3, ...]) -> Section:
-    """Words and table of the measurement.
-
-    Parameters
-    ----------
-    rows : tuple of Row3
-        What `measure_table3` found.
-
-    Returns
-    -------
-    Section
-        Ours beside the printed values.
-    """
+    """Words and table of the measurement."""
     shift, turn = (max(row.apart[i] for row in rows) for i in (0, 1))
     columns = (
         Column("points"),

@@ -22,13 +22,6 @@ LEAST_SPREAD = 0.05
 def paper_pose() -> FloatArray:
     """Pose of the paper's simulations.
 
-    Returns
-    -------
-    ndarray, (4, 4)
-        T_target_source from the model to the measurement.
-
-    Examples
-    --------
     >>> paper_pose()[:3, 3].tolist()
     [7.0, 8.0, 13.0]
     """
@@ -38,20 +31,8 @@ def paper_pose() -> FloatArray:
 def choose_points(rng: np.random.Generator, choices: int, count: int) -> FloatArray:
     """Sets of distinct vertices of the stand-in that fix a rotation, where there are three or more.
 
-    Parameters
-    ----------
-    rng : Generator
-        Source of the draws.
-    choices, count : int
-        How many sets of how many points.
+    Shapes: returns (choices, count, 3).
 
-    Returns
-    -------
-    ndarray, (choices, count, 3)
-        Sets whose points spread across their main line by 5 % of the diagonal at least.
-
-    Examples
-    --------
     >>> choose_points(np.random.default_rng(0), 4, 3).shape
     (4, 3, 3)
     """
@@ -68,22 +49,7 @@ def choose_points(rng: np.random.Generator, choices: int, count: int) -> FloatAr
 def choose_directions(rng: np.random.Generator, choices: int, count: int) -> FloatArray:
     """Unit directions drawn evenly over the sphere.
 
-    Parameters
-    ----------
-    rng : Generator
-        Source of the draws.
-    choices, count : int
-        How many sets of how many directions.
-
-    Returns
-    -------
-    ndarray, (choices, count, 3)
-        Unit vectors.
-
-    Examples
-    --------
-    >>> choose_directions(np.random.default_rng(0), 4, 2).shape
-    (4, 2, 3)
+    Shapes: returns (choices, count, 3).
     """
     drawn = rng.normal(size=(choices, count, 3))
     return np.asarray(drawn / np.linalg.norm(drawn, axis=-1, keepdims=True))
@@ -92,24 +58,7 @@ def choose_directions(rng: np.random.Generator, choices: int, count: int) -> Flo
 def tilt(directions: FloatArray, sigma_rad: float, noise: FloatArray) -> FloatArray:
     """Turn unit directions by Gaussian angles, alike in all ways that are across them.
 
-    Parameters
-    ----------
-    directions : ndarray, (..., 3)
-        Unit vectors.
-    sigma_rad : float
-        Standard deviation of the tilt along each of the two ways.
-    noise : ndarray, (..., 3)
-        Standard normal numbers; their part along the direction is not used.
-
-    Returns
-    -------
-    ndarray, (..., 3)
-        Unit vectors.
-
-    Examples
-    --------
-    >>> tilt(np.array([0.0, 0, 1]), np.pi / 2, np.array([1.0, 0, 5])).round(12).tolist()
-    [1.0, 0.0, 0.0]
+    Shapes: directions (..., 3), noise (..., 3), returns (..., 3).
     """
     across = sigma_rad * (noise - np.sum(noise * directions, axis=-1, keepdims=True) * directions)
     angle = np.linalg.norm(across, axis=-1, keepdims=True)
@@ -119,18 +68,8 @@ def tilt(directions: FloatArray, sigma_rad: float, noise: FloatArray) -> FloatAr
 def rotation_errors(T: FloatArray, T_truth: FloatArray) -> FloatArray:
     """Angles between rotations, exact for small ones.
 
-    Parameters
-    ----------
-    T, T_truth : ndarray, (..., 4, 4)
-        Poses found, and the true ones.
+    Shapes: T, T_truth (..., 4, 4).
 
-    Returns
-    -------
-    ndarray, (...)
-        Radians.
-
-    Examples
-    --------
     >>> float(rotation_errors(np.eye(4), np.diag([1.0, -1, -1, 1])).round(12))
     3.14159265359
     """
@@ -141,20 +80,8 @@ def rotation_errors(T: FloatArray, T_truth: FloatArray) -> FloatArray:
 def position_errors(T: FloatArray, T_truth: FloatArray, at: FloatArray) -> FloatArray:
     """Distances between the places where two poses put a point of the part.
 
-    Parameters
-    ----------
-    T, T_truth : ndarray, (..., 4, 4)
-        Poses found, and the true ones.
-    at : ndarray, (3,)
-        The point, in source coordinates.
+    Shapes: T, T_truth (..., 4, 4).
 
-    Returns
-    -------
-    ndarray, (...)
-        Lengths.
-
-    Examples
-    --------
     >>> float(position_errors(np.eye(4), np.eye(4), np.ones(3)))
     0.0
     """
@@ -165,18 +92,8 @@ def position_errors(T: FloatArray, T_truth: FloatArray, at: FloatArray) -> Float
 def rms_estimate(errors: FloatArray) -> Estimate:
     """Root mean square with its Monte-Carlo standard error.
 
-    Parameters
-    ----------
-    errors : ndarray, (choices, trials)
-        Errors of independent trials; the choices are held fixed.
+    Shapes: errors (choices, trials).
 
-    Returns
-    -------
-    Estimate
-        In the unit of the errors.
-
-    Examples
-    --------
     >>> rms_estimate(np.full((2, 5), 3.0))
     Estimate(value=3.0, error=0.0)
     """

@@ -38,43 +38,20 @@ WEIGHINGS: dict[str, Weighing] = {
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """One way to weigh at one ratio of noise: errors over the least possible ones.
+    """One way to weigh at one ratio of noise: errors over the least possible ones."""
 
-    Attributes
-    ----------
-    weighing : str
-        Name of the way.
-    ratio : float
-        sigma_n * size / sigma_p.
-    turn, shift : Estimate
-        Simulated rms error over the Cramer-Rao bound, of rotation and of the place of the part's centre.
-    predicted_turn, predicted_shift : float
-        The same by first-order theory.
-    """
-
-    weighing: str
-    ratio: float
+    weighing: str  # Name of the way
+    ratio: float  # sigma_n * size / sigma_p
+    # turn, shift: Simulated rms error over the Cramer-Rao bound, of rotation and of the place of the part's centre
     turn: Estimate
     shift: Estimate
+    # predicted_turn, predicted_shift: The same by first-order theory
     predicted_turn: float
     predicted_shift: float
 
 
 def measure_weights(rng: np.random.Generator, choices: int = 10, trials: int = 1000) -> tuple[Loss, ...]:
-    """Sweep the ratio of noise for every way to weigh.
-
-    Parameters
-    ----------
-    rng : Generator
-        Source of the draws.
-    choices, trials : int
-        Sets of five points and five directions, and noisy measurements of each.
-
-    Returns
-    -------
-    tuple of Loss
-        By weighing, then by ratio.
-    """
+    """Sweep the ratio of noise for every way to weigh."""
     setup = SetUp.draw(rng, COUNTS, choices, trials)
     return tuple(_loss(setup, name, float(ratio)) for name in WEIGHINGS for ratio in RATIOS)
 
@@ -89,18 +66,7 @@ def _loss(setup: SetUp, name: str, ratio: float) -> Loss:
 
 
 def weights_section(losses: tuple[Loss, ...]) -> Section:
-    """Words, table and figure of the measurement.
-
-    Parameters
-    ----------
-    losses : tuple of Loss
-        What `measure_weights` found.
-
-    Returns
-    -------
-    Section
-        Loss against the bound, by ratio.
-    """
+    """Words, table and figure of the measurement."""
     by_name = {name: [loss for loss in losses if loss.weighing == name] for name in WEIGHINGS}
     worst = {name: max(loss.turn.value for loss in row) for name, row in by_name.items()}
     likely, off, heuristic, mm, m = worst.values()

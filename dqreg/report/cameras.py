@@ -30,20 +30,7 @@ CORNERS = tuple(name for name in VIEWS if name.startswith("iso"))
 def camera(yaw_deg: float, pitch_deg: float) -> FloatArray:
     """Axes of a view.
 
-    Parameters
-    ----------
-    yaw_deg, pitch_deg : float
-        As in `VIEWS`.
-
-    Returns
-    -------
-    ndarray, (3, 3)
-        Rows: to the right of the picture, up, and towards the eye; R with p_view = R p.
-
-    Examples
-    --------
-    >>> camera(0.0, 0.0).round(12).tolist()
-    [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]
+    Shapes: returns (3, 3).
     """
     yaw, pitch = np.deg2rad([yaw_deg, pitch_deg])
     right = np.array([np.cos(yaw), np.sin(yaw), 0.0])
@@ -56,18 +43,6 @@ def camera(yaw_deg: float, pitch_deg: float) -> FloatArray:
 def best_corner(normals: FloatArray) -> str:
     """The corner view that most of the scanned surface faces.
 
-    Parameters
-    ----------
-    normals : ndarray, (n, 3)
-        Outward normals of the target where the scan lies.
-
-    Returns
-    -------
-    str
-        A name of `VIEWS`.
-
-    Examples
-    --------
     >>> best_corner(np.array([[0.0, -1.0, 0.2]] * 3))
     'iso'
     """
@@ -79,23 +54,7 @@ def best_corner(normals: FloatArray) -> str:
 
 
 def require_view(name: str) -> str:
-    """A view's name, checked.
-
-    Parameters
-    ----------
-    name : str
-        What the caller gave.
-
-    Returns
-    -------
-    str
-        The same.
-
-    Raises
-    ------
-    InputError
-        If there is no such view.
-    """
+    """A view's name, checked."""
     if name != BEST and name not in VIEWS:
         raise InputError(f"unknown view {name!r}; known are {', '.join((BEST, *VIEWS))}")
     return name

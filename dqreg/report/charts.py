@@ -20,19 +20,12 @@ BARS = 80
 
 @dataclasses.dataclass(frozen=True)
 class Axes:
-    """Data coordinates on a canvas.
+    """Data coordinates on a canvas."""
 
-    Attributes
-    ----------
-    x, y : tuple of float
-        Lowest and highest value shown.
-    size : tuple of int
-        Width and height of the canvas.
-    """
-
+    # x, y: Lowest and highest value shown
     x: tuple[float, float]
     y: tuple[float, float]
-    size: tuple[int, int]
+    size: tuple[int, int]  # Width and height of the canvas
 
     @property
     def end(self) -> int:
@@ -56,31 +49,7 @@ class Axes:
 def histogram(
     values: FloatArray, scale: Scale, unit: str, tolerance: float | None, size: tuple[int, int] = WIDE
 ) -> str:
-    """Histogram of the deviations in the colours of the view; what is beyond the scale stands in bars of its own.
-
-    Parameters
-    ----------
-    values : ndarray, (n,)
-        Deviations of the points on the part, target units.
-    scale : Scale
-        Colours and range.
-    unit : str
-        Length unit, in words.
-    tolerance : float or None
-        Drawn as a band; then the range is wider.
-    size : tuple of int
-        Width and height of the canvas.
-
-    Returns
-    -------
-    str
-        An ``svg`` element.
-
-    Examples
-    --------
-    >>> histogram(np.zeros(5), Scale(1.0, True), "mm", None)[:4]
-    '<svg'
-    """
+    """Histogram of the deviations in the colours of the view; what is beyond the scale stands in bars of its own."""
     reach = scale.limit * (1.0 if tolerance is None else 1.6)
     low = -reach if scale.signed else 0.0
     edges = np.linspace(low, reach, BARS + 1)
@@ -100,22 +69,7 @@ def histogram(
 
 
 def convergence(history: Sequence[Iteration], unit: str, size: tuple[int, int] = WIDE) -> str:
-    """Root mean square distance and width of the kernel over the iterations, on a logarithmic scale.
-
-    Parameters
-    ----------
-    history : sequence of Iteration
-        At least one.
-    unit : str
-        Length unit, in words.
-    size : tuple of int
-        Width and height of the canvas.
-
-    Returns
-    -------
-    str
-        An ``svg`` element.
-    """
+    """Root mean square distance and width of the kernel over the iterations, on a logarithmic scale."""
     rms = np.array([record.rms for record in history])
     width = np.array([record.kernel_scale for record in history])
     seen = np.concatenate([rms, width])
@@ -128,25 +82,7 @@ def convergence(history: Sequence[Iteration], unit: str, size: tuple[int, int] =
 
 
 def ticks(low: float, high: float, about: int = 6) -> FloatArray:
-    """Round numbers from low to high.
-
-    Parameters
-    ----------
-    low, high : float
-        Range.
-    about : int
-        How many are wanted.
-
-    Returns
-    -------
-    ndarray
-        Multiples of 1, 2 or 5 times a power of ten.
-
-    Examples
-    --------
-    >>> ticks(0.0, 1.0).tolist()
-    [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]
-    """
+    """Round numbers from low to high."""
     raw = (high - low) / about
     power = 10.0 ** np.floor(np.log10(raw))
     step = power * min((1.0, 2.0, 5.0, 10.0), key=lambda factor: abs(factor * power - raw))

@@ -30,18 +30,10 @@ ByteArray = NDArray[np.uint8]
 
 @dataclasses.dataclass(frozen=True)
 class Scale:
-    """From a deviation to a colour.
+    """From a deviation to a colour."""
 
-    Attributes
-    ----------
-    limit : float
-        Where the scale ends, target units; it begins at ``-limit``, or at 0 without signs.
-    signed : bool
-        Whether deviations have signs.
-    """
-
-    limit: float
-    signed: bool
+    limit: float  # Where the scale ends, target units; it begins at ``-limit``, or at 0 without signs
+    signed: bool  # Whether deviations have signs
 
     @property
     def low(self) -> float:
@@ -49,23 +41,7 @@ class Scale:
         return -self.limit if self.signed else 0.0
 
     def codes(self, values: FloatArray) -> ByteArray:
-        """Code of each value: 0 below the scale, 255 above it, 1 to 254 along it.
-
-        Parameters
-        ----------
-        values : ndarray, (n,)
-            Deviations, target units.
-
-        Returns
-        -------
-        ndarray of uint8, (n,)
-            Rows of `table`.
-
-        Examples
-        --------
-        >>> Scale(1.0, True).codes(np.array([-2.0, -1.0, 1.0, 1.1])).tolist()
-        [0, 1, 254, 255]
-        """
+        """Code of each value: 0 below the scale, 255 above it, 1 to 254 along it."""
         share = (values - self.low) / (self.limit - self.low)
         codes = np.rint(FIRST + (LAST - FIRST) * np.clip(share, 0.0, 1.0)).astype(np.uint8)
         codes[share < 0.0] = 0
@@ -75,15 +51,7 @@ class Scale:
     def table(self) -> ByteArray:
         """Colour of each code.
 
-        Returns
-        -------
-        ndarray of uint8, (256, 3)
-            Red, green, blue.
-
-        Examples
-        --------
-        >>> Scale(1.0, True).table().shape
-        (256, 3)
+        Shapes: returns (256, 3).
         """
         step = (self.limit - self.low) / (LAST - FIRST)
         values: FloatArray = self.low + step * (np.arange(256.0) - FIRST)
@@ -91,13 +59,7 @@ class Scale:
         return colours_of(values, self.limit)
 
     def css(self) -> tuple[str, str, str]:
-        """The scale for a style sheet: a gradient from low to high, the colour below, the colour beyond.
-
-        Returns
-        -------
-        tuple of str
-            Values of ``background``.
-        """
+        """The scale for a style sheet: a gradient from low to high, the colour below, the colour beyond."""
         table = self.table()
         names = [f"rgb({r},{g},{b})" for r, g, b in table.tolist()]
         stops = names[FIRST : LAST + 1 : 11]
@@ -105,44 +67,12 @@ class Scale:
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
-    """Numbers of a colour.
-
-    Parameters
-    ----------
-    colour : str
-        As "#rrggbb".
-
-    Returns
-    -------
-    tuple of int
-        Red, green, blue, 0 to 255.
-
-    Examples
-    --------
-    >>> rgb("#ff8000")
-    (255, 128, 0)
-    """
+    """Numbers of a colour."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
 def nice_above(value: float) -> float:
-    """The least of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is not below a number.
-
-    Parameters
-    ----------
-    value : float
-        Any number; those not above zero give 1.
-
-    Returns
-    -------
-    float
-        A limit that reads well on a scale.
-
-    Examples
-    --------
-    >>> nice_above(0.107), nice_above(51.0)
-    (0.12, 60.0)
-    """
+    """The least of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is not below a number."""
     if not 0.0 < value < np.inf:
         return 1.0
     power = 10.0 ** np.floor(np.log10(value))

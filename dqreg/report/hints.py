@@ -13,20 +13,7 @@ FACTORS = ((1000.0, "m and mm"), (25.4, "inch and mm"), (100.0, "m and cm"), (10
 
 
 def hints_of(result: Registration, story: Story | None) -> list[str]:
-    """What to try where a pose was not accepted.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer.
-    story : Story or None
-        With both sides, where they are at hand.
-
-    Returns
-    -------
-    list of str
-        Sentences; none for an accepted pose.
-    """
+    """What to try where a pose was not accepted."""
     level = result.verdict.level
     hints: list[str] = []
     if level == "accepted":

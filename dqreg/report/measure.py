@@ -20,20 +20,7 @@ SHOWN, LEAST, MOST = 0.98, 3.0, 12.0
 
 
 def placed(inputs: Inputs, T_target_source: FloatArray) -> FloatArray:
-    """The scan under a pose, about the target's origin.
-
-    Parameters
-    ----------
-    inputs : Inputs
-        Both sides.
-    T_target_source : ndarray, (4, 4)
-        Pose between the caller's frames.
-
-    Returns
-    -------
-    ndarray, (n, 3)
-        Target frame, moved so that ``inputs.target.origin`` is at zero.
-    """
+    """The scan under a pose, about the target's origin."""
     R, t = T_target_source[:3, :3], T_target_source[:3, 3]
     # The shift is put together first: large numbers cancel here once, not once a point.
     shift = R @ inputs.source.origin + t - inputs.target.origin
@@ -41,42 +28,14 @@ def placed(inputs: Inputs, T_target_source: FloatArray) -> FloatArray:
 
 
 def quiet_deviations(result: Registration, tolerance: float | None, reach: float | None = None) -> Deviations:
-    """Deviations of a result; that they have no sign is said on the page, not as a warning.
-
-    Parameters
-    ----------
-    result : Registration
-        With a pose and both sides.
-    tolerance : float or None
-        Largest deviation allowed, target units.
-    reach : float, optional
-        As in `Registration.deviations`.
-
-    Returns
-    -------
-    Deviations
-        Of every point of the scan.
-    """
+    """Deviations of a result; that they have no sign is said on the page, not as a warning."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return result.deviations(tolerance, reach=reach)
 
 
 def normals_at(deviations: Deviations, inputs: Inputs) -> FloatArray:
-    """Normal of the target at the closest place of each point.
-
-    Parameters
-    ----------
-    deviations : Deviations
-        Measured.
-    inputs : Inputs
-        Both sides.
-
-    Returns
-    -------
-    ndarray, (n, 3)
-        Zero for a target that is a cloud.
-    """
+    """Normal of the target at the closest place of each point."""
     geometry = inputs.target.geometry
     if isinstance(geometry, Mesh):
         return geometry.face_normals[deviations.faces]
@@ -84,20 +43,7 @@ def normals_at(deviations: Deviations, inputs: Inputs) -> FloatArray:
 
 
 def scale_of(deviations: Deviations, result: Registration) -> Scale:
-    """Scale of the colours: the tolerance where one is given, else what shows nearly all points on the part.
-
-    Parameters
-    ----------
-    deviations : Deviations
-        Measured.
-    result : Registration
-        For the width of its inliers.
-
-    Returns
-    -------
-    Scale
-        With a limit that reads well.
-    """
+    """Scale of the colours: the tolerance where one is given, else what shows nearly all points on the part."""
     if deviations.tolerance is not None:
         return Scale(deviations.tolerance, deviations.signed)
     sizes = np.abs(deviations.values[deviations.counted])
@@ -108,16 +54,5 @@ def scale_of(deviations: Deviations, result: Registration) -> Scale:
 
 
 def unit_of(result: Registration) -> str:
-    """Length unit of the target, in words.
-
-    Parameters
-    ----------
-    result : Registration
-        Any.
-
-    Returns
-    -------
-    str
-        For example "mm"; "units of the target" where it is not known.
-    """
+    """Length unit of the target, in words."""
     return str(result.settings.get("target_units") or "units of the target")

@@ -19,47 +19,16 @@ SHIFT = re.compile(rf"shift along {TRIPLE}$")
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """A turn about a line or a shift along one.
+    """A turn about a line or a shift along one."""
 
-    Attributes
-    ----------
-    kind : {"turn", "shift"}
-        Which.
-    axis : ndarray, (3,)
-        Unit direction, target frame.
-    through : ndarray, (3,)
-        A point of the axis, target frame; the place given for a shift.
-    free : bool
-        Whether the scan does not hold it at all.
-    """
-
-    kind: Literal["turn", "shift"]
-    axis: FloatArray
-    through: FloatArray
-    free: bool
+    kind: Literal["turn", "shift"]  # Which
+    axis: FloatArray  # (3,): Unit direction, target frame
+    through: FloatArray  # (3,): A point of the axis, target frame; the place given for a shift
+    free: bool  # Whether the scan does not hold it at all
 
 
 def motion_of(direction: Direction, centre: FloatArray) -> Motion | None:
-    """The motion that a direction's words describe.
-
-    Parameters
-    ----------
-    direction : Direction
-        From ``result.observability``.
-    centre : ndarray, (3,)
-        Where a shift is drawn, target frame.
-
-    Returns
-    -------
-    Motion or None
-        None where the words are of another kind: they are shown, and nothing is drawn.
-
-    Examples
-    --------
-    >>> words = "free to shift along (0.00, 0.00, 1.00)"
-    >>> motion_of(Direction(0.0, np.nan, words), np.zeros(3)).kind
-    'shift'
-    """
+    """The motion that a direction's words describe."""
     free = direction.words.startswith("free")
     if found := TURN.search(direction.words):
         numbers = [float(text) for text in found.groups()]

@@ -19,27 +19,7 @@ WIDTH, HEIGHT = 520, 380
 
 
 def notebook_html(result: Registration) -> str:
-    """Verdict, numbers and, with both sides, a picture.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer.
-
-    Returns
-    -------
-    str
-        HTML without scripts; every text is escaped. Its colours are those of the notebook's own theme.
-
-    Examples
-    --------
-    >>> from dqreg.register import register
-    >>> from dqreg.geometry import Mesh
-    >>> from dqreg.synth.parts import box
-    >>> part = Mesh(*box((3.0, 2.0, 1.0)))
-    >>> "ACCEPTED" in notebook_html(register(part, part, "identity", effort="fast"))
-    True
-    """
+    """Verdict, numbers and, with both sides, a picture."""
     story = None if result.inputs is None else tell(result, result.inputs)
     level, unit = result.verdict.level, unit_of(result)
     reasons = "".join(f"<li>{escape(reason)}</li>" for reason in result.verdict.reasons)

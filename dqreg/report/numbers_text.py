@@ -13,27 +13,7 @@ LENGTHS = frozenset({"max_distance", "width", "source_noise", "source_spacing", 
 
 
 def text_of(value: float | None, digits: int = 3, *, sign: bool = False) -> str:
-    """A number in a few digits.
-
-    Parameters
-    ----------
-    value : float or None
-        Any; what is not finite becomes a word.
-    digits : int
-        Significant ones.
-    sign : bool
-        Whether a plus is written.
-
-    Returns
-    -------
-    str
-        Plain, or with a power of ten where that is shorter.
-
-    Examples
-    --------
-    >>> text_of(0.012345), text_of(-2.0, sign=True), text_of(np.nan)
-    ('0.0123', '−2', 'not known')
-    """
+    """A number in a few digits."""
     if value is None or np.isnan(value):
         return "not known"
     if np.isinf(value):
@@ -45,18 +25,6 @@ def text_of(value: float | None, digits: int = 3, *, sign: bool = False) -> str:
 def percent(share: float) -> str:
     """A share in percent, never rounded to all or nothing.
 
-    Parameters
-    ----------
-    share : float
-        0 to 1; NaN becomes a word.
-
-    Returns
-    -------
-    str
-        Without the sign %.
-
-    Examples
-    --------
     >>> percent(0.5), percent(1.0), percent(0.99999), percent(1e-7)
     ('50.0', '100', '> 99.9', '< 0.1')
     """
@@ -72,18 +40,6 @@ def percent(share: float) -> str:
 def place_text(point: FloatArray) -> str:
     """Coordinates of a place.
 
-    Parameters
-    ----------
-    point : ndarray, (3,)
-        In the caller's frame.
-
-    Returns
-    -------
-    str
-        Three numbers.
-
-    Examples
-    --------
     >>> place_text(np.array([1.0, -2.5, 1e6]))
     '(1, −2.5, 1000000)'
     """
@@ -93,22 +49,6 @@ def place_text(point: FloatArray) -> str:
 def setting_text(name: str, value: Any, unit: str) -> str:
     """A setting with its unit.
 
-    Parameters
-    ----------
-    name : str
-        Its key.
-    value : object
-        What JSON can hold.
-    unit : str
-        Length unit, in words.
-
-    Returns
-    -------
-    str
-        What is shown.
-
-    Examples
-    --------
     >>> setting_text("width", 0.5, "mm"), setting_text("max_angle_deg", 60.0, "mm"), setting_text("seed", 0, "mm")
     ('0.5 mm', '60 degrees', '0')
     """

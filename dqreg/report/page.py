@@ -45,33 +45,7 @@ def write_report(
     start: ArrayLike | None = None,
     deviations: Deviations | None = None,
 ) -> Path:
-    """Write the report of a registration, whole or not at all.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer, of any verdict. With its two sides there is a view and there are deviations.
-    path : str or Path
-        The HTML file.
-    tolerance : float, optional
-        Largest deviation allowed, target units; then points and regions pass or fail.
-    reach : float, optional
-        Points farther off belong to something else, see `Registration.deviations`.
-    start : (4, 4) array_like, optional
-        Where the registration began, for the view of before.
-    deviations : Deviations, optional
-        With this tolerance and reach, where they were measured before.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written, which is asked first, or the tolerance is no length above zero.
-    """
+    """Write the report of a registration, whole or not at all."""
     goal = require_writable(path)
     checked_tolerance(tolerance)
     story = None if result.inputs is None else tell(result, result.inputs, tolerance, start, reach, deviations)
@@ -80,20 +54,7 @@ def write_report(
 
 
 def to_html(result: Registration, story: Story | None) -> str:
-    """The page of a result.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer.
-    story : Story or None
-        What is shown of it; None where the two sides are not at hand.
-
-    Returns
-    -------
-    str
-        HTML; every text that came from outside is escaped.
-    """
+    """The page of a result."""
     import jinja2
     from markupsafe import Markup
 
@@ -182,18 +143,7 @@ def _shown(story: Story | None) -> dict[str, Any]:
 
 
 def panels_of(story: Story) -> list[Panel]:
-    """The panels of the picture for print: before, and the deviations from three sides.
-
-    Parameters
-    ----------
-    story : Story
-        What is shown.
-
-    Returns
-    -------
-    list of Panel
-        Two where no pose was found, else four.
-    """
+    """The panels of the picture for print: before, and the deviations from three sides."""
     if not story.found:
         return [Panel("before", "best"), Panel("before", "top")]
     yaw, pitch = VIEWS[story.view]

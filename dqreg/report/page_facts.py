@@ -16,20 +16,7 @@ Rows = list[tuple[str, str]]
 
 
 def facts_of(result: Registration, unit: str) -> dict[str, Any]:
-    """What the page's template asks for, by name.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer.
-    unit : str
-        Length unit, in words.
-
-    Returns
-    -------
-    dict
-        Rows and tables as text; no sigmas where no pose was found.
-    """
+    """What the page's template asks for, by name."""
     found = bool(np.isfinite(result.T_target_source).all())
     settings = [(name, setting_text(name, value, unit)) for name, value in sorted(result.settings.items())]
     middle = -(-len(settings) // 2)
@@ -46,18 +33,7 @@ def facts_of(result: Registration, unit: str) -> dict[str, Any]:
 
 
 def motions_of(result: Registration) -> list[dict[str, str]]:
-    """Rows of the six motions.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer.
-
-    Returns
-    -------
-    list of dict
-        The weakest first.
-    """
+    """Rows of the six motions."""
     return [
         {
             "words": direction.words,
@@ -134,13 +110,6 @@ def _history(result: Registration, unit: str) -> dict[str, Any]:
 def versions_of() -> dict[str, str]:
     """Versions of what did the work.
 
-    Returns
-    -------
-    dict
-        By name.
-
-    Examples
-    --------
     >>> "numpy" in versions_of()
     True
     """

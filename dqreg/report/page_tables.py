@@ -22,22 +22,7 @@ SIGNS = {"accepted": "✓", "suspect": "!", "failed": "✗"}
 
 
 def tiles_of(result: Registration, story: Story | None, unit: str) -> list[tuple[str, str, str]]:
-    """The few numbers that matter most: name, value, remark.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer.
-    story : Story or None
-        With deviations, where both sides are at hand.
-    unit : str
-        Length unit, in words.
-
-    Returns
-    -------
-    list of (str, str, str)
-        Empty where no pose was found.
-    """
+    """The few numbers that matter most: name, value, remark."""
     if not np.isfinite(result.rms):
         return []
     settings = result.settings
@@ -62,18 +47,7 @@ def tiles_of(result: Registration, story: Story | None, unit: str) -> list[tuple
 
 
 def deviations_of(story: Story) -> dict[str, Any] | None:
-    """Histogram, figures and bands.
-
-    Parameters
-    ----------
-    story : Story
-        What is shown.
-
-    Returns
-    -------
-    dict or None
-        None where no pose was found.
-    """
+    """Histogram, figures and bands."""
     found, scale = story.deviations, story.scale
     if found is None or scale is None:
         return None
@@ -124,18 +98,7 @@ def _range(band: Band) -> str:
 
 
 def scale_words(story: Story) -> dict[str, Any] | None:
-    """The legend of the view.
-
-    Parameters
-    ----------
-    story : Story
-        What is shown.
-
-    Returns
-    -------
-    dict or None
-        None where there are no deviations.
-    """
+    """The legend of the view."""
     if story.scale is None or story.deviations is None:
         return None
     gradient, below, above = story.scale.css()
@@ -155,18 +118,7 @@ def scale_words(story: Story) -> dict[str, Any] | None:
 
 
 def worst_of(story: Story) -> list[dict[str, Any]]:
-    """Rows of the worst places.
-
-    Parameters
-    ----------
-    story : Story
-        What is shown.
-
-    Returns
-    -------
-    list of dict
-        The worst first.
-    """
+    """Rows of the worst places."""
     signed = story.deviations is not None and story.deviations.signed
     return [
         {
@@ -180,18 +132,7 @@ def worst_of(story: Story) -> list[dict[str, Any]]:
 
 
 def regions_table(story: Story) -> dict[str, Any]:
-    """Rows of the regions.
-
-    Parameters
-    ----------
-    story : Story
-        What is shown.
-
-    Returns
-    -------
-    dict
-        Columns and rows, and how the part was cut.
-    """
+    """Rows of the regions."""
     toleranced, unit = story.tolerance is not None, story.unit
     signed = story.deviations is not None and story.deviations.signed
     columns = [("Region", "", False), ("Points", "", True), ("Median", unit, True), ("Spread, 1σ", unit, True),
@@ -229,20 +170,7 @@ def _goto(centred: FloatArray, size: float) -> str:
 
 
 def drawn_words(story: Story, scene: dict[str, Any]) -> str:
-    """How much of the data the view draws.
-
-    Parameters
-    ----------
-    story : Story
-        What is shown.
-    scene : dict
-        From `dqreg.report.view3d.scene_of`.
-
-    Returns
-    -------
-    str
-        Sentences.
-    """
+    """How much of the data the view draws."""
     points, total = scene["on"]["count"] + scene["off"]["count"], len(story.points)
     words = [f"Drawn: {points:,} of {total:,} scan points; all of them are in the numbers."]
     if points == total:

@@ -14,22 +14,7 @@ FIRST_CELL = 0.0025
 
 
 def fewer_triangles(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatArray, IntArray]:
-    """The mesh, simplified where it has too many triangles to be mailed.
-
-    Parameters
-    ----------
-    vertices : ndarray, (v, 3)
-        Corners.
-    faces : ndarray of int, (f, 3)
-        Triangles.
-    most : int
-        Triangles wanted at most, about.
-
-    Returns
-    -------
-    vertices, faces : ndarray
-        The same where there are few enough.
-    """
+    """The mesh, simplified where it has too many triangles to be mailed."""
     if len(faces) <= most:
         used, numbers = np.unique(faces, return_inverse=True)
         return vertices[used], numbers.reshape(-1, 3)
@@ -51,23 +36,7 @@ def fewer_triangles(vertices: FloatArray, faces: IntArray, most: int) -> tuple[F
 def sharp_edges(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Both ends of each edge where the surface turns sharply or ends.
 
-    Parameters
-    ----------
-    vertices : ndarray, (v, 3)
-        Corners.
-    faces : ndarray of int, (f, 3)
-        Triangles.
-
-    Returns
-    -------
-    ndarray, (k, 2, 3)
-        Ends; none for a rough mesh, on which they would hide the surface.
-
-    Examples
-    --------
-    >>> square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    >>> len(sharp_edges(square, np.array([[0, 1, 2], [0, 2, 3]])))
-    4
+    Shapes: returns (k, 2, 3).
     """
     ends, owners = weld_edges(vertices, faces)
     corners = vertices[faces]
@@ -88,19 +57,7 @@ def sharp_edges(vertices: FloatArray, faces: IntArray) -> FloatArray:
 def weld_edges(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, IntArray]:
     """Sides of all triangles, sorted so that equal ones follow each other; equal corners count as one.
 
-    Parameters
-    ----------
-    vertices : ndarray, (v, 3)
-        Corners; copies of one place are welded.
-    faces : ndarray of int, (f, 3)
-        Triangles.
-
-    Returns
-    -------
-    ends : ndarray of int, (3 f, 2)
-        Welded corners of each side, the smaller number first.
-    owners : ndarray of int, (3 f,)
-        Its triangle.
+    Shapes: ends (3 f, 2), owners (3 f,).
     """
     _, welded = np.unique(vertices, axis=0, return_inverse=True)
     corners = welded.reshape(-1)[faces]

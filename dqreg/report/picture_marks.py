@@ -36,18 +36,7 @@ def as_png(figure: Figure) -> bytes:
 
 
 def as_jpeg(figure: Figure) -> bytes:
-    """A figure as a JPEG file: scans are noise, which PNG cannot pack.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        From `draw`.
-
-    Returns
-    -------
-    bytes
-        The file.
-    """
+    """A figure as a JPEG file: scans are noise, which PNG cannot pack."""
     return _saved(figure, "jpeg")
 
 
@@ -59,17 +48,7 @@ def _saved(figure: Figure, kind: str) -> bytes:
 
 
 def draw_legend(figure: Figure, story: Story, width: int) -> None:
-    """Draw the bar of colours with numbers and unit at the bottom of a picture.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        Drawn on.
-    story : Story
-        With a scale.
-    width : int
-        Of the picture, pixels.
-    """
+    """Draw the bar of colours with numbers and unit at the bottom of a picture."""
     assert story.scale is not None
     scale, length, thickness, bottom = story.scale, max(80, min(520, width - 180)), 16, 44
     left = (width - length) // 2
@@ -90,19 +69,7 @@ def draw_legend(figure: Figure, story: Story, width: int) -> None:
 
 
 def draw_scale_bar(figure: Figure, story: Story, frame: Frame, left: int, bottom: int) -> None:
-    """Draw a bar of a round length with that length.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        Drawn on.
-    story : Story
-        For size and unit of the target.
-    frame : Frame
-        What the panel shows.
-    left, bottom : int
-        Where to, pixels.
-    """
+    """Draw a bar of a round length with that length."""
     per_pixel = frame.pixel * story.size
     goal = nice_above(0.12 * frame.width * per_pixel)
     length = round(goal / per_pixel)
@@ -113,23 +80,7 @@ def draw_scale_bar(figure: Figure, story: Story, frame: Frame, left: int, bottom
 def draw_text(
     figure: Figure, x: float, y: float, text: str, *, size: float, colour: str = INK, align: str = "center"
 ) -> None:
-    """Draw a word at a pixel.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        Drawn on.
-    x, y : float
-        Pixels from the lower left.
-    text : str
-        Plain text.
-    size : float
-        About points.
-    colour : str
-        As "#rrggbb".
-    align : str
-        "center", "left" or "right" of x.
-    """
+    """Draw a word at a pixel."""
     width, height = figure.get_size_inches() * PER_INCH
     # A dollar sign would begin a formula.
     safe = text.replace("$", r"\$")

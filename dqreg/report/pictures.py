@@ -32,43 +32,14 @@ MARGIN, TITLE, LEGEND = 14, 44, 86
 
 @dataclasses.dataclass(frozen=True)
 class Panel:
-    """One part of a picture.
+    """One part of a picture."""
 
-    Attributes
-    ----------
-    state : {"deviation", "before", "after"}
-        The scan in the colours of its deviations, at the start in orange, or in place in blue.
-    view : str
-        Name of a view, see `dqreg.report.cameras.VIEWS`, or "best".
-    """
-
-    state: str
-    view: str
+    state: str  # The scan in the colours of its deviations, at the start in orange, or in place in blue
+    view: str  # Name of a view, see `dqreg.report.cameras.VIEWS`, or "best"
 
 
 def parse_panels(text: str) -> tuple[Panel, ...]:
-    """Panels of a list such as ``before:iso,iso,top``.
-
-    Parameters
-    ----------
-    text : str
-        Views between commas, each with ``before:``, ``after:`` or ``deviation:`` before it or not.
-
-    Returns
-    -------
-    tuple of Panel
-        Deviations where nothing else is asked for.
-
-    Raises
-    ------
-    InputError
-        If a view or a state is not known.
-
-    Examples
-    --------
-    >>> parse_panels("before:iso,top")
-    (Panel(state='before', view='iso'), Panel(state='deviation', view='top'))
-    """
+    """Panels of a list such as ``before:iso,iso,top``."""
     panels = []
     for word in text.split(","):
         state, _, view = word.strip().rpartition(":")
@@ -79,24 +50,7 @@ def parse_panels(text: str) -> tuple[Panel, ...]:
 
 
 def draw(story: Story, panels: Sequence[Panel], width: int = 900, height: int = 640, columns: int = 2) -> Figure:
-    """A picture of several panels.
-
-    Parameters
-    ----------
-    story : Story
-        What is shown.
-    panels : sequence of Panel
-        Row by row.
-    width, height : int
-        Pixels of a panel.
-    columns : int
-        Panels in a row.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Made without any global state.
-    """
+    """A picture of several panels."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -118,24 +72,7 @@ def draw(story: Story, panels: Sequence[Panel], width: int = 900, height: int = 
 
 
 def save_picture(story: Story, path: str | Path, panels: Sequence[Panel], width: int = 900, height: int = 640) -> None:
-    """Write a picture, whole or not at all.
-
-    Parameters
-    ----------
-    story : Story
-        What is shown.
-    path : str or Path
-        Ends with .png, .jpg or .jpeg.
-    panels : sequence of Panel
-        Row by row, two in a row.
-    width, height : int
-        Pixels of a panel.
-
-    Raises
-    ------
-    InputError
-        If the ending is another one, or the file cannot be written.
-    """
+    """Write a picture, whole or not at all."""
     goal = picture_path(path)
     figure = draw(story, panels, width, height)
     write_atomically(goal, as_png(figure) if goal.suffix.lower() == ".png" else as_jpeg(figure))
@@ -144,23 +81,6 @@ def save_picture(story: Story, path: str | Path, panels: Sequence[Panel], width:
 def picture_path(path: str | Path) -> Path:
     """Path of a picture that can be written; asked before the work.
 
-    Parameters
-    ----------
-    path : str or Path
-        Where to.
-
-    Returns
-    -------
-    Path
-        The same.
-
-    Raises
-    ------
-    InputError
-        If the ending is not .png, .jpg or .jpeg, or the file cannot be written.
-
-    Examples
-    --------
     >>> picture_path("view.png").name
     'view.png'
     """

@@ -13,49 +13,15 @@ from dqreg.rigid import DualQuaternion, quaternion
 
 @dataclasses.dataclass(frozen=True)
 class PoseForm:
-    """A pose in one form.
+    """A pose in one form."""
 
-    Attributes
-    ----------
-    name : str
-        What it is called.
-    convention : str
-        Order, units and sense, in words.
-    text : str
-        The numbers, to be copied; all the digits that float64 has where it is a matrix or a quaternion.
-    """
-
-    name: str
-    convention: str
-    text: str
+    name: str  # What it is called
+    convention: str  # Order, units and sense, in words
+    text: str  # The numbers, to be copied; all the digits that float64 has where it is a matrix or a quaternion
 
 
 def pose_forms(T_target_source: FloatArray, unit: str) -> list[PoseForm]:
-    """All forms of a pose.
-
-    Parameters
-    ----------
-    T_target_source : ndarray, (4, 4)
-        Maps source coordinates to target coordinates.
-    unit : str
-        Length unit, for the words.
-
-    Returns
-    -------
-    list of PoseForm
-        Matrix, its inverse, quaternion and translation, dual quaternion, screw, rotation vector, two Euler triples.
-
-    Raises
-    ------
-    InputError
-        If it is no pose.
-
-    Examples
-    --------
-    >>> forms = pose_forms(np.eye(4), "mm")
-    >>> forms[0].name, forms[0].text.splitlines()[0]
-    ('Matrix', '1 0 0 0')
-    """
+    """All forms of a pose."""
     as_pose(T_target_source, "T_target_source")
     # Written as it is, to the last bit: checking rounds it anew.
     T = np.asarray(T_target_source, dtype=np.float64)

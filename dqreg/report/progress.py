@@ -74,15 +74,7 @@ class Silent:
 
 
 class Lines(Silent):
-    """One line a step, for pipes and log files.
-
-    Parameters
-    ----------
-    console : Console
-        Where to.
-    unit : str or None
-        Of the lengths; None where it is not known before the end.
-    """
+    """One line a step, for pipes and log files."""
 
     def __init__(self, console: Console, unit: str | None = None) -> None:
         self._console = console
@@ -107,19 +99,7 @@ class Lines(Silent):
 
 
 class LiveTable(Silent):
-    """A bar with the time left over a table of the latest iterations; both stay in place.
-
-    Parameters
-    ----------
-    console : Console
-        Where to.
-    unit : str or None
-        Of the lengths; None where it is not known before the end.
-    searching : bool
-        Whether a search for a start comes first.
-    now : callable, optional
-        Clock in seconds.
-    """
+    """A bar with the time left over a table of the latest iterations; both stay in place."""
 
     def __init__(
         self,
@@ -171,41 +151,13 @@ class LiveTable(Silent):
 
 
 def columns(unit: str | None) -> tuple[str, ...]:
-    """Names of the columns, with units.
-
-    Parameters
-    ----------
-    unit : str or None
-        Of the target's lengths.
-
-    Returns
-    -------
-    tuple of str
-        As many as `COLUMNS`.
-
-    Examples
-    --------
-    >>> columns("mm")[4:6], columns(None)[4]
-    (('rms [mm]', 'width [mm]'), 'rms [target units]')
-    """
+    """Names of the columns, with units."""
     return tuple(f"{name} [{unit or 'target units'}]" if name in LENGTHS else name for name in COLUMNS)
 
 
 def stage_words(stage: Stage) -> str:
     """A finished stage of the search in a few words.
 
-    Parameters
-    ----------
-    stage : Stage
-        As `dqreg.register` reports it.
-
-    Returns
-    -------
-    str
-        Name, poses, seconds.
-
-    Examples
-    --------
     >>> from dqreg.start import Stage
     >>> stage_words(Stage("screened", 160, 0.31))
     'screened, 160 poses left, 0.3 s'
@@ -214,18 +166,7 @@ def stage_words(stage: Stage) -> str:
 
 
 def cells(iteration: Iteration) -> tuple[str, ...]:
-    """One iteration as text, in the order of `COLUMNS`.
-
-    Parameters
-    ----------
-    iteration : Iteration
-        Record of the loop.
-
-    Returns
-    -------
-    tuple of str
-        Lengths in the target's unit; "taken back" where an extrapolation was.
-    """
+    """One iteration as text, in the order of `COLUMNS`."""
     motion = "taken back" if np.isinf(iteration.motion) else f"{iteration.motion:.1e}"
     return (
         str(iteration.number),
@@ -240,29 +181,7 @@ def cells(iteration: Iteration) -> tuple[str, ...]:
 
 
 def make_progress(console: Console, *, quiet: bool, unit: str | None = None, searching: bool = False) -> Progress:
-    """The way to show a registration that suits the console.
-
-    Parameters
-    ----------
-    console : Console
-        Where to.
-    quiet : bool
-        Whether to show nothing.
-    unit : str, optional
-        Unit of the target's lengths, where it is known beforehand.
-    searching : bool
-        Whether a search for a start comes first: it takes most of the time.
-
-    Returns
-    -------
-    Progress
-        Live on a terminal, lines in a pipe.
-
-    Examples
-    --------
-    >>> type(make_progress(Console(), quiet=True)).__name__
-    'Silent'
-    """
+    """The way to show a registration that suits the console."""
     if quiet:
         return Silent()
     return LiveTable(console, unit, searching=searching) if console.is_terminal else Lines(console, unit)

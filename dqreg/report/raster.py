@@ -30,23 +30,12 @@ FloatImage = NDArray[np.float32]
 
 @dataclasses.dataclass(frozen=True)
 class Frame:
-    """What a view shows, in sizes of the target about its middle.
+    """What a view shows, in sizes of the target about its middle."""
 
-    Attributes
-    ----------
-    axes : ndarray, (3, 3)
-        Rows: right, up, towards the eye.
-    middle : ndarray, (2,)
-        Right and up of the centre of the image.
-    pixel : float
-        Size of a pixel.
-    width, height : int
-        Pixels.
-    """
-
-    axes: FloatArray
-    middle: FloatArray
-    pixel: float
+    axes: FloatArray  # (3, 3): Rows: right, up, towards the eye
+    middle: FloatArray  # (2,): Right and up of the centre of the image
+    pixel: float  # Size of a pixel
+    # width, height: Pixels
     width: int
     height: int
 
@@ -63,27 +52,7 @@ class Frame:
 
 
 def frame_of(points: FloatArray, angles: tuple[float, float], width: int, height: int) -> Frame:
-    """The frame that just holds some points.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        What must be seen.
-    angles : tuple of float
-        Yaw and pitch, degrees.
-    width, height : int
-        Pixels.
-
-    Returns
-    -------
-    Frame
-        With square pixels.
-
-    Examples
-    --------
-    >>> frame_of(np.array([[-1.0, 0, -1], [1, 0, 1]]), (0.0, 0.0), 90, 90).pixel.__round__(6)
-    0.024691
-    """
+    """The frame that just holds some points."""
     axes = camera(*angles)
     flat = points @ axes[:2].T
     low, high = flat.min(axis=0), flat.max(axis=0)
@@ -94,33 +63,15 @@ def frame_of(points: FloatArray, angles: tuple[float, float], width: int, height
 
 @dataclasses.dataclass(frozen=True)
 class Dots:
-    """Points to be drawn.
+    """Points to be drawn."""
 
-    Attributes
-    ----------
-    points : ndarray, (n, 3)
-        In sizes of the target, about its middle.
-    colours : ndarray of uint8, (n, 3) or (3,)
-        Of each, or of all.
-    radius : float
-        In sizes of the target; at least a pixel is drawn.
-    """
-
-    points: FloatArray
-    colours: ByteArray
-    radius: float
+    points: FloatArray  # (n, 3): In sizes of the target, about its middle
+    colours: ByteArray  # (n, 3): Of each, or of all
+    radius: float  # In sizes of the target; at least a pixel is drawn
 
 
 class PartScene:
-    """The target, ready to be rendered from any side.
-
-    Parameters
-    ----------
-    geometry : Mesh or None
-        None for a target that is a cloud: then there is nothing to cast rays at.
-    size : float
-        Its bounding-box diagonal, target units.
-    """
+    """The target, ready to be rendered from any side."""
 
     def __init__(self, geometry: Mesh | None, size: float) -> None:
         self._normals: FloatArray | None = None
@@ -137,19 +88,7 @@ class PartScene:
     def render(self, frame: Frame, part_colour: str, paper: str, layers: list[Dots]) -> ByteArray:
         """Image of the part with points on it.
 
-        Parameters
-        ----------
-        frame : Frame
-            What is shown.
-        part_colour, paper : str
-            Colours of the part and of the background.
-        layers : list of Dots
-            Drawn in this order, those behind the part hidden.
-
-        Returns
-        -------
-        ndarray of uint8, (height, width, 3)
-            The image.
+        Shapes: returns (height, width, 3).
         """
         fine = frame.finer()
         image, surface, edges = self._shaded(fine, part_colour, paper)

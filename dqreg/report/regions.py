@@ -32,51 +32,21 @@ BOXES = "Eight boxes about the middle of the target, as it has no sharp edges to
 
 @dataclasses.dataclass(frozen=True)
 class Region:
-    """Deviations on one region of the part, target units.
+    """Deviations on one region of the part, target units."""
 
-    Attributes
-    ----------
-    name : str
-        What and where it is.
-    centre : ndarray, (3,)
-        Mean of its scan points, about the target's origin.
-    points : int
-        Scan points that lie on it.
-    median, spread, within : float
-        Median, robust standard deviation (1.48 times the median distance from it), and what 95 % of the absolute
-        deviations do not exceed.
-    bands : Bands or None
-        Shares in the tolerance, and whether it passes; None where no tolerance was given.
-    """
-
-    name: str
-    centre: FloatArray
-    points: int
+    name: str  # What and where it is
+    centre: FloatArray  # (3,): Mean of its scan points, about the target's origin
+    points: int  # Scan points that lie on it
+    # median, spread, within: Median, robust standard deviation (1.48 times the median distance from it), and what 95 %
+    # of the absolute deviations do not exceed
     median: float
     spread: float
     within: float
-    bands: Bands | None
+    bands: Bands | None  # Shares in the tolerance, and whether it passes; None where no tolerance was given
 
 
 def regions_of(deviations: Deviations, inputs: Inputs, required_share: float) -> tuple[list[Region], str]:
-    """Regions with the most scan points, the largest first, and how they were cut.
-
-    Parameters
-    ----------
-    deviations : Deviations
-        Measured.
-    inputs : Inputs
-        Both sides.
-    required_share : float
-        Share of a region's points that must be within the tolerance.
-
-    Returns
-    -------
-    regions : list of Region
-        At most 14.
-    how : str
-        A sentence.
-    """
+    """Regions with the most scan points, the largest first, and how they were cut."""
     on = np.flatnonzero(deviations.counted)
     # Positions near the origin, where a mean keeps its digits.
     points, normals = deviations.points[on] - deviations.origin, normals_at(deviations, inputs)[on]
@@ -120,24 +90,7 @@ def _weighted_median(values: FloatArray, weights: IntArray) -> float:
 def faces_of(mesh: Mesh) -> tuple[int, IntArray]:
     """Faces of a part: triangles connected without a sharp turn.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Any.
-
-    Returns
-    -------
-    count : int
-        Number of faces.
-    labels : ndarray of int, (f,)
-        Face of each triangle.
-
-    Examples
-    --------
-    >>> from dqreg.synth.parts import bracket
-    >>> count, labels = faces_of(Mesh(*bracket()))
-    >>> 10 < count < 60, len(labels) == len(Mesh(*bracket()).faces)
-    (True, True)
+    Shapes: labels (f,).
     """
     ends, owners = weld_edges(mesh.vertices, mesh.faces)
     # Two triangles at an edge are neighbours; at an edge with one, three or more, the surface ends or branches.
@@ -158,17 +111,7 @@ def faces_of(mesh: Mesh) -> tuple[int, IntArray]:
 def areas_of(mesh: Mesh, of_face: IntArray) -> FloatArray:
     """Area of each face of a part.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Any.
-    of_face : ndarray of int, (f,)
-        Face of each triangle.
-
-    Returns
-    -------
-    ndarray
-        In the order of their numbers.
+    Shapes: of_face (f,).
     """
     areas: FloatArray = np.bincount(of_face, weights=triangle_areas(mesh)).astype(np.float64)
     return areas
@@ -177,15 +120,7 @@ def areas_of(mesh: Mesh, of_face: IntArray) -> FloatArray:
 def triangle_areas(mesh: Mesh) -> FloatArray:
     """Area of each triangle.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Any.
-
-    Returns
-    -------
-    ndarray, (f,)
-        Squares of its unit.
+    Shapes: returns (f,).
     """
     a, b, c = np.moveaxis(mesh.corners, 1, 0)
     areas: FloatArray = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)

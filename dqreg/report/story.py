@@ -25,58 +25,26 @@ REQUIRED_SHARE = 0.95
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Story:
-    """A result with everything that is shown of it.
+    """A result with everything that is shown of it."""
 
-    Attributes
-    ----------
-    result : Registration
-        The answer.
-    inputs : Inputs
-        Its two sides.
-    unit : str
-        Length unit of the target, in words.
-    size : float
-        Diagonal of the target's bounding box.
-    origin : ndarray, (3,)
-        Middle of that box in the target's frame.
-    found : bool
-        Whether there is a pose.
-    points : ndarray, (n, 3)
-        The scan as it is drawn, about the origin: under the pose, or where it was before if there is none.
-    T_before : ndarray or None
-        Pose before the registration, (4, 4); None where it is not known.
-    before_name : str
-        What that pose is.
-    tolerance : float or None
-        Largest deviation allowed, target units.
-    deviations, scale : Deviations, Scale or None
-        Deviations and their colours; None where no pose was found.
-    worst : tuple of Place
-        The worst first.
-    regions : tuple of Region
-        The largest first.
-    regions_how : str
-        How they were cut.
-    view : str
-        Name of the view that shows most of the scan.
-    """
-
-    result: Registration
-    inputs: Inputs
-    unit: str
-    size: float
-    origin: FloatArray
-    found: bool
+    result: Registration  # The answer
+    inputs: Inputs  # Its two sides
+    unit: str  # Length unit of the target, in words
+    size: float  # Diagonal of the target's bounding box
+    origin: FloatArray  # (3,): Middle of that box in the target's frame
+    found: bool  # Whether there is a pose
+    # (n, 3): The scan as it is drawn, about the origin: under the pose, or where it was before if there is none
     points: FloatArray
-    T_before: FloatArray | None
-    before_name: str
-    tolerance: float | None
+    T_before: FloatArray | None  # Pose before the registration, (4, 4); None where it is not known
+    before_name: str  # What that pose is
+    tolerance: float | None  # Largest deviation allowed, target units
+    # deviations, scale: Deviations and their colours; None where no pose was found
     deviations: Deviations | None
     scale: Scale | None
-    worst: tuple[Place, ...]
-    regions: tuple[Region, ...]
-    regions_how: str
-    view: str
+    worst: tuple[Place, ...]  # The worst first
+    regions: tuple[Region, ...]  # The largest first
+    regions_how: str  # How they were cut
+    view: str  # Name of the view that shows most of the scan
 
     @property
     def ellipsoid(self) -> FloatArray | None:
@@ -99,33 +67,7 @@ def tell(
     reach: float | None = None,
     deviations: Deviations | None = None,
 ) -> Story:
-    """Work out what a report shows.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer, with or without a pose.
-    inputs : Inputs
-        Its two sides.
-    tolerance : float, optional
-        Largest deviation allowed, target units.
-    T_start : (4, 4) array_like, optional
-        Where the registration began, where the result does not say.
-    reach : float, optional
-        Points farther off belong to something else, see `Registration.deviations`.
-    deviations : Deviations, optional
-        With this tolerance and reach, where they were measured before.
-
-    Returns
-    -------
-    Story
-        Everything that is shown.
-
-    Raises
-    ------
-    InputError
-        If the tolerance is not above zero, or ``T_start`` is no pose.
-    """
+    """Work out what a report shows."""
     tolerance = checked_tolerance(tolerance)
     found = bool(np.isfinite(result.T_target_source).all())
     T_before, before_name = _before(result, T_start)
@@ -158,23 +100,6 @@ def tell(
 def checked_tolerance(tolerance: float | None) -> float | None:
     """A tolerance, or None.
 
-    Parameters
-    ----------
-    tolerance : float or None
-        What the caller gave.
-
-    Returns
-    -------
-    float or None
-        The same.
-
-    Raises
-    ------
-    InputError
-        If it is not a length above zero.
-
-    Examples
-    --------
     >>> checked_tolerance(0.1), checked_tolerance(None)
     (0.1, None)
     """

@@ -15,18 +15,7 @@ COLOURS = {"accepted": "green", "suspect": "yellow", "failed": "red"}
 
 
 def summary_rows(result: Registration) -> list[tuple[str, str]]:
-    """Names and values of the summary, without the verdict.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer.
-
-    Returns
-    -------
-    list of (str, str)
-        Lengths carry the target's unit where it is known.
-    """
+    """Names and values of the summary, without the verdict."""
     settings = result.settings
     unit = settings["target_units"] or "target units"
     rows = [
@@ -56,18 +45,7 @@ def summary_rows(result: Registration) -> list[tuple[str, str]]:
 
 
 def scale_words(result: Registration) -> str:
-    """What the source was multiplied with because it was asked for; units are another matter.
-
-    Parameters
-    ----------
-    result : Registration
-        The answer.
-
-    Returns
-    -------
-    str
-        Empty where no scale was asked for.
-    """
+    """What the source was multiplied with because it was asked for; units are another matter."""
     settings, scale, sigma = result.settings, result.scale, result.scale_sigma
     if settings.get("scale_solved"):
         known = f"+- {sigma:.2g} (one sigma)" if np.isfinite(sigma) else "is not fixed by the data"
@@ -76,15 +54,7 @@ def scale_words(result: Registration) -> str:
 
 
 def print_summary(console: Console, result: Registration) -> None:
-    """Print the verdict, the rows and the pose.
-
-    Parameters
-    ----------
-    console : Console
-        Where to.
-    result : Registration
-        The answer.
-    """
+    """Print the verdict, the rows and the pose."""
     level = result.verdict.level
     unit = result.settings["target_units"] or "target units"
     console.print(f"[bold {COLOURS[level]}]{level.upper()}[/] [dim](lengths in {unit})[/]", highlight=False)

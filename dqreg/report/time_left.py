@@ -28,48 +28,19 @@ WIDTH = 30
 
 @dataclasses.dataclass(frozen=True)
 class Steps:
-    """Where a registration is.
+    """Where a registration is."""
 
-    Attributes
-    ----------
-    words : str
-        What it does now.
-    searching : bool
-        Whether a search for a start comes first.
-    now : callable or None
-        Clock in seconds; None takes `time.perf_counter`.
-    began : float or None
-        Reading of the clock at the beginning.
-    share : float
-        Share of the whole that was done at the last step.
-    following : float
-        Share that the next step will end with.
-    total : float or None
-        Seconds that the whole will take, as the last step let expect; None where nothing is known yet.
-    iterations : int
-        Iterations so far.
-    is_over : bool
-        Whether all is done.
-
-    Examples
-    --------
-    >>> clock = iter([0.0, 3.5, 3.5]).__next__
-    >>> steps = Steps("reading", searching=True, now=clock).searched("proposed", "search")
-    >>> round(steps.total, 3)
-    10.0
-    >>> round(steps.left(), 3)
-    6.5
-    """
-
-    words: str
-    searching: bool = False
+    words: str  # What it does now
+    searching: bool = False  # Whether a search for a start comes first
+    # Clock in seconds; None takes `time.perf_counter`
     now: Callable[[], float] | None = dataclasses.field(default=None, repr=False)
-    began: float | None = None
-    share: float = 0.0
-    following: float = 0.0
+    began: float | None = None  # Reading of the clock at the beginning
+    share: float = 0.0  # Share of the whole that was done at the last step
+    following: float = 0.0  # Share that the next step will end with
+    # Seconds that the whole will take, as the last step let expect; None where nothing is known yet
     total: float | None = None
-    iterations: int = 0
-    is_over: bool = False
+    iterations: int = 0  # Iterations so far
+    is_over: bool = False  # Whether all is done
 
     def __post_init__(self) -> None:
         if self.began is None:
@@ -128,18 +99,6 @@ class Steps:
 def left_words(seconds: float) -> str:
     """A time left as one says it.
 
-    Parameters
-    ----------
-    seconds : float
-        How long.
-
-    Returns
-    -------
-    str
-        Rounded: it is an estimate.
-
-    Examples
-    --------
     >>> left_words(0.2), left_words(7.6), left_words(150.0)
     ('a moment left', 'about 8 s left', 'about 2 min left')
     """

@@ -33,18 +33,7 @@ ELLIPSOID = 0.12
 
 
 def scene_of(story: Story) -> dict[str, Any]:
-    """Everything that the viewer draws, as plain JSON values; arrays as base64.
-
-    Parameters
-    ----------
-    story : Story
-        What the report tells; with inputs.
-
-    Returns
-    -------
-    dict
-        Coordinates are about the target's middle, in sizes (bounding-box diagonals) of it.
-    """
+    """Everything that the viewer draws, as plain JSON values; arrays as base64."""
     on, off = _parts_of_scan(story)
     scene: dict[str, Any] = {
         "unit": story.unit,

@@ -25,13 +25,7 @@ PAUSE_SECONDS = 0.01
 
 
 def require_display() -> None:
-    """Raise unless a window can be hoped for.
-
-    Raises
-    ------
-    InputError
-        If neither X nor Wayland answers on Linux; the message says what to do instead.
-    """
+    """Raise unless a window can be hoped for."""
     if not sys.platform.startswith("linux") or _wayland_is_there():
         return
     name = os.environ.get("DISPLAY")
@@ -61,18 +55,7 @@ def _x_answers() -> bool:
 
 
 def open_window(story: Story) -> None:
-    """Show part and scan with its deviations in a window until it is closed.
-
-    Parameters
-    ----------
-    story : Story
-        What is shown.
-
-    Raises
-    ------
-    InputError
-        If no window can be opened.
-    """
+    """Show part and scan with its deviations in a window until it is closed."""
     open3d = load_open3d()
     window = open3d.visualization.Visualizer()
     if not window.create_window(window_name=title_of(story), width=1200, height=860):
@@ -94,18 +77,7 @@ def open_window(story: Story) -> None:
 
 
 def title_of(story: Story) -> str:
-    """What stands above the window: the verdict, and what the colours mean.
-
-    Parameters
-    ----------
-    story : Story
-        What is shown.
-
-    Returns
-    -------
-    str
-        A line.
-    """
+    """What stands above the window: the verdict, and what the colours mean."""
     level = f"dqreg: {story.result.verdict.level}"
     if story.deviations is None or story.scale is None:
         return level
@@ -115,18 +87,7 @@ def title_of(story: Story) -> str:
 
 
 def shapes_of(story: Story) -> list[Any]:
-    """Open3D geometries of part and scan, about the middle of the part.
-
-    Parameters
-    ----------
-    story : Story
-        What is shown.
-
-    Returns
-    -------
-    list
-        The target, then the scan in the colours of its deviations.
-    """
+    """Open3D geometries of part and scan, about the middle of the part."""
     open3d = load_open3d()
     geometry = story.inputs.target.geometry
     colour = np.array(rgb(TARGET)) / 255.0

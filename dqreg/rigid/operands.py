@@ -15,27 +15,7 @@ from dqreg.errors import InputError
 def as_quaternions(value: ArrayLike, name: str) -> FloatArray:
     """Quaternions, scalar first.
 
-    Parameters
-    ----------
-    value : array_like, (..., 4)
-        Components w, x, y, z in the last axis.
-    name : str
-        What the caller calls it, for the message.
-
-    Returns
-    -------
-    ndarray, (..., 4)
-        Float64.
-
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers.
-
-    Examples
-    --------
-    >>> as_quaternions([1, 0, 0, 0], "q").shape
-    (4,)
+    Shapes: value (..., 4), returns (..., 4).
     """
     return _with_last_axes(value, name, (4,), "quaternions w, x, y, z in the last axis")
 
@@ -43,27 +23,7 @@ def as_quaternions(value: ArrayLike, name: str) -> FloatArray:
 def as_unit_quaternions(value: ArrayLike, name: str) -> FloatArray:
     """Quaternions of norm 1, as given: a length that is off is reported, never mended.
 
-    Parameters
-    ----------
-    value : array_like, (..., 4)
-        Components w, x, y, z in the last axis.
-    name : str
-        What the caller calls it, for the message.
-
-    Returns
-    -------
-    ndarray, (..., 4)
-        Float64.
-
-    Raises
-    ------
-    InputError
-        If the shape is wrong, or a norm differs from 1 by more than ``RIGID_TOLERANCE`` or is not finite.
-
-    Examples
-    --------
-    >>> as_unit_quaternions([0, 0, 0, 1], "q").tolist()
-    [0.0, 0.0, 0.0, 1.0]
+    Shapes: value (..., 4), returns (..., 4).
     """
     array = as_quaternions(value, name)
     off = np.abs(np.linalg.norm(array, axis=-1) - 1.0)
@@ -79,27 +39,7 @@ def as_unit_quaternions(value: ArrayLike, name: str) -> FloatArray:
 def as_triples(value: ArrayLike, name: str) -> FloatArray:
     """Vectors of three numbers.
 
-    Parameters
-    ----------
-    value : array_like, (..., 3)
-        Components x, y, z in the last axis.
-    name : str
-        What the caller calls it, for the message.
-
-    Returns
-    -------
-    ndarray, (..., 3)
-        Float64.
-
-    Raises
-    ------
-    InputError
-        If the last axis does not hold three numbers.
-
-    Examples
-    --------
-    >>> as_triples([[1, 2, 3]], "points").shape
-    (1, 3)
+    Shapes: value (..., 3), returns (..., 3).
     """
     return _with_last_axes(value, name, (3,), "x, y, z in the last axis")
 
@@ -107,27 +47,7 @@ def as_triples(value: ArrayLike, name: str) -> FloatArray:
 def as_directions(value: ArrayLike, name: str) -> FloatArray:
     """Directions as unit vectors: only the direction counts, so a length other than 1 is no fault.
 
-    Parameters
-    ----------
-    value : array_like, (..., 3)
-        Vectors longer than zero.
-    name : str
-        What the caller calls it, for the message.
-
-    Returns
-    -------
-    ndarray, (..., 3)
-        Unit vectors.
-
-    Raises
-    ------
-    InputError
-        If the shape is wrong, or a vector is zero or not finite.
-
-    Examples
-    --------
-    >>> as_directions([0, 0, 5], "axis").tolist()
-    [0.0, 0.0, 1.0]
+    Shapes: value (..., 3), returns (..., 3).
     """
     array = as_triples(value, name)
     # Divided by the largest component first, so that the squares neither overflow nor vanish.
@@ -141,27 +61,7 @@ def as_directions(value: ArrayLike, name: str) -> FloatArray:
 def as_rotations(value: ArrayLike, name: str) -> FloatArray:
     """Rotation matrices, as given.
 
-    Parameters
-    ----------
-    value : array_like, (..., 3, 3)
-        Orthonormal matrices with determinant +1.
-    name : str
-        What the caller calls it, for the message.
-
-    Returns
-    -------
-    ndarray, (..., 3, 3)
-        Float64.
-
-    Raises
-    ------
-    InputError
-        If the shape is wrong, or a matrix departs from a rotation by more than ``RIGID_TOLERANCE``.
-
-    Examples
-    --------
-    >>> as_rotations(np.eye(3), "R").shape
-    (3, 3)
+    Shapes: value (..., 3, 3), returns (..., 3, 3).
     """
     R = _with_last_axes(value, name, (3, 3), "3x3 matrices in the last two axes")
     gap = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
@@ -178,27 +78,7 @@ def as_rotations(value: ArrayLike, name: str) -> FloatArray:
 def as_poses(value: ArrayLike, name: str) -> FloatArray:
     """Poses, looked at for their shape only: the helpers that use this run inside loops.
 
-    Parameters
-    ----------
-    value : array_like, (..., 4, 4)
-        Rigid poses.
-    name : str
-        What the caller calls it, for the message.
-
-    Returns
-    -------
-    ndarray, (..., 4, 4)
-        Float64.
-
-    Raises
-    ------
-    InputError
-        If the last two axes are not 4x4.
-
-    Examples
-    --------
-    >>> as_poses(np.eye(4), "T").shape
-    (4, 4)
+    Shapes: value (..., 4, 4), returns (..., 4, 4).
     """
     return _with_last_axes(value, name, (4, 4), "4x4 poses in the last two axes")
 

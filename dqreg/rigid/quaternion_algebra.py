@@ -216,23 +216,8 @@ def canonical(q: ArrayLike) -> FloatArray:
 def canonical_sign(q: ArrayLike) -> FloatArray:
     """Sign that leads to the canonical form.
 
-    Parameters
-    ----------
-    q : array_like, (..., 4)
-        Quaternions.
+    Shapes: q (..., 4).
 
-    Returns
-    -------
-    ndarray, (...)
-        -1 where the first non-zero component is negative, else 1.
-
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers.
-
-    Examples
-    --------
     >>> float(canonical_sign([0, -0.6, 0, 0.8]))
     -1.0
     """

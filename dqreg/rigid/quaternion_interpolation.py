@@ -94,25 +94,10 @@ def interpolate_axis_angle(r1: ArrayLike, r2: ArrayLike, fraction: ArrayLike) ->
 def interpolate_axis(u1: FloatArray, u2: FloatArray, fraction: ArrayLike) -> FloatArray:
     """Move a unit vector evenly along the shorter great arc to another (eqs. 30-32).
 
-    Equation 32 divides by sin(phi). Its equal ``cos(tau phi) u1 + sin(tau phi) (n x u1)``, the rotation about
-    n that it comes from, does not, and holds for opposite vectors as well.
+    Equation 32 divides by sin(phi). Its equal ``cos(tau phi) u1 + sin(tau phi) (n x u1)``, the rotation about n that it
+    comes from, does not, and holds for opposite vectors as well.
 
-    Parameters
-    ----------
-    u1, u2 : ndarray, (..., 3)
-        Unit vectors. Opposite ones are joined in the vertical plane that holds them, as in the notes.
-    fraction : array_like, (...)
-        tau: 0 at u1, 1 at u2.
-
-    Returns
-    -------
-    ndarray, (..., 3)
-        Unit vectors.
-
-    Examples
-    --------
-    >>> interpolate_axis(np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), 0.5).round(6).tolist()
-    [0.707107, 0.707107, 0.0]
+    Shapes: u1, u2 (..., 3), returns (..., 3).
     """
     normal = np.cross(u1, u2)
     sine = np.linalg.norm(normal, axis=-1, keepdims=True)

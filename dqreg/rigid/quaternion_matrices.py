@@ -95,23 +95,8 @@ def to_matrix(q: ArrayLike) -> FloatArray:
 def operator_matrix(q: ArrayLike) -> FloatArray:
     """Matrix of v -> q v q* for quaternions of any norm: |q|^2 times a rotation.
 
-    Parameters
-    ----------
-    q : array_like, (..., 4)
-        Quaternions, scalar first.
+    Shapes: q (..., 4), returns (..., 3, 3).
 
-    Returns
-    -------
-    ndarray, (..., 3, 3)
-        ``(q0^2 - |q|^2) I + 2 q q^T + 2 q0 [q x]``, q in bars and products being the vector part.
-
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers.
-
-    Examples
-    --------
     >>> operator_matrix([0, 0, 0, 2]).tolist()
     [[-4.0, 0.0, 0.0], [0.0, -4.0, 0.0], [0.0, 0.0, 4.0]]
     """

@@ -51,32 +51,7 @@ class Screw(NamedTuple):
 def screw_to_parts(axis: ArrayLike, angle: float, distance: float, point: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Real and dual part of a screw: sine and cosine of half the dual angle (eqs. 8-12).
 
-    Parameters
-    ----------
-    axis : array_like, (3,)
-        Direction of the line; only the direction counts.
-    angle : float
-        Radians.
-    distance : float
-        Shift along the axis.
-    point : array_like, (3,)
-        Any point on the line.
-
-    Returns
-    -------
-    real, dual : ndarray, (4,)
-        Scalar first.
-
-    Raises
-    ------
-    InputError
-        If the axis is zero, a shape is wrong, or a number is not finite.
-
-    Examples
-    --------
-    >>> real, dual = screw_to_parts([0, 0, 1], np.pi, 2.0, [1, 0, 0])
-    >>> real.round(12).tolist(), dual.round(12).tolist()
-    ([0.0, 0.0, 0.0, 1.0], [-1.0, 0.0, -1.0, 0.0])
+    Shapes: real, dual (4,).
     """
     n, p = as_directions(axis, "axis"), as_float(point, "point")
     numbers = np.array([as_float(angle, "angle"), as_float(distance, "distance")])
@@ -95,8 +70,8 @@ def screw_to_parts(axis: ArrayLike, angle: float, distance: float, point: ArrayL
 def screw_from_parts(real: FloatArray, dual: FloatArray) -> Screw:
     """Screw of a unit dual quaternion (appendix 3, eqs. 70-75, two of them corrected).
 
-    Eq. 12 reads ``s = (d/2) cos(theta/2) n + sin(theta/2) m`` with the moment ``m = p x n``, and
-    ``s4 = -(d/2) sin(theta/2)``.
+    Eq. 12 reads ``s = (d/2) cos(theta/2) n + sin(theta/2) m`` with the moment ``m = p x n``, and ``s4 = -(d/2)
+    sin(theta/2)``.
 
     - Eq. 70 prints ``d = 2 s4 / sin(theta/2)``; by eq. 12 the sign is wrong, ``d = -2 s4 / sin(theta/2)``. As n is
       perpendicular to m, eq. 71 times n gives ``s . n = (d/2) cos(theta/2)`` too. The two are weighed by sine and
@@ -106,23 +81,10 @@ def screw_from_parts(real: FloatArray, dual: FloatArray) -> Screw:
       ``(0, -m3, m2) / n1``, which solves ``p x n = m`` row by row with p1 = 0 and fails for n1 = 0; and
       ``n x m = p - (n . p) n``, the point nearest the origin, which never fails and is returned.
 
-    Without a turn there is no line: a pure translation is a shift by ``|t|`` along ``t / |t|`` through the
-    origin, and the identity a shift by 0 along x.
+    Without a turn there is no line: a pure translation is a shift by ``|t|`` along ``t / |t|`` through the origin, and
+    the identity a shift by 0 along x.
 
-    Parameters
-    ----------
-    real, dual : ndarray, (4,)
-        Parts of a unit dual quaternion, scalar first; the sign they share does not matter.
-
-    Returns
-    -------
-    Screw
-        Angle in [0, pi].
-
-    Examples
-    --------
-    >>> screw_from_parts(np.array([1.0, 0, 0, 0]), np.array([0, 0, 0, 1.5])).distance
-    3.0
+    Shapes: real, dual (4,).
     """
     sign = canonical_sign(real)
     r4, r, s4, s = float(sign * real[0]), sign * real[1:], float(sign * dual[0]), sign * dual[1:]

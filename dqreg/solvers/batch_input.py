@@ -16,26 +16,16 @@ Sides = tuple[FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureSet:
-    """Matched vectors of b problems, all rows below each other.
+    """Matched vectors of b problems, all rows below each other."""
 
-    Attributes
-    ----------
-    source, target : ndarray, (total, 3)
-        Matched vectors.
-    weights : ndarray, (total,)
-        One weight a row.
-    starts, sizes : ndarray of int, (b,)
-        First row and number of rows of each problem.
-    is_even : bool
-        Whether all problems have the same number of rows.
-    """
-
+    # source, target: (total, 3): Matched vectors
     source: FloatArray
     target: FloatArray
-    weights: FloatArray
+    weights: FloatArray  # (total,): One weight a row
+    # starts, sizes: (b,): First row and number of rows of each problem
     starts: IntArray
     sizes: IntArray
-    is_even: bool
+    is_even: bool  # Whether all problems have the same number of rows
 
     @property
     def count(self) -> int:
@@ -45,17 +35,7 @@ class FeatureSet:
     def take(self, chosen: slice | NDArray[np.intp]) -> Sides:
         """Some problems with the problem as the last axis, short ones filled up with rows of weight zero.
 
-        Parameters
-        ----------
-        chosen : slice or ndarray of int
-            Which problems, c of them.
-
-        Returns
-        -------
-        source, target : ndarray, (3, k, c)
-            Vectors; k is the largest number of rows.
-        weights : ndarray, (k, c)
-            Weights.
+        Shapes: source, target (3, k, c), weights (k, c).
         """
         starts, sizes = self.starts[chosen], self.sizes[chosen]
         if self.is_even and isinstance(chosen, slice):
@@ -79,29 +59,8 @@ def read_features(
 ) -> FeatureSet:
     """Check one kind of matched vectors of many problems.
 
-    Parameters
-    ----------
-    source, target : array_like, (b, n, 3) or (total, 3)
-        Matched vectors.
-    weights : array_like, (b, n) or (total,), or float, or None
-        One weight a row; None for ones.
-    offsets : array_like of int, (b + 1,), or None
-        Where each problem begins; None for equal sizes.
-    kind : str
-        ``"points"`` or ``"directions"``, for messages; directions must have a length.
+    Shapes: source, target (b, n, 3), weights (b, n), offsets (b + 1,).
 
-    Returns
-    -------
-    FeatureSet
-        Checked vectors.
-
-    Raises
-    ------
-    InputError
-        If a shape, a count, an offset, a weight or a number is wrong.
-
-    Examples
-    --------
     >>> read_features(np.zeros((2, 3, 3)), np.zeros((2, 3, 3)), None, None, "points").starts.tolist()
     [0, 3]
     """

@@ -13,28 +13,17 @@ from dqreg.solvers.closed_form import SAME_POINT
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BatchSums:
-    """What decides the poses of c problems; see `closed_form` for the letters.
+    """What decides the poses of c problems; see `closed_form` for the letters."""
 
-    Attributes
-    ----------
-    weight : ndarray, (c,)
-        ``sum beta``.
-    mean_source, mean_target : ndarray, (3, c)
-        Weighted means of the points.
-    p, q : ndarray, (3, k, c)
-        Points less their mean.
-    H : ndarray, (3, 3, c)
-        Matrices of the rotations' fit.
-    reach, floor : ndarray, (c,)
-        Largest lambda_1 such data could have, and gap that the rounding of coordinates could make.
-    """
-
-    weight: FloatArray
+    weight: FloatArray  # (c,): ``sum beta``
+    # mean_source, mean_target: (3, c): Weighted means of the points
     mean_source: FloatArray
     mean_target: FloatArray
+    # p, q: (3, k, c): Points less their mean
     p: FloatArray
     q: FloatArray
-    H: FloatArray
+    H: FloatArray  # (3, 3, c): Matrices of the rotations' fit
+    # reach, floor: (c,): Largest lambda_1 such data could have, and gap that the rounding of coordinates could make
     reach: FloatArray
     floor: FloatArray
 
@@ -42,19 +31,7 @@ class BatchSums:
 def sum_block(source: FloatArray, target: FloatArray, beta: FloatArray, directions: Sides | None) -> BatchSums:
     """Sums of a block of problems.
 
-    Parameters
-    ----------
-    source, target : ndarray, (3, k, c)
-        Matched points.
-    beta : ndarray, (k, c)
-        Their weights.
-    directions : tuple of two (3, j, c) and one (j, c) array, or None
-        Matched directions and their weights.
-
-    Returns
-    -------
-    BatchSums
-        Problems without weight have means at zero.
+    Shapes: source, target (3, k, c), beta (k, c), directions (3, j, c).
     """
     weight = beta.sum(axis=0)
     share = beta / np.where(weight > 0.0, weight, 1.0)
@@ -79,21 +56,7 @@ def residual_sums(
 ) -> tuple[FloatArray, FloatArray]:
     """Points' and directions' part of the costs, from the residuals.
 
-    Parameters
-    ----------
-    R : ndarray, (3, 3, c)
-        Rotations.
-    sums : BatchSums
-        Holds the points about their means.
-    beta : ndarray, (k, c)
-        Weights of the points.
-    directions : tuple of two (3, j, c) and one (j, c) array, or None
-        Matched directions and their weights.
-
-    Returns
-    -------
-    point_cost, direction_cost : ndarray, (c,)
-        Weighted sums of squares.
+    Shapes: R (3, 3, c), beta (k, c), directions (3, j, c), point_cost, direction_cost (c,).
     """
     point_cost = _residuals(R, sums.p, sums.q, beta)
     return point_cost, np.zeros_like(point_cost) if directions is None else _residuals(R, *directions)

@@ -23,24 +23,14 @@ Pair = tuple[FloatArray, FloatArray]
 
 
 class FeatureSums(NamedTuple):
-    """Sums over matched vectors a (source) and b (target), both about one given origin a side.
+    """Sums over matched vectors a (source) and b (target), both about one given origin a side."""
 
-    Attributes
-    ----------
-    weight : float
-        ``sum w``.
-    source, target : ndarray, (3,)
-        ``sum w a`` and ``sum w b``.
-    cross : ndarray, (3, 3)
-        ``sum w b a^T``.
-    square_source, square_target : float
-        ``sum w |a|^2`` and ``sum w |b|^2``.
-    """
-
-    weight: float
+    weight: float  # ``sum w``
+    # source, target: (3,): ``sum w a`` and ``sum w b``
     source: FloatArray
     target: FloatArray
-    cross: FloatArray
+    cross: FloatArray  # (3, 3): ``sum w b a^T``
+    # square_source, square_target: ``sum w |a|^2`` and ``sum w |b|^2``
     square_source: float
     square_target: float
 
@@ -53,29 +43,7 @@ def feature_sums(
     *,
     products_only: bool = False,
 ) -> FeatureSums:
-    """Sum over all rows.
-
-    Parameters
-    ----------
-    source, target : ndarray, (n, 3)
-        Matched vectors, float64 and C-contiguous.
-    weights : ndarray, (n,), optional
-        One weight a row; 1 where not given.
-    origin : tuple of two ndarray, (3,), optional
-        Taken from every row of the source and of the target first; nothing where not given.
-    products_only : bool
-        Leave out the sums of the vectors themselves, which then may be zeros.
-
-    Returns
-    -------
-    FeatureSums
-        The sums, about the origin.
-
-    Examples
-    --------
-    >>> feature_sums(np.eye(3), 2.0 * np.eye(3)).cross.tolist()
-    [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]]
-    """
+    """Sum over all rows."""
     whole = len(source) // BLOCK * BLOCK
     if not whole:
         return _sums_of_few(source, target, weights, origin)

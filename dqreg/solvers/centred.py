@@ -17,49 +17,22 @@ from dqreg.solvers.pose_cost import cost_of_pose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Centred:
-    """Matches with their weights written out and the points about their weighted means.
+    """Matches with their weights written out and the points about their weighted means."""
 
-    Attributes
-    ----------
-    beta, alpha : ndarray, (n,) and (m,)
-        Weights of points and directions.
-    mean_source, mean_target : ndarray, (3,)
-        Weighted means of the points.
-    p, q : ndarray, (n, 3)
-        Points less their mean.
-    reach : float
-        The largest lambda_1 such data could have, reached where they fit exactly.
-    """
-
+    # beta, alpha: (n,): Weights of points and directions
     beta: FloatArray
     alpha: FloatArray
+    # mean_source, mean_target: (3,): Weighted means of the points
     mean_source: FloatArray
     mean_target: FloatArray
+    # p, q: (n, 3): Points less their mean
     p: FloatArray
     q: FloatArray
-    reach: float
+    reach: float  # The largest lambda_1 such data could have, reached where they fit exactly
 
 
 def centre(matches: Matches) -> Centred:
-    """Check the values and take the weighted means off the points.
-
-    Parameters
-    ----------
-    matches : Matches
-        Matched points and directions.
-
-    Returns
-    -------
-    Centred
-        With zeros for the points of a side that all lie in one place.
-
-    Raises
-    ------
-    InputError
-        If a point or direction is not finite, or a direction has no length.
-    DegenerateGeometryError
-        If no point carries weight.
-    """
+    """Check the values and take the weighted means off the points."""
     refuse_bad_values(matches)
     beta, alpha = weights_of(matches)
     if not beta.sum() > 0.0:
@@ -73,18 +46,7 @@ def centre(matches: Matches) -> Centred:
 
 
 def weights_of(matches: Matches) -> tuple[FloatArray, FloatArray]:
-    """Weights beta (n,) and alpha (m,), ones where none were given.
-
-    Parameters
-    ----------
-    matches : Matches
-        Matched points and directions.
-
-    Returns
-    -------
-    beta, alpha : ndarray, (n,) and (m,)
-        Weights of points and directions.
-    """
+    """Weights beta (n,) and alpha (m,), ones where none were given."""
     beta = matches.point_weights
     alpha = matches.direction_weights
     return (
@@ -96,26 +58,7 @@ def weights_of(matches: Matches) -> tuple[FloatArray, FloatArray]:
 def fit_of_rotation(R: FloatArray, lambda_1: float, lambda_2: float, matches: Matches, centred: Centred) -> Fit:
     """Fit with this rotation, the translation that belongs to it, and the cost of its residuals.
 
-    Parameters
-    ----------
-    R : ndarray, (3, 3)
-        Best rotation.
-    lambda_1, lambda_2 : float
-        The two largest eigenvalues of the 4x4 matrix.
-    matches : Matches
-        Matched points and directions.
-    centred : Centred
-        Their means and weights.
-
-    Returns
-    -------
-    Fit
-        Pose, cost, rms and gap.
-
-    Raises
-    ------
-    DegenerateGeometryError
-        If the gap is rounding.
+    Shapes: R (3, 3).
     """
     gap = require_determined(lambda_1, lambda_2, centred.reach)
     T = np.eye(4)

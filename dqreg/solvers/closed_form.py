@@ -87,19 +87,7 @@ def solve_moments(moments: Moments) -> Fit:
 def rotation_sums(moments: Moments) -> tuple[FloatArray, float, float]:
     """What decides the rotation: H, the largest lambda_1 it could have, and the part of it that may be rounding.
 
-    Parameters
-    ----------
-    moments : Moments
-        Sums with a positive weight of points.
-
-    Returns
-    -------
-    H : ndarray, (3, 3)
-        ``sum beta q' p'^T + sum alpha n m^T``; without the points where those of one side coincide.
-    reach : float
-        Bound of lambda_1 by Cauchy and Schwarz, attained where the matches fit exactly.
-    floor : float
-        Gap that the rounding of the coordinates themselves could make.
+    Shapes: H (3, 3).
     """
     m = moments
     grain_source = SAME_POINT**2 * m.point_weight * float(m.mean_source @ m.mean_source)
@@ -112,32 +100,7 @@ def rotation_sums(moments: Moments) -> tuple[FloatArray, float, float]:
 
 
 def require_determined(lambda_1: float, lambda_2: float, reach: float, floor: float = 0.0) -> float:
-    """Relative gap of the two largest eigenvalues, if it is more than rounding.
-
-    Parameters
-    ----------
-    lambda_1, lambda_2 : float
-        The largest and the second eigenvalue of a 4x4 matrix of trace zero.
-    reach : float
-        The largest lambda_1 that such data could have.
-    floor : float
-        Gap that may be rounding of the coordinates.
-
-    Returns
-    -------
-    float
-        ``(lambda_1 - lambda_2) / lambda_1``.
-
-    Raises
-    ------
-    DegenerateGeometryError
-        If a turn leaves the cost unchanged.
-
-    Examples
-    --------
-    >>> require_determined(2.0, 1.0, reach=2.0)
-    0.5
-    """
+    """Relative gap of the two largest eigenvalues, if it is more than rounding."""
     gap = lambda_1 - lambda_2
     relative = gap / lambda_1 if lambda_1 > 0.0 else 0.0
     if not gap > SMALLEST_GAP * reach + floor:
@@ -161,20 +124,7 @@ def no_weight_message() -> str:
 def quaternion_form(H: FloatArray) -> FloatArray:
     """N, the quadratic form of the rotation's fit ``tr(R(r)^T H) = r^T N r`` in the quaternion r = (w, x, y, z).
 
-    Parameters
-    ----------
-    H : ndarray, (3, 3)
-        ``sum w b a^T`` over target vectors b and source vectors a.
-
-    Returns
-    -------
-    ndarray, (4, 4)
-        Symmetric, trace zero; written out at the top of this file.
-
-    Examples
-    --------
-    >>> quaternion_form(np.eye(3)).diagonal().tolist()
-    [3.0, -1.0, -1.0, -1.0]
+    Shapes: H (3, 3).
     """
     # Plain numbers: sixteen of them are quicker so than as arrays, and the loop calls this once a step.
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = H.tolist()
@@ -192,17 +142,7 @@ def quaternion_form(H: FloatArray) -> FloatArray:
 def pose_from_quaternion(r: FloatArray, moments: Moments) -> FloatArray:
     """4x4 pose with the rotation of r that carries the source's mean to the target's.
 
-    Parameters
-    ----------
-    r : ndarray, (4,)
-        Unit quaternion w, x, y, z.
-    moments : Moments
-        Holds the two means.
-
-    Returns
-    -------
-    ndarray, (4, 4)
-        T_target_source.
+    Shapes: r (4,).
     """
     w, x, y, z = r.tolist()
     px, py, pz = moments.mean_source.tolist()

@@ -34,33 +34,7 @@ def minimise(
     *,
     escape: bool = True,
 ) -> PoseFit:
-    """Pose of least cost.
-
-    Parameters
-    ----------
-    form : QuadraticForm
-        The cost.
-    near : ndarray, (4, 4), or None
-        Where to begin; None for the global minimum.
-    freedom : Freedom or None
-        What is allowed; None for all motions.
-    reference : ndarray, (4, 4), or None
-        Pose that they begin at; None for any.
-    flat : float
-        Motions whose share of the largest curvature is smaller are left as they are.
-    escape : bool
-        Whether to step off a saddle that the pose given stands on.
-
-    Returns
-    -------
-    PoseFit
-        The answer.
-
-    Raises
-    ------
-    DegenerateGeometryError
-        If without a pose to begin at a motion is not determined.
-    """
+    """Pose of least cost."""
     if freedom is None:
         freedom = Freedom.only("all", frame=form.origin_target)
     if reference is None:

@@ -17,20 +17,7 @@ TURN = 0.1
 
 
 def free_motions(form: QuadraticForm, chart: LockedChart) -> tuple[str, ...]:
-    """Name the allowed motions along which the cost stays as it is.
-
-    Parameters
-    ----------
-    form : QuadraticForm
-        The cost.
-    chart : LockedChart
-        At its minimum.
-
-    Returns
-    -------
-    tuple of str
-        One for each, in the target's coordinates; none where the pose is determined.
-    """
+    """Name the allowed motions along which the cost stays as it is."""
     _, hessian, squares = chart.slopes(form)
     unit = balance(squares, chart.turns)
     # At a minimum the Hessian decides: where all points belong to one place every turn has the same cost, although

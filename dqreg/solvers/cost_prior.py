@@ -31,19 +31,7 @@ for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
 def prior_form(T: FloatArray, covariance: FloatArray, frame: FloatArray) -> QuadraticForm:
     """Quadratic form of a prior.
 
-    Parameters
-    ----------
-    T : ndarray, (4, 4)
-        T_target_source of the prior.
-    covariance : ndarray, (6, 6)
-        Checked by `read_covariance`.
-    frame : ndarray, (4, 4)
-        T_target_frame.
-
-    Returns
-    -------
-    QuadraticForm
-        About the frame's origin on either side.
+    Shapes: covariance (6, 6).
     """
     axes, R_0 = frame[:3, :3], T[:3, :3]
     known = np.isfinite(np.diag(covariance))
@@ -65,25 +53,8 @@ def prior_form(T: FloatArray, covariance: FloatArray, frame: FloatArray) -> Quad
 def read_covariance(value: object, name: str) -> FloatArray:
     """Covariance of a twist, checked.
 
-    Parameters
-    ----------
-    value : array_like, (6, 6) or (6,)
-        Covariance, rotation first, or the six variances. Infinite variances stand for what is not known.
-    name : str
-        What the caller calls it, for the message.
+    Shapes: value (6, 6), returns (6, 6).
 
-    Returns
-    -------
-    ndarray, (6, 6)
-        Symmetric; infinite variances stay on the diagonal, with zeros beside them.
-
-    Raises
-    ------
-    InputError
-        If the shape is wrong, a number is NaN, or it is not symmetric and positive definite.
-
-    Examples
-    --------
     >>> read_covariance([1, 1, float("inf"), 4, 4, 4], "covariance")[2:4, 2:4].tolist()
     [[inf, 0.0], [0.0, 4.0]]
     """

@@ -22,31 +22,7 @@ Build = Callable[[list[FloatArray], FloatArray, Origins], FloatArray]
 def form_of(
     arrays: dict[str, Any], weights: Any, build: Build, *, unit: str | None = None, placed: bool = True
 ) -> QuadraticForm:
-    """Quadratic form of matched rows.
-
-    Parameters
-    ----------
-    arrays : dict
-        Two or three arrays, (n, 3) each, by the caller's names; the first two are points where ``placed``.
-    weights : array_like, (n,) or float, or None
-        One a row.
-    build : callable
-        From checked rows, weights and origins to the matrix.
-    unit : str, optional
-        Which array to bring to unit length.
-    placed : bool
-        Whether the rows have places, so that an origin matters.
-
-    Returns
-    -------
-    QuadraticForm
-        About the weighted means.
-
-    Raises
-    ------
-    InputError
-        If shapes or numbers are wrong.
-    """
+    """Quadratic form of matched rows."""
     given = {name: value if _is_rows(value) else as_vectors(value, name) for name, value in arrays.items()}
     count = len(next(iter(given.values())))
     for name, value in given.items():

@@ -31,24 +31,7 @@ UNFELT = 1e-12
 
 
 def starts(form: QuadraticForm, freedom: Freedom, reference: FloatArray) -> tuple[list[LockedChart], bool]:
-    """Allowed poses, one of them near the global minimum.
-
-    Parameters
-    ----------
-    form : QuadraticForm
-        The cost.
-    freedom : Freedom
-        What is allowed.
-    reference : ndarray, (4, 4)
-        Pose that the motions begin at.
-
-    Returns
-    -------
-    list of LockedChart
-        Poses to go down from.
-    closed : bool
-        Whether the first is the minimum itself, by the closed form.
-    """
+    """Allowed poses, one of them near the global minimum."""
     axes = freedom.frame[:3, :3]
     lift = _lift(form, freedom, reference)
     shift = _best_shift(form, axes[:, list(freedom.shifts)]) @ lift
@@ -117,20 +100,7 @@ def _apart(candidates: FloatArray, values: FloatArray) -> FloatArray:
 def rotation_grid(turns: Flags) -> FloatArray:
     """Evenly spread turns, the identity first.
 
-    Parameters
-    ----------
-    turns : tuple of bool
-        About which axes.
-
-    Returns
-    -------
-    ndarray, (n, 4)
-        Unit quaternions with zeros where a turn is locked; not to be written to.
-
-    Examples
-    --------
-    >>> rotation_grid((False, False, True)).shape, rotation_grid((False, False, False)).tolist()
-    ((90, 4), [[1.0, 0.0, 0.0, 0.0]])
+    Shapes: returns (n, 4).
     """
     count = GRID[sum(turns)]
     grid = np.zeros((count, 4))

@@ -13,25 +13,6 @@ from dqreg.rigid import pose
 def as_frame(value: ArrayLike | None, name: str) -> FloatArray:
     """T_target_frame of a 4x4 matrix, of its origin alone, or of nothing.
 
-    Parameters
-    ----------
-    value : array_like, (4, 4) or (3,), or None
-        What the caller gave; None is the target's own frame.
-    name : str
-        What the caller calls it, for the message.
-
-    Returns
-    -------
-    ndarray, (4, 4)
-        Rigid.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-
-    Examples
-    --------
     >>> as_frame([1, 2, 3], "frame")[:3, 3].tolist()
     [1.0, 2.0, 3.0]
     """

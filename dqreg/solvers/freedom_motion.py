@@ -24,18 +24,10 @@ Flags = tuple[bool, bool, bool]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Motion:
-    """Turn about the frame's origin, then shift.
+    """Turn about the frame's origin, then shift."""
 
-    Attributes
-    ----------
-    q : ndarray, (4,)
-        Unit quaternion w, x, y, z along the frame's axes.
-    t : ndarray, (3,)
-        Shift along the frame's axes.
-    """
-
-    q: FloatArray
-    t: FloatArray
+    q: FloatArray  # (4,): Unit quaternion w, x, y, z along the frame's axes
+    t: FloatArray  # (3,): Shift along the frame's axes
 
     def within(self, turns: Flags, shifts: Flags) -> Motion:
         """The same without its locked parts."""
@@ -47,18 +39,7 @@ class Motion:
 
 
 def relative(frame: FloatArray, T: FloatArray, T_reference: FloatArray) -> Motion:
-    """The motion from a reference pose to a pose.
-
-    Parameters
-    ----------
-    frame, T, T_reference : ndarray, (4, 4)
-        T_target_frame and two T_target_source.
-
-    Returns
-    -------
-    Motion
-        Of ``T @ inverse(T_reference)``.
-    """
+    """The motion from a reference pose to a pose."""
     axes, origin = frame[:3, :3], frame[:3, 3]
     q = quaternion.from_matrix(axes.T @ T[:3, :3] @ T_reference[:3, :3].T @ axes)
     arm = axes.T @ (T_reference[:3, 3] - origin)
@@ -66,20 +47,7 @@ def relative(frame: FloatArray, T: FloatArray, T_reference: FloatArray) -> Motio
 
 
 def compose(frame: FloatArray, motion: Motion, T_reference: FloatArray) -> FloatArray:
-    """The pose that a motion leads to.
-
-    Parameters
-    ----------
-    frame, T_reference : ndarray, (4, 4)
-        T_target_frame and T_target_source.
-    motion : Motion
-        In that frame.
-
-    Returns
-    -------
-    ndarray, (4, 4)
-        T_target_source.
-    """
+    """The pose that a motion leads to."""
     axes, origin = frame[:3, :3], frame[:3, 3]
     # All by differences from the reference: what is locked keeps every digit, wherever the origins are.
     change = axes @ turned(motion.q) @ axes.T
@@ -92,15 +60,7 @@ def compose(frame: FloatArray, motion: Motion, T_reference: FloatArray) -> Float
 def turned(q: FloatArray) -> FloatArray:
     """``R(q) - I`` of unit quaternions, exact for small turns.
 
-    Parameters
-    ----------
-    q : ndarray, (..., 4)
-        Unit quaternions, scalar first.
-
-    Returns
-    -------
-    ndarray, (..., 3, 3)
-        Rotation less the identity.
+    Shapes: q (..., 4), returns (..., 3, 3).
     """
     if q.ndim == 1:
         # Plain numbers: the loop calls this once a step, and arrays of one would cost ten times as much.
@@ -119,17 +79,7 @@ def _entries(w: Any, x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], ...]
 def tangent(q: FloatArray, turns: Flags) -> FloatArray:
     """Axes about which a further turn stays among the allowed ones.
 
-    Parameters
-    ----------
-    q : ndarray, (4,)
-        An allowed unit quaternion.
-    turns : tuple of bool
-        Which components of its vector part are free.
-
-    Returns
-    -------
-    ndarray, (3, k)
-        Unit axes along the frame's axes; k is the number of free turns.
+    Shapes: q (4,), returns (3, k).
     """
     free = np.array(turns)
     if free.sum() != 2:
@@ -144,22 +94,13 @@ def tangent(q: FloatArray, turns: Flags) -> FloatArray:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LockedChart:
-    """A pose that an allowed motion leads to, and its allowed steps, for `descend`.
+    """A pose that an allowed motion leads to, and its allowed steps, for `descend`."""
 
-    Attributes
-    ----------
-    frame, reference : ndarray, (4, 4)
-        T_target_frame and the pose that the motion begins at.
-    freely : pair of tuples of bool
-        Which turns and which shifts are free.
-    motion : Motion
-        An allowed one.
-    """
-
+    # frame, reference: (4, 4): T_target_frame and the pose that the motion begins at
     frame: FloatArray
     reference: FloatArray
-    freely: tuple[Flags, Flags]
-    motion: Motion
+    freely: tuple[Flags, Flags]  # Which turns and which shifts are free
+    motion: Motion  # An allowed one
 
     @cached_property
     def pose(self) -> FloatArray:

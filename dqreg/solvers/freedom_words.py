@@ -17,25 +17,6 @@ GROUPS = {"r": TURNS, "t": SHIFTS, "all": WORDS, "none": ()}
 def read_words(value: Any) -> tuple[list[str], bool]:
     """Words of a text or of several, and whether they say what is locked instead of what is free.
 
-    Parameters
-    ----------
-    value : iterable of str
-        Words separated by blanks or commas; a minus before each where they are locked.
-
-    Returns
-    -------
-    words : list of str
-        In small letters, without the minus.
-    locked : bool
-        Whether there was one.
-
-    Raises
-    ------
-    InputError
-        If there are no words, or the minus stands before some only.
-
-    Examples
-    --------
     >>> read_words(["-rx, -ry"])
     (['rx', 'ry'], True)
     """
@@ -49,28 +30,7 @@ def read_words(value: Any) -> tuple[list[str], bool]:
 
 
 def flags(words: Iterable[str]) -> tuple[bool, ...]:
-    """Whether each of the six motions is named.
-
-    Parameters
-    ----------
-    words : iterable of str
-        Single motions or groups of them.
-
-    Returns
-    -------
-    tuple of bool
-        For rx, ry, rz, tx, ty, tz.
-
-    Raises
-    ------
-    InputError
-        If a word is not known.
-
-    Examples
-    --------
-    >>> flags(["r", "tz"])
-    (True, True, True, False, False, True)
-    """
+    """Whether each of the six motions is named."""
     named: set[str] = set()
     for word in _split(words):
         if word not in WORDS and word not in GROUPS:

@@ -69,20 +69,7 @@ def horn(
 def P(p: FloatArray) -> FloatArray:
     """Matrices P_i with ``P_i q = q p_i`` for vectors p_i (Jia section 5, after eq. 17).
 
-    Parameters
-    ----------
-    p : ndarray, (n, 3)
-        Vectors.
-
-    Returns
-    -------
-    ndarray, (n, 4, 4)
-        One matrix a vector; quaternions scalar first.
-
-    Examples
-    --------
-    >>> P(np.array([[1.0, 2.0, 3.0]]))[0].tolist()
-    [[0.0, -1.0, -2.0, -3.0], [1.0, 0.0, 3.0, -2.0], [2.0, -3.0, 0.0, 1.0], [3.0, 2.0, -1.0, 0.0]]
+    Shapes: returns (n, 4, 4).
     """
     p1, p2, p3 = p.T
     o = np.zeros(len(p))
@@ -93,20 +80,7 @@ def P(p: FloatArray) -> FloatArray:
 def Q(q: FloatArray) -> FloatArray:
     """Matrices Q_i with ``Q_i q = q_i q`` for vectors q_i (Jia section 5, after eq. 17).
 
-    Parameters
-    ----------
-    q : ndarray, (n, 3)
-        Vectors.
-
-    Returns
-    -------
-    ndarray, (n, 4, 4)
-        One matrix a vector; quaternions scalar first.
-
-    Examples
-    --------
-    >>> Q(np.array([[1.0, 2.0, 3.0]]))[0].tolist()
-    [[0.0, -1.0, -2.0, -3.0], [1.0, 0.0, -3.0, 2.0], [2.0, 3.0, 0.0, -1.0], [3.0, -2.0, 1.0, 0.0]]
+    Shapes: returns (n, 4, 4).
     """
     q1, q2, q3 = q.T
     o = np.zeros(len(q))

@@ -91,18 +91,7 @@ def read_matches(
 
 
 def refuse_bad_values(matches: Matches) -> None:
-    """Raise if a point or direction is not finite, or a direction has no length.
-
-    Parameters
-    ----------
-    matches : Matches
-        What to look at; costs several passes, so the fast solver calls it only when its sums look wrong.
-
-    Raises
-    ------
-    InputError
-        With the name of the array, how many rows are wrong and the first of them.
-    """
+    """Raise if a point or direction is not finite, or a direction has no length."""
     for name in ("points_source", "points_target", "directions_source", "directions_target"):
         array = getattr(matches, name)
         require_finite(array, name)
@@ -115,19 +104,7 @@ def refuse_bad_values(matches: Matches) -> None:
 def refuse_zero_directions(directions: FloatArray, name: str, weights: FloatArray | None = None) -> None:
     """Raise if a row that carries weight holds three zeros, which points nowhere.
 
-    Parameters
-    ----------
-    directions : ndarray, (m, 3)
-        Directions.
-    name : str
-        What the caller calls it, for the message.
-    weights : ndarray, (m,), optional
-        A row of weight zero is rejected already and may hold anything finite.
-
-    Raises
-    ------
-    InputError
-        With the number of such rows and the first of them.
+    Shapes: weights (m,).
     """
     empty = ~directions.any(axis=1)
     zero = np.flatnonzero(empty if weights is None else empty & (weights > 0.0))

@@ -15,22 +15,12 @@ class OrientedPairs:
 
     The sign of a fitted normal is unknown; here each is turned so that it does not point against the line from the
     first point to the second, which any rigid motion preserves.
-
-    Attributes
-    ----------
-    middle : ndarray, (n, 3)
-        Middle of the two points.
-    length : ndarray, (n,)
-        Distance between them.
-    along : ndarray, (n, 3)
-        Unit vector from the first to the second.
-    first, second : ndarray, (n, 3)
-        Their normals, signs turned.
     """
 
-    middle: FloatArray
-    length: FloatArray
-    along: FloatArray
+    middle: FloatArray  # (n, 3): Middle of the two points
+    length: FloatArray  # (n,): Distance between them
+    along: FloatArray  # (n, 3): Unit vector from the first to the second
+    # first, second: (n, 3): Their normals, signs turned
     first: FloatArray
     second: FloatArray
 
@@ -65,28 +55,7 @@ class OrientedPairs:
 def poses_from_pairs(source: OrientedPairs, target: OrientedPairs) -> tuple[FloatArray, FloatArray]:
     """Pose that puts each source pair on its target pair: middle on middle, line on line, normals as near as can be.
 
-    Parameters
-    ----------
-    source, target : OrientedPairs
-        n matched pairs.
-
-    Returns
-    -------
-    R : ndarray, (n, 3, 3)
-        Rotations.
-    t : ndarray, (n, 3)
-        Translations, p_target = R p_source + t.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(0)
-    >>> p, n = rng.normal(size=(2, 2, 3))
-    >>> n /= np.linalg.norm(n, axis=1, keepdims=True)
-    >>> turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    >>> i, j = np.array([0]), np.array([1])
-    >>> R, t = poses_from_pairs(OrientedPairs.of(p, n, i, j), OrientedPairs.of(p @ turn.T, n @ turn.T, i, j))
-    >>> bool(np.allclose(R[0], turn))
-    True
+    Shapes: R (n, 3, 3).
     """
     # The normal that stands farther off the line tells the turn about it better.
     steep = np.abs(source.cosines[:, 0]) <= np.abs(source.cosines[:, 1])

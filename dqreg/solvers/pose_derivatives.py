@@ -24,15 +24,7 @@ _PRODUCTS = np.einsum("kia,lab->klib", _GENERATORS, _GENERATORS).reshape(9, 9)
 def turn(w: FloatArray) -> FloatArray:
     """Rotation by a rotation vector, less the identity: what is small stays exact.
 
-    Parameters
-    ----------
-    w : ndarray, (3,)
-        Rotation vector, radians.
-
-    Returns
-    -------
-    ndarray, (3, 3)
-        ``exp(w) - I``.
+    Shapes: returns (3, 3).
     """
     # Plain numbers: the loop calls this once a step, and arrays of three would cost five times as much.
     x, y, z = w.tolist()
@@ -48,21 +40,7 @@ def derivatives(form: QuadraticForm, T: FloatArray) -> Slopes:
 
     From ``R' = (I + W + W^2/2) R`` and ``t' = (I + W + W^2/2) t + (I + W/2) v`` up to second order.
 
-    Parameters
-    ----------
-    form : QuadraticForm
-        The cost.
-    T : ndarray, (4, 4)
-        Pose.
-
-    Returns
-    -------
-    gradient : ndarray, (6,)
-        Rotation first, then translation.
-    hessian : ndarray, (6, 6)
-        Symmetric.
-    squares : ndarray, (6, 6)
-        Its part from products of first derivatives (Gauss-Newton), positive semidefinite.
+    Shapes: gradient (6,), hessian (6, 6), squares (6, 6).
     """
     y = form.coordinates(T)
     gradient, hessian, squares = split_derivatives(form, T[:3, :3], y, y[9:12])
@@ -78,25 +56,7 @@ def split_derivatives(form: QuadraticForm, R: FloatArray, y: FloatArray, arm: Fl
 
     ``R' = exp(w) R`` and ``t' = t + (exp(w) - I) arm + shift``, both along the target's axes.
 
-    Parameters
-    ----------
-    form : QuadraticForm
-        The cost.
-    R : ndarray, (3, 3)
-        Rotation of the pose.
-    y : ndarray, (13,)
-        The form's coordinates of the pose.
-    arm : ndarray, (3,)
-        From the point that the turn leaves in place to where the pose puts the form's source origin.
-
-    Returns
-    -------
-    gradient : ndarray, (6,)
-        By w, then by the shift.
-    hessian : ndarray, (6, 6)
-        Symmetric.
-    squares : ndarray, (6, 6)
-        Its part from products of first derivatives, positive semidefinite.
+    Shapes: R (3, 3), y (13,), gradient (6,), hessian (6, 6), squares (6, 6).
     """
     J = np.zeros((13, 6))
     J[:9, :3] = (_GENERATORS @ R).reshape(3, 9).T

@@ -52,40 +52,20 @@ C = TypeVar("C", bound=Chart)
 
 @dataclasses.dataclass(frozen=True)
 class Descent(Generic[C]):
-    """Where Newton's method ended.
+    """Where Newton's method ended."""
 
-    Attributes
-    ----------
-    chart : Chart
-        Holds the pose.
-    value : float
-        Cost there.
-    iterations : int
-        Steps taken.
-    converged : bool
-        Whether the last step was within the rounding of the cost.
-    """
-
-    chart: C
-    value: float
-    iterations: int
-    converged: bool
+    chart: C  # Holds the pose
+    value: float  # Cost there
+    iterations: int  # Steps taken
+    converged: bool  # Whether the last step was within the rounding of the cost
 
 
 @dataclasses.dataclass(frozen=True)
 class FreeChart:
-    """All six motions: a turn about a centre, then a shift, along the target's axes.
+    """All six motions: a turn about a centre, then a shift, along the target's axes."""
 
-    Attributes
-    ----------
-    pose : ndarray, (4, 4)
-        T_target_source.
-    centre : ndarray, (3,)
-        The target origin of the form.
-    """
-
-    pose: FloatArray
-    centre: FloatArray
+    pose: FloatArray  # (4, 4): T_target_source
+    centre: FloatArray  # (3,): The target origin of the form
     turns: int = 3
 
     def slopes(self, form: QuadraticForm) -> Slopes:
@@ -106,39 +86,12 @@ def minimise(form: QuadraticForm, start: FloatArray) -> FloatArray:
     """Pose of least cost near a start.
 
     Damped Newton steps that never raise the cost; motions that the cost does not feel stay as they are.
-
-    Parameters
-    ----------
-    form : QuadraticForm
-        The cost.
-    start : ndarray, (4, 4)
-        Where to begin.
-
-    Returns
-    -------
-    ndarray, (4, 4)
-        Rigid pose.
     """
     return descend(form, FreeChart(start, form.origin_target)).chart.pose
 
 
 def descend(form: QuadraticForm, chart: C, flat: float = FLAT) -> Descent[C]:
-    """Damped Newton steps from where a chart stands.
-
-    Parameters
-    ----------
-    form : QuadraticForm
-        The cost.
-    chart : Chart
-        Pose to begin with, and how it may move.
-    flat : float
-        Motions whose share of the largest curvature is smaller are left as they are.
-
-    Returns
-    -------
-    Descent
-        The last chart, its cost, and how it ended.
-    """
+    """Damped Newton steps from where a chart stands."""
     value, damping, before = form.value(chart.pose), 0.0, np.inf
     scale = max(form.scale, abs(value))
     for iteration in range(STEPS):
@@ -173,23 +126,7 @@ def descend(form: QuadraticForm, chart: C, flat: float = FLAT) -> Descent[C]:
 def felt_motions(slopes: Slopes, turns: int, flat: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Slope, curvature, strength and steps of the independent motions that the cost feels.
 
-    Parameters
-    ----------
-    slopes : tuple of ndarray
-        Gradient, Hessian and its part from squares.
-    turns : int
-        How many coordinates are turns.
-    flat : float
-        Share of the largest curvature below which a motion counts as not felt.
-
-    Returns
-    -------
-    slope, curvature : ndarray, (m,)
-        Of each motion; the curvature is made positive.
-    strength : ndarray, (m,)
-        Their curvature from squares alone, for damping.
-    motions : ndarray, (k, m)
-        Their steps in the chart's coordinates.
+    Shapes: slope, curvature (m,), strength (m,), motions (k, m).
     """
     gradient, hessian, squares = slopes
     unit = balance(squares, turns)
@@ -207,17 +144,7 @@ def felt_motions(slopes: Slopes, turns: int, flat: float) -> tuple[FloatArray, F
 def balance(squares: FloatArray, turns: int) -> FloatArray:
     """Factors that bring turns and shifts to one unit, so that "flat" means the same for both.
 
-    Parameters
-    ----------
-    squares : ndarray, (k, k)
-        Gauss-Newton Hessian, turns first.
-    turns : int
-        How many are turns.
-
-    Returns
-    -------
-    ndarray, (k,)
-        One over the lever for turns, 1 for shifts.
+    Shapes: squares (k, k), returns (k,).
     """
     held = np.diag(squares)
     turned, shifted = float(held[:turns].sum()), float(held[turns:].sum())

@@ -29,17 +29,11 @@ CHUNK = 4096
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class QuadraticForm:
-    """Matrix of the cost, relative to an origin on either side.
+    """Matrix of the cost, relative to an origin on either side."""
 
-    Attributes
-    ----------
-    matrix : ndarray, (13, 13)
-        Symmetric; acts on (R row by row, t, 1) with t relative to the origins: ``t + R c_source - c_target``.
-    origin_source, origin_target : ndarray, (3,)
-        What was subtracted from the coordinates.
-    """
-
+    # (13, 13): Symmetric; acts on (R row by row, t, 1) with t relative to the origins: ``t + R c_source - c_target``
     matrix: FloatArray
+    # origin_source, origin_target: (3,): What was subtracted from the coordinates
     origin_source: FloatArray
     origin_target: FloatArray
 
@@ -80,19 +74,7 @@ class QuadraticForm:
 def point_form(p: FloatArray, q: FloatArray, weights: FloatArray, origins: tuple[FloatArray, FloatArray]) -> FloatArray:
     """Matrix of points p to points q, (n, 3) each, relative to the origins.
 
-    Parameters
-    ----------
-    p, q : ndarray, (n, 3)
-        Source and target points.
-    weights : ndarray, (n,)
-        Weights.
-    origins : pair of ndarray, (3,)
-        Source and target origin.
-
-    Returns
-    -------
-    ndarray, (13, 13)
-        Symmetric matrix.
+    Shapes: returns (13, 13).
     """
     total = np.zeros((7, 7))
     rows = np.ones((7, min(CHUNK, len(p))))
@@ -111,17 +93,7 @@ def point_form(p: FloatArray, q: FloatArray, weights: FloatArray, origins: tuple
 def direction_form(m: FloatArray, n: FloatArray, weights: FloatArray) -> FloatArray:
     """Matrix of directions m to directions n, (n, 3) each; no origin enters.
 
-    Parameters
-    ----------
-    m, n : ndarray, (n, 3)
-        Source and target directions.
-    weights : ndarray, (n,)
-        Weights.
-
-    Returns
-    -------
-    ndarray, (13, 13)
-        Symmetric matrix.
+    Shapes: returns (13, 13).
     """
     total = np.zeros((7, 7))
     rows = np.zeros((7, min(CHUNK, len(m))))
@@ -140,19 +112,7 @@ def plane_form(
 ) -> FloatArray:
     """Matrix of points p to planes through q with the given normals, (n, 3) each, relative to the origins.
 
-    Parameters
-    ----------
-    p, q, normals : ndarray, (n, 3)
-        Source points, points of the target planes, unit normals.
-    weights : ndarray, (n,)
-        Weights.
-    origins : pair of ndarray, (3,)
-        Source and target origin.
-
-    Returns
-    -------
-    ndarray, (13, 13)
-        Symmetric matrix.
+    Shapes: returns (13, 13).
     """
     total = np.zeros((13, 13))
     rows, local, foot = (np.zeros((count, min(CHUNK, len(p)))) for count in (13, 3, 3))
@@ -175,19 +135,7 @@ def line_form(
 ) -> FloatArray:
     """Matrix of points p to lines through q with the given directions, (n, 3) each, relative to the origins.
 
-    Parameters
-    ----------
-    p, q, directions : ndarray, (n, 3)
-        Source points, points of the target lines, unit directions.
-    weights : ndarray, (n,)
-        Weights.
-    origins : pair of ndarray, (3,)
-        Source and target origin.
-
-    Returns
-    -------
-    ndarray, (13, 13)
-        Symmetric matrix.
+    Shapes: returns (13, 13).
     """
     # |(I - d d^T) x|^2 = |x|^2 - (d . x)^2.
     return point_form(p, q, weights, origins) - plane_form(p, q, directions, weights, origins)
@@ -196,15 +144,7 @@ def line_form(
 def isotropic_form(sums: FloatArray) -> FloatArray:
     """Matrix of points or directions from their sums: the same 4x4 block for each row of (R, t).
 
-    Parameters
-    ----------
-    sums : ndarray, (7, 7)
-        ``sum w (p, 1, q) (p, 1, q)^T``, with 0 in place of 1 for directions.
-
-    Returns
-    -------
-    ndarray, (13, 13)
-        Symmetric matrix.
+    Shapes: sums (7, 7), returns (13, 13).
     """
     matrix = np.zeros((13, 13))
     for k in range(3):

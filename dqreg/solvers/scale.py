@@ -24,22 +24,14 @@ PATCHES, FEWEST_PATCHES = 200, 30
 
 @dataclasses.dataclass(frozen=True)
 class SurfaceMatches:
-    """A scaled source under a pose, and where it meets the target.
+    """A scaled source under a pose, and where it meets the target."""
 
-    Attributes
-    ----------
-    points : ndarray, (n, 3)
-        Points of the scaled source under the pose, in the target's frame.
-    closest, normals : ndarray, (n, 3)
-        Closest places of the target and its unit normals there, of any sign; a zero normal leaves its match out.
-    weights : ndarray, (n,)
-        beta >= 0: see `robust_weights`.
-    """
-
-    points: FloatArray
+    points: FloatArray  # (n, 3): Points of the scaled source under the pose, in the target's frame
+    # closest, normals: (n, 3): Closest places of the target and its unit normals there, of any sign; a zero normal
+    # leaves its match out
     closest: FloatArray
     normals: FloatArray
-    weights: FloatArray
+    weights: FloatArray  # (n,): beta >= 0: see `robust_weights`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,44 +39,19 @@ class ScaleStep:
     """A small change of scale and pose together.
 
     The points go to ``middle + shift + factor Rot(turn) (p - middle)``.
-
-    Attributes
-    ----------
-    factor : float
-        What the scale is multiplied with.
-    sigma : float
-        Standard deviation of the logarithm of the scale, with the pose free: of its residuals as they scatter from
-        patch to patch where there are enough of them, and never less than if all were independent.
-    turn : ndarray, (3,)
-        Rotation vector.
-    shift : ndarray, (3,)
-        A length vector.
-    middle : ndarray, (3,)
-        Weighted mean of the points.
-    pull : ndarray, (6,)
-        How turn and shift follow the logarithm of the scale along the valley of the cost.
     """
 
-    factor: float
+    factor: float  # What the scale is multiplied with
+    # Standard deviation of the logarithm of the scale, with the pose free: of its residuals as they scatter from patch
+    # to patch where there are enough of them, and never less than if all were independent
     sigma: float
-    turn: FloatArray
-    shift: FloatArray
-    middle: FloatArray
-    pull: FloatArray
+    turn: FloatArray  # (3,): Rotation vector
+    shift: FloatArray  # (3,): A length vector
+    middle: FloatArray  # (3,): Weighted mean of the points
+    pull: FloatArray  # (6,): How turn and shift follow the logarithm of the scale along the valley of the cost
 
     def moved(self, T_target_source: FloatArray) -> FloatArray:
-        """Pose of the source scaled by the factor too.
-
-        Parameters
-        ----------
-        T_target_source : ndarray, (4, 4)
-            Pose of the source at the scale before the step.
-
-        Returns
-        -------
-        ndarray, (4, 4)
-            Pose after it.
-        """
+        """Pose of the source scaled by the factor too."""
         turn = twist.exp(np.r_[self.turn, 0.0, 0.0, 0.0])[:3, :3]
         away = T_target_source[:3, 3] - self.middle
         return pose.from_parts(turn @ T_target_source[:3, :3], self.middle + self.shift + self.factor * (turn @ away))
@@ -92,17 +59,7 @@ class ScaleStep:
     def follow(self, T_target_source: FloatArray, centre: FloatArray) -> FloatArray:
         """How the pose of the scaled source follows the logarithm of the scale.
 
-        Parameters
-        ----------
-        T_target_source : ndarray, (4, 4)
-            The pose.
-        centre : ndarray, (3,)
-            What the twist is about, target frame.
-
-        Returns
-        -------
-        ndarray, (6,)
-            Twist of a left increment about the centre, rotation first, for each unit of the logarithm.
+        Shapes: returns (6,).
         """
         turn, shift = self.pull[:3], self.pull[3:]
         followed: FloatArray = np.r_[
@@ -116,30 +73,6 @@ def scale_step(matches: SurfaceMatches, *, hold: bool = False) -> ScaleStep:
 
     Minimises ``sum beta (n.(p + w x p' + v + s p' - q))^2`` over the twist (w, v) and s together, with p' from the
     weighted mean of the points; the factor is ``exp(s)``.
-
-    Parameters
-    ----------
-    matches : SurfaceMatches
-        Matches at one scale and pose, in Morton order where the scatter shall be learned.
-    hold : bool
-        Whether the scale stays, and the motion alone is solved for.
-
-    Returns
-    -------
-    ScaleStep
-        A factor of 1 where the scale is right already.
-
-    Raises
-    ------
-    DegenerateGeometryError
-        If the matches leave the scale free: a plane, a cone, or too few of them.
-
-    Examples
-    --------
-    >>> scale_step(SurfaceMatches(np.eye(3), np.eye(3), np.eye(3), np.ones(3)))
-    Traceback (most recent call last):
-    ...
-    dqreg.errors.DegenerateGeometryError: 3 matches are too few for a scale and a pose; at least 8 are needed
     """
     used = (matches.weights > 0.0) & matches.normals.any(axis=1)
     count = int(np.count_nonzero(used))
@@ -195,20 +128,6 @@ def robust_weights(distances: FloatArray, noise: float) -> FloatArray:
 
     The weights of a loop at a wrong scale belong to the few faces that it made fit; the scale needs the others too.
 
-    Parameters
-    ----------
-    distances : ndarray, (n,)
-        From the closest places, >= 0.
-    noise : float
-        Least width, a length.
-
-    Returns
-    -------
-    ndarray, (n,)
-        ``(1 + (d / 2 w)^2)^-2`` with w 1.5 times the median distance.
-
-    Examples
-    --------
     >>> robust_weights(np.array([0.0, 1.0, 1.0, 300.0]), 0.1).round(3).tolist()
     [1.0, 0.806, 0.806, 0.0]
     """

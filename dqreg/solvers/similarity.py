@@ -21,54 +21,17 @@ from dqreg.solvers.matches import read_matches
 
 @dataclasses.dataclass(frozen=True)
 class Similarity:
-    """``q = R (scale p) + t``.
+    """``q = R (scale p) + t``."""
 
-    Attributes
-    ----------
-    scale : float
-        What source lengths are multiplied with, > 0.
-    T_target_source : ndarray, (4, 4)
-        Rigid pose of the *scaled* source.
-    rms : float
-        Weighted root mean square distance of the matches, target units.
-    """
-
-    scale: float
-    T_target_source: FloatArray
-    rms: float
+    scale: float  # What source lengths are multiplied with, > 0
+    T_target_source: FloatArray  # (4, 4): Rigid pose of the *scaled* source
+    rms: float  # Weighted root mean square distance of the matches, target units
 
 
 def similarity(
     points_source: ArrayLike, points_target: ArrayLike, point_weights: ArrayLike | None = None
 ) -> Similarity:
-    """Scale and pose of given matches in closed form, the scale by Horn's symmetric formula.
-
-    Parameters
-    ----------
-    points_source, points_target : array_like, (n, 3)
-        Matched points, in two length units that may differ.
-    point_weights : array_like, (n,) or float, optional
-        beta; 1 where not given.
-
-    Returns
-    -------
-    Similarity
-        Scale, pose of the scaled source, rms.
-
-    Raises
-    ------
-    InputError
-        As `solve`.
-    DegenerateGeometryError
-        As `solve`, and if either side has no extent.
-
-    Examples
-    --------
-    >>> points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
-    >>> found = similarity(points, 25.4 * points + [1.0, 2.0, 3.0])
-    >>> round(found.scale, 12), found.T_target_source[:3, 3].round(9).tolist()
-    (25.4, [1.0, 2.0, 3.0])
-    """
+    """Scale and pose of given matches in closed form, the scale by Horn's symmetric formula."""
     matches = read_matches(points_source, points_target, point_weights=point_weights)
     p, q = matches.points_source, matches.points_target
     weights = np.ones(len(p)) if matches.point_weights is None else matches.point_weights
@@ -81,25 +44,7 @@ def similarity(
 
 
 def spread_of(points: FloatArray, weights: FloatArray) -> float:
-    """Weighted root mean square distance of points from their mean; 0 where no point carries weight.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Points.
-    weights : ndarray, (n,)
-        beta >= 0.
-
-    Returns
-    -------
-    float
-        A length.
-
-    Examples
-    --------
-    >>> spread_of(np.array([[0.0, 0, 0], [2, 0, 0]]), np.ones(2))
-    1.0
-    """
+    """Weighted root mean square distance of points from their mean; 0 where no point carries weight."""
     total = weights.sum()
     if not total > 0.0:
         return 0.0

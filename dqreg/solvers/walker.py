@@ -110,20 +110,7 @@ def walker1991(
 def Q(a: FloatArray) -> FloatArray:
     """Matrices of a product from the left, ``Q(a) b = a b`` (eq. 15).
 
-    Parameters
-    ----------
-    a : ndarray, (..., 4)
-        Quaternions, scalar last.
-
-    Returns
-    -------
-    ndarray, (..., 4, 4)
-        ``[[a4 I + K(a), a], [-a^T, a4]]``.
-
-    Examples
-    --------
-    >>> Q(np.array([0.0, 0, 0, 1])).tolist() == np.eye(4).tolist()
-    True
+    Shapes: a (..., 4), returns (..., 4, 4).
     """
     return _matrix(a, 1.0)
 
@@ -131,20 +118,7 @@ def Q(a: FloatArray) -> FloatArray:
 def W(a: FloatArray) -> FloatArray:
     """Matrices of a product from the right, ``W(a) b = b a`` (eq. 16).
 
-    Parameters
-    ----------
-    a : ndarray, (..., 4)
-        Quaternions, scalar last.
-
-    Returns
-    -------
-    ndarray, (..., 4, 4)
-        ``[[a4 I - K(a), a], [-a^T, a4]]``.
-
-    Examples
-    --------
-    >>> W(np.array([0.0, 0, 0, 1])).tolist() == np.eye(4).tolist()
-    True
+    Shapes: a (..., 4), returns (..., 4, 4).
     """
     return _matrix(a, -1.0)
 

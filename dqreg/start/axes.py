@@ -16,20 +16,7 @@ from dqreg.rigid import pose
 
 
 def propose_turns(scan: Scan, target: PointCloud | Mesh) -> list[FloatArray]:
-    """Start poses that put centre on centre and principal axes on principal axes.
-
-    Parameters
-    ----------
-    scan : Scan
-        Source.
-    target : PointCloud or Mesh
-        Target.
-
-    Returns
-    -------
-    list of ndarray, (4, 4)
-        24 poses, one for each proper turn.
-    """
+    """Start poses that put centre on centre and principal axes on principal axes."""
     source_mean, source_axes = principal_axes(*moments(scan))
     target_mean, target_axes = principal_axes(*moments(target))
     poses = []
@@ -40,18 +27,7 @@ def propose_turns(scan: Scan, target: PointCloud | Mesh) -> list[FloatArray]:
 
 
 def proper_turns() -> list[FloatArray]:
-    """The 24 rotations that map the coordinate axes onto each other, (3, 3) each.
-
-    Returns
-    -------
-    list of ndarray
-        Rotation matrices, determinant +1.
-
-    Examples
-    --------
-    >>> len(proper_turns())
-    24
-    """
+    """The 24 rotations that map the coordinate axes onto each other, (3, 3) each."""
     turns = []
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
@@ -64,19 +40,7 @@ def proper_turns() -> list[FloatArray]:
 def principal_axes(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean and right-handed principal axes, one a column, of a distribution.
 
-    Parameters
-    ----------
-    mean : ndarray, (3,)
-        Its mean.
-    covariance : ndarray, (3, 3)
-        Its covariance.
-
-    Returns
-    -------
-    mean : ndarray, (3,)
-        As given.
-    axes : ndarray, (3, 3)
-        Rotation matrix whose columns are the axes, the shortest first.
+    Shapes: covariance (3, 3), axes (3, 3).
     """
     _, axes = np.linalg.eigh(covariance)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
@@ -86,17 +50,7 @@ def principal_axes(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray
 def moments(shape: Scan | PointCloud | Mesh) -> tuple[FloatArray, FloatArray]:
     """Mean and covariance of a shape: exact for the surface of a mesh, of the points of a cloud.
 
-    Parameters
-    ----------
-    shape : Scan, PointCloud or Mesh
-        The shape.
-
-    Returns
-    -------
-    mean : ndarray, (3,)
-        Centre.
-    covariance : ndarray, (3, 3)
-        About it.
+    Shapes: covariance (3, 3).
     """
     if isinstance(shape, Mesh):
         # Exact moments of the surface: a triangle's second moment is a twelfth of its corners' scatter.

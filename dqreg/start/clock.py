@@ -13,21 +13,11 @@ from dqreg.arrays import FloatArray, IntArray
 
 @dataclasses.dataclass(frozen=True)
 class Stage:
-    """Report of one stage of the search.
+    """Report of one stage of the search."""
 
-    Attributes
-    ----------
-    name : str
-        What was done: "proposed", "screened", "refined roughly", "refined", "turned" or "refined finely".
-    poses : int
-        Poses still in the race.
-    seconds : float
-        Time since the search began.
-    """
-
-    name: str
-    poses: int
-    seconds: float
+    name: str  # What was done: "proposed", "screened", "refined roughly", "refined", "turned" or "refined finely"
+    poses: int  # Poses still in the race
+    seconds: float  # Time since the search began
 
 
 Observer = Callable[[Stage], object]
@@ -35,18 +25,10 @@ Observer = Callable[[Stage], object]
 
 @dataclasses.dataclass(frozen=True)
 class Poses:
-    """Poses, the best first.
+    """Poses, the best first."""
 
-    Attributes
-    ----------
-    R : ndarray, (n, 3, 3)
-        Rotations.
-    t : ndarray, (n, 3)
-        Translations.
-    """
-
-    R: FloatArray
-    t: FloatArray
+    R: FloatArray  # (n, 3, 3): Rotations
+    t: FloatArray  # (n, 3): Translations
 
     def __len__(self) -> int:
         return len(self.R)
@@ -71,17 +53,7 @@ class Poses:
 
 
 class Clock:
-    """Tells the stages to an observer, and whether to stop after each.
-
-    Parameters
-    ----------
-    limit : float or None
-        Seconds; None is no limit, and then the clock changes nothing.
-    observe : callable or None
-        Called with each `Stage`; False ends the search.
-    now : callable or None
-        Time in seconds; None takes `time.perf_counter`.
-    """
+    """Tells the stages to an observer, and whether to stop after each."""
 
     def __init__(
         self, limit: float | None = None, observe: Observer | None = None, now: Callable[[], float] | None = None

@@ -38,22 +38,13 @@ STRAY, MEDIANS = 4e-3, 5.0
 
 @dataclasses.dataclass(frozen=True)
 class Features:
-    """Places with directions; face points first, then rim points.
+    """Places with directions; face points first, then rim points."""
 
-    Attributes
-    ----------
-    points, directions : ndarray, (n, 3)
-        Places, and unit normals or directions off the face; either sign.
-    is_rim : ndarray of bool, (n,)
-        Which kind.
-    weights : ndarray, (n,)
-        How often each shall be drawn, relative; 0 where there is no direction.
-    """
-
+    # points, directions: (n, 3): Places, and unit normals or directions off the face; either sign
     points: FloatArray
     directions: FloatArray
-    is_rim: BoolArray
-    weights: FloatArray
+    is_rim: BoolArray  # (n,): Which kind
+    weights: FloatArray  # (n,): How often each shall be drawn, relative; 0 where there is no direction
 
     def draw(self, count: int, rng: np.random.Generator) -> IntArray:
         """Rows drawn by weight, with replacement."""
@@ -65,20 +56,7 @@ class Features:
 
 
 def scan_features(scan: Scan, size: float) -> Features:
-    """Faces and rims of a scan.
-
-    Parameters
-    ----------
-    scan : Scan
-        Source.
-    size : float
-        Diagonal of the target.
-
-    Returns
-    -------
-    Features
-        At most 4,000 places of each kind.
-    """
+    """Faces and rims of a scan."""
     among = scan.thinned(AMONG)
     cloud = _without_strays(among.points)
     tree = NeighbourTree(cloud)
@@ -114,22 +92,7 @@ def _without_strays(points: FloatArray) -> FloatArray:
 
 
 def even_places(target: PointCloud | Mesh, surface: Surface, count: int) -> tuple[FloatArray, FloatArray]:
-    """Places evenly over a target, in Morton order, and their normals.
-
-    Parameters
-    ----------
-    target : PointCloud or Mesh
-        Geometry.
-    surface : Surface
-        The same, for its normals.
-    count : int
-        Places at most.
-
-    Returns
-    -------
-    points, normals : ndarray, (n, 3)
-        Normals are zero where none is known.
-    """
+    """Places evenly over a target, in Morton order, and their normals."""
     points = target.points if isinstance(target, PointCloud) else sample_mesh(target, count, _rng()).points
     points = points[morton_order(points)][sample_rows(len(points), count)]
     return points, surface.closest(points).normals
@@ -138,24 +101,7 @@ def even_places(target: PointCloud | Mesh, surface: Surface, count: int) -> tupl
 def target_features(
     target: PointCloud | Mesh, points: FloatArray, normals: FloatArray, count: int
 ) -> tuple[Features, FloatArray]:
-    """Faces and rims of a target.
-
-    Parameters
-    ----------
-    target : PointCloud or Mesh
-        Geometry.
-    points, normals : ndarray, (n, 3)
-        Many places of it, see `even_places`.
-    count : int
-        Places at most, of both kinds together.
-
-    Returns
-    -------
-    Features
-        Even over the faces, over their directions, and over the rims.
-    edges : ndarray, (m, 3)
-        Dense samples of the rims; empty where there are none.
-    """
+    """Faces and rims of a target."""
     rng = _rng()
     if isinstance(target, Mesh):
         edges, outwards = _sharp_edges(target, rng)
@@ -187,18 +133,7 @@ def _rng() -> np.random.Generator:
 
 
 def rarity(normals: FloatArray) -> FloatArray:
-    """Weights that give every direction, whatever its sign, the root of its share of points.
-
-    Parameters
-    ----------
-    normals : ndarray, (n, 3)
-        Unit normals of any sign.
-
-    Returns
-    -------
-    ndarray, (n,)
-        1 over the root of the number of points in the same bin of directions.
-    """
+    """Weights that give every direction, whatever its sign, the root of its share of points."""
     main = np.abs(normals).argmax(axis=1)
     rows = np.arange(len(normals))
     turned = normals * np.where(normals[rows, main] < 0.0, -1.0, 1.0)[:, None]
@@ -210,24 +145,7 @@ def rarity(normals: FloatArray) -> FloatArray:
 
 
 def rims(tree: NeighbourTree, cloud: FloatArray, at: FloatArray, normals: FloatArray) -> tuple[BoolArray, FloatArray]:
-    """Where a sampled face ends, and which way leads off it.
-
-    Parameters
-    ----------
-    tree : NeighbourTree
-        Tree of ``cloud``.
-    cloud : ndarray, (m, 3)
-        Points that neighbours are taken from.
-    at, normals : ndarray, (n, 3)
-        Places and their normals.
-
-    Returns
-    -------
-    is_rim : ndarray of bool, (n,)
-        Whether the neighbours stand on one side.
-    outwards : ndarray, (n, 3)
-        Unit direction in the face, away from the neighbours.
-    """
+    """Where a sampled face ends, and which way leads off it."""
     offsets = cloud[tree.nearest(at, NEIGHBOURS)[0]] - at[:, None, :]
     mean = offsets.mean(axis=1)
     mean -= np.einsum("ij,ij->i", mean, normals)[:, None] * normals

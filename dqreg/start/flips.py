@@ -35,25 +35,7 @@ AS_GOOD = 0.015
 def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
     """Turns about the principal axes that leave most of a part in place, but not all of it; by a tooth, of a ring.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The part.
-    surface : Surface
-        The same as a surface.
-
-    Returns
-    -------
-    ndarray, (k, 4, 4)
-        Poses of the part onto itself, up to 23, and eight of a ring.
-
-    Examples
-    --------
-    >>> from dqreg.geometry import MeshSurface
-    >>> from dqreg.synth.parts import box
-    >>> part = Mesh(*box((3.0, 2.0, 1.0)))
-    >>> len(near_flips(part, MeshSurface(part)))
-    0
+    Shapes: returns (k, 4, 4).
     """
     return maps_about_axes(mesh, surface, proper_turns() + ring_steps(mesh, surface))
 
@@ -61,19 +43,7 @@ def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
 def maps_about_axes(mesh: Mesh, surface: Surface, turns: list[FloatArray]) -> FloatArray:
     """Those of some orthogonal matrices that, about the principal axes, leave most of a part in place, but not all.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The part.
-    surface : Surface
-        The same as a surface.
-    turns : list of ndarray, (3, 3)
-        In the frame of the principal axes.
-
-    Returns
-    -------
-    ndarray, (k, 4, 4)
-        The part's maps onto itself, nearly.
+    Shapes: turns (3, 3), returns (k, 4, 4).
     """
     centre, axes = principal_axes(*moments(mesh))
     points = sample_mesh(mesh, CHECKED, np.random.default_rng(0)).points
@@ -95,23 +65,7 @@ def flipped(
 ) -> list[tuple[FloatArray, float]]:
     """Flips of a pose that explain the scan as well as it does, or better.
 
-    Parameters
-    ----------
-    T_target_source : ndarray, (4, 4)
-        The pose.
-    flips : ndarray, (k, 4, 4)
-        From `near_flips`.
-    scan, surface : Scan, Surface
-        Both sides.
-    limit : float
-        Distance beyond which a point tells nothing more.
-    floor : float
-        Smallest width.
-
-    Returns
-    -------
-    list of (ndarray, (4, 4)) and float
-        Refined poses, each with its truncated root mean square distance.
+    Shapes: flips (k, 4, 4).
     """
     flips = _worth_refining(T_target_source, flips, scan, surface) if len(flips) else flips
     if not len(flips):

@@ -21,21 +21,11 @@ CLEAR, WITNESSES, UNANIMOUS = 2.0, 30, 10.0
 
 @dataclasses.dataclass(frozen=True)
 class Judgement:
-    """How some poses explain the same points, all by one and the same width.
+    """How some poses explain the same points, all by one and the same width."""
 
-    Attributes
-    ----------
-    likelihoods : ndarray, (n, m)
-        Log-likelihood of each point under each pose.
-    distances : ndarray, (n, m)
-        Distances to the target, cut off at the limit.
-    width : float
-        Standard deviation of the distances under the pose that explains them best.
-    """
-
-    likelihoods: FloatArray
-    distances: FloatArray
-    width: float
+    likelihoods: FloatArray  # (n, m): Log-likelihood of each point under each pose
+    distances: FloatArray  # (n, m): Distances to the target, cut off at the limit
+    width: float  # Standard deviation of the distances under the pose that explains them best
 
     @property
     def means(self) -> FloatArray:
@@ -91,29 +81,7 @@ def weigh_up(
 ) -> Judgement:
     """Likelihood of every point under every pose.
 
-    Parameters
-    ----------
-    R : ndarray, (n, 3, 3)
-        Rotations, n >= 1.
-    t : ndarray, (n, 3)
-        Translations.
-    points : ndarray, (m, 3)
-        Points of the scan in Morton order.
-    surface : Surface
-        Target.
-    limit : float
-        Distance beyond which a point tells nothing more.
-    floor : float
-        Smallest width.
-    directions : ndarray, (m, 3), optional
-        Normals of the points, of either sign, zero where unknown. Where they are given, a point on a face that looks
-        another way is no inlier, and the width is ``floor``: two clouds that overlap only in part agree there to their
-        noise or not at all, and a width learned from all would favour a pose that lays one loosely over the other.
-
-    Returns
-    -------
-    Judgement
-        One row a pose.
+    Shapes: R (n, 3, 3).
     """
     found = [surface.closest(points @ R[k].T + t[k]) for k in range(len(R))]
     distances = np.stack([each.distances for each in found])

@@ -35,26 +35,16 @@ LEADERS, PARTNERS, THIRDS = 150, 8, 3
 
 @dataclasses.dataclass(frozen=True)
 class Described:
-    """Places of a cloud with their normals and histograms.
+    """Places of a cloud with their normals and histograms."""
 
-    Attributes
-    ----------
-    points, normals : ndarray, (n, 3)
-        Places, a voxel apart; normals of consistent sign where they could be made so.
-    around, slopes : ndarray, (m, 3)
-        All places and normals that the histograms are made of; those kept are among them.
-    kept : ndarray of int, (n,)
-        Their rows there.
-    radius : float
-        Of a histogram.
-    """
-
+    # points, normals: (n, 3): Places, a voxel apart; normals of consistent sign where they could be made so
     points: FloatArray
     normals: FloatArray
+    # around, slopes: (m, 3): All places and normals that the histograms are made of; those kept are among them
     around: FloatArray
     slopes: FloatArray
-    kept: IntArray
-    radius: float
+    kept: IntArray  # (n,): Their rows there
+    radius: float  # Of a histogram
 
     @cached_property
     def histograms(self) -> FloatArray:
@@ -68,17 +58,7 @@ class Described:
 
     @staticmethod
     def of(points: FloatArray, voxel: float, normals: FloatArray | None = None) -> Described:
-        """Describe a cloud.
-
-        Parameters
-        ----------
-        points : ndarray, (m, 3)
-            The cloud.
-        voxel : float
-            Distance of the places.
-        normals : ndarray, (m, 3), optional
-            Where their signs are known.
-        """
+        """Describe a cloud."""
         rows = one_a_voxel(points, voxel)
         rows = rows[morton_order(points[rows])]
         places = points[rows]
@@ -104,17 +84,7 @@ def one_a_voxel(points: FloatArray, voxel: float) -> IntArray:
 def with_one_sign(normals: FloatArray, neighbours: IntArray) -> FloatArray:
     """Normals whose signs agree with their neighbours', handed on along a tree of the most alike (Hoppe 1992).
 
-    Parameters
-    ----------
-    normals : ndarray, (n, 3)
-        Unit normals.
-    neighbours : ndarray of int, (n, k)
-        Rows of each one's neighbours.
-
-    Returns
-    -------
-    ndarray, (n, 3)
-        The same up to sign; one sign for each connected part stays open.
+    Shapes: neighbours (n, k).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
@@ -154,21 +124,7 @@ def match_hypotheses(
 ) -> tuple[FloatArray, FloatArray]:
     """Poses from pairs and triples of matches that agree with each other and with many others.
 
-    Parameters
-    ----------
-    source, target : Described
-        Both sides.
-    voxel : float
-        Distance of the places.
-    signs_known : bool
-        Whether the signs of both sides' normals are right, so that none need be turned.
-
-    Returns
-    -------
-    R : ndarray, (n, 3, 3)
-        Rotations.
-    t : ndarray, (n, 3)
-        Translations, p_target = R p_source + t.
+    Shapes: R (n, 3, 3).
     """
     found = [_from_matches(source, target, *matched(source.histograms, target.histograms), voxel)]
     if not signs_known:

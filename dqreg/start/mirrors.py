@@ -20,25 +20,7 @@ from dqreg.start.refining import Sample, refine
 def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
     """Improper turns about the principal axes that leave most of a part in place, but not all of it.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The part.
-    surface : Surface
-        The same as a surface.
-
-    Returns
-    -------
-    ndarray, (k, 4, 4)
-        Isometries of determinant -1 that map the part nearly onto itself, up to 24.
-
-    Examples
-    --------
-    >>> from dqreg.geometry import MeshSurface
-    >>> from dqreg.synth.parts import box
-    >>> part = Mesh(*box((3.0, 2.0, 1.0)))
-    >>> len(near_mirrors(part, MeshSurface(part)))
-    0
+    Shapes: returns (k, 4, 4).
     """
     return maps_about_axes(mesh, surface, [-R for R in proper_turns()])
 
@@ -48,23 +30,7 @@ def gain_of_mirror(
 ) -> float:
     """Mean log-likelihood that the scan gains when it is mirrored as well.
 
-    Parameters
-    ----------
-    T_target_source : ndarray, (4, 4)
-        The pose.
-    mirrors : ndarray, (k, 4, 4)
-        From `near_mirrors`.
-    scan, surface : Scan, Surface
-        Both sides.
-    limit : float
-        Distance beyond which a point tells nothing more.
-    floor : float
-        Smallest width.
-
-    Returns
-    -------
-    float
-        Below zero where the scan fits better as it is; minus infinity where there is no mirror.
+    Shapes: mirrors (k, 4, 4).
     """
     if not len(mirrors):
         return -np.inf

@@ -20,15 +20,7 @@ GAINS = np.array([1.0, 0.7, 0.4, 0.3], dtype=np.float32)
 
 
 class Occupancy(Lattice):
-    """Which cells of space hold points of a scan, their neighbours a little as well.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        The scan.
-    size : float
-        Size of what is looked for in it.
-    """
+    """Which cells of space hold points of a scan, their neighbours a little as well."""
 
     def __init__(self, points: FloatArray, size: float) -> None:
         low, high = bounds(points)
@@ -46,19 +38,7 @@ class Occupancy(Lattice):
     def scores(self, R: FloatArray, t: FloatArray, points: FloatArray) -> FloatArray:
         """Mean gain of target points, moved onto the scan by the inverse of each pose.
 
-        Parameters
-        ----------
-        R : ndarray, (n, 3, 3)
-            Rotations from scan to target.
-        t : ndarray, (n, 3)
-            Translations.
-        points : ndarray, (m, 3)
-            Target points.
-
-        Returns
-        -------
-        ndarray, (n,)
-            Between 0 and 1.
+        Shapes: R (n, 3, 3).
         """
         back = R.transpose(0, 2, 1)
         return self.mean_gains(back, -np.einsum("nij,nj->ni", back, t), points, self.gains)

@@ -43,40 +43,19 @@ ROUNDS = 12
 
 @dataclasses.dataclass(frozen=True)
 class PairTable:
-    """All far-apart pairs of places of a target, sorted by key, and the grids for screening.
+    """All far-apart pairs of places of a target, sorted by key, and the grids for screening."""
 
-    Attributes
-    ----------
-    features : Features
-        The places.
-    first, second : ndarray of int, (n,)
-        The pairs, rows of the places, in the order of their keys.
-    keys : ndarray of int, (n,)
-        Ascending.
-    size : float
-        Diagonal of the target.
-    grid : PlaneGrid
-        Distances to the target, and its tangent planes.
-    edges : ndarray, (m, 3)
-        Samples of the rims; may be empty.
-    edge_grid : DistanceGrid or None
-        Distances to the rims, where there are any.
-    target : PointCloud or Mesh
-        The target.
-    surface : Surface
-        The same.
-    """
-
-    features: Features
+    features: Features  # The places
+    # first, second: (n,): The pairs, rows of the places, in the order of their keys
     first: IntArray
     second: IntArray
-    keys: IntArray
-    size: float
-    grid: PlaneGrid
-    edges: FloatArray
-    edge_grid: DistanceGrid | None
-    target: PointCloud | Mesh
-    surface: Surface
+    keys: IntArray  # (n,): Ascending
+    size: float  # Diagonal of the target
+    grid: PlaneGrid  # Distances to the target, and its tangent planes
+    edges: FloatArray  # (m, 3): Samples of the rims; may be empty
+    edge_grid: DistanceGrid | None  # Distances to the rims, where there are any
+    target: PointCloud | Mesh  # The target
+    surface: Surface  # The same
     _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
 
     @cached_property
@@ -112,24 +91,7 @@ class PairTable:
 
 
 def pair_keys(places: Features, i: IntArray, j: IntArray, size: float) -> tuple[IntArray, np.ndarray]:
-    """One number per pair from its distance, its kinds and its three angles, all binned and without signs.
-
-    Parameters
-    ----------
-    places : Features
-        Places.
-    i, j : ndarray of int, (n,)
-        Pairs of them.
-    size : float
-        Unit of the distance.
-
-    Returns
-    -------
-    keys : ndarray of int, (n,)
-        Equal for pairs that may be of the same two places.
-    usable : ndarray of bool, (n,)
-        Whether the pair is long enough and not too long, and fixes the turn about its line.
-    """
+    """One number per pair from its distance, its kinds and its three angles, all binned and without signs."""
     # Single precision is far finer than a bin.
     points = (places.points / size).astype(np.float32)
     directions = places.directions.astype(np.float32)
@@ -152,21 +114,7 @@ def pair_keys(places: Features, i: IntArray, j: IntArray, size: float) -> tuple[
 def hypotheses(places: Features, table: PairTable, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Poses that put pairs of the scan on their counterparts of the target.
 
-    Parameters
-    ----------
-    places : Features
-        Of the scan.
-    table : PairTable
-        Of the target.
-    rng : numpy.random.Generator
-        Draws the pairs.
-
-    Returns
-    -------
-    R : ndarray, (n, 3, 3)
-        Rotations.
-    t : ndarray, (n, 3)
-        Translations; n is 0 if no pair of the scan has a counterpart.
+    Shapes: R (n, 3, 3).
     """
     i, j, keys = _draw_pairs(places, table.size, rng)
     first, last = (np.searchsorted(table.keys, keys, side) for side in ("left", "right"))

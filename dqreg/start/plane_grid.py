@@ -19,28 +19,7 @@ ASKED = 0.025
 
 
 class PlaneGrid(DistanceGrid):
-    """Distances and tangent planes on a regular grid.
-
-    Parameters
-    ----------
-    surface : Surface
-        The shape.
-    places, normals : ndarray, (n, 3)
-        A dense sample of it.
-    low, high : ndarray, (3,)
-        Its bounding box.
-
-    Examples
-    --------
-    >>> from dqreg.geometry import Mesh, MeshSurface, sample_mesh
-    >>> from dqreg.synth.parts import box
-    >>> part = Mesh(*box((3.0, 2.0, 1.0)))
-    >>> sample = sample_mesh(part, 20_000, np.random.default_rng(0))
-    >>> grid = PlaneGrid(MeshSurface(part), sample.points, sample.normals, *part.bounds)
-    >>> found = grid.closest(part.centre + [[0.2, 0.3, 0.51]])
-    >>> found.distances.round(6).tolist(), np.abs(found.normals).tolist()
-    ([0.01], [[0.0, 0.0, 1.0]])
-    """
+    """Distances and tangent planes on a regular grid."""
 
     def __init__(
         self, surface: Surface, places: FloatArray, normals: FloatArray, low: FloatArray, high: FloatArray
@@ -65,18 +44,7 @@ class PlaneGrid(DistanceGrid):
         self._planes = planes
 
     def closest(self, points: FloatArray) -> Closest:
-        """Foot on the tangent plane, its normal, and the distance; infinite outside the grid, (n, 3) each.
-
-        Parameters
-        ----------
-        points : ndarray, (n, 3)
-            Queries.
-
-        Returns
-        -------
-        Closest
-            As a surface would answer, but for a node's size.
-        """
+        """Foot on the tangent plane, its normal, and the distance; infinite outside the grid, (n, 3) each."""
         nodes = self.nodes(points)
         planes = self._planes[nodes].astype(np.float64)
         gap, normals = points - planes[:, :3], planes[:, 3:]

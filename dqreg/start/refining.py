@@ -23,18 +23,12 @@ RIM_SHARE = 0.3
 
 @dataclasses.dataclass(frozen=True)
 class Sample:
-    """Few places of a scan that stand for all.
+    """Few places of a scan that stand for all."""
 
-    Attributes
-    ----------
-    points, normals : ndarray, (n, 3)
-        On faces; normals of either sign, zero where unknown.
-    rims, outwards : ndarray, (m, 3)
-        At rims; m may be 0.
-    """
-
+    # points, normals: (n, 3): On faces; normals of either sign, zero where unknown
     points: FloatArray
     normals: FloatArray
+    # rims, outwards: (m, 3): At rims; m may be 0
     rims: FloatArray
     outwards: FloatArray
 
@@ -63,29 +57,7 @@ def refine(
 ) -> tuple[FloatArray, FloatArray]:
     """Refined poses, one damped step of points to planes for each width.
 
-    Parameters
-    ----------
-    R : ndarray, (n, 3, 3)
-        Rotations.
-    t : ndarray, (n, 3)
-        Translations.
-    sample : Sample
-        Places of the scan.
-    surface : Surface
-        Target.
-    edge_tree : NeighbourTree or None
-        Tree of the target's rims; None leaves the rims out.
-    widths : ndarray, (k,)
-        Width of the kernel in each step, a length.
-    edges : ndarray, (m, 3)
-        The rims of the tree.
-
-    Returns
-    -------
-    R : ndarray, (n, 3, 3)
-        Rotations.
-    t : ndarray, (n, 3)
-        Translations.
+    Shapes: R (n, 3, 3), widths (k,), R (n, 3, 3).
     """
     if not len(R):
         return R, t

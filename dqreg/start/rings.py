@@ -27,28 +27,7 @@ KEPT = 4
 def ring_steps(mesh: Mesh, surface: Surface) -> list[FloatArray]:
     """Turns by one step of a ring, either way, in the frame of the principal axes.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The part.
-    surface : Surface
-        The same as a surface.
-
-    Returns
-    -------
-    list of ndarray, (3, 3)
-        Up to eight; none where no two moments are nearly equal, or all three are.
-
-    Examples
-    --------
-    >>> from dqreg.geometry import MeshSurface
-    >>> from dqreg.synth.parts import box, gear
-    >>> part = Mesh(*gear(teeth=12))
-    >>> [round(float(np.rad2deg(np.arccos(0.5 * (np.trace(R) - 1.0))))) for R in ring_steps(part, MeshSurface(part))]
-    [30, 30]
-    >>> part = Mesh(*box((3.0, 2.0, 1.0)))
-    >>> ring_steps(part, MeshSurface(part))
-    []
+    Shapes: returns (3, 3).
     """
     mean, covariance = moments(mesh)
     values = np.linalg.eigvalsh(covariance)

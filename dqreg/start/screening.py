@@ -18,15 +18,7 @@ CHUNK = 1_024
 
 
 class Lattice:
-    """Regular nodes in a box; what is known at each is looked up at the nearest one.
-
-    Parameters
-    ----------
-    low, high : ndarray, (3,)
-        Corners of the box.
-    cell : float
-        Distance between nodes.
-    """
+    """Regular nodes in a box; what is known at each is looked up at the nearest one."""
 
     def __init__(self, low: FloatArray, high: FloatArray, cell: float) -> None:
         self.low, self.cell = low, cell
@@ -44,16 +36,7 @@ class Lattice:
     def mean_gains(self, R: FloatArray, t: FloatArray, points: FloatArray, gains: Single) -> FloatArray:
         """Mean gain of the points under each pose, (n,).
 
-        Parameters
-        ----------
-        R : ndarray, (n, 3, 3)
-            Rotations.
-        t : ndarray, (n, 3)
-            Translations.
-        points : ndarray, (m, 3)
-            Points to be moved.
-        gains : ndarray, (count + 1,)
-            Of each node; the last is the gain outside.
+        Shapes: R (n, 3, 3), gains (count + 1,).
         """
         if not len(points):
             return np.zeros(len(R))
@@ -79,17 +62,7 @@ class Lattice:
 
 
 class DistanceGrid(Lattice):
-    """Distances on a regular grid, looked up at the nearest node.
-
-    Parameters
-    ----------
-    distance : callable
-        Distance of each of n places, (n, 3), to the shape.
-    low, high : ndarray, (3,)
-        Bounding box of the shape.
-    size : float
-        Its diagonal.
-    """
+    """Distances on a regular grid, looked up at the nearest node."""
 
     def __init__(
         self, distance: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray, size: float
@@ -104,21 +77,7 @@ class DistanceGrid(Lattice):
     def scores(self, R: FloatArray, t: FloatArray, points: FloatArray, reach: float) -> FloatArray:
         """Mean of ``1 - (d / reach)^2`` over the points, 0 beyond the reach, for each pose.
 
-        Parameters
-        ----------
-        R : ndarray, (n, 3, 3)
-            Rotations.
-        t : ndarray, (n, 3)
-            Translations.
-        points : ndarray, (m, 3)
-            Scan points.
-        reach : float
-            Distance at which a point counts nothing.
-
-        Returns
-        -------
-        ndarray, (n,)
-            Between 0 and 1; the higher the better.
+        Shapes: R (n, 3, 3).
         """
         gains = np.append(np.maximum(1.0 - (self.distances / np.float32(reach)) ** 2, 0.0), np.float32(0.0))
         return self.mean_gains(R, t, points, gains)
@@ -127,23 +86,7 @@ class DistanceGrid(Lattice):
 def distinct(R: FloatArray, t: FloatArray, middle: FloatArray, angle_rad: float, offset: float, most: int) -> IntArray:
     """Rows of the first poses that differ from all kept before them.
 
-    Parameters
-    ----------
-    R : ndarray, (n, 3, 3)
-        Rotations, the best pose first.
-    t : ndarray, (n, 3)
-        Translations.
-    middle : ndarray, (3,)
-        Middle of the scan: where offsets are measured.
-    angle_rad, offset : float
-        Poses closer than both are the same.
-    most : int
-        Rows to keep at most.
-
-    Returns
-    -------
-    ndarray of int
-        Kept rows, ascending.
+    Shapes: R (n, 3, 3).
     """
     places = R @ middle + t
     alive = np.ones(len(R), dtype=bool)

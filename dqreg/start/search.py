@@ -29,26 +29,13 @@ APART = (0.04, 0.01)
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """A start pose and how badly it explains the scan.
+    """A start pose and how badly it explains the scan."""
 
-    Attributes
-    ----------
-    T_target_source : ndarray, (4, 4)
-        The pose after short refinements.
-    surprise : float
-        Mean negative log-likelihood of the distances; the lower the better.
-    rms : float
-        Truncated root mean square distance, a length.
-    stage : str
-        The last stage that was finished: "judged", or what there was when the time was up.
-    symmetry : str
-        For a pose that is the first one followed by a symmetry of the part itself: that symmetry in words; else "".
-    """
-
-    T_target_source: FloatArray
-    surprise: float
-    rms: float
-    stage: str = "judged"
+    T_target_source: FloatArray  # (4, 4): The pose after short refinements
+    surprise: float  # Mean negative log-likelihood of the distances; the lower the better
+    rms: float  # Truncated root mean square distance, a length
+    stage: str = "judged"  # The last stage that was finished: "judged", or what there was when the time was up
+    # For a pose that is the first one followed by a symmetry of the part itself: that symmetry in words; else ""
     symmetry: str = ""
 
 
@@ -64,34 +51,7 @@ def search(
     observe: Observer | None = None,
     now: Callable[[], float] | None = None,
 ) -> tuple[Candidate, ...]:
-    """Start poses that explain the scan about as well as the best one, the best first.
-
-    Parameters
-    ----------
-    scan : Scan
-        Source.
-    surface : Surface
-        Target.
-    target : PointCloud or Mesh
-        The same target, for its principal axes.
-    plan : Plan
-        Parts of the loop and its largest distance.
-    table : callable
-        Gives the target's pairs; not asked where the target is a scene in which the smaller scan is looked for.
-    rng : numpy.random.Generator
-        Source of randomness; the same state gives the same poses, unless the time is up.
-    time_limit : float, optional
-        Seconds after which no further stage is begun; the best so far comes back, with the ``stage`` it reached.
-    observe : callable, optional
-        Called with each `Stage`; returning False ends the search like the time limit does.
-    now : callable, optional
-        Clock, in seconds; the default is `time.perf_counter`.
-
-    Returns
-    -------
-    tuple of Candidate
-        One or more distinct poses; empty if nothing found correspondences.
-    """
+    """Start poses that explain the scan about as well as the best one, the best first."""
     clock = Clock(time_limit, observe, now)
     given = Task(scan, surface, target, plan, table, rng)
     task, back = _turned_round(given)

@@ -38,34 +38,7 @@ MOST, NEARLY, NEAR_KEPT, NEAR_RAD = 0.7, 5e-3, 24, 0.1
 
 
 def find_symmetry(mesh: Mesh, surface: Surface, grid: PlaneGrid) -> Symmetry:
-    """Symmetries of a mesh from itself alone.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The part.
-    surface : Surface
-        The same part, to be asked for distances.
-    grid : PlaneGrid
-        Its distances and planes for the screening.
-
-    Returns
-    -------
-    Symmetry
-        Axes with their orders, mirror planes, and the poses of the part onto itself.
-
-    Examples
-    --------
-    >>> from dqreg.geometry import MeshSurface
-    >>> from dqreg.synth.parts import box
-    >>> part = Mesh(*box((3.0, 2.0, 1.0)))
-    >>> surface = MeshSurface(part)
-    >>> sample = sample_mesh(part, 20_000, np.random.default_rng(0))
-    >>> grid = PlaneGrid(surface, sample.points, sample.normals, *part.bounds)
-    >>> found = find_symmetry(part, surface, grid)
-    >>> len(found.axes), len(found.mirrors), len(found.turns)
-    (3, 3, 3)
-    """
+    """Symmetries of a mesh from itself alone."""
     part = _Part.of(mesh, surface, grid)
     turns, shifts = _candidates(part, grid, 1.0)
     near = part.nearly_same(turns, shifts)

@@ -12,21 +12,11 @@ from dqreg.start.turns import SAME_AXIS_RAD, angle_of, axis_of, keeps_axis
 
 @dataclasses.dataclass(frozen=True)
 class Axis:
-    """An axis about which the part may be turned without a change.
+    """An axis about which the part may be turned without a change."""
 
-    Attributes
-    ----------
-    direction : ndarray, (3,)
-        Unit vector; its largest component is positive.
-    point : ndarray, (3,)
-        A place on it, in the target's frame.
-    order : int or None
-        Equal places in one full turn; None where every angle is one (a solid of revolution).
-    """
-
-    direction: FloatArray
-    point: FloatArray
-    order: int | None
+    direction: FloatArray  # (3,): Unit vector; its largest component is positive
+    point: FloatArray  # (3,): A place on it, in the target's frame
+    order: int | None  # Equal places in one full turn; None where every angle is one (a solid of revolution)
 
     @property
     def words(self) -> str:
@@ -39,41 +29,20 @@ class Axis:
 
 @dataclasses.dataclass(frozen=True)
 class Symmetry:
-    """Symmetries of a part.
+    """Symmetries of a part."""
 
-    Attributes
-    ----------
-    axes : tuple of Axis
-        Axes of turns, round ones first, then by falling order; empty for most parts.
-    mirrors : ndarray, (m, 3)
-        Unit normals of mirror planes through ``centre``. They allow no second pose.
-    turns : ndarray, (k, 4, 4)
-        Poses of the part onto itself, but for the identity; of a round axis only those that are not turns about it.
-    near : ndarray, (k, 4, 4)
-        Poses of the part that leave most of it in place, the symmetries among them: what a search must tell apart.
-    centre : ndarray, (3,)
-        Centre of the surface, which all symmetries leave in place.
-    """
-
-    axes: tuple[Axis, ...]
-    mirrors: FloatArray
+    axes: tuple[Axis, ...]  # Axes of turns, round ones first, then by falling order; empty for most parts
+    mirrors: FloatArray  # (m, 3): Unit normals of mirror planes through ``centre``. They allow no second pose
+    # (k, 4, 4): Poses of the part onto itself, but for the identity; of a round axis only those that are not turns
+    # about it
     turns: FloatArray
+    # (k, 4, 4): Poses of the part that leave most of it in place, the symmetries among them: what a search must tell
+    # apart
     near: FloatArray
-    centre: FloatArray
+    centre: FloatArray  # (3,): Centre of the surface, which all symmetries leave in place
 
     def words_between(self, T_one: FloatArray, T_other: FloatArray) -> str:
-        """The symmetry that turns one pose of the part into another, in words; "" if none does.
-
-        Parameters
-        ----------
-        T_one, T_other : ndarray, (4, 4)
-            Poses of one scan on the part, T_target_source.
-
-        Returns
-        -------
-        str
-            A sentence, or nothing.
-        """
+        """The symmetry that turns one pose of the part into another, in words; "" if none does."""
         R = T_other[:3, :3] @ T_one[:3, :3].T
         for axis in self.axes:
             if keeps_axis(R, axis.direction):

@@ -50,30 +50,14 @@ class Places:
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """A scan to be put on a target.
+    """A scan to be put on a target."""
 
-    Attributes
-    ----------
-    scan : Scan
-        Source.
-    surface : Surface
-        Target.
-    target : PointCloud or Mesh
-        The same target.
-    plan : Plan
-        Parts of the loop and its largest distance.
-    make_table : callable
-        Gives the target's pairs; asked once, when they are first needed.
-    rng : numpy.random.Generator
-        Draws the samples.
-    """
-
-    scan: Scan
-    surface: Surface
-    target: PointCloud | Mesh
-    plan: Plan
-    make_table: Callable[[], PairTable]
-    rng: np.random.Generator
+    scan: Scan  # Source
+    surface: Surface  # Target
+    target: PointCloud | Mesh  # The same target
+    plan: Plan  # Parts of the loop and its largest distance
+    make_table: Callable[[], PairTable]  # Gives the target's pairs; asked once, when they are first needed
+    rng: np.random.Generator  # Draws the samples
 
     @cached_property
     def table(self) -> PairTable:

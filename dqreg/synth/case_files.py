@@ -21,24 +21,6 @@ def ply_bytes(
 ) -> bytes:
     """Binary PLY of points, in the precision that they have.
 
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Float32 or float64; trimesh would write either as float32.
-    comments : sequence of str
-        Lines for the header.
-    normals : ndarray, (n, 3), optional
-        Stored in the precision of the points.
-    times : ndarray, (n,), optional
-        Stored as float64.
-
-    Returns
-    -------
-    bytes
-        Little-endian PLY with the properties x, y, z and, where given, nx, ny, nz and time.
-
-    Examples
-    --------
     >>> ply_bytes(np.zeros((2, 3)), ["units mm"]).splitlines()[2].decode()
     'comment units mm'
     """
@@ -59,20 +41,6 @@ def ply_bytes(
 def stl_bytes(vertices: FloatArray, faces: IntArray) -> bytes:
     """Binary STL of a mesh.
 
-    Parameters
-    ----------
-    vertices : ndarray, (v, 3)
-        Stored as float32.
-    faces : ndarray, (f, 3)
-        Vertex indices.
-
-    Returns
-    -------
-    bytes
-        Little-endian STL.
-
-    Examples
-    --------
     >>> from dqreg.synth.parts import box
     >>> len(stl_bytes(*box())) == 84 + 12 * 50
     True

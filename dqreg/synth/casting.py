@@ -18,48 +18,18 @@ _OWN_FACE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """First meeting of each ray with the scene, in the sensors' frame at the time of the ray.
+    """First meeting of each ray with the scene, in the sensors' frame at the time of the ray."""
 
-    Attributes
-    ----------
-    face_index : ndarray, (n,)
-        Face of the scene, -1 where the ray meets nothing.
-    points : ndarray, (n, 3)
-        Where it is met, NaN where the ray meets nothing.
-    normals : ndarray, (n, 3)
-        Normal of the face; of no meaning where the ray meets nothing.
-    poses : ndarray, (n, 4, 4), optional
-        Motion of the scene since the reference time; None at rest.
-    """
-
-    face_index: IntArray
-    points: FloatArray
-    normals: FloatArray
-    poses: FloatArray | None
+    face_index: IntArray  # (n,): Face of the scene, -1 where the ray meets nothing
+    points: FloatArray  # (n, 3): Where it is met, NaN where the ray meets nothing
+    normals: FloatArray  # (n, 3): Normal of the face; of no meaning where the ray meets nothing
+    poses: FloatArray | None  # (n, 4, 4): Motion of the scene since the reference time; None at rest
 
 
 def cast(scene: Mesh, origins: FloatArray, rays: FloatArray, poses: FloatArray | None) -> Hits:
     """Meet the scene with rays.
 
-    Parameters
-    ----------
-    scene : (vertices (v, 3), faces (f, 3))
-        The scene at the reference time.
-    origins, rays : ndarray, (n, 3)
-        Where each ray starts and goes, in the sensors' frame.
-    poses : ndarray, (n, 4, 4), optional
-        Motion of the scene at the time of each ray since the reference time.
-
-    Returns
-    -------
-    Hits
-        One entry a ray.
-
-    Examples
-    --------
-    >>> from dqreg.synth.parts import box
-    >>> cast(box(), np.array([[0.0, 0, 9]]), np.array([[0.0, 0, -1]]), None).points.tolist()
-    [[0.0, 0.0, 0.5]]
+    Shapes: poses (n, 4, 4).
     """
     if poses is None:
         face_index, points = first_hits(*scene, origins, rays)
@@ -73,24 +43,6 @@ def cast(scene: Mesh, origins: FloatArray, rays: FloatArray, poses: FloatArray |
 def is_lit(scene: Mesh, hits: Hits, projectors: FloatArray, max_incidence_rad: float) -> BoolArray:
     """Whether each point is seen from a second place as well.
 
-    Parameters
-    ----------
-    scene : (vertices (v, 3), faces (f, 3))
-        The scene at the reference time.
-    hits : Hits
-        What the rays met.
-    projectors : ndarray, (n, 3)
-        The second place of each point, in the sensors' frame.
-    max_incidence_rad : float
-        Beyond this incidence angle a face gets no light.
-
-    Returns
-    -------
-    ndarray, (n,)
-        False where the ray met nothing.
-
-    Examples
-    --------
     >>> from dqreg.synth.parts import box
     >>> hits = cast(box(), np.array([[0.0, 0, 9]]), np.array([[0.0, 0, -1]]), None)
     >>> [bool(is_lit(box(), hits, np.array([[3.0, 0, z]]), 1.5)[0]) for z in (9.0, -9.0)]

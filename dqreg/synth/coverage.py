@@ -77,30 +77,7 @@ def sample_surface(
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     """Random points on a mesh, uniform over its area.
 
-    Parameters
-    ----------
-    vertices : ndarray, (v, 3)
-        Mesh vertices.
-    faces : ndarray, (f, 3)
-        Vertex indices.
-    count : int
-        Number of points.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    points, normals : ndarray, (count, 3)
-        Places and the normals of their faces.
-    face_index : ndarray, (count,)
-        Their faces.
-
-    Examples
-    --------
-    >>> from dqreg.synth.parts import box
-    >>> points, _, _ = sample_surface(*box(), 100, np.random.default_rng(0))
-    >>> bool((np.abs(points).max(axis=1) == 0.5).all())
-    True
+    Shapes: points, normals (count, 3), face_index (count,).
     """
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)

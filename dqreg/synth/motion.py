@@ -79,22 +79,7 @@ class Motion:
 def poses_at(twist: FloatArray, since_reference: FloatArray) -> FloatArray:
     """Return the poses of a constant twist.
 
-    Parameters
-    ----------
-    twist : ndarray, (6,)
-        Rotation first, then translation, per sweep.
-    since_reference : ndarray, (n,)
-        Times since the reference, in sweeps; negative before it.
-
-    Returns
-    -------
-    ndarray, (n, 4, 4)
-        ``exp(time twist)``: from where a point is at the reference time to where it is then.
-
-    Examples
-    --------
-    >>> poses_at(np.array([0.0, 0, 0, 2, 0, 0]), np.array([-0.5]))[0, :3, 3].tolist()
-    [-1.0, 0.0, 0.0]
+    Shapes: twist (6,), returns (n, 4, 4).
     """
     return pose.exp(since_reference[:, None] * twist)
 
@@ -102,22 +87,7 @@ def poses_at(twist: FloatArray, since_reference: FloatArray) -> FloatArray:
 def moved_each(T: FloatArray, points: FloatArray) -> FloatArray:
     """Move each point by a pose of its own.
 
-    Parameters
-    ----------
-    T : ndarray, (n, 4, 4)
-        Poses.
-    points : ndarray, (n, 3)
-        Points.
-
-    Returns
-    -------
-    ndarray, (n, 3)
-        ``R_i p_i + t_i``.
-
-    Examples
-    --------
-    >>> moved_each(poses_at(np.array([0.0, 0, 0, 2, 0, 0]), np.array([1.0])), np.ones((1, 3))).tolist()
-    [[3.0, 1.0, 1.0]]
+    Shapes: T (n, 4, 4).
     """
     return turned_each(T, points) + T[:, :3, 3]
 
@@ -125,20 +95,8 @@ def moved_each(T: FloatArray, points: FloatArray) -> FloatArray:
 def turned_each(T: FloatArray, directions: FloatArray) -> FloatArray:
     """Turn each direction by a pose of its own.
 
-    Parameters
-    ----------
-    T : ndarray, (n, 4, 4)
-        Poses.
-    directions : ndarray, (n, 3)
-        Directions.
+    Shapes: T (n, 4, 4).
 
-    Returns
-    -------
-    ndarray, (n, 3)
-        ``R_i m_i``.
-
-    Examples
-    --------
     >>> turned_each(np.eye(4)[None], np.ones((1, 3))).tolist()
     [[1.0, 1.0, 1.0]]
     """

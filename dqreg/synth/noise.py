@@ -152,28 +152,15 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors of all pixels of a scan, as `Noise.draw` gives them.
+    """Errors of all pixels of a scan, as `Noise.draw` gives them."""
 
-    Attributes
-    ----------
-    is_kept : ndarray, (n,)
-        Whether the pixel brings a point back.
-    is_stray, is_mixed : ndarray, (n,)
-        Whether that point is a stray or a mixed pixel.
-    sigma : ndarray, (n,)
-        Standard deviation of the range noise.
-    range_error : ndarray, (n,)
-        What to add to the range.
-    in_box : ndarray, (n, 3)
-        Place of the stray from the part's centre, in sizes of its bounding box.
-    """
-
-    is_kept: BoolArray
+    is_kept: BoolArray  # (n,): Whether the pixel brings a point back
+    # is_stray, is_mixed: (n,): Whether that point is a stray or a mixed pixel
     is_stray: BoolArray
     is_mixed: BoolArray
-    sigma: FloatArray
-    range_error: FloatArray
-    in_box: FloatArray
+    sigma: FloatArray  # (n,): Standard deviation of the range noise
+    range_error: FloatArray  # (n,): What to add to the range
+    in_box: FloatArray  # (n, 3): Place of the stray from the part's centre, in sizes of its bounding box
 
 
 def _step_to_next(ranges: FloatArray) -> FloatArray:

@@ -11,32 +11,7 @@ from dqreg.open3d_gate import load_open3d
 
 
 def check_mesh(vertices: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, IntArray]:
-    """Return the checked arrays of a triangle mesh.
-
-    Parameters
-    ----------
-    vertices : array_like, (v, 3)
-        Finite coordinates.
-    faces : array_like, (f, 3)
-        Whole numbers that index the vertices.
-
-    Returns
-    -------
-    vertices : ndarray, (v, 3)
-        Float64.
-    faces : ndarray, (f, 3)
-        Int64.
-
-    Raises
-    ------
-    InputError
-        If a shape, an index or a number is wrong, or the mesh has no extent.
-
-    Examples
-    --------
-    >>> check_mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])[1].dtype
-    dtype('int64')
-    """
+    """Return the checked arrays of a triangle mesh."""
     V, F = as_vectors(vertices, "vertices"), np.asarray(faces)
     if F.ndim != 2 or F.shape[1] != 3 or F.dtype.kind not in "iu":
         raise InputError(f"faces must be whole numbers of shape (f, 3); got {F.dtype} of shape {F.shape}")
@@ -48,25 +23,7 @@ def check_mesh(vertices: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, IntAr
 
 
 def centre_and_diagonal(vertices: FloatArray) -> tuple[FloatArray, float]:
-    """Centre and diagonal of the bounding box, which stand for the place and the size of a part.
-
-    Parameters
-    ----------
-    vertices : ndarray, (v, 3)
-        Mesh vertices.
-
-    Returns
-    -------
-    centre : ndarray, (3,)
-        Middle of the bounding box.
-    diagonal : float
-        Its length from corner to corner.
-
-    Examples
-    --------
-    >>> centre_and_diagonal(np.array([[0.0, 0.0, 0.0], [6.0, 0.0, 8.0]]))
-    (array([3., 0., 4.]), 10.0)
-    """
+    """Centre and diagonal of the bounding box, which stand for the place and the size of a part."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     return 0.5 * (low + high), float(np.linalg.norm(high - low))
 
@@ -76,36 +33,10 @@ def first_hits(
 ) -> tuple[IntArray, FloatArray]:
     """Face that each ray meets first, and the point where it does.
 
-    Parameters
-    ----------
-    vertices : ndarray, (v, 3)
-        Mesh vertices.
-    faces : ndarray, (f, 3)
-        Vertex indices.
-    origins, directions : ndarray, (n, 3)
-        Where each ray starts, and where it goes (any length above zero), in the mesh's frame and unit.
-
-    Returns
-    -------
-    face_index : ndarray, (n,)
-        Int64 index of the face, -1 where the ray meets nothing.
-    points : ndarray, (n, 3)
-        Float64 point on that face, NaN where the ray meets nothing.
-
-    Notes
-    -----
-    The ray caster works in float32 and loses digits with size and distance from the origin, so it gets the
-    mesh centred and scaled to unit size and is asked for the face only. Ray and plane of the face are then
-    intersected in float64. Near an edge that point can lie beside the face by the caster's own error, about
-    1e-7 of the size; its barycentric coordinates are then clipped, so that every point lies on the mesh.
-
-    Examples
-    --------
-    >>> triangle = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    >>> rays = np.array([[0.25, 0.25, 2.0]]), np.array([[0.0, 0.0, -1.0]])
-    >>> index, points = first_hits(triangle, np.array([[0, 1, 2]]), *rays)
-    >>> index.tolist(), points.tolist()
-    ([0], [[0.25, 0.25, 0.0]])
+    The ray caster works in float32 and loses digits with size and distance from the origin, so it gets the mesh centred
+    and scaled to unit size and is asked for the face only. Ray and plane of the face are then intersected in float64.
+    Near an edge that point can lie beside the face by the caster's own error, about 1e-7 of the size; its barycentric
+    coordinates are then clipped, so that every point lies on the mesh.
     """
     face_index = _first_faces(vertices, faces, origins, directions)
     points = np.full(origins.shape, np.nan)
@@ -115,25 +46,7 @@ def first_hits(
 
 
 def face_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Compute the unit normal of each face by the right-hand rule.
-
-    Parameters
-    ----------
-    vertices : ndarray, (v, 3)
-        Mesh vertices.
-    faces : ndarray, (f, 3)
-        Vertex indices.
-
-    Returns
-    -------
-    ndarray, (f, 3)
-        Unit normals; NaN for a face without area.
-
-    Examples
-    --------
-    >>> face_normals(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])).tolist()
-    [[0.0, 0.0, 1.0]]
-    """
+    """Compute the unit normal of each face by the right-hand rule."""
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)

@@ -16,33 +16,7 @@ Made = TypeVar("Made")
 
 
 def build(kind: Callable[..., Made], name: str, table: Mapping[str, Any]) -> Made:
-    """Make an object from a table, angles turned from degrees to radians.
-
-    Parameters
-    ----------
-    kind : callable
-        What makes the object; takes keywords. A key ``angle_deg`` of the table becomes its keyword
-        ``angle_rad``.
-    name : str
-        Name of the table.
-    table : mapping
-        Its keys and values.
-
-    Returns
-    -------
-    object
-        What ``kind`` returns.
-
-    Raises
-    ------
-    InputError
-        If a key is unknown, or ``kind`` finds a value wrong; the message names the key.
-
-    Examples
-    --------
-    >>> build(lambda width=1.0: width, "part", {"width": 3.0})
-    3.0
-    """
+    """Make an object from a table, angles turned from degrees to radians."""
     values = keywords_of(kind, name, table)
     try:
         with named(name, inspect.signature(kind).parameters):
@@ -56,27 +30,6 @@ def build(kind: Callable[..., Made], name: str, table: Mapping[str, Any]) -> Mad
 def keywords_of(kind: Callable[..., Any], name: str, table: Mapping[str, Any]) -> dict[str, Any]:
     """Make keywords for a callable from a table, angles turned from degrees to radians.
 
-    Parameters
-    ----------
-    kind : callable
-        What takes the keywords.
-    name : str
-        Name of the table.
-    table : mapping
-        Its keys and values.
-
-    Returns
-    -------
-    dict
-        A key ``angle_deg`` of the table is here ``angle_rad``.
-
-    Raises
-    ------
-    InputError
-        If a key is unknown, or an angle is no number; the message names the key.
-
-    Examples
-    --------
     >>> keywords_of(lambda width=1.0, turn_rad=0.0: width, "part", {"turn_deg": 180})["turn_rad"] == np.pi
     True
     """
@@ -91,32 +44,7 @@ def keywords_of(kind: Callable[..., Any], name: str, table: Mapping[str, Any]) -
 
 @contextmanager
 def named(name: str, keys: Iterable[str]) -> Iterator[None]:
-    """Put the name of a table before the message of an error that begins with one of its keys.
-
-    Parameters
-    ----------
-    name : str
-        Name of the table.
-    keys : iterable of str
-        Its keys, as the code has them: angles in ``_rad``.
-
-    Yields
-    ------
-    None
-        Nothing; it is a context.
-
-    Raises
-    ------
-    InputError
-        Whatever the body raises, its message named.
-
-    Examples
-    --------
-    >>> with named("noise", ["dropout"]):
-    ...     raise InputError("dropout must not be above 1")
-    Traceback (most recent call last):
-    dqreg.errors.InputError: recipe: noise.dropout must not be above 1
-    """
+    """Put the name of a table before the message of an error that begins with one of its keys."""
     try:
         yield
     except InputError as error:

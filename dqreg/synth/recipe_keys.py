@@ -15,22 +15,6 @@ from dqreg.errors import InputError
 def require_known(table: Mapping[str, Any], known: Iterable[str], prefix: str) -> None:
     """Raise if a table holds a key that means nothing.
 
-    Parameters
-    ----------
-    table : mapping
-        Keys as written.
-    known : iterable of str
-        Keys that mean something.
-    prefix : str
-        Name of the table with a dot, or nothing at the top.
-
-    Raises
-    ------
-    InputError
-        If a key is not known; the message names it and the nearest one that is.
-
-    Examples
-    --------
     >>> require_known({"seed": 1}, ["seed", "units"], "")
     """
     known = list(known)
@@ -44,27 +28,6 @@ def require_known(table: Mapping[str, Any], known: Iterable[str], prefix: str) -
 def get_table(data: Mapping[str, Any], name: str, known: Iterable[str] | None) -> dict[str, Any]:
     """Return one table of the recipe.
 
-    Parameters
-    ----------
-    data : mapping
-        The whole recipe.
-    name : str
-        Name of the table.
-    known : iterable of str, optional
-        Keys that may be in it; None leaves them to the caller.
-
-    Returns
-    -------
-    dict
-        The table; empty if it is not there.
-
-    Raises
-    ------
-    InputError
-        If it is not a table, or holds an unknown key.
-
-    Examples
-    --------
     >>> get_table({"start": {"offset": 0.1}}, "start", ["offset"])
     {'offset': 0.1}
     """
@@ -79,29 +42,6 @@ def get_table(data: Mapping[str, Any], name: str, known: Iterable[str] | None) -
 def get_number(table: Mapping[str, Any], name: str, default: float, *, most: float = np.inf) -> float:
     """Return a number that is not negative.
 
-    Parameters
-    ----------
-    table : mapping
-        Table that holds it.
-    name : str
-        Its name with that of the table: ``table.key``.
-    default : float
-        Value if it is not there.
-    most : float
-        The largest that makes sense.
-
-    Returns
-    -------
-    float
-        The number.
-
-    Raises
-    ------
-    InputError
-        If it is not a number, negative, not finite or too large.
-
-    Examples
-    --------
     >>> get_number({"offset": 2}, "start.offset", 0.1)
     2.0
     """
@@ -116,29 +56,6 @@ def get_number(table: Mapping[str, Any], name: str, default: float, *, most: flo
 def get_text(table: Mapping[str, Any], name: str, default: str, choices: Iterable[str] = ()) -> str:
     """Return a text, one of a few if these are given.
 
-    Parameters
-    ----------
-    table : mapping
-        Table that holds it.
-    name : str
-        Its name, with that of the table unless it stands at the top.
-    default : str
-        Value if it is not there.
-    choices : iterable of str
-        What it may be; anything if empty.
-
-    Returns
-    -------
-    str
-        The text.
-
-    Raises
-    ------
-    InputError
-        If it is no text, or none of the choices.
-
-    Examples
-    --------
     >>> get_text({}, "units", "mm", ["mm", "m"])
     'mm'
     """
@@ -152,23 +69,6 @@ def get_text(table: Mapping[str, Any], name: str, default: str, choices: Iterabl
 def check_name(value: Any) -> str:
     """Return the name of a case, which can be the name of its folder.
 
-    Parameters
-    ----------
-    value : str
-        What was given.
-
-    Returns
-    -------
-    str
-        The same.
-
-    Raises
-    ------
-    InputError
-        If it is anything else.
-
-    Examples
-    --------
     >>> check_name("gear_lidar")
     'gear_lidar'
     """
@@ -182,23 +82,6 @@ def check_name(value: Any) -> str:
 def check_seed(value: Any) -> int:
     """Return a seed, a whole number that is not negative.
 
-    Parameters
-    ----------
-    value : int
-        What was given.
-
-    Returns
-    -------
-    int
-        The same.
-
-    Raises
-    ------
-    InputError
-        If it is anything else.
-
-    Examples
-    --------
     >>> check_seed(7)
     7
     """

@@ -32,23 +32,6 @@ SCANNERS: Mapping[str, Callable[..., AnyScanner]] = {
 def check_part(part: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return the table ``[part]`` with its kind or file checked; dimensions are checked as the part is made.
 
-    Parameters
-    ----------
-    part : mapping
-        The table as written.
-
-    Returns
-    -------
-    mapping
-        The same.
-
-    Raises
-    ------
-    InputError
-        If it holds neither ``kind`` nor ``file``, or one that cannot be.
-
-    Examples
-    --------
     >>> check_part({"kind": "gear", "teeth": 12})
     {'kind': 'gear', 'teeth': 12}
     """
@@ -63,32 +46,7 @@ def check_part(part: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def make_mesh(part: Mapping[str, Any], folder: Path) -> parts.Mesh:
-    """Build or read the part, rounded to float32 as an STL file holds it.
-
-    Parameters
-    ----------
-    part : mapping
-        The table ``[part]``, checked by `check_part`.
-    folder : Path
-        Folder from which ``file`` is looked up.
-
-    Returns
-    -------
-    vertices : ndarray, (v, 3)
-        Float64 numbers that float32 can hold.
-    faces : ndarray, (f, 3)
-        Int64.
-
-    Raises
-    ------
-    InputError
-        If a dimension does not fit, the file cannot be read, or float32 cannot hold the part.
-
-    Examples
-    --------
-    >>> make_mesh({"kind": "box", "size": [3, 2, 1]}, Path("."))[0].max(axis=0).tolist()
-    [1.5, 1.0, 0.5]
-    """
+    """Build or read the part, rounded to float32 as an STL file holds it."""
     if "file" in part:
         vertices, faces = _read_mesh(folder / part["file"])
         return _rounded(vertices), faces
@@ -104,23 +62,7 @@ def make_mesh(part: Mapping[str, Any], folder: Path) -> parts.Mesh:
 
 
 def find_symmetry(part: Mapping[str, Any]) -> parts.Symmetry | None:
-    """Find the motions that put the part onto itself.
-
-    Parameters
-    ----------
-    part : mapping
-        The table ``[part]``, checked by `check_part`.
-
-    Returns
-    -------
-    Symmetry or None
-        None for a part from a file: nobody looked.
-
-    Examples
-    --------
-    >>> len(find_symmetry({"kind": "gear", "teeth": 12}).poses)
-    12
-    """
+    """Find the motions that put the part onto itself."""
     if "file" in part:
         return None
     dimensions = {key: value for key, value in part.items() if key != "kind"}
@@ -130,25 +72,6 @@ def find_symmetry(part: Mapping[str, Any]) -> parts.Symmetry | None:
 def make_scanner(table: Mapping[str, Any]) -> tuple[str, AnyScanner]:
     """Make the scanner of the table ``[scanner]``.
 
-    Parameters
-    ----------
-    table : mapping
-        Its keys as written.
-
-    Returns
-    -------
-    kind : str
-        Its name.
-    scanner : Scanner, StructuredLight, Lidar or TactileProbe
-        The scanner.
-
-    Raises
-    ------
-    InputError
-        If a key is missing, unknown or wrong.
-
-    Examples
-    --------
     >>> make_scanner({"kind": "tactile", "points": 30})[1].points
     30
     """
@@ -163,25 +86,6 @@ def make_scanner(table: Mapping[str, Any]) -> tuple[str, AnyScanner]:
 def make_noise(table: Mapping[str, Any], scanner_kind: str) -> Noise:
     """Make the error model of the table ``[noise]``.
 
-    Parameters
-    ----------
-    table : mapping
-        Its keys as written.
-    scanner_kind : str
-        What scans: a probe knows range noise alone.
-
-    Returns
-    -------
-    Noise
-        The model.
-
-    Raises
-    ------
-    InputError
-        If a key is unknown or wrong, or means nothing for a probe.
-
-    Examples
-    --------
     >>> make_noise({"range_sigma": 0.1}, "tactile").range_sigma
     0.1
     """
@@ -198,25 +102,6 @@ def make_noise(table: Mapping[str, Any], scanner_kind: str) -> Noise:
 def make_motion(table: Mapping[str, Any], scanner_kind: str) -> Motion | None:
     """Make the motion of the table ``[motion]``.
 
-    Parameters
-    ----------
-    table : mapping
-        Its keys as written; empty for a part at rest.
-    scanner_kind : str
-        What scans: a probe needs a part at rest.
-
-    Returns
-    -------
-    Motion or None
-        None for a part at rest.
-
-    Raises
-    ------
-    InputError
-        If a key is unknown or wrong, or a probe scans.
-
-    Examples
-    --------
     >>> make_motion({"turn_deg": [0, 0, 180]}, "lidar").turn_rad[2] == np.pi
     True
     """

@@ -110,25 +110,7 @@ def scan_mesh(
 
 
 def quantised(points: FloatArray, origins: FloatArray, step: float) -> FloatArray:
-    """Round the distances of points to multiples of a step.
-
-    Parameters
-    ----------
-    points, origins : ndarray, (n, 3)
-        Points and the sensors from which they were read.
-    step : float
-        Step of the reading, above zero.
-
-    Returns
-    -------
-    ndarray, (n, 3)
-        On the same rays.
-
-    Examples
-    --------
-    >>> quantised(np.array([[0.0, 0.0, 7.3]]), np.zeros((1, 3)), 0.5).tolist()
-    [[0.0, 0.0, 7.5]]
-    """
+    """Round the distances of points to multiples of a step."""
     ways = points - origins
     ranges = np.linalg.norm(ways, axis=1, keepdims=True)
     rounded: FloatArray = origins + np.round(ranges / step) * step * (ways / ranges)

@@ -17,47 +17,24 @@ from dqreg.synth.view_checks import unit
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """What each ray of a sweep meets, in the sensors' frame at the time of the ray.
+    """What each ray of a sweep meets, in the sensors' frame at the time of the ray."""
 
-    Attributes
-    ----------
-    image : (int, int, int)
-        Views, rows and columns; their product is n.
-    centre : ndarray, (3,)
-        Centre of the part at the reference time.
-    diagonal : float
-        Diagonal of the part.
-    sensors : ndarray, (k, 3)
-        Sensor of each view.
-    view_index : ndarray, (n,)
-        View of each ray.
-    times : ndarray, (n,)
-        When each ray is read, in sweeps.
-    points, normals : ndarray, (n, 3)
-        Where each ray first meets the scene, and the face's normal there; NaN where it meets nothing.
-    rays : ndarray, (n, 3)
-        Unit vector from the sensor to the point.
-    ranges, cosines : ndarray, (n,)
-        Length of the ray, and cosine of its incidence angle.
-    face_index : ndarray, (n,)
-        Face of the scene, the part's faces first; -1 for nothing.
-    is_lit : ndarray, (n,)
-        Whether the projector, if there is one, sees the point too.
-    """
-
-    image: tuple[int, int, int]
-    centre: FloatArray
-    diagonal: float
-    sensors: FloatArray
-    view_index: IntArray
-    times: FloatArray
+    image: tuple[int, int, int]  # Views, rows and columns; their product is n
+    centre: FloatArray  # (3,): Centre of the part at the reference time
+    diagonal: float  # Diagonal of the part
+    sensors: FloatArray  # (k, 3): Sensor of each view
+    view_index: IntArray  # (n,): View of each ray
+    times: FloatArray  # (n,): When each ray is read, in sweeps
+    # points, normals: (n, 3): Where each ray first meets the scene, and the face's normal there; NaN where it meets
+    # nothing
     points: FloatArray
     normals: FloatArray
-    rays: FloatArray
+    rays: FloatArray  # (n, 3): Unit vector from the sensor to the point
+    # ranges, cosines: (n,): Length of the ray, and cosine of its incidence angle
     ranges: FloatArray
     cosines: FloatArray
-    face_index: IntArray
-    is_lit: BoolArray
+    face_index: IntArray  # (n,): Face of the scene, the part's faces first; -1 for nothing
+    is_lit: BoolArray  # (n,): Whether the projector, if there is one, sees the point too
 
     @property
     def origins(self) -> FloatArray:
@@ -68,33 +45,7 @@ class Sweep:
 def sweep(
     part: Mesh, scanner: Pattern, max_incidence_rad: float, *, motion: Motion | None, surroundings: Mesh | None
 ) -> Sweep:
-    """Cast all rays of a scanner.
-
-    Parameters
-    ----------
-    part : (vertices (v, 3), faces (f, 3))
-        The part.
-    scanner : Pattern
-        The scanner.
-    max_incidence_rad : float
-        Beyond this angle a face gets no light from a projector.
-    motion : Motion or None
-        How the scene moves meanwhile.
-    surroundings : (vertices, faces) or None
-        What else there is.
-
-    Returns
-    -------
-    Sweep
-        One entry a ray.
-
-    Examples
-    --------
-    >>> from dqreg.synth.parts import box
-    >>> from dqreg.synth.views import Scanner
-    >>> sweep(box(), Scanner(views=((0, 0, 1),), pixels=1), 1.5, motion=None, surroundings=None).points.tolist()
-    [[0.0, 0.0, 0.5]]
-    """
+    """Cast all rays of a scanner."""
     centre, diagonal = centre_and_diagonal(part[0])
     sensors, times = scanner.sensor_positions(centre, diagonal), scanner.times()
     view_index = np.repeat(np.arange(len(sensors)), times[0].size)
@@ -129,25 +80,7 @@ def sweep(
 def joined(part: Mesh, surroundings: Mesh | None) -> Mesh:
     """One mesh of two, the first one's faces first.
 
-    Parameters
-    ----------
-    part : (vertices (v, 3), faces (f, 3))
-        The first mesh.
-    surroundings : (vertices (w, 3), faces (g, 3)), optional
-        The second, or nothing.
-
-    Returns
-    -------
-    vertices : ndarray, (v + w, 3)
-        Float64.
-    faces : ndarray, (f + g, 3)
-        Int64.
-
-    Examples
-    --------
-    >>> from dqreg.synth.parts import box
-    >>> joined(box(), box())[1].shape
-    (24, 3)
+    Shapes: vertices (v + w, 3), faces (f + g, 3).
     """
     if surroundings is None:
         return part

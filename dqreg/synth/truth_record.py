@@ -18,29 +18,7 @@ from dqreg.synth.recipe import Recipe
 
 
 def symmetry_record(symmetry: Symmetry | None, T_target_source: FloatArray) -> dict[str, Any]:
-    """Say which other poses are true.
-
-    Parameters
-    ----------
-    symmetry : Symmetry or None
-        Motions of the part onto itself; None if nobody looked (a part from a file).
-    T_target_source : ndarray, (4, 4)
-        The true pose.
-
-    Returns
-    -------
-    dict
-        ``symmetric_truths``: every pose that puts the scan on the part as well, the true pose first, or null where
-        nobody looked. ``near_symmetric_truths``: poses that all but a small feature allows. ``symmetry_axis``: of
-        a round part a point and a direction in the part's frame; any turn about it, after one of these poses, is
-        true as well.
-
-    Examples
-    --------
-    >>> from dqreg.synth.parts import symmetry_of
-    >>> len(symmetry_record(symmetry_of("prism"), np.eye(4))["symmetric_truths"])
-    12
-    """
+    """Say which other poses are true."""
     if symmetry is None:
         return {"symmetric_truths": None, "near_symmetric_truths": None, "symmetry_axis": None}
     axis = symmetry.axis
@@ -54,24 +32,6 @@ def symmetry_record(symmetry: Symmetry | None, T_target_source: FloatArray) -> d
 def motion_record(motion: Motion | None, centre: FloatArray, diagonal: float, T: FloatArray) -> dict[str, Any] | None:
     """Say how the part moved, in the frame of the scan.
 
-    Parameters
-    ----------
-    motion : Motion or None
-        The motion in the part's frame.
-    centre : ndarray, (3,)
-        Centre of the part.
-    diagonal : float
-        Its diagonal.
-    T : ndarray, (4, 4)
-        T_source_target: from the part's frame to the scan's.
-
-    Returns
-    -------
-    dict or None
-        None at rest.
-
-    Examples
-    --------
     >>> motion_record(Motion(shift=(0.0, 0.0, 0.1)), np.zeros(3), 10.0, np.eye(4))["twist"]
     [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
     """
@@ -116,18 +76,6 @@ def settings_record(recipe: Recipe) -> dict[str, Any]:
 def json_text(record: Mapping[str, Any]) -> str:
     """JSON for people too: one line a key, and one a row of a matrix.
 
-    Parameters
-    ----------
-    record : mapping
-        Plain Python values, no NaN.
-
-    Returns
-    -------
-    str
-        The text, with a line break at its end.
-
-    Examples
-    --------
     >>> print(json_text({"T": [[1, 0], [0, 1]]}), end="")
     {
       "T": [
@@ -142,23 +90,7 @@ def json_text(record: Mapping[str, Any]) -> str:
 
 
 def plain(array: FloatArray) -> Any:
-    """Nested lists of Python numbers.
-
-    Parameters
-    ----------
-    array : ndarray
-        Numbers.
-
-    Returns
-    -------
-    list
-        The same, for JSON.
-
-    Examples
-    --------
-    >>> plain(np.eye(2))
-    [[1.0, 0.0], [0.0, 1.0]]
-    """
+    """Nested lists of Python numbers."""
     return array.tolist()
 
 

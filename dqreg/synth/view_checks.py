@@ -14,25 +14,6 @@ MOST_RAYS = 20_000_000
 def check_views(views: object, stand_off: object) -> FloatArray:
     """Return the checked directions from the part to its sensors.
 
-    Parameters
-    ----------
-    views : array_like, (k, 3)
-        As given.
-    stand_off : float
-        Distance of the sensors in diagonals of the part.
-
-    Returns
-    -------
-    ndarray, (k, 3)
-        Float64.
-
-    Raises
-    ------
-    InputError
-        If there is none, one is zero, or the sensors would stand in the part.
-
-    Examples
-    --------
     >>> check_views([(0, 0, 1)], 1.5).tolist()
     [[0.0, 0.0, 1.0]]
     """
@@ -50,20 +31,6 @@ def check_views(views: object, stand_off: object) -> FloatArray:
 def require_rays(views: int, **counts: object) -> None:
     """Raise unless the sides of an image are whole numbers and all images have a sane number of rays.
 
-    Parameters
-    ----------
-    views : int
-        Number of images.
-    **counts : int
-        Two sides by the names that the message shall show; ``name_again`` stands for the same ``name``.
-
-    Raises
-    ------
-    InputError
-        If one is not a whole number above 0, or there are too many rays.
-
-    Examples
-    --------
     >>> require_rays(2, rings=16, azimuths=360)
     """
     total = views
@@ -81,20 +48,7 @@ def require_rays(views: int, **counts: object) -> None:
 def unit(vectors: FloatArray) -> FloatArray:
     """Scale vectors to length one.
 
-    Parameters
-    ----------
-    vectors : ndarray, (..., 3)
-        Not zero.
-
-    Returns
-    -------
-    ndarray, (..., 3)
-        The same directions.
-
-    Examples
-    --------
-    >>> unit(np.array([[0.0, 3.0, 4.0]])).tolist()
-    [[0.0, 0.6, 0.8]]
+    Shapes: vectors (..., 3), returns (..., 3).
     """
     directions: FloatArray = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
     return directions
@@ -103,20 +57,6 @@ def unit(vectors: FloatArray) -> FloatArray:
 def is_within(value: object, low: float, high: float) -> bool:
     """Whether a value is a number strictly between two others.
 
-    Parameters
-    ----------
-    value : object
-        What was given.
-    low, high : float
-        The bounds.
-
-    Returns
-    -------
-    bool
-        False for everything that is no number.
-
-    Examples
-    --------
     >>> is_within(1, 0.5, 2.0), is_within("1", 0.5, 2.0)
     (True, False)
     """

@@ -152,24 +152,6 @@ def sensors_around(
 ) -> FloatArray:
     """Return where sensors stand that look at a part, all from the same distance.
 
-    Parameters
-    ----------
-    views : sequence of (float, float, float)
-        Directions from the part's centre to the sensors, any length above zero.
-    stand_off : float
-        Distance from the centre, in diagonals.
-    centre : ndarray, (3,)
-        Centre of the part.
-    diagonal : float
-        Its diagonal.
-
-    Returns
-    -------
-    ndarray, (k, 3)
-        In the part's frame and unit.
-
-    Examples
-    --------
     >>> sensors_around(((0, 0, 2),), 1.5, np.zeros(3), 10.0).tolist()
     [[0.0, 0.0, 15.0]]
     """
@@ -179,18 +161,6 @@ def sensors_around(
 def camera_axes(views: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the axes of cameras that look at a part.
 
-    Parameters
-    ----------
-    views : ndarray, (k, 3)
-        Directions from the part to the camera, any length above zero.
-
-    Returns
-    -------
-    forward, right, up : ndarray, (k, 3)
-        Unit vectors; up is as near to z as it can be, or to y where the view runs along z.
-
-    Examples
-    --------
     >>> [axis[0].tolist() for axis in camera_axes(np.array([[-2.0, 0.0, 0.0]]))]
     [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]
     """

@@ -161,19 +161,7 @@ def information_of(
 def plane_rows(points: FloatArray, normals: FloatArray, centre: FloatArray, lever: float) -> FloatArray:
     """Derivatives of the distances along the normals by the six scaled motions, one motion a row.
 
-    Parameters
-    ----------
-    points, normals : ndarray, (n, 3)
-        Where, and along what.
-    centre : ndarray, (3,)
-        What turns are about.
-    lever : float
-        Length that makes a displacement of a turn.
-
-    Returns
-    -------
-    ndarray, (6, n)
-        ``(x - c) x n / L`` over ``n``.
+    Shapes: returns (6, n).
     """
     # By columns: three numbers a row are too few for NumPy to be quick about.
     x, y, z = np.ascontiguousarray(points.T) - centre[:, None]

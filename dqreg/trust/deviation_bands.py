@@ -91,22 +91,6 @@ class Bands:
 def summary_of(values: FloatArray, total: int, tolerance: float | None = None) -> Summary:
     """Figures of some deviations.
 
-    Parameters
-    ----------
-    values : ndarray, (n,)
-        Deviations that count.
-    total : int
-        Points of the whole scan.
-    tolerance : float, optional
-        Largest deviation allowed.
-
-    Returns
-    -------
-    Summary
-        All figures.
-
-    Examples
-    --------
     >>> found = summary_of(np.array([-1.0, 0.0, 3.0]), 4, tolerance=1.0)
     >>> found.beyond, found.p50, found.max, round(found.share_within, 3)
     (1, 1.0, 3.0, 0.667)
@@ -123,30 +107,7 @@ def summary_of(values: FloatArray, total: int, tolerance: float | None = None) -
 
 
 def bands_of(values: FloatArray, tolerance: float, required_share: float, signed: bool) -> Bands:
-    """Table of bands.
-
-    Parameters
-    ----------
-    values : ndarray, (n,)
-        Deviations that count.
-    tolerance : float
-        T > 0.
-    required_share : float
-        Share that must be within -T..T.
-    signed : bool
-        Whether values may be negative.
-
-    Returns
-    -------
-    Bands
-        Every point is in one band; a point at a limit is in the one nearer to zero.
-
-    Examples
-    --------
-    >>> found = bands_of(np.array([-2.0, -0.6, 0.0, 0.5, 1.0]), 1.0, 0.8, signed=True)
-    >>> [row.count for row in found.rows], found.within, found.passed
-    ([1, 1, 2, 1, 0], 0.8, True)
-    """
+    """Table of bands."""
     half, count = 0.5 * tolerance, len(values)
     sizes = np.abs(values)
     ring = (sizes > half).astype(np.int64) + (sizes > tolerance)

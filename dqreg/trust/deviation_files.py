@@ -24,23 +24,6 @@ COLUMNS = "x,y,z,deviation,closest_x,closest_y,closest_z,face"
 def require_suffix(path: str | os.PathLike[str]) -> str:
     """Suffix of a file of deviations, in lower case.
 
-    Parameters
-    ----------
-    path : str or path
-        Where to write.
-
-    Returns
-    -------
-    str
-        One of ".ply", ".csv", ".npy".
-
-    Raises
-    ------
-    InputError
-        If it is another.
-
-    Examples
-    --------
     >>> require_suffix("DEV.PLY")
     '.ply'
     """
@@ -51,22 +34,7 @@ def require_suffix(path: str | os.PathLike[str]) -> str:
 
 
 def save_deviations(deviations: Deviations, path: str | os.PathLike[str], limit: float | None = None) -> None:
-    """Write deviations in the format of the suffix; see `Deviations.save`.
-
-    Parameters
-    ----------
-    deviations : Deviations
-        What to write.
-    path : str or path
-        Where to.
-    limit : float, optional
-        Where the colours end.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write deviations in the format of the suffix; see `Deviations.save`."""
     suffix = require_suffix(path)
     if suffix == ".npy":
         stream = io.BytesIO()
@@ -79,18 +47,7 @@ def save_deviations(deviations: Deviations, path: str | os.PathLike[str], limit:
 
 
 def colour_limit(deviations: Deviations) -> float:
-    """Where the colours end: the tolerance, else the 95 % of the absolute deviations that count.
-
-    Parameters
-    ----------
-    deviations : Deviations
-        What to colour.
-
-    Returns
-    -------
-    float
-        A length above 0.
-    """
+    """Where the colours end: the tolerance, else the 95 % of the absolute deviations that count."""
     limit = deviations.tolerance or deviations.summary().p95
     # Exact data has no range, and neither has a scan that is all clutter.
     return limit if 0.0 < limit < np.inf else 1.0

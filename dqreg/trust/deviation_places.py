@@ -45,35 +45,10 @@ class Place:
 def worst_places(feet: FloatArray, values: FloatArray, count: int, apart: float) -> list[Place]:
     """Largest deviations, at places that are apart.
 
-    The target is cut into cells as wide as places are apart, one for either sign. A cell counts with the deviation
-    that at least 5 of its points, and a twentieth of them, reach: four strays in a cell change nothing, and neither
-    do strays all over the scan while they are fewer than that. Of two places nearer than ``apart`` the worse stays.
-    Clouds of fewer than 200 points are probed by hand, and each of their points counts.
-
-    Parameters
-    ----------
-    feet : ndarray, (n, 3)
-        Closest place of the target for each point; a stray has its foot among those of good points.
-    values : ndarray, (n,)
-        Deviations.
-    count : int
-        Places at most.
-    apart : float
-        Least distance between two places, > 0.
-
-    Returns
-    -------
-    list of Place
-        The largest first; positions are feet. Fewer where fewer are found.
-
-    Examples
-    --------
-    >>> feet = np.column_stack([np.linspace(0.0, 1.0, 1000), np.zeros((1000, 2))])
-    >>> values = np.where(feet[:, 0] > 0.9, -0.2, 0.0)
-    >>> values[100] = 5.0
-    >>> place = worst_places(feet, values, 1, apart=0.1)[0]
-    >>> place.value, bool(place.position[0] > 0.9)
-    (-0.2, True)
+    The target is cut into cells as wide as places are apart, one for either sign. A cell counts with the deviation that
+    at least 5 of its points, and a twentieth of them, reach: four strays in a cell change nothing, and neither do
+    strays all over the scan while they are fewer than that. Of two places nearer than ``apart`` the worse stays. Clouds
+    of fewer than 200 points are probed by hand, and each of their points counts.
     """
     if not len(values) or count < 1:
         return []

@@ -21,33 +21,8 @@ def patches_off(
 ) -> tuple[int, float]:
     """Count the patches near the target, and the share of them that lies off it.
 
-    A stray leaves the median of its patch alone; a face in the wrong place moves it. A table that touches the part
-    does too: patches whose plane goes on far from the target are not looked at.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Points of the scan, neighbours next to each other.
-    apart, aside : ndarray, (n,)
-        Distances from the target, and along its normal.
-    near : ndarray of bool, (n,)
-        Which points come near the target.
-    width : float
-        Standard deviation of the distances, a length.
-
-    Returns
-    -------
-    int
-        Patches looked at.
-    float
-        Share of them that lies off; 0 where there are none.
-
-    Examples
-    --------
-    >>> floor = np.random.default_rng(0).uniform(size=(640, 3)) * [1, 1, 0]
-    >>> high = np.repeat([0.0, 0.5], 320)
-    >>> patches_off(floor + high[:, None] * [0, 0, 1], high, high, np.ones(640, dtype=bool), 0.01)
-    (20, 0.5)
+    A stray leaves the median of its patch alone; a face in the wrong place moves it. A table that touches the part does
+    too: patches whose plane goes on far from the target are not looked at.
     """
     count = len(points) // PATCH
     if count == 0:

@@ -42,34 +42,7 @@ def scatter_of(
     side more than chance would have it, their share is added: noise as a field of vectors that fades with the distance
     by the spherical model of geostatistics, its size and range learned from the products of the patches' means.
 
-    Parameters
-    ----------
-    rows : ndarray, (k, n)
-        Derivative of each residual by k motions; pairs in Morton order.
-    points, normals : ndarray, (n, 3)
-        Where the pairs are, and along what their residuals count.
-    residuals, weights : ndarray, (n,)
-        Distances along the normals, and weights.
-    known : ndarray, (k, k)
-        Information known beforehand, in units of the pairs' own.
-    variance : float
-        Of one residual.
-    counts : ndarray, (n,), optional
-        Pairs that each row stands for, where it is the mean of some: patches are then of as many pairs each.
-
-    Returns
-    -------
-    ndarray, (k, k), or None
-        Symmetric, positive semidefinite; None where the pairs are too few to learn it from, or leave a motion free.
-
-    Examples
-    --------
-    >>> line = np.linspace(0.0, 1.0, 4000)[:, None] * [1.0, 0.0, 0.0]
-    >>> noise = np.repeat(np.random.default_rng(1).normal(size=50), 80)  # each value shared by 80 points
-    >>> up, ones = np.tile([0.0, 0.0, 1.0], (4000, 1)), np.ones(4000)
-    >>> found = scatter_of(ones[None], line, up, noise - noise.mean(), ones, np.zeros((1, 1)), 1.0)
-    >>> bool(0.5 / 50 < found[0, 0] < 2.0 / 50)
-    True
+    Shapes: rows (k, n), known (k, k), returns (k, k).
     """
     starts = _starts(len(weights), min(PATCHES, len(weights) // 8), counts)
     if len(starts) < FEWEST_PATCHES:

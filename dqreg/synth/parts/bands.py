@@ -11,18 +11,8 @@ from dqreg.synth.parts.patches import fan
 def ladder(left: FloatArray, right: FloatArray) -> FloatArray:
     """Strip between two lines with the same number of corners.
 
-    Parameters
-    ----------
-    left, right : ndarray, (k, 2) or (k, 3)
-        Corners in the same order; ``left`` lies to the left of ``right`` as one walks along.
+    Shapes: left, right (k, 2), returns (2 k - 2, 3, 2).
 
-    Returns
-    -------
-    ndarray, (2 k - 2, 3, 2) or (2 k - 2, 3, 3)
-        Counter-clockwise triangles.
-
-    Examples
-    --------
     >>> ladder(np.array([[0.0, 1.0], [1.0, 1.0]]), np.array([[0.0, 0.0], [1.0, 0.0]])).shape
     (2, 3, 2)
     """
@@ -33,25 +23,11 @@ def ladder(left: FloatArray, right: FloatArray) -> FloatArray:
 def collar(outer: FloatArray, hole: FloatArray) -> FloatArray:
     """Flat band between a closed outline and a convex hole with any number of corners each.
 
-    Parameters
-    ----------
-    outer : ndarray, (k, 2)
-        Corners, counter-clockwise; all of the outline must be seen from the middle of the hole.
-    hole : ndarray, (m, 2)
-        Convex polygon, counter-clockwise, inside the outline.
+    Shapes: outer (k, 2), hole (m, 2), returns (k + m, 3, 2).
 
-    Returns
-    -------
-    ndarray, (k + m, 3, 2)
-        Counter-clockwise triangles.
+    Both loops are walked side by side, in the order of the angle at the middle of the hole, and each step adds the
+    triangle between the corner left, the corner reached and the corner waiting on the other side.
 
-    Notes
-    -----
-    Both loops are walked side by side, in the order of the angle at the middle of the hole, and each step adds
-    the triangle between the corner left, the corner reached and the corner waiting on the other side.
-
-    Examples
-    --------
     >>> square = np.array([[2.0, -2], [2, 2], [-2, 2], [-2, -2]])
     >>> len(collar(square, 0.5 * square))
     8
@@ -74,18 +50,8 @@ def collar(outer: FloatArray, hole: FloatArray) -> FloatArray:
 def loft(sections: FloatArray) -> FloatArray:
     """Side faces through closed sections that lie one above the other.
 
-    Parameters
-    ----------
-    sections : ndarray, (m, k, 3)
-        Each counter-clockwise seen from the last section's side.
+    Shapes: sections (m, k, 3).
 
-    Returns
-    -------
-    ndarray, (2 (m - 1) k, 3, 3)
-        Triangles whose normal points out of the sections.
-
-    Examples
-    --------
     >>> square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     >>> loft(np.stack([square, square + [0.0, 0.0, 2.0]])).shape
     (8, 3, 3)
@@ -99,22 +65,7 @@ def loft(sections: FloatArray) -> FloatArray:
 def cap(closing: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:
     """Flat cap of a section that closes in one corner and ends in an edge.
 
-    Parameters
-    ----------
-    closing : ndarray, (2,)
-        The corner where both sides begin.
-    left, right : ndarray, (k, 2)
-        The two sides, without that corner, as for `ladder`.
-
-    Returns
-    -------
-    ndarray, (2 k - 1, 3, 2)
-        Counter-clockwise triangles.
-
-    Examples
-    --------
-    >>> cap(np.zeros(2), np.array([[1.0, 1.0]]), np.array([[1.0, 0.0]])).shape
-    (1, 3, 2)
+    Shapes: closing (2,), left, right (k, 2), returns (2 k - 1, 3, 2).
     """
     return np.concatenate([fan(np.stack([closing, right[0], left[0]])), ladder(left, right)])
 

@@ -31,43 +31,8 @@ def blade(
 ) -> Mesh:
     """Turbine-like blade without symmetry.
 
-    The platform is centred on the z axis between z = 0 and ``platform_height``; the aerofoil stands on it, its
-    chord along x at the root, its sections stacked about the z axis.
-
-    Parameters
-    ----------
-    chord, height : float
-        Chord at the root, and height of the aerofoil above the platform.
-    thickness, camber : float
-        Greatest thickness (NACA four-digit law) and greatest height of the parabolic mean line, over the chord.
-    taper : float
-        Chord at the tip over chord at the root.
-    twist_rad : float
-        Turn of the tip about z against the root.
-    platform_length, platform_width, platform_height : float
-        The block below, along x, y, z.
-    stations : int
-        Facets along each side of a section.
-    sections : int
-        Facets along the height.
-
-    Returns
-    -------
-    vertices : ndarray, (v, 3)
-        Float64, in the unit of the dimensions (the defaults are millimetres).
-    faces : ndarray, (f, 3)
-        Int64.
-
-    Raises
-    ------
-    InputError
-        If a dimension is not positive, or the root does not fit onto the platform.
-
-    Examples
-    --------
-    >>> vertices, faces = blade()
-    >>> float(vertices[:, 2].max())
-    102.0
+    The platform is centred on the z axis between z = 0 and ``platform_height``; the aerofoil stands on it, its chord
+    along x at the root, its sections stacked about the z axis.
     """
     require_positive(**{n: v for n, v in locals().items() if n not in ("stations", "sections", "twist_rad")})
     require_count("stations", stations, 4, most=500)

@@ -16,31 +16,7 @@ from dqreg.synth.parts.turned import polar
 def prism(*, diameter: float = 60.0, height: float = 40.0, sides: int = 6) -> Mesh:
     """Regular prism, centred on the origin, axis along z: symmetric under 2 n turns.
 
-    Parameters
-    ----------
-    diameter : float
-        Through the corners.
-    height : float
-        Along z.
-    sides : int
-        Number of sides, at least 3; one corner lies over the x axis.
-
-    Returns
-    -------
-    vertices : ndarray, (2 sides, 3)
-        Float64, in the unit of the dimensions (the defaults are millimetres).
-    faces : ndarray, (4 sides - 4, 3)
-        Int64.
-
-    Raises
-    ------
-    InputError
-        If a dimension is not positive.
-
-    Examples
-    --------
-    >>> prism()[0].shape
-    (12, 3)
+    Shapes: vertices (2 sides, 3), faces (4 sides - 4, 3).
     """
     require_positive(diameter=diameter, height=height)
     require_count("sides", sides, 3)
@@ -56,33 +32,7 @@ def prism(*, diameter: float = 60.0, height: float = 40.0, sides: int = 6) -> Me
 
 
 def block(size: Sequence[float] = (80.0, 50.0, 30.0), *, notch: float = 6.0) -> Mesh:
-    """Rectangular block with a cube cut out of one corner: but for that, it looks alike after three half-turns.
-
-    Parameters
-    ----------
-    size : sequence of 3 floats
-        Edge lengths along x, y, z; the block is centred on the origin.
-    notch : float
-        Edge of the cube that is missing at the corner (+x, +y, +z).
-
-    Returns
-    -------
-    vertices : ndarray, (v, 3)
-        Float64, in the unit of ``size`` (the defaults are millimetres).
-    faces : ndarray, (f, 3)
-        Int64.
-
-    Raises
-    ------
-    InputError
-        If a length is not positive, or the notch is as large as the block.
-
-    Examples
-    --------
-    >>> vertices, faces = block()
-    >>> vertices.max(axis=0).tolist()
-    [40.0, 25.0, 15.0]
-    """
+    """Rectangular block with a cube cut out of one corner: but for that, it looks alike after three half-turns."""
     require_positive(**{f"size[{i}]": value for i, value in enumerate(three(size, "size"))}, notch=notch)
     require_order(notch=notch, size=min(size))
     lines = [np.array([-0.5 * s, 0.5 * s - notch, 0.5 * s]) for s in size]
@@ -103,28 +53,7 @@ def feeder(*, scale: float = 1.0) -> Mesh:
 
     The paper does not print its object's coordinates. Two stacked prisms have its number of vertices and its size.
 
-    Parameters
-    ----------
-    scale : float
-        Factor on all lengths.
-
-    Returns
-    -------
-    vertices : ndarray, (32, 3)
-        Float64; one corner of the box is the origin.
-    faces : ndarray, (60, 3)
-        Int64.
-
-    Raises
-    ------
-    InputError
-        If the scale is not positive.
-
-    Examples
-    --------
-    >>> vertices, faces = feeder()
-    >>> vertices.shape, faces.shape, vertices.max(axis=0).tolist()
-    ((32, 3), (60, 3), [322.0, 84.0, 151.0])
+    Shapes: vertices (32, 3), faces (60, 3).
     """
     require_positive(scale=scale)
     lower, upper, middle, top = scale * _LOWER, scale * _UPPER, scale * _MIDDLE, scale * _TOP

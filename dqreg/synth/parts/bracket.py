@@ -28,45 +28,7 @@ def bracket(
 ) -> Mesh:
     """L-bracket without symmetry: base with four holes, wall with a bored boss, fillet between them.
 
-    The base lies on z = 0 with one corner at the origin, the wall stands on x = 0, and the boss looks along
-    +x.
-
-    Parameters
-    ----------
-    length, width, height : float
-        Outer dimensions along x, y, z.
-    base_thickness, wall_thickness : float
-        Thickness of the base along z and of the wall along x.
-    fillet_radius : float
-        Radius of the inner fillet, ``segments / 4`` facets.
-    large_hole, small_hole : float
-        Diameter of the base hole nearest to the origin, and of the three others.
-    boss_diameter, boss_height : float
-        The raised cylinder, half-way up the flat part of the wall.
-    bore_diameter : float
-        Bore through boss and wall.
-    boss_position : float
-        Place of the boss along the width, as a fraction of it.
-    segments : int
-        Facets around each round, a multiple of four that is at least 8.
-
-    Returns
-    -------
-    vertices : ndarray, (v, 3)
-        Float64, in the unit of the dimensions (the defaults are millimetres).
-    faces : ndarray, (f, 3)
-        Int64.
-
-    Raises
-    ------
-    InputError
-        If a dimension is not positive, or a round does not fit into its face.
-
-    Examples
-    --------
-    >>> vertices, faces = bracket()
-    >>> vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
-    ([0.0, 0.0, 0.0], [120.0, 80.0, 60.0])
+    The base lies on z = 0 with one corner at the origin, the wall stands on x = 0, and the boss looks along +x.
     """
     require_positive(**{name: value for name, value in locals().items() if name != "segments"})
     if bore_diameter >= boss_diameter:

@@ -14,26 +14,6 @@ MOST = 2_000
 def require_count(name: str, value: Any, least: int, *, most: int = MOST, multiple: int = 1) -> None:
     """Raise unless a count is a whole number within reason.
 
-    Parameters
-    ----------
-    name : str
-        Its name, for the message.
-    value : int
-        What was given.
-    least : int
-        The least that is allowed.
-    most : int
-        The most that makes sense.
-    multiple : int
-        It must be a multiple of this.
-
-    Raises
-    ------
-    InputError
-        If it is anything else; the message names it.
-
-    Examples
-    --------
     >>> require_count("teeth", 18, 6)
     """
     whole = isinstance(value, int) and not isinstance(value, bool)
@@ -45,18 +25,6 @@ def require_count(name: str, value: Any, least: int, *, most: int = MOST, multip
 def require_order(**lengths: float) -> None:
     """Raise unless each length is smaller than the next.
 
-    Parameters
-    ----------
-    **lengths : float
-        Numbers by the name that the message shall show, from the smallest on.
-
-    Raises
-    ------
-    InputError
-        If two are in the wrong order; the message begins with the first of them.
-
-    Examples
-    --------
     >>> require_order(bore_diameter=1.0, hub_diameter=2.0)
     """
     names = list(lengths)

@@ -23,40 +23,15 @@ _Z_AXIS = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 @dataclass(frozen=True)
 class Kind:
-    """How a part of one kind is made, and which motions put it onto itself.
+    """How a part of one kind is made, and which motions put it onto itself."""
 
-    Attributes
-    ----------
-    build : callable
-        Takes the dimensions as keywords; returns vertices (v, 3) and faces (f, 3).
-    symmetry : callable
-        Takes all dimensions by name, defaults filled in; returns a `Symmetry`.
-    """
-
-    build: Callable[..., Mesh]
+    build: Callable[..., Mesh]  # Takes the dimensions as keywords; returns vertices (v, 3) and faces (f, 3)
+    # Takes all dimensions by name, defaults filled in; returns a `Symmetry`
     symmetry: Callable[[Mapping[str, Any]], Symmetry]
 
 
 def symmetry_of(kind: str, dimensions: Mapping[str, Any] | None = None) -> Symmetry:
-    """Find the motions that put a part onto itself.
-
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`.
-    dimensions : mapping, optional
-        Its dimensions where they are not the defaults.
-
-    Returns
-    -------
-    Symmetry
-        In the part's frame.
-
-    Examples
-    --------
-    >>> len(symmetry_of("gear", {"teeth": 12}).poses)
-    12
-    """
+    """Find the motions that put a part onto itself."""
     bound = inspect.signature(KINDS[kind].build).bind(**(dimensions or {}))
     bound.apply_defaults()
     return KINDS[kind].symmetry(bound.arguments)

@@ -19,29 +19,7 @@ from dqreg.synth.parts.checks import require_count
 def circle(centre: Sequence[float], diameter: float, segments: int) -> FloatArray:
     """Regular polygon inscribed in a circle.
 
-    Parameters
-    ----------
-    centre : sequence of 2 floats
-        Centre in the plane.
-    diameter : float
-        Diameter of the circle, through the corners.
-    segments : int
-        Number of corners, a multiple of four that is at least 8.
-
-    Returns
-    -------
-    ndarray, (segments, 2)
-        Corners, counter-clockwise from the first axis.
-
-    Raises
-    ------
-    InputError
-        If ``segments`` does not fit.
-
-    Examples
-    --------
-    >>> circle((1.0, 0.0), 4.0, 8)[0].tolist()
-    [3.0, 0.0]
+    Shapes: returns (segments, 2).
     """
     require_count("segments", segments, 8, multiple=4)
     angle = np.arange(segments) * (2.0 * np.pi / segments)
@@ -49,23 +27,7 @@ def circle(centre: Sequence[float], diameter: float, segments: int) -> FloatArra
 
 
 def grid(u: Sequence[float] | FloatArray, v: Sequence[float] | FloatArray) -> FloatArray:
-    """Rectangle cut into cells along given lines, two triangles a cell.
-
-    Parameters
-    ----------
-    u, v : sequence of float
-        Increasing positions of the lines along the first and the second axis.
-
-    Returns
-    -------
-    ndarray, (2 (len(u) - 1) (len(v) - 1), 3, 2)
-        Counter-clockwise triangles.
-
-    Examples
-    --------
-    >>> grid([0.0, 1.0], [0.0, 1.0, 2.0]).shape
-    (4, 3, 2)
-    """
+    """Rectangle cut into cells along given lines, two triangles a cell."""
     U, V = np.meshgrid(u, v, indexing="ij")
     P = np.stack([U, V], axis=-1)
     a, b, c, d = P[:-1, :-1], P[1:, :-1], P[1:, 1:], P[:-1, 1:]
@@ -75,20 +37,7 @@ def grid(u: Sequence[float] | FloatArray, v: Sequence[float] | FloatArray) -> Fl
 def fan(polygon: Sequence[Sequence[float]] | FloatArray) -> FloatArray:
     """Triangles from the first corner of a polygon to all its other edges.
 
-    Parameters
-    ----------
-    polygon : array_like, (k, 2) or (k, 3)
-        Corners in order; every edge must be seen from the first corner.
-
-    Returns
-    -------
-    ndarray, (k - 2, 3, 2) or (k - 2, 3, 3)
-        Triangles that wind as the polygon does.
-
-    Examples
-    --------
-    >>> fan([[0, 0], [2, 0], [2, 1], [0, 1]]).shape
-    (2, 3, 2)
+    Shapes: polygon (k, 2), returns (k - 2, 3, 2).
     """
     P = np.asarray(polygon, dtype=np.float64)
     return np.stack([np.broadcast_to(P[0], P[2:].shape), P[1:-1], P[2:]], axis=1)
@@ -97,32 +46,10 @@ def fan(polygon: Sequence[Sequence[float]] | FloatArray) -> FloatArray:
 def ring(u: tuple[float, float], v: tuple[float, float], hole: FloatArray) -> FloatArray:
     """Rectangle with one round hole, without a vertex on its sides other than the four corners.
 
-    Parameters
-    ----------
-    u, v : (float, float)
-        Low and high end of the rectangle along each axis.
-    hole : ndarray, (k, 2)
-        Polygon from `circle`, inside the rectangle.
+    Shapes: hole (k, 2), returns (k + 4, 3, 2).
 
-    Returns
-    -------
-    ndarray, (k + 4, 3, 2)
-        Counter-clockwise triangles.
-
-    Raises
-    ------
-    InputError
-        If the hole does not fit into the rectangle.
-
-    Notes
-    -----
-    Each quarter of the hole is joined to the corner that lies the same way, and each side of the rectangle to
-    the vertex of the hole that is nearest to it. Both always see each other, wherever the hole lies.
-
-    Examples
-    --------
-    >>> ring((0.0, 4.0), (0.0, 4.0), circle((2.0, 2.0), 1.0, 8)).shape
-    (12, 3, 2)
+    Each quarter of the hole is joined to the corner that lies the same way, and each side of the rectangle to the
+    vertex of the hole that is nearest to it. Both always see each other, wherever the hole lies.
     """
     low, high = hole.min(axis=0), hole.max(axis=0)
     if low[0] <= u[0] or high[0] >= u[1] or low[1] <= v[0] or high[1] >= v[1]:
@@ -140,18 +67,8 @@ def ring(u: tuple[float, float], v: tuple[float, float], hole: FloatArray) -> Fl
 def annulus(outer: FloatArray, inner: FloatArray) -> FloatArray:
     """Flat band between two polygons with the same number of corners.
 
-    Parameters
-    ----------
-    outer, inner : ndarray, (k, 2)
-        Polygons from `circle`, counter-clockwise, about the same centre.
+    Shapes: outer, inner (k, 2), returns (2 k, 3, 2).
 
-    Returns
-    -------
-    ndarray, (2 k, 3, 2)
-        Counter-clockwise triangles.
-
-    Examples
-    --------
     >>> annulus(circle((0, 0), 2.0, 8), circle((0, 0), 1.0, 8)).shape
     (16, 3, 2)
     """
@@ -162,27 +79,7 @@ def annulus(outer: FloatArray, inner: FloatArray) -> FloatArray:
 def lift(triangles: FloatArray, axis: int, height: float, *, outward: int = 1) -> FloatArray:
     """Put plane triangles into space, across one coordinate axis.
 
-    Parameters
-    ----------
-    triangles : ndarray, (n, 3, 2)
-        Counter-clockwise triangles; their two coordinates become the axes ``axis + 1`` and ``axis + 2``
-        (cyclic).
-    axis : int
-        Axis across which the patch lies: 0, 1 or 2.
-    height : float
-        Its position along that axis.
-    outward : int
-        +1 if the outside is towards the positive axis, -1 if towards the negative.
-
-    Returns
-    -------
-    ndarray, (n, 3, 3)
-        Triangles whose normal points to the outside.
-
-    Examples
-    --------
-    >>> lift(np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]), 2, 5.0)[0].tolist()
-    [[0.0, 0.0, 5.0], [1.0, 0.0, 5.0], [0.0, 1.0, 5.0]]
+    Shapes: triangles (n, 3, 2), returns (n, 3, 3).
     """
     space = np.full((*triangles.shape[:2], 3), float(height))
     space[..., (axis + 1) % 3] = triangles[..., 0]
@@ -195,28 +92,7 @@ def walls(
 ) -> FloatArray:
     """Side faces of the prism over an outline.
 
-    Parameters
-    ----------
-    outline : ndarray, (k, 2)
-        Corners, counter-clockwise about the material, in the axes ``axis + 1`` and ``axis + 2`` (cyclic).
-    axis : int
-        Axis along which the outline is drawn out.
-    span : (float, float)
-        Where the prism begins and ends along that axis.
-    outward : int
-        +1 if the material is inside the outline, -1 if outside (a hole).
-    closed : bool
-        Whether the last corner is joined to the first.
-
-    Returns
-    -------
-    ndarray, (2 k or 2 k - 2, 3, 3)
-        Triangles whose normal points out of the material.
-
-    Examples
-    --------
-    >>> walls(circle((0, 0), 1.0, 8), 2, (0.0, 3.0)).shape
-    (16, 3, 3)
+    Shapes: outline (k, 2), returns (2 k or 2 k - 2, 3, 3).
     """
     count = len(outline) if closed else len(outline) - 1
     corners = np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)[:count]
@@ -229,23 +105,7 @@ def walls(
 def weld(patches: Iterable[FloatArray]) -> tuple[FloatArray, IntArray]:
     """One indexed mesh of many patches; vertices that are equal bit for bit become one.
 
-    Parameters
-    ----------
-    patches : iterable of ndarray, (n, 3, 3)
-        Triangles in space.
-
-    Returns
-    -------
-    vertices : ndarray, (v, 3)
-        Float64, sorted.
-    faces : ndarray, (f, 3)
-        Int64 indices into ``vertices``, in the order given.
-
-    Examples
-    --------
-    >>> vertices, faces = weld([lift(grid([0, 1], [0, 1]), 2, 0.0)])
-    >>> vertices.shape, faces.shape
-    ((4, 3), (2, 3))
+    Shapes: patches (n, 3, 3).
     """
     soup = np.concatenate(list(patches)).reshape(-1, 3) + 0.0  # + 0.0 turns -0.0 into 0.0
     vertices, inverse = np.unique(soup, axis=0, return_inverse=True)

@@ -16,33 +16,7 @@ Mesh = tuple[FloatArray, IntArray]
 
 
 def box(size: Sequence[float] = (1.0, 1.0, 1.0), *, divisions: int | Sequence[int] = 1) -> Mesh:
-    """Rectangular block, centred on the origin.
-
-    Parameters
-    ----------
-    size : sequence of 3 floats
-        Edge lengths along x, y, z.
-    divisions : int or sequence of 3 ints
-        Number of cells along each axis.
-
-    Returns
-    -------
-    vertices : ndarray, (v, 3)
-        Float64, in the unit of ``size``.
-    faces : ndarray, (f, 3)
-        Int64; twelve triangles for one division.
-
-    Raises
-    ------
-    InputError
-        If a length or a division is not positive.
-
-    Examples
-    --------
-    >>> vertices, faces = box(size=(3.0, 2.0, 1.0))
-    >>> vertices.shape, faces.shape
-    ((8, 3), (12, 3))
-    """
+    """Rectangular block, centred on the origin."""
     require_positive(**{f"size[{i}]": value for i, value in enumerate(three(size, "size"))})
     counts = three((divisions,) * 3 if np.isscalar(divisions) else divisions, "divisions")
     for i, count in enumerate(counts):
@@ -58,29 +32,7 @@ def box(size: Sequence[float] = (1.0, 1.0, 1.0), *, divisions: int | Sequence[in
 def cylinder(*, diameter: float = 1.0, height: float = 1.0, segments: int = 48) -> Mesh:
     """Upright cylinder, centred on the origin, axis along z.
 
-    Parameters
-    ----------
-    diameter, height : float
-        Dimensions.
-    segments : int
-        Facets around, a multiple of four that is at least 8.
-
-    Returns
-    -------
-    vertices : ndarray, (segments * 2, 3)
-        Float64, in the unit of the dimensions.
-    faces : ndarray, (4 * segments - 4, 3)
-        Int64.
-
-    Raises
-    ------
-    InputError
-        If a dimension is not positive or ``segments`` does not fit.
-
-    Examples
-    --------
-    >>> cylinder(segments=16)[0].shape
-    (32, 3)
+    Shapes: vertices (segments * 2, 3), faces (4 * segments - 4, 3).
     """
     require_positive(diameter=diameter, height=height)
     outline, half = circle((0.0, 0.0), diameter, segments), 0.5 * height
@@ -100,35 +52,7 @@ def plate(
     small_hole: float = 9.0,
     segments: int = 48,
 ) -> Mesh:
-    """Flat plate with four through-holes, one corner at the origin.
-
-    Parameters
-    ----------
-    size : sequence of 3 floats
-        Length along x, width along y, thickness along z.
-    large_hole, small_hole : float
-        Diameter of the hole next to the origin, and of the three others.
-    segments : int
-        Facets around each hole, a multiple of four that is at least 8.
-
-    Returns
-    -------
-    vertices : ndarray, (v, 3)
-        Float64, in the unit of the dimensions.
-    faces : ndarray, (f, 3)
-        Int64.
-
-    Raises
-    ------
-    InputError
-        If a dimension is not positive or a hole does not fit.
-
-    Examples
-    --------
-    >>> vertices, faces = plate()
-    >>> vertices.max(axis=0).tolist()
-    [100.0, 60.0, 4.0]
-    """
+    """Flat plate with four through-holes, one corner at the origin."""
     length, width, thickness = three(size, "size")
     require_positive(length=length, width=width, thickness=thickness, large_hole=large_hole, small_hole=small_hole)
     x, y, z = [0.0, 0.5 * length, length], [0.0, 0.5 * width, width], [0.0, thickness]
@@ -144,29 +68,8 @@ def four_holes(
 ) -> tuple[FloatArray, list[FloatArray]]:
     """Cut a rectangle into two by two cells with a hole in the middle of each, the first one large.
 
-    Parameters
-    ----------
-    x, y : list of 3 floats
-        Increasing positions of the cells' lines.
-    diameters : (float, float)
-        Diameter of the hole next to (x[0], y[0]), and of the three others.
-    segments : int
-        Facets around each hole.
+    Shapes: face (n, 3, 2), holes (segments, 2).
 
-    Returns
-    -------
-    face : ndarray, (n, 3, 2)
-        Counter-clockwise triangles of the rectangle without the holes.
-    holes : list of ndarray, (segments, 2)
-        Outlines of the holes.
-
-    Raises
-    ------
-    InputError
-        If a hole does not fit into its cell.
-
-    Examples
-    --------
     >>> face, holes = four_holes([0.0, 2.0, 4.0], [0.0, 2.0, 4.0], (1.0, 0.5), 8)
     >>> len(face), len(holes)
     (48, 4)
@@ -179,18 +82,6 @@ def four_holes(
 def require_positive(**lengths: Any) -> None:
     """Raise unless every number given is above zero and finite.
 
-    Parameters
-    ----------
-    **lengths : float
-        Numbers by the name that the message shall show.
-
-    Raises
-    ------
-    InputError
-        If one is not; the message names it.
-
-    Examples
-    --------
     >>> require_positive(length=1.0, width=2)
     """
     for name, value in lengths.items():
@@ -199,30 +90,7 @@ def require_positive(**lengths: Any) -> None:
 
 
 def three(values: Any, name: str) -> tuple[float, float, float]:
-    """Check that there are three numbers.
-
-    Parameters
-    ----------
-    values : sequence of 3 numbers
-        What was given.
-    name : str
-        Its name, for the message.
-
-    Returns
-    -------
-    (float, float, float)
-        The numbers.
-
-    Raises
-    ------
-    InputError
-        If they are not three numbers.
-
-    Examples
-    --------
-    >>> len(three([1, 2, 3], "size"))
-    3
-    """
+    """Check that there are three numbers."""
     # A ragged list makes NumPy raise by itself.
     array = np.asarray(values, dtype=object)
     if array.shape != (3,) or not all(

@@ -25,37 +25,6 @@ def angle(
     """Sheet-metal angle without symmetry: two legs, a bend, two holes in the long leg and one in the other.
 
     The long leg lies on z = 0, the other stands on x = 0, y runs from 0 to ``width``.
-
-    Parameters
-    ----------
-    length, height, width : float
-        Outer dimensions along x, z and y.
-    thickness : float
-        Of the sheet.
-    bend_radius : float
-        Inner radius of the bend.
-    large_hole, small_hole : float
-        Diameter of the long leg's hole next to y = 0, and of the two others.
-    segments : int
-        Facets around each hole, a multiple of four that is at least 8; the bend has a quarter of them.
-
-    Returns
-    -------
-    vertices : ndarray, (v, 3)
-        Float64, in the unit of the dimensions (the defaults are millimetres).
-    faces : ndarray, (f, 3)
-        Int64.
-
-    Raises
-    ------
-    InputError
-        If a dimension is not positive, or a hole or the bend does not fit.
-
-    Examples
-    --------
-    >>> vertices, faces = angle()
-    >>> vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
-    ([0.0, 0.0, 0.0], [90.0, 70.0, 60.0])
     """
     require_positive(**{n: v for n, v in locals().items() if n != "segments"})
     require_count("segments", segments, 8, multiple=4)

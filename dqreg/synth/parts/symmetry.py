@@ -14,59 +14,24 @@ from dqreg.rigid import pose
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
-    """Motions of a part that leave its surface where it is, in the part's frame.
+    """Motions of a part that leave its surface where it is, in the part's frame."""
 
-    Attributes
-    ----------
-    poses : ndarray, (k, 4, 4)
-        Every such motion, or for a round part one of each kind; the identity comes first.
-    near : ndarray, (m, 4, 4)
-        Motions that all but a small feature of the part allows.
-    axis : ndarray, (2, 3), optional
-        A point on the axis of a round part and the axis's direction: any turn about it is one more motion, before
-        or after those of ``poses``.
-    """
-
-    poses: FloatArray
-    near: FloatArray
+    poses: FloatArray  # (k, 4, 4): Every such motion, or for a round part one of each kind; the identity comes first
+    near: FloatArray  # (m, 4, 4): Motions that all but a small feature of the part allows
+    # (2, 3): A point on the axis of a round part and the axis's direction: any turn about it is one more motion, before
+    # or after those of ``poses``
     axis: FloatArray | None = None
 
 
 def none() -> Symmetry:
-    """Return the symmetry of a part that has none.
-
-    Returns
-    -------
-    Symmetry
-        The identity alone.
-
-    Examples
-    --------
-    >>> none().poses.shape, none().near.shape
-    ((1, 4, 4), (0, 4, 4))
-    """
+    """Return the symmetry of a part that has none."""
     return Symmetry(np.eye(4)[None], np.zeros((0, 4, 4)))
 
 
 def about_z(order: int, *, flips: bool = False) -> FloatArray:
     """Make turns about the z axis by equal steps, and half-turns about axes across it.
 
-    Parameters
-    ----------
-    order : int
-        Number of turns.
-    flips : bool
-        Whether each may come after a half-turn about x.
-
-    Returns
-    -------
-    ndarray, (order or 2 order, 4, 4)
-        The identity first.
-
-    Examples
-    --------
-    >>> about_z(6, flips=True).shape
-    (12, 4, 4)
+    Shapes: returns (order or 2 order, 4, 4).
     """
     turn = np.arange(order) * (2.0 * np.pi / order)
     T = np.broadcast_to(np.eye(4), (order, 4, 4)).copy()
@@ -78,22 +43,7 @@ def about_z(order: int, *, flips: bool = False) -> FloatArray:
 def of_box(size: Sequence[float], centre: Sequence[float] = (0.0, 0.0, 0.0)) -> FloatArray:
     """Find the turns that put a rectangular block onto itself.
 
-    Parameters
-    ----------
-    size : sequence of 3 floats
-        Edge lengths.
-    centre : sequence of 3 floats
-        Its centre.
-
-    Returns
-    -------
-    ndarray, (4, 8 or 24, 4, 4)
-        The identity first; 4 for three different lengths, 24 for a cube.
-
-    Examples
-    --------
-    >>> [len(of_box(size)) for size in ((3, 2, 1), (2, 2, 1), (1, 1, 1))]
-    [4, 8, 24]
+    Shapes: returns (4, 8 or 24, 4, 4).
     """
     found = []
     for order in itertools.permutations(range(3)):

@@ -31,40 +31,6 @@ def flange(
     """Round flange with a hub on one side, a bore and bolt holes: n-fold symmetric about z.
 
     The disc lies on z = 0 and is centred on the z axis, the hub stands on it, one bolt hole lies on the x axis.
-
-    Parameters
-    ----------
-    diameter, thickness : float
-        The disc.
-    hub_diameter, hub_height : float
-        The raised ring, its height above the disc.
-    bore_diameter : float
-        Bore through disc and hub.
-    bolt_circle, bolt_diameter : float
-        Diameter on which the bolt holes lie, and of each hole.
-    bolts : int
-        Number of holes, at least 3: the part's order of symmetry.
-    segments : int
-        Facets around each hole, a multiple of four that is at least 8; the disc gets as many facets of that length
-        as fit.
-
-    Returns
-    -------
-    vertices : ndarray, (v, 3)
-        Float64, in the unit of the dimensions (the defaults are millimetres).
-    faces : ndarray, (f, 3)
-        Int64.
-
-    Raises
-    ------
-    InputError
-        If a dimension is not positive, or the rounds do not fit into one another.
-
-    Examples
-    --------
-    >>> vertices, faces = flange()
-    >>> vertices.max(axis=0).round(6).tolist()
-    [60.0, 60.0, 36.0]
     """
     require_positive(**{n: v for n, v in locals().items() if n not in ("bolts", "segments")})
     require_count("bolts", bolts, 3, most=200)
@@ -110,40 +76,9 @@ def gear(
 ) -> Mesh:
     """Spur gear with involute flanks and a hub on one side: n-fold symmetric about z.
 
-    The wheel lies on z = 0, the middle of one tooth is on the x axis. The pressure angle is 20 degrees, the teeth
-    reach one module above the pitch circle and 1.25 modules below; there is no undercut, below the base circle
-    the flank goes on along the radius.
-
-    Parameters
-    ----------
-    teeth : int
-        Number of teeth, at least 8: the part's order of symmetry.
-    module : float
-        Pitch diameter over the number of teeth.
-    thickness : float
-        Width of the teeth along z.
-    bore_diameter, hub_diameter, hub_height : float
-        Bore through all, and the raised ring, its height above the wheel.
-    flank_facets : int
-        Facets of each flank, at least 1.
-
-    Returns
-    -------
-    vertices : ndarray, (v, 3)
-        Float64, in the unit of the dimensions (the defaults are millimetres).
-    faces : ndarray, (f, 3)
-        Int64.
-
-    Raises
-    ------
-    InputError
-        If a dimension is not positive, or hub and bore do not fit.
-
-    Examples
-    --------
-    >>> vertices, faces = gear()
-    >>> round(float(np.hypot(*vertices[:, :2].T).max()), 6)  # tip radius: 18 / 2 + 1 modules
-    40.0
+    The wheel lies on z = 0, the middle of one tooth is on the x axis. The pressure angle is 20 degrees, the teeth reach
+    one module above the pitch circle and 1.25 modules below; there is no undercut, below the base circle the flank goes
+    on along the radius.
     """
     require_positive(**{n: v for n, v in locals().items() if n not in ("teeth", "flank_facets")})
     require_count("teeth", teeth, 8, most=500)
@@ -174,22 +109,7 @@ def gear(
 def polar(radius: ArrayLike, angle_rad: ArrayLike) -> FloatArray:
     """Make points of a plane from radius and angle.
 
-    Parameters
-    ----------
-    radius : array_like, (...)
-        Distance from the origin.
-    angle_rad : array_like, (...)
-        Angle from the first axis.
-
-    Returns
-    -------
-    ndarray, (..., 2)
-        Coordinates.
-
-    Examples
-    --------
-    >>> polar(2.0, np.array([0.0])).tolist()
-    [[2.0, 0.0]]
+    Shapes: returns (..., 2).
     """
     length = np.asarray(radius, dtype=np.float64)
     return np.stack(np.broadcast_arrays(length * np.cos(angle_rad), length * np.sin(angle_rad)), axis=-1)
