@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from dqreg._open3d import load_open3d
 from dqreg.files import read_cloud, read_mesh
-from dqreg.open3d_gate import load_open3d
 from dqreg.rigid import pose
 from dqreg.synth.cases import Case, load_case, write_case
 from dqreg.synth.raycast import centre_and_diagonal, face_normals, first_hits

@@ -12,8 +12,6 @@ whose correspondences are exact: closest points on triangles for meshes, nearest
 from __future__ import annotations
 
 import importlib
-import sys
-from types import ModuleType
 
 # Every type checker takes this name for true; `typing` itself is a third of what this file costs.
 TYPE_CHECKING = False
@@ -21,6 +19,7 @@ if TYPE_CHECKING:
     from dqreg import errors as errors
     from dqreg import files as files
     from dqreg import geometry as geometry
+    from dqreg import inspection as inspection
     from dqreg import rigid as rigid
     from dqreg import solvers as solvers
     from dqreg import synth as synth
@@ -28,9 +27,9 @@ if TYPE_CHECKING:
     from dqreg.errors import DegenerateGeometryError, DqregError, InputError, MissingDependencyError, UnitsError
     from dqreg.geometry import Mesh, PointCloud
     from dqreg.odometry import Odometry
-    from dqreg.prepared import Target, prepare_target
-    from dqreg.register import register
-    from dqreg.result import Registration
+    from dqreg.registration.prepared import Target, prepare_target
+    from dqreg.registration.register import register
+    from dqreg.registration.result import Registration
     from dqreg.rigid import DualQuaternion, quaternion
     from dqreg.solvers import Freedom, PoseCost, likelihood_weights, solve, solve_many
 
@@ -60,7 +59,7 @@ __all__ = [
 __version__ = "0.1.0"
 
 # Rooms that `import dqreg` alone makes reachable.
-_ROOMS = ("errors", "files", "geometry", "rigid", "solvers", "synth", "trust")
+_ROOMS = ("errors", "files", "geometry", "inspection", "rigid", "solvers", "synth", "trust")
 # Where each public name lives. It is imported at its first use: SciPy takes a third of a second.
 _HOMES = {
     "DegenerateGeometryError": "dqreg.errors",
@@ -73,13 +72,13 @@ _HOMES = {
     "Odometry": "dqreg.odometry",
     "PointCloud": "dqreg.geometry",
     "PoseCost": "dqreg.solvers",
-    "Registration": "dqreg.result",
-    "Target": "dqreg.prepared",
+    "Registration": "dqreg.registration.result",
+    "Target": "dqreg.registration.prepared",
     "UnitsError": "dqreg.errors",
     "likelihood_weights": "dqreg.solvers",
-    "prepare_target": "dqreg.prepared",
+    "prepare_target": "dqreg.registration.prepared",
     "quaternion": "dqreg.rigid",
-    "register": "dqreg.register",
+    "register": "dqreg.registration.register",
     "solve": "dqreg.solvers",
     "solve_many": "dqreg.solvers",
 }
@@ -99,14 +98,3 @@ if not TYPE_CHECKING:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__, *_ROOMS})
-
-
-class _Package(ModuleType):
-    """Keeps `dqreg.register` the function where Python would put the module of that name once it is imported."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if name not in _HOMES or not isinstance(value, ModuleType):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package

@@ -20,8 +20,8 @@ from rich.console import Console
 from rich.table import Table
 
 import dqreg
+from dqreg._open3d import load_open3d
 from dqreg.files import read_mesh
-from dqreg.open3d_gate import load_open3d
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
 from dqreg.synth.parts import bracket

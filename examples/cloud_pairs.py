@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 
 import dqreg
-from dqreg.given import read_any
-from dqreg.open3d_gate import load_open3d
+from dqreg._open3d import load_open3d
+from dqreg.geometry.opening import read_any
 from dqreg.rigid import pose
 
 LIDAR, RGBD = 0.25, 0.02

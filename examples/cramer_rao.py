@@ -30,8 +30,8 @@ from rich.console import Console
 from rich.table import Table
 
 import dqreg
+from dqreg._open3d import load_open3d
 from dqreg.files import read_mesh
-from dqreg.open3d_gate import load_open3d
 from dqreg.rigid import pose, twist
 from dqreg.synth import Noise, Scan, Scanner, cramer_rao_bound, disturbance, rms_vertex_displacement, scan_mesh
 from dqreg.synth.parts import bracket

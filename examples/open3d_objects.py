@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 import dqreg
-from dqreg.open3d_gate import load_open3d
+from dqreg._open3d import load_open3d
 from dqreg.synth import demo_case, load_case
 
 

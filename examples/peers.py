@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import dqreg
-from dqreg.open3d_gate import load_open3d
+from dqreg._open3d import load_open3d
 
 # Voxel in sizes, samples of the CAD, and iterations of RANSAC.
 VOXEL, CAD_SAMPLES, TRIES = 0.015, 100_000, 100_000

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import dqreg
-from dqreg.given import read_any
+from dqreg.geometry.opening import read_any
 from dqreg.rigid import pose
 
 # Box that holds the part and little of the table, in metres, from the scene's own settings.

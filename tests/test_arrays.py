@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
-from dqreg.arrays import RIGID_TOLERANCE, as_float, as_pose, as_vectors, as_weights, require_finite
+from dqreg._arrays import RIGID_TOLERANCE, as_float, as_pose, as_vectors, as_weights, require_finite
 from dqreg.errors import InputError
 
 ANY = hnp.arrays(np.float64, hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4))
@@ -188,5 +188,5 @@ def test_a_pose_that_is_not_rigid_is_named(value: Any, message: str) -> None:
 
 
 def test_importing_arrays_loads_nothing_heavy() -> None:
-    code = "import sys, dqreg.arrays; sys.exit(any(name in sys.modules for name in ('open3d', 'scipy', 'trimesh')))"
+    code = "import sys, dqreg._arrays; sys.exit(any(name in sys.modules for name in ('open3d', 'scipy', 'trimesh')))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

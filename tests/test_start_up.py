@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import dqreg
-from tests.batch.scenes import CODE, all_gone, command, environment, left_over, make_scene
+from tests.registration.batch.scenes import CODE, all_gone, command, environment, left_over, make_scene
 
 HEAVY = ("scipy", "open3d", "trimesh", "matplotlib", "numpy", "rich", "jinja2")
 SIGNALS = int(os.environ.get("DQREG_KILLS", "0")) or 6
@@ -68,14 +68,17 @@ def test_type_checkers_are_told_the_same_names():
     told = source.partition("if TYPE_CHECKING:\n")[2].partition("\n\n")[0]
     homes = {}
     for line in told.splitlines():
-        found = re.fullmatch(r"    from (dqreg\.\w+) import (.+)", line)
+        found = re.fullmatch(r"    from (dqreg\.[\w.]+) import (.+)", line)
         if found:
             homes |= dict.fromkeys(found.group(2).split(", "), found.group(1))
     assert homes == dqreg._HOMES
 
 
 def test_register_stays_the_function_when_its_module_is_imported():
-    code = "import dqreg.register, dqreg; from dqreg.register import register; assert dqreg.register is register"
+    code = (
+        "import dqreg.registration.register, dqreg; "
+        "from dqreg.registration.register import register; assert dqreg.register is register"
+    )
     assert "dqreg" in loaded_by(code)
 
 

@@ -20,9 +20,9 @@ from dqreg.cli.outputs import as_json_option, consoles, print_json
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dqreg.arrays import FloatArray
-    from dqreg.batch import Batch, Progress
-    from dqreg.result import Registration
+    from dqreg._arrays import FloatArray
+    from dqreg.registration.batch import Batch, Progress
+    from dqreg.registration.result import Registration
 
 FILE = click.Path(path_type=Path)
 # Rows that are named one by one on the screen; all of them are in the summary.
@@ -72,7 +72,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
     Exit codes: 0 every row accepted, 1 some were not, 2 bad input, 130 or 143 stopped by a signal.
     """
     with loading():
-        from dqreg.batch import Crew, Defaults, read_manifest, run_batch
+        from dqreg.registration.batch import Crew, Defaults, read_manifest, run_batch
 
     console, shown = consoles(quiet=quiet, as_json=as_json)
     with _Stop() as stop:
@@ -94,7 +94,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
             )
     _show(console, found)
     if as_json:
-        from dqreg.batch.summary import to_records
+        from dqreg.registration.batch.summary import to_records
 
         print_json({"rows": to_records(found.lines), "files": [str(path) for path in found.files]})
     if found.stopped:
@@ -228,7 +228,7 @@ def _left(seconds: float) -> str:
 
 
 def _show(console: Console, found: Batch) -> None:
-    from dqreg.batch.summary import counts
+    from dqreg.registration.batch.summary import counts
 
     bad = [line for line in found.lines if line.verdict not in ("accepted", "not run")]
     for line in bad[:NAMED]:

@@ -171,7 +171,7 @@ def _engines(options: dict[str, Any]) -> list[Any] | None:
     if named or not files:
         return [*named, *files] or None
     from dqreg.compare import read_sweep
-    from dqreg.engines.registry import ENGINES
+    from dqreg.compare.engines.registry import ENGINES
 
     own = read_sweep(options["sweep"]).engines if options["sweep"] is not None else ()
     return [*(own or ENGINES), *files]

@@ -16,7 +16,7 @@ from dqreg.cli.outputs import consoles, say, write_outputs
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dqreg.arrays import FloatArray
+    from dqreg._arrays import FloatArray
 
 # Tolerance of the report, three times the noise of the shipped scan.
 TOLERANCE_MM = 0.15
@@ -33,9 +33,9 @@ def demo(out: Path, quiet: bool) -> int:
     known, so the error can be printed.
     """
     with loading():
-        from dqreg.atomic import require_writable
-        from dqreg.open3d_gate import load_open3d
-        from dqreg.register import register
+        from dqreg._open3d import load_open3d
+        from dqreg.files.atomic import require_writable
+        from dqreg.registration.register import register
         from dqreg.report import make_progress, print_summary
         from dqreg.synth import demo_case, load_case
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from dqreg.trust import Deviations
+    from dqreg.inspection import Deviations
 
 # Places worth a line on the screen; the file holds them all.
 PLACES = 5
@@ -15,7 +15,7 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
     """Names and values to print.
 
     >>> import numpy as np
-    >>> from dqreg.trust import Deviations
+    >>> from dqreg.inspection import Deviations
     >>> points, faces = np.zeros((1000, 3)), np.zeros(1000, dtype=np.int64)
     >>> values = np.full(1000, 0.02)
     >>> found = Deviations(values, points, points, faces, True, "positive outside", "mm", tolerance=0.05, apart=2.0)

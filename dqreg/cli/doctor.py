@@ -12,8 +12,8 @@ import sys
 
 import click
 
+from dqreg._open3d import load_open3d
 from dqreg.errors import MissingDependencyError
-from dqreg.open3d_gate import load_open3d
 
 LEAST_PYTHON = (3, 11)
 REQUIRED = ("numpy", "scipy", "trimesh", "click", "rich", "matplotlib", "jinja2")

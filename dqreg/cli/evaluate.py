@@ -50,9 +50,9 @@ def evaluate(
     the direction of an axis of revolution.
     """
     with loading():
-        from dqreg.atomic import require_writable, write_atomically
         from dqreg.compare import judge, read_pose
         from dqreg.compare.records import plain_values
+        from dqreg.files.atomic import require_writable, write_atomically
 
     if out is not None:
         require_writable(out)
@@ -93,7 +93,7 @@ def _yardstick(truth: Path, target: Path | None, scan: Path | None) -> tuple[Yar
     from dqreg.compare import Truth, from_pair, read_truth
     from dqreg.compare.judge import Yardstick
     from dqreg.errors import InputError
-    from dqreg.given import read_any
+    from dqreg.geometry.opening import read_any
 
     known: Truth = read_truth(truth)
     beside = truth.parent / "part.stl"

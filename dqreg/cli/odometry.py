@@ -16,7 +16,7 @@ from dqreg.cli.outputs import say as _say
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dqreg.arrays import FloatArray
+    from dqreg._arrays import FloatArray
     from dqreg.odometry.engines import Trip
     from dqreg.odometry.scans import Scans
 
@@ -64,7 +64,7 @@ def odometry_command(scans: Path, **options: Any) -> int:
     Exit codes: 0 every frame accepted, 1 some were not (they are named), 2 bad input.
     """
     with loading():
-        from dqreg.atomic import require_writable
+        from dqreg.files.atomic import require_writable
         from dqreg.odometry.scans import open_scans
         from dqreg.odometry.settings import OdometrySettings
 
@@ -83,7 +83,7 @@ def odometry_command(scans: Path, **options: Any) -> int:
     main = trips[-1]
     _write(console, main, data, truth, options)
     if options["as_json"]:
-        from dqreg.odometry.frames_csv import to_records
+        from dqreg.odometry.trajectory import to_records
 
         print_json({"engine": main.name, "frames": to_records(main, data)})
     if not main.results:
@@ -184,9 +184,8 @@ def _show(console: Console, trips: list[Trip], truth: FloatArray | None) -> None
 
 
 def _write(console: Console, trip: Trip, scans: Scans, truth: FloatArray | None, options: dict[str, Any]) -> None:
-    from dqreg.odometry.frames_csv import write_frames
     from dqreg.odometry.plot import plot_trip
-    from dqreg.odometry.trajectory import bridge_gaps, write_trajectory
+    from dqreg.odometry.trajectory import bridge_gaps, write_frames, write_trajectory
 
     if options["out"] is not None:
         poses = trip.poses if scans.calibrate is None else scans.calibrate(trip.poses)

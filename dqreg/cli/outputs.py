@@ -13,8 +13,8 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dqreg.result import Registration
-    from dqreg.trust import Deviations
+    from dqreg.inspection import Deviations
+    from dqreg.registration.result import Registration
 
 as_json_option = click.option("--json", "as_json", is_flag=True, help="The answer as JSON on standard output, and "
                               "nothing else there.")  # fmt: skip
@@ -47,7 +47,7 @@ def print_json(value: Any) -> None:
      "units": "mm"
     }
     """
-    from dqreg.result_fields import plain
+    from dqreg.registration.result_json import plain
 
     click.echo(json.dumps(plain(value), indent=1, allow_nan=False))
 

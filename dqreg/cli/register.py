@@ -98,9 +98,9 @@ def register_command(
     Exit codes: 0 verdict accepted, 1 ran but not accepted, 2 bad input (one line on standard error).
     """
     with loading():
+        from dqreg._open3d import load_open3d
         from dqreg.files.poses import read_start
-        from dqreg.open3d_gate import load_open3d
-        from dqreg.register import register
+        from dqreg.registration.register import register
         from dqreg.report import make_progress, print_summary
 
     # Asked before the work starts, so that no result is lost after it.
@@ -135,8 +135,8 @@ def _check(
     report: Path | None,
     lengths: dict[str, float | None],
 ) -> None:
-    from dqreg.atomic import require_writable
-    from dqreg.trust.deviation_files import require_suffix
+    from dqreg.files.atomic import require_writable
+    from dqreg.inspection.deviation_files import require_suffix
 
     for path in (out, aligned, deviations, report):
         if path is not None:

@@ -12,8 +12,8 @@ from dqreg.cli.outputs import as_json_option, consoles, deviation_record, print_
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
+    from dqreg.registration.result import Registration
     from dqreg.report.story import Story
-    from dqreg.result import Registration
 
 FILE = click.Path(path_type=Path)
 VIEWS = "best"
@@ -55,12 +55,12 @@ def show(
     dqreg show result.json                          a window, where there is a display
     """
     with loading():
-        from dqreg.atomic import require_writable, write_atomically
+        from dqreg.files.atomic import require_writable, write_atomically
+        from dqreg.registration.result import Registration
         from dqreg.report.page import to_html
         from dqreg.report.pictures import parse_panels, picture_path, save_picture
         from dqreg.report.story import tell
         from dqreg.report.window import open_window, require_display
-        from dqreg.result import Registration
 
     # Everything that can be refused is asked before the work.
     panels = parse_panels(views)

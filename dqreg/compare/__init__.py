@@ -1,21 +1,20 @@
 """The same tasks through every engine, ours and our peers', scored by one judge.
 
-- `dqreg.compare.judge`: pose errors and surface errors; imports no engine. - `dqreg.compare.tasks`,
-`dqreg.compare.sweep`, `dqreg.compare.cells`: what is to be done, in two fair settings. - `dqreg.compare.run`: the
+- `dqreg.compare.judge`: pose errors and surface errors; imports no engine. - `dqreg.compare.plan`,
+`dqreg.compare.sweep`, `dqreg.compare.sweep_tasks`: what is to be done, in two fair settings. - `dqreg.compare.run`: the
 comparison; `dqreg.compare.worker`: each engine in a process of its own; `dqreg.compare.store`: every run as a JSON
-line. - `dqreg.compare.summary`, `dqreg.compare.tables`, `dqreg.compare.plots`, `dqreg.compare.page`: what came out.
+line. - `dqreg.compare.summary`, `dqreg.compare.tables`, `dqreg.compare.plots`, `dqreg.compare.output`: what came out.
 """
 
 from __future__ import annotations
 
-from dqreg.compare.challenge import Challenge, Loop
+from dqreg.compare.case import Challenge, Loop
 from dqreg.compare.judge import Score, Yardstick, judge
-from dqreg.compare.plan import Rules
-from dqreg.compare.poses import Truth, read_truth
+from dqreg.compare.plan import Rules, from_case, from_pair
 from dqreg.compare.run import Comparison, Progress, compare
 from dqreg.compare.sweep import Sweep
 from dqreg.compare.sweep_file import read_sweep
-from dqreg.compare.tasks import from_case, from_pair
+from dqreg.compare.truth import Truth, read_truth
 from dqreg.files.poses import read_pose
 
 __all__ = [

@@ -14,9 +14,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dqreg.compare.challenge import thinned
+from dqreg.compare.case import thinned
+from dqreg.compare.engines.protocol import Attempt, Task
 from dqreg.compare.entrants import Entrant
-from dqreg.engines.protocol import Attempt, Task
 
 Status = Literal["ran", "error", "crashed", "timeout", "memory"]
 _STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from dqreg.engines.protocol import Setting
+from dqreg.compare.engines.protocol import Setting
 from dqreg.errors import InputError
 
 
@@ -37,7 +37,7 @@ class Entrant:
         if self.place == "object":
             return self.engine
         if self.place == "registry":
-            from dqreg.engines.registry import engine
+            from dqreg.compare.engines.registry import engine
 
             return engine(self.name)
         return next(found for found in _in_file(Path(self.place)) if found.name == self.name)
@@ -47,7 +47,7 @@ def entrants(engines: Iterable[Any] | None) -> list[Entrant]:
     """Engines that shall take part."""
     found: list[Entrant] = []
     if engines is None:
-        from dqreg.engines.registry import ENGINES
+        from dqreg.compare.engines.registry import ENGINES
 
         engines = list(ENGINES)
     for item in engines:
@@ -78,7 +78,7 @@ def _resolve(item: Any) -> list[Entrant]:
         path = Path(item).resolve()
         return [_entrant(engine, str(path)) for engine in _in_file(path)]
     if isinstance(item, str):
-        from dqreg.engines.registry import engine
+        from dqreg.compare.engines.registry import engine
 
         return [_entrant(engine(item), "registry")]
     if not _is_engine(item):

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import RIGID_TOLERANCE, FloatArray, as_float
+from dqreg._arrays import RIGID_TOLERANCE, FloatArray, as_float
 from dqreg.errors import InputError
 from dqreg.geometry import Surface
 from dqreg.rigid import pose

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
+import importlib.resources
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from dqreg.atomic import require_writable, write_atomically
-from dqreg.compare.plots import plots
+from dqreg.compare.plots import Plot, plots
 from dqreg.compare.records import plain_values, to_plain
 from dqreg.compare.run import Comparison
 from dqreg.compare.showing import markdown, to_csv
@@ -16,6 +17,19 @@ from dqreg.compare.store import FORMAT
 from dqreg.compare.summary import summarise
 from dqreg.compare.tables import Table
 from dqreg.errors import InputError
+from dqreg.files.atomic import require_writable, write_atomically
+
+
+def to_html(title: str, made: Sequence[Table], pictures: Sequence[Plot], note: str, command: str = "") -> str:
+    """Page of a comparison."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    source = importlib.resources.files("dqreg.compare").joinpath("page.html").read_text(encoding="utf-8")
+    shown = [(plot, base64.b64encode(plot.png).decode("ascii")) for plot in pictures]
+    return environment.from_string(source).render(title=title, tables=made, plots=shown, note=note, command=command)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,8 +64,6 @@ class Goals:
 
 def write(found: Comparison, made: Sequence[Table], goals: Goals, note: str, command: str) -> list[Path]:
     """Write all that is asked for."""
-    from dqreg.compare.page import to_html
-
     pictures = plots(found) if goals.report is not None or goals.plots is not None else []
     contents: dict[Path, str | bytes] = {}
     if goals.out is not None:

@@ -9,17 +9,16 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from dqreg.compare.attempt import Outcome, call, warm_up
-from dqreg.compare.challenge import Challenge
-from dqreg.compare.clock import Clock
+from dqreg.compare.case import Challenge
+from dqreg.compare.engines.protocol import Task
 from dqreg.compare.entrants import Entrant, check_sendable, entrants
+from dqreg.compare.environment import Clock, session
 from dqreg.compare.judge import judge, worst_along
-from dqreg.compare.machine import session
 from dqreg.compare.plan import Item, Rules, plan
 from dqreg.compare.records import Run, plain_values
 from dqreg.compare.store import Store, is_last
 from dqreg.compare.sweep import Sweep
 from dqreg.compare.worker import Worker
-from dqreg.engines.protocol import Task
 from dqreg.errors import InputError
 
 NOTHING = [[float("nan")] * 4] * 4

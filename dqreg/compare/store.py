@@ -12,9 +12,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from dqreg.atomic import require_writable
 from dqreg.compare.records import Run, from_plain, to_plain
 from dqreg.errors import InputError
+from dqreg.files.atomic import require_writable
 
 FORMAT = "dqreg comparison 1"
 # A run that takes longer is not repeated: its scatter is small beside it, and the others wait.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Literal
 
-from dqreg.engines.protocol import Setting
+from dqreg.compare.engines.protocol import Setting
 
 AxisName = Literal["start_angle_deg", "start_offset", "noise", "outliers", "overlap", "points", "frame", "nothing"]
 

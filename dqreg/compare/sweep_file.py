@@ -10,8 +10,8 @@ import tomllib
 from pathlib import Path
 from typing import Any, get_args
 
+from dqreg.compare.engines.protocol import Setting
 from dqreg.compare.sweep import FRAMES, Axis, AxisName, Cell, Sweep
-from dqreg.engines.protocol import Setting
 from dqreg.errors import InputError
 from dqreg.synth.parts import KINDS
 

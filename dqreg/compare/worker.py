@@ -12,10 +12,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from dqreg.child_start import safely_started
 from dqreg.compare.attempt import Outcome, call, pack, warm_up
+from dqreg.compare.engines.protocol import Task
 from dqreg.compare.entrants import Entrant
-from dqreg.engines.protocol import Task
+from dqreg.registration.batch.child_start import safely_started
 
 # Starting Python is not the engine's doing, nor is the loading of libraries in its first run, which is not timed.
 START_SECONDS, WARM_SECONDS = 120.0, 20.0

@@ -7,8 +7,8 @@ was found and what was expected. What the numbers mean (normals, units, surfaces
 from __future__ import annotations
 
 from dqreg.files.cloud_data import CloudData
-from dqreg.files.cloud_writing import write_cloud
 from dqreg.files.formats import READERS, read_cloud, read_geometry, read_mesh
 from dqreg.files.mesh_data import MeshData
+from dqreg.files.write import write_cloud
 
 __all__ = ["READERS", "CloudData", "MeshData", "read_cloud", "read_geometry", "read_mesh", "write_cloud"]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dqreg.arrays import BoolArray, FloatArray
-from dqreg.files.opening import unreadable
+from dqreg._arrays import BoolArray, FloatArray
+from dqreg.files.untrusted import unreadable
 
 
 @dataclasses.dataclass(frozen=True)

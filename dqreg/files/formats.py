@@ -15,10 +15,10 @@ from dqreg.files.cloud_data import CloudData
 from dqreg.files.mesh_data import MeshData
 from dqreg.files.meshes import read_mesh_file
 from dqreg.files.numpy_files import read_npy, read_npz
-from dqreg.files.opening import require_own_kind, require_readable, unreadable
 from dqreg.files.pcd import read_pcd
 from dqreg.files.ply import read_ply
 from dqreg.files.tables import read_table
+from dqreg.files.untrusted import require_own_kind, require_readable, unreadable
 
 READERS: dict[str, Callable[[Path], CloudData | MeshData]] = {
     ".ply": read_ply,

@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import MissingDependencyError
 from dqreg.files.mesh_data import MeshData, make_mesh
-from dqreg.files.opening import unreadable
-from dqreg.files.strangers import most_faces, require_tame_3mf, require_tame_gltf
-from dqreg.files.unit_words import unit_of_comment
+from dqreg.files.units import unit_of_comment
+from dqreg.files.untrusted import most_faces, require_tame_3mf, require_tame_gltf, unreadable
 
 # glTF is in metres by definition; 3MF states one of these words; OBJ may in a comment. STL and OFF are silent.
 UNIT_WORDS = {

@@ -10,11 +10,10 @@ from typing import IO
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.files.cloud_data import CloudData, make_cloud
-from dqreg.files.opening import unreadable
-from dqreg.files.strangers import require_tame_archive
 from dqreg.files.tables import nameless_cloud
+from dqreg.files.untrusted import require_tame_archive, unreadable
 
 # Arrays that change what `points` means: the file is then a packed sequence, its numbers no coordinates.
 PACKING_NAMES = ("offsets", "scale")

@@ -7,18 +7,140 @@ reader (0.20) hands back memory that nobody wrote, without an error.
 from __future__ import annotations
 
 import dataclasses
+import struct
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.files.cloud_data import CloudData, make_cloud
-from dqreg.files.columns import find_columns, stack_columns
 from dqreg.files.mesh_data import MeshData, make_mesh
-from dqreg.files.opening import unreadable
-from dqreg.files.ply_faces import binary_polygons, text_polygons, triangles
 from dqreg.files.ply_header import Element, PlyHeader, read_header
-from dqreg.files.text_table import parse_rows, read_text
+from dqreg.files.tables import find_columns, parse_rows, read_text, stack_columns
+from dqreg.files.untrusted import unreadable
+
+INDEX_NAMES = ("vertex_indices", "vertex_index")
+# struct's letters for the NumPy codes of PLY types.
+LETTERS = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}
+
+
+def triangles(lengths: IntArray, corners: IntArray) -> IntArray:
+    """Polygons as fans of triangles around their first corner.
+
+    Shapes: lengths (p,), corners (sum of lengths,).
+    """
+    pieces = np.maximum(lengths - 2, 0)
+    first = np.repeat(np.cumsum(lengths) - lengths, pieces)
+    step = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    fans: IntArray = corners[np.stack([first, first + step + 1, first + step + 2], axis=1)]
+    return fans
+
+
+def text_polygons(path: Path, face: Element, lines: list[str]) -> tuple[IntArray, IntArray]:
+    """Lengths and corners of the polygons of a text file.
+
+    Shapes: lengths (p,), corners (sum of lengths,).
+    """
+    index = _index_column(path, face)
+    if len(lines) < face.count:
+        expected = f"the {face.count} of its header; was the file cut short?"
+        raise unreadable(path, f"{len(lines)} face lines", expected)
+    polygons: list[list[int]] = []
+    try:
+        for line in lines[: face.count]:
+            words, at = line.split(), 0
+            for column in face.properties[:index]:
+                at += 1 + (int(words[at]) if column.count_type else 0)
+            count = int(words[at])
+            polygon = [int(word) for word in words[at + 1 : at + 1 + count]]
+            if len(polygon) != count:
+                raise ValueError(f"{count} corners are announced")
+            polygons.append(polygon)
+    except (ValueError, IndexError) as error:
+        raise unreadable(path, f"the face line {line!r}", "a count and as many vertex indices") from error
+    return _flat(path, polygons)
+
+
+def binary_polygons(path: Path, header: PlyHeader, face: Element) -> tuple[IntArray, IntArray]:
+    """Lengths and corners of the polygons of a binary file.
+
+    Shapes: lengths (p,), corners (sum of lengths,).
+    """
+    index = _index_column(path, face)
+    before = header.elements[: header.elements.index(face)]
+    if any(element.has_lists for element in before):
+        raise unreadable(path, "lists of varying length before the faces", "faces right after vertices")
+    start = header.size + sum(element.count * element.least_row_bytes for element in before)
+    with path.open("rb") as stream:
+        stream.seek(start)
+        body = stream.read()
+    try:
+        alike = _alike_rows(body, face, header.byte_order)
+        if alike is not None:
+            corners = alike[f"list {index}"].astype(np.int64)
+            return np.full(face.count, corners.shape[1], dtype=np.int64), corners.ravel()
+        return _flat(path, _unlike_rows(body, face, header.byte_order, index))
+    except (struct.error, ValueError) as error:
+        expected = f"{face.count} faces; was it cut short?"
+        raise unreadable(path, "a file that ends within its faces", expected) from error
+
+
+def _index_column(path: Path, face: Element) -> int:
+    for k, column in enumerate(face.properties):
+        if column.name in INDEX_NAMES and column.count_type and column.type[0] != "f":
+            return k
+    names = ", ".join(column.name for column in face.properties) or "none"
+    found = f"faces without vertex indices (columns: {names})"
+    raise unreadable(path, found, f"an integer list named {INDEX_NAMES[0]}")
+
+
+def _alike_rows(body: bytes, face: Element, order: str) -> np.ndarray[tuple[int], np.dtype[np.void]] | None:
+    # Nearly every file has lists of one length; then a row is a fixed record and no loop is needed.
+    fields: list[tuple[str, str, int]] = []
+    at = 0
+    for k, column in enumerate(face.properties):
+        length = 1
+        if column.count_type:
+            (length,) = struct.unpack_from(order + LETTERS[column.count_type], body, at)
+            if length <= 0:
+                return None
+            fields.append((f"count {k}", order + column.count_type, 1))
+            at += int(column.count_type[1])
+        fields.append((f"list {k}", order + column.type, length))
+        at += length * int(column.type[1])
+    row = np.dtype([(name, kind, (length,)) for name, kind, length in fields])
+    if row.itemsize * face.count > len(body):
+        return None
+    rows = np.frombuffer(body, dtype=row, count=face.count)
+    same = all((rows[name] == rows[name][0]).all() for name, _, _ in fields if name.startswith("count"))
+    return rows if same else None
+
+
+def _unlike_rows(body: bytes, face: Element, order: str, index: int) -> list[tuple[int, ...]]:
+    # A row's place depends on the row before it, so this one loop cannot be an array operation.
+    at = 0
+    polygons: list[tuple[int, ...]] = []
+    for _ in range(face.count):
+        for k, column in enumerate(face.properties):
+            length = 1
+            if column.count_type:
+                (length,) = struct.unpack_from(order + LETTERS[column.count_type], body, at)
+                at += int(column.count_type[1])
+            if length < 0 or at + length * int(column.type[1]) > len(body):
+                raise ValueError("a list is longer than the file")
+            if k == index:
+                polygons.append(struct.unpack_from(f"{order}{length}{LETTERS[column.type]}", body, at))
+            at += length * int(column.type[1])
+    return polygons
+
+
+def _flat(path: Path, polygons: Sequence[Sequence[int]]) -> tuple[IntArray, IntArray]:
+    lengths = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
+    try:
+        return lengths, np.array([corner for polygon in polygons for corner in polygon], dtype=np.int64)
+    except OverflowError as error:
+        raise unreadable(path, "a vertex index of more than 64 bits", "indices of vertices") from error
 
 
 def read_ply(path: Path) -> CloudData | MeshData:

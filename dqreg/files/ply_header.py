@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-from dqreg.files.opening import unreadable
-from dqreg.files.unit_words import unit_of_comment
+from dqreg.files.units import unit_of_comment
+from dqreg.files.untrusted import unreadable
 
 # NumPy codes of the PLY types, under their old and new names.
 TYPES = {

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, as_float, as_pose
+from dqreg._arrays import FloatArray, as_float, as_pose
 from dqreg.errors import InputError
-from dqreg.files.opening import require_readable, unreadable
-from dqreg.files.text_table import read_text
+from dqreg.files.tables import read_text
+from dqreg.files.untrusted import require_readable, unreadable
 
 POSE = "T_target_source"
 # Starts that need no file.

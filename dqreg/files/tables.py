@@ -3,15 +3,88 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.files.cloud_data import CloudData, make_cloud
-from dqreg.files.columns import find_columns
-from dqreg.files.opening import unreadable
-from dqreg.files.text_table import parse_rows, read_text
+from dqreg.files.untrusted import unreadable
+
+
+def read_text(path: Path, skip_bytes: int = 0) -> str:
+    """Text of a file."""
+    with path.open("rb") as stream:
+        stream.seek(skip_bytes)
+        data = stream.read()
+    if b"\0" in data:
+        raise unreadable(path, "binary data", "text: one row of numbers per point (UTF-8, not UTF-16)")
+    return data.decode("utf-8-sig", errors="replace")
+
+
+def parse_rows(
+    path: Path,
+    lines: list[str],
+    *,
+    columns: int | None = None,
+    delimiter: str | None = None,
+    wanted: Sequence[int] | None = None,
+) -> FloatArray:
+    """Numbers of text lines.
+
+    Shapes: returns (rows, columns).
+
+    >>> parse_rows(Path("a.xyz"), ["1 2 3", "4 5 nan"]).shape
+    (2, 3)
+    """
+    if not lines:
+        return np.zeros((0, columns or 0))
+    try:
+        table = np.loadtxt(lines, dtype=np.float64, delimiter=delimiter, usecols=wanted, ndmin=2, comments=None)
+    except ValueError as error:
+        # NumPy's second clause advises programmers.
+        reason = str(error).split(";")[0].rstrip(".")
+        found = f"{reason} (counted from the first row of numbers)"
+        raise unreadable(path, found, "as many numbers in each row") from error
+    if columns is not None and table.shape != (len(lines), columns):
+        found = f"{len(table)} rows of {table.shape[1]} numbers"
+        raise unreadable(path, found, f"{len(lines)} rows of {columns}; was the file cut short?")
+    return table
+
+
+POSITION_NAMES = ("x", "y", "z")
+NORMAL_NAMES = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"), ("normalx", "normaly", "normalz"))
+
+
+def find_columns(path: Path, names: Sequence[str]) -> tuple[list[int], list[int] | None]:
+    """Where x, y, z and, if there are any, the three normal components stand.
+
+    >>> find_columns(Path("a.csv"), ["Intensity", "X", "Y", "Z"])
+    ([1, 2, 3], None)
+    """
+    lower = [name.lower() for name in names]
+    if not set(POSITION_NAMES) <= set(lower):
+        raise unreadable(path, f"the columns {', '.join(names) or '(none)'}", "columns named x, y and z")
+    positions = [lower.index(name) for name in POSITION_NAMES]
+    for trio in NORMAL_NAMES:
+        if set(trio) <= set(lower):
+            return positions, [lower.index(name) for name in trio]
+    return positions, None
+
+
+def stack_columns(columns: Sequence[FloatArray], wanted: Sequence[int]) -> FloatArray:
+    """Some columns side by side, in float64.
+
+    Shapes: returns (n, number wanted).
+
+    >>> stack_columns([np.array([1, 2]), np.array([3, 4])], [1, 0]).tolist()
+    [[3.0, 1.0], [4.0, 2.0]]
+    """
+    # The cast of a signalling NaN warns; as any NaN it is dropped and counted later.
+    with np.errstate(invalid="ignore"):
+        return np.stack([columns[k].astype(np.float64) for k in wanted], axis=1)
+
 
 COMMENTS = ("#", "//")
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
-from dqreg.geometry.convert import as_geometry
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.mesh_surface import MeshSurface
-from dqreg.geometry.prepare import Scan, prepare_scan
+from dqreg.geometry.opening import as_geometry
 from dqreg.geometry.sampling import sample_mesh
+from dqreg.geometry.scan import Scan, prepare_scan
 from dqreg.geometry.surface import Closest, Surface
 
 __all__ = [

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import BoolArray, FloatArray, as_float, as_vectors, require_workable
+from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, require_workable
 from dqreg.errors import InputError
 from dqreg.geometry.depth import depth_points
 

@@ -6,13 +6,13 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg.arrays import BoolArray, FloatArray, IntArray, bounds
+from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg.errors import InputError
+from dqreg.geometry.boundary import Rims
 from dqreg.geometry.cloud import PointCloud
+from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes_around
-from dqreg.geometry.order import distinct_in_order
-from dqreg.geometry.rims import Rims
 from dqreg.geometry.surface import Closest
 
 # Two distances that near to each other may be equal: then the tree decides.

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, IntArray, as_float
+from dqreg._arrays import FloatArray, IntArray, as_float
 from dqreg.errors import InputError
 
 # Pixels to each side that a fit may use.

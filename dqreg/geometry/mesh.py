@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, IntArray, as_vectors, require_workable
+from dqreg._arrays import FloatArray, IntArray, as_vectors, require_workable
 from dqreg.errors import InputError
-from dqreg.geometry.borders import Borders
+from dqreg.geometry.boundary import Borders
 from dqreg.geometry.topology import Topology
 
 

@@ -2,17 +2,47 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import BoolArray, FloatArray, IntArray
-from dqreg.geometry.borders import Borders
-from dqreg.geometry.face_sides import FaceSides
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._open3d import load_open3d
+from dqreg.geometry.boundary import Borders
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.surface import Closest
-from dqreg.open3d_gate import load_open3d
+
+
+@dataclasses.dataclass(frozen=True)
+class FaceSides:
+    """Planes square to n faces through their sides, one face a query."""
+
+    # (3, 3, n): Unit normals in the face's plane that point inside: side (first to second corner, ...), axis, face
+    inward: FloatArray
+    offsets: FloatArray  # (3, n): Their products with the sides' places
+
+    @staticmethod
+    def of(corners: FloatArray, normals: FloatArray) -> FaceSides:
+        """Sides of faces.
+
+        Shapes: corners (n, 3, 3).
+        """
+        # By columns, (corner, axis, face): three numbers a row are too few for NumPy to be quick about.
+        a = np.ascontiguousarray(corners.transpose(1, 2, 0))
+        u, v, w = np.ascontiguousarray(normals.T)
+        x, y, z = (a[[1, 2, 0]] - a).transpose(1, 0, 2)
+        inward = np.stack([v * z - w * y, w * x - u * z, u * y - v * x], axis=1)
+        inward /= np.sqrt(np.einsum("kin,kin->kn", inward, inward))[:, None]
+        return FaceSides(inward, np.einsum("kin,kin->kn", inward, a))
+
+    def inset(self, points: FloatArray) -> FloatArray:
+        """Distance of each point from the nearest side of its face, negative outside, (n,)."""
+        columns = np.ascontiguousarray(points.T)
+        insets: FloatArray = (np.einsum("kin,in->kn", self.inward, columns) - self.offsets).min(axis=0)
+        return insets
+
 
 # Barycentric distance to an edge below which a float32 answer cannot tell inside from outside.
 EDGE_MARGIN = 1e-3

@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg.arrays import FloatArray, IntArray, bounds
-from dqreg.open3d_gate import load_open3d
+from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg._open3d import load_open3d
 
 # Neighbours of its own points that a tree remembers: what normals and rims of a cloud are read from.
 AROUND = 24

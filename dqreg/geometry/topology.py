@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg.arrays import BoolArray, FloatArray, IntArray
-from dqreg.geometry.weld import merge_identical
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.files.mesh_data import merge_identical
 
 
 @dataclasses.dataclass(frozen=True)

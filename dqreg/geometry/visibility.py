@@ -6,12 +6,12 @@ import dataclasses
 
 import numpy as np
 
-from dqreg.arrays import BoolArray, FloatArray, IntArray
-from dqreg.geometry.borders import Borders
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._open3d import load_open3d
+from dqreg.geometry.boundary import Borders
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.surface import Closest
-from dqreg.open3d_gate import load_open3d
 from dqreg.rigid import twist
 
 # Places that are looked at, shared out by area, and on each face at least: its middle, and one near each corner.

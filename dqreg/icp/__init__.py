@@ -6,15 +6,15 @@ Estimators, kernels, weights and stopping rules are values that can be exchanged
 
 from __future__ import annotations
 
+from dqreg.icp.coarse_to_fine import COARSE, find_basin, run_graduated, width_floor
 from dqreg.icp.constrained import constrained
+from dqreg.icp.correspondences import Pairs, carried, correspond
 from dqreg.icp.estimators import ESTIMATORS, Estimator, points_and_normals, points_only, points_to_planes, svd_points
-from dqreg.icp.graduated import COARSE, find_basin, run_graduated, width_floor
-from dqreg.icp.kernels import Huber, InlierMixture, LeastSquares, Tukey, Welsch
+from dqreg.icp.level import Level, Plan, Schedule
 from dqreg.icp.loop import NO_POSE, Icp, Observer, Run
-from dqreg.icp.pairs import Pairs, carried, correspond
-from dqreg.icp.stage import Level, Plan, Schedule
+from dqreg.icp.rejectors import NormalAngle, Robust, Trimmed, WithinDistance
 from dqreg.icp.stopping import Stopping
-from dqreg.icp.weights import NormalAngle, Robust, Trimmed, WithinDistance
+from dqreg.solvers.robust import Huber, InlierMixture, LeastSquares, Tukey, Welsch
 
 __all__ = [
     "COARSE",

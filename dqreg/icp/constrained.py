@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
+from dqreg.icp.correspondences import Pairs
 from dqreg.icp.estimators import Estimator
-from dqreg.icp.pairs import Pairs
 from dqreg.solvers import Fit, Freedom, PoseCost
-from dqreg.solvers.cost_minimise import minimise
-from dqreg.solvers.cost_motions import FREE
-from dqreg.solvers.pose_newton import FLAT
+from dqreg.solvers.minimise import FREE, minimise
+from dqreg.solvers.newton import FLAT
 from dqreg.solvers.quadratic import QuadraticForm, direction_form, plane_form, point_form
 
 # Pairs with known normals from which on planes are used: fewer fix less than the six motions.

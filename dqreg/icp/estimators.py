@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
-from dqreg.icp.generalised import form_of_pairs
-from dqreg.icp.pairs import Pairs
+from dqreg._arrays import FloatArray
+from dqreg.icp.correspondences import Pairs
+from dqreg.icp.plane_to_plane import form_of_pairs
 from dqreg.solvers import Fit, moments_of, solve_moments, svd
-from dqreg.solvers.pose_newton import minimise
+from dqreg.solvers.newton import minimise
 from dqreg.solvers.quadratic import QuadraticForm, plane_form
 
 Estimator = Callable[[Pairs, FloatArray, float], Fit]
@@ -75,8 +75,8 @@ def points_to_planes(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
 def surfaces_to_surfaces(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
     """Surfaces onto surfaces, each pair weighed by the normals of both sides and by how sure they are.
 
-    See `dqreg.icp.generalised`. Between two clouds, where either side's planes are guesses, it beats points to planes;
-    on an exact mesh it does not.
+    See `dqreg.icp.plane_to_plane`. Between two clouds, where either side's planes are guesses, it beats points to
+    planes; on an exact mesh it does not.
     """
     used = (weights > 0.0) & pairs.closest.normals.any(axis=1)
     if np.count_nonzero(used) < 6:

@@ -8,18 +8,18 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
-from dqreg.geometry.prepare import Scan
+from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
 from dqreg.icp.acceleration import Anderson
+from dqreg.icp.correspondences import Pairs, correspond
 from dqreg.icp.estimators import Estimator, points_and_normals
-from dqreg.icp.kernels import Kernel, LeastSquares
-from dqreg.icp.pairs import Pairs, correspond
+from dqreg.icp.history import Iteration
+from dqreg.icp.rejectors import Robust, Weight, product
 from dqreg.icp.stopping import Stopping
-from dqreg.icp.weights import Robust, Weight, product
-from dqreg.records import Iteration
 from dqreg.rigid import pose
+from dqreg.solvers.robust import Kernel, LeastSquares
 
 Observer = Callable[[Iteration], object]
 

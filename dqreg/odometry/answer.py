@@ -12,7 +12,7 @@ from dqreg.odometry.kiss import rigid
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.trust import held_by
 from dqreg.odometry.verdicts import FrameEvidence, frame_verdict, without_pose
-from dqreg.result import Registration
+from dqreg.registration.result import Registration
 from dqreg.trust import observe_directions
 
 

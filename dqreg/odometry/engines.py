@@ -10,15 +10,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import InputError, MissingDependencyError
 from dqreg.odometry.frame import read_frame
 from dqreg.odometry.kiss import load_kiss, rigid
 from dqreg.odometry.odometry import Odometry
 from dqreg.odometry.scans import FrameData, Scans
 from dqreg.odometry.settings import OdometrySettings
-from dqreg.records import Verdict
-from dqreg.result import Registration
+from dqreg.registration.result import Registration
+from dqreg.trust.records import Verdict
 
 ENGINES = ("dq", "kiss-icp")
 

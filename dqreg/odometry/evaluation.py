@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, as_float
+from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
 from dqreg.odometry.kiss import load_kiss, rigid
 from dqreg.odometry.trajectory import bridge_gaps, found_rows

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, as_float, as_vectors
+from dqreg._arrays import FloatArray, as_float, as_vectors
 from dqreg.errors import InputError
 from dqreg.geometry import PointCloud, Scan
+from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes, sample_rows
-from dqreg.geometry.order import morton_order
-from dqreg.geometry.prepare import measure_spacing
+from dqreg.geometry.scan import measure_spacing
 from dqreg.odometry.kiss import thin
 
 # Voxels a point, over the map's: of what enters the map, and of what the pose is found from.

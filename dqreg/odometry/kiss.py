@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import MissingDependencyError
 from dqreg.odometry.settings import Resolved
 

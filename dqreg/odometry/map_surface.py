@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
 from dqreg.geometry.surface import Closest

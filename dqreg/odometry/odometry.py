@@ -9,21 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, as_pose
+from dqreg._arrays import FloatArray, as_pose
+from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
+from dqreg.odometry.align import Seeker
 from dqreg.odometry.answer import frame_result
+from dqreg.odometry.deskew import Undone
 from dqreg.odometry.frame import Keypoints, RawFrame, read_frame, thin_frame
 from dqreg.odometry.kiss import KissParts, load_kiss, rigid
 from dqreg.odometry.map_surface import MapSurface, surface_within
-from dqreg.odometry.seeker import Seeker
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
-from dqreg.odometry.sweep import Undone
 from dqreg.odometry.verdicts import first_frame, fits, without_pose
-from dqreg.open3d_gate import load_open3d
-from dqreg.records import Verdict
-from dqreg.result import Registration
+from dqreg.registration.result import Registration
 from dqreg.rigid import pose
+from dqreg.trust.records import Verdict
 
 # Places without which a frame is not worth a pose, and cannot begin a map.
 FEWEST_PLACES = 30

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
-from dqreg.atomic import write_atomically
+from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
+from dqreg.files.atomic import write_atomically
 from dqreg.odometry.engines import Trip
 from dqreg.odometry.evaluation import relative_errors
 from dqreg.odometry.trajectory import bridge_gaps

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, as_vectors
+from dqreg._arrays import FloatArray, as_vectors
+from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
 from dqreg.files import read_cloud
 from dqreg.odometry.kiss import load_kiss
-from dqreg.open3d_gate import load_open3d
 
 # What a frame may be in a folder of them; text files beside the scans are poses and times.
 KINDS = (".bin", ".csv", ".npy", ".npz", ".pcd", ".ply", ".xyz")

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 
 # Voxel over the median range of the first frame: 0.4 m in halls and streets, 0.1 m on a desk.

@@ -10,7 +10,7 @@ import functools
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.rigid import twist
 

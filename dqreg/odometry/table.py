@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.odometry.engines import Trip
 from dqreg.odometry.evaluation import CHI2_HIGH, evaluate, nees

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import BoolArray, FloatArray, IntArray, as_float
-from dqreg.atomic import write_atomically
+from dqreg._arrays import BoolArray, FloatArray, IntArray, as_float
 from dqreg.errors import InputError
+from dqreg.files.atomic import write_atomically
+from dqreg.odometry.engines import Trip
 from dqreg.odometry.kiss import rigid
+from dqreg.odometry.scans import Scans
+from dqreg.registration.result import Registration
 from dqreg.rigid import DualQuaternion, quaternion
 
 FORMATS = ("kitti", "tum")
@@ -145,3 +150,75 @@ def read_trajectory(path: str | Path) -> tuple[FloatArray, FloatArray | None]:
     if gap > 1e-2 or not (np.linalg.det(poses[:, :3, :3]) > 0.0).all():
         raise InputError(f"{path}: a rotation block departs from a rotation by {gap:.3g}; expected rigid poses")
     return np.stack([rigid(T) for T in poses]), times
+
+
+HEADER = (
+    "frame",
+    "name",
+    "time",
+    "level",
+    "x",
+    "y",
+    "z",
+    "sigma_turn_deg",
+    "sigma_shift",
+    "on_map",
+    "rms",
+    "seconds",
+    "reasons",
+)
+
+
+def write_frames(path: str | Path, trip: Trip, scans: Scans) -> None:
+    """Write verdict, place, one-sigmas and reasons of every frame as CSV."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(HEADER)
+    for number, name in enumerate(scans.names):
+        time = "" if scans.times is None else f"{scans.times[number]:.9f}"
+        place = [_number(value) for value in trip.poses[number, :3, 3]]
+        words = [""] * 6
+        if trip.results:
+            result = trip.results[number]
+            words = [
+                result.verdict.level,
+                *(_number(value) for value in (*_sigmas(result), result.inlier_fraction, result.rms)),
+                "; ".join(result.verdict.reasons),
+            ]
+        row = [number, name, time, words[0], *place, *words[1:5], _number(trip.seconds[number]), words[5]]
+        writer.writerow(row)
+    write_atomically(Path(path), text.getvalue())
+
+
+def to_records(trip: Trip, scans: Scans) -> list[dict[str, Any]]:
+    """The frames as plain values."""
+    records = []
+    for number, name in enumerate(scans.names):
+        result = trip.results[number] if trip.results else None
+        turn, shift = (None, None) if result is None else _sigmas(result)
+        records.append(
+            {
+                "frame": number,
+                "name": name,
+                "time": None if scans.times is None else float(scans.times[number]),
+                "level": None if result is None else result.verdict.level,
+                "T_target_source": trip.poses[number],
+                "sigma_turn_deg": turn,
+                "sigma_shift": shift,
+                "on_map": None if result is None else result.inlier_fraction,
+                "rms": None if result is None else result.rms,
+                "seconds": float(trip.seconds[number]),
+                "reasons": [] if result is None else list(result.verdict.reasons),
+            }
+        )
+    return records
+
+
+def _sigmas(result: Registration) -> tuple[float, float]:
+    """One sigma of the turn in degrees and of the shift."""
+    turn, shift = (float(np.sqrt(np.trace(result.covariance[part, part]))) for part in (slice(3), slice(3, 6)))
+    return float(np.rad2deg(turn)), shift
+
+
+def _number(value: float) -> str:
+    return f"{value:.6g}" if np.isfinite(value) else ""

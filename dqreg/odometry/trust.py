@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.icp import Run
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.rigid import pose

@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
-from dqreg.records import Direction, Verdict
-from dqreg.result import Registration
+from dqreg._arrays import FloatArray
+from dqreg.registration.result import Registration
+from dqreg.trust.records import Direction, Verdict
 
 # Share of points on the map below which a frame fits badly: in itself, and against the frames before it.
 FEW_ON_MAP, FALL = 0.5, 0.75

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.papers.cells import short_number
 from dqreg.papers.document import Cell, Column, Section, Table

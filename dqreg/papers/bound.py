@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.rigid import quaternion
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, PointCloud, Scan, Surface, prepare_scan
 from dqreg.icp import Icp, Pairs, Stopping, points_and_normals, points_only
 from dqreg.icp.estimators import Estimator

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.papers.document import Column, Section, Table
 from dqreg.rigid import quaternion
 

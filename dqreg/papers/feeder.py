@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 
 SIZE = (322.0, 84.0, 151.0)
 DIAGONAL = float(np.linalg.norm(SIZE))

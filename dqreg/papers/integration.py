@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.papers.document import Column, Curve, Figure, Panel, Section, Table, floats
 from dqreg.rigid import quaternion
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from dqreg.atomic import require_writable, write_atomically
 from dqreg.errors import InputError
+from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.papers.document import Report
 
 RESULTS, PAGE = "results.json", "report.html"

@@ -90,8 +90,11 @@ def reproduce(
 def _versions() -> dict[str, str]:
     from importlib.metadata import version
 
-    import dqreg
-
     packages = {name: version(name) for name in ("numpy", "scipy", "matplotlib", "jinja2")}
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
-    return {"dqreg": dqreg.__version__, "Python": platform.python_version(), **packages, "machine": machine}
+    return {
+        "dqreg": version("dqreg"),
+        "Python": platform.python_version(),
+        **packages,
+        "machine": machine,
+    }

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.papers.bound import covariance_of_weights, cramer_rao, rms_of
 from dqreg.papers.document import Estimate
 from dqreg.papers.feeder import CENTRE

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.papers.document import Column, Curve, Figure, Panel, Section, Table, floats
 from dqreg.papers.trials import paper_pose
 from dqreg.rigid import pose

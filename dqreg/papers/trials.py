@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.papers.document import Estimate
 from dqreg.papers.feeder import DIAGONAL, feeder_vertices
 from dqreg.rigid import pose, quaternion

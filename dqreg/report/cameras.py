@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 
 # Yaw about z and pitch above the horizon, degrees; at (0, 0) one looks along +y, with x to the right and z up.

@@ -8,8 +8,8 @@ from html import escape
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
-from dqreg.records import Iteration
+from dqreg._arrays import FloatArray
+from dqreg.icp.history import Iteration
 from dqreg.report.colours import Scale
 
 # Canvases in CSS pixels: for a desk and paper, and for a phone. Text is never scaled down.

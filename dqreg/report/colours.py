@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg.arrays import FloatArray
-from dqreg.trust.deviation_colours import colours_of
+from dqreg._arrays import FloatArray
+from dqreg.inspection.deviation_files import colours_of
 
 TARGET = "#b9bec6"
 SOURCE = "#d96f00"

@@ -6,13 +6,13 @@ import warnings
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
-from dqreg.inputs import Inputs
+from dqreg.inspection import Deviations
+from dqreg.registration.inputs import Inputs
+from dqreg.registration.result import Registration
 from dqreg.report.colours import Scale, nice_above
-from dqreg.result import Registration
 from dqreg.rigid import pose
-from dqreg.trust import Deviations
 
 # The scale of the colours reaches that share of the points on the part, at least the first and at most the second
 # number of widths of the inliers: much clutter near the part must not wash out its colours.

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
-from dqreg.records import Direction
+from dqreg._arrays import FloatArray
+from dqreg.trust.records import Direction
 
 NUMBER = r"([-+0-9.e]+|nan)"
 TRIPLE = rf"\({NUMBER}, {NUMBER}, {NUMBER}\)"

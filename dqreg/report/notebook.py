@@ -5,14 +5,14 @@ from __future__ import annotations
 import base64
 from html import escape
 
+from dqreg.registration.result import Registration
 from dqreg.report.colours import LEVELS
+from dqreg.report.facts import motions_of
 from dqreg.report.measure import unit_of
-from dqreg.report.page_facts import motions_of
 from dqreg.report.page_tables import ADVICE, SIGNS, tiles_of
 from dqreg.report.picture_marks import as_jpeg
 from dqreg.report.pictures import Panel, draw
 from dqreg.report.story import Story, tell
-from dqreg.result import Registration
 
 # Pixels of the picture's one or two panels.
 WIDTH, HEIGHT = 520, 380

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 
 # Settings that are lengths in the target's unit.
 LENGTHS = frozenset({"max_distance", "width", "source_noise", "source_spacing", "diagonal", "centre", "near", "reach"})

@@ -12,21 +12,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.atomic import require_writable, write_atomically
+from dqreg.files.atomic import require_writable, write_atomically
+from dqreg.inspection import Deviations
+from dqreg.registration.result import Registration
 from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
 from dqreg.report.charts import NARROW, WIDE, convergence
-from dqreg.report.hints import hints_of
+from dqreg.report.facts import facts_of, hints_of
 from dqreg.report.measure import unit_of
 from dqreg.report.numbers_text import text_of
-from dqreg.report.page_facts import facts_of
 from dqreg.report.picture_marks import as_jpeg
 from dqreg.report.pictures import Panel, draw
 from dqreg.report.pose_forms import pose_forms
 from dqreg.report.story import Story, checked_tolerance, tell
 from dqreg.report.view3d import ELLIPSOID, scene_of
-from dqreg.result import Registration
-from dqreg.trust import Deviations
 
 # Pixels of one panel of the picture for print.
 PANEL_WIDTH, PANEL_HEIGHT = 760, 540

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
+from dqreg.inspection import Band
+from dqreg.registration.result import Registration
 from dqreg.report.charts import NARROW, WIDE, histogram
 from dqreg.report.numbers_text import percent, place_text, text_of
 from dqreg.report.story import REQUIRED_SHARE, Story
-from dqreg.result import Registration
-from dqreg.trust import Band
 
 ADVICE = {
     "accepted": "The pose can be used.",

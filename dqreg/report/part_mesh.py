@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, IntArray
-from dqreg.open3d_gate import load_open3d
+from dqreg._arrays import FloatArray, IntArray
+from dqreg._open3d import load_open3d
 
 # Edges of the part are drawn where it turns by that much; a rough mesh, where a quarter of all are, shows none.
 EDGE_DEG, ROUGH = 25.0, 0.25

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
-from dqreg.atomic import require_writable, write_atomically
+from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
+from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.geometry import Mesh
 from dqreg.report.cameras import BEST, VIEWS, require_view
 from dqreg.report.colours import ALIGNED, OFF_PART, SOURCE, TARGET, ByteArray, rgb

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, as_pose
+from dqreg._arrays import FloatArray, as_pose
 from dqreg.rigid import DualQuaternion, quaternion
 
 

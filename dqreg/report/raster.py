@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg.arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray
+from dqreg._open3d import load_open3d
 from dqreg.geometry import Mesh
-from dqreg.open3d_gate import load_open3d
 from dqreg.report.cameras import camera
 from dqreg.report.colours import ByteArray, rgb
 

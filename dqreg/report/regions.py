@@ -6,13 +6,13 @@ import dataclasses
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh
-from dqreg.inputs import Inputs
+from dqreg.inspection import Bands, Deviations
+from dqreg.inspection.statistics import bands_of
+from dqreg.registration.inputs import Inputs
 from dqreg.report.measure import normals_at
 from dqreg.report.part_mesh import weld_edges
-from dqreg.trust import Bands, Deviations
-from dqreg.trust.deviation_bands import bands_of
 
 # Neighbouring triangles that turn by more than this are two faces of the part.
 SHARP_DEG = 22.0

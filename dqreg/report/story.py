@@ -7,15 +7,15 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray, as_pose
+from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
-from dqreg.inputs import Inputs
+from dqreg.inspection import Deviations, Place
+from dqreg.registration.inputs import Inputs
+from dqreg.registration.result import Registration
 from dqreg.report.cameras import best_corner
 from dqreg.report.colours import Scale
 from dqreg.report.measure import normals_at, placed, quiet_deviations, scale_of, unit_of
 from dqreg.report.regions import Region, regions_of
-from dqreg.result import Registration
-from dqreg.trust import Deviations, Place
 
 # Worst places that are marked.
 PLACES = 6

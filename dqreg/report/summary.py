@@ -9,7 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dqreg.result import Registration
+    from dqreg.registration.result import Registration
 
 COLOURS = {"accepted": "green", "suspect": "yellow", "failed": "red"}
 

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg.arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh
-from dqreg.geometry.order import morton_order
+from dqreg.geometry.morton import morton_order
+from dqreg.inspection import measure_deviations
 from dqreg.report.cameras import VIEWS
 from dqreg.report.motions import motion_of
 from dqreg.report.part_mesh import fewer_triangles, sharp_edges
 from dqreg.report.story import Story
 from dqreg.rigid import pose
-from dqreg.trust import measure_deviations
 
 # What is drawn at most; about 10 bytes a point and 18 a triangle in the file.
 POINTS_ON, POINTS_OFF, POINTS_TARGET, TRIANGLES = 150_000, 30_000, 120_000, 100_000

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh
-from dqreg.open3d_gate import load_open3d
 from dqreg.report.cameras import VIEWS, camera
 from dqreg.report.colours import OFF_PART, SOURCE, TARGET, rgb
 from dqreg.report.story import Story

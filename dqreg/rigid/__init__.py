@@ -13,8 +13,7 @@
 """
 
 from dqreg.rigid import pose, quaternion
-from dqreg.rigid.dual_number import DualNumber
 from dqreg.rigid.dual_quaternion import DualQuaternion
-from dqreg.rigid.screw import Screw
+from dqreg.rigid.screw import DualNumber, Screw
 
 __all__ = ["DualNumber", "DualQuaternion", "Screw", "pose", "quaternion"]

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray, as_float, as_pose, require_finite
+from dqreg._arrays import FloatArray, as_float, as_pose, require_finite
 from dqreg.errors import InputError
 from dqreg.rigid import pose, quaternion_algebra, quaternion_matrices, quaternion_powers, screw
-from dqreg.rigid.dual_number import DualNumber
+from dqreg.rigid.screw import DualNumber
 from dqreg.rigid.twist import left_jacobian, left_jacobian_inverse
 
 # Far above the rounding of one operation, far below anything a careless caller gives.

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import RIGID_TOLERANCE, FloatArray, as_float
+from dqreg._arrays import RIGID_TOLERANCE, FloatArray, as_float
 from dqreg.errors import InputError
 
 

@@ -1,6 +1,6 @@
 """Fast helpers on 4x4 poses ``T_target_source``: p_target = R p_source + t.
 
-They run inside loops and trust that a pose is rigid; ``dqreg.arrays.as_pose`` is the check at the door.
+They run inside loops and trust that a pose is rigid; ``dqreg._arrays.as_pose`` is the check at the door.
 Nothing here changes its arguments, and read-only or strided arrays are taken as they are. A pose of NaN gives
 points of NaN.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.rigid.operands import as_poses, as_triples
 from dqreg.rigid.quaternion_algebra import normalize

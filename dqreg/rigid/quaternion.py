@@ -4,13 +4,16 @@ The index of Jia's notes in code: algebra (section 2), rotation (3), sequences (
 derivatives and integration (B), interpolation (C), Jacobians (D). Public as ``dqreg.quaternion``.
 """
 
-from dqreg.rigid.product_jacobians import (
+from dqreg.rigid.jacobians import (
     d_pq_d_p,
     d_pq_d_q,
     d_pqc_d_p,
     d_pqc_d_q,
     d_qv_d_q,
     d_qv_d_v,
+    d_rotate_d_q,
+    d_rotate_d_v,
+    d_rotate_frame_d_v,
     d_vq_d_q,
     d_vq_d_v,
 )
@@ -42,7 +45,6 @@ from dqreg.rigid.quaternion_rotation import (
     rotate_frame,
     to_axis_angle,
 )
-from dqreg.rigid.rotation_jacobians import d_rotate_d_q, d_rotate_d_v, d_rotate_frame_d_v
 
 __all__ = [
     "add",

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray, as_float
+from dqreg._arrays import FloatArray, as_float
 from dqreg.rigid.operands import as_unit_quaternions
 from dqreg.rigid.quaternion_algebra import conjugate, multiply
 from dqreg.rigid.quaternion_powers import polar, power

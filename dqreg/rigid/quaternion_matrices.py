@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.rigid.operands import as_quaternions, as_rotations, as_unit_quaternions
 from dqreg.rigid.quaternion_algebra import canonical, cross_matrix
 

@@ -10,7 +10,7 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray, as_float
+from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
 from dqreg.rigid.operands import as_directions, as_triples, as_unit_quaternions
 from dqreg.rigid.quaternion_algebra import conjugate, multiply

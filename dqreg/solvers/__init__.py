@@ -9,19 +9,19 @@
 """
 
 from dqreg.solvers.arun import svd
-from dqreg.solvers.batch import Fits, solve_many
+from dqreg.solvers.batched import Fits, solve_many
 from dqreg.solvers.closed_form import solve_moments
-from dqreg.solvers.cost import PoseCost
-from dqreg.solvers.cost_fit import PoseFit
-from dqreg.solvers.euclidean import solve
+from dqreg.solvers.dof import Freedom
+from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.fit import Fit
-from dqreg.solvers.freedom import Freedom
-from dqreg.solvers.jia import horn
-from dqreg.solvers.likelihood import LikelihoodWeights, likelihood_weights, normal_variance
+from dqreg.solvers.horn import horn
+from dqreg.solvers.least_squares import solve
 from dqreg.solvers.matches import Matches, read_matches
 from dqreg.solvers.moments import Moments, moments_of
-from dqreg.solvers.pose_cost import cost_of_pose
+from dqreg.solvers.pose_cost import PoseCost
+from dqreg.solvers.pose_cost_rows import PoseFit
 from dqreg.solvers.walker import WalkerFit, walker1991
+from dqreg.solvers.weights import LikelihoodWeights, likelihood_weights, normal_variance
 
 __all__ = [
     "Fit",

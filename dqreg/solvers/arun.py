@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.solvers.centred import centre, fit_of_rotation
 from dqreg.solvers.fit import Fit
+from dqreg.solvers.least_squares import centre, fit_of_rotation
 from dqreg.solvers.matches import read_matches
 
 

@@ -27,7 +27,7 @@ import math
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.moments import Moments

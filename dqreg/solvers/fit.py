@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 
 if TYPE_CHECKING:
     from dqreg.rigid.dual_quaternion import DualQuaternion

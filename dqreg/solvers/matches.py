@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray, as_vectors, as_weights, require_finite, require_workable
+from dqreg._arrays import FloatArray, as_vectors, as_weights, require_finite, require_workable
 from dqreg.errors import InputError
 
 

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg.arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclasses.dataclass(frozen=True)

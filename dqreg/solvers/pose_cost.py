@@ -1,93 +1,404 @@
-"""The cost of a pose from the residuals themselves: one more pass over the matches, exact however small it is."""
+"""`PoseCost`: one quadratic cost of a pose over points, planes, lines, directions and priors; it adds up."""
 
 from __future__ import annotations
 
+import dataclasses
+import numbers
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray
-from dqreg.solvers.matches import Matches
+from dqreg._arrays import FloatArray, as_pose
+from dqreg.errors import InputError
+from dqreg.rigid import pose
+from dqreg.solvers.dof import Freedom
+from dqreg.solvers.dof_words import as_frame
+from dqreg.solvers.minimise import minimise
+from dqreg.solvers.pose_cost_rows import PoseFit, form_of, prior_form, read_covariance
+from dqreg.solvers.quadratic import QuadraticForm, derivatives, direction_form, line_form, plane_form, point_form
 
-# Rows a chunk: it stays in the cache and below the size at which BLAS wakes its threads.
-CHUNK = 3072
-# Rows up to which plain expressions are quicker than preparing chunks.
-FEW = 512
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class PoseCost:
+    """Sum of squares as a function of the pose, whatever and however many features it is made of.
 
-def cost_of_pose(T_target_source: FloatArray, matches: Matches) -> tuple[float, float]:
-    """Points' and directions' part of ``sum beta |R p + t - q|^2 + sum alpha |R m - n|^2``.
+    ``E = y^T M y`` with ``y = (vec R, t, 1)``: one 13x13 matrix. Costs add up: those of several kinds of features, of
+    the chunks of a cloud too large for the memory (``sum(PoseCost.planes(*c) for c in chunks)``), of threads and
+    machines. Made by `points`, `planes`, `lines`, `directions` and `prior`; weights are ``1 / variance`` where the
+    cost shall be one of maximum likelihood, as it must be next to a prior.
 
-    Parameters
+    Attributes
     ----------
-    T_target_source : ndarray, (4, 4)
-        Pose to weigh.
-    matches : Matches
-        Matched points and directions.
-
-    Returns
-    -------
-    point_cost, direction_cost : float
-        Sums of squares, never negative; their sum is the cost.
+    form : QuadraticForm
+        The matrix, about an origin near the features on either side, so that far coordinates cost no digits.
 
     Examples
     --------
-    >>> from dqreg.solvers.matches import read_matches
-    >>> cost_of_pose(np.eye(4), read_matches([[0, 0, 0], [1, 0, 0]], [[0, 0, 2], [1, 0, 0]]))
-    (4.0, 0.0)
+    >>> p = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
+    >>> q = p + [1.0, 2.0, 3.0]
+    >>> cost = PoseCost.planes(p, q, [[0, 0, 1], [0, 0, 1], [0, 0, 1], [1, 0, 0]]) + PoseCost.points(p, q, weights=0.1)
+    >>> cost.minimise().T_target_source[:3, 3].round(9).tolist()
+    [1.0, 2.0, 3.0]
     """
-    R, t = T_target_source[:3, :3], T_target_source[:3, 3]
-    m = matches
-    return (
-        _residual_sum(m.points_source, m.points_target, m.point_weights, R, t),
-        _residual_sum(m.directions_source, m.directions_target, m.direction_weights, R, None),
-    )
 
+    form: QuadraticForm
 
-def _residual_sum(
-    source: FloatArray, target: FloatArray, weights: FloatArray | None, R: FloatArray, t: FloatArray | None
-) -> float:
-    if not len(source):
-        return 0.0
-    if len(source) <= FEW:
-        away = source @ R.T - target if t is None else (source - source[0]) @ R.T - (target - target[0])
-        if t is not None:
-            away += _miss(source[0], target[0], R, t)
-        squares = np.square(away, out=away)
-        return float(squares.sum()) if weights is None else float((weights @ squares).sum())
-    work = np.zeros((2, min(CHUNK, len(source) + len(source) % 2), 3)).reshape(2, -1)
-    near = None if t is None else _first_match(source[0], target[0], R, t, len(work[0]))
-    # Two rows of three turn as one row of six, at half the price.
-    turn, total = np.kron(np.eye(2), R.T), 0.0
-    for first in range(0, len(source), CHUNK):
-        p, q = source[first : first + CHUNK].ravel(), target[first : first + CHUNK].ravel()
-        moved, turned = work[0, : p.size], work[1, : p.size]
-        if near is not None:
-            p = np.subtract(p, near[0, : p.size], out=moved)
-        if p.size % 6 == 0:
-            np.matmul(p.reshape(-1, 6), turn, out=turned.reshape(-1, 6))
-        else:
-            np.matmul(p.reshape(-1, 3), R.T, out=turned.reshape(-1, 3))
-        if near is not None:
-            q = np.subtract(q, near[1, : q.size], out=moved)
-        residual = np.subtract(turned, q, out=turned)
-        if near is not None:
-            residual += near[2, : q.size]
-        if weights is None:
-            total += float(np.dot(residual, residual))
-        else:
-            squared = np.multiply(residual, residual, out=moved).reshape(-1, 3) @ np.ones(3)
-            total += float(np.dot(weights[first : first + CHUNK], squared))
-    return total
+    @classmethod
+    def points(cls, p: ArrayLike, q: ArrayLike, weights: ArrayLike | None = None) -> PoseCost:
+        """``sum w |R p + t - q|^2``: points onto points.
 
+        Parameters
+        ----------
+        p, q : array_like, (n, 3)
+            Source points and the target points they belong to. Arrays on disk (memory maps) are read in slices.
+        weights : array_like, (n,) or float, optional
+            1 where not given; 0 rejects a row.
 
-def _first_match(a: FloatArray, b: FloatArray, R: FloatArray, t: FloatArray, size: int) -> FloatArray:
-    """First match, to be taken from source and target, and its residual, to be added; as often as fills ``size``.
+        Returns
+        -------
+        PoseCost
+            The sum; zero where there are no rows.
 
-    Far from the origin R p + t would round at the size of the coordinates, and hide the residual.
-    """
-    return np.tile(np.stack((a, b, _miss(a, b, R, t))), size // 3)
+        Raises
+        ------
+        InputError
+            If shapes or counts are wrong, a number is not finite, or a weight is negative.
 
+        Examples
+        --------
+        >>> PoseCost.points([[0, 0, 0]], [[3, 4, 0]]).value(np.eye(4))
+        25.0
+        """
+        return cls(form_of({"p": p, "q": q}, weights, lambda x, w, o: point_form(x[0], x[1], w, o)))
 
-def _miss(a: FloatArray, b: FloatArray, R: FloatArray, t: FloatArray) -> FloatArray:
-    """``R a + t - b``, with R - I first: of small turns of far points nothing is lost."""
-    miss: FloatArray = (R - np.eye(3)) @ a + t - (b - a)
-    return miss
+    @classmethod
+    def planes(cls, p: ArrayLike, q: ArrayLike, normals: ArrayLike, weights: ArrayLike | None = None) -> PoseCost:
+        """``sum w (n . (R p + t - q))^2``: points onto planes.
+
+        Parameters
+        ----------
+        p, q, normals : array_like, (n, 3)
+            Source points, a point of each target plane, its normal in the target frame, of any length and sign.
+        weights : array_like, (n,) or float, optional
+            As in `points`.
+
+        Returns
+        -------
+        PoseCost
+            The sum.
+
+        Raises
+        ------
+        InputError
+            As in `points`, and if a normal that carries weight has length zero.
+
+        Examples
+        --------
+        >>> PoseCost.planes([[0, 0, 0]], [[3, 4, 0]], [[0, 2, 0]]).value(np.eye(4))
+        16.0
+        """
+        rows = {"p": p, "q": q, "normals": normals}
+        return cls(form_of(rows, weights, lambda x, w, o: plane_form(x[0], x[1], x[2], w, o), unit="normals"))
+
+    @classmethod
+    def lines(cls, p: ArrayLike, q: ArrayLike, directions: ArrayLike, weights: ArrayLike | None = None) -> PoseCost:
+        """``sum w |(I - d d^T)(R p + t - q)|^2``: points onto lines.
+
+        Parameters
+        ----------
+        p, q, directions : array_like, (n, 3)
+            Source points, a point of each target line, its direction in the target frame, of any length and sign.
+        weights : array_like, (n,) or float, optional
+            As in `points`.
+
+        Returns
+        -------
+        PoseCost
+            The sum.
+
+        Raises
+        ------
+        InputError
+            As in `points`, and if a direction that carries weight has length zero.
+
+        Examples
+        --------
+        >>> PoseCost.lines([[0, 0, 0]], [[3, 4, 0]], [[0, 2, 0]]).value(np.eye(4))
+        9.0
+        """
+        rows = {"p": p, "q": q, "directions": directions}
+        return cls(form_of(rows, weights, lambda x, w, o: line_form(x[0], x[1], x[2], w, o), unit="directions"))
+
+    @classmethod
+    def directions(cls, m: ArrayLike, n: ArrayLike, weights: ArrayLike | None = None) -> PoseCost:
+        """``sum w |R m - n|^2``: directions onto directions.
+
+        Parameters
+        ----------
+        m, n : array_like, (n, 3)
+            Source and target directions, weighed as given: none is scaled to unit length.
+        weights : array_like, (n,) or float, optional
+            As in `points`.
+
+        Returns
+        -------
+        PoseCost
+            The sum.
+
+        Raises
+        ------
+        InputError
+            As in `points`.
+
+        Examples
+        --------
+        >>> PoseCost.directions([[1, 0, 0]], [[0, 1, 0]]).value(np.eye(4))
+        2.0
+        """
+        rows = {"m": m, "n": n}
+        return cls(form_of(rows, weights, lambda x, w, _: direction_form(x[0], x[1], w), placed=False))
+
+    @classmethod
+    def prior(cls, T: ArrayLike, covariance: ArrayLike, frame: ArrayLike | None = None) -> PoseCost:
+        """``e^T C^-1 e`` for a pose known beforehand, e its left increment; least, and zero, at that pose alone.
+
+        To stay a quadratic form of (vec R, t), and so exact under `+`, the turn enters by ``2 sin(a/2)`` in place of
+        its angle a, and the shift as that of the frame's origin: the same to second order, and no second minimum.
+
+        Parameters
+        ----------
+        T : array_like, (4, 4)
+            T_target_source of the prior.
+        covariance : array_like, (6, 6) or (6,)
+            Of the increment in the frame, ``T_true = F exp(e) inverse(F) T``: rotation vector in radians, then shift
+            of the frame's origin, along the frame's axes. Or the six variances. Infinite: nothing is known.
+        frame : array_like, (4, 4) or (3,), optional
+            F, T_target_frame; or its origin alone. Default: the target's own frame. For the covariance of a
+            `Registration` give its ``settings["centre"]``.
+
+        Returns
+        -------
+        PoseCost
+            Its information at T in the same frame is the inverse of the covariance.
+
+        Raises
+        ------
+        InputError
+            If the pose is not rigid or the covariance not symmetric and positive definite.
+
+        Examples
+        --------
+        >>> known = PoseCost.prior(np.eye(4), [0.01, 0.01, 0.01, 4, 4, 4])
+        >>> known.value(pose.from_parts(np.eye(3), [2, 4, 0]))
+        5.0
+        """
+        checked = read_covariance(covariance, "covariance")
+        return cls(prior_form(as_pose(T, "T"), checked, as_frame(frame, "frame")))
+
+    def __add__(self, other: object) -> PoseCost:
+        if isinstance(other, PoseCost):
+            return PoseCost(self.form + other.form)
+        # sum() begins with 0.
+        if isinstance(other, int) and other == 0:
+            return self
+        return NotImplemented
+
+    __radd__ = __add__
+
+    def __mul__(self, factor: object) -> PoseCost:
+        if not isinstance(factor, numbers.Real):
+            return NotImplemented
+        if not 0.0 <= float(factor) < np.inf:
+            raise InputError(f"a cost may be multiplied by a finite number of 0 or more; got {factor!r}")
+        return PoseCost(dataclasses.replace(self.form, matrix=float(factor) * self.form.matrix))
+
+    __rmul__ = __mul__
+
+    def value(self, T: ArrayLike) -> float:
+        """Cost of a pose.
+
+        Parameters
+        ----------
+        T : array_like, (4, 4)
+            T_target_source.
+
+        Returns
+        -------
+        float
+            Never negative; exact to some 1e-15 of the sums it is a difference of.
+
+        Raises
+        ------
+        InputError
+            If the pose is not rigid.
+
+        Examples
+        --------
+        >>> PoseCost.points([[0, 0, 0]], [[1, 2, 2]], weights=4).value(np.eye(4))
+        36.0
+        """
+        return max(self.form.value(as_pose(T, "T")), 0.0)
+
+    def gradient(self, T: ArrayLike, frame: ArrayLike | None = None) -> FloatArray:
+        """Slope of the cost by the left twist of ``T' = F exp(twist) inverse(F) T``.
+
+        Parameters
+        ----------
+        T : array_like, (4, 4)
+            T_target_source.
+        frame : array_like, (4, 4) or (3,), optional
+            F, T_target_frame; or its origin alone. Default: the target's own frame.
+
+        Returns
+        -------
+        ndarray, (6,)
+            Rotation first, then translation.
+
+        Raises
+        ------
+        InputError
+            If a pose is not rigid.
+
+        Examples
+        --------
+        >>> PoseCost.points([[0, 0, 0]], [[3, 4, 0]]).gradient(np.eye(4)).tolist()
+        [0.0, 0.0, 0.0, -6.0, -8.0, 0.0]
+        """
+        return self._carrier(frame).T @ derivatives(self.form, as_pose(T, "T"))[0]
+
+    def hessian(self, T: ArrayLike, frame: ArrayLike | None = None) -> FloatArray:
+        """Exact second derivatives of the cost by the left twist.
+
+        Parameters
+        ----------
+        T, frame
+            As in `gradient`.
+
+        Returns
+        -------
+        ndarray, (6, 6)
+            Symmetric; rotation first.
+
+        Raises
+        ------
+        InputError
+            If a pose is not rigid.
+
+        Examples
+        --------
+        >>> PoseCost.points([[0, 0, 0]], [[3, 4, 0]]).hessian(np.eye(4))[3:, 3:].diagonal().tolist()
+        [2.0, 2.0, 2.0]
+        """
+        A = self._carrier(frame)
+        return A.T @ derivatives(self.form, as_pose(T, "T"))[1] @ A
+
+    def information(self, T: ArrayLike, frame: ArrayLike | None = None) -> FloatArray:
+        """Gauss-Newton information ``J^T W J``, J the derivative of the residuals by the left twist.
+
+        Half the Hessian, less what the residuals themselves add to it. With weights ``1 / variance`` its inverse is
+        the covariance of the pose, and the information of a sum is the sum of the informations.
+
+        Parameters
+        ----------
+        T, frame
+            As in `gradient`.
+
+        Returns
+        -------
+        ndarray, (6, 6)
+            Symmetric, positive semidefinite; rotation first.
+
+        Raises
+        ------
+        InputError
+            If a pose is not rigid.
+
+        Examples
+        --------
+        >>> PoseCost.planes([[0, 2, 0]], [[0, 0, 0]], [[0, 0, 1]]).information(np.eye(4)).diagonal().tolist()
+        [4.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+        """
+        A = self._carrier(frame)
+        return 0.5 * A.T @ derivatives(self.form, as_pose(T, "T"))[2] @ A
+
+    def minimise(
+        self, near: ArrayLike | None = None, dof: Freedom | str | None = None, reference: ArrayLike | None = None
+    ) -> PoseFit:
+        """Pose of least cost.
+
+        Parameters
+        ----------
+        near : array_like, (4, 4), optional
+            Pose to go down from by Newton's method; what the cost does not feel stays as it is there. Default: search
+            for the global minimum. For points and directions alone that is the closed form; else a fixed grid of
+            turns, each with its best shift, says where Newton's method begins. Of equal minima the one that turns least
+            is the answer: least from the reference, or from the identity where there is none.
+        dof : Freedom or str, optional
+            Motions that may be made away from the reference, `Freedom` or its words: ``"rz tx ty"``. Default: all.
+        reference : array_like, (4, 4), optional
+            Pose that the motions of ``dof`` begin at. Default: ``near``.
+
+        Returns
+        -------
+        PoseFit
+            ``T_target_source``, ``cost``, ``status``, ``iterations``, ``free``.
+
+        Raises
+        ------
+        InputError
+            If a pose is not rigid, or ``dof`` has neither ``near`` nor a reference.
+        DegenerateGeometryError
+            If, without ``near``, the cost leaves a motion undetermined; the message names it.
+
+        Examples
+        --------
+        >>> p = np.array([[1.0, 0, 0], [0, 1, 0], [2, 1, 0]])
+        >>> turned = PoseCost.points(p, p @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+        >>> fit = turned.minimise(near=np.eye(4), dof="rz")
+        >>> fit.status, (fit.T_target_source.round(9) + 0.0)[:2, :2].tolist()
+        ('converged', [[0.0, -1.0], [1.0, 0.0]])
+        """
+        begin = None if near is None else as_pose(near, "near")
+        base = begin if reference is None else as_pose(reference, "reference")
+        if dof is not None and base is None:
+            raise InputError("dof= says how the pose may differ from a reference pose: give reference= or near=")
+        if dof is None and reference is not None:
+            raise InputError(
+                "reference= is the pose that the motions of dof= begin at: give dof= too, or near= instead"
+            )
+        return minimise(self.form, begin, None if dof is None else Freedom.parse(dof), base)
+
+    def recentred(self, origin_source: ArrayLike, origin_target: ArrayLike) -> PoseCost:
+        """The same cost in coordinates that count from other points.
+
+        Parameters
+        ----------
+        origin_source, origin_target : array_like, (3,)
+            The points, in the old coordinates of either side, that are zero in the new.
+
+        Returns
+        -------
+        PoseCost
+            For the poses between the new coordinates.
+
+        Raises
+        ------
+        InputError
+            If a point is not three finite numbers.
+
+        Examples
+        --------
+        >>> cost = PoseCost.points([[1, 0, 0]], [[5, 0, 0]]).recentred([1, 0, 0], [2, 0, 0])
+        >>> cost.value(np.eye(4))
+        9.0
+        """
+        source = self.form.origin_source - as_frame(origin_source, "origin_source")[:3, 3]
+        target = self.form.origin_target - as_frame(origin_target, "origin_target")[:3, 3]
+        return PoseCost(QuadraticForm(self.form.matrix, source, target))
+
+    def _carrier(self, frame: Any) -> FloatArray:
+        """Twists of a frame to twists about the form's target origin."""
+        placed = as_frame(frame, "frame").copy()
+        placed[:3, 3] -= self.form.origin_target
+        return pose.adjoint(placed)

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
-from dqreg.solvers.centred import weights_of
 from dqreg.solvers.closed_form import no_weight_message, require_determined
+from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.fit import Fit
+from dqreg.solvers.least_squares import weights_of
 from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
-from dqreg.solvers.pose_cost import cost_of_pose
 
 
 @dataclass(frozen=True, eq=False)

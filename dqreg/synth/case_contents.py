@@ -7,10 +7,18 @@ import re
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.rigid import pose
 from dqreg.synth.bound import cramer_rao_bound
-from dqreg.synth.case_files import ply_bytes, stl_bytes
+from dqreg.synth.case_files import (
+    json_text,
+    motion_record,
+    plain,
+    ply_bytes,
+    settings_record,
+    stl_bytes,
+    symmetry_record,
+)
 from dqreg.synth.coverage import visible_share
 from dqreg.synth.noise import Noise
 from dqreg.synth.parts.plain import Mesh
@@ -23,7 +31,6 @@ from dqreg.synth.scanner import scan_mesh
 from dqreg.synth.scene import Scene
 from dqreg.synth.tactile import TactileProbe, touch_mesh
 from dqreg.synth.truth import disturbance, random_pose
-from dqreg.synth.truth_record import json_text, motion_record, plain, settings_record, symmetry_record
 
 SCAN, PART, TRUTH, RECIPE = "scan.ply", "part.stl", "truth.json", "recipe.toml"
 

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+import json
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg.arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.rigid import pose
+from dqreg.synth.motion import Motion
+from dqreg.synth.parts import Symmetry
+from dqreg.synth.recipe import Recipe
 
 _PLY_TYPES = {np.dtype(np.float32): "float", np.dtype(np.float64): "double"}
 
@@ -49,3 +57,90 @@ def stl_bytes(vertices: FloatArray, faces: IntArray) -> bytes:
 
     content: bytes = trimesh.exchange.stl.export_stl(trimesh.Trimesh(vertices, faces, process=False))
     return content
+
+
+def symmetry_record(symmetry: Symmetry | None, T_target_source: FloatArray) -> dict[str, Any]:
+    """Say which other poses are true."""
+    if symmetry is None:
+        return {"symmetric_truths": None, "near_symmetric_truths": None, "symmetry_axis": None}
+    axis = symmetry.axis
+    return {
+        "symmetric_truths": plain(np.concatenate([T_target_source[None], symmetry.poses[1:] @ T_target_source])),
+        "near_symmetric_truths": plain(symmetry.near @ T_target_source),
+        "symmetry_axis": None if axis is None else {"point": plain(axis[0]), "direction": plain(axis[1])},
+    }
+
+
+def motion_record(motion: Motion | None, centre: FloatArray, diagonal: float, T: FloatArray) -> dict[str, Any] | None:
+    """Say how the part moved, in the frame of the scan.
+
+    >>> motion_record(Motion(shift=(0.0, 0.0, 0.1)), np.zeros(3), 10.0, np.eye(4))["twist"]
+    [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+    """
+    if motion is None:
+        return None
+    twist = pose.adjoint(T) @ motion.twist(centre, diagonal)
+    return {
+        "twist": plain(twist),
+        "reference_time": float(motion.reference),
+        "time_unit": "sweep",
+        "undo": "p(reference_time) = exp((reference_time - time) twist) p; twist: rotation first, scan frame",
+    }
+
+
+def settings_record(recipe: Recipe) -> dict[str, Any]:
+    r"""Say what the scan was taken with and what went wrong, defaults filled in.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        What made the case.
+
+    Returns
+    -------
+    dict
+        ``scanner``, ``noise`` and ``scene`` with the recipe's keys; angles in degrees, no scene is None.
+
+    Examples
+    --------
+    >>> from dqreg.synth.recipe import parse_recipe
+    >>> recipe = parse_recipe('seed = 1\n[part]\nkind = "box"\n[scanner]\nviews = [[0, 0, 1]]\n')
+    >>> settings_record(recipe)["scanner"]["pixels"]
+    200
+    """
+    return {
+        "scanner": {"kind": recipe.scanner_kind, **_in_degrees(dataclasses.asdict(recipe.scanner))},
+        "noise": _in_degrees(dataclasses.asdict(recipe.noise)),
+        "scene": None if recipe.scene.kind == "none" else dataclasses.asdict(recipe.scene),
+    }
+
+
+def json_text(record: Mapping[str, Any]) -> str:
+    """JSON for people too: one line a key, and one a row of a matrix.
+
+    >>> print(json_text({"T": [[1, 0], [0, 1]]}), end="")
+    {
+      "T": [
+        [1, 0],
+        [0, 1]
+      ]
+    }
+    """
+    text = json.dumps(record, indent=2, allow_nan=False)
+    rows = re.compile(r"\[\s+([^][{}\"]*?)\s+\]")  # lists of numbers; the only text with brackets is quoted
+    return rows.sub(lambda row: "[" + re.sub(r"\s+", " ", row[1]) + "]", text) + "\n"
+
+
+def plain(array: FloatArray) -> Any:
+    """Nested lists of Python numbers."""
+    return array.tolist()
+
+
+def _in_degrees(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Angles as the recipe has them; twelve digits, so that 80 degrees do not become 80.00000000000001."""
+    return {
+        key.removesuffix("_rad") + "_deg" if key.endswith("_rad") else key: float(f"{np.rad2deg(value):.12g}")
+        if key.endswith("_rad") and value is not None
+        else value
+        for key, value in settings.items()
+    }

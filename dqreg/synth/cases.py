@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, as_pose
+from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.synth.case_contents import PART, RECIPE, SCAN, TRUTH, case_contents
 from dqreg.synth.recipe import Recipe, read_recipe

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dqreg.arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.rigid import pose
 from dqreg.synth.motion import moved_each, turned_each
 from dqreg.synth.parts.plain import Mesh

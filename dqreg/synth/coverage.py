@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.synth.parts.plain import Mesh
 from dqreg.synth.pattern import Pattern
 from dqreg.synth.raycast import centre_and_diagonal, check_mesh, face_normals, first_hits

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from dqreg.arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray
 from dqreg.errors import InputError
 
 

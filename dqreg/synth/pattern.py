@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 
 
 class Pattern(Protocol):

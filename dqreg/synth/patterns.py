@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, as_float, as_vectors
+from dqreg._arrays import FloatArray, as_float, as_vectors
 from dqreg.errors import InputError
 from dqreg.synth.view_checks import check_views, is_within, require_rays, unit
 from dqreg.synth.views import Scanner, camera_axes, sensors_around

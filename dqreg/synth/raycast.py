@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray, IntArray, as_vectors
+from dqreg._arrays import FloatArray, IntArray, as_vectors
+from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
-from dqreg.open3d_gate import load_open3d
 
 
 def check_mesh(vertices: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, IntArray]:

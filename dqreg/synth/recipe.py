@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from dqreg.errors import InputError
-from dqreg.geometry.units import METRES
+from dqreg.files.units import METRES
 from dqreg.synth import parts
 from dqreg.synth.motion import Motion
 from dqreg.synth.noise import Noise

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.synth import parts
 from dqreg.synth.motion import Motion

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import BoolArray, FloatArray, IntArray, as_pose
+from dqreg._arrays import BoolArray, FloatArray, IntArray, as_pose
 from dqreg.rigid import pose
 from dqreg.synth.motion import moved_each, poses_at, turned_each
 

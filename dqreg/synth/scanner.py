@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.synth.motion import Motion
 from dqreg.synth.noise import Errors, Noise

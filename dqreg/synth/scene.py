@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, as_float
+from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
 from dqreg.rigid import pose
 from dqreg.synth import parts

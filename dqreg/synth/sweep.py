@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dqreg.arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.synth.casting import cast, is_lit
 from dqreg.synth.motion import Motion, poses_at
 from dqreg.synth.parts.plain import Mesh

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import BoolArray, FloatArray, as_vectors
+from dqreg._arrays import BoolArray, FloatArray, as_vectors
 from dqreg.errors import InputError
 from dqreg.geometry.mesh import Mesh as Surface
 from dqreg.geometry.mesh_surface import MeshSurface

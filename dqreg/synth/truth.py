@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.arrays import FloatArray, as_float, as_pose, as_vectors
+from dqreg._arrays import FloatArray, as_float, as_pose, as_vectors
 from dqreg.errors import InputError
 from dqreg.rigid import pose
 

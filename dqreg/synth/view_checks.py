@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, as_vectors
+from dqreg._arrays import FloatArray, as_vectors
 from dqreg.errors import InputError
 
 # More rays than this need more memory than most machines have; no scanner has as many pixels.

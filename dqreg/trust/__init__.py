@@ -1,16 +1,18 @@
-"""Whether an answer may be trusted: covariance, what the matches hold, deviations, and the verdict with its reasons."""
+"""How sure the pose is: covariance, observability, evidence, and the verdict with its reasons.
+
+Deviations live in `dqreg.inspection`; their names stay reachable here.
+"""
 
 from __future__ import annotations
 
+import importlib
+
 from dqreg.trust.covariance import Information, covariance_of, information_of
-from dqreg.trust.deviation import measure_deviations, why_unsigned
-from dqreg.trust.deviation_bands import Band, Bands, Summary
-from dqreg.trust.deviation_colours import colours_of
-from dqreg.trust.deviation_places import Place
-from dqreg.trust.deviation_record import Deviations
-from dqreg.trust.free_motions import without_free_motion
-from dqreg.trust.observability import observe_directions
+from dqreg.trust.observability import observe_directions, without_free_motion
 from dqreg.trust.verdict import Evidence, judge
+
+# Names that moved to `dqreg.inspection`, a layer above: resolved at their first use, so that no file here imports it.
+_MOVED = ("Band", "Bands", "Deviations", "Place", "Summary", "colours_of", "measure_deviations", "why_unsigned")
 
 __all__ = [
     "Band",
@@ -29,3 +31,9 @@ __all__ = [
     "why_unsigned",
     "without_free_motion",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name in _MOVED:
+        return getattr(importlib.import_module("dqreg.inspection"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from dqreg.arrays import BoolArray, FloatArray
-from dqreg.trust.scatter import scatter_of
+from dqreg._arrays import BoolArray, FloatArray
+from dqreg.trust.sandwich import scatter_of
 
 # Information below this share of what all pairs could give with the longest lever is rounding or facets, not shape.
 FREE = 1e-5

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterator
 
-from dqreg.records import Alternative, Direction, Level, Verdict
+from dqreg.trust.records import Alternative, Direction, Level, Verdict
 
 # Points on the target fewer than this share of the points near it: a wrong minimum, another part, or much clutter.
 FEW_INLIERS = 0.7

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import dqreg
-from dqreg.given import read_any
+from dqreg.geometry.opening import read_any
 from dqreg.rigid import pose
 from tests.bench.test_solve import report
 

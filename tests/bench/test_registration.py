@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import dqreg
-from dqreg.given import read_any
-from dqreg.open3d_gate import load_open3d
+from dqreg._open3d import load_open3d
+from dqreg.geometry.opening import read_any
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
 from dqreg.synth.parts import bracket

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.batch.row import Targets, run_row
 from dqreg.cli.batch import thumbnail
 from dqreg.cli.main import main
-from dqreg.register import register
-from dqreg.result import Registration
-from tests.batch.scenes import make_scene
+from dqreg.registration.batch.row import Targets, run_row
+from dqreg.registration.register import register
+from dqreg.registration.result import Registration
+from tests.registration.batch.scenes import make_scene
 
 
 def run(*arguments: object) -> int:
@@ -39,7 +39,7 @@ def here(monkeypatch):
                 return
             yield row, run_row(row, targets, thumbnail)
 
-    monkeypatch.setattr("dqreg.batch.run.Crew.answers", answers)
+    monkeypatch.setattr("dqreg.registration.batch.run.Crew.answers", answers)
 
 
 def test_writes_what_it_says_and_resumes(scene, tmp_path, capsys, monkeypatch, here):

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dqreg._open3d import load_open3d
 from dqreg.cli.main import main
 from dqreg.files import read_cloud
-from dqreg.open3d_gate import load_open3d
 from dqreg.synth import demo_case, load_case
 
 
@@ -59,7 +59,7 @@ def test_it_is_refused_before_the_work_starts(arguments, said, tmp_path: Path, c
     def never(*_: object, **__: object) -> None:
         raise AssertionError("the work has started")
 
-    monkeypatch.setattr(importlib.import_module("dqreg.register"), "register", never)
+    monkeypatch.setattr(importlib.import_module("dqreg.registration.register"), "register", never)
     assert run("register", case.scan, case.part, *arguments) == 2
     assert said in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

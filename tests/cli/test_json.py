@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.batch.row import Targets, run_row
 from dqreg.cli.main import main
+from dqreg.registration.batch.row import Targets, run_row
 from dqreg.rigid import pose
 from dqreg.synth import demo_case, load_case
-from tests.batch.scenes import make_scene
+from tests.registration.batch.scenes import make_scene
 
 CASE = load_case(demo_case())
 TRUTH = CASE.folder / "truth.json"
@@ -92,7 +92,7 @@ def test_show(scene, tmp_path, capsys, monkeypatch):
 
 
 def test_batch(scene, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("dqreg.batch.run.Crew.answers", lambda _, rows, *__: (
+    monkeypatch.setattr("dqreg.registration.batch.run.Crew.answers", lambda _, rows, *__: (
         (row, run_row(row, Targets())) for row in rows
     ))  # fmt: skip
     assert run("batch", scene.manifest, "--out", tmp_path / "out", "--no-thumbnails", "--json") == 0

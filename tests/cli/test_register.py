@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg import result as result_room
 from dqreg.cli import register as room
 from dqreg.cli.interrupt import Interrupts
 from dqreg.cli.main import main
 from dqreg.files import READERS, read_cloud, read_geometry, write_cloud
 from dqreg.icp import ESTIMATORS
-from dqreg.options import EFFORTS
-from dqreg.result import Registration
+from dqreg.registration import result as result_room
+from dqreg.registration.options import EFFORTS
+from dqreg.registration.result import Registration
 from dqreg.synth import demo_case, load_case
 
 

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from dqreg.cli.main import main
-from dqreg.result import Registration
+from dqreg.registration.result import Registration
 from dqreg.synth import demo_case, load_case
 
 

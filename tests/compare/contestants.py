@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dqreg.engines.protocol import Attempt, Step
+from dqreg.compare.engines.protocol import Attempt, Step
 from dqreg.synth import demo_case, load_case
 
 TRUTH = load_case(demo_case()).T_target_source

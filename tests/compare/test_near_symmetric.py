@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from dqreg.compare.judge import judge
-from dqreg.compare.tasks import from_case
+from dqreg.compare.plan import from_case
 from dqreg.synth import load_case
 
 # Generated cases that come with the repository; the truths are in their truth.json.

@@ -9,8 +9,7 @@ import math
 import pytest
 from rich.console import Console
 
-from dqreg.compare.output import to_json
-from dqreg.compare.page import to_html
+from dqreg.compare.output import to_html, to_json
 from dqreg.compare.plots import Plot, plots
 from dqreg.compare.records import Run, from_plain, to_plain
 from dqreg.compare.run import Comparison

@@ -283,7 +283,7 @@ def test_sweeps_name_what_is_wrong(text, said):
 
 
 def test_shipped_sweeps_name_engines_that_exist():
-    from dqreg.engines.registry import ENGINES
+    from dqreg.compare.engines.registry import ENGINES
 
     for name in ("standard", "quick"):
         assert set(read_sweep(name).all_engines) <= set(ENGINES)

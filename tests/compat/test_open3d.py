@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dqreg._open3d import load_open3d
 from dqreg.compat import open3d as ours
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud
-from dqreg.open3d_gate import load_open3d
 from dqreg.rigid import pose, twist
 from dqreg.synth.parts import bracket
 

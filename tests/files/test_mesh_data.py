@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from dqreg.errors import InputError
-from dqreg.files.mesh_data import make_mesh
-from dqreg.geometry.weld import merge_identical
+from dqreg.files.mesh_data import make_mesh, merge_identical
 
 FEW = st.sampled_from([0.0, -0.0, 1.0, 0.5, -1.0, 1e-6])
 # As CAD programs write one and the same corner: zero, or what cancelling left of it.

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
 from dqreg.files import read_cloud
-from dqreg.open3d_gate import load_open3d
 
 FAR = np.array([[4400000.123456, 5500000.654321, 1.0], [1.0, 2.0, 3.0]])
 

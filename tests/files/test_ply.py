@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from dqreg.errors import InputError
 from dqreg.files import CloudData, MeshData, read_cloud, read_geometry, read_mesh
-from dqreg.files.ply_faces import triangles
+from dqreg.files.ply import triangles
 
 # Geodetic coordinates: float32 keeps half a metre of them.
 FAR = np.array([[4400000.123456, 5500000.654321, 1.0], [1.0, 2.0, 3.0]])

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from dqreg.files import read_geometry, write_cloud
-from dqreg.files.unit_words import UNIT_WORDS, unit_of_comment
-from dqreg.geometry.units import METRES
+from dqreg.files.units import METRES, UNIT_WORDS, unit_of_comment
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud, as_geometry
-from dqreg.open3d_gate import load_open3d
 from dqreg.synth.parts import box
 
 VERTICES, FACES = box((3.0, 2.0, 1.0))

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
 from dqreg.geometry.depth import depth_points
-from dqreg.open3d_gate import load_open3d
 from dqreg.rigid import pose
 
 K = np.array([[60.0, 0, 19.5], [0, 70.0, 14.5], [0, 0, 1]])
@@ -117,7 +117,7 @@ def test_what_cannot_be_used_is_said(depth, camera, options, words):
 @pytest.mark.real
 def test_a_kinects_frames_land_on_each_other(real_data: Path):
     # Poses of KinectFusion, good to about a centimetre and half a degree; steps of 1.2 and 1.8 degrees.
-    from dqreg.register import register
+    from dqreg.registration.register import register
 
     folder, o3d = real_data / "sevenscenes_rgbd", load_open3d()
     camera = np.loadtxt(folder / "camera-intrinsics.txt")

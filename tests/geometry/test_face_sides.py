@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.geometry import Mesh
-from dqreg.geometry.face_sides import FaceSides
+from dqreg.geometry.mesh_surface import FaceSides
 
 
 @settings(deadline=None, max_examples=100)

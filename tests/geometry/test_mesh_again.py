@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.geometry import Closest, MeshSurface
 from tests.icp.scenes import bracket_mesh, bracket_points
 

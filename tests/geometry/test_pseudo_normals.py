@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dqreg.geometry import Mesh, MeshSurface
-from dqreg.geometry.pseudo_normals import PseudoNormals
+from dqreg.geometry.mesh_normals import PseudoNormals
 from dqreg.synth.parts import box, bracket
 
 FloatArray = NDArray[np.float64]

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, sample_mesh
+from dqreg.geometry.boundary import Rims
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.rims import Rims
 from dqreg.synth.parts import box
 
 

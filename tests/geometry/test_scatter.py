@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from dqreg.geometry.normals import ELEMENTS
-from dqreg.geometry.scatter import least_axes
+from dqreg.geometry.normals import ELEMENTS, least_axes
 from dqreg.rigid import quaternion
 
 components = st.floats(-1.0, 1.0)

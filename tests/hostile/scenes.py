@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
-from dqreg.prepared import Target, prepare_target
-from dqreg.result import Registration
+from dqreg.registration.prepared import Target, prepare_target
+from dqreg.registration.result import Registration
 from dqreg.synth import disturbance
 from tests.icp.scenes import bracket_mesh, bracket_points
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, PointCloud
-from dqreg.register import register
-from dqreg.result import Registration
+from dqreg.registration.register import register
+from dqreg.registration.result import Registration
 from dqreg.rigid import pose, twist
 from tests.hostile.scenes import PART, SCAN, SIZE, START, part
 

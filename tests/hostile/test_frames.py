@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
-from dqreg.register import register
-from dqreg.result import Registration
+from dqreg.registration.register import register
+from dqreg.registration.result import Registration
 from dqreg.rigid import pose
 from dqreg.synth import disturbance
 from tests.hostile.scenes import PART, SIZE, START

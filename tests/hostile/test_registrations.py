@@ -11,8 +11,8 @@ import pytest
 
 from dqreg.errors import DegenerateGeometryError, DqregError, InputError
 from dqreg.geometry import Mesh
-from dqreg.register import register
-from dqreg.result import Registration
+from dqreg.registration.register import register
+from dqreg.registration.result import Registration
 from dqreg.rigid import pose
 from tests.hostile.scenes import FIXED, PART, SCAN, SIZE, START, assert_kept, part
 from tests.hostile.sides import CLOUDS, LINE, MESHES, PLANE, SOURCES, TARGETS, Entry

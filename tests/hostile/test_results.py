@@ -14,14 +14,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from dqreg.door import broken_promise
 from dqreg.errors import DqregError, InputError
-from dqreg.records import Alternative, Verdict
-from dqreg.register import register
-from dqreg.result import Registration
+from dqreg.registration.invariants import broken_promise
+from dqreg.registration.register import register
+from dqreg.registration.result import Registration
+from dqreg.trust.records import Alternative, Verdict
 from tests.hostile.scenes import FIXED, START, assert_kept, part
+from tests.registration.test_result import failed, good
 from tests.strategies import poses
-from tests.test_result import failed, good
 
 NAN, INF = float("nan"), float("inf")
 NUMBERS = st.one_of(

@@ -11,7 +11,7 @@ import pytest
 # One registration in a process of its own: the digest of all that result.json holds but the clock.
 PROGRAM = """
 import hashlib, json, sys
-from dqreg.register import register
+from dqreg.registration.register import register
 from dqreg.geometry import Mesh
 from tests.hostile.scenes import PART, SCAN, START
 start = None if sys.argv[1] == "search" else START

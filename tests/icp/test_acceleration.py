@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.icp.acceleration import Anderson
 from dqreg.rigid import pose, twist
 from tests.icp.scenes import motion

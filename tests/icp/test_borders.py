@@ -3,12 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, prepare_scan, sample_mesh
-from dqreg.icp import Plan, run_graduated, stage
-from dqreg.icp.borders import beyond_border, inland
+from dqreg.icp import Plan, run_graduated
+from dqreg.icp import level as stage
 from dqreg.icp.estimators import ESTIMATORS
-from dqreg.register import register
+from dqreg.icp.rejectors import beyond_border, inland
+from dqreg.registration.register import register
 from dqreg.rigid import pose, twist
 from dqreg.synth import disturbance
 from dqreg.synth.parts import box

@@ -9,7 +9,7 @@ from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan
 from dqreg.icp import Icp, InlierMixture, Plan, points_and_normals, points_to_planes, run_graduated
 from dqreg.icp.constrained import constrained
-from dqreg.icp.pairs import Pairs
+from dqreg.icp.correspondences import Pairs
 from dqreg.rigid import pose
 from dqreg.solvers import Freedom, PoseCost
 from tests.icp.scenes import bracket_mesh, bracket_points, made_pairs, motion

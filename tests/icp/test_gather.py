@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, Scan, prepare_scan
 from dqreg.icp import Pairs, correspond, points_to_planes
-from dqreg.icp.gather import gather, run_centres
+from dqreg.icp.full_resolution import gather, run_centres
 from dqreg.rigid import pose
 from dqreg.synth import disturbance, worst_vertex_displacement
 from dqreg.synth.parts import box

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, Scan, Surface, prepare_scan
 from dqreg.icp import Huber, Icp, NormalAngle, Run, Stopping, Trimmed, WithinDistance, correspond, points_only
+from dqreg.icp.history import Iteration
 from dqreg.icp.loop import Spread
-from dqreg.records import Iteration
 from dqreg.rigid import pose
 from tests.icp.scenes import bracket_mesh, bracket_points, bumpy_cloud, motion
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.rigid import pose, twist
 from dqreg.synth.parts import box
 from dqreg.synth.raycast import first_hits

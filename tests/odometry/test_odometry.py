@@ -10,7 +10,7 @@ pytest.importorskip("kiss_icp")
 from dqreg.errors import InputError, MissingDependencyError
 from dqreg.odometry import Odometry, evaluate, kiss, nees
 from dqreg.odometry.evaluation import relative_errors
-from dqreg.result import Registration
+from dqreg.registration.result import Registration
 from dqreg.rigid import pose
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, PointCloud
-from dqreg.given import read_any
-from dqreg.register import register
+from dqreg.geometry.opening import read_any
+from dqreg.registration.register import register
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
 
 pytestmark = pytest.mark.real

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
+from dqreg._open3d import load_open3d
 from dqreg.geometry import PointCloud
-from dqreg.given import read_any
-from dqreg.open3d_gate import load_open3d
-from dqreg.register import register
+from dqreg.geometry.opening import read_any
+from dqreg.registration.register import register
 from dqreg.rigid import pose, twist
 
 pytestmark = pytest.mark.real

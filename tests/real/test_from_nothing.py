@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dqreg
-from dqreg.given import read_any
+from dqreg.geometry.opening import read_any
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, random_pose, scan_mesh, worst_vertex_displacement
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh
-from dqreg.given import read_any
-from dqreg.register import register
+from dqreg.geometry.opening import read_any
+from dqreg.registration.register import register
 from dqreg.rigid import pose
 from dqreg.synth import disturbance
 

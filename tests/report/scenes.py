@@ -8,8 +8,8 @@ import numpy as np
 
 from dqreg import Mesh, register
 from dqreg.geometry import sample_mesh
+from dqreg.registration.result import Registration
 from dqreg.report.story import Story, tell
-from dqreg.result import Registration
 from dqreg.rigid import pose, twist
 from dqreg.synth.parts import bracket
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.records import Alternative
 from dqreg.rigid import twist
+from dqreg.trust.records import Alternative
 from tests.report.browser import CHROMIUM, Browser
 from tests.report.scenes import T_START, bumpy, failed
 

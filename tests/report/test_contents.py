@@ -9,18 +9,17 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dqreg.geometry import Mesh
-from dqreg.records import Direction
 from dqreg.report.charts import NARROW, WIDE, convergence, histogram, ticks
 from dqreg.report.colours import Scale, nice_above
-from dqreg.report.hints import hints_of
+from dqreg.report.facts import facts_of, hints_of
 from dqreg.report.motions import motion_of
-from dqreg.report.page_facts import facts_of
 from dqreg.report.part_mesh import fewer_triangles, sharp_edges
 from dqreg.report.pose_forms import pose_forms
 from dqreg.report.regions import areas_of, faces_of
 from dqreg.rigid import DualQuaternion, quaternion, twist
 from dqreg.synth.parts import box, bracket
 from dqreg.trust import Information, observe_directions
+from dqreg.trust.records import Direction
 from tests.report.scenes import BUMP, NOISE, bumpy, failed, story_of
 
 twists = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)

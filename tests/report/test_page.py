@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from dqreg.errors import InputError
-from dqreg.records import Alternative, Verdict
 from dqreg.report.measure import placed
 from dqreg.report.page import to_html
+from dqreg.trust.records import Alternative, Verdict
 from tests.report.scenes import T_START, bumpy, failed, story_of
 
 SCENE = re.compile(r'<script type="application/json" id="scene">(.*?)</script>', re.S)

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from dqreg.report.progress import COLUMNS, Lines, LiveTable, Silent, cells, make_progress
-from dqreg.report.time_left import SEARCHED, Steps
-from dqreg.result import Iteration
-from dqreg.start import Stage
+from dqreg.registration.result import Iteration
+from dqreg.report.progress import COLUMNS, SEARCHED, Lines, LiveTable, Silent, Steps, cells, make_progress
+from dqreg.search import Stage
 
 
 def iteration(number: int, motion: float = 1e-3) -> Iteration:

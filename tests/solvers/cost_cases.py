@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from hypothesis import strategies as st
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.rigid import pose
 from dqreg.solvers import Freedom, PoseCost
-from dqreg.solvers.freedom_words import WORDS
+from dqreg.solvers.dof_words import WORDS
 
 SUBSETS = [c for k in range(7) for c in itertools.combinations(WORDS, k)]
 # Nine choices of turn axes and shifts that are groups of motions for each axis, the shifts alone, and all turns.

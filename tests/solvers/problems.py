@@ -9,7 +9,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from tests.strategies import floats, poses, rotations
 
 fast = settings(deadline=None, max_examples=40)

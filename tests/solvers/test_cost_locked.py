@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose
 from dqreg.solvers import Freedom, PoseCost
-from dqreg.solvers.freedom_words import WORDS
+from dqreg.solvers.dof_words import WORDS
 from tests.solvers.cost_cases import GROUPS, SUBSETS, frames, freedoms, mixed
 from tests.solvers.problems import fast
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dqreg.solvers import Moments, moments_of, solve, solve_moments
-from dqreg.solvers.block_sums import BLOCK, STACK, feature_sums
+from dqreg.solvers.moments import BLOCK, STACK, feature_sums
 from tests.solvers.problems import assert_same_pose, fast, problems
 
 SIZES = [1, 2, 63, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK + 5, BLOCK * (STACK + 1) + 1]

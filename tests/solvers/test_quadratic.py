@@ -5,9 +5,8 @@ import pytest
 
 from dqreg.rigid import pose, twist
 from dqreg.solvers import solve
-from dqreg.solvers.pose_derivatives import derivatives
-from dqreg.solvers.pose_newton import minimise
-from dqreg.solvers.quadratic import QuadraticForm, direction_form, line_form, plane_form, point_form
+from dqreg.solvers.newton import minimise
+from dqreg.solvers.quadratic import QuadraticForm, derivatives, direction_form, line_form, plane_form, point_form
 
 RNG = np.random.default_rng(5)
 P, Q = RNG.normal(size=(2, 40, 3))

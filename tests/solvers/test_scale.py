@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose, twist
 from dqreg.solvers import solve
-from dqreg.solvers.scale import SurfaceMatches, scale_step
-from dqreg.solvers.similarity import similarity
+from dqreg.solvers.scale import SurfaceMatches, scale_step, similarity
 from tests.strategies import poses
 
 FloatArray = NDArray[np.float64]

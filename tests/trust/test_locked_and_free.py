@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import dqreg
-from dqreg.arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.rigid import pose, twist
 
 # Where the shapes stand: the words name places in the caller's frame.

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.trust.stretch import LEAST, stretch_of
+from dqreg.trust.patch_tests import LEAST, stretch_of
 from tests.strategies import FloatArray, rotations
 from tests.trust.shapes import box, cylinder, plane, sphere
 

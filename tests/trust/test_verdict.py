@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dqreg.result import Alternative, Direction
+from dqreg.registration.result import Alternative, Direction
 from dqreg.trust import Evidence, judge
 from dqreg.trust.verdict import (
     FEW_INLIERS,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.synth.parts.bands import cap, loft
 from dqreg.synth.parts.checks import require_count

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dqreg.arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray
 from dqreg.synth.parts.checks import require_count, require_order
 from dqreg.synth.parts.patches import annulus, fan, lift, walls, weld
 from dqreg.synth.parts.plain import Mesh, require_positive, three

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.synth.parts.patches import annulus, circle, fan, grid, lift, ring, walls, weld
 from dqreg.synth.parts.plain import Mesh, four_holes, require_positive

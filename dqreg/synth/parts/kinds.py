@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.synth.parts.blade import blade
 from dqreg.synth.parts.blocks import block, feeder, prism
 from dqreg.synth.parts.bracket import bracket

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
 from dqreg.synth.parts.checks import require_count
 

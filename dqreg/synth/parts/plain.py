@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
 from dqreg.synth.parts.checks import require_count
 from dqreg.synth.parts.patches import circle, fan, grid, lift, ring, walls, weld

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.arrays import FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.synth.parts.bands import ladder
 from dqreg.synth.parts.checks import require_count, require_order
 from dqreg.synth.parts.patches import circle, grid, lift, ring, walls, weld

@@ -1,0 +1,179 @@
+"""Validation at the door: turn what a caller gave into checked float64 arrays, or say what is wrong.
+
+Inside the package the types are trusted; every public function checks its arrays here, once.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dqreg.errors import InputError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+# A rotation read from a text file with seven digits is good to about 1e-6.
+RIGID_TOLERANCE = 1e-5
+# Lengths within this of zero, and sizes above its inverse, can be squared and squared again in float64.
+LARGEST = 1e60
+# Points that stand side by side where three numbers a row are too few for NumPy to be quick about.
+WIDE = 256
+
+
+def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest coordinates of points, each (3,).
+
+    Along rows of three NumPy takes ten times as long.
+    """
+    whole = len(points) - len(points) % WIDE
+    rest = np.ascontiguousarray(points[whole:].T)
+    if not whole:
+        return rest.min(axis=1), rest.max(axis=1)
+    # Many points side by side are one long row, and along those it is quick without a copy.
+    rows = np.ascontiguousarray(points[:whole]).reshape(-1, 3 * WIDE)
+    lows, highs = rows.min(axis=0).reshape(WIDE, 3), rows.max(axis=0).reshape(WIDE, 3)
+    low, high = lows.min(axis=0), highs.max(axis=0)
+    return (np.minimum(low, rest.min(axis=1)), np.maximum(high, rest.max(axis=1))) if rest.size else (low, high)
+
+
+def shifted(points: FloatArray, offset: FloatArray) -> FloatArray:
+    """Points moved by one offset: ``points + offset``, three times as fast."""
+    moved = np.zeros((len(points), 3))
+    whole = len(points) - len(points) % WIDE
+    rows = np.ascontiguousarray(points[:whole]).reshape(-1, 3 * WIDE)
+    np.add(rows, np.tile(offset, WIDE), out=moved[:whole].reshape(-1, 3 * WIDE))
+    np.add(points[whole:], offset, out=moved[whole:])
+    return moved
+
+
+def as_float(value: Any, name: str) -> FloatArray:
+    """Float64 array of what was given."""
+    try:
+        if isinstance(value, np.ma.MaskedArray):
+            # NumPy would hand out what stands behind the mask.
+            value = np.ma.filled(value.astype(np.float64), np.nan)
+        array = np.asarray(value)
+        if array.dtype.kind not in "fiubO":
+            raise TypeError(f"NumPy type {array.dtype}")
+        # NumPy would read None as NaN without a word.
+        if array.dtype.kind == "O" and any(item is None for item in array.flat):
+            raise TypeError("it holds None")
+        # The cast of a signalling NaN, or of a number beyond float64, warns; what is not finite is looked for later.
+        with np.errstate(invalid="ignore", over="ignore"):
+            return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name} must be an array of real numbers; got {type(value).__name__} ({error})") from error
+
+
+def as_vectors(value: Any, name: str, *, finite: bool = True) -> FloatArray:
+    """Rows of three numbers, (n, 3)."""
+    array = as_float(value, name)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InputError(f"{name} must have shape (n, 3), one x, y, z row per item; got shape {array.shape}")
+    if finite:
+        require_finite(array, name)
+    return array
+
+
+def as_weights(value: Any, name: str, count: int) -> FloatArray:
+    """One finite weight >= 0 for each of ``count`` items.
+
+    Shapes: returns (count,).
+    """
+    array = as_float(value, name)
+    if array.ndim == 0:
+        array = np.full(count, float(array))
+    if array.shape != (count,):
+        raise InputError(f"{name} must be one number or {count} numbers, one per item; got shape {array.shape}")
+    require_finite(array, name)
+    if count and array.min() < 0.0:
+        raise InputError(f"{name} must not be negative; the smallest is {array.min():g}. Use 0 to leave an item out")
+    return array
+
+
+def as_pose(value: Any, name: str) -> FloatArray:
+    """Rigid 4x4 pose."""
+    T = as_float(value, name)
+    if T.shape != (4, 4):
+        raise InputError(f"{name} must be a 4x4 matrix; got shape {T.shape}")
+    require_finite(T, name)
+    if np.abs(T[3] - [0.0, 0.0, 0.0, 1.0]).max() > RIGID_TOLERANCE:
+        raise InputError(f"{name} must have the last row 0 0 0 1; got {T[3].tolist()}. Was it transposed?")
+    R = T[:3, :3]
+    # Numbers near float64's limit overflow to infinity or NaN, and neither is within the tolerance.
+    with np.errstate(over="ignore", invalid="ignore"):
+        determinant = np.linalg.det(R)
+        gap = np.abs(R.T @ R - np.eye(3)).max()
+    if determinant < 0.0:
+        raise InputError(f"{name} holds a mirror image (determinant {determinant:.6g}); a rigid pose has +1")
+    if not gap <= RIGID_TOLERANCE:
+        raise InputError(
+            f"{name} is not rigid: its rotation block departs from orthonormal by {gap:.3g} "
+            f"(allowed {RIGID_TOLERANCE:g}). Remove any scale or shear first"
+        )
+    if np.abs(T[:3, 3]).max() > LARGEST:
+        raise InputError(
+            f"{name} moves by {np.abs(T[:3, 3]).max():.3g}; lengths beyond {LARGEST:g} cannot be worked with"
+        )
+    U, _, Vt = np.linalg.svd(R)
+    pose = T.copy()
+    pose[:3, :3] = U @ Vt
+    pose[3] = [0.0, 0.0, 0.0, 1.0]
+    return pose
+
+
+def require_finite(array: FloatArray, name: str) -> None:
+    """Raise unless every number is finite."""
+    # One sum is three times faster than looking at each number, and finite unless something is wrong or huge.
+    # Infinities of both signs, or a sum beyond float64, are no news here: the look at each number decides.
+    with np.errstate(over="ignore", invalid="ignore"):
+        if np.isfinite(array.sum()):
+            return
+    bad = ~np.isfinite(array)
+    if bad.any():
+        first = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise InputError(f"{name} holds {int(bad.sum())} numbers that are NaN or infinite, the first at {first}")
+
+
+def require_workable(points: FloatArray, name: str) -> None:
+    """Raise if lengths are so large or so small that float64 cannot square them.
+
+    >>> require_workable(np.array([[1e300, 0.0, 0.0]]), "points")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    dqreg.errors.InputError: points hold coordinates up to 1e+300, and lengths beyond 1e+60 cannot be worked with; ...
+    """
+    low, high = bounds(points)
+    far = float(max(-low.min(), high.max()))
+    if far > LARGEST:
+        raise InputError(
+            f"{name} hold coordinates up to {far:.3g}, and lengths beyond {LARGEST:g} cannot be worked with; remove "
+            "those rows (is it a mark for a missing measurement?), or use a larger unit"
+        )
+    extent = float((high - low).max())
+    if 0.0 < extent < 1.0 / LARGEST:
+        raise InputError(f"{name} differ by {extent:.3g} at most, too little to work with; give them in a finer unit")
+
+
+def renamed(old: str, old_value: Any, new: str, new_value: Any, default: Any) -> Any:
+    """Value of an argument that may come under its old name, where None is none."""
+    if old_value is None:
+        return new_value
+    if new_value != default:
+        raise InputError(f"{old} is the old name of {new}; give {new} alone, got {new_value!r} and {old_value!r}")
+    warn_of_old_name(old, new)
+    return old_value
+
+
+def warn_of_old_name(old: str, new: str) -> None:
+    """Warn whoever called this package; Python shows it where that is the user's own program."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "dqreg":
+        level, frame = level + 1, frame.f_back
+    warnings.warn(f"{old} is the old name of {new}; use {new}", DeprecationWarning, stacklevel=level)

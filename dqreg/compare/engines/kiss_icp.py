@@ -1,0 +1,100 @@
+"""KISS-ICP's registration of a scan against its voxel map.
+
+Manual: the configuration of PRBonn/kiss-icp ("in most of the cases it should be enough to use the default parameters
+as is") and its pipeline `KissICP.register_frame`. Every length there follows from the range of the sensor, 100 m:
+voxels of 1/100 of it, two of which are the first threshold.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.compare.engines.clouds import source_cloud, target_cloud, task_size
+from dqreg.compare.engines.harness import Clock, Found, load_peer, silent, start_of, timed
+from dqreg.compare.engines.protocol import Attempt, Setting, Task
+
+# MappingConfig: max_range / 100. We let the size of the task stand for the range; of 1/100, 1/50, 1/30, 1/20 and 1/10
+# it is the best on a bracket.
+VOXEL = 1.0 / 100.0
+# AdaptiveThresholdConfig: 2.0 m with voxels of 1.0 m.
+SIGMA = 2.0
+# RegistrationConfig: 1e-4, of a sum of a turn in radians and a shift in metres, with voxels of 1.0 m.
+CONVERGENCE = 1e-4
+ITERATIONS = 500
+POINTS_PER_VOXEL = 20
+
+
+@dataclasses.dataclass(frozen=True)
+class KissIcpMap:
+    """KISS-ICP's robust point-to-point registration, once, against a map made of the target."""
+
+    name: str = "kiss-icp map"
+    needs: tuple[str, ...] = ("kiss-icp",)
+    from_nothing: bool = False
+    # The map is its neighbour search, and its voxels the largest distance of a pair: with points and a distance from
+    # outside it is left with one voxel full of points and a hundred times its usual seconds. Not the same loop.
+    settings: tuple[Setting, ...] = ("manual",)
+
+    def register(self, task: Task) -> Attempt:
+        """Do the task; see `dqreg.compare.engines.Engine.register`."""
+        modules = {name: load_peer(f"kiss_icp.{name}", "kiss-icp") for name in ("mapping", "registration")}
+        modules["voxelization"] = load_peer("kiss_icp.voxelization", "kiss-icp")
+        return timed(self, task, lambda clock, settings: self._work(modules, task, clock, settings), (RuntimeError,))
+
+    def _work(self, kiss: dict[str, ModuleType], task: Task, clock: Clock, settings: dict[str, Any]) -> Found:
+        settings.update(limits(task))
+
+        def thinned(points: FloatArray, voxel: float) -> FloatArray:
+            down: FloatArray = kiss["voxelization"].voxel_down_sample(points, voxel)
+            return down
+
+        with silent():
+            with clock.preparing():
+                local_map = kiss["mapping"].VoxelHashMap(
+                    voxel_size=settings["voxel_size"],
+                    max_distance=settings["map_max_distance"],
+                    max_points_per_voxel=settings["max_points_per_voxel"],
+                )
+                local_map.add_points(thinned(target_cloud(task, settings).points, settings["map_downsampling"]))
+            source = thinned(source_cloud(task).points, settings["map_downsampling"])
+            source = thinned(source, settings["source_downsampling"])
+            T = (
+                kiss["registration"]
+                .Registration(
+                    max_num_iterations=settings["max_num_iterations"],
+                    convergence_criterion=settings["convergence_criterion"],
+                    max_num_threads=settings["max_num_threads"],
+                )
+                .align_points_to_map(
+                    points=source,
+                    voxel_map=local_map,
+                    initial_guess=start_of(task),
+                    max_correspondance_distance=settings["max_correspondence_distance"],
+                    kernel=settings["kernel"],
+                )
+            )
+        return Found(np.array(T), "")
+
+
+def limits(task: Task) -> dict[str, Any]:
+    """Every number of a run."""
+    size = task_size(task)
+    # The pipeline thins a frame to half a voxel for the map, and that to one and a half for the registration.
+    voxel = VOXEL * size
+    return {
+        "voxel_size": voxel,
+        "map_downsampling": 0.5 * voxel,
+        "source_downsampling": 1.5 * voxel,
+        "max_points_per_voxel": POINTS_PER_VOXEL,
+        "map_max_distance": size,
+        "max_correspondence_distance": 3.0 * SIGMA * voxel,
+        "kernel": SIGMA * voxel,
+        "max_num_iterations": ITERATIONS,
+        "convergence_criterion": CONVERGENCE * voxel,
+        "max_num_threads": task.threads,
+    }

@@ -1,0 +1,114 @@
+"""dqreg itself: the front door with its defaults, and its bare loops, which separate the solver from the loop."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Literal
+
+import numpy as np
+
+from dqreg._open3d import load_open3d
+from dqreg.compare.engines.harness import Clock, Found, nothing, start_of, timed
+from dqreg.compare.engines.protocol import Attempt, Setting, Step, Task
+from dqreg.geometry import PointCloud, prepare_scan
+from dqreg.icp import ESTIMATORS, NO_POSE, Icp, Stopping, WithinDistance
+from dqreg.icp.history import Iteration
+from dqreg.registration.assess import from_work, to_work
+from dqreg.registration.prepared import prepare_target
+from dqreg.registration.register import register
+from dqreg.registration.source import centre_source
+from dqreg.registration.target_index import index_target
+
+# Same loop: the cap and not the stopping rule decides.
+TIGHT = 1e-9
+
+
+@dataclasses.dataclass(frozen=True)
+class Dqreg:
+    """`dqreg.register` as a user calls it; a mesh is used as it is."""
+
+    name: str = "dqreg"  # Shown in tables
+    effort: str = "normal"  # Its only setting
+    needs: tuple[str, ...] = ()
+    from_nothing: bool = True
+    # Its loop goes from few points to many and counts iterations on each level: one cap cannot mean the same for it.
+    settings: tuple[Setting, ...] = ("manual",)
+
+    def register(self, task: Task) -> Attempt:
+        """Do the task; see `dqreg.compare.engines.Engine.register`."""
+        load_open3d()
+        return timed(self, task, lambda clock, settings: through_front_door(task, clock, settings, effort=self.effort))
+
+
+@dataclasses.dataclass(frozen=True)
+class DqregLoop:
+    """dqreg with one pose step throughout: as its manual says, the front door with that ``method``.
+
+    In the same loop it is the plain alternation of nearest points and pose step: no widths, no weights, no levels, and
+    extrapolation only where the name says so.
+    """
+
+    name: str  # Shown in tables
+    # The closed form on points and normals, on points alone, Arun's SVD, or points to planes
+    method: Literal["dq", "dq-points", "svd", "plane"]
+    accelerate: bool = False  # Same loop only: whether Anderson acceleration extrapolates
+    needs: tuple[str, ...] = ()
+    from_nothing: bool = False
+    settings: tuple[Setting, ...] = ("manual", "same-loop")
+
+    def register(self, task: Task) -> Attempt:
+        """Do the task; see `dqreg.compare.engines.Engine.register`."""
+        load_open3d()
+        return timed(self, task, lambda clock, settings: self._work(task, clock, settings))
+
+    def _work(self, task: Task, clock: Clock, settings: dict[str, Any]) -> Found:
+        if task.setting == "manual":
+            return through_front_door(task, clock, settings, method=self.method)
+        with clock.preparing():
+            target = index_target(PointCloud(np.asarray(task.target_points), task.target_normals))
+            surface = target.surface
+        source = centre_source(PointCloud(np.asarray(task.source_points)), None, None, np.random.default_rng(task.seed))
+        settings.update(
+            method=self.method,
+            accelerate=self.accelerate,
+            max_distance=float(task.max_distance or 0.0),
+            max_iterations=int(task.max_iterations or 0),
+            convergence=TIGHT,
+        )
+        cap = settings["max_iterations"]
+        loop = Icp(
+            estimator=ESTIMATORS[self.method],
+            gates=(WithinDistance(settings["max_distance"]),),
+            stopping=Stopping(convergence=TIGHT, iterations=cap, patience=cap),
+            accelerate=self.accelerate,
+        )
+        steps: list[Step] = []
+
+        def observe(record: Iteration) -> None:
+            T = from_work(record.T_target_source, target.origin, source.origin)
+            steps.append(Step(record.number, clock.seconds, T))
+
+        run = loop.run(
+            prepare_scan(source.cloud), surface, to_work(start_of(task), target.origin, source.origin), observe
+        )
+        if run.status in NO_POSE or not steps:
+            return nothing(run.status)
+        T = from_work(run.T_target_source, target.origin, source.origin)
+        return Found(T, run.status, len(run.history), tuple(steps))
+
+
+def through_front_door(task: Task, clock: Clock, settings: dict[str, Any], **options: Any) -> Found:
+    """`dqreg.register` on a task."""
+    with clock.preparing():
+        target = prepare_target(task.target)
+        if task.start is None:
+            _ = target.pairs
+    steps: list[Step] = []
+
+    def observe(record: Iteration) -> None:
+        steps.append(Step(record.number, clock.seconds, record.T_target_source))
+
+    result = register(task.source, target, task.start, seed=task.seed, observe=observe, **options)
+    settings.update(result.settings)
+    words = f"{result.verdict.level}: {result.verdict.reasons[0]}" if result.verdict.reasons else result.verdict.level
+    return Found(result.T_target_source, words, len(result.history), tuple(steps))

@@ -1,0 +1,145 @@
+"""From a cell of a sweep to its task: the virtual scan, its frame, its start."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.compare.case import Challenge, make_challenge
+from dqreg.compare.sweep import FRAMES, Cell
+from dqreg.compare.truth import Truth
+from dqreg.geometry import Mesh, PointCloud, sample_mesh
+from dqreg.rigid import pose
+from dqreg.synth import Noise, Scanner, disturbance, random_pose, scan_mesh
+from dqreg.synth.parts import KINDS, symmetry_of
+
+VIEWS = ((1.0, -0.8, 0.9), (0.9, 1.0, 0.7), (-0.45, 0.2, 1.0))
+# Share of the rays of a square image that meet a part, about; and points made at a time, for memory.
+HIT_SHARE, CHUNK = 0.2, 300_000
+TARGET_POINTS = 50_000
+
+
+def build(cell: Cell, **options: Any) -> Challenge:
+    """Task of a cell.
+
+    The scan depends on part, points, noise, outliers and trial only, so that along an axis of starts it is the same
+    scan that starts from farther and farther away.
+    """
+    part = _part(cell.part)
+    scan_rng, pose_rng = (np.random.default_rng([cell.trial, stream]) for stream in (1, 2))
+    target: Mesh | PointCloud = part
+    if cell.overlap is None:
+        scan = _scan(cell.part, cell.points, cell.noise, cell.outliers, cell.trial)
+    else:
+        scan, target = _two_scans(part, cell, scan_rng)
+    T_truth = pose.inverse(random_pose(pose_rng, 0.8 * part.diagonal, part.centre))
+    step = disturbance(pose_rng, np.deg2rad(cell.start_angle_deg), cell.start_offset * part.diagonal, part.centre)
+    T_start = step @ T_truth
+    source = pose.apply(pose.inverse(T_truth), scan)
+    if cell.axis == "frame":
+        # Coordinates far away come with a start near the identity, as they do from a surveyed scanner.
+        source, T_truth, T_start = pose.apply(T_start, source), T_truth @ pose.inverse(T_start), np.eye(4)
+    frame, symmetry = Frame.named(cell.frame), symmetry_of(cell.part)
+    axis = symmetry.axis
+    truth = Truth(
+        np.stack([frame.carry(turn @ T_truth) for turn in symmetry.poses]),
+        None if axis is None else np.stack([frame.move(axis[0]), axis[1]]),
+    )
+    return make_challenge(
+        cell.part,
+        PointCloud(frame.move(source)),
+        frame.target(target),
+        None if cell.nothing else frame.carry(T_start),
+        truth,
+        setting=cell.setting,
+        noise=cell.noise * part.diagonal * frame.scale,
+        units=cell.frame.partition(",")[0],
+        axis=cell.axis,
+        value=cell.value,
+        trial=cell.trial,
+        seed=cell.trial,
+        **options,
+    )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Frame:
+    """Unit and place of coordinates: p' = scale p + place, for source and target alike."""
+
+    scale: float  # From millimetres
+    place: FloatArray  # (3,): Where the old origin is
+
+    @staticmethod
+    def named(name: str) -> Frame:
+        """Frame of a sweep."""
+        scale, place = FRAMES[name]
+        return Frame(scale, np.array(place))
+
+    def move(self, points: FloatArray) -> FloatArray:
+        """Points in this frame.
+
+        Shapes: points (..., 3), returns (..., 3).
+        """
+        moved: FloatArray = self.scale * points + self.place
+        return moved
+
+    def carry(self, T: FloatArray) -> FloatArray:
+        """Pose between two frames that are both moved: R stays, t' = scale t + place - R place."""
+        R = T[:3, :3]
+        return pose.from_parts(R, self.scale * T[:3, 3] + self.place - R @ self.place)
+
+    def target(self, target: Mesh | PointCloud) -> Mesh | PointCloud:
+        """Target in this frame."""
+        if isinstance(target, Mesh):
+            return Mesh(self.move(target.vertices), target.faces)
+        return PointCloud(self.move(target.points))
+
+
+@functools.lru_cache(maxsize=4)
+def _part(kind: str) -> Mesh:
+    return Mesh(*KINDS[kind].build())
+
+
+@functools.lru_cache(maxsize=12)
+def _scan(kind: str, points: int, noise: float, outliers: float, trial: int) -> FloatArray:
+    """Exactly so many points of a virtual scan, in the part's frame; large ones are made of several passes."""
+    part, rng = _part(kind), np.random.default_rng([trial, 1])
+    error = Noise(range_sigma=noise * part.diagonal, outlier_share=outliers, max_incidence_rad=float(np.deg2rad(80.0)))
+    passes: list[FloatArray] = []
+    missing = points
+    while missing > 0:
+        wanted = min(missing, CHUNK)
+        pixels = int(np.ceil(np.sqrt(wanted / (HIT_SHARE * len(VIEWS)))))
+        # Each pass looks from a slightly different place, as a hand-held scanner does.
+        views = np.array(VIEWS) + 0.03 * len(passes) ** 0.5 * rng.normal(size=(len(VIEWS), 3))
+        scanner = Scanner(views=tuple(map(tuple, views.tolist())), pixels=pixels)
+        found = scan_mesh(part.vertices, part.faces, scanner, error, rng=rng).points
+        chosen = rng.permutation(len(found))[:wanted]
+        passes.append(found[chosen])
+        missing -= len(chosen)
+    scan = np.concatenate(passes)
+    scan.flags.writeable = False
+    return scan
+
+
+def _two_scans(part: Mesh, cell: Cell, rng: np.random.Generator) -> tuple[FloatArray, PointCloud]:
+    """Two scans of the part from all around, cut so that a known share of the first is in the second too."""
+    overlap = 1.0 if cell.overlap is None else cell.overlap
+    # Cut across a direction that no face of a part is likely to be square to.
+    direction = np.array([0.8, 0.5, 0.33])
+    kept = 1.0 / (2.0 - overlap)
+    clouds = []
+    for count, sign in ((cell.points, 1.0), (TARGET_POINTS, -1.0)):
+        whole = sample_mesh(part, int(np.ceil(count / kept)), rng)
+        assert whole.normals is not None
+        along = sign * (whole.points @ direction)
+        rows = np.argsort(along)[:count]
+        shift = cell.noise * part.diagonal * rng.standard_normal((len(rows), 1))
+        clouds.append(whole.points[rows] + shift * whole.normals[rows])
+    strays = rng.random(cell.points) < cell.outliers
+    box = part.centre + 1.2 * (rng.random((cell.points, 3)) - 0.5) * np.ptp(part.bounds, axis=0)
+    return np.where(strays[:, None], box, clouds[0]), PointCloud(clouds[1])

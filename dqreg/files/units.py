@@ -1,0 +1,46 @@
+"""Length units by name, and the factor between two of them."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+
+from dqreg.errors import UnitsError
+
+# Exact by definition, so that their ratios are rounded once.
+METRES = {
+    "um": Fraction(1, 1_000_000),
+    "mm": Fraction(1, 1_000),
+    "cm": Fraction(1, 100),
+    "m": Fraction(1),
+    "inch": Fraction(254, 10_000),
+    "ft": Fraction(3_048, 10_000),
+}
+
+
+def factor(source: str | None, target: str | None) -> float:
+    """What source lengths are multiplied with to be in target units; 1 where either unit is unknown."""
+    for name in (source, target):
+        if name is not None and (not isinstance(name, str) or name not in METRES):
+            raise UnitsError(f"unknown length unit {name!r}; known are {', '.join(METRES)}")
+    if source is None or target is None:
+        return 1.0
+    return float(METRES[source] / METRES[target])
+
+
+UNIT_WORDS = {
+    **dict.fromkeys(["um", "micron", "microns", "micrometer", "micrometers", "micrometre", "micrometres"], "um"),
+    **dict.fromkeys(["mm", "millimeter", "millimeters", "millimetre", "millimetres"], "mm"),
+    **dict.fromkeys(["cm", "centimeter", "centimeters", "centimetre", "centimetres"], "cm"),
+    **dict.fromkeys(["m", "meter", "meters", "metre", "metres"], "m"),
+    **dict.fromkeys(["in", "inch", "inches"], "inch"),
+    **dict.fromkeys(["ft", "foot", "feet"], "ft"),
+}
+# The whole comment must say it: "units mm", "Unit: mm", "Model units = millimeters".
+STATEMENT = re.compile(r"(?:(?:file|model|length)[ _])?units?\s*[:=]?\s*([a-z]+)\.?", re.IGNORECASE)
+
+
+def unit_of_comment(comment: str) -> str | None:
+    """Length unit that a comment states and nothing else, or None."""
+    stated = STATEMENT.fullmatch(comment.strip())
+    return UNIT_WORDS.get(stated.group(1).lower()) if stated else None

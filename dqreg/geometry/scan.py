@@ -1,0 +1,234 @@
+"""From a raw cloud to a scan that the loop can use: spacing and noise measured, ordered, with normals where asked."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
+from dqreg.errors import InputError
+from dqreg.geometry.cloud import PointCloud
+from dqreg.geometry.morton import distinct_in_order
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import PlaneFits, fit_planes, orient_towards, sample_rows
+
+# Enough for a median that is good to one per cent.
+SPACING_SAMPLE = 5_000
+FEWEST_POINTS = 3
+# Points among which neighbours are looked for where normals are wanted at a few places only.
+THINNED = 50_000
+# Pieces of the cloud on which spacing and noise are measured then, points of a piece, and those in its middle, whose
+# neighbours are in the piece.
+PIECES, PIECE, MIDDLE = 30, 512, 64
+
+
+@dataclasses.dataclass(frozen=True)
+class Scan:
+    """Source points ready for the loop, in Morton order.
+
+    Attributes
+    ----------
+    points : ndarray, (n, 3)
+        Positions in the source frame.
+    normals : ndarray, (n, 3)
+        Unit normals; zero where none is known. The sign counts only if ``oriented``.
+    levers : ndarray, (n,)
+        Squared length that turns a point's weight into its normal's (see `PlaneFits`); 0 where none was fitted.
+    residuals : ndarray, (n,)
+        Local plane residual sigma_r of each point; NaN where unknown.
+    oriented : bool
+        Whether the normals' signs are known (given, or a viewpoint was).
+    spacing : float
+        Median distance between nearest neighbours of the whole cloud.
+    noise : float
+        Median local plane residual: an upper estimate of the point noise where the surface is curved.
+    total : int
+        Distinct points of the whole cloud.
+    fitted : ndarray of int, (m,), or None
+        Rows at which planes were fitted, ascending; None stands for all.
+    counts : ndarray, (n,), or None
+        Points of one face that each row stands for, as their mean; None where every row is a point.
+    within : ndarray, (n,), or None
+        Sum of the squared distances of those points from their mean, along the normal of that face.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    levers: FloatArray
+    residuals: FloatArray
+    oriented: bool
+    spacing: float
+    noise: float
+    total: int
+    fitted: IntArray | None = None
+    counts: FloatArray | None = None
+    within: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def thinned(self, count: int) -> Scan:
+        """The same scan with at most ``count`` points, evenly taken along the Morton curve.
+
+        Where the rows with fitted planes suffice, they are taken.
+        """
+        return self if count >= len(self) else self.taken(self.even_rows(count))
+
+    def even_rows(self, count: int) -> IntArray:
+        """Rows that `thinned` takes."""
+        if self.fitted is not None and count <= len(self.fitted):
+            return self.fitted[sample_rows(len(self.fitted), count)]
+        return sample_rows(len(self), count)
+
+    def taken(self, rows: IntArray) -> Scan:
+        """The same scan with the given rows, ascending, alone."""
+        fitted = None if self.fitted is None else np.flatnonzero(np.isin(rows, self.fitted, assume_unique=True))
+        return dataclasses.replace(
+            self,
+            points=np.take(self.points, rows, axis=0),
+            normals=np.take(self.normals, rows, axis=0),
+            levers=self.levers[rows],
+            residuals=self.residuals[rows],
+            fitted=fitted,
+        )
+
+    @property
+    def represented(self) -> float:
+        """Points that all rows stand for."""
+        return float(len(self) if self.counts is None else self.counts.sum())
+
+    @cached_property
+    def scatter(self) -> FloatArray | float:
+        """Mean squared distance, along the normal, of the points of each row from the row: zero where it is a point."""
+        return 0.0 if self.counts is None or self.within is None else self.within / self.counts
+
+    @cached_property
+    def directed(self) -> BoolArray:
+        """Which points have a normal, (n,)."""
+        return np.asarray(self.normals.any(axis=1))
+
+    @property
+    def diagonal(self) -> float:
+        """Diagonal of the bounding box."""
+        low, high = bounds(self.points)
+        return float(np.linalg.norm(high - low))
+
+
+def prepare_scan(cloud: PointCloud, fitted: int | None = None) -> Scan:
+    """Order a cloud, measure it, and fit normals.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The source as it was read.
+    fitted : int, optional
+        Points at which planes are fitted, evenly taken along the Morton curve; None fits at all of them. A few are
+        fitted to neighbours in an evenly thinned cloud, and spacing and noise are then measured on pieces of it: for
+        a large cloud that costs a small part of fitting at all points.
+
+    Returns
+    -------
+    Scan
+        Ready for the loop.
+
+    Raises
+    ------
+    InputError
+        If fewer than three distinct places are left.
+
+    Examples
+    --------
+    >>> grid = np.stack(np.meshgrid(range(10), range(10), [0.0]), axis=-1).reshape(-1, 3)
+    >>> scan = prepare_scan(PointCloud(grid), fitted=50)
+    >>> len(scan), int(scan.directed.sum()), scan.spacing, scan.noise
+    (100, 50, 1.0, 0.0)
+    """
+    order = distinct_in_order(cloud.points)
+    points = np.take(cloud.points, order, axis=0)
+    if len(points) < FEWEST_POINTS:
+        raise InputError(
+            f"a scan needs finite points at {FEWEST_POINTS} places at least to fix a pose; the {len(cloud)} points of "
+            f"this one are at {len(points)}"
+        )
+    rows = sample_rows(len(points), len(points) if fitted is None else fitted)
+    fits, spacing, noise = _fit_all(points) if len(rows) == len(points) else _fit_some(points, rows)
+    normals, levers, residuals = np.zeros_like(points), np.zeros(len(points)), np.full(len(points), np.nan)
+    known = _known(fits)
+    normals[rows] = np.where(known[:, None], fits.normals, 0.0)
+    levers[rows] = np.where(known, fits.lever, 0.0)
+    residuals[rows] = fits.residuals
+    if cloud.normals is not None:
+        normals = np.take(cloud.normals, order, axis=0)
+    elif cloud.viewpoint is not None:
+        normals[rows] = orient_towards(normals[rows], points[rows], cloud.viewpoint)
+    return Scan(
+        points=points,
+        normals=normals,
+        levers=levers,
+        residuals=residuals,
+        oriented=cloud.normals is not None or cloud.viewpoint is not None,
+        spacing=spacing,
+        noise=noise,
+        total=len(points),
+        fitted=None if len(rows) == len(points) else rows,
+    )
+
+
+def _fit_all(points: FloatArray) -> tuple[PlaneFits, float, float]:
+    tree = NeighbourTree(points)
+    fits = fit_planes(tree, points, points)
+    return fits, _spacing(fits, points), _noise(fits)
+
+
+def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, float]:
+    if len(points) <= PIECES * PIECE:
+        tree = NeighbourTree(points)
+        fits = fit_planes(tree, points, points[rows])
+        return fits, _spacing(fits, points[rows]), _noise(fits)
+    thinned = points[sample_rows(len(points), max(THINNED, 2 * len(rows)))]
+    fits = fit_planes(NeighbourTree(thinned), thinned, points[rows])
+    # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those
+    # in the middle are their neighbours in the whole cloud.
+    firsts = np.linspace(0, len(points) - PIECE, PIECES).astype(np.int64)
+    pieces = points[(firsts[:, None] + np.arange(PIECE)).ravel()]
+    middles = points[(firsts[:, None] + (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)).ravel()]
+    pieced = fit_planes(NeighbourTree(pieces), pieces, middles)
+    return fits, _spacing(pieced, middles), _noise(pieced)
+
+
+def _known(fits: PlaneFits) -> BoolArray:
+    return np.asarray(np.isfinite(fits.normals).all(axis=1))
+
+
+def _noise(fits: PlaneFits) -> float:
+    known = _known(fits)
+    return float(np.median(fits.residuals[known])) if known.any() else 0.0
+
+
+def measure_spacing(tree: NeighbourTree, points: FloatArray) -> float:
+    """Median distance from a point to its nearest neighbour that is not a duplicate of it.
+
+    >>> line = np.arange(12.0).reshape(-1, 1) * [2.0, 0.0, 0.0]
+    >>> measure_spacing(NeighbourTree(line), line)
+    2.0
+    """
+    _, distances = tree.nearest(points[sample_rows(len(points), SPACING_SAMPLE)], 2)
+    return _usual_gap(distances[:, -1], points)
+
+
+def _spacing(fits: PlaneFits, points: FloatArray) -> float:
+    # The same from distances that are known already, of distinct points.
+    gaps = np.zeros(0) if fits.gaps is None else fits.gaps
+    return _usual_gap(gaps[sample_rows(len(gaps), SPACING_SAMPLE)], points)
+
+
+def _usual_gap(gaps: FloatArray, points: FloatArray) -> float:
+    if gaps.max(initial=0.0) > 0.0:
+        return float(np.median(gaps[gaps > 0.0]))
+    # Every sampled point has a twin; only a cloud that is one single place has no spacing at all.
+    extent = float(np.linalg.norm(np.subtract(*bounds(points))))
+    if extent == 0.0:
+        raise InputError(f"all {len(points)} points coincide; a pose needs points at three places at least")
+    return extent / len(points)

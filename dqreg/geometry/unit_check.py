@@ -1,0 +1,164 @@
+"""Lengths of source and target that look as if they were in different units.
+
+A scan may be smaller than its part (a partial view, a patch) and larger (the part stands in a scene), so a ratio of
+sizes alone says little until it is absurd. Three kinds of evidence, from the standard deviations along the principal
+axes of either side (of the nearest 95 % of the points, so that strays count for nothing):
+
+- beyond a factor of 150 no scan belongs to its part; the nearest ratio of units is named;
+- near 10, 25.4 or 100 the *shapes* must agree as well: the deviations in about that same ratio, as for a scan of the
+  whole part. A patch of a part or a scene around it has other proportions;
+- between two clouds the *spacing* must speak the same language: a unit scales it along with the size, while a
+  small scan of a large object, or a scene about a model, has nearly the spacing of the other side.
+
+Measured on nine CAD parts: with 1, 2 and 3 views 56, 74 and 85 % of mistakes by 10 or 25.4 are seen, and of those by
+304.8 or 1000 all; of random scenes 4 to 140 times as large as the part 2 % look like a mistake, of patches of 0.3 to
+10 % of a part 1 %, of 42 pairs of real scans (LiDAR, scenes, partial views) none. What is not seen here does not fit
+later, and the verdict of the registration says so.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import UnitsError
+from dqreg.files.units import factor
+from dqreg.geometry.cloud import PointCloud
+from dqreg.geometry.mesh import Mesh
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.sampling import sample_mesh
+from dqreg.geometry.scan import measure_spacing
+
+# Pairs of units that are mixed up, coarser and finer: the likely ones first.
+MIXED = (("m", "mm"), ("inch", "mm"), ("cm", "mm"), ("m", "cm"), ("ft", "mm"), ("mm", "um"), ("m", "um"))
+# A larger ratio of sizes has no other reading than a mistake.
+ABSURD = 150.0
+# An absurd ratio holds a unit and, for a scan of a part of the object, up to that factor.
+PARTIAL = 5.0
+# A ratio of units that near to the ratio of sizes comes first.
+CLOSE = 1.25
+# Agreement of the two large principal deviations with the ratio of units, and the most of the third: a scan from a
+# few sides is thinner than its part, never thicker. A scan much smaller than its part must not be flat either: it
+# would be a patch.
+AGREE, THIN, THICK = 1.18, 0.45, 1.18
+# Spacings of two clouds agree with the ratio of units within that factor: sensors differ.
+SPACING = 3.0
+SAMPLE, KEPT = 5_000, 0.95
+
+
+@dataclasses.dataclass(frozen=True)
+class UnitMistake:
+    """A likely mistake of units."""
+
+    ratio: float  # Size of the source by the size of the target, in the numbers as they are
+    factor: float  # The ratio of units it is taken for, source numbers by target numbers
+    # source_units, target_units: Units under which the sizes would agree
+    source_units: str
+    target_units: str
+    sentence: str  # What was found, and what to do
+
+
+def require_same_units(
+    source: PointCloud | Mesh,
+    target: PointCloud | Mesh,
+    source_units: str | None = None,
+    target_units: str | None = None,
+    target_spreads: FloatArray | None = None,
+) -> None:
+    """Raise where source and target look as if they were in different units."""
+    mistake = find_unit_mistake(source, target, source_units, target_units, target_spreads)
+    if mistake is not None:
+        raise UnitsError(mistake.sentence)
+
+
+def find_unit_mistake(
+    source: PointCloud | Mesh,
+    target: PointCloud | Mesh,
+    source_units: str | None = None,
+    target_units: str | None = None,
+    target_spreads: FloatArray | None = None,
+) -> UnitMistake | None:
+    """The likely mistake of units between two sides, or None."""
+    if source_units is not None and target_units is not None:
+        return None
+    spreads = principal_spreads(source), principal_spreads(target) if target_spreads is None else target_spreads
+    sizes = tuple(float(np.linalg.norm(spread)) for spread in spreads)
+    if not min(sizes) > 0.0:
+        return None
+    ratio = sizes[0] / sizes[1]
+    known = (source_units, target_units) if ratio > 1.0 else (target_units, source_units)
+    # The larger numbers are in the finer unit.
+    pairs = [(coarse, fine) for coarse, fine in MIXED if known[0] in (None, fine) and known[1] in (None, coarse)]
+    seen = [pair for pair in pairs if _same_shape(*spreads, ratio, factor(*pair))]
+    over = max(ratio, 1.0 / ratio)
+    if over > ABSURD:
+        seen = seen or _explanations(over, pairs, whole=ratio < 1.0)
+    else:
+        seen = [pair for pair in seen if _same_spacing(source, target, ratio, factor(*pair))]
+    if not seen:
+        return None
+    coarse, fine = seen[0]
+    units = factor(coarse, fine)
+    named = (fine, coarse) if ratio > 1.0 else (coarse, fine)
+    return UnitMistake(ratio, units if ratio > 1.0 else 1.0 / units, *named, _sentence(ratio, sizes, seen))
+
+
+def principal_spreads(geometry: PointCloud | Mesh) -> FloatArray:
+    """Standard deviations along the principal axes, the largest first, strays left out."""
+    if isinstance(geometry, Mesh):
+        points = sample_mesh(geometry, SAMPLE, np.random.default_rng(0)).points
+    else:
+        points = geometry.points[sample_rows(len(geometry.points), SAMPLE)]
+    # Column by column: along rows of three NumPy takes ten times as long.
+    columns = np.ascontiguousarray(points.T)
+    centred = columns - np.median(columns, axis=1, keepdims=True)
+    away = np.einsum("ij,ij->j", centred, centred)
+    near = centred[:, away <= np.quantile(away, KEPT)]
+    near -= near.mean(axis=1, keepdims=True)
+    variances = np.linalg.eigvalsh(near @ near.T / near.shape[1])[::-1]
+    spreads: FloatArray = np.sqrt(np.maximum(variances, 0.0))
+    return spreads
+
+
+def _explanations(over: float, pairs: list[tuple[str, str]], whole: bool) -> list[tuple[str, str]]:
+    """Pairs of units that explain an absurd ratio, the likely first; ``whole``: the larger side is the target."""
+    # A scan of a part of the object makes the ratio smaller where the scan has the larger numbers, else larger.
+    low, high = (over / PARTIAL, over / 0.8) if whole else (0.8 * over, over * PARTIAL)
+    near = sorted(pairs, key=lambda pair: abs(np.log(over / factor(*pair))))
+    close = [pair for pair in near if abs(np.log(over / factor(*pair))) <= np.log(CLOSE)]
+    likely = [pair for pair in pairs if low <= factor(*pair) <= high and pair not in close]
+    return close + likely or near[:1]
+
+
+def _same_shape(source: FloatArray, target: FloatArray, ratio: float, units: float) -> bool:
+    """Whether the spreads agree once the larger side is divided by a ratio of units."""
+    scan = source / units if ratio > 1.0 else source * units
+    if not min(scan[1], target[1]) > 0.0:
+        return False
+    large = np.abs(np.log(scan[:2] / target[:2])).max() <= np.log(AGREE)
+    thin = 0.0 if ratio > 1.0 else THIN
+    return bool(large and thin * target[2] <= scan[2] <= THICK * target[2] + 0.02 * target[0])
+
+
+def _same_spacing(source: PointCloud | Mesh, target: PointCloud | Mesh, ratio: float, units: float) -> bool:
+    """Whether the spacings of two clouds differ by the ratio of units too; a mesh has none and says nothing."""
+    if isinstance(source, Mesh) or isinstance(target, Mesh):
+        return True
+    one, other = (measure_spacing(NeighbourTree(cloud.points), cloud.points) for cloud in (source, target))
+    over = one / other if ratio > 1.0 else other / one
+    return bool(units / SPACING <= over <= units * SPACING)
+
+
+def _sentence(ratio: float, sizes: tuple[float, ...], likely: list[tuple[str, str]]) -> str:
+    size = f"{ratio:.4g} times as large as" if ratio > 1.0 else f"{1.0 / ratio:.4g} times smaller than"
+    (source, target), *others = [(fine, coarse) if ratio > 1.0 else (coarse, fine) for coarse, fine in likely]
+    also = "".join(f" (or {one} and {other})" for one, other in others[:1])
+    return (
+        f"the source is {size} the target (spread {sizes[0]:.3g} against {sizes[1]:.3g}): near "
+        f"{factor(*likely[0]):g}, as if the source were in {source} and the target in {target}{also}. Name both: "
+        f'source_units="{source}", target_units="{target}" (--source-units {source} --target-units {target}); if the '
+        'sizes are right as they are, say units="ignore" (--units ignore)'
+    )

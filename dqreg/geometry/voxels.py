@@ -1,0 +1,98 @@
+"""Means of the points in the cells of a grid: a cloud that is denser near the sensor becomes even, and smaller."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg.geometry.cloud import PointCloud
+from dqreg.geometry.cloud_surface import CloudSurface
+from dqreg.geometry.morton import BITS, morton_codes
+
+# Times the points wanted from which on a cloud is worth thinning: below, it costs accuracy and saves little.
+DENSE = 3.0
+# A cloud of which cells would leave more than this share is left as it is.
+WHOLE = 2.0 / 3.0
+
+
+def even_size(points: FloatArray, count: int) -> float:
+    """Edge of the cells that make a dense cloud even and small.
+
+    >>> grid = np.stack(np.meshgrid(range(40), range(40), [0.0]), axis=-1).reshape(-1, 3)
+    >>> round(even_size(grid, 400), 1), even_size(grid, 800)
+    (2.0, 0.0)
+    """
+    return cell_size(points, count) if len(points) > DENSE * count else 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class EvenCloud:
+    """A cloud with one point a cell."""
+
+    size: float  # Edge of a cell
+    cloud: PointCloud  # Means of the cells; the cloud itself where it has hardly more points than they
+    # The same as a surface; None where the cloud is whole, for whoever has it has its surface
+    surface: CloudSurface | None
+
+    @staticmethod
+    def of(cloud: PointCloud, size: float) -> EvenCloud:
+        """Even a cloud out."""
+        even = evened(cloud, size)
+        return EvenCloud(size, even, None if even is cloud else CloudSurface(even))
+
+
+def evened(cloud: PointCloud, size: float) -> PointCloud:
+    """Means of the cells of a cloud, or the cloud itself where it has hardly more points than they are."""
+    even = cell_means(cloud, size)
+    return even if len(even) < WHOLE * len(cloud) else cloud
+
+
+def cell_size(points: FloatArray, count: int) -> float:
+    """Edge of the cubic cells of which the points fill about so many."""
+    if len(points) <= count:
+        return 0.0
+    # Dropping three bits of a Morton code doubles the edge: one sort counts the cells of every such size.
+    codes = np.sort(morton_codes(points))
+    changes = codes[1:] ^ codes[:-1]
+    counts = []
+    for _ in range(BITS + 1):
+        changes = changes[changes != 0]
+        counts.append(1 + len(changes))
+        changes = changes >> np.uint64(3)
+    filled = np.array(counts)
+    level = int(np.searchsorted(-filled, -count))
+    if level == 0:
+        return 0.0
+    # Between two sizes the logarithm of the number is nearly a line.
+    finer, coarser = np.log(filled[level - 1 : level + 1])
+    part = (finer - np.log(count)) / (finer - coarser)
+    extent = float(np.subtract(*bounds(points)[::-1]).max())
+    return float(extent / (2**BITS - 1) * 2.0 ** (level - 1 + part))
+
+
+def cell_means(cloud: PointCloud, size: float) -> PointCloud:
+    """One point for each cell that holds some: their mean, with the mean of their normals."""
+    if not size > 0.0:
+        return cloud
+    order, firsts = _runs(cloud.points, size)
+    counts = np.diff(firsts, append=len(order))
+    points = _sums(cloud.points, order, firsts) / counts[:, None]
+    normals = None
+    if cloud.normals is not None:
+        normals = _sums(cloud.normals, order, firsts)
+        cancelled = np.abs(normals).max(axis=1) <= 1e-6 * counts
+        normals[cancelled] = cloud.normals[order[firsts[cancelled]]]
+    return dataclasses.replace(cloud, points=points, normals=normals)
+
+
+def _runs(points: FloatArray, size: float) -> tuple[IntArray, IntArray]:
+    codes = morton_codes(points, size)
+    order = np.argsort(codes, kind="stable")
+    walked = codes[order]
+    return order, np.flatnonzero(np.r_[True, walked[1:] != walked[:-1]])
+
+
+def _sums(rows: FloatArray, order: IntArray, firsts: IntArray) -> FloatArray:
+    return np.column_stack([np.add.reduceat(column[order], firsts) for column in np.ascontiguousarray(rows.T)])

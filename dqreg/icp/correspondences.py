@@ -1,0 +1,89 @@
+"""What one iteration compares: moved source points and their closest places on the target."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry.cloud_surface import CloudSurface
+from dqreg.geometry.mesh_surface import MeshSurface
+from dqreg.geometry.scan import Scan
+from dqreg.geometry.surface import Closest, Surface
+from dqreg.rigid import pose
+
+
+@dataclasses.dataclass(frozen=True)
+class Pairs:
+    """Correspondences of a scan at one pose."""
+
+    scan: Scan  # The source, untouched, in its own frame
+    T_target_source: FloatArray  # (4, 4): The pose at which the target was asked
+    closest: Closest  # Closest place on the target for each scan point, in the target frame
+    same_sign: bool  # Whether both sides' normals have known signs, so that they may be compared as they are
+
+    @property
+    def distances(self) -> FloatArray:
+        """Distance of each pair, (n,)."""
+        return self.closest.distances
+
+    @property
+    def squares(self) -> FloatArray:
+        """Mean squared distance of the points that each pair stands for, (n,)."""
+        squares: FloatArray = self.closest.distances**2 + self.scan.scatter
+        return squares
+
+    @cached_property
+    def moved(self) -> FloatArray:
+        """Source points at the pose, (n, 3)."""
+        return pose.apply(self.T_target_source, self.scan.points)
+
+    @cached_property
+    def aside(self) -> FloatArray:
+        """Distance of each moved point from the target's tangent plane, positive on the normal's side, (n,)."""
+        aside: FloatArray = np.einsum("ij,ij->i", self.moved - self.closest.points, self.closest.normals)
+        return aside
+
+    @cached_property
+    def normal_cosines(self) -> FloatArray:
+        """Cosine between the moved source normal and the target normal, (n,); 0 where either is unknown."""
+        # One product with the rotated target normals instead of a turn of every source normal.
+        back = self.closest.normals @ self.T_target_source[:3, :3]
+        cosines: FloatArray = np.einsum("ij,ij->i", back, self.scan.normals)
+        return cosines
+
+    @cached_property
+    def source_directions(self) -> FloatArray:
+        """Source normals with the sign that agrees with the target's, (n, 3)."""
+        if self.same_sign:
+            return self.scan.normals
+        return self.scan.normals * np.where(self.normal_cosines < 0.0, -1.0, 1.0)[:, None]
+
+
+def correspond(scan: Scan, surface: Surface, T_target_source: FloatArray, before: Pairs | None = None) -> Pairs:
+    """Ask the surface for the closest place of every scan point."""
+    if before is not None and before.scan is scan and np.array_equal(before.T_target_source, T_target_source):
+        return before
+    moved = pose.apply(T_target_source, scan.points)
+    if before is not None and isinstance(surface, (CloudSurface, MeshSurface)):
+        closest = surface.closest_again(moved, before.closest, before.moved)
+    else:
+        closest = surface.closest(moved)
+    return Pairs(scan, T_target_source, closest, same_sign=scan.oriented and surface.oriented)
+
+
+def carried(pairs: Pairs, T_target_source: FloatArray) -> Pairs:
+    """Pairs at a pose nearby, without asking the surface again: each match slides with its point on its tangent plane.
+
+    On a face that is what it does, and between the points of a cloud it leaves the gaps as wide as they were.
+    """
+    moved = pose.apply(T_target_source, pairs.scan.points)
+    motion = moved - pairs.moved
+    across = np.einsum("ij,ij->i", motion, pairs.closest.normals)
+    points = pairs.closest.points + motion - across[:, None] * pairs.closest.normals
+    gaps = moved - points
+    distances = np.sqrt(np.einsum("ij,ij->i", gaps, gaps))
+    found = dataclasses.replace(pairs.closest, points=points, distances=distances, others=None)
+    return Pairs(pairs.scan, T_target_source, found, pairs.same_sign)

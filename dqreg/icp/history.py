@@ -1,0 +1,35 @@
+"""Record of one iteration of the loop."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from dqreg._arrays import FloatArray, warn_of_old_name
+
+
+@dataclasses.dataclass(frozen=True)
+class Iteration:
+    """Record of one iteration."""
+
+    number: int  # 1 for the first
+    # Which run of the loop it belongs to. "patient" and "quick" both begin at the start pose, and one of them is
+    # dropped; "fine" goes on from the other
+    stage: str
+    points: int  # Source points used
+    pairs: int  # Pairs with a weight above zero
+    inlier_fraction: float  # Mean weight of all points used
+    rms: float  # Weighted root mean square distance of the pairs, before the step
+    kernel_scale: float  # Width of the robust kernel
+    energy: float  # Mean robust cost before the step, a length squared
+    turn_rad: float  # Rotation of the step
+    # Root mean square motion of the points in the step, in sizes of the target; infinite where an extrapolation was
+    # taken back
+    motion: float
+    seconds: float  # Wall time
+    T_target_source: FloatArray = dataclasses.field(repr=False, compare=False)  # (4, 4): The pose after the step
+
+    @property
+    def scale(self) -> float:
+        """Old name of `kernel_scale`, deprecated."""
+        warn_of_old_name("Iteration.scale", "kernel_scale")
+        return self.kernel_scale

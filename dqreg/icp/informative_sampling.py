@@ -1,0 +1,80 @@
+"""Which points the last level asks about: those that say most about what is known least."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.icp.correspondences import Pairs
+from dqreg.trust.covariance import plane_rows
+
+# Every place keeps this share of an even choice: what is not looked at cannot object.
+EVEN = 0.25
+# Information below this share of the largest counts as that much: a free motion must not draw all points to itself.
+WEAKEST = 1e-6
+# Values below this share of the largest are none.
+NOTHING = 1e-9
+
+
+def value_of(pairs: Pairs, weights: FloatArray) -> FloatArray:
+    """How much each pair would lower the mean squared displacement of the part, were there more like it.
+
+    With rows ``J`` of a plane feature, scaled so that turns and shifts are displacements, the mean squared displacement
+    is ``tr(M^-1)``, ``M = sum w J^T J``; one more pair like i lowers it by ``w J_i M^-2 J_i^T``.
+    """
+    points, normals = pairs.moved, pairs.closest.normals
+    centre = points.mean(axis=0)
+    centred = points - centre
+    lever = float(np.sqrt(np.einsum("ij,ij->", centred, centred) / len(centred)))
+    rows = plane_rows(points, normals, centre, lever)
+    values, vectors = np.linalg.eigh((rows * weights) @ rows.T)
+    if not values[-1] > 0.0:
+        return np.ones(len(weights))
+    held = np.maximum(values, WEAKEST * values[-1])
+    gain = weights * ((vectors.T @ rows / held[:, None]) ** 2).sum(axis=0)
+    mean = float(gain.mean())
+    return gain / mean if mean > 0.0 else np.ones(len(weights))
+
+
+def favoured_rows(values: FloatArray, places: IntArray, total: int, count: int) -> IntArray:
+    """Rows to take, more of them where the value is high.
+
+    Shapes: values (m,), places (m,).
+    """
+    if count >= total:
+        return np.arange(total)
+    return favoured_of(values, np.diff(np.r_[0, (places[1:] + places[:-1] + 1) // 2, total]), count)
+
+
+def favoured_of(values: FloatArray, lengths: IntArray, count: int) -> IntArray:
+    """Rows to take out of groups that follow each other, more of them where the value is high.
+
+    Shapes: values (m,), lengths (m,).
+    """
+    total = int(lengths.sum())
+    if count >= total or not count:
+        return np.arange(min(count, total))
+    even = count / total
+    # A pair that is surely no inlier has a weight of 1e-300, and numbers that small do not divide.
+    values = np.where(values > NOTHING * values.max(), values, 0.0)
+    rates = _filled(values, lengths, (1.0 - EVEN) * count) + EVEN * even
+    # Systematic sampling: a row is taken where the running sum of the rates passes a whole number.
+    passed = np.floor(np.cumsum(np.repeat(np.minimum(rates, 1.0), lengths)) + 0.5)
+    return np.flatnonzero(np.diff(passed, prepend=0.0) > 0.0)
+
+
+def _filled(values: FloatArray, lengths: IntArray, count: float) -> FloatArray:
+    # Rates in proportion to the values, none above one: what is cut off there goes to the others.
+    full = np.zeros(len(values), dtype=bool)
+    rates = np.ones(len(values))
+    for _ in range(len(values)):
+        left = count - lengths[full].sum()
+        open_ = float(values[~full] @ lengths[~full])
+        if left <= 0.0 or open_ <= 0.0:
+            break
+        rates = np.where(full, 1.0, values * left / open_)
+        more = rates > 1.0
+        if not more.any():
+            break
+        full |= more
+    return np.minimum(rates, 1.0)

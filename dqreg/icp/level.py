@@ -1,0 +1,190 @@
+"""One level of points: run the loop at one width, learn the next width, until the width settles."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.scan import Scan
+from dqreg.geometry.surface import Surface
+from dqreg.icp.correspondences import Pairs, carried
+from dqreg.icp.estimators import Estimator
+from dqreg.icp.loop import Icp, Observer, Run
+from dqreg.icp.rejectors import NormalAngle, WithinDistance, inland
+from dqreg.icp.stopping import Stopping
+from dqreg.solvers.robust import InlierMixture
+
+# A stage is converged when it moves less than this share of its own width; where planes take over near the answer and
+# nearly every point is explained, the next stage goes on from anywhere within the width.
+STAGE_TOLERANCE, WITHIN = 0.03, 0.3
+# The width is settled when learning changes it by less than this factor; near the answer the pose hardly feels it, and
+# another stage would ask about all points again.
+SETTLED, SETTLED_NEAR = 0.97, 0.9
+# The largest fall of the width from one stage to the next.
+STEEPEST = 0.5
+# Points from which on the sampling error, not the width, says how far a level is worth converging; and to which share
+# of that error.
+FEW = 2_000
+PLACED = 0.6
+# Share of the points beyond which a scan counts as explained.
+EXPLAINED = 0.9
+# Distances from which width and share are learned: good to one per cent.
+LEARNED_FROM = 5_000
+# Stages that may end without having converged; after that, more of them only cost time.
+UNFINISHED = 1
+# Beyond this the two normals are of different faces, once the pose is near.
+NEAR_ANGLE_RAD = np.deg2rad(60.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What a graduated run needs to know beyond the data."""
+
+    estimator: Estimator  # From weighted pairs to a pose, where the basin is decided
+    max_distance: float  # Largest distance of a pair, target units
+    fine: Estimator | None = None  # Estimator of the finer levels, where the pose is near; None keeps the same
+    finest: int | None = None  # Points of the last level; None takes all
+    # Width of the kernel to begin with, for a start that is known to be near; None begins at half of the largest
+    # distance and decides the basin
+    first_width: float | None = None
+    # Largest angle between normals once the width is small; at the start it is 90 degrees
+    max_angle_rad: float = NEAR_ANGLE_RAD
+    accelerate: bool = True  # Whether the loop extrapolates
+    stopping: Stopping = Stopping()  # Tolerance of the last stage and the iteration limit of each stage
+
+
+@dataclasses.dataclass(frozen=True)
+class Schedule:
+    """How fast the width may fall."""
+
+    name: str  # Shown with each iteration
+    stages: int  # Widths at most
+    iterations: int | None  # Iterations at each width at most; None leaves it to the plan
+    rounds: int  # EM rounds between two widths
+
+
+@dataclasses.dataclass(frozen=True)
+class Level:
+    """Points of one level, against the target."""
+
+    scan: Scan  # The points
+    surface: Surface  # The target
+    plan: Plan  # Parts and limits
+    floor: float  # Smallest width
+    last: bool  # Whether there is no finer level to come
+    contraction: float = 1.0  # See `Stopping`
+    near: bool = False  # Whether the basin is found, and the width may fall as fast as the distances allow
+
+    def descend(
+        self,
+        mixture: InlierMixture,
+        start: FloatArray,
+        schedule: Schedule,
+        observe: Observer | None,
+        first: int,
+        enough: Callable[[Run, InlierMixture], bool] | None = None,
+        before: Pairs | None = None,
+    ) -> tuple[Run, InlierMixture]:
+        """Run at falling widths until the width settles."""
+        run = self._run(mixture, start, schedule, observe, first, before)
+        history = run.history
+        unfinished = 0
+        for _ in range(schedule.stages - 1):
+            unfinished += schedule.iterations is None and run.status != "converged"
+            if run.ended_early or unfinished > UNFINISHED:
+                break
+            learned = self._learned(mixture, run, schedule)
+            factor = SETTLED_NEAR if self.near else SETTLED
+            settled = factor * mixture.scale <= learned.scale <= mixture.scale / factor
+            mixture = dataclasses.replace(
+                learned, scale=max(learned.scale, self._steepest(learned, run) * mixture.scale)
+            )
+            to_come = run.history[-1].motion * self._contraction(dataclasses.replace(run, history=history))
+            if settled and to_come <= self._convergence(mixture):
+                run = dataclasses.replace(run, status="converged")
+                break
+            if enough is not None and enough(run, learned):
+                mixture = learned
+                break
+            run = self._run(mixture, run.T_target_source, schedule, observe, first + len(history), run.pairs)
+            history += run.history
+        return dataclasses.replace(run, history=history), mixture
+
+    def once(
+        self, mixture: InlierMixture, schedule: Schedule, observe: Observer | None, first: int, pairs: Pairs
+    ) -> Run:
+        """Run at one width from pairs of this level's points, without learning another width."""
+        return self._run(mixture, pairs.T_target_source, schedule, observe, first, pairs)
+
+    def explains(self, run: Run, mixture: InlierMixture) -> bool:
+        """Whether nearly all points of a run belong to the inliers of a mixture."""
+        return bool(mixture.share * np.count_nonzero(run.weights) >= EXPLAINED * len(run.weights))
+
+    def surprise(self, mixture: InlierMixture, run: Run) -> float:
+        """Mean negative log-likelihood of the distances at the end of a run: the lower, the better it explains them."""
+        near = run.weights > 0.0
+        learned = mixture.learned(run.pairs.distances[near], floor=self.floor, rounds=100)
+        return learned.surprise(run.pairs.distances[near], rejected=int(np.count_nonzero(~near)))
+
+    def _run(
+        self,
+        mixture: InlierMixture,
+        start: FloatArray,
+        schedule: Schedule,
+        observe: Observer | None,
+        first: int,
+        before: Pairs | None = None,
+    ) -> Run:
+        plan = self.plan
+        iterations = schedule.iterations or plan.stopping.iterations
+        # Far from the answer normals say little; the angle closes as the width does.
+        angle = np.clip(np.pi * mixture.scale / plan.max_distance, plan.max_angle_rad, np.pi / 2)
+        icp = Icp(
+            estimator=plan.estimator,
+            kernel=mixture,
+            gates=(
+                WithinDistance(plan.max_distance),
+                NormalAngle(float(angle)),
+                *(inland(self.surface, mixture.scale) if self.near else ()),
+            ),
+            stopping=dataclasses.replace(
+                plan.stopping,
+                convergence=self._convergence(mixture),
+                iterations=iterations,
+                contraction=self.contraction,
+            ),
+            accelerate=plan.accelerate and iterations > 1,
+            stage=schedule.name,
+        )
+        return icp.run(self.scan, self.surface, start, observe, first, before)
+
+    def _convergence(self, mixture: InlierMixture) -> float:
+        width = mixture.scale / self.surface.diagonal
+        # How well so many points of this width can place the part at all: no use in going on far below it.
+        placed = width / float(np.sqrt(self.scan.represented))
+        if self.last:
+            return max(self.plan.stopping.convergence, PLACED * placed)
+        if len(self.scan) > FEW:
+            return PLACED * placed
+        planes = self.near and self.plan.fine is not None
+        return (WITHIN if planes and mixture.share >= EXPLAINED else STAGE_TOLERANCE) * width
+
+    def _learned(self, mixture: InlierMixture, run: Run, schedule: Schedule) -> InlierMixture:
+        # Near the answer the last step is all that is wrong with the distances.
+        pairs = carried(run.pairs, run.T_target_source) if self.near else run.pairs
+        distances = pairs.distances[run.weights > 0.0]
+        some = distances[sample_rows(len(distances), LEARNED_FROM)]
+        return mixture.learned(some, floor=self.floor, rounds=schedule.rounds)
+
+    def _contraction(self, run: Run) -> float:
+        # Two steps from a start that is near show how fast they shrink.
+        shown = run.contraction if self.near else None
+        return self.contraction if shown is None else min(self.contraction, shown)
+
+    def _steepest(self, learned: InlierMixture, run: Run) -> float:
+        # Where nearly every point is explained, there is nothing that a slower fall could still win over.
+        return 0.0 if self.near and self.explains(run, learned) else STEEPEST

@@ -1,0 +1,77 @@
+"""Planes weighed by how much the scan scatters on faces that look the same way.
+
+A range sensor's noise lies along its ray, so that a face seen at a slant scatters less across itself than one seen
+from above: by the cosine between its normal and the ray. Where the sensor stood is not known, but the scatter of each
+face is: all pairs whose normals agree have one variance, learned from their own distances, and weigh by one over it
+(feasible generalised least squares). On virtual scans of five parts the error of the pose
+falls from 1.09-1.21 to 1.01-1.13 times what known rays would give (12 seeds).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.icp.correspondences import Pairs
+from dqreg.icp.estimators import points_to_planes
+from dqreg.solvers import Fit
+
+# Cells along each axis of the cube that the normals lie in: normals of one cell differ by six degrees or so.
+CELLS = 20
+# Pairs of usual variance that each cell is given beforehand: a few lucky points must not lead.
+BEFOREHAND = 8.0
+# A scale of the distances beyond so many times the scan's own noise is of the misfit, and says nothing about faces.
+MISFIT = 5.0
+# The least variance, as a share of the usual one.
+LEAST = 0.03
+
+
+def face_sums(normals: FloatArray, residuals: FloatArray, weights: FloatArray) -> FloatArray:
+    """Squared residuals and weights, summed over the faces that look the same way; sums of chunks add up.
+
+    Shapes: returns (2, k).
+    """
+    cells, count = _cells(normals), (CELLS + 1) ** 3
+    # A pair without a match has no weight, and no residual to speak of.
+    squares = weights * np.where(weights > 0.0, residuals, 0.0) ** 2
+    return np.stack([np.bincount(cells, squares, count), np.bincount(cells, weights, count)])
+
+
+def precisions_at(normals: FloatArray, sums: FloatArray) -> FloatArray:
+    """One over the variance of the residuals on faces that look the same way; the weighted mean is one.
+
+    Shapes: sums (2, k).
+    """
+    squares, weights = sums
+    total = float(weights.sum())
+    usual = float(squares.sum()) / total if total > 0.0 else 0.0
+    if not usual > 0.0:
+        return np.ones(len(normals))
+    variances = (squares + BEFOREHAND * usual) / (weights + BEFOREHAND)
+    factors = 1.0 / np.maximum(variances, LEAST * usual)
+    scaled: FloatArray = (factors * (total / float(weights @ factors)))[_cells(normals)]
+    return scaled
+
+
+def relative_precisions(normals: FloatArray, residuals: FloatArray, weights: FloatArray) -> FloatArray:
+    """`precisions_at` the pairs that the variances are learned from."""
+    return precisions_at(normals, face_sums(normals, residuals, weights))
+
+
+def weighed_by_faces(pairs: Pairs, weights: FloatArray, noise: float) -> FloatArray:
+    """Weights times the precision of each face; unchanged while the misfit is larger than the noise."""
+    if noise > MISFIT * pairs.scan.noise:
+        return weights
+    residuals = np.sqrt(pairs.aside**2 + pairs.scan.scatter)
+    return weights * relative_precisions(pairs.closest.normals, residuals, weights)
+
+
+def _cells(normals: FloatArray) -> IntArray:
+    x, y, z = ((column + 1.0) * (0.5 * CELLS) + 0.5 for column in np.clip(normals.T, -1.0, 1.0))
+    side = CELLS + 1
+    return np.asarray((x.astype(np.int64) * side + y.astype(np.int64)) * side + z.astype(np.int64))
+
+
+def points_to_weighed_planes(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+    """Points to the tangent planes of the target, each face weighed by its own scatter; near the answer only."""
+    return points_to_planes(pairs, weighed_by_faces(pairs, weights, noise), noise)

@@ -1,0 +1,118 @@
+"""Deviations as files: a coloured cloud, a table, an array; whole or not at all."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import InputError
+from dqreg.files import write_cloud
+from dqreg.files.atomic import write_atomically
+
+if TYPE_CHECKING:
+    from dqreg.inspection.deviations import Deviations
+
+# Blue and vermilion are those of Okabe and Ito (2008); either branch only darkens from the middle, and beyond the
+# limit follows a colour of its own. A reader who sees no red from green still sees blue from yellow, one a branch.
+STOPS = ((0, 62, 110), (0, 114, 178), (134, 188, 222), (247, 247, 247), (246, 185, 122), (213, 94, 0), (140, 55, 0))
+BELOW, ABOVE = (30, 10, 70), (75, 0, 20)
+# What belongs to something else.
+BEYOND = (128, 128, 128)
+
+ByteArray = NDArray[np.uint8]
+
+
+def colours_of(values: FloatArray, limit: float, reach: float = np.inf) -> ByteArray:
+    """Colour of each deviation.
+
+    Parameters
+    ----------
+    values : ndarray, (n,)
+        Deviations; without signs they take the upper branch.
+    limit : float
+        Where the scale ends on both sides, > 0, a length.
+    reach : float
+        Deviations beyond are grey.
+
+    Returns
+    -------
+    ndarray of uint8, (n, 3)
+        Red, green, blue.
+
+    Examples
+    --------
+    >>> colours_of(np.array([-1.0, 0.0, 1.0, 1.5, 9.0]), 1.0, reach=5.0).tolist()
+    [[0, 62, 110], [247, 247, 247], [140, 55, 0], [75, 0, 20], [128, 128, 128]]
+    """
+    stops = np.array(STOPS, dtype=np.float64)
+    at = np.linspace(-limit, limit, len(stops))
+    colours = np.zeros((len(values), 3), dtype=np.uint8)
+    for k in range(3):
+        colours[:, k] = np.rint(np.interp(values, at, stops[:, k]))
+    colours[values < -limit] = BELOW
+    colours[values > limit] = ABOVE
+    colours[np.abs(values) > reach] = BEYOND
+    return colours
+
+
+SUFFIXES = (".ply", ".csv", ".npy")
+COLUMNS = "x,y,z,deviation,closest_x,closest_y,closest_z,face"
+
+
+def require_suffix(path: str | os.PathLike[str]) -> str:
+    """Suffix of a file of deviations, in lower case.
+
+    >>> require_suffix("DEV.PLY")
+    '.ply'
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"cannot write {path}: deviations are written as {', '.join(SUFFIXES)}; got {suffix!r}")
+    return suffix
+
+
+def save_deviations(deviations: Deviations, path: str | os.PathLike[str], limit: float | None = None) -> None:
+    """Write deviations in the format of the suffix; see `Deviations.save`."""
+    suffix = require_suffix(path)
+    if suffix == ".npy":
+        stream = io.BytesIO()
+        np.save(stream, deviations.values)
+        write_atomically(path, stream.getvalue())
+    elif suffix == ".csv":
+        write_atomically(path, _table(deviations))
+    else:
+        _write_coloured(deviations, path, limit or colour_limit(deviations))
+
+
+def colour_limit(deviations: Deviations) -> float:
+    """Where the colours end: the tolerance, else the 95 % of the absolute deviations that count."""
+    limit = deviations.tolerance or deviations.summary().p95
+    # Exact data has no range, and neither has a scan that is all clutter.
+    return limit if 0.0 < limit < np.inf else 1.0
+
+
+def _write_coloured(deviations: Deviations, path: str | os.PathLike[str], limit: float) -> None:
+    unit = deviations.units or "target units"
+    low = f"blue {-limit:.6g}, white 0, " if deviations.signed else "white 0, "
+    comments = [f"deviation in {unit}: {deviations.reason}", f"colours: {low}orange {limit:.6g} {unit}; darker beyond"]
+    if np.isfinite(deviations.reach):
+        comments.append(f"grey: farther than {deviations.reach:.6g} {unit}, taken for something else")
+    if deviations.units:
+        comments.append(f"units {deviations.units}")
+    colours = colours_of(deviations.values, limit, deviations.reach)
+    fields = {"deviation": deviations.values}
+    write_cloud(path, deviations.points, colors=colours, fields=fields, comments=comments)
+
+
+def _table(deviations: Deviations) -> str:
+    stream = io.StringIO()
+    stream.write(COLUMNS + "\n")
+    numbers = np.column_stack([deviations.points, deviations.values, deviations.closest, deviations.faces])
+    np.savetxt(stream, numbers, fmt=["%.17g"] * 7 + ["%d"], delimiter=",")
+    return stream.getvalue()

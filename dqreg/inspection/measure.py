@@ -1,0 +1,191 @@
+"""Signed deviations of a scan from its target: how far each point lies off, and on which side."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.geometry.cloud import PointCloud
+from dqreg.geometry.mesh import Mesh
+from dqreg.geometry.mesh_normals import PseudoNormals
+from dqreg.geometry.morton import morton_order
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.scan import measure_spacing
+from dqreg.geometry.surface import Surface
+from dqreg.inspection.deviations import Deviations
+from dqreg.inspection.statistics import FEWEST, PROBED
+
+# Bounds the memory of one step to some hundred bytes times this.
+CHUNK = 1 << 18
+# Radius of the disc that a point of a target cloud stands for, in spacings of that cloud: discs overlap, no holes.
+DISC = 3.0
+# Distance between two worst places, in sizes of the target, where the scan's spacing asks for no more.
+APART = 0.05
+
+Progress = Callable[[int, int], object]
+Answer = tuple[FloatArray, FloatArray, IntArray]
+
+
+def measure_deviations(
+    points: FloatArray,
+    geometry: Mesh | PointCloud,
+    surface: Surface,
+    *,
+    origin: FloatArray | None = None,
+    tolerance: float | None = None,
+    reach: float = math.inf,
+    units: str | None = None,
+    spacing: float | None = None,
+    progress: Progress | None = None,
+) -> Deviations:
+    """Deviation of every point from a target.
+
+    On a mesh: the distance from the closest point of its triangles, with the side by angle-weighted pseudo-normals
+    (see `PseudoNormals`). On a cloud: the distance from a disc in the tangent plane of the nearest point, so that the
+    gaps between the points of the target count for nothing; the side by the normals given with the cloud.
+
+    Parameters
+    ----------
+    points : ndarray, (n, 3)
+        The scan under its pose, in the frame of ``geometry``, n >= 1.
+    geometry : Mesh or PointCloud
+        The target, near the origin.
+    surface : Surface
+        The same target, ready to be asked.
+    origin : ndarray, (3,), optional
+        What is added to positions that are handed back: where the target stands in the caller's frame.
+    tolerance : float, optional
+        Largest deviation allowed, for what is asked of the record later.
+    reach : float
+        Points farther off are measured, but belong to something else and do not enter the statistics.
+    units : str, optional
+        Length unit, for words.
+    spacing : float, optional
+        Spacing of the scan; measured where not given.
+    progress : callable, optional
+        Called with the points done and all points, now and then.
+
+    Returns
+    -------
+    Deviations
+        In the order of ``points``.
+
+    Examples
+    --------
+    >>> from dqreg.geometry import MeshSurface
+    >>> from dqreg.synth.parts import box
+    >>> part = Mesh(*box((2.0, 2.0, 2.0)))
+    >>> measure_deviations(np.array([[0.0, 0, 1.5], [0, 0, 0.75]]), part, MeshSurface(part)).values.tolist()
+    [0.5, -0.25]
+    """
+    ask, reason = _on_mesh(geometry, surface) if isinstance(geometry, Mesh) else _on_cloud(geometry, surface)
+    count = len(points)
+    values, closest, faces = np.zeros(count), np.zeros((count, 3)), np.zeros(count, dtype=np.int64)
+    for start in range(0, count, CHUNK):
+        # Neighbours in turn are four times as fast to look up; the order of the scan is restored at once.
+        rows = start + morton_order(points[start : start + CHUNK])
+        values[rows], closest[rows], faces[rows] = ask(points[rows])
+        if progress is not None:
+            progress(min(start + CHUNK, count), count)
+    if spacing is None:
+        spread = count > 0 and np.ptp(points, axis=0).any()
+        spacing = measure_spacing(NeighbourTree(points), points) if spread else 0.0
+    # A cell of the places must hold enough points; where a probe took them by hand, one is enough.
+    resolved = (FEWEST if count >= PROBED else 0.5) * spacing
+    shift = np.zeros(3) if origin is None else origin
+    return Deviations(
+        values=values,
+        points=points + shift,
+        closest=closest + shift,
+        faces=faces,
+        signed=reason is None,
+        reason=reason or _side_words(geometry),
+        units=units,
+        tolerance=tolerance,
+        reach=reach,
+        apart=max(APART * surface.diagonal, resolved),
+        origin=shift,
+    )
+
+
+def why_unsigned(geometry: Mesh | PointCloud) -> str | None:
+    """Why a target has no inside and outside that deviations could tell apart; None where it has.
+
+    Parameters
+    ----------
+    geometry : Mesh or PointCloud
+        The target.
+
+    Returns
+    -------
+    str or None
+        A sentence.
+
+    Examples
+    --------
+    >>> why_unsigned(Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
+    'the mesh is not watertight (3 sides of faces are open): deviations have no sign'
+    """
+    if isinstance(geometry, PointCloud):
+        if geometry.normals is None:
+            return "the target is a cloud without normals: deviations have no sign"
+        return None
+    if not geometry.is_closed:
+        open_sides = geometry.topology.open_sides
+        return f"the mesh is not watertight ({open_sides} sides of faces are open): deviations have no sign"
+    if not geometry.is_consistently_wound:
+        uneven = geometry.topology.uneven_sides
+        return (
+            f"the mesh has flipped faces ({uneven} sides join faces wound against each other): deviations have no sign"
+        )
+    inward, bodies = geometry.inward_bodies
+    if 0 < inward < bodies:
+        return f"{inward} of the mesh's {bodies} bodies are wound inward: deviations have no sign"
+    return None
+
+
+def _side_words(geometry: Mesh | PointCloud) -> str:
+    if isinstance(geometry, Mesh) and geometry.inward_bodies[0]:
+        return "positive outside the part; the mesh is wound inward, so its sides were exchanged"
+    return "positive outside the part" if isinstance(geometry, Mesh) else "positive on the side of the normals"
+
+
+def _on_mesh(mesh: Mesh, surface: Surface) -> tuple[Callable[[FloatArray], Answer], str | None]:
+    reason = why_unsigned(mesh)
+    pseudo = None if reason else PseudoNormals.of(mesh)
+    outside = -1.0 if reason is None and mesh.inward_bodies[0] else 1.0
+
+    def ask(points: FloatArray) -> Answer:
+        found = surface.closest(points)
+        values = found.distances
+        if pseudo is not None:
+            offsets = points - found.points
+            side = outside * np.einsum("ij,ij->i", offsets, pseudo.at(points, found))
+            values = np.where(side < 0.0, -values, values)
+        return values, found.points, found.elements
+
+    return ask, reason
+
+
+def _on_cloud(cloud: PointCloud, surface: Surface) -> tuple[Callable[[FloatArray], Answer], str | None]:
+    reason = why_unsigned(cloud)
+    tree = NeighbourTree(cloud.points)
+    radius = DISC * measure_spacing(tree, cloud.points)
+
+    def ask(points: FloatArray) -> Answer:
+        found = surface.closest(points)
+        offsets = points - found.points
+        height = np.einsum("ij,ij->i", offsets, found.normals)
+        across = offsets - height[:, None] * found.normals
+        length = np.linalg.norm(across, axis=1)
+        # A zero normal has no plane; there the disc is the point itself.
+        room = np.where(found.normals.any(axis=1), radius, 0.0)
+        share = np.minimum(np.divide(room, length, out=np.ones_like(length), where=length > 0.0), 1.0)
+        feet = found.points + share[:, None] * across
+        values = np.linalg.norm(points - feet, axis=1)
+        return np.where(height < 0.0, -values, values) if reason is None else values, feet, found.elements
+
+    return ask, reason

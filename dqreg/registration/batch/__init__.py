@@ -1,0 +1,13 @@
+"""Many registrations: a manifest in, one result file each and one summary out.
+
+`read_manifest` checks every row, `run_batch` works them off in processes of their own or on a Dask cluster.
+"""
+
+from __future__ import annotations
+
+from dqreg.registration.batch.manifest import Defaults, read_manifest
+from dqreg.registration.batch.row import Row
+from dqreg.registration.batch.run import Batch, Crew, Progress, run_batch
+from dqreg.registration.batch.summary import Line
+
+__all__ = ["Batch", "Crew", "Defaults", "Line", "Progress", "Row", "read_manifest", "run_batch"]

@@ -1,0 +1,238 @@
+"""Rows on a Dask cluster: each is a task, and each task has its row done in a process of its own.
+
+A worker's task hands its row to a `Child`, as the pool of one machine does: a crash or a hang in a registration ends
+that child, not the Dask worker with whatever else it holds. A Dask worker that dies is Dask's to notice; its tasks go
+to another one. Results come back to here, and only this process writes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import contextlib
+import importlib
+import importlib.metadata
+import itertools
+import logging
+import secrets
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from dqreg.errors import DqregError, InputError, MissingDependencyError
+from dqreg.registration.batch.pool import POLL_SECONDS, Answer, Stop
+from dqreg.registration.batch.row import Done, Row, Thumbnail
+from dqreg.registration.batch.worker import Child
+
+CONNECT_SECONDS = 20
+
+
+@contextlib.contextmanager
+def connected(address: str) -> Iterator[Any]:
+    """A client of a running cluster."""
+    distributed = load_distributed()
+    with _quiet():
+        try:
+            client = distributed.Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise InputError(f"no Dask scheduler answers at {address}: {str(error).splitlines()[0]}") from error
+        try:
+            _require_dqreg(client, address)
+            yield client
+        finally:
+            # A scheduler that is gone must not hold up the end.
+            with contextlib.suppress(Exception):
+                client.close(timeout=5)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """What Dask logs about lost connections, page after page, is said by one error of ours."""
+    names = ["distributed", *(name for name in logging.root.manager.loggerDict if name.startswith("distributed."))]
+    before = [(logging.getLogger(name), logging.getLogger(name).level) for name in names]
+    for logger, _ in before:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in before:
+            logger.setLevel(level)
+
+
+def load_distributed() -> Any:
+    """The package ``distributed``."""
+    try:
+        return importlib.import_module("distributed")
+    except ImportError as error:
+        raise MissingDependencyError(
+            f"a Dask cluster needs the package distributed ({error}); run: pip install 'dqreg[cluster]'"
+        ) from error
+
+
+def slots(client: Any) -> int:
+    """How many tasks the cluster runs at once, as of now."""
+    return sum(client.nthreads().values())
+
+
+def _require_dqreg(client: Any, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=CONNECT_SECONDS)
+        versions = client.run(_version)
+    except TimeoutError as error:
+        # In safe-path mode: Dask's own processes import from their working folder as well.
+        raise InputError(
+            f"the Dask cluster at {address} has no workers; start one: python -P -m dask worker {address}"
+        ) from error
+    except ImportError as error:
+        raise InputError(f"the workers at {address} cannot load dqreg ({error}); install it where they run") from error
+    here = _version()
+    other = {str(version) for version in versions.values()} - {here}
+    if other:
+        raise InputError(
+            f"the workers at {address} have dqreg {', '.join(sorted(other))}, and here is {here}; install the same "
+            "on both sides"
+        )
+
+
+def _version() -> str:
+    return importlib.metadata.version("dqreg")
+
+
+# Seconds after which a child on a cluster ends by itself: its memory belongs to others again.
+IDLE_SECONDS = 60.0
+# Seconds that a cluster may be without any worker.
+DESERTED_SECONDS = 60.0
+CANCELLED = (asyncio.CancelledError, concurrent.futures.CancelledError)
+
+# Children of this Dask worker: those that have nothing to do, and those at work with the batch that they work for.
+_idle: list[Child] = []
+_busy: dict[Child, str] = {}
+_lock = threading.Lock()
+
+
+def on_cluster(
+    rows: Sequence[Row],
+    address: str,
+    *,
+    threads: int = 1,
+    timeout: float | None = None,
+    thumbnail: Thumbnail | None = None,
+    stop: Stop = lambda: False,
+) -> Iterator[Answer]:
+    """Register rows on the workers of a Dask cluster, which must see the files under the same paths."""
+    if not rows:
+        return
+    with connected(address) as client:
+        flight = _Flight(client, address, rows, (threads, timeout, thumbnail))
+        try:
+            while flight.left and not stop():
+                yield from flight.landed(POLL_SECONDS)
+            yield from flight.landed()
+        finally:
+            flight.drop()
+
+
+class _Flight:
+    """Tasks on their way: as many as the cluster has threads, so that a worker's death touches few."""
+
+    def __init__(self, client: Any, address: str, rows: Sequence[Row], order: tuple[Any, ...]) -> None:
+        self._client, self._address, self._order = client, address, order
+        self._token = secrets.token_hex(8)
+        self._numbers = itertools.count()
+        self._waiting = list(reversed(rows))
+        self._flying: dict[Any, Row] = {}
+        self._peopled = time.monotonic()
+
+    @property
+    def left(self) -> int:
+        return len(self._waiting) + len(self._flying)
+
+    def landed(self, seconds: float = 0.0) -> Iterator[Answer]:
+        """Rows that get done within some seconds, with new ones started in the place of others."""
+        if seconds:
+            self._start()
+            self._wait(seconds)
+        for future in [future for future in self._flying if future.done()]:
+            row = self._flying.pop(future)
+            if future.status in ("cancelled", "lost"):
+                self._waiting.append(row)  # the scheduler forgot it; nothing came of it yet
+                continue
+            yield row, _done(future)
+            future.release()
+
+    def _start(self) -> None:
+        for _ in range(min(len(self._waiting), self._slots() - len(self._flying))):
+            row = self._waiting.pop()
+            key = f"dqreg-{self._token}-{next(self._numbers)}"
+            self._flying[self._client.submit(do_row, row, self._token, *self._order, pure=False, key=key)] = row
+
+    def _wait(self, seconds: float) -> None:
+        from distributed import wait
+
+        if not self._flying:
+            time.sleep(seconds)
+            return
+        with self._client.as_current(), contextlib.suppress(TimeoutError, *CANCELLED):
+            wait(list(self._flying), timeout=seconds, return_when="FIRST_COMPLETED")  # type: ignore[no-untyped-call]
+
+    def _slots(self) -> int:
+        try:
+            if self._client.status != "running":
+                raise OSError(self._client.status)
+            count = slots(self._client)
+        except OSError as error:
+            raise InputError(
+                f"the Dask scheduler at {self._address} is gone; rows done so far are kept: go on with --resume"
+            ) from error
+        now = time.monotonic()
+        self._peopled = now if count else self._peopled
+        if now - self._peopled > DESERTED_SECONDS:
+            raise InputError(
+                f"the Dask cluster at {self._address} has no workers any more; rows done so far are kept: go on with "
+                f"--resume"
+            )
+        return count
+
+    def drop(self) -> None:
+        """Give up what is flying, and end the children that work on it."""
+        if not self._flying:
+            return
+        with contextlib.suppress(Exception, *CANCELLED):
+            self._client.cancel(list(self._flying), force=True)
+            self._client.run(end_children, self._token)
+
+
+def _done(future: Any) -> Done:
+    if future.status == "finished":
+        found: Done = future.result()
+        return found
+    error = future.exception()
+    if isinstance(error, DqregError):
+        raise error
+    if type(error).__name__ == "KilledWorker":
+        # Dask tries a task on several workers before it takes their deaths for its fault.
+        return Done("crashed", "every Dask worker that took it died")
+    return Done("crashed", f"{type(error).__name__}: {error}")
+
+
+def do_row(row: Row, batch: str, threads: int, timeout: float | None, thumbnail: Thumbnail | None) -> Done:
+    """Have a row done by a child of this Dask worker; runs there."""
+    with _lock:
+        child = _idle.pop() if _idle else Child(threads, IDLE_SECONDS)
+        _busy[child] = batch
+    try:
+        return child.ask(row, timeout, thumbnail)
+    finally:
+        with _lock:
+            del _busy[child]
+            if not child.closed:
+                _idle.append(child)
+
+
+def end_children(batch: str) -> None:
+    """End the children of this Dask worker that work for a batch; runs there."""
+    with _lock:
+        children = [child for child, owner in _busy.items() if owner == batch]
+    for child in children:
+        child.close()

@@ -1,0 +1,266 @@
+"""The rows of a batch: from a CSV manifest, or from a folder of scans and a target; all checked before the work."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import difflib
+import inspect
+import io
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, overload
+
+from dqreg.errors import DqregError, InputError
+from dqreg.files.poses import START_WORDS, read_start
+from dqreg.registration.batch.row import Row
+
+# Told by the batch itself, or no text.
+NOT_OFFERED = ("observe", "keep_inputs", "tolerance")
+# Words that a manifest of old has, and what to write.
+RENAMED = {
+    "tolerance": "it set when the iterations end, which is convergence now; a tolerance of the part goes to dqreg show"
+}
+KINDS = {"str": str, "float": float, "int": int, "bool": bool}
+WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+
+
+@cache
+def _kinds() -> dict[str, type]:
+    """Options that a cell can hold, from the signature of `register`: one that is added there is offered here."""
+    from dqreg.registration.register import register
+
+    found = {}
+    for name, parameter in inspect.signature(register).parameters.items():
+        words = [word.strip() for word in str(parameter.annotation).split("|")]
+        kind = next((KINDS[word] for word in words if word in KINDS), None)
+        if parameter.kind is parameter.KEYWORD_ONLY and name not in NOT_OFFERED and kind is not None:
+            found[name] = kind
+    return found
+
+
+@overload
+def option_name(text: str) -> str | None: ...
+@overload
+def option_name() -> tuple[str, ...]: ...
+
+
+def option_name(text: str | None = None) -> str | tuple[str, ...] | None:
+    """Name of an option as `dqreg.register` has it, from the spelling of a column; without an argument, all names."""
+    if text is None:
+        return tuple(_kinds())
+    name = text.strip().lower().replace("-", "_").replace(" ", "_")
+    return next((each for each in (name, f"{name}_deg") if each in _kinds()), None)
+
+
+def parse_option(name: str, text: str) -> Any:
+    """Value of an option from a cell."""
+    kind = _kinds()[name]
+    try:
+        return WORDS[text.lower()] if kind is bool else kind(text)
+    except (KeyError, ValueError):
+        expected = {float: "a number", int: "a whole number", bool: "yes or no"}[kind]
+        raise InputError(f"{name} must be {expected}; got {text!r}") from None
+
+
+def check_options(options: dict[str, Any]) -> None:
+    """Raise unless `dqreg.register` would take these options."""
+    from dqreg.files.units import factor
+    from dqreg.registration.options import Options
+    from dqreg.registration.register import register
+    from dqreg.solvers import Freedom
+
+    unknown = [name for name in options if name not in _kinds()]
+    if unknown:
+        if unknown[0] in RENAMED:
+            raise InputError(f"the option {unknown[0]} is no more: {RENAMED[unknown[0]]}")
+        raise InputError(f"unknown option {unknown[0]!r}; known are {', '.join(_kinds())}")
+    defaults = {name: parameter.default for name, parameter in inspect.signature(register).parameters.items()}
+    full = {**defaults, **options}
+    Options(**{field.name: full[field.name] for field in dataclasses.fields(Options)})
+    factor(full["source_units"], full["target_units"])
+    if full["dof"] is not None:
+        Freedom.parse(full["dof"])
+
+
+COLUMNS = ("scan", "target", "name", "start")
+# Bad rows named in one message; more are counted.
+NAMED = 3
+# Names become file names, on any system.
+NAME = re.compile(r"\w[\w.+-]{0,120}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Defaults:
+    """What a row takes where it says nothing itself."""
+
+    target: Path | None = None  # The part
+    start: str = "none"  # As in `Row`
+    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # Keyword options of `dqreg.register`
+
+
+def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None) -> tuple[Row, ...]:
+    """Rows of a manifest, checked.
+
+    A CSV file has a head with the columns scan and target, and if wanted name, start, and any option of
+    `dqreg.register`; empty cells take the default; paths are relative to the manifest's folder. Of a folder, every file
+    that can be read as a scan is a row; then the defaults must name the target.
+    """
+    place, defaults = Path(path), defaults or Defaults()
+    check_options(dict(defaults.options))
+    if place.is_dir():
+        cells = _of_folder(place, defaults)
+        base = place
+    else:
+        cells = _of_csv(place)
+        base = place.parent
+    rows, faults, seen = [], [], _Seen()
+    for line, values in cells:
+        try:
+            row = _row(line, values, base, defaults)
+            rows.append(dataclasses.replace(row, name=seen.named(row, given=bool(values.get("name")))))
+        except DqregError as error:
+            faults.append(f"line {line}: {error}" if place.is_file() else str(error))
+    if faults:
+        more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""
+        raise InputError(f"{place}, {'; '.join(faults[:NAMED])}{more}")
+    if not rows:
+        raise InputError(f"{place} holds no rows; expected one line a scan" if place.is_file() else _no_scans(place))
+    return tuple(rows)
+
+
+def _of_csv(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
+    """Line number and cells by column, of every line that is not empty."""
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(
+            f"cannot read {path}: found no such file; expected a CSV manifest or a folder of scans"
+        ) from None
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"cannot read {path}: found bytes that are no UTF-8 text; expected a CSV manifest") from error
+    # Spreadsheets write semicolons or tabs in half of the world.
+    head = text.partition("\n")[0]
+    delimiter = max(",;\t", key=head.count)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True, skipinitialspace=True)
+    try:
+        columns = _columns(path, next(reader, []))
+        for cells in reader:
+            values = [cell.strip() for cell in cells]
+            if not any(values):
+                continue
+            if len(values) > len(columns):
+                raise InputError(
+                    f"{path}, line {reader.line_num}: found {len(values)} cells; the head names {len(columns)} columns"
+                )
+            yield reader.line_num, dict(zip(columns, values, strict=False))
+    except csv.Error as error:
+        raise InputError(f"{path}, line {reader.line_num}: not CSV ({error})") from error
+
+
+def _columns(path: Path, head: list[str]) -> list[str]:
+    columns = [name if name in COLUMNS else option_name(name) for name in (cell.strip().lower() for cell in head)]
+    known = [*COLUMNS, *option_name()]
+    for name, found in zip(head, columns, strict=True):
+        word = name.strip().lower()
+        if found is None and word in RENAMED:
+            raise InputError(f"{path}, line 1: the column {word} is no more: {RENAMED[word]}")
+        if found is None:
+            near = difflib.get_close_matches(name.strip().lower(), known, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
+            raise InputError(f"{path}, line 1: unknown column {name.strip()!r}; {hint}")
+        if columns.count(found) > 1:
+            raise InputError(f"{path}, line 1: the column {found} is there twice")
+    if "scan" not in columns:
+        raise InputError(f"{path}, line 1: expected a head with the columns scan and target; found {', '.join(head)}")
+    return [name for name in columns if name is not None]
+
+
+def _of_folder(folder: Path, defaults: Defaults) -> Iterator[tuple[int, dict[str, str]]]:
+    from dqreg.files import READERS
+
+    if defaults.target is None:
+        raise InputError(f"{folder} is a folder of scans; give their part with --target FILE")
+    target = defaults.target.resolve()
+    scans = (entry for entry in folder.iterdir() if entry.suffix.lower() in READERS and entry.is_file())
+    visible = sorted((s for s in scans if not s.name.startswith(".") and s.resolve() != target), key=_natural)
+    for number, scan in enumerate(visible, 1):
+        yield number, {"scan": scan.name}
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    # scan_2 before scan_10.
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+
+
+def _no_scans(folder: Path) -> str:
+    from dqreg.files import READERS
+
+    return f"{folder} holds no scans; expected files that end in one of {' '.join(sorted(READERS))}"
+
+
+def _row(line: int, values: Mapping[str, str], base: Path, defaults: Defaults) -> Row:
+    scan = _file(values.get("scan", ""), base, "scan")
+    if values.get("target"):
+        target = _file(values["target"], base, "target")
+    elif defaults.target is not None:
+        target = _file(os.fspath(defaults.target.absolute()), base, "target")
+    else:
+        raise InputError("the cell target is empty, and no --target is given")
+    start = values.get("start") or defaults.start
+    if start not in START_WORDS:
+        # Those of the command line are relative to where it was typed.
+        start = os.path.abspath(base / start if values.get("start") else start)  # noqa: PTH100 - keeps links as they are
+    read_start(start)
+    own = {key: parse_option(key, text) for key, text in values.items() if key not in COLUMNS and text}
+    options = {**defaults.options, **own}
+    check_options(options)
+    if start == "none" and "dof" in options:
+        raise InputError(f"dof {options['dof']!r} locks motions of a start, and there is none; give the row a start")
+    return Row(values.get("name", ""), scan, target, start, options, line)
+
+
+def _file(text: str, base: Path, column: str) -> Path:
+    from dqreg.files import READERS
+    from dqreg.files.untrusted import require_own_kind, require_readable
+
+    if not text:
+        raise InputError(f"the cell {column} is empty; expected a path")
+    path = Path(os.path.abspath(base / text))  # noqa: PTH100 - keeps links as they are
+    require_readable(path)
+    extension = path.suffix.lower()
+    if extension not in READERS:
+        raise InputError(f"cannot read {path}: the extension {extension!r} is none of {' '.join(sorted(READERS))}")
+    require_own_kind(path, extension)
+    return path
+
+
+class _Seen:
+    """Gives each row a name of its own that is a file name everywhere."""
+
+    def __init__(self) -> None:
+        self._lines: dict[str, int] = {}
+
+    def named(self, row: Row, *, given: bool) -> str:
+        name = row.name if given else re.sub(r"[^\w.+-]+|^\W", "_", row.scan.stem)[:100] or "scan"
+        if given and not NAME.fullmatch(name):
+            raise InputError(f"the name {name!r} is no file name; use letters, digits and . _ - +, 120 at most")
+        if not given:
+            name = next(each for each in _numbered(name) if each.casefold() not in self._lines)
+        elif name.casefold() in self._lines:
+            raise InputError(f"the name {name!r} is that of line {self._lines[name.casefold()]}, too")
+        self._lines[name.casefold()] = row.line
+        return name
+
+
+def _numbered(name: str) -> Iterable[str]:
+    yield name
+    number = 2
+    while True:
+        yield f"{name}-{number}"
+        number += 1

@@ -1,0 +1,114 @@
+"""The folder of a batch: one result file a row, from which a killed batch goes on.
+
+A row is done once its result file has its name, which it takes in one step; nothing else is kept about it. Files are
+written by the one process that holds the folder's lock, never by workers: a worker that outlives its parent for a
+moment can write nothing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any
+
+from dqreg.errors import InputError
+from dqreg.files.atomic import write_atomically
+from dqreg.registration.batch.row import BATCH, Done, Row, inputs_of
+from dqreg.registration.result import Registration
+
+RESULTS, THUMBNAILS, LOCK = "results", "thumbnails", ".lock"
+# What `write_atomically` leaves where it is killed.
+LEFT_OVER = re.compile(r"\.[0-9a-f]{16}\.tmp")
+
+
+class Folder:
+    """Results of a batch on disk; made by `open_folder`."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def result(self, row: Row) -> Path:
+        """Result file of a row."""
+        return self.path / RESULTS / f"{row.name}.json"
+
+    def thumbnail(self, row: Row) -> Path:
+        """Picture of a row; it need not exist."""
+        return self.path / THUMBNAILS / f"{row.name}.jpg"
+
+    def finished(self, row: Row) -> dict[str, Any] | None:
+        """What the result file of a row holds."""
+        path = self.result(row)
+        try:
+            record = json.loads(path.read_text(encoding="utf-8"))
+            if record[BATCH]["inputs"] != json.loads(json.dumps(inputs_of(row))):
+                return None
+            Registration.load(path)
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            return None
+        found: dict[str, Any] = record
+        return found
+
+    def save(self, row: Row, done: Done) -> None:
+        """Keep what came of a row; it is on the disk when this returns."""
+        if done.record is None:
+            for old in (self.result(row), self.thumbnail(row)):
+                with contextlib.suppress(OSError):
+                    old.unlink()
+            return
+        # The picture first: where the result stands, the row is done.
+        if done.thumbnail is not None:
+            write_atomically(self.thumbnail(row), done.thumbnail)
+        write_atomically(self.result(row), json.dumps(done.record, indent=1, allow_nan=False) + "\n")
+
+
+@contextlib.contextmanager
+def open_folder(path: str | os.PathLike[str], *, resume: bool) -> Iterator[Folder]:
+    """Take a folder for a batch."""
+    place = Path(path)
+    _refuse(place, resume=resume)
+    try:
+        for folder in (place / RESULTS, place / THUMBNAILS):
+            folder.mkdir(parents=True, exist_ok=True)
+        stream = (place / LOCK).open("ab")
+    except OSError as error:
+        raise InputError(
+            f"cannot write to the folder {place}: {error.strerror or error}; give another --out"
+        ) from error
+    with stream:
+        _lock(stream, place)
+        # Asked again, now that nobody else can put one there.
+        _refuse(place, resume=resume)
+        for each in (place, place / RESULTS, place / THUMBNAILS):
+            for entry in each.iterdir():
+                if LEFT_OVER.fullmatch(entry.name):
+                    entry.unlink(missing_ok=True)
+        yield Folder(place)
+
+
+def _refuse(place: Path, *, resume: bool) -> None:
+    if place.exists() and not place.is_dir():
+        raise InputError(f"cannot write results to {place}: it is a file; give a folder as --out")
+    if resume:
+        return
+    held = sum(1 for _ in (place / RESULTS).glob("*.json"))
+    if held:
+        results = "a result" if held == 1 else f"{held} results"
+        raise InputError(f"the folder {place} holds {results} already; add --resume to go on, or give another --out")
+
+
+def _lock(stream: IO[bytes], place: Path) -> None:
+    # The system lets go of it when the process ends, however it ends.
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise InputError(f"another dqreg batch is at work in {place}; wait for it, or give another --out") from None
+    except OSError:
+        return  # a network drive without locks

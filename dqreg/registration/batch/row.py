@@ -1,0 +1,125 @@
+"""One row of a batch: what it asks for, the marks of its files, and its registration."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from dqreg.errors import DqregError
+from dqreg.files.poses import read_start
+
+if TYPE_CHECKING:
+    from dqreg.registration.prepared import Target
+    from dqreg.registration.result import Registration
+
+Status = Literal["ran", "error", "crashed", "timeout"]
+Thumbnail = Callable[["Registration"], bytes | None]
+# Key under which a result file says which row made it.
+BATCH = "batch"
+# Prepared targets that a worker keeps; more would only hold memory.
+TARGETS_KEPT = 2
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """One registration of many."""
+
+    name: str  # Name of its result file, without the ending; no two rows share one
+    # scan, target: Files, absolute
+    scan: Path
+    target: Path
+    start: str = "none"  # "none", "identity", or the absolute path of a pose
+    options: dict[str, Any] = dataclasses.field(default_factory=dict)  # Keyword options of `dqreg.register`
+    line: int = 0  # Line of the manifest, or place in the folder, counted from 1
+
+
+@dataclasses.dataclass(frozen=True)
+class Done:
+    """What came of a row."""
+
+    status: Status  # Whether there is a result; if not, why not
+    message: str = ""  # What went wrong; "" if nothing
+    # The result as `Registration.to_dict` has it, with the key "batch": name, inputs and seconds of the row
+    record: dict[str, Any] | None = None
+    thumbnail: bytes | None = None  # A small JPEG
+
+
+def mark_of(path: Path) -> list[Any]:
+    """Path, size and time of the last change of a file: as long as they stay, so does its content."""
+    found = path.stat()
+    return [os.fspath(path), found.st_size, found.st_mtime_ns]
+
+
+def inputs_of(row: Row) -> dict[str, Any]:
+    """All that the result of a row depends on, in plain JSON values."""
+    return {
+        "scan": mark_of(row.scan),
+        "target": mark_of(row.target),
+        "start": row.start if row.start in ("none", "identity") else mark_of(Path(row.start)),
+        "options": dict(sorted(row.options.items())),
+    }
+
+
+class Targets:
+    """The last few prepared targets, so that a part is prepared once and not once a scan."""
+
+    def __init__(self, kept: int = TARGETS_KEPT) -> None:
+        self._kept = kept
+        self._prepared: OrderedDict[tuple[Any, ...], Target] = OrderedDict()
+
+    def get(self, path: Path) -> Target:
+        """Prepared target of a file; read again where the file has changed since."""
+        from dqreg.registration.prepared import prepare_target
+
+        mark = tuple(mark_of(path))
+        if mark not in self._prepared:
+            # Makes room first: no more than the kept number are ever in memory.
+            while len(self._prepared) >= self._kept:
+                self._prepared.popitem(last=False)
+            # Under the mark from before it was read: had it changed meanwhile, the row fails and the next reads anew.
+            self._prepared[mark] = prepare_target(path)
+        self._prepared.move_to_end(mark)
+        return self._prepared[mark]
+
+
+def run_row(row: Row, targets: Targets, thumbnail: Thumbnail | None = None) -> Done:
+    """Register one row."""
+    began = time.perf_counter()
+    try:
+        before = inputs_of(row)
+        result = _registered(row, targets, keep_inputs=thumbnail is not None)
+        if inputs_of(row) != before:
+            return Done("error", "a file of this row changed while it was read; run it again once nothing writes to it")
+    except DqregError as error:
+        return Done("error", str(error))
+    except MemoryError as error:
+        return Done("error", f"out of memory {error}".strip())
+    except OSError as error:
+        return Done("error", f"cannot read {error.filename or 'a file'}: {error.strerror or error}")
+    except Exception as error:
+        return Done("error", f"{type(error).__name__}: {error}")
+    picture = _picture(thumbnail, result)
+    about = {"name": row.name, "inputs": before, "seconds": time.perf_counter() - began}
+    return Done("ran", "", {**result.to_dict(), BATCH: about}, picture)
+
+
+def _registered(row: Row, targets: Targets, *, keep_inputs: bool) -> Registration:
+    from dqreg.registration.register import register
+
+    start = read_start(row.start)
+    target = targets.get(row.target)
+    return register(row.scan, target, start, keep_inputs=keep_inputs, **row.options)
+
+
+def _picture(thumbnail: Thumbnail | None, result: Registration) -> bytes | None:
+    if thumbnail is None:
+        return None
+    try:
+        return thumbnail(result)
+    except Exception:
+        return None

@@ -1,0 +1,192 @@
+"""A batch: many registrations, one result file each, one summary; gone on from after a kill at any moment."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from dqreg.errors import DqregError, InputError
+from dqreg.files.atomic import require_writable, write_atomically
+from dqreg.registration.batch.pool import Answer, Stop, on_this_machine
+from dqreg.registration.batch.resume import THUMBNAILS, Folder, open_folder
+from dqreg.registration.batch.row import Done, Row, Thumbnail
+from dqreg.registration.batch.summary import Line, line_of, to_csv, to_html
+
+SUMMARY_CSV, SUMMARY_HTML = "summary.csv", "summary.html"
+TIMEOUT = 600.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Crew:
+    """Who does the work."""
+
+    workers: int | None = None  # Processes on this machine; None takes one a core
+    scheduler: str | None = None  # Address of a Dask scheduler, to work on its cluster instead
+    threads: int | None = None  # Threads of each worker process; None shares the cores out
+    timeout: float | None = TIMEOUT  # Seconds for one row
+
+    def __post_init__(self) -> None:
+        for name in ("workers", "threads"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise InputError(f"{name} must be 1 or more; got {value}")
+        if self.timeout is not None and not 0.0 < self.timeout < math.inf:
+            raise InputError(f"timeout must be seconds above 0; got {self.timeout!r}")
+        if self.scheduler is not None and self.workers is not None:
+            raise InputError("workers are those of the cluster where a scheduler is given; give one of the two")
+
+    def answers(self, rows: Sequence[Row], thumbnail: Thumbnail | None, stop: Stop) -> Iterator[Answer]:
+        """What comes of rows, as they get done; see `on_this_machine`."""
+        if self.scheduler is None:
+            return on_this_machine(
+                rows, workers=self.workers, threads=self.threads, timeout=self.timeout, thumbnail=thumbnail, stop=stop
+            )
+        from dqreg.registration.batch.dask_cluster import on_cluster
+
+        return on_cluster(
+            rows, self.scheduler, threads=self.threads or 1, timeout=self.timeout, thumbnail=thumbnail, stop=stop
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Batch:
+    """What came of a batch."""
+
+    lines: tuple[Line, ...]  # One a row, in the manifest's order
+    stopped: bool  # Whether it was stopped before all rows were done
+    files: tuple[Path, ...]  # The summaries
+
+    @property
+    def accepted(self) -> bool:
+        """Whether every row ran and was accepted."""
+        return all(line.verdict == "accepted" for line in self.lines)
+
+
+@dataclasses.dataclass(frozen=True)
+class Progress:
+    """How far a batch is."""
+
+    # done, total: Rows; those kept from an earlier session are done
+    done: int
+    total: int
+    seconds_left: float  # Learned from the rows done in this session; NaN at first
+    line: Line | None = None  # The row that has just ended
+
+
+def run_batch(
+    rows: Sequence[Row],
+    out: str | os.PathLike[str],
+    crew: Crew | None = None,
+    *,
+    resume: bool = False,
+    title: str = "",
+    thumbnail: Thumbnail | None = None,
+    observe: Callable[[Progress], object] | None = None,
+    stop: Stop = lambda: False,
+) -> Batch:
+    r"""Register many rows.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        Of `read_manifest`.
+    out : str or path
+        Folder for results, pictures and the summary; made if it is missing.
+    crew : Crew, optional
+        Worker processes of this machine, or a cluster.
+    resume : bool
+        Go on in a folder that holds results: rows whose result is complete, and whose files and options have not
+        changed since, are not done again. Rows that ended without a result are.
+    title : str
+        Heading of the summary; by default the folder's name.
+    thumbnail : callable, optional
+        From a `Registration` with both sides to a small JPEG; a function that can be imported by name.
+    observe : callable, optional
+        Told of each `Progress`.
+    stop : callable
+        Asked often; once it says True, running rows are dropped and the summary is written.
+
+    Returns
+    -------
+    Batch
+        Every row of the manifest, those of earlier sessions included.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be used or written to. Results written so far stay.
+    MissingDependencyError
+        If no row could ever run: Open3D cannot load, or Dask is missing.
+
+    Examples
+    --------
+    Stopped before it began, to be fast here:
+
+    >>> import tempfile
+    >>> from dqreg.registration.batch.manifest import Defaults, read_manifest
+    >>> from dqreg.synth import demo_case, load_case
+    >>> case = load_case(demo_case())
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     manifest = Path(folder) / "rows.csv"
+    ...     _ = manifest.write_text(f"scan,start,effort\n{case.scan},identity,fast\n")
+    ...     rows = read_manifest(manifest, Defaults(target=case.part))
+    ...     found = run_batch(rows, Path(folder) / "out", Crew(workers=1), stop=lambda: True)
+    ...     [line.verdict for line in found.lines], [path.name for path in found.files]
+    (['not run'], ['summary.csv', 'summary.html'])
+    """
+    crew, tell = crew or Crew(), observe or (lambda _: None)
+    with open_folder(out, resume=resume) as folder:
+        files = tuple(require_writable(folder.path / name) for name in (SUMMARY_CSV, SUMMARY_HTML))
+        lines = _kept(folder, rows) if resume else {}
+        todo = [row for row in rows if row.name not in lines]
+        clock = _Clock(len(rows), len(lines))
+        tell(clock.progress())
+        try:
+            # Closed before the summary is written: nothing of ours may run on behind it.
+            with contextlib.closing(crew.answers(todo, thumbnail, stop)) as answers:  # type: ignore[type-var]
+                for row, done in answers:
+                    folder.save(row, done)
+                    lines[row.name] = line_of(row, done)
+                    tell(clock.progress(lines[row.name]))
+        except DqregError:
+            with contextlib.suppress(DqregError):
+                _write(folder, _in_order(rows, lines), title)
+            raise
+        ordered = _in_order(rows, lines)
+        _write(folder, ordered, title)
+    return Batch(ordered, len(lines) < len(rows), files)
+
+
+def _kept(folder: Folder, rows: Sequence[Row]) -> dict[str, Line]:
+    found = ((row, folder.finished(row)) for row in rows)
+    return {row.name: line_of(row, Done("ran", "", record), kept=True) for row, record in found if record is not None}
+
+
+def _in_order(rows: Sequence[Row], lines: dict[str, Line]) -> tuple[Line, ...]:
+    return tuple(lines.get(row.name) or Line(row, "not run", ("the batch was stopped before",)) for row in rows)
+
+
+def _write(folder: Folder, lines: Sequence[Line], title: str) -> None:
+    write_atomically(folder.path / SUMMARY_CSV, to_csv(lines))
+    page = to_html(title or folder.path.absolute().name, lines, folder.path / THUMBNAILS)
+    write_atomically(folder.path / SUMMARY_HTML, page)
+
+
+class _Clock:
+    """Counts rows and learns how long one takes."""
+
+    def __init__(self, total: int, kept: int) -> None:
+        self._total, self._kept, self._done = total, kept, kept
+        self._began = time.monotonic()
+
+    def progress(self, line: Line | None = None) -> Progress:
+        self._done += line is not None
+        here = self._done - self._kept
+        spent = time.monotonic() - self._began
+        left = spent / here * (self._total - self._done) if here else math.nan
+        return Progress(self._done, self._total, left, line)

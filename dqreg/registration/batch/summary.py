@@ -1,0 +1,142 @@
+"""The summary of a batch: one line a row, as CSV and as one HTML page that needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import dataclasses
+import importlib.resources
+import io
+import math
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from dqreg.registration.batch.row import BATCH, Done, Row
+
+# From the one that needs a look first to the one that needs none.
+VERDICTS = ("crashed", "timeout", "error", "not run", "failed", "suspect", "accepted")
+POSE = ("tx", "ty", "tz", "qw", "qx", "qy", "qz")
+COLUMNS = ("name", "verdict", "reasons", "rms", "inlier_fraction", "seconds", *POSE, "scan", "target", "result", "line")
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """One row in the summary."""
+
+    row: Row  # What was asked
+    verdict: str  # "accepted", "suspect" or "failed" where it ran; else "error", "crashed", "timeout" or "not run"
+    reasons: tuple[str, ...]  # Of the verdict, or what went wrong
+    # rms, inlier_fraction, seconds: As in `Registration`; NaN where there is none
+    rms: float = math.nan
+    inlier_fraction: float = math.nan
+    seconds: float = math.nan
+    # Translation (target units), then the rotation as a quaternion w, x, y, z; NaN where there is none
+    pose: tuple[float, ...] = (math.nan,) * 7
+    kept: bool = False  # Whether the result is of an earlier session
+
+    @property
+    def ran(self) -> bool:
+        """Whether there is a result file."""
+        return self.verdict in ("accepted", "suspect", "failed")
+
+
+def line_of(row: Row, done: Done, *, kept: bool = False) -> Line:
+    """Line of a row."""
+    record = done.record
+    if record is None:
+        return Line(row, done.status, (done.message,))
+    return Line(
+        row,
+        record["verdict"]["level"],
+        tuple(record["verdict"]["reasons"]),
+        _number(record["rms"]),
+        _number(record["inlier_fraction"]),
+        _number(record[BATCH]["seconds"]),
+        _pose(record),
+        kept,
+    )
+
+
+def to_csv(lines: Sequence[Line]) -> str:
+    """The summary as CSV, numbers at full precision."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for line in lines:
+        numbers = (line.rms, line.inlier_fraction, line.seconds, *line.pose)
+        shown = ["" if math.isnan(number) else repr(number) for number in numbers]
+        result = f"results/{line.row.name}.json" if line.ran else ""
+        about = [line.row.name, line.verdict, "; ".join(line.reasons)]
+        writer.writerow([*about, *shown, line.row.scan, line.row.target, result, line.row.line])
+    return buffer.getvalue()
+
+
+def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
+    """The summary as plain values.
+
+    >>> row = Row("a", Path("a.ply"), Path("b.stl"))
+    >>> to_records([Line(row, "error", ("no luck",))])[0]["reasons"]
+    ['no luck']
+    """
+    return [
+        {
+            "name": line.row.name,
+            "verdict": line.verdict,
+            "reasons": list(line.reasons),
+            "rms": line.rms,
+            "inlier_fraction": line.inlier_fraction,
+            "seconds": line.seconds,
+            "pose": None if math.isnan(line.pose[0]) else dict(zip(POSE, line.pose, strict=True)),
+            "scan": str(line.row.scan),
+            "target": str(line.row.target),
+            "result": f"results/{line.row.name}.json" if line.ran else None,
+            "line": line.row.line,
+            "kept": line.kept,
+        }
+        for line in lines
+    ]
+
+
+def to_html(title: str, lines: Sequence[Line], thumbnails: Path | None = None) -> str:
+    """The summary as a page that loads nothing; a click on a head sorts."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["short"] = _short
+    environment.globals.update(rank=VERDICTS.index, picture=lambda name: _picture(thumbnails, name))
+    source = importlib.resources.files("dqreg.registration.batch").joinpath("page.html").read_text(encoding="utf-8")
+    return environment.from_string(source).render(title=title, lines=lines, counts=counts(lines))
+
+
+def counts(lines: Sequence[Line]) -> dict[str, int]:
+    """How many rows have which verdict, the good ones first; those that none has are left out."""
+    found = Counter(line.verdict for line in lines)
+    return {verdict: found[verdict] for verdict in reversed(VERDICTS) if found[verdict]}
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _pose(record: dict[str, Any]) -> tuple[float, ...]:
+    parts = record["dual_quaternion"]
+    if parts is None:
+        return (math.nan,) * 7
+    return (*(float(row[3]) for row in record["T_target_source"][:3]), *map(float, parts["real"]))
+
+
+def _short(number: float) -> str:
+    return "" if math.isnan(number) else f"{number:.3g}"
+
+
+def _picture(folder: Path | None, name: str) -> str:
+    if folder is None:
+        return ""
+    try:
+        return base64.b64encode((folder / f"{name}.jpg").read_bytes()).decode("ascii")
+    except OSError:
+        return ""

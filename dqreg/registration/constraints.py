@@ -1,0 +1,76 @@
+"""What the caller knows beforehand: motions that are locked, and a pose with its covariance."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import InputError
+from dqreg.icp import Estimator, constrained
+from dqreg.icp.noise_by_face import weighed_by_faces
+from dqreg.rigid import pose
+from dqreg.solvers import Freedom, PoseCost
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """Locked motions and a prior, between the centred frames."""
+
+    freedom: Freedom | None = None  # Motions that are allowed; None allows all
+    reference: FloatArray | None = None  # (4, 4): Pose that the locked motions keep; needed with ``freedom``
+    prior: PoseCost | None = None  # Pose known beforehand
+
+    @staticmethod
+    def of(
+        dof: str | Freedom | None,
+        prior: Any,
+        reference: FloatArray,
+        origin_source: FloatArray,
+        origin_target: FloatArray,
+    ) -> Known:
+        """What was said in the caller's frames, brought to the centred ones."""
+        freedom = None if dof is None else Freedom.parse(dof).recentred(origin_target)
+        if prior is None:
+            return Known(freedom, reference)
+        try:
+            T, covariance = prior
+            if isinstance(prior, str):
+                raise TypeError("text")
+        except (TypeError, ValueError):
+            raise InputError(f"prior must be (pose, covariance), a 4x4 and a 6x6; got {prior!r:.80}") from None
+        # Turned about the middle of the target, as the covariance of a `Registration` is.
+        middle = pose.from_parts(np.eye(3), origin_target)
+        return Known(freedom, reference, PoseCost.prior(T, covariance, middle).recentred(origin_source, origin_target))
+
+    @property
+    def anything(self) -> bool:
+        """Whether there is something to hold the pose to."""
+        return self.freedom is not None or self.prior is not None
+
+    def estimator(self, *, planes: bool, weighed: bool = False) -> Estimator:
+        """Estimator that holds the pose to it, see `constrained`; with faces weighed by their scatter, if so asked."""
+        if self.reference is None:
+            raise InputError("locked motions and priors need a start to hold the pose to")
+        held = constrained(self.freedom or Freedom.parse("all"), self.reference, self.prior, planes=planes)
+        if not weighed:
+            return held
+        return lambda pairs, weights, noise: held(pairs, weighed_by_faces(pairs, weights, noise), noise)
+
+    def held(self, T: FloatArray) -> FloatArray:
+        """The pose with its locked motions exactly as they were: an early end may hold an extrapolated one."""
+        if self.freedom is None or self.reference is None:
+            return T
+        return self.freedom.project(T, self.reference)
+
+    def allowed(self, T: FloatArray) -> FloatArray | None:
+        """Twists about the origin that the pose may take, (6, k); None for all six."""
+        if self.freedom is None or self.reference is None:
+            return None
+        return self.freedom.twists(T, self.reference)
+
+    def information(self, T: FloatArray) -> FloatArray | None:
+        """Information of the prior about the twist, (6, 6); None without one."""
+        return None if self.prior is None else self.prior.information(T)

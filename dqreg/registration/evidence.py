@@ -1,0 +1,156 @@
+"""What the verdict is made of, gathered on points that nobody chose for their usefulness."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.geometry import Scan, Surface
+from dqreg.geometry.normals import sample_rows
+from dqreg.icp import NO_POSE, InlierMixture, Pairs, Plan, Run, carried, correspond, width_floor
+from dqreg.rigid import pose
+from dqreg.trust import Evidence
+from dqreg.trust.patch_tests import ON, patches_off, stretch_of
+from dqreg.trust.records import Alternative, Direction
+
+# A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
+# has a say there; on denser scans clutter makes patterns of its own, and the noise is known.
+SPARSE = 1_000
+# Inliers without which there is no pose.
+FEWEST_POINTS = 3
+# Points that are looked at, evenly over the scan; where the loop has asked about enough of them, those, and of those
+# with a normal of their own.
+LOOKED_AT, ENOUGH, ENOUGH_FITTED = 10_000, 3_000, 1_000
+# Where no point has moved by more than that many widths since it was asked about, nothing here can tell; by more than
+# so many, a point may be on another face.
+STILL, NEARBY = 0.1, 1.0
+# Share of the largest distance within which a point ought to lie on the target: farther off stands the table.
+NEAR = 0.25
+# Neighbourhoods flatter than this have a normal worth comparing; rougher than that they are no surface at all; both in
+# extents of the neighbourhood.
+SMOOTH, ROUGH = 0.4, 0.4
+# A scan whose noise is large against its spacing is rough everywhere: strays are rougher by this factor.
+MORE_THAN_USUAL = 2.5
+# Normals farther apart than this are of different faces.
+APART_RAD = np.deg2rad(35.0)
+
+
+def gather_evidence(
+    run: Run,
+    mixture: InlierMixture,
+    scan: Scan,
+    surface: Surface,
+    plan: Plan,
+    directions: tuple[Direction, ...],
+    alternatives: tuple[Alternative, ...],
+    searched: str = "",
+    *,
+    has_border: bool = False,
+) -> Evidence:
+    """Look at a run's end."""
+    near = NEAR * plan.max_distance
+    width = min(ON * mixture.scale, near)
+    pairs = _pairs(run, scan, surface, mixture.scale)
+    on = pairs.distances <= width
+    aside = pairs.aside[on]
+    close = pairs.distances <= near
+    if has_border:
+        close &= on | (np.abs(pairs.aside) > width)
+    patches, off = patches_off(pairs.scan.points, pairs.distances, pairs.aside, close, mixture.scale)
+    if scan.fitted is not None and len(pairs.scan) < len(scan):
+        local = _Local.of(_fitted_pairs(run, scan, scan.fitted, surface, mixture.scale), width)
+    else:
+        local = _Local.of(pairs, width)
+    stretch, along = 0.0, np.zeros(3)
+    if not has_border and len(scan) < SPARSE:
+        flat = close & pairs.closest.normals.any(axis=1)
+        # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
+        stretch, along = stretch_of(pairs.closest.points[flat], pairs.closest.normals[flat], pairs.aside[flat])
+    return Evidence(
+        status=run.status,
+        found=has_pose(run),
+        inliers=float(run.weights.sum()),
+        share_near=_share(on, close),
+        near=near,
+        patches=patches,
+        patches_off=off,
+        strays=local.strays,
+        normals_apart=local.normals_apart,
+        width=float(np.sqrt(np.mean(aside**2))) if len(aside) else mixture.scale,
+        # From cloud to cloud the tangent planes are guesses between points that stand apart.
+        expected=max(min(local.noise, scan.noise), scan.spacing if has_border else width_floor(scan, surface)),
+        has_border=has_border,
+        max_distance=plan.max_distance,
+        directions=directions,
+        alternatives=alternatives,
+        search=searched,
+        stretch=stretch,
+        stretched_along=(float(along[0]), float(along[1]), float(along[2])),
+    )
+
+
+def _pairs(run: Run, scan: Scan, surface: Surface, width: float) -> Pairs:
+    for asked in (run.pairs, *run.earlier[::-1]):
+        drawn_evenly = asked.scan.counts is None and (len(asked.scan) == len(scan) or asked is not run.pairs)
+        if drawn_evenly and ENOUGH <= len(asked.scan) <= LOOKED_AT:
+            return _again(asked, surface, run.T_target_source, width)
+    # Thinning for the loop keeps the points with normals; here any will do.
+    return correspond(scan.taken(sample_rows(len(scan), LOOKED_AT)), surface, run.T_target_source)
+
+
+def _again(asked: Pairs, surface: Surface, T: FloatArray, width: float) -> Pairs:
+    # The last pose is no farther off than a step: most faces and points are still the closest.
+    moved = pose.apply(T, asked.scan.points) - asked.moved
+    farthest = float(np.sqrt(np.einsum("ij,ij->i", moved, moved).max(initial=0.0)))
+    if farthest <= STILL * width:
+        return asked
+    return carried(asked, T) if farthest <= NEARBY * width else correspond(asked.scan, surface, T, asked)
+
+
+def _fitted_pairs(run: Run, scan: Scan, fitted: IntArray, surface: Surface, width: float) -> Pairs:
+    """Pairs of points that have a normal of their own."""
+    least = min(ENOUGH_FITTED, len(fitted))
+    for asked in run.earlier[::-1]:
+        if asked.scan.fitted is not None and len(asked.scan) == len(asked.scan.fitted) >= least:
+            return _again(asked, surface, run.T_target_source, width)
+    return correspond(scan.taken(fitted).thinned(LOOKED_AT), surface, run.T_target_source)
+
+
+def has_pose(run: Run) -> bool:
+    """Whether a run ended with a pose to speak of: fewer points on the target than fix one are none."""
+    return run.status not in NO_POSE and bool(run.history) and float(run.weights.sum()) >= FEWEST_POINTS
+
+
+def _share(part: BoolArray, whole: BoolArray) -> float:
+    count = int(np.count_nonzero(whole))
+    return float(np.count_nonzero(part & whole)) / count if count else 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class _Local:
+    """What the neighbourhoods of the points say."""
+
+    strays: float
+    normals_apart: float
+    noise: float
+
+    @staticmethod
+    def of(pairs: Pairs, width: float) -> _Local:
+        scan = pairs.scan
+        on = pairs.distances <= width
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # How far the neighbours leave their plane, in their own extent: no length in it.
+            rough = np.nan_to_num(scan.residuals / np.sqrt(scan.levers), nan=np.inf)
+        compared = (rough < SMOOTH) & on & pairs.closest.normals.any(axis=1)
+        cosines = pairs.normal_cosines if pairs.same_sign else np.abs(pairs.normal_cosines)
+        # Among strays many neighbourhoods hold one; the better part of them is the sensor's own.
+        flat = rough[on & np.isfinite(rough)]
+        usual = float(np.quantile(flat, 0.3)) if len(flat) else 0.0
+        residuals = scan.residuals[on & np.isfinite(scan.residuals)]
+        return _Local(
+            strays=_share((rough > max(ROUGH, MORE_THAN_USUAL * usual)) & ~on, np.isfinite(scan.residuals)),
+            normals_apart=_share(cosines < np.cos(APART_RAD), compared),
+            noise=float(np.quantile(residuals, 0.3)) if len(residuals) else np.inf,
+        )

@@ -1,0 +1,84 @@
+"""What every result promises, looked at where it leaves the package: no pose that is none, no covariance that is none.
+
+A broken promise is a fault of this package, not of the input. It must neither pass as a pose nor stop a night of
+registrations, so the result that broke it becomes a failed one that says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+
+# Departure of R^T R from the identity: a hundred times what a product of rotations leaves.
+RIGID = 1e-12
+# Departure of a covariance from symmetry, and its lowest eigenvalue below zero, in correlations.
+SEMIDEFINITE = 1e-9
+
+
+def broken_promise(
+    T_target_source: FloatArray,
+    covariance: FloatArray,
+    level: str,
+    rms: float,
+    inlier_fraction: float,
+    alternatives: Iterable[FloatArray] = (),
+) -> str:
+    """What a result promises and does not keep.
+
+    Shapes: covariance (6, 6).
+    """
+    nothing = bool(np.isnan(T_target_source).all())
+    if nothing and level != "failed":
+        return f"no pose, but the verdict {level}"
+    for name, T in (("pose", T_target_source), *(("alternative", other) for other in alternatives)):
+        wrong = "" if nothing and name == "pose" else _not_rigid(T)
+        if wrong:
+            return f"the {name} {wrong}"
+    if nothing and not (np.isnan(rms) and np.isnan(covariance).all()):
+        return "no pose, but a root mean square distance or a covariance of one"
+    # Where nothing was measured (the frame that a map begins with), neither number is there.
+    measured = not np.isnan(inlier_fraction)
+    if not nothing and measured and not 0.0 <= rms < np.inf:
+        return f"a pose with a root mean square distance of {rms:g}"
+    if measured and not -SEMIDEFINITE <= inlier_fraction <= 1.0 + SEMIDEFINITE:
+        return f"a share of inliers of {inlier_fraction:g}"
+    return _no_covariance(covariance)
+
+
+def _not_rigid(T: FloatArray) -> str:
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        return "holds numbers that are not finite"
+    if T[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        return f"has the last row {T[3].tolist()}"
+    R = T[:3, :3]
+    # Numbers beyond float64's squares are not within the tolerance either.
+    with np.errstate(over="ignore", invalid="ignore"):
+        gap = float(np.abs(R.T @ R - np.eye(3)).max())
+        mirrored = not np.linalg.det(R) > 0.0
+    if not gap <= RIGID:
+        return f"is not rigid: its rotation departs from orthonormal by {gap:.3g}"
+    return "is a mirror image" if mirrored else ""
+
+
+def _no_covariance(covariance: FloatArray) -> str:
+    if covariance.shape != (6, 6):
+        return f"a covariance of shape {covariance.shape}"
+    free = np.isnan(np.diag(covariance))
+    if not np.array_equal(np.isnan(covariance), free[:, None] | free):
+        return "a covariance that is NaN in places, not in whole rows and columns"
+    held = covariance[np.ix_(~free, ~free)]
+    if not np.isfinite(held).all() or (np.diag(held) < 0.0).any():
+        return "a covariance with infinite numbers or negative variances"
+    spread = np.sqrt(np.diag(held))
+    spread = np.where(spread > 0.0, spread, 1.0)
+    with np.errstate(over="ignore"):
+        correlation = held / spread / spread[:, None]
+    if not np.isfinite(correlation).all():
+        return "a covariance far larger than its own variances"
+    if np.abs(correlation - correlation.T).max(initial=0.0) > SEMIDEFINITE:
+        return "a covariance that is not symmetric"
+    lowest = float(np.linalg.eigvalsh(correlation).min()) if len(held) else 0.0
+    return "" if lowest >= -SEMIDEFINITE else f"a covariance with the negative eigenvalue {lowest:.3g}"

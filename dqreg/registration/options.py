@@ -1,0 +1,138 @@
+"""Options of a registration, checked, and the plan that follows from them."""
+
+from __future__ import annotations
+
+import dataclasses
+import numbers
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import LARGEST
+from dqreg.errors import InputError
+from dqreg.icp import COARSE, ESTIMATORS, Estimator, Plan, Stopping
+from dqreg.icp.noise_by_face import points_to_weighed_planes
+from dqreg.registration.constraints import Known
+
+# Points of the last level.
+EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 60_000, "best": None}
+# Share of the target's diagonal: a step that moves the points by less ends the last level.
+CONVERGENCE = 1e-7
+# Cells of a dense cloud: the mean of each stands for its points.
+CELLS: dict[str, int | None] = {"fast": 6_000, "normal": 10_000, "best": None}
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Checked options of one registration."""
+
+    method: str
+    max_distance: float | None
+    max_angle_deg: float
+    effort: str
+    seed: int
+    accelerate: bool
+    max_iterations: int
+    convergence: float
+    units: str = "check"
+    time_limit: float | None = None
+    scale: float | str = 1.0
+
+    def __post_init__(self) -> None:
+        known = ("auto", *ESTIMATORS)
+        # Only text is looked up: a list has no hash, and would end in an error without a name.
+        if not isinstance(self.method, str) or self.method not in known:
+            raise InputError(f"unknown method {self.method!r}; known are {', '.join(known)}")
+        if not isinstance(self.effort, str) or self.effort not in EFFORTS:
+            raise InputError(f"unknown effort {self.effort!r}; known are {', '.join(EFFORTS)}")
+        if self.units not in ("check", "ignore"):
+            raise InputError(f'units must be "check" or "ignore"; got {self.units!r}')
+        for name in ("max_distance", "max_angle_deg", "max_iterations", "convergence", "seed", "time_limit"):
+            value = getattr(self, name)
+            if not isinstance(value, numbers.Real) and not (value is None and name in ("max_distance", "time_limit")):
+                raise InputError(f"{name} must be a number; got {value!r}")
+        for name in ("seed", "max_iterations"):
+            value = getattr(self, name)
+            if not isinstance(value, numbers.Integral):
+                raise InputError(f"{name} must be a whole number; got {value!r}")
+        if not isinstance(self.accelerate, (bool, np.bool_)):
+            raise InputError(f"accelerate must be True or False; got {self.accelerate!r}")
+        _require_scale(self.scale)
+        if self.time_limit is not None and not self.time_limit > 0.0:
+            raise InputError(f"time_limit must be a number of seconds above 0; got {self.time_limit!r}")
+        if self.max_distance is not None and not 0.0 < float(self.max_distance) <= LARGEST:
+            raise InputError(f"max_distance must be a length above 0 in target units; got {self.max_distance!r}")
+        if not 0.0 < self.max_angle_deg <= 90.0:
+            raise InputError(f"max_angle_deg must be above 0 and at most 90; got {self.max_angle_deg!r}")
+        if self.seed < 0:
+            raise InputError(f"seed must be a whole number, 0 or more; got {self.seed!r}")
+        if self.max_iterations < 1:
+            raise InputError(f"max_iterations must be at least 1; got {self.max_iterations!r}")
+        if not 0.0 < self.convergence < 1.0:
+            raise InputError(
+                f"convergence is a share of the target's size, above 0 and below 1; got {self.convergence!r}"
+            )
+
+    @property
+    def cells(self) -> int | None:
+        """Cells to which dense clouds are thinned; None leaves them whole."""
+        return CELLS[self.effort] if self.method in ("auto", "generalised") else None
+
+    @property
+    def solves_scale(self) -> bool:
+        """Whether the scale is asked for."""
+        return self.scale == "solve"
+
+    @property
+    def fitted(self) -> int | None:
+        """Points that need normals of their own: planes take the target's."""
+        if self.method == "generalised":
+            return None
+        return COARSE if self.method == "auto" else EFFORTS[self.effort]
+
+    def plan(self, reach: float, known: Known, first_width: float | None = None, *, clouds: bool = False) -> Plan:
+        """Parts of the loop."""
+        auto = self.method == "auto"
+        coarse: Estimator = ESTIMATORS["dq" if auto else self.method]
+        fine: Estimator | None = points_to_weighed_planes if auto else None
+        if auto and clouds:
+            fine = ESTIMATORS["generalised"]
+        if known.anything:
+            coarse, fine = (
+                known.estimator(planes=self.method == "plane"),
+                known.estimator(planes=True, weighed=True) if auto else None,
+            )
+        return Plan(
+            estimator=coarse,
+            fine=fine,
+            max_distance=reach,
+            finest=EFFORTS[self.effort],
+            first_width=first_width if auto else None,
+            max_angle_rad=float(np.deg2rad(self.max_angle_deg)),
+            accelerate=self.accelerate,
+            stopping=Stopping(convergence=self.convergence, iterations=self.max_iterations),
+        )
+
+
+def require_callable(**observers: Any) -> None:
+    """Raise unless every observer is a function or None.
+
+    >>> require_callable(observe=print, observe_search=None)
+    """
+    for name, observer in observers.items():
+        if observer is not None and not callable(observer):
+            raise InputError(f"{name} must be a function of one record, or None; got {observer!r:.80}")
+
+
+def _require_scale(scale: object) -> None:
+    # Only text is compared: an array would answer with an array.
+    if isinstance(scale, str) and scale == "solve":
+        return
+    if (
+        isinstance(scale, (bool, str))
+        or not isinstance(scale, numbers.Real)
+        or not 1.0 / LARGEST < float(scale) < LARGEST
+    ):
+        raise InputError(
+            f'scale must be a number above 0 that source lengths are multiplied with, or "solve"; got {scale!r:.60}'
+        )

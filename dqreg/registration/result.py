@@ -1,0 +1,370 @@
+"""The answer of a registration: pose, verdict, and everything needed to judge it; saved and loaded as JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg._arrays import FloatArray, as_vectors
+from dqreg.errors import InputError
+from dqreg.files.atomic import write_atomically
+from dqreg.icp.history import Iteration
+from dqreg.inspection import Deviations, measure_deviations, why_unsigned
+from dqreg.registration.inputs import Inputs
+from dqreg.registration.invariants import broken_promise
+from dqreg.registration.result_json import plain, plain_iteration, read_fields
+from dqreg.registration.visible_target import seen_target
+from dqreg.rigid import DualQuaternion, pose
+from dqreg.trust.records import Alternative, Direction, Verdict
+
+__all__ = ["Alternative", "Direction", "Iteration", "Registration", "Verdict"]
+
+FORMAT = "dqreg registration 1"
+# Share of the largest distance of a pair within which a point counts as the part's: farther off stands the table.
+NEAR = 0.25
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Registration:
+    """Result of registering a source to a target.
+
+    However it was made, its pose is rigid to 1e-12, or all NaN with the verdict "failed"; its covariance is symmetric
+    and positive semidefinite, or NaN. What would be neither becomes a failed result that says why.
+
+    Attributes
+    ----------
+    T_target_source : ndarray, (4, 4)
+        Maps source coordinates, times `scale`, to target coordinates; all NaN where no pose was found.
+    verdict : Verdict
+        Level and reasons.
+    status : str
+        How the loop ended.
+    covariance : ndarray, (6, 6)
+        Of the twist (rotation vector first, then translation) of a left increment in the target frame about the
+        centre of the target's bounding box (``settings["centre"]``): ``T_true = about(exp(twist), centre) @ T``.
+        NaN along directions that the matches leave free, and everywhere where no pose was found.
+    observability : tuple of Direction
+        Six directions, the weakest first.
+    alternatives : tuple of Alternative
+        Other poses that explain the scan about as well.
+    history : tuple of Iteration
+        One record an iteration.
+    rms : float
+        Root mean square distance of the inliers, target units; NaN where there are none.
+    inlier_fraction : float
+        Mean probability of a source point to be an inlier, over all points used.
+    timings : dict
+        Seconds per stage.
+    settings : dict
+        Every setting as resolved, lengths in target units.
+    inputs : Inputs or None
+        Both sides, for deviations, pictures and reports; not saved, and None where ``keep_inputs=False`` asked so.
+        `attached` brings them back.
+    """
+
+    T_target_source: FloatArray
+    verdict: Verdict
+    status: str
+    covariance: FloatArray
+    observability: tuple[Direction, ...]
+    alternatives: tuple[Alternative, ...]
+    history: tuple[Iteration, ...]
+    rms: float
+    inlier_fraction: float
+    timings: dict[str, float]
+    settings: dict[str, Any]
+    inputs: Inputs | None = dataclasses.field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        broken = _broken(self)
+        if broken:
+            reason = f"no pose: an internal error of dqreg, please report it with the data: {broken}"
+            withdrawn = {
+                "T_target_source": np.full((4, 4), np.nan),
+                "verdict": Verdict("failed", (reason, *self.verdict.reasons)),
+                "covariance": np.full((6, 6), np.nan),
+                "observability": (),
+                "alternatives": (),
+                "rms": np.nan,
+                "inlier_fraction": 0.0,
+            }
+            for name, value in withdrawn.items():
+                object.__setattr__(self, name, value)
+
+    def attached(self, source: Any, target: Any) -> Registration:
+        """The same result with both sides at hand again, as after `load`.
+
+        Parameters
+        ----------
+        source, target : path, array or object
+            What was registered.
+
+        Returns
+        -------
+        Registration
+            With ``inputs``.
+
+        Raises
+        ------
+        InputError
+            If either side cannot be read.
+        """
+        known = self.settings
+        units = known.get("source_units"), known.get("target_units")
+        inputs = Inputs.read(source, target, *units, known.get("seed", 0), known.get("scale", 1.0))
+        viewpoint = known.get("viewpoint")
+        if viewpoint is not None and np.isfinite(self.T_target_source).all():
+            seen = self.apply(viewpoint) - inputs.target.origin
+            inputs = dataclasses.replace(inputs, target=seen_target(inputs.target, seen))
+        return dataclasses.replace(self, inputs=inputs)
+
+    @property
+    def scale(self) -> float:
+        """What source lengths were multiplied with, conversion of units included: ``p_target = R (scale p) + t``."""
+        return float(self.settings.get("source_scale", 1.0))
+
+    @property
+    def scale_sigma(self) -> float:
+        """Standard deviation of ``scale``: 0 where it was given, NaN where it was asked for and is free."""
+        sigma = self.settings.get("scale_sigma", 0.0)
+        return np.nan if sigma is None else float(sigma)
+
+    @property
+    def dual_quaternion(self) -> DualQuaternion:
+        """The pose as a unit dual quaternion; raises `InputError` where no pose was found."""
+        return DualQuaternion.from_matrix(self._found())
+
+    def apply(self, points: ArrayLike) -> FloatArray:
+        """Move points of the source into the target frame.
+
+        Parameters
+        ----------
+        points : array_like, (n, 3)
+            Source coordinates, in the source's own unit.
+
+        Returns
+        -------
+        ndarray, (n, 3)
+            Target coordinates, in the target's unit.
+
+        Raises
+        ------
+        InputError
+            If no pose was found.
+        """
+        checked = as_vectors(points, "points")
+        return pose.apply(self._found(), checked * self.scale)
+
+    def deviations(
+        self,
+        tolerance: float | None = None,
+        *,
+        reach: float | None = None,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> Deviations:
+        """How far every point of the scan lies off the target, and on which side.
+
+        Parameters
+        ----------
+        tolerance : float, optional
+            Largest deviation allowed, target units.
+        reach : float, optional
+            Points farther off than this belong to something else (a table, clamps, other parts): they have a value,
+            but enter no statistics, and the summary counts them. Default: the distance within which the verdict
+            counts points as the part's, a quarter of ``settings["max_distance"]``. ``numpy.inf`` counts all.
+        progress : callable, optional
+            Called with the points done and all points, now and then.
+
+        Returns
+        -------
+        Deviations
+            In the order of the scan, positive outside the part, target units.
+
+        Raises
+        ------
+        InputError
+            If no pose was found, or the result does not hold its two sides: `attached` brings them back.
+
+        Warns
+        -----
+        UserWarning
+            If the target has no inside and outside (an open mesh, a cloud without normals): no signs then.
+
+        Examples
+        --------
+        >>> from dqreg.registration.register import register
+        >>> from dqreg.synth.parts import box
+        >>> from dqreg.geometry import Mesh
+        >>> part = Mesh(*box((3.0, 2.0, 1.0)))
+        >>> found = register(part, part, "identity", effort="fast").deviations(tolerance=0.01)
+        >>> len(found), found.signed, found.summary().share_within
+        (100000, True, 1.0)
+        """
+        T = self._found()
+        if self.inputs is None:
+            raise InputError(
+                "this result does not hold its two sides (it was loaded, or made with keep_inputs=False); "
+                "call result.attached(source, target).deviations()"
+            )
+        source, target = self.inputs.source, self.inputs.target
+        unsigned = why_unsigned(target.geometry)
+        if unsigned:
+            warnings.warn(unsigned, UserWarning, stacklevel=2)
+        R, t = T[:3, :3], T[:3, 3]
+        # The origins go into the shift first: large numbers cancel here once, not once a point.
+        T_work = pose.from_parts(R, R @ source.origin + t - target.origin)
+        return measure_deviations(
+            pose.apply(T_work, source.cloud.points),
+            target.geometry,
+            target.surface,
+            origin=target.origin,
+            tolerance=tolerance,
+            reach=NEAR * self.settings["max_distance"] if reach is None else reach,
+            units=self.settings.get("target_units"),
+            spacing=self.settings.get("source_spacing"),
+            progress=progress,
+        )
+
+    def report(
+        self,
+        path: str | Path,
+        tolerance: float | None = None,
+        *,
+        reach: float | None = None,
+        start: ArrayLike | None = None,
+    ) -> Path:
+        """Write a report to be judged by eye: one HTML file that opens anywhere and loads nothing.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; that it can be written is asked before the work.
+        tolerance : float, optional
+            Largest deviation allowed, target units; then points and regions of the part pass or fail.
+        reach : float, optional
+            Points farther off belong to something else, see `deviations`.
+        start : (4, 4) array_like, optional
+            Where the registration began, to show the scan before it.
+
+        Returns
+        -------
+        Path
+            The file. A failed registration is reported too; a result without its two sides has no view.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written, or the tolerance is no length above zero.
+        """
+        from dqreg.report.page import write_report
+
+        return write_report(self, path, tolerance, reach=reach, start=start)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: verdict, numbers and, with both sides, a picture."""
+        from dqreg.report.notebook import notebook_html
+
+        return notebook_html(self)
+
+    def inverse(self) -> FloatArray:
+        """The pose T_source_target, (4, 4), from target coordinates to source coordinates (in target units).
+
+        Returns
+        -------
+        ndarray, (4, 4)
+            Inverse pose.
+        """
+        return pose.inverse(self._found())
+
+    def _found(self) -> FloatArray:
+        if not np.isfinite(self.T_target_source).all():
+            raise InputError(f"this registration found no pose: {'; '.join(self.verdict.reasons)}")
+        return self.T_target_source
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain lists, numbers and strings under the attribute names; NaN and infinity become None.
+
+        Returns
+        -------
+        dict
+            What `save` writes.
+        """
+        names = [field.name for field in dataclasses.fields(self) if field.name != "inputs"]
+        values = {name: plain(getattr(self, name)) for name in names}
+        found = bool(np.isfinite(self.T_target_source).all())
+        dq = self.dual_quaternion if found else None
+        values["dual_quaternion"] = {"real": plain(dq.real), "dual": plain(dq.dual)} if dq else None
+        values["history"] = [plain_iteration(record) for record in self.history]
+        values |= {"scale": self.scale, "scale_sigma": plain(self.scale_sigma)}
+        return {"format": FORMAT, **values}
+
+    def save(self, path: str | Path) -> None:
+        """Write the result as JSON, whole or not at all.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        write_atomically(Path(path), json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+
+    @staticmethod
+    def load(path: str | Path) -> Registration:
+        """Read what `save` wrote.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to read.
+
+        Returns
+        -------
+        Registration
+            Equal to the saved one.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, is not JSON, or is not a registration.
+        """
+        try:
+            values = json.loads(Path(path).read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError) as error:
+            raise InputError(f"{path} is no readable result file: {error}") from error
+        if not isinstance(values, dict) or values.get("format") != FORMAT:
+            raise InputError(f'{path} is no dqreg result: expected the key "format" to be {FORMAT!r}')
+        try:
+            return _from_dict(values)
+        except (KeyError, TypeError, ValueError, ArithmeticError) as error:
+            raise InputError(f"{path} is a damaged dqreg result: {type(error).__name__} {error}") from error
+
+
+def _broken(result: Registration) -> str:
+    return broken_promise(
+        result.T_target_source,
+        result.covariance,
+        result.verdict.level,
+        result.rms,
+        result.inlier_fraction,
+        (other.T_target_source for other in result.alternatives),
+    )
+
+
+def _from_dict(values: dict[str, Any]) -> Registration:
+    read = Registration(**read_fields(values))
+    if read.verdict.level != values["verdict"]["level"]:
+        # What was saved keeps its promises: here somebody else wrote.
+        raise ValueError(read.verdict.reasons[0].rpartition("data: ")[2])
+    return read

@@ -1,0 +1,203 @@
+"""Which scale a scan was made at: a few scales are tried, each from its own start, and the likeliest are told.
+
+Every scale is refined together with its pose on a few thousand points, see `dqreg.registration.scale_search`.
+
+One scale followed to where it leads: refined together with its pose, and judged there by the likelihood.
+
+Distances are compared in the *source's* own unit, where the noise does not change with the scale: in the target's unit
+the smallest copy would always fit best.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import DegenerateGeometryError
+from dqreg.geometry import Mesh, Surface
+from dqreg.geometry.scan import Scan
+from dqreg.icp import COARSE, InlierMixture, Pairs, correspond, width_floor
+from dqreg.registration.assess import to_work
+from dqreg.registration.initial_pose import Searching
+from dqreg.rigid import pose
+from dqreg.solvers.scale import ScaleStep, SurfaceMatches, robust_weights, scale_step
+
+# Steps of the joint refinement at most; the largest change of scale in one of them; the change that is none.
+STEPS, LARGEST, STILL = 40, 1.03, 1e-6
+
+
+@dataclasses.dataclass(frozen=True)
+class ScaleCandidate:
+    """A scale, its pose, and how badly both explain the scan."""
+
+    scale: float  # What the source, in the unit it is worked with, is multiplied with
+    T_work: FloatArray  # (4, 4): Pose of the scaled source between the centred frames
+    surprise: float  # Mean negative log-likelihood of the distances in source units; the lower the better
+    held: bool  # Whether the matches fix the scale
+    width: float = np.inf  # Width of the inliers' distances, source units
+    share: float = 0.0  # Share of inliers among all points
+
+
+def scaled(scan: Scan, scale: float) -> Scan:
+    """A scan in another unit."""
+    return dataclasses.replace(
+        scan,
+        points=scale * scan.points,
+        levers=scale**2 * scan.levers,
+        residuals=scale * scan.residuals,
+        spacing=scale * scan.spacing,
+        noise=scale * scan.noise,
+    )
+
+
+def joint_step(
+    scan: Scan,
+    surface: Surface,
+    scale: float,
+    T_work: FloatArray,
+    weigh: Callable[[Pairs], FloatArray],
+    *,
+    hold: bool = False,
+) -> ScaleStep:
+    """One step of scale and pose together, from the closest places of a scaled scan."""
+    pairs = correspond(scaled(scan, scale), surface, T_work)
+    matches = SurfaceMatches(pairs.moved, pairs.closest.points, pairs.closest.normals, weigh(pairs))
+    return scale_step(matches, hold=hold)
+
+
+def refine_scale(searching: Searching, scale: float, T_work: FloatArray, *, hold: bool = False) -> ScaleCandidate:
+    """Scale and pose together, on a few thousand points."""
+    surface = searching.target.indexed.surface
+    few = searching.scan.thinned(COARSE)
+    floor, held = width_floor(few, surface), True
+    for _ in range(STEPS):
+        try:
+            step = joint_step(few, surface, scale, T_work, partial(_robust, floor=scale * floor), hold=hold or not held)
+        except DegenerateGeometryError:
+            if not held:
+                break
+            held = False
+            continue
+        if not 1.0 / LARGEST <= step.factor <= LARGEST:
+            step = dataclasses.replace(step, factor=float(np.clip(step.factor, 1.0 / LARGEST, LARGEST)))
+        before, T_work, scale = T_work, step.moved(T_work), scale * step.factor
+        moved = float(pose.offset_between(before, T_work)) + float(pose.angle_between(before, T_work)) * few.diagonal
+        if abs(np.log(step.factor)) <= STILL and moved <= STILL * surface.diagonal:
+            break
+    return _judged(searching, few, ScaleCandidate(scale, T_work, np.inf, held and not hold), floor)
+
+
+def _robust(pairs: Pairs, floor: float) -> FloatArray:
+    return robust_weights(pairs.distances, floor)
+
+
+def _judged(searching: Searching, few: Scan, found: ScaleCandidate, floor: float) -> ScaleCandidate:
+    surface, limit = searching.target.indexed.surface, searching.reach
+    distances = correspond(scaled(few, found.scale), surface, found.T_work).distances / found.scale
+    near = distances[distances <= limit]
+    if not len(near):
+        return found
+    mixture = InlierMixture(max(0.5 * limit, floor), 0.5, limit).learned(near, floor=floor, rounds=100)
+    surprise = mixture.surprise(near, rejected=len(distances) - len(near))
+    return dataclasses.replace(
+        found, surprise=surprise, width=mixture.scale, share=mixture.share * len(near) / len(distances)
+    )
+
+
+# Ratios of units that get mixed up: mm, cm, m, inch and ft among each other.
+RATIOS = (1.0, 2.54, 10.0, 12.0, 25.4, 30.48, 39.37007874, 100.0, 304.8, 1000.0, 3.280839895)
+# Sizes of target and scan agree with a ratio of units within these factors: a scan from few sides is smaller than its
+# part or, of a thin one, larger.
+SMALLER, LARGER = 1.45, 2.0
+# Ratios that are tried at most, those nearest to the ratio of the sizes.
+MOST = 3
+# Scales that are tried about a ratio, where the pose has to be searched (which stands 3 % off) and where it is given.
+SEARCHED, GIVEN = (1.0, 0.95, 1.05, 0.9, 1.1), (1.0, 0.96, 1.04, 0.92, 1.08, 0.88, 1.12)
+# And those between them, where none of the first fits.
+BETWEEN = (0.975, 1.025, 0.925, 1.075, 0.875, 1.125)
+# Poses that are followed at each; and the distances of a fit, in the scan's own noise.
+FOLLOWED, FITS = 3, 4.0
+# Share of the points that must lie on the target for the other scales to be spared.
+EXPLAINED = 0.95
+# Two scales that near to each other are one.
+SAME = 3e-3
+# Distances of exact data, in sizes of the part.
+EXACT = 1e-6
+# A scale whose mean log-likelihood is that near to the best explains the scan as well; and how far from the best scale
+# it is asked whether another scale would do.
+AS_GOOD, ASIDE = 0.02, 0.03
+
+
+def scale_starts(ratio: float, *, searched: bool) -> tuple[list[float], list[float]]:
+    """Scales to try, the likely ones first; and further ones, where none of them fits."""
+    units = sorted({*RATIOS, *(1.0 / r for r in RATIOS)}, key=lambda r: (r != 1.0, abs(np.log(ratio / r))))
+    likely = [r for r in units if 1.0 / SMALLER <= ratio / r <= LARGER][:MOST] or [ratio]
+    first = [float(middle * step) for middle in likely for step in (SEARCHED if searched else GIVEN)]
+    further = [float(middle * step) for middle in dict.fromkeys([*likely, ratio]) for step in BETWEEN]
+    return first, further
+
+
+def try_scale(
+    searching: Searching, scale: float, T_start: FloatArray | None, origin_source: FloatArray
+) -> tuple[ScaleCandidate, ...]:
+    """Where a scale leads to, from the start that was given or from what the search finds."""
+    origin = searching.target.indexed.origin
+    if T_start is None:
+        again = dataclasses.replace(searching, scan=scaled(searching.scan, scale), reach=scale * searching.reach)
+        starts = [c.T_target_source for c in again.candidates()[:FOLLOWED]]
+    else:
+        # A start may be meant for the scaled source, or be known from elsewhere for the source as it is.
+        meant, as_it_is = (to_work(T_start, origin, s * origin_source) for s in (scale, 1.0))
+        same = float(np.abs(meant - as_it_is).max()) <= STILL * searching.target.indexed.surface.diagonal
+        starts = [meant] if same else [meant, as_it_is]
+    return tuple(refine_scale(searching, scale, T) for T in starts)
+
+
+def explained(searching: Searching, candidates: list[ScaleCandidate]) -> bool:
+    """Whether the best of some candidates leaves little of the scan over, so that no others need to be tried."""
+    return fits(searching, candidates) and _likeliest(candidates).share >= EXPLAINED
+
+
+def fits(searching: Searching, candidates: list[ScaleCandidate]) -> bool:
+    """Whether the best of some candidates lies on the target as closely as the scan's own noise allows."""
+    if not candidates:
+        return False
+    scan, best, surface = searching.scan, _likeliest(candidates), searching.target.indexed.surface
+    # From cloud to cloud the closest point is a spacing away.
+    usual = scan.noise if isinstance(searching.target.indexed.geometry, Mesh) else scan.noise + scan.spacing
+    return best.width <= max(FITS * usual, EXACT * surface.diagonal / best.scale)
+
+
+def _likeliest(candidates: list[ScaleCandidate]) -> ScaleCandidate:
+    return min(candidates, key=lambda c: c.surprise)
+
+
+def distinct_scales(candidates: list[ScaleCandidate]) -> list[ScaleCandidate]:
+    """The best candidate of each scale, the best first."""
+    kept: list[ScaleCandidate] = []
+    for candidate in sorted(candidates, key=lambda c: c.surprise):
+        if all(abs(np.log(candidate.scale / other.scale)) > SAME for other in kept):
+            kept.append(candidate)
+    return kept
+
+
+def why_not_fixed(searching: Searching, found: list[ScaleCandidate]) -> str:
+    """Why the data do not fix the scale, in a sentence; empty where they do."""
+    best = found[0]
+    free = "the scan leaves the scale free: a plane, a cone or a corner fits itself at any size; give the scale"
+    if not best.held:
+        return free
+    if not fits(searching, found):
+        return f"at no scale that was tried does the scan fit (best at {best.scale:.6g}); give the scale, or a start"
+    for factor in (1.0 - ASIDE, 1.0 + ASIDE):
+        aside = refine_scale(searching, factor * best.scale, best.T_work, hold=True)
+        if aside.surprise <= best.surprise + AS_GOOD:
+            return f"{free} (at {factor * best.scale:.6g} the scan fits as well as at {best.scale:.6g})"
+    others = [c.scale for c in found[1:] if c.surprise <= best.surprise + AS_GOOD]
+    if others:
+        return f"the scan fits at another scale as well: {', '.join(f'{s:.6g}' for s in others)}; give the scale"
+    return ""

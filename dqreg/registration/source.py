@@ -1,0 +1,98 @@
+"""The source as the loop takes it: read, converted to the target's unit, moved near the origin."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, bounds, shifted
+from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.files.units import factor
+from dqreg.geometry import Mesh, PointCloud, sample_mesh
+from dqreg.geometry.opening import read_any
+
+# Points drawn from a mesh that is the source.
+MESH_SAMPLES = 100_000
+# Points that are asked first whether they lie on a line.
+SPREAD_SAMPLE = 2_000
+# A cloud whose second largest extent is below this share of its largest is a line.
+LINE = 1e-9
+# Of a cloud that is a line for its strays alone, at least this share spans an area.
+BODY = 0.9
+
+
+@dataclasses.dataclass(frozen=True)
+class CentredSource:
+    """A source in target units, moved near the origin."""
+
+    cloud: PointCloud  # Points scaled, then moved so that ``origin`` is at zero
+    origin: FloatArray  # (3,): Middle of the bounding box of the scaled source
+    scale: float  # Factor from source units to target units, and what else was asked for
+    mesh: Mesh | None = None  # The mesh that the points were drawn from, as it was given
+
+    def as_given(self) -> tuple[FloatArray, FloatArray | None]:
+        """Points, or the vertices of a mesh, and normals as they were given, to the rounding of the coordinates."""
+        if self.mesh is not None:
+            return self.mesh.vertices, None
+        return (self.cloud.points + self.origin) / self.scale, self.cloud.normals
+
+
+def centre_source(
+    source: Any,
+    source_units: str | None,
+    target_units: str | None,
+    rng: np.random.Generator,
+    scale: float = 1.0,
+) -> CentredSource:
+    """Read a source, convert its unit, and move it to its own middle."""
+    geometry = read_any(source, "source")
+    mesh = geometry if isinstance(geometry, Mesh) else None
+    if isinstance(geometry, Mesh):
+        geometry = sample_mesh(geometry, MESH_SAMPLES, rng)
+    scale = scale * factor(source_units or geometry.units, target_units)
+    require_spread(geometry.points, "source")
+    origin = 0.5 * scale * np.add(*bounds(geometry.points))
+    return CentredSource(moved(geometry, -origin, scale), origin, scale, mesh)
+
+
+def moved(cloud: PointCloud, offset: FloatArray, scale: float) -> PointCloud:
+    """The cloud scaled about zero, then shifted."""
+    viewpoint = None if cloud.viewpoint is None else scale * cloud.viewpoint + offset
+    points = shifted(cloud.points if scale == 1.0 else scale * cloud.points, offset)
+    return dataclasses.replace(cloud, points=points, viewpoint=viewpoint)
+
+
+def require_spread(points: FloatArray, name: str) -> None:
+    """Raise unless the points are three at least and not on one line."""
+    if len(points) < 3:
+        raise InputError(f"{name} has {len(points)} usable points; at least three are needed to fix a pose")
+    # Some points that span an area settle it; only if they do not, all are looked at.
+    if len(points) > 2 * SPREAD_SAMPLE:
+        with contextlib.suppress(DegenerateGeometryError):
+            require_spread(points[:: len(points) // SPREAD_SAMPLE], name)
+            return
+    centred = points - points.mean(axis=0)
+    extents = np.sqrt(np.maximum(np.linalg.eigvalsh(centred.T @ centred), 0.0))
+    # Squaring halves the digits, so what looks like a line is looked at again without it.
+    if extents[1] <= 1e-6 * extents[2]:
+        extents = np.linalg.svd(centred, compute_uv=False)[::-1]
+    rounding = 8.0 * np.finfo(float).eps * np.abs(points).max() * np.sqrt(len(points))
+    if extents[1] <= max(LINE * extents[2], rounding):
+        raise DegenerateGeometryError(
+            f"all {len(points)} points of the {name} lie on one line (spread across it {extents[1]:.3g}, along it "
+            f"{extents[2]:.3g}); a turn about that line cannot be determined. {_remedy(points)}"
+        )
+
+
+def _remedy(points: FloatArray) -> str:
+    away = np.abs(points - np.median(points, axis=0)).max(axis=1)
+    body = points[away <= np.quantile(away, BODY)]
+    if len(body) >= 3 and len(body) < len(points):
+        with contextlib.suppress(DegenerateGeometryError):
+            require_spread(body, "points")
+            strays = int(np.count_nonzero(away > 1e3 * np.quantile(away, BODY)))
+            return f"Remove the {strays} strays up to {away.max():.3g} from the middle: the others span an area"
+    return "Give points that span an area"

@@ -1,0 +1,101 @@
+"""The target as the loop asks it: read, moved near the origin, indexed."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, bounds
+from dqreg.errors import InputError
+from dqreg.geometry import Closest, CloudSurface, Mesh, MeshSurface, PointCloud, Surface
+from dqreg.geometry.mesh_normals import SmoothNormals
+from dqreg.geometry.opening import describe, read_any
+from dqreg.geometry.unit_check import principal_spreads
+from dqreg.geometry.voxels import EvenCloud, even_size
+from dqreg.registration.source import moved, require_spread
+
+
+@dataclasses.dataclass(frozen=True)
+class IndexedTarget:
+    """A target ready to be asked, in a frame of its own near the origin."""
+
+    geometry: PointCloud | Mesh  # Moved so that ``origin`` is at zero: far-away coordinates cost no digits
+    origin: FloatArray  # (3,): Middle of the bounding box in the target's frame
+    name: str = ""  # What the caller gave, see `describe`
+    # (m, 4): Normals and variances of a cloud's surface where they were fitted before
+    fitted: FloatArray | None = dataclasses.field(default=None, repr=False)
+    _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
+    _evened: dict[int, EvenCloud] = dataclasses.field(default_factory=dict, repr=False, compare=False)
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The surface, built once and only read from then on."""
+        with self._lock:
+            if "surface" in self.__dict__:
+                built: Surface = self.__dict__["surface"]
+                return built
+            surface: Surface
+            if isinstance(self.geometry, Mesh):
+                surface = MeshSurface(self.geometry)
+            else:
+                surface = CloudSurface(self.geometry, self.fitted)
+            surface.closest(np.zeros((1, 3)))  # builds what is built lazily, while only one thread is here
+            return surface
+
+    def build(self) -> None:
+        """Build now what a registration from a start asks for, so that none of them has to wait for it."""
+        found = self.surface.closest(self.surface.centre[None])
+        _ = self.spreads, self.smooth_normals(found)
+        if isinstance(self.geometry, Mesh):
+            _ = self.geometry.face_neighbours, self.geometry.is_closed
+        elif isinstance(self.surface, CloudSurface):
+            _ = self.surface.normals
+
+    def evened(self, count: int) -> EvenCloud:
+        """The cloud as the means of about so many cells, and their surface; built once and only read from then on."""
+        if not isinstance(self.geometry, PointCloud):
+            raise InputError("only a cloud has cells; the target is a mesh")
+        with self._lock:
+            if count not in self._evened:
+                self._evened[count] = EvenCloud.of(self.geometry, even_size(self.geometry.points, count))
+            return self._evened[count]
+
+    @cached_property
+    def spreads(self) -> FloatArray:
+        """Standard deviations along the principal axes, (3,), for the look at units."""
+        return principal_spreads(self.geometry)
+
+    def smooth_normals(self, closest: Closest) -> FloatArray:
+        """Normals of the smooth surface at places that the surface has named, (n, 3)."""
+        return closest.normals if self._smooth is None else self._smooth.at(closest.points, closest.elements)
+
+    @cached_property
+    def _smooth(self) -> SmoothNormals | None:
+        return SmoothNormals(self.geometry) if isinstance(self.geometry, Mesh) else None
+
+    @property
+    def units(self) -> str | None:
+        """Length unit, where known."""
+        return self.geometry.units
+
+    @property
+    def kind(self) -> str:
+        """What the target is: "mesh" or "cloud"."""
+        return "mesh" if isinstance(self.geometry, Mesh) else "cloud"
+
+
+def index_target(target: Any) -> IndexedTarget:
+    """Read a target and move it to its own middle."""
+    geometry = read_any(target, "target")
+    if isinstance(geometry, Mesh):
+        origin = geometry.centre
+        return IndexedTarget(
+            dataclasses.replace(geometry, vertices=geometry.vertices - origin), origin, describe(target)
+        )
+    require_spread(geometry.points, "target")
+    origin = 0.5 * np.add(*bounds(geometry.points))
+    return IndexedTarget(moved(geometry, -origin, 1.0), origin, describe(target))

@@ -1,0 +1,170 @@
+"""What a report says of the run itself: how firmly the pose is held, the two sides, settings, iterations, versions."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+from typing import Any
+
+import numpy as np
+
+from dqreg.registration.result import Registration
+from dqreg.report.numbers_text import percent, place_text, setting_text, text_of
+from dqreg.report.story import Story
+from dqreg.report.summary import scale_words
+
+Rows = list[tuple[str, str]]
+
+
+def facts_of(result: Registration, unit: str) -> dict[str, Any]:
+    """What the page's template asks for, by name."""
+    found = bool(np.isfinite(result.T_target_source).all())
+    settings = [(name, setting_text(name, value, unit)) for name, value in sorted(result.settings.items())]
+    middle = -(-len(settings) // 2)
+    return {
+        "motions": motions_of(result),
+        "sigmas": _sigmas(result, unit) if found else None,
+        "converted": _converted(result),
+        "history": _history(result, unit),
+        "sides": _sides(result, unit),
+        "settings": [settings[:middle], settings[middle:]],
+        "timings": [(name, f"{value:.3f}") for name, value in result.timings.items()],
+        "versions": versions_of(),
+    }
+
+
+def motions_of(result: Registration) -> list[dict[str, str]]:
+    """Rows of the six motions."""
+    return [
+        {
+            "words": direction.words,
+            "percent": f"{100.0 * min(max(direction.strength, 0.0), 1.0):.0f}",
+            "strength": text_of(direction.strength, 2),
+            "sigma": text_of(direction.sigma, 2) if np.isfinite(direction.sigma) else "free",
+        }
+        for direction in result.observability
+    ]
+
+
+def _sigmas(result: Registration, unit: str) -> dict[str, Any]:
+    """Standard deviations of the six numbers of the pose: columns, one row, and what they mean."""
+    sigma = np.sqrt(np.diag(result.covariance))
+    row = [text_of(s, 2) if np.isfinite(s) else "free" for s in [*np.rad2deg(sigma[:3]), *sigma[3:]]]
+    columns = [(f"turn about {axis}", "degrees", True) for axis in "xyz"]
+    columns += [(f"shift along {axis}", unit, True) for axis in "xyz"]
+    words = (
+        f"One sigma, with the target's axes, about its middle {place_text(np.array(result.settings['centre']))}. "
+        "Estimated from how the residuals scatter from patch to patch of the surface; where the pairs are too few for "
+        "that, as if all were independent. Errors common to the whole scan, such as calibration, are not included."
+    )
+    return {"columns": columns, "row": row, "words": words}
+
+
+def _sides(result: Registration, unit: str) -> Rows:
+    """What was registered to what."""
+    get = result.settings.get
+    rows = [
+        ("Scan", str(get("source", "not known"))),
+        ("Its points", f"{get('source_points', 0):,}, of which {get('used_points', 0):,} were used"),
+        ("Dropped", f"{get('source_dropped', 0):,} points that were not finite"),
+        ("Spacing of the scan", f"{text_of(get('source_spacing'))} {unit}"),
+        ("Noise of the scan", f"{text_of(get('source_noise'))} {unit}, one sigma, estimated"),
+        ("Target", f"{get('target', 'not known')} ({get('target_kind', 'not known')})"),
+        ("Size of the target", f"{text_of(get('diagonal'), 5)} {unit}, diagonal of its bounding box"),
+    ]
+    converted = _converted(result)
+    return [*rows, ("Units", converted)] if converted else rows
+
+
+def _converted(result: Registration) -> str:
+    """What was done to the scan's unit; empty if nothing."""
+    scaled = scale_words(result)
+    if scaled:
+        return f"Scale {scaled}."
+    if result.scale == 1.0:
+        return ""
+    names = (result.settings.get("source_units"), result.settings.get("target_units"))
+    return f"The scan's coordinates were multiplied by {result.scale:g} first ({names[0]} to {names[1]})."
+
+
+def _history(result: Registration, unit: str) -> dict[str, Any]:
+    """All iterations: columns and rows."""
+    units = {"No.": "", "Stage": "", "Points": "", "Inliers": "%", "Rms": unit, "Kernel": unit, "Turn": "degrees",
+             "Motion": "sizes"}  # fmt: skip
+    columns = [(name, of, True) for name, of in units.items()]
+    rows = [
+        (
+            str(record.number),
+            record.stage,
+            f"{record.points:,}",
+            percent(record.inlier_fraction),
+            text_of(record.rms),
+            text_of(record.kernel_scale),
+            text_of(float(np.rad2deg(record.turn_rad)), 2),
+            "taken back" if np.isinf(record.motion) else text_of(record.motion, 2),
+        )
+        for record in result.history
+    ]
+    return {"columns": columns, "rows": rows}
+
+
+def versions_of() -> dict[str, str]:
+    """Versions of what did the work.
+
+    >>> "numpy" in versions_of()
+    True
+    """
+    found = {"dqreg": importlib.metadata.version("dqreg"), "Python": platform.python_version()}
+    for name in ("numpy", "scipy", "open3d", "open3d-cpu"):
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found | {"Machine": f"{platform.system()} {platform.machine()}"}
+
+
+# Length units that are confused, and the factor between them.
+FACTORS = ((1000.0, "m and mm"), (25.4, "inch and mm"), (100.0, "m and cm"), (10.0, "cm and mm"), (304.8, "ft and mm"))
+
+
+def hints_of(result: Registration, story: Story | None) -> list[str]:
+    """What to try where a pose was not accepted."""
+    level = result.verdict.level
+    hints: list[str] = []
+    if level == "accepted":
+        return hints
+    if story is not None:
+        hints += _size_hint(story)
+        hints += _distance_hint(story) if level == "failed" else []
+    if result.alternatives:
+        hints.append("Choose among the alternatives below, in the view and in the list, by a feature that tells them "
+                     "apart; then register again with that pose as the start.")  # fmt: skip
+    if level == "failed":
+        hints.append("Give a start pose from which part and scan overlap (--start FILE), or none, to search for one.")
+        reach = text_of(result.settings.get("max_distance"), 4)
+        hints.append(f"Raise --max-distance: pairs farther apart than {reach} were not looked at.")
+        hints.append("See below where the scan lay before: the wrong part, a mirrored one or much clutter show there.")
+    return hints
+
+
+def _size_hint(story: Story) -> list[str]:
+    scan, part = float(np.linalg.norm(np.ptp(story.points, axis=0))), story.size
+    ratio = max(scan, part) / max(min(scan, part), np.finfo(float).tiny)
+    if ratio < 5.0:
+        return []
+    sizes = f"The scan is {text_of(scan, 4)} across, the target {text_of(part, 4)} ({text_of(ratio, 3)} to 1)"
+    near = [words for factor, words in FACTORS if 0.6 < ratio / factor < 1.7]
+    if near:
+        return [
+            f"{sizes}, which is about what lies between {near[0]}: name the units (--source-units, --target-units)."
+        ]
+    return [f"{sizes}: cut the scan to the part, or check the units."]
+
+
+def _distance_hint(story: Story) -> list[str]:
+    middle = 0.5 * (story.points.min(axis=0) + story.points.max(axis=0))
+    apart = float(np.linalg.norm(middle))
+    if apart <= story.size:
+        return []
+    far = f"{text_of(apart, 4)} {story.unit}"
+    return [f"Before, the middle of the scan lay {far} from the target's, which is {text_of(story.size, 4)} across."]

@@ -1,0 +1,186 @@
+"""Start poses from matched features: two clouds that overlap only in part share few pairs, but many local shapes.
+
+Fast point feature histograms (Rusu 2009, from Open3D) tell which places may be the same; most of what they say is
+wrong. Two right matches keep their distance and the angles of their normals, and share many third matches that do so
+with both (SC2-PCR, Chen 2022): such pairs and triples go into the closed form.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg._open3d import load_open3d
+from dqreg.geometry.morton import morton_order
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import fit_planes, sample_rows
+from dqreg.search.grids import Single
+from dqreg.solvers import solve_many
+from dqreg.solvers.oriented_pairs import OrientedPairs, poses_from_pairs
+
+# Places that are described, and radius of a histogram, in voxels; a voxel in sizes of the smaller side.
+PLACES, RADIUS, VOXEL = 5_000, 5.0, 1.0 / 60.0
+# Neighbours of a normal, and those that its sign is handed on to.
+NEIGHBOURS, HANDED = 30, 10
+# Matches that are compared with each other; how far two may change their distance, in voxels, and shortest distance.
+MATCHES, STRETCH, SHORTEST = 1_000, 1.5, 6.0
+# Normals of a pair may change their angles by so much, signs aside.
+ANGLE_RAD = 0.45
+# Matches that go first, partners of each, and others that make a triple with both.
+LEADERS, PARTNERS, THIRDS = 150, 8, 3
+
+
+@dataclasses.dataclass(frozen=True)
+class Described:
+    """Places of a cloud with their normals and histograms."""
+
+    # points, normals: (n, 3): Places, a voxel apart; normals of consistent sign where they could be made so
+    points: FloatArray
+    normals: FloatArray
+    # around, slopes: (m, 3): All places and normals that the histograms are made of; those kept are among them
+    around: FloatArray
+    slopes: FloatArray
+    kept: IntArray  # (n,): Their rows there
+    radius: float  # Of a histogram
+
+    @cached_property
+    def histograms(self) -> FloatArray:
+        """Fast point feature histograms, (n, 33)."""
+        return _histograms(self.around, self.slopes, self.radius)[self.kept]
+
+    @cached_property
+    def against(self) -> FloatArray:
+        """The same for all normals turned round, (n, 33): which of both is right, only the other side knows."""
+        return _histograms(self.around, -self.slopes, self.radius)[self.kept]
+
+    @staticmethod
+    def of(points: FloatArray, voxel: float, normals: FloatArray | None = None) -> Described:
+        """Describe a cloud."""
+        rows = one_a_voxel(points, voxel)
+        rows = rows[morton_order(points[rows])]
+        places = points[rows]
+        if normals is None:
+            tree = NeighbourTree(places)
+            fitted = np.nan_to_num(fit_planes(tree, places, places, NEIGHBOURS).normals)
+            normals = with_one_sign(fitted, tree.nearest(places, HANDED)[0])
+        else:
+            normals = normals[rows]
+        kept = sample_rows(len(places), PLACES)
+        return Described(places[kept], normals[kept], places, normals, kept, RADIUS * voxel)
+
+
+def one_a_voxel(points: FloatArray, voxel: float) -> IntArray:
+    """Rows of the first point in each voxel, ascending."""
+    cells = ((points - bounds(points)[0]) / voxel).astype(np.int64)
+    shape = cells.max(axis=0) + 1
+    flat = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
+    rows: IntArray = np.sort(np.unique(flat, return_index=True)[1])
+    return rows
+
+
+def with_one_sign(normals: FloatArray, neighbours: IntArray) -> FloatArray:
+    """Normals whose signs agree with their neighbours', handed on along a tree of the most alike (Hoppe 1992).
+
+    Shapes: neighbours (n, k).
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+
+    count = len(normals)
+    i = np.repeat(np.arange(count), neighbours.shape[1])
+    j = neighbours.ravel()
+    unlike = 1.0 + 1e-6 - np.abs(np.einsum("ij,ij->i", normals[i], normals[j]))
+    tree = minimum_spanning_tree(coo_array((unlike, (i, j)), shape=(count, count)).tocsr())
+    parts = connected_components(tree, directed=False)[1]
+    before = np.arange(count)
+    for root in np.unique(parts, return_index=True)[1]:
+        order, previous = breadth_first_order(tree, root, directed=False)
+        before[order[1:]] = previous[order[1:]]
+    sign = np.where(np.einsum("ij,ij->i", normals, normals[before]) < 0.0, -1.0, 1.0)
+    # Each looks twice as far back as before: the product of all signs up to the root.
+    while (before != before[before]).any():
+        sign, before = sign * sign[before], before[before]
+    sign = sign * np.where(before == np.arange(count), 1.0, sign[before])
+    return normals * sign[:, None]
+
+
+def matched(source: FloatArray, target: FloatArray) -> tuple[IntArray, IntArray]:
+    """Rows that are each other's nearest histograms, and, where these are few, all nearest ones."""
+    # Roots of shares: differences of small bins count as well (Hellinger).
+    a, b = (np.sqrt(x / np.maximum(x.sum(axis=1, keepdims=True), 1e-12)).astype(np.float32) for x in (source, target))
+    likeness = a @ b.T
+    there, back = likeness.argmax(axis=1), likeness.argmax(axis=0)
+    rows = np.arange(len(a))
+    mutual = back[there] == rows
+    order = np.argsort(-(likeness[rows, there] + mutual), kind="stable")[:MATCHES]
+    return order, there[order]
+
+
+def match_hypotheses(
+    source: Described, target: Described, voxel: float, signs_known: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Poses from pairs and triples of matches that agree with each other and with many others.
+
+    Shapes: R (n, 3, 3).
+    """
+    found = [_from_matches(source, target, *matched(source.histograms, target.histograms), voxel)]
+    if not signs_known:
+        found.append(_from_matches(source, target, *matched(source.against, target.histograms), voxel))
+    return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])
+
+
+def _from_matches(
+    source: Described, target: Described, i: IntArray, j: IntArray, voxel: float
+) -> tuple[FloatArray, FloatArray]:
+    p, q = source.points[i], target.points[j]
+    agree = _agreement(p, q, source.normals[i], target.normals[j], voxel)
+    # How many third matches agree with both, where both agree.
+    shared = agree * (agree @ agree)
+    leaders = np.argsort(-shared.sum(axis=1), kind="stable")[:LEADERS]
+    partners = _largest(shared[leaders], PARTNERS)
+    first, second = np.repeat(leaders, partners.shape[1]), partners.ravel()
+    sound = shared[first, second] > 0.0
+    first, second = first[sound], second[sound]
+    if not len(first):
+        return np.zeros((0, 3, 3)), np.zeros((0, 3))
+    pairs = OrientedPairs.of(p, source.normals[i], first, second), OrientedPairs.of(q, target.normals[j], first, second)
+    R, t = poses_from_pairs(*pairs)
+    thirds = _largest(shared[first] * agree[second], THIRDS)
+    count = thirds.shape[1]
+    triples = np.stack([np.repeat(first, count), np.repeat(second, count), thirds.ravel()], axis=1)
+    sound = (agree[triples[:, 0], triples[:, 2]] > 0.0) & (agree[triples[:, 1], triples[:, 2]] > 0.0)
+    fits = solve_many(p[triples[sound]], q[triples[sound]])
+    T = fits.T_target_source[~fits.degenerate]
+    return np.concatenate([R, T[:, :3, :3]]), np.concatenate([t, T[:, :3, 3]])
+
+
+def _largest(values: Single, count: int) -> IntArray:
+    """Columns of the largest values of each row, in no order."""
+    count = min(count, values.shape[1])
+    return np.argpartition(-values, count - 1, axis=1)[:, :count]
+
+
+def _agreement(p: FloatArray, q: FloatArray, n: FloatArray, m: FloatArray, voxel: float) -> Single:
+    """1 where two matches may both be right, (k, k), single precision."""
+    lengths, angles = [], []
+    for points, normals in ((p, n), (q, m)):
+        arms, directions = (points - points.mean(axis=0)).astype(np.float32), normals.astype(np.float32)
+        squared = (arms**2).sum(axis=1)
+        lengths.append(np.sqrt(np.maximum(squared[:, None] + squared[None, :] - 2.0 * arms @ arms.T, 0.0)))
+        angles.append(np.arccos(np.clip(np.abs(directions @ directions.T), 0.0, 1.0)))
+    agree = (np.abs(lengths[0] - lengths[1]) < STRETCH * voxel) & (np.minimum(*lengths) > SHORTEST * voxel)
+    agree &= np.abs(angles[0] - angles[1]) < ANGLE_RAD
+    both: Single = agree.astype(np.float32)
+    return both
+
+
+def _histograms(points: FloatArray, normals: FloatArray, radius: float) -> FloatArray:
+    open3d = load_open3d()
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+    cloud.normals = open3d.utility.Vector3dVector(normals)
+    near = open3d.geometry.KDTreeSearchParamHybrid(radius=radius, max_nn=100)
+    found: FloatArray = np.asarray(open3d.pipelines.registration.compute_fpfh_feature(cloud, near).data).T.copy()
+    return found

@@ -1,0 +1,165 @@
+"""Start poses from pairs of oriented places: rare pairs of the scan, looked up among all pairs of the target.
+
+Two places with directions fix a pose. The target's pairs are sorted by distance and angles; a pair of the scan that has
+few counterparts there says much, so rare ones go first. All hypotheses are solved at once.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from functools import cached_property
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg.geometry import Mesh, PointCloud, Surface
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.search.features import Features, even_places, target_features
+from dqreg.search.grids import DistanceGrid, PlaneGrid
+from dqreg.search.self_maps import find_symmetry
+from dqreg.search.symmetry import Symmetry
+from dqreg.solvers.oriented_pairs import OrientedPairs, poses_from_pairs
+
+# Places of the target whose pairs are tabulated: their square is the table. They are drawn from so many.
+TABLE_POINTS, DENSE = 1_000, 20_000
+# Bins: distance in sizes, angles in radians.
+LENGTH_BIN, ANGLE_BIN = 0.02, 0.2
+# Shorter pairs fix the turn badly; a share of the size.
+SHORTEST = 0.15
+# Below this cosine between direction and line, the sign of the direction cannot be turned with certainty: both are
+# tried.
+LEAST_COSINE = 0.15
+# Directions that fix the turn about the line no better than this sine do not count.
+LEAST_SINE = 0.15
+# Largest angle between the other two directions, signs aside, once the pose is solved.
+AGREE_RAD = 0.45
+# Pairs drawn from the scan, pairs used of these, counterparts of each, at most.
+DRAWN, USED, COUNTERPARTS = 24_000, 3_000, 30
+# Draws at most where most pairs are too long, in multiples.
+ROUNDS = 12
+
+
+@dataclasses.dataclass(frozen=True)
+class PairTable:
+    """All far-apart pairs of places of a target, sorted by key, and the grids for screening."""
+
+    features: Features  # The places
+    # first, second: (n,): The pairs, rows of the places, in the order of their keys
+    first: IntArray
+    second: IntArray
+    keys: IntArray  # (n,): Ascending
+    size: float  # Diagonal of the target
+    grid: PlaneGrid  # Distances to the target, and its tangent planes
+    edges: FloatArray  # (m, 3): Samples of the rims; may be empty
+    edge_grid: DistanceGrid | None  # Distances to the rims, where there are any
+    target: PointCloud | Mesh  # The target
+    surface: Surface  # The same
+    _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
+
+    @cached_property
+    def symmetry(self) -> Symmetry | None:
+        """Symmetries of a mesh, found when first asked for and kept; None for a cloud."""
+        if not isinstance(self.target, Mesh):
+            return None
+        with self._lock:
+            if "symmetry" in self.__dict__:
+                found: Symmetry = self.__dict__["symmetry"]
+                return found
+            return find_symmetry(self.target, self.surface, self.grid)
+
+    @staticmethod
+    def of(target: PointCloud | Mesh, surface: Surface) -> PairTable:
+        """Table of a target; the same target gives the same table."""
+        places, normals = even_places(target, surface, DENSE)
+        features, edges = target_features(target, places, normals, TABLE_POINTS)
+        # A target without a single normal has no features, but it has a size.
+        alone = target.vertices if isinstance(target, Mesh) else target.points
+        low, high = bounds(features.points if len(features.points) else alone)
+        first, second = np.nonzero(~np.eye(len(features.points), dtype=bool))
+        keys, usable = pair_keys(features, first, second, surface.diagonal)
+        rows = np.flatnonzero(usable)
+        rows = rows[np.argsort(keys[rows], kind="stable")]
+        grid = PlaneGrid(surface, places, normals, low, high)
+        edge_grid = None
+        if len(edges):
+            tree = NeighbourTree(edges)
+            edge_grid = DistanceGrid(lambda nodes: tree.nearest(nodes, 1)[1][:, 0], low, high, surface.diagonal)
+        first, second = first[rows], second[rows]
+        return PairTable(features, first, second, keys[rows], surface.diagonal, grid, edges, edge_grid, target, surface)
+
+
+def pair_keys(places: Features, i: IntArray, j: IntArray, size: float) -> tuple[IntArray, np.ndarray]:
+    """One number per pair from its distance, its kinds and its three angles, all binned and without signs."""
+    # Single precision is far finer than a bin.
+    points = (places.points / size).astype(np.float32)
+    directions = places.directions.astype(np.float32)
+    along = points[j] - points[i]
+    length = np.sqrt(np.einsum("ij,ij->i", along, along))
+    along /= np.maximum(length, 1e-6)[:, None]
+    cosines = np.abs(
+        [
+            np.einsum("ij,ij->i", directions[i], along),
+            np.einsum("ij,ij->i", directions[j], along),
+            np.einsum("ij,ij->i", directions[i], directions[j]),
+        ]
+    )
+    angles = (np.arccos(np.minimum(cosines, 1.0)) / ANGLE_BIN).astype(np.int64)
+    usable = (length > SHORTEST) & (length < 1.0) & (cosines[:2].min(axis=0) < np.sqrt(1.0 - LEAST_SINE**2))
+    keys = ((length / LENGTH_BIN).astype(np.int64) * 8 + angles[0]) * 64 + angles[1] * 8 + angles[2]
+    return keys, usable
+
+
+def hypotheses(places: Features, table: PairTable, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Poses that put pairs of the scan on their counterparts of the target.
+
+    Shapes: R (n, 3, 3).
+    """
+    i, j, keys = _draw_pairs(places, table.size, rng)
+    first, last = (np.searchsorted(table.keys, keys, side) for side in ("left", "right"))
+    counts = last - first
+    rare = np.argsort(np.where(counts > 0, counts, np.iinfo(np.int64).max), kind="stable")[:USED]
+    rare = rare[counts[rare] > 0]
+    taken = np.minimum(counts[rare], COUNTERPARTS)
+    rows = np.repeat(rare, taken)
+    # Evenly through the counterparts, from a drawn place on: no order of the table is preferred.
+    step = np.arange(len(rows)) - np.repeat(np.cumsum(taken) - taken, taken)
+    shift = np.repeat(rng.random(len(rare)), taken)
+    counterpart = first[rows] + ((step + shift) * counts[rows] / np.repeat(taken, taken)).astype(np.int64)
+    source = OrientedPairs.of(places.points, places.directions, i[rows], j[rows])
+    known = table.features
+    target = OrientedPairs.of(known.points, known.directions, table.first[counterpart], table.second[counterpart])
+    parts = [_solved(source, target, flipped) for flipped in (False, True)]
+    R, t = (np.concatenate([part[k] for part in parts]) for k in range(2))
+    return R, t
+
+
+def _solved(source: OrientedPairs, target: OrientedPairs, flipped: bool) -> tuple[FloatArray, FloatArray]:
+    """Poses with directions turned along the lines, or with the target's against where that is uncertain."""
+    if flipped:
+        steep = np.abs(source.cosines[:, 0]) <= np.abs(source.cosines[:, 1])
+        guide = np.where(steep, np.abs(source.cosines[:, 0]), np.abs(source.cosines[:, 1]))
+        rows = np.flatnonzero(guide < LEAST_COSINE)
+        source, target = source[rows], target[rows]
+        target = dataclasses.replace(target, first=-target.first, second=-target.second)
+    R, t = poses_from_pairs(source, target)
+    least = np.cos(AGREE_RAD)
+    agree = np.ones(len(R), dtype=bool)
+    for ours, theirs in ((source.first, target.first), (source.second, target.second)):
+        agree &= np.abs(np.einsum("nij,nj,ni->n", R, ours, theirs, optimize=True)) > least
+    return R[agree], t[agree]
+
+
+def _draw_pairs(places: Features, size: float, rng: np.random.Generator) -> tuple[IntArray, IntArray, IntArray]:
+    found: list[tuple[IntArray, IntArray, IntArray]] = [(np.zeros(0, dtype=np.int64),) * 3]
+    count = 0
+    for _ in range(ROUNDS):
+        i, j = places.draw(DRAWN, rng), places.draw(DRAWN, rng)
+        keys, usable = pair_keys(places, i, j, size)
+        found.append((i[usable], j[usable], keys[usable]))
+        count += int(np.count_nonzero(usable))
+        # A scene is much larger than the part: most of its pairs are too long.
+        if 2 * count >= DRAWN or not len(i):
+            break
+    i, j, keys = (np.concatenate([part[k] for part in found]) for k in range(3))
+    return i, j, keys

@@ -1,0 +1,256 @@
+"""`dqreg.solve_many`: thousands of small problems in one call, by the same closed form as `solve`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg._arrays import BoolArray, FloatArray
+from dqreg.errors import InputError
+from dqreg.solvers.batched_input import FeatureSet, Sides, read_features
+from dqreg.solvers.closed_form import SAME_POINT, SMALLEST_GAP
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BatchSums:
+    """What decides the poses of c problems; see `closed_form` for the letters."""
+
+    weight: FloatArray  # (c,): ``sum beta``
+    # mean_source, mean_target: (3, c): Weighted means of the points
+    mean_source: FloatArray
+    mean_target: FloatArray
+    # p, q: (3, k, c): Points less their mean
+    p: FloatArray
+    q: FloatArray
+    H: FloatArray  # (3, 3, c): Matrices of the rotations' fit
+    # reach, floor: (c,): Largest lambda_1 such data could have, and gap that the rounding of coordinates could make
+    reach: FloatArray
+    floor: FloatArray
+
+
+def sum_block(source: FloatArray, target: FloatArray, beta: FloatArray, directions: Sides | None) -> BatchSums:
+    """Sums of a block of problems.
+
+    Shapes: source, target (3, k, c), beta (k, c), directions (3, j, c).
+    """
+    weight = beta.sum(axis=0)
+    share = beta / np.where(weight > 0.0, weight, 1.0)
+    mean_source, p = _about_mean(source, share)
+    mean_target, q = _about_mean(target, share)
+    H, spread_source, spread_target = _products(p, q, beta)
+    grain_source = SAME_POINT**2 * weight * (mean_source**2).sum(axis=0)
+    grain_target = SAME_POINT**2 * weight * (mean_target**2).sum(axis=0)
+    wide = (spread_source > grain_source) & (spread_target > grain_target)
+    H = np.where(wide, H, 0.0)
+    reach = np.where(wide, np.sqrt(spread_source) * np.sqrt(spread_target), 0.0)
+    floor = np.where(wide, np.sqrt(grain_source) * np.sqrt(grain_target), 0.0)
+    if directions is not None:
+        more, length_source, length_target = _products(*directions)
+        H = H + more
+        reach = reach + np.sqrt(length_source) * np.sqrt(length_target)
+    return BatchSums(weight, mean_source, mean_target, p, q, H, reach, floor)
+
+
+def residual_sums(
+    R: FloatArray, sums: BatchSums, beta: FloatArray, directions: Sides | None
+) -> tuple[FloatArray, FloatArray]:
+    """Points' and directions' part of the costs, from the residuals.
+
+    Shapes: R (3, 3, c), beta (k, c), directions (3, j, c), point_cost, direction_cost (c,).
+    """
+    point_cost = _residuals(R, sums.p, sums.q, beta)
+    return point_cost, np.zeros_like(point_cost) if directions is None else _residuals(R, *directions)
+
+
+def _about_mean(points: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+    mean = (points * share).sum(axis=1)
+    away = points - mean[:, None]
+    # The mean of far points rounds at the size of the coordinates; what is left of it is taken off too.
+    rest = (away * share).sum(axis=1)
+    return mean + rest, away - rest[:, None]
+
+
+def _products(a: FloatArray, b: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    heavy = b * weights
+    cross = np.array([[(heavy[i] * a[j]).sum(axis=0) for j in range(3)] for i in range(3)])
+    square_b = (heavy * b).sum(axis=(0, 1))
+    square_a = ((a * a).sum(axis=0) * weights).sum(axis=0)
+    return cross, square_a, square_b
+
+
+def _residuals(R: FloatArray, a: FloatArray, b: FloatArray, weights: FloatArray) -> FloatArray:
+    squared = np.zeros_like(weights)
+    for i in range(3):
+        away = R[i, 0] * a[0] + R[i, 1] * a[1] + R[i, 2] * a[2] - b[i]
+        squared += away * away
+    total: FloatArray = (squared * weights).sum(axis=0)
+    return total
+
+
+# Numbers a block of problems holds a side: its temporaries stay in the cache.
+BLOCK_NUMBERS = 16384
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fits:
+    """One fit a problem; a degenerate problem has NaN in its pose, cost and rms, never an identity.
+
+    Attributes
+    ----------
+    T_target_source : ndarray, (b, 4, 4)
+        Poses that map source coordinates to target coordinates.
+    cost, rms : ndarray, (b,)
+        The minimised sums, from the residuals; the weighted root mean square distances of the points.
+    eigenvalue_gap : ndarray, (b,)
+        Relative gaps as `Fit` has them, of degenerate problems too; NaN where no point carries weight.
+    degenerate : ndarray, (b,) of bool
+        Where `solve` would raise `DegenerateGeometryError`.
+    """
+
+    T_target_source: FloatArray
+    cost: FloatArray
+    rms: FloatArray
+    eigenvalue_gap: FloatArray
+    degenerate: BoolArray
+
+
+def solve_many(
+    points_source: ArrayLike,
+    points_target: ArrayLike,
+    directions_source: ArrayLike | None = None,
+    directions_target: ArrayLike | None = None,
+    point_weights: ArrayLike | None = None,
+    direction_weights: ArrayLike | None = None,
+    *,
+    offsets: ArrayLike | None = None,
+    direction_offsets: ArrayLike | None = None,
+) -> Fits:
+    """Solve b independent problems, each as `solve` would.
+
+    Equal sizes come as (b, n, 3) arrays. Different sizes come as all rows below each other, (total, 3), with b + 1
+    offsets: problem i holds the rows ``offsets[i]`` up to, without, ``offsets[i + 1]``. Points and directions choose
+    their form apart from each other.
+
+    Parameters
+    ----------
+    points_source, points_target : array_like, (b, n, 3) or (total, 3)
+        Matched points.
+    directions_source, directions_target : array_like, (b, m, 3) or (total, 3), optional
+        Matched directions, weighed as given.
+    point_weights, direction_weights : array_like, (b, n) or (total,), or float, optional
+        beta and alpha >= 0; 1 where not given, 0 rejects the match.
+    offsets, direction_offsets : array_like of int, (b + 1,), optional
+        From 0 up to the number of rows; equal neighbours are a problem without rows.
+
+    Returns
+    -------
+    Fits
+        Poses, costs, rms, gaps and the mask of degenerate problems. No degenerate problem disturbs another.
+
+    Raises
+    ------
+    InputError
+        If a shape, count, offset, weight or number anywhere is wrong: then nothing is solved.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> triangle = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]])
+    >>> line = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
+    >>> fits = solve_many([triangle, line], [triangle + 1.0, line + 1.0])
+    >>> fits.degenerate.tolist(), fits.T_target_source[0, :3, 3].round(12).tolist()
+    ([False, True], [1.0, 1.0, 1.0])
+    """
+    points = read_features(points_source, points_target, point_weights, offsets, "points")
+    count = points.count
+    if (directions_source is None) != (directions_target is None):
+        missing = "directions_source" if directions_source is None else "directions_target"
+        raise InputError(f"{missing} is missing; give the directions of both sides or of neither")
+    directions = None
+    if directions_source is not None and directions_target is not None:
+        directions = read_features(
+            directions_source, directions_target, direction_weights, direction_offsets, "directions"
+        )
+        if directions.count != count:
+            raise InputError(f"points hold {count} problems and directions {directions.count}; give one set a problem")
+    elif direction_weights is not None or direction_offsets is not None:
+        raise InputError("direction_weights or direction_offsets was given without directions")
+    nan = np.full(count, np.nan)
+    fits = Fits(np.full((count, 4, 4), np.nan), nan, nan.copy(), nan.copy(), np.ones(count, dtype=bool))
+    for chosen in _blocks(points, directions):
+        _solve_block(chosen, points, directions, fits)
+    return fits
+
+
+def _blocks(points: FeatureSet, directions: FeatureSet | None) -> list[slice] | list[np.ndarray]:
+    """Problems to take together: neighbours where all sizes are equal, else problems of like size."""
+    sizes = points.sizes if directions is None else points.sizes + directions.sizes
+    if points.is_even and (directions is None or directions.is_even):
+        step = max(1, BLOCK_NUMBERS // max(1, int(sizes.max(initial=1))))
+        return [slice(i, min(i + step, points.count)) for i in range(0, points.count, step)]
+    order = np.argsort(sizes, kind="stable")
+    # Blocks hold problems whose sizes agree within a power of two, and no more numbers than fit.
+    scale = np.ceil(np.log2(np.maximum(sizes[order], 1))).astype(int)
+    blocks = []
+    for group in np.split(order, np.flatnonzero(np.diff(scale)) + 1):
+        if group.size:
+            parts = -(-group.size * int(sizes[group].max(initial=1)) // BLOCK_NUMBERS)
+            blocks += np.array_split(group, min(max(parts, 1), group.size))
+    return blocks
+
+
+def _solve_block(chosen: slice | np.ndarray, points: FeatureSet, directions: FeatureSet | None, fits: Fits) -> None:
+    p, q, beta = points.take(chosen)
+    sides = None if directions is None else directions.take(chosen)
+    # Lengths whose squares leave float64 make their own problem degenerate, not the others.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        sums = sum_block(p, q, beta, sides)
+        forms = _quaternion_forms(sums.H)
+        tame = np.isfinite(forms).all(axis=(1, 2)) & np.isfinite(sums.reach)
+        values, vectors = np.linalg.eigh(np.where(tame[:, None, None], forms, 0.0))
+        R = _rotations(vectors[:, :, 3].T)
+        lambda_1, lambda_2 = values[:, 3], values[:, 2]
+        good = tame & (sums.weight > 0.0) & (lambda_1 - lambda_2 > SMALLEST_GAP * sums.reach + sums.floor)
+        gap = np.where(lambda_1 > 0.0, (lambda_1 - lambda_2) / lambda_1, 0.0)
+        point_cost, direction_cost = residual_sums(R, sums, beta, sides)
+        rms = np.sqrt(point_cost / sums.weight)
+    T = np.zeros((*lambda_1.shape, 4, 4))
+    T[:, :3, :3] = R.transpose(2, 0, 1)
+    T[:, :3, 3] = _translations(R, sums).T
+    T[:, 3, 3] = 1.0
+    fits.T_target_source[chosen] = np.where(good[:, None, None], T, np.nan)
+    fits.cost[chosen] = np.where(good, point_cost + direction_cost, np.nan)
+    fits.rms[chosen] = np.where(good, rms, np.nan)
+    fits.eigenvalue_gap[chosen] = np.where(sums.weight > 0.0, gap, np.nan)
+    fits.degenerate[chosen] = ~good
+
+
+def _quaternion_forms(H: FloatArray) -> FloatArray:
+    """`closed_form.quaternion_form` of every H in a stack (3, 3, b)."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = H
+    N = np.zeros((H.shape[2], 4, 4))
+    # eigh reads the lower triangle only.
+    N[:, 0, 0], N[:, 1, 1], N[:, 2, 2], N[:, 3, 3] = xx + yy + zz, xx - yy - zz, yy - xx - zz, zz - xx - yy
+    N[:, 1, 0], N[:, 2, 0], N[:, 3, 0] = zy - yz, xz - zx, yx - xy
+    N[:, 2, 1], N[:, 3, 1], N[:, 3, 2] = xy + yx, xz + zx, yz + zy
+    return N
+
+
+def _rotations(r: FloatArray) -> FloatArray:
+    """Rotation matrices (3, 3, b) of unit quaternions (4, b), scalar first."""
+    w, x, y, z = r
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
+def _translations(R: FloatArray, sums: BatchSums) -> FloatArray:
+    turned = np.einsum("ijb,jb->ib", R - np.eye(3)[:, :, None], sums.mean_source)
+    t: FloatArray = (sums.mean_target - sums.mean_source) - turned
+    return t

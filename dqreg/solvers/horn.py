@@ -1,0 +1,88 @@
+"""`dqreg.solvers.horn`: rotation as a unit quaternion, plain and literal, to measure others by.
+
+B. K. P. Horn, "Closed-form solution of absolute orientation using unit quaternions" (1987), as derived in section 5
+of Y.-B. Jia, *Quaternions* (2020), whose equation numbers stand at the lines. Weights and directions are ours.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg._arrays import FloatArray
+from dqreg.rigid.quaternion_matrices import to_matrix
+from dqreg.solvers.fit import Fit
+from dqreg.solvers.least_squares import centre, fit_of_rotation
+from dqreg.solvers.matches import read_matches
+
+
+def horn(
+    points_source: ArrayLike,
+    points_target: ArrayLike,
+    directions_source: ArrayLike | None = None,
+    directions_target: ArrayLike | None = None,
+    point_weights: ArrayLike | None = None,
+    direction_weights: ArrayLike | None = None,
+) -> Fit:
+    """Pose of least cost by unit quaternions with one 4x4 matrix a match; a yardstick for `solve`.
+
+    Parameters
+    ----------
+    points_source, points_target : array_like, (n, 3)
+        Matched points p and q.
+    directions_source, directions_target : array_like, (m, 3), optional
+        Matched directions m and n, weighed as given.
+    point_weights, direction_weights : array_like or float, optional
+        beta and alpha; 1 where not given.
+
+    Returns
+    -------
+    Fit
+        The same cost and the same pose as `solve`, up to rounding.
+
+    Raises
+    ------
+    InputError
+        As `solve`.
+    DegenerateGeometryError
+        As `solve`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]])
+    >>> horn(points, points + [1, 2, 3]).T_target_source[:3, 3].round(12).tolist()
+    [1.0, 2.0, 3.0]
+    """
+    matches = read_matches(
+        points_source, points_target, directions_source, directions_target, point_weights, direction_weights
+    )
+    c = centre(matches)  # p', q' with sums zero: (11), (12)
+    m, n = matches.directions_source, matches.directions_target
+    M = np.einsum("i,iab,iac->bc", c.beta, P(c.p), Q(c.q))  # M = sum P_i^T Q_i, after (17)
+    M += np.einsum("i,iab,iac->bc", c.alpha, P(m), Q(n))
+    values, vectors = np.linalg.eigh(M)  # M is symmetric: lambda_1 >= ... >= lambda_4
+    q = vectors[:, 3]  # maximises (16), hence (15), hence minimises (14)
+    return fit_of_rotation(to_matrix(q), float(values[3]), float(values[2]), matches, c)  # b by (13)
+
+
+def P(p: FloatArray) -> FloatArray:
+    """Matrices P_i with ``P_i q = q p_i`` for vectors p_i (Jia section 5, after eq. 17).
+
+    Shapes: returns (n, 4, 4).
+    """
+    p1, p2, p3 = p.T
+    o = np.zeros(len(p))
+    rows = [[o, -p1, -p2, -p3], [p1, o, p3, -p2], [p2, -p3, o, p1], [p3, p2, -p1, o]]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def Q(q: FloatArray) -> FloatArray:
+    """Matrices Q_i with ``Q_i q = q_i q`` for vectors q_i (Jia section 5, after eq. 17).
+
+    Shapes: returns (n, 4, 4).
+    """
+    q1, q2, q3 = q.T
+    o = np.zeros(len(q))
+    rows = [[o, -q1, -q2, -q3], [q1, o, -q3, q2], [q2, q3, o, -q1], [q3, -q2, q1, o]]
+    return np.moveaxis(np.array(rows), 2, 0)

@@ -1,0 +1,153 @@
+"""Newton's method on poses for a quadratic form, with exact first and second derivatives.
+
+Steps turn about the target origin of the form and then shift. A `Chart` of another kind keeps the pose on a part of all
+motions.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Generic, Protocol, Self, TypeVar
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.solvers.quadratic import QuadraticForm, Slopes, split_derivatives, turn
+
+STEPS = 200
+# A predicted gain below this share of the cost's scale is rounding; so is a rise of so many times as much.
+NOTHING = 1e-15
+NOISE = 100.0
+# Longest turn of one step: a longer one would leap into the neighbouring valley.
+LONGEST_RAD = 1.6
+# Curvature below this share of the largest leaves the motion where it is.
+FLAT = 1e-9
+
+
+class Chart(Protocol):
+    """A pose and the motions that may be made from it."""
+
+    @property
+    def pose(self) -> FloatArray:
+        """T_target_source, (4, 4)."""
+        ...
+
+    @property
+    def turns(self) -> int:
+        """How many of the coordinates are turns; they come first, then the shifts."""
+        ...
+
+    def slopes(self, form: QuadraticForm) -> Slopes:
+        """Gradient (k,), Hessian (k, k) and its part from squares, by the chart's coordinates at zero."""
+        ...
+
+    def moved(self, step: FloatArray) -> Self:
+        """The chart about the pose that a step (k,) leads to."""
+        ...
+
+
+C = TypeVar("C", bound=Chart)
+
+
+@dataclasses.dataclass(frozen=True)
+class Descent(Generic[C]):
+    """Where Newton's method ended."""
+
+    chart: C  # Holds the pose
+    value: float  # Cost there
+    iterations: int  # Steps taken
+    converged: bool  # Whether the last step was within the rounding of the cost
+
+
+@dataclasses.dataclass(frozen=True)
+class FreeChart:
+    """All six motions: a turn about a centre, then a shift, along the target's axes."""
+
+    pose: FloatArray  # (4, 4): T_target_source
+    centre: FloatArray  # (3,): The target origin of the form
+    turns: int = 3
+
+    def slopes(self, form: QuadraticForm) -> Slopes:
+        """See `split_derivatives`."""
+        y = form.coordinates(self.pose)
+        return split_derivatives(form, self.pose[:3, :3], y, y[9:12] + form.origin_target - self.centre)
+
+    def moved(self, step: FloatArray) -> Self:
+        """Turn and shift by six numbers, (6,)."""
+        change = turn(step[:3])
+        moved = self.pose.copy()
+        moved[:3, :3] += change @ self.pose[:3, :3]
+        moved[:3, 3] += change @ (self.pose[:3, 3] - self.centre) + step[3:]
+        return dataclasses.replace(self, pose=moved)
+
+
+def minimise(form: QuadraticForm, start: FloatArray) -> FloatArray:
+    """Pose of least cost near a start.
+
+    Damped Newton steps that never raise the cost; motions that the cost does not feel stay as they are.
+    """
+    return descend(form, FreeChart(start, form.origin_target)).chart.pose
+
+
+def descend(form: QuadraticForm, chart: C, flat: float = FLAT) -> Descent[C]:
+    """Damped Newton steps from where a chart stands."""
+    value, damping, before = form.value(chart.pose), 0.0, np.inf
+    scale = max(form.scale, abs(value))
+    for iteration in range(STEPS):
+        slope, curvature, strength, motions = felt_motions(chart.slopes(form), chart.turns, flat)
+        if not len(slope):
+            return Descent(chart, value, iteration, converged=True)
+        gain = float(slope @ (slope / curvature))
+        last = gain <= NOTHING * scale
+        if last and not gain < 0.25 * before:
+            return Descent(chart, value, iteration, converged=True)
+        damping = 0.0 if last else damping
+        while True:
+            step = motions @ (-slope / (curvature + damping * strength))
+            candidate = chart.moved(step)
+            reached = form.value(candidate.pose)
+            # A gain this small is within the rounding of the cost: the step is right even where the cost seems to rise.
+            sound = reached <= value + (NOISE * NOTHING * scale if last else 0.0)
+            sound = sound and bool(np.linalg.norm(step[: chart.turns]) <= LONGEST_RAD)
+            if sound or damping > 1e12:
+                break
+            damping = max(4.0 * damping, 1e-2)
+        if not sound:
+            return Descent(chart, value, iteration, converged=last)
+        chart, value, damping = candidate, reached, 0.25 * damping
+        if last and gain * float(curvature.max() / curvature.min()) ** 2 <= NOTHING * scale:
+            return Descent(chart, value, iteration + 1, converged=True)
+        # Where the cost is steep and flat at once, one step within rounding is not enough: on while they shrink.
+        before = gain if last else np.inf
+    return Descent(chart, value, STEPS, converged=False)
+
+
+def felt_motions(slopes: Slopes, turns: int, flat: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Slope, curvature, strength and steps of the independent motions that the cost feels.
+
+    Shapes: slope, curvature (m,), strength (m,), motions (k, m).
+    """
+    gradient, hessian, squares = slopes
+    unit = balance(squares, turns)
+    strength, motions = np.linalg.eigh(squares * unit[:, None] * unit)
+    # The squares decide what is felt: on a plane the full Hessian sees curvature even in a pure slide.
+    motions = unit[:, None] * motions[:, strength > flat * strength.max(initial=0.0)]
+    curvature, turned = np.linalg.eigh(motions.T @ hessian @ motions)
+    motions = motions @ turned
+    strength = np.einsum("ij,ij->j", motions, squares @ motions)
+    # Negative curvature is walked down, not up; none at all would make the step endless.
+    size = np.maximum(np.abs(curvature), FLAT * strength.max(initial=0.0))
+    return motions.T @ gradient, size, strength, motions
+
+
+def balance(squares: FloatArray, turns: int) -> FloatArray:
+    """Factors that bring turns and shifts to one unit, so that "flat" means the same for both.
+
+    Shapes: squares (k, k), returns (k,).
+    """
+    held = np.diag(squares)
+    turned, shifted = float(held[:turns].sum()), float(held[turns:].sum())
+    unit = np.ones(len(squares))
+    if turned > 0.0 and shifted > 0.0:
+        unit[:turns] = np.sqrt(shifted / turned * turns / (len(squares) - turns))
+    return unit

@@ -1,0 +1,160 @@
+"""How a fit scatters, as its own residuals tell: from patch to patch, and by noise that neighbouring patches share."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray
+
+# Patches of neighbouring pairs whose noise may be one; and the fewest from which a scatter can be learned.
+PATCHES, FEWEST_PATCHES = 200, 30
+# Smaller patches, between which noise that is shared more widely is looked for.
+SMALL = 500
+# Patches along the curve whose agreement is looked at first, because that costs nearly nothing.
+NEXT = 4
+# Standard errors of independent noise that this first look, and then the agreement at the best range, must exceed.
+# Of 120 scans with independent noise the first reached 2.2, the second 2.4.
+HINT, SHARED = 1.5, 3.0
+# Ranges tried: from that many distances between patches, so many by that factor, up to this share of the extent.
+NEAREST, STEPS, FACTOR, FARTHEST = 1.5, 16, 2.0**0.5, 0.5
+# Information below this share of the largest is none: the smooth surface may hold a motion that the facets leave free.
+SINGULAR = 1e-9
+# Distances are told apart that finely, up to the farthest range.
+BINS = 256
+
+
+def scatter_of(
+    rows: FloatArray,
+    points: FloatArray,
+    normals: FloatArray,
+    residuals: FloatArray,
+    weights: FloatArray,
+    known: FloatArray,
+    variance: float,
+    counts: FloatArray | None = None,
+) -> FloatArray | None:
+    """Covariance of a weighted least-squares fit with residuals of one patch taken as dependent.
+
+    The sandwich ``A^-1 B A^-1`` of the information A and of what the scores of the patches amount to, ``B = sum s_g
+    s_g^T`` with ``s_g = sum w J r`` (White 1980; Liang and Zeger 1986). Where neighbouring patches lie off to the same
+    side more than chance would have it, their share is added: noise as a field of vectors that fades with the distance
+    by the spherical model of geostatistics, its size and range learned from the products of the patches' means.
+
+    Shapes: rows (k, n), known (k, k), returns (k, k).
+    """
+    starts = _starts(len(weights), min(PATCHES, len(weights) // 8), counts)
+    if len(starts) < FEWEST_PATCHES:
+        return None
+    information = (rows * weights) @ rows.T + known
+    values = np.linalg.eigvalsh(information)
+    if not values[0] > SINGULAR * values[-1]:
+        return None
+    bread = np.asarray(np.linalg.inv(information), dtype=np.float64)
+    coarse = _sandwich(bread, _sums(rows * (weights * residuals), starts), variance * known)
+    starts = _starts(len(weights), min(SMALL, len(weights) // 8), counts)
+    patches = _Patches.of(points, normals, residuals, weights, starts)
+    if patches.hint() < HINT:
+        return coarse
+    shared = patches.shared()
+    if shared is None:
+        return coarse
+    pulls = np.stack([_sums(rows * (weights * along), starts) for along in normals.T])
+    between = sum(pull @ shared @ pull.T for pull in pulls)
+    fine = _sandwich(bread, _sums(rows * (weights * residuals), starts), variance * known)
+    return _larger(coarse, fine + bread @ between @ bread)
+
+
+def _starts(total: int, patches: int, counts: FloatArray | None) -> IntArray:
+    # The first row of each patch.
+    if counts is None or not patches:
+        return np.linspace(0, total, patches, endpoint=False).astype(np.int64)
+    passed = np.cumsum(counts)
+    return np.unique(np.searchsorted(passed, np.linspace(0.0, passed[-1], patches, endpoint=False), side="right"))
+
+
+def _sums(values: FloatArray, starts: IntArray) -> FloatArray:
+    sums: FloatArray = np.add.reduceat(values, starts, axis=-1)
+    return sums
+
+
+def _sandwich(bread: FloatArray, scores: FloatArray, known: FloatArray) -> FloatArray:
+    motions, count = scores.shape
+    meat = scores @ scores.T * count / (count - motions - 1.0) + known
+    scatter: FloatArray = bread @ meat @ bread
+    return scatter
+
+
+def _larger(one: FloatArray, other: FloatArray) -> FloatArray:
+    # In every direction the larger of both: in axes where one is the identity, and the other is diagonal.
+    spreads, sides = np.linalg.eigh(one)
+    # Exact data leave directions without any scatter.
+    roots = np.sqrt(np.maximum(spreads, SINGULAR * spreads[-1]))
+    if not roots.all():
+        return other
+    inverse = sides / roots
+    values, vectors = np.linalg.eigh(inverse.T @ other @ inverse)
+    axes = (sides * roots) @ vectors
+    larger: FloatArray = (axes * np.maximum(values, 1.0)) @ axes.T
+    return larger
+
+
+@dataclasses.dataclass(frozen=True)
+class _Patches:
+    """Means over runs of neighbouring pairs."""
+
+    places: FloatArray
+    normals: FloatArray
+    means: FloatArray
+
+    @staticmethod
+    def of(
+        points: FloatArray, normals: FloatArray, residuals: FloatArray, weights: FloatArray, starts: IntArray
+    ) -> _Patches:
+        total = np.maximum(_sums(weights, starts), np.finfo(float).tiny)
+        places, sides = ((_sums(weights * x.T, starts) / total).T for x in (points, normals))
+        return _Patches(places, sides, _sums(weights * residuals, starts) / total)
+
+    def hint(self) -> float:
+        """Agreement of patches that follow each other, in standard errors of independent noise."""
+        agreement = alike = 0.0
+        for step in range(1, NEXT + 1):
+            same = np.einsum("ij,ij->i", self.normals[step:], self.normals[:-step])
+            agreement += float(self.means[step:] @ (self.means[:-step] * same))
+            alike += float(same @ same)
+        scale = float(np.mean(self.means**2)) * np.sqrt(alike)
+        return agreement / scale if scale > 0.0 else 0.0
+
+    def shared(self) -> FloatArray | None:
+        """Covariance of the noise between patches, (m, m), zero on the diagonal; None where chance explains it."""
+        squares = np.einsum("ij,ij->i", self.places, self.places)
+        apart = np.sqrt(np.maximum(squares[:, None] + squares - 2.0 * self.places @ self.places.T, 0.0))
+        far = FARTHEST * float(apart.max())
+        if not far > 0.0:
+            return None
+        # Patches against themselves are beyond all ranges; so is their agreement.
+        np.fill_diagonal(apart, 2.0 * far)
+        same = self.normals @ self.normals.T
+        bins = np.minimum(apart * (BINS / far), BINS).astype(np.int64).ravel()
+        products = np.bincount(bins, (np.outer(self.means, self.means) * same).ravel(), BINS + 1)[:BINS]
+        squared = np.bincount(bins, (same**2).ravel(), BINS + 1)[:BINS]
+        ranges = NEAREST * float(np.median(apart.min(axis=1))) * FACTOR ** np.arange(STEPS)
+        ranges = ranges[(ranges > 0.0) & (ranges <= far)]
+        models = _spherical((np.arange(BINS) + 0.5) * (far / BINS) / ranges[:, None])
+        # Both halves of the matrix are in the sums: each pair of patches is there twice.
+        agreements, norms = models @ products / 2.0, models**2 @ squared / 2.0
+        errors = float(np.mean(self.means**2)) * np.sqrt(norms)
+        excess = np.divide(agreements, errors, out=np.zeros(len(ranges)), where=errors > 0.0)
+        if excess.max(initial=0.0) < SHARED:
+            return None
+        best = int(excess.argmax())
+        covariance: FloatArray = agreements[best] / norms[best] * _spherical(apart / ranges[best])
+        return covariance
+
+
+def _spherical(h: FloatArray) -> FloatArray:
+    # Correlation at h ranges; positive definite in space, zero from one range on (Matheron 1963).
+    h = np.minimum(h, 1.0)
+    fading: FloatArray = 1.0 - 1.5 * h + 0.5 * h**3
+    return fading

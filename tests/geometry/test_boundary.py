@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry import Mesh, sample_mesh
+from dqreg.geometry.boundary import STRIP, Borders
+from dqreg.synth.parts import box, bracket
+
+
+def grid(nx: int, ny: int, x: float = 1.0, at: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    u, v = np.meshgrid(np.linspace(at, at + x, nx + 1), np.linspace(0.0, 1.0, ny + 1), indexing="ij")
+    i = np.arange((nx + 1) * (ny + 1)).reshape(nx + 1, ny + 1)
+    a, b, c, d = i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]
+    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    return np.column_stack([u.ravel(), v.ravel(), np.zeros(u.size)]), faces
+
+
+def test_a_closed_mesh_has_no_borders() -> None:
+    assert Mesh(*bracket()).borders is None
+    assert len(Mesh(*bracket()).topology.free_sides) == 0
+
+
+@pytest.mark.parametrize("cells", [1, 3, 40])
+def test_near_is_the_distance_from_the_outline_however_the_mesh_is_divided(cells: int) -> None:
+    sheet = Mesh(*grid(cells, cells))
+    places = np.column_stack([np.random.default_rng(0).uniform(size=(2000, 2)), np.zeros(2000)])
+    apart = np.minimum(places[:, :2], 1.0 - places[:, :2]).min(axis=1)
+    borders = sheet.borders
+    assert borders is not None
+    for margin in (1e-4, 1e-3, 0.02):
+        np.testing.assert_array_equal(borders.near(places, margin), apart <= margin)
+    # A tenth of the area by the length of the outline.
+    assert borders.widest == pytest.approx(STRIP / 4.0)
+    np.testing.assert_array_equal(borders.near(places, 0.4), apart <= STRIP / 4.0)
+    assert borders.near(np.zeros((0, 3)), 0.1).tolist() == []
+
+
+def test_places_on_the_outline_are_near_at_no_margin_at_all() -> None:
+    # Without the faces that look up, a box ends along four edges: what lies above it is closest to them.
+    whole = Mesh(*box((3.0, 2.0, 1.0)))
+    cup = Mesh(whole.vertices, whole.faces[whole.face_normals[:, 2] < 0.5])
+    rim = sample_mesh(whole, 3000, np.random.default_rng(1)).points
+    top = rim[:, 2].max()
+    on = np.clip(rim, *cup.bounds)
+    on[:, 0] = np.where(rim[:, 0] > 0.0, cup.bounds[1, 0], cup.bounds[0, 0])
+    on[:, 2] = top
+    assert cup.borders is not None
+    assert cup.borders.near(on, 0.0).all()
+    assert not cup.borders.near(on - [0.0, 0.0, 1e-6], 0.0).any()
+
+
+@pytest.mark.parametrize("other", [1, 3, 7])
+def test_a_seam_that_was_never_sewn_is_no_border(other: int) -> None:
+    # Two halves of one sheet that divide their common edge differently.
+    (v1, f1), (v2, f2) = grid(2, 5, x=0.5), grid(2, other, x=0.5, at=0.5)
+    sheet = Mesh(np.concatenate([v1, v2]), np.concatenate([f1, f2 + len(v1)]))
+    borders = Borders.of(sheet)
+    assert borders is not None
+    y = np.linspace(0.05, 0.95, 50)
+    seam = np.column_stack([np.full(50, 0.5), y, np.zeros(50)])
+    assert not borders.near(seam, 0.0).any()
+    assert borders.near(seam + np.array([0.5, 0.0, 0.0]), 0.0).all()

@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import hypothesis.strategies as st
+import numpy as np
+from hypothesis import given, settings
+
+from dqreg.geometry import PointCloud
+from dqreg.geometry.voxels import cell_means, cell_size
+
+
+def cloud(seed: int, count: int) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-3.0, 5.0, size=(count, 3))
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 10_000), st.integers(1, 400), st.floats(0.05, 20.0))
+def test_each_cell_gives_the_mean_of_its_points(seed: int, count: int, size: float) -> None:
+    points = cloud(seed, count)
+    cells: dict[tuple[int, ...], list[np.ndarray]] = {}
+    for point in points:
+        cells.setdefault(tuple(((point - points.min(axis=0)) * (1.0 / size)).astype(int)), []).append(point)
+    expected = np.array(sorted(np.mean(members, axis=0).tolist() for members in cells.values()))
+    found = np.array(sorted(cell_means(PointCloud(points), size).points.tolist()))
+    assert np.allclose(found, expected, rtol=0.0, atol=1e-12)
+
+
+def test_normals_are_averaged_and_a_sheet_seen_from_both_sides_keeps_one() -> None:
+    points = np.array([[0.0, 0, 0], [0.1, 0, 0], [9.0, 0, 0], [9.1, 0, 0]])
+    normals = np.array([[0.0, 0, 1], [0, 1, 0], [0, 0, 1], [0, 0, -1]])
+    thin = cell_means(PointCloud(points, normals, viewpoint=[1.0, 2, 3], units="m"), 1.0)
+    assert thin.normals is not None
+    assert np.allclose(thin.normals, [[0, np.sqrt(0.5), np.sqrt(0.5)], [0, 0, 1]])
+    assert thin.units == "m"
+    assert thin.viewpoint is not None
+    assert thin.viewpoint.tolist() == [1.0, 2.0, 3.0]
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10_000), st.floats(-9.0, 9.0), st.integers(300, 3_000))
+def test_the_cells_are_about_as_many_as_asked_for_whatever_the_unit(seed: int, exponent: float, count: int) -> None:
+    # A sphere whose points crowd at one pole, as they do near a sensor.
+    rng = np.random.default_rng(seed)
+    ways = rng.normal(size=(20_000, 3)) * [0.05, 0.05, 1.0]
+    points = 10.0**exponent * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    size = cell_size(points, count)
+    assert count / 1.25 <= len(cell_means(PointCloud(points), size)) <= count * 1.25
+
+
+def test_few_points_are_left_alone() -> None:
+    points = cloud(0, 50)
+    assert cell_size(points, 50) == 0.0
+    same = PointCloud(points)
+    assert cell_means(same, 0.0) is same
+
+
+def test_copies_of_one_point_vote_once() -> None:
+    points = np.vstack([np.zeros((5_000, 3)), cloud(1, 100)])
+    size = cell_size(points, 50)
+    assert len(cell_means(PointCloud(points), size)) <= 101

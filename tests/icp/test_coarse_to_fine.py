@@ -1,0 +1,199 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, Scan, prepare_scan, sample_mesh
+from dqreg.icp import (
+    ESTIMATORS,
+    Plan,
+    Run,
+    Stopping,
+    points_and_normals,
+    points_to_planes,
+    run_graduated,
+    width_floor,
+)
+from dqreg.icp.history import Iteration
+from dqreg.rigid import pose
+from dqreg.synth import disturbance, worst_vertex_displacement
+from tests.icp.scenes import bracket_mesh, bracket_points
+
+PART = bracket_mesh()
+SIZE = PART.diagonal
+PLAN = Plan(points_and_normals, max_distance=0.2 * SIZE, fine=points_to_planes)
+NOISE = 3e-4
+
+
+@pytest.fixture(scope="module")
+def surface() -> MeshSurface:
+    return MeshSurface(PART)
+
+
+@pytest.fixture(scope="module")
+def small() -> Scan:
+    return prepare_scan(PointCloud(bracket_points(100, seed=0)))
+
+
+def start_of(seed: int) -> FloatArray:
+    return disturbance(np.random.default_rng(seed), np.deg2rad(12.0), 0.04 * SIZE, PART.centre)
+
+
+def error(run: Run) -> float:
+    # The scan is made in the part's frame: the truth is the identity, exactly.
+    return worst_vertex_displacement(run.T_target_source, np.eye(4), PART.vertices) / SIZE
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_two_noisy_views_land_on_the_part_to_the_last_digit(surface: MeshSurface, seed: int) -> None:
+    # A tenth of what point-to-point ICP reaches on 100,000 samples of a CAD part (2e-4 of its size).
+    scan = prepare_scan(PointCloud(bracket_points(300, seed)))
+    assert 60_000 < len(scan) < 80_000
+    run, mixture = run_graduated(scan, surface, start_of(seed), PLAN)
+    assert run.status == "converged"
+    assert error(run) <= 2e-5
+    # The width is the noise along the normal: less than along the ray, and no less than half of it.
+    assert 0.5 * NOISE <= mixture.scale / SIZE <= NOISE
+    assert mixture.share >= 0.99
+
+
+@pytest.mark.parametrize("method", ESTIMATORS)
+def test_each_estimator_gets_there(surface: MeshSurface, small: Scan, method: str) -> None:
+    run, _ = run_graduated(small, surface, start_of(5), Plan(ESTIMATORS[method], PLAN.max_distance))
+    assert error(run) <= 1e-4
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_half_strays_and_a_table_do_not_move_the_part(surface: MeshSurface, seed: int) -> None:
+    # Half of all points are strays in a box of three times the part's size; a table of up to as many points as the
+    # part's own lies around its foot and out to twice its size, and none under it, where no scanner sees.
+    rng = np.random.default_rng(seed)
+    on_part = bracket_points(100, seed)
+    low, high = PART.bounds
+    sheet = rng.uniform(2 * low[:2], 2 * high[:2], (len(on_part), 2))
+    sheet = sheet[((sheet < low[:2]) | (sheet > high[:2])).any(axis=1)]
+    table = np.column_stack([sheet, rng.normal(low[2], NOISE * SIZE, len(sheet))])
+    strays = rng.uniform(3 * low, 3 * high, (len(on_part) + len(table), 3))
+    scan = prepare_scan(PointCloud(np.concatenate([on_part, table, strays])))
+    run, mixture = run_graduated(scan, surface, start_of(seed), PLAN)
+    assert run.status == "converged"
+    assert error(run) <= 5e-5
+    # Strays must not widen the kernel.
+    assert mixture.scale <= NOISE * SIZE
+    # Every point is known to be of the part or not, so the share of inliers among those looked at is known.
+    known = {tuple(point) for point in on_part}
+    is_part = np.array([tuple(point) in known for point in scan.points])
+    assert mixture.share == pytest.approx(is_part[run.weights > 0.0].mean(), abs=0.03)
+    assert run.weights[is_part].mean() >= 0.9
+    assert run.weights[~is_part].mean() <= 0.02
+
+
+def test_an_exact_scan_is_found_to_the_floor_of_the_width(surface: MeshSurface) -> None:
+    scan = prepare_scan(PointCloud(bracket_points(150, seed=0, sigma=0.0)))
+    run, mixture = run_graduated(scan, surface, start_of(1), PLAN)
+    assert error(run) <= 1e-6
+    assert mixture.scale >= width_floor(scan, surface)
+
+
+def test_the_floor_follows_the_noise_or_the_spacing_or_the_size(surface: MeshSurface, small: Scan) -> None:
+    for noise, spacing, expected in [(0.1, 1.0, 0.03), (2.0, 1.0, 0.3), (0.0, 1.0, 1e-7 * SIZE)]:
+        scan = dataclasses.replace(small, noise=noise, spacing=spacing)
+        assert width_floor(scan, surface) == pytest.approx(expected, rel=1e-12)
+
+
+def test_records_run_through_all_stages_in_order(surface: MeshSurface, small: Scan) -> None:
+    seen: list[Iteration] = []
+    plan = dataclasses.replace(PLAN, fine=None)
+    run, _ = run_graduated(small, surface, start_of(0), plan, observe=seen.append)
+    assert [record.number for record in seen] == list(range(1, len(seen) + 1))
+    assert seen == list(run.history)
+    stages = [record.stage for record in seen]
+    assert list(dict.fromkeys(stages)) == ["patient", "quick", "fine"]
+    assert stages == sorted(stages, key=["patient", "quick", "fine"].index)
+    fine = [record for record in seen if record.stage == "fine"]
+    assert fine[-1].points == len(small)
+    # The quick schedule's width falls in every iteration, by half at most.
+    widths = np.array([record.kernel_scale for record in seen if record.stage == "quick"])
+    assert (widths[1:] >= 0.5 * widths[:-1] - 1e-12).all()
+    assert widths[-1] < 0.01 * widths[0]
+
+
+def test_an_explained_scan_needs_no_second_schedule(surface: MeshSurface, small: Scan) -> None:
+    run, mixture = run_graduated(small, surface, start_of(0), PLAN)
+    levels = list(dict.fromkeys((record.stage, record.points) for record in run.history))
+    # Few points find the basin and are gone over again with planes; the last level is the favoured share or all.
+    assert levels == [("patient", 2_000), ("fine", 2_000), ("fine", len(small))]
+    assert mixture.share >= 0.99
+    # At most one look at all points, and one to confirm it.
+    assert sum(record.points == len(small) for record in run.history) <= 2
+
+
+def test_the_last_level_takes_as_many_points_as_the_plan_says() -> None:
+    scan = prepare_scan(PointCloud(bracket_points(300, seed=0)), fitted=2_000)
+    cloud = CloudSurface(sample_mesh(PART, 20_000, np.random.default_rng(0)))
+    run, _ = run_graduated(scan, cloud, start_of(0), dataclasses.replace(PLAN, finest=25_000))
+    assert run.history[-1].points == pytest.approx(25_000, rel=0.03)
+
+
+@pytest.mark.parametrize("finest", [15_000, 25_000, 60_000])
+def test_on_a_mesh_all_points_have_their_say_for_few_questions(surface: MeshSurface, finest: int) -> None:
+    scan = prepare_scan(PointCloud(bracket_points(300, seed=0)), fitted=2_000)
+    assert 60_000 < len(scan) < 80_000
+    run, _ = run_graduated(scan, surface, start_of(0), dataclasses.replace(PLAN, finest=finest))
+    everything, _ = run_graduated(scan, surface, start_of(0), PLAN)
+    assert run.history[-1].points == len(run.pairs.scan) <= 0.45 * finest
+    assert run.pairs.scan.represented >= 0.6 * len(scan)
+    assert run.weights.sum() == pytest.approx(run.history[-1].inlier_fraction * run.pairs.scan.represented, rel=1e-12)
+    # As many points as there are questions would lose a factor of two to four.
+    assert error(run) <= 2.0 * error(everything)
+    assert run.history[-1].rms == pytest.approx(everything.history[-1].rms, rel=0.05)
+
+
+@pytest.mark.parametrize("last", ["patient", "quick", "fine"])
+def test_the_observer_ends_all_stages_at_once(surface: MeshSurface, small: Scan, last: str) -> None:
+    plan = dataclasses.replace(PLAN, fine=None)
+    full, _ = run_graduated(small, surface, start_of(0), plan)
+    number = next(record.number for record in full.history if record.stage == last) + 1
+    run, _ = run_graduated(small, surface, start_of(0), plan, observe=lambda record: record.number < number)
+    assert run.status == "stopped by observer"
+    assert len(run.history) == number
+    assert np.isfinite(run.T_target_source).all()
+
+
+def test_out_of_reach_is_no_correspondences(surface: MeshSurface, small: Scan) -> None:
+    run, _ = run_graduated(small, surface, pose.from_parts(np.eye(3), [5 * SIZE, 0.0, 0.0]), PLAN)
+    assert run.status == "no correspondences"
+    assert run.history == ()
+
+
+def test_one_iteration_at_each_width_is_respected(surface: MeshSurface, small: Scan) -> None:
+    plan = dataclasses.replace(PLAN, fine=None, stopping=Stopping(iterations=1))
+    run, _ = run_graduated(small, surface, start_of(0), plan)
+    widths = [record.kernel_scale for record in run.history if record.stage == "patient"]
+    assert len(set(widths)) == len(widths)
+
+
+def test_a_scan_too_small_to_be_thinned_has_one_level(surface: MeshSurface) -> None:
+    scan = prepare_scan(PointCloud(bracket_points(100, seed=0))).thinned(3_000)
+    run, _ = run_graduated(scan, surface, start_of(0), PLAN)
+    assert {record.points for record in run.history} == {3_000}
+    assert error(run) <= 2e-4
+
+
+@pytest.mark.parametrize("points", [60, 150])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_tracking_takes_few_steps_and_ends_where_patience_does(surface: MeshSurface, points: int, seed: int) -> None:
+    # Scans in the part's frame; the few points are those of one level, so that the first look's level is the last.
+    scan = prepare_scan(PointCloud(bracket_points(points, seed)))
+    near = disturbance(np.random.default_rng(seed), np.deg2rad(0.5), 2e-3 * SIZE, PART.centre)
+    run, mixture = run_graduated(scan, surface, near, PLAN)
+    assert run.status == "converged"
+    assert len(run.history) <= 3
+    again, settled = run_graduated(scan, surface, run.T_target_source, PLAN)
+    # Another run from the answer finds nothing to mend beyond a part of what so many points leave open.
+    left = worst_vertex_displacement(again.T_target_source, run.T_target_source, PART.vertices)
+    assert left <= 2.0 * mixture.scale / np.sqrt(len(scan))
+    assert settled.scale == pytest.approx(mixture.scale, rel=0.1)

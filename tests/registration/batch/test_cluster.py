@@ -1,0 +1,81 @@
+"""Batches on a Dask cluster: a scheduler, and workers that are processes of their own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+
+import numpy as np
+import pytest
+
+from dqreg.errors import InputError, MissingDependencyError
+from dqreg.registration.batch import Crew, read_manifest, run_batch
+from dqreg.registration.batch import dask_cluster as door
+from dqreg.registration.batch.row import Targets, run_row
+from tests.registration.batch.scenes import make_scene, results, without_times
+
+distributed = pytest.importorskip("distributed")
+# Dask's own: sockets of a worker that was killed, and loops that close late.
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
+    pytest.mark.filterwarnings("ignore::UserWarning:distributed.*"),
+]
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    settings = {"distributed.comm.timeouts.connect": "20s", "distributed.worker.multiprocessing-method": "spawn"}
+    old = os.environ.get("OMP_NUM_THREADS")
+    os.environ["OMP_NUM_THREADS"] = "1"
+    import dask
+
+    with (
+        dask.config.set(settings),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+        ) as cluster,
+    ):
+        yield cluster
+    if old is None:
+        del os.environ["OMP_NUM_THREADS"]
+    else:
+        os.environ["OMP_NUM_THREADS"] = old
+
+
+def kill_one(cluster) -> None:
+    pids = [worker.pid for worker in cluster.workers.values() if worker.pid]
+    os.kill(pids[0], signal.SIGKILL)
+
+
+def test_a_killed_worker_loses_nothing_and_results_are_those_of_one_machine(cluster, tmp_path):
+    rows = read_manifest(make_scene(tmp_path / "scene", 5).manifest)
+    told = []
+
+    def observe(progress):
+        told.append(progress)
+        if sum(each.line is not None for each in told) == 1:
+            kill_one(cluster)
+
+    crew = Crew(scheduler=cluster.scheduler_address, timeout=120.0)
+    found = run_batch(rows, tmp_path / "out", crew, observe=observe)
+    assert [(line.row.name, line.verdict) for line in found.lines] == [(row.name, "accepted") for row in rows]
+    assert [progress.done for progress in told] == list(range(6))
+    targets, made = Targets(), results(tmp_path / "out")
+    for row in rows:
+        here, there = without_times(run_row(row, targets).record), made[row.name]
+        assert there["batch"] == here["batch"]
+        # The number of threads may change the order of sums.
+        np.testing.assert_allclose(there["T_target_source"], here["T_target_source"], rtol=0.0, atol=1e-9)
+
+
+def test_no_scheduler_and_no_dask_are_said_in_words(monkeypatch, tmp_path):
+    monkeypatch.setattr(door, "CONNECT_SECONDS", 1)
+    for address in ("tcp://127.0.0.1:9", "nonsense://x"):
+        with pytest.raises(InputError, match=f"no Dask scheduler answers at {address}"), door.connected(address):
+            pass
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingDependencyError, match=r"pip install 'dqreg\[cluster\]'"):
+        door.load_distributed()

@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dqreg.errors import InputError
+from dqreg.registration.batch import Defaults, read_manifest
+from dqreg.registration.batch.manifest import check_options, option_name, parse_option
+from tests.registration.batch.scenes import make_scene
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scans")
+    make_scene(folder, 2, points=50)
+    np.savetxt(folder / "start.txt", np.eye(4))
+    np.savetxt(folder / "mirror.txt", np.diag([1.0, 1.0, -1.0, 1.0]))
+    return folder
+
+
+def rows_of(folder: Path, text: str, **defaults):
+    (folder / "m.csv").write_bytes(text.encode() if isinstance(text, str) else text)
+    return read_manifest(folder / "m.csv", Defaults(**defaults))
+
+
+def test_cells_win_over_defaults_and_empty_cells_take_them(folder):
+    text = (
+        "scan,target,name,start,max-distance,accelerate\nscan0.npy,,first,,2.5,no\nscan1.npy,feeder.off,,start.txt,,\n"
+    )
+    a, b = rows_of(folder, text, target=folder / "bracket.off", start="identity", options={"max_distance": 7.0})
+    assert (a.name, a.target.name, a.start) == ("first", "bracket.off", "identity")
+    assert a.options == {"max_distance": 2.5, "accelerate": False}
+    assert (b.name, b.target.name, b.start) == ("scan1", "feeder.off", str(folder / "start.txt"))
+    assert b.options == {"max_distance": 7.0}
+    assert (a.line, b.line) == (2, 3)
+
+
+def test_paths_are_relative_to_the_manifest_and_absolute_afterwards(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (row,) = rows_of(folder, "scan,target\nscan0.npy,bracket.off\n")
+    assert (row.scan, row.target) == (folder / "scan0.npy", folder / "bracket.off")
+
+
+@pytest.mark.parametrize("text", [
+    "scan;target\nscan0.npy;bracket.off\n", "scan\ttarget\nscan0.npy\tbracket.off\n",
+    "\ufeffscan,target\r\nscan0.npy,bracket.off\r\n", ' Scan , TARGET \n "scan0.npy", bracket.off \n\n,\n',
+])  # fmt: skip
+def test_what_spreadsheets_write(folder, text):
+    (row,) = rows_of(folder, text)
+    assert row.scan.name == "scan0.npy"
+
+
+def test_names_are_file_names_and_never_twice(folder):
+    odd = folder / "späte (2) scan#1.npy"
+    shutil.copy(folder / "scan0.npy", odd)
+    rows = rows_of(folder, f"scan,target\nscan0.npy,bracket.off\nscan0.npy,feeder.off\n{odd.name},bracket.off\n")
+    assert [row.name for row in rows] == ["scan0", "scan0-2", "späte_2_scan_1"]
+    odd.unlink()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("scan,target\nno.npy,bracket.off\n", "line 2: .*no.npy"),
+        ("scan,target\nscan0.npy,bracket.off\nscan0.npy,no.off\n", "line 3: .*no.off"),
+        ("scan,target\n,bracket.off\n", "line 2: the cell scan is empty"),
+        ("scan,target\nscan0.npy,\n", "line 2: the cell target is empty"),
+        ("scan,target,effort\nscan0.npy,bracket.off,huge\n", "line 2: .*'huge'"),
+        ("scan,target,max_distance\nscan0.npy,bracket.off,wide\n", "line 2: .*'wide'"),
+        ("scan,target,max_distance\nscan0.npy,bracket.off,-1\n", "line 2: .*-1"),
+        ("scan,target,seed\nscan0.npy,bracket.off,1.5\n", "line 2: seed .*'1.5'"),
+        ("scan,target,accelerate\nscan0.npy,bracket.off,perhaps\n", "line 2: accelerate .*yes or no"),
+        ("scan,target,source_units\nscan0.npy,bracket.off,yards\n", "line 2: .*'yards'"),
+        ("scan,target,start\nscan0.npy,bracket.off,here.txt\n", "line 2: .*here.txt"),
+        ("scan,target,start\nscan0.npy,bracket.off,mirror.txt\n", "line 2: .*mirror"),
+        ("scan,target,start\nscan0.npy,bracket.off,scan1.npy\n", "line 2: .*4x4"),
+        ("scan,target,dof\nscan0.npy,bracket.off,z\n", "line 2: .*z"),
+        ("scan,target,name\nscan0.npy,bracket.off,../x\n", "line 2: .*'../x'"),
+        ("scan,target,name\nscan0.npy,bracket.off,a\nscan1.npy,bracket.off,A\n", "line 3: .*line 2"),
+        ("scan,target\nrows.csv.bak,bracket.off\n", "line 2: .*rows.csv.bak"),
+        ("scan,target\nscan0.npy,bracket.off,x\n", "line 2: found 3 cells"),
+        ('scan,target\n"scan0.npy,bracket.off\n', "line 2: not CSV|line 3: not CSV"),
+        ("scan,taget\nscan0.npy,bracket.off\n", "line 1: .*did you mean target"),
+        ("scan,target,Tolerance\nscan0.npy,bracket.off,1e-3\n", "line 1: .*tolerance .* convergence .* show"),
+        ("scan,scan\nscan0.npy,bracket.off\n", "line 1: .*twice"),
+        ("a\n", "line 1: "),
+        ("", "line 1: .*scan and target"),
+        ("scan,target\n\n", "no rows"),
+        (b"\xff\xfe\x00", "UTF-8"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named_with_its_line(folder, text, said):
+    with pytest.raises(InputError, match=said) as error:
+        rows_of(folder, text)
+    assert "m.csv" in str(error.value)
+
+
+def test_all_bad_rows_are_counted(folder):
+    with pytest.raises(InputError, match=r"line 2: .*line 3: .*line 4: .*and 2 more"):
+        rows_of(folder, "scan,target\n" + "no.npy,bracket.off\n" * 5)
+
+
+def test_a_folder_is_its_scans_in_natural_order_without_the_part(folder, tmp_path):
+    for number in (10, 9, 1):
+        shutil.copy(folder / "scan0.npy", tmp_path / f"s_{number}.npy")
+    shutil.copy(folder / "bracket.off", tmp_path / "part.off")
+    (tmp_path / "notes.md").write_text("x")
+    (tmp_path / ".hidden.npy").write_text("x")
+    rows = read_manifest(tmp_path, Defaults(target=tmp_path / "part.off"))
+    assert [row.name for row in rows] == ["s_1", "s_9", "s_10"]
+    with pytest.raises(InputError, match="--target"):
+        read_manifest(tmp_path)
+    (tmp_path / "sub").mkdir()
+    with pytest.raises(InputError, match="no scans"):
+        read_manifest(tmp_path / "sub", Defaults(target=tmp_path / "part.off"))
+
+
+def test_options_are_those_of_register():
+    names = option_name()
+    assert {"method", "max_distance", "effort", "seed"} <= set(names)
+    assert not {"observe", "keep_inputs", "prior", "start"} & set(names)
+    assert parse_option("seed", "3") == 3
+    with pytest.raises(InputError, match="'colour'"):
+        check_options({"colour": "red"})
+
+
+def test_a_tolerance_is_no_option_and_convergence_is_one(folder):
+    with pytest.raises(InputError, match=r"tolerance is no more: .* convergence"):
+        check_options({"tolerance": 1e-3})
+    (row,) = rows_of(folder, "scan,target,convergence\nscan0.npy,bracket.off,1e-3\n")
+    assert row.options == {"convergence": 1e-3}

@@ -1,0 +1,127 @@
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dqreg.registration.batch import read_manifest
+from dqreg.registration.batch.row import Targets, inputs_of, run_row
+from dqreg.registration.register import register
+from tests.registration.batch.scenes import make_scene
+
+# The package has a function of the same name.
+ROOM = importlib.import_module("dqreg.registration.register")
+PREPARED = importlib.import_module("dqreg.registration.prepared")
+
+
+@pytest.fixture
+def scene(tmp_path):
+    return make_scene(tmp_path / "scene", 2)
+
+
+@pytest.fixture
+def rows(scene):
+    return read_manifest(scene.manifest)
+
+
+def test_a_row_is_a_registration(rows, tmp_path):
+    row = rows[0]
+    done = run_row(row, Targets())
+    alone = register(row.scan, row.target, "identity", effort="fast")
+    # The same code on the same files: the same bits.
+    assert done.record["T_target_source"] == alone.T_target_source.tolist()
+    assert done.record["batch"]["inputs"] == inputs_of(row)
+    assert done.record["settings"]["source"] == os.fspath(row.scan)
+    assert (done.status, done.message, done.thumbnail) == ("ran", "", None)
+
+
+def test_a_part_is_prepared_once_and_anew_when_it_changes(rows):
+    targets = Targets(kept=1)
+    first = targets.get(rows[0].target)
+    assert targets.get(rows[0].target) is first
+    os.utime(rows[0].target, ns=(1, 1))
+    second = targets.get(rows[0].target)
+    assert second is not first
+    targets.get(rows[1].target)
+    assert targets.get(rows[0].target) is not second
+
+
+@pytest.mark.parametrize("column", ["scan", "target"])
+def test_a_file_that_changes_while_it_is_read_is_no_result(rows, monkeypatch, column):
+    path = getattr(rows[0], column)
+
+    def touching(*arguments, **options):
+        result = register(*arguments, **options)
+        os.utime(path, ns=(5, 5))
+        return result
+
+    monkeypatch.setattr(ROOM, "register", touching)
+    done = run_row(rows[0], Targets())
+    assert done.status == "error"
+    assert "changed while it was read" in done.message
+    assert done.record is None
+
+
+def test_a_part_that_changes_while_it_is_read_is_not_kept(rows, monkeypatch):
+    real, seen = PREPARED.prepare_target, []
+
+    def slow(path: Path):
+        seen.append(path)
+        prepared = real(path)
+        if len(seen) == 1:
+            os.utime(path, ns=(7, 7))
+        return prepared
+
+    monkeypatch.setattr(PREPARED, "prepare_target", slow)
+    targets = Targets()
+    assert run_row(rows[0], targets).status == "error"
+    assert run_row(rows[0], targets).status == "ran"
+    assert len(seen) == 2
+
+
+def test_what_goes_wrong_is_a_message(rows, scene):
+    np.save(scene.folder / "line.npy", np.outer(np.arange(50.0), [1.0, 2.0, 3.0]))
+    cases = {
+        "damaged": (b"\x93NUMPY junk", "scan0.npy"),
+        "line": (None, "line"),
+        "gone": (None, "gone.npy"),
+    }
+    for name, (content, said) in cases.items():
+        path = rows[0].scan if content else scene.folder / f"{name}.npy"
+        if content:
+            path.write_bytes(content)
+        done = run_row(dataclasses.replace(rows[0], scan=path), Targets())
+        assert done.status == "error"
+        assert said in done.message
+        assert "\n" not in done.message
+
+
+def test_unexpected_errors_and_lost_memory_cost_the_row_alone(rows, monkeypatch):
+    for error, said in ((ZeroDivisionError("x"), "ZeroDivisionError: x"), (MemoryError(), "out of memory")):
+
+        def fail(*_, error=error, **__):
+            raise error
+
+        monkeypatch.setattr(ROOM, "register", fail)
+        assert run_row(rows[0], Targets()).message == said
+
+
+def test_inputs_name_everything_that_matters(rows, tmp_path):
+    base = inputs_of(rows[0])
+    np.savetxt(tmp_path / "start.txt", np.eye(4))
+    others = [
+        dataclasses.replace(rows[0], scan=rows[1].scan),
+        dataclasses.replace(rows[0], target=rows[1].target),
+        dataclasses.replace(rows[0], start="none"),
+        dataclasses.replace(rows[0], start=str(tmp_path / "start.txt")),
+        dataclasses.replace(rows[0], options={"effort": "best"}),
+    ]
+    assert all(inputs_of(other) != base for other in others)
+    assert inputs_of(dataclasses.replace(rows[0], line=9)) == base
+    with rows[0].scan.open("ab") as stream:
+        stream.write(b"x")
+    assert inputs_of(rows[0]) != base

@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import math
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from dqreg.registration.batch.row import Done, Row
+from dqreg.registration.batch.summary import COLUMNS, VERDICTS, Line, counts, line_of, to_csv, to_html
+
+NASTY = '<script>alert("1")</script>&\'\n;,"'
+ROW = Row("a", Path(f"/x/{NASTY}.ply"), Path("/y/<b>.stl"), line=2)
+RECORD = {
+    "verdict": {"level": "suspect", "reasons": [NASTY, "second"]},
+    "rms": 0.1234567890123456,
+    "inlier_fraction": 0.5,
+    "T_target_source": [[1.0, 0.0, 0.0, 7.0], [0.0, 1.0, 0.0, 8.0], [0.0, 0.0, 1.0, 9.0], [0.0, 0.0, 0.0, 1.0]],
+    "dual_quaternion": {"real": [1.0, 0.0, 0.0, 0.0], "dual": [0.0, 3.5, 4.0, 4.5]},
+    "batch": {"seconds": 2.5},
+}
+LINES = [line_of(ROW, Done("ran", "", RECORD)), line_of(dataclasses.replace(ROW, name="b"), Done("crashed", NASTY))]
+
+
+class Tags(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.sources: list[str] = []
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.sources += [value or "" for name, value in attributes if name in ("src", "href")]
+
+
+def test_csv_holds_every_digit_and_every_character():
+    head, first, second = list(csv.reader(io.StringIO(to_csv(LINES), newline="")))
+    assert tuple(head) == COLUMNS
+    assert [float(first[COLUMNS.index(name)]) for name in ("rms", "seconds", "tx", "qw")] == [
+        RECORD["rms"], 2.5, 7.0, 1.0,
+    ]  # fmt: skip
+    assert first[COLUMNS.index("scan")] == str(ROW.scan)
+    assert first[COLUMNS.index("reasons")] == f"{NASTY}; second"
+    assert first[COLUMNS.index("result")] == "results/a.json"
+    assert second[COLUMNS.index("verdict")] == "crashed"
+    assert second[COLUMNS.index("rms")] == second[COLUMNS.index("result")] == ""
+
+
+def test_page_escapes_what_comes_from_outside_and_loads_nothing(tmp_path):
+    (tmp_path / "a.jpg").write_bytes(b"jpeg")
+    page = to_html(NASTY, LINES, tmp_path)
+    tags = Tags()
+    tags.feed(page)
+    # One script of our own; none of theirs.
+    assert tags.tags.count("script") == 1
+    assert "<script>alert" not in page
+    assert tags.tags.count("img") == 1
+    assert sorted(tags.sources) == ["data:image/jpeg;base64,anBlZw==", "results/a.json"]
+    assert "http" not in re.sub(r"<script>.*", "", page, flags=re.DOTALL)
+
+
+def test_page_without_pictures_or_rows():
+    assert "<img" not in to_html("t", LINES)
+    assert "0 rows" in to_html("t", [])
+
+
+def test_nothing_found_is_nan():
+    record = {**RECORD, "rms": None, "dual_quaternion": None, "verdict": {"level": "failed", "reasons": ["x"]}}
+    line = line_of(ROW, Done("ran", "", record))
+    assert math.isnan(line.rms)
+    assert all(map(math.isnan, line.pose))
+    assert line.verdict == "failed"
+
+
+def test_counts_name_the_good_first():
+    lines = [Line(ROW, verdict, ()) for verdict in ("failed", "accepted", "accepted", "not run")]
+    assert list(counts(lines).items()) == [("accepted", 2), ("failed", 1), ("not run", 1)]
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_every_verdict_has_a_place_in_the_page(verdict):
+    assert f'<span class="verdict {verdict}">' in to_html("t", [Line(ROW, verdict, ("why",))])

@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dqreg.errors import InputError
+from dqreg.geometry import Mesh, sample_mesh
+from dqreg.registration.register import register
+from dqreg.registration.result import Registration
+from dqreg.rigid import pose
+from dqreg.synth.parts import bracket
+
+FAR = np.array([4.4e6, 5.1e5, -1e3])
+
+
+@pytest.fixture(scope="module")
+def far_result() -> tuple[Registration, np.ndarray]:
+    """A scan 0.05 proud of a part of 156, both far from the origin, and what its deviations should be."""
+    part = Mesh(*bracket())
+    cloud = sample_mesh(part, 20_000, np.random.default_rng(0))
+    assert cloud.normals is not None
+    inside = np.random.default_rng(1).uniform(size=len(cloud)) < 0.5
+    points = cloud.points + np.where(inside, -0.05, 0.05)[:, None] * cloud.normals
+    T = pose.random(np.random.default_rng(2), reach=10.0)
+    moved = pose.apply(T, points) + FAR
+    start = pose.inverse(T)
+    start[:3, 3] += FAR - start[:3, :3] @ FAR
+    target = Mesh(part.vertices + FAR, part.faces)
+    return register(moved, target, start, effort="fast"), np.where(inside, -0.05, 0.05)
+
+
+def test_signed_deviations_in_the_order_of_the_scan_at_a_far_origin(far_result) -> None:
+    result, expected = far_result
+    found = result.deviations(tolerance=0.1)
+    assert found.signed
+    # Beside an edge a point that is 0.05 inside is nearer to the next face; the pose is good to a tenth of that.
+    assert np.mean(np.abs(found.values - expected) < 5e-3) > 0.97
+    assert np.abs(found.values).max() < 0.06
+    assert found.summary().share_within == 1.0
+    assert result.inputs is not None
+    source = result.inputs.source
+    np.testing.assert_allclose(found.points, result.apply(source.cloud.points + source.origin), atol=3e-8)
+    np.testing.assert_allclose(np.linalg.norm(found.points - found.closest, axis=1), np.abs(found.values), atol=3e-9)
+
+
+def test_a_loaded_result_says_how_to_bring_its_sides_back(far_result, tmp_path: Path) -> None:
+    result, _ = far_result
+    result.save(tmp_path / "result.json")
+    loaded = Registration.load(tmp_path / "result.json")
+    with pytest.raises(InputError, match=r"attached\(source, target\)"):
+        loaded.deviations()
+
+
+def test_points_beyond_reach_are_measured_but_not_counted() -> None:
+    part = Mesh(*bracket())
+    points = sample_mesh(part, 5000, np.random.default_rng(3)).points
+    table = np.column_stack([np.random.default_rng(4).uniform(-300, 300, (800, 2)), np.full(800, -60.0)])
+    result = register(np.vstack([points, table]), part, "identity", effort="fast")
+    found = result.deviations()
+    assert found.reach == pytest.approx(0.25 * result.settings["max_distance"])
+    assert (len(found), found.summary().beyond) == (5800, 800)
+    assert found.summary().max < 1e-6
+    everything = result.deviations(reach=np.inf).summary()
+    assert (everything.count, everything.beyond) == (5800, 0)
+    assert everything.max > 50.0
+
+
+def test_a_target_without_an_inside_warns() -> None:
+    part = Mesh(*bracket())
+    scan = sample_mesh(part, 3000, np.random.default_rng(5))
+    result = register(scan, Mesh(part.vertices, part.faces[1:]), "identity", effort="fast")
+    with pytest.warns(UserWarning, match="not watertight"):
+        found = result.deviations()
+    assert not found.signed
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        register(scan, part, "identity", effort="fast").deviations()

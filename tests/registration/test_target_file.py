@@ -1,0 +1,164 @@
+from __future__ import annotations
+
+import json
+import pickle
+import zipfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dqreg import prepare_target, register
+from dqreg.errors import InputError
+from dqreg.geometry import Mesh, PointCloud, sample_mesh
+from dqreg.registration.prepared import Target
+from dqreg.registration.target_file import TREE_BYTES_A_FACE, VERSION
+from dqreg.rigid import pose
+from dqreg.synth import disturbance
+from dqreg.synth.parts import bracket
+
+PART = Mesh(*bracket(segments=8), units="mm")
+POINTS = sample_mesh(PART, 6_000, np.random.default_rng(0)).points
+NOISY = POINTS + np.random.default_rng(1).normal(size=POINTS.shape) * 1e-3
+TRUTH = disturbance(np.random.default_rng(2), 0.1, 2.0, PART.centre)
+SCAN = pose.apply(pose.inverse(TRUTH), NOISY[::3])
+FAR = np.array([1e5, -2e4, 3e3])
+TARGETS: dict[str, Any] = {
+    "mesh": PART,
+    "mesh with a flat face": Mesh(PART.vertices, np.vstack([PART.faces, [[0, 0, 1]]]), "mm"),
+    "mesh far away": Mesh(PART.vertices + FAR, PART.faces),
+    "cloud": PointCloud(np.vstack([POINTS, POINTS[:10]]), units="mm"),
+    "cloud with normals": PointCloud(POINTS, np.random.default_rng(3).normal(size=POINTS.shape), [1.0, 2.0, 3.0]),
+}
+
+
+def answer(target: Target, start: Any = None) -> dict[str, Any]:
+    """All of a registration that can be compared byte by byte."""
+    result = target.register(SCAN, pose.from_parts(np.eye(3), target.indexed.origin) if start is None else start)
+    told = result.to_dict()
+    del told["timings"]
+    for record in told["history"]:
+        del record["seconds"]
+    return told
+
+
+@pytest.mark.parametrize("kind", TARGETS)
+def test_a_saved_and_loaded_target_gives_the_same_bytes(kind: str, tmp_path: Path) -> None:
+    target = prepare_target(TARGETS[kind])
+    target.save(tmp_path / "part.npz")
+    loaded = Target.load(tmp_path / "part.npz")
+    assert json.dumps(answer(loaded)) == json.dumps(answer(target))
+    assert (loaded.indexed.kind, loaded.indexed.units) == (target.indexed.kind, target.indexed.units)
+    one, other = loaded.indexed.geometry, target.indexed.geometry
+    assert one.dropped == other.dropped
+    if isinstance(one, Mesh) and isinstance(other, Mesh):
+        np.testing.assert_array_equal(one.flat, other.flat)
+        assert one.faults == other.faults
+    assert loaded.nbytes == pytest.approx(target.nbytes, rel=0.05)
+    assert target.seconds > 0.0
+    assert loaded.seconds > 0.0
+
+
+def test_the_file_holds_no_pickle_and_is_saved_again_to_the_same_bytes(tmp_path: Path) -> None:
+    first, second = tmp_path / "a.target", tmp_path / "b.target"
+    prepare_target(TARGETS["cloud"]).save(first)
+    Target.load(first).save(second)
+    with zipfile.ZipFile(first) as one, zipfile.ZipFile(second) as two:
+        assert one.namelist() == two.namelist()
+        for name in one.namelist():
+            assert one.read(name) == two.read(name)
+            assert b"|O" not in one.read(name)[:200]
+
+
+def damaged(path: Path, **changes: Any) -> Path:
+    """The target of a file with some arrays, or parts of its header, replaced."""
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    header = json.loads(arrays["header"].tobytes())
+    header |= {name: value for name, value in changes.items() if name in header}
+    arrays |= {name: value for name, value in changes.items() if name not in header}
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    other = path.with_name("damaged.npz")
+    np.savez(other, **{name: array for name, array in arrays.items() if array is not None})
+    return other
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"format": "something"}, "no prepared target"),
+        ({"version": VERSION + 1}, "prepare and save it again"),
+        ({"faces": None}, "damaged"),
+        ({"faces": np.array([[0, 1, 10_000]])}, "damaged"),
+        ({"vertices": np.full((3, 3), np.nan)}, "damaged"),
+    ],
+)
+def test_a_file_that_is_no_target_is_refused_in_words(changes: dict[str, Any], words: str, tmp_path: Path) -> None:
+    prepare_target(PART).save(tmp_path / "part.npz")
+    with pytest.raises(InputError, match=words):
+        Target.load(damaged(tmp_path / "part.npz", **changes))
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 torn", pickle.dumps([1, 2])])
+def test_junk_and_pickles_are_refused(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "junk.npz").write_bytes(content)
+    with pytest.raises(InputError, match="no readable prepared target"):
+        Target.load(tmp_path / "junk.npz")
+    with pytest.raises(InputError, match="no readable prepared target"):
+        Target.load(tmp_path / "absent.npz")
+
+
+def test_a_cut_file_is_refused(tmp_path: Path) -> None:
+    prepare_target(PART).save(tmp_path / "part.npz")
+    whole = (tmp_path / "part.npz").read_bytes()
+    for share in (0.1, 0.5, 0.99):
+        (tmp_path / "cut.npz").write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(InputError):
+            Target.load(tmp_path / "cut.npz")
+
+
+@pytest.mark.parametrize("kind", ["mesh", "cloud"])
+def test_one_target_serves_many_threads_at_once_as_it_serves_one(kind: str) -> None:
+    alone = json.dumps(answer(prepare_target(TARGETS[kind])))
+    shared = prepare_target(TARGETS[kind])
+    with ThreadPoolExecutor(4) as pool:
+        answers = list(pool.map(lambda _: json.dumps(answer(shared)), range(8)))
+    assert answers == [alone] * 8
+
+
+def test_the_size_counts_the_arrays_and_the_trees() -> None:
+    target = prepare_target(PART)
+    mesh = target.indexed.geometry
+    assert isinstance(mesh, Mesh)
+    least = mesh.vertices.nbytes + mesh.faces.nbytes + mesh.corners.nbytes + TREE_BYTES_A_FACE * len(mesh.faces)
+    assert least < target.nbytes < 10 * least
+
+
+def test_max_time_is_the_old_name_of_time_limit() -> None:
+    target = prepare_target(PART)
+    with pytest.warns(DeprecationWarning, match="max_time is the old name of time_limit") as told:
+        old = target.register(SCAN, TRUTH, max_time=1e-6)
+    assert told[0].filename == __file__
+    new = target.register(SCAN, TRUTH, time_limit=1e-6)
+    assert old.status == new.status == "time limit"
+    assert old.settings["time_limit"] == new.settings["time_limit"] == 1e-6
+    with pytest.raises(InputError, match="max_time is the old name of time_limit"):
+        target.register(SCAN, TRUTH, max_time=1.0, time_limit=1.0)
+
+
+def test_a_start_that_explains_the_scan_spares_the_coarse_steps() -> None:
+    # The same end from near and from farther off: the truth is known, because the scan was moved by it.
+    target = prepare_target(PART)
+    near = target.register(SCAN, disturbance(np.random.default_rng(4), 0.01, 0.2, PART.centre) @ TRUTH)
+    far = target.register(SCAN, disturbance(np.random.default_rng(4), 0.15, 5.0, PART.centre) @ TRUTH)
+    assert {record.stage for record in near.history} == {"fine"}
+    assert {record.stage for record in far.history} > {"fine"}
+    np.testing.assert_allclose(near.T_target_source, far.T_target_source, atol=1e-4)
+    assert near.verdict.level == far.verdict.level == "accepted"
+
+
+def test_a_prepared_target_answers_as_the_bare_one_does() -> None:
+    bare = register(SCAN, PART, TRUTH)
+    np.testing.assert_array_equal(prepare_target(PART).register(SCAN, TRUTH).T_target_source, bare.T_target_source)

@@ -1,0 +1,157 @@
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dqreg.errors import DegenerateGeometryError, InputError, UnitsError
+from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud
+from dqreg.geometry.opening import read_any
+from dqreg.registration.source import MESH_SAMPLES, centre_source, require_spread
+from dqreg.registration.target_index import index_target
+from dqreg.synth.parts import box
+from tests.strategies import FloatArray
+
+VERTICES, FACES = box((3.0, 2.0, 1.0))
+CLOUD = np.random.default_rng(0).integers(0, 1_024, size=(300, 3)) / 64.0
+FAR = np.array([5e6, -4e6, 2e5])
+RNG = np.random.default_rng(0)
+
+
+def centred(source: Any, source_units: str | None = None, target_units: str | None = None) -> Any:
+    return centre_source(source, source_units, target_units, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("make", [PointCloud, lambda points: Mesh(points, FACES)])
+def test_a_target_far_away_is_indexed_as_the_same_one_at_home(make: Any) -> None:
+    # Multiples of 1/64 stay exact at 5e6: not one bit may differ.
+    points = VERTICES if make is not PointCloud else CLOUD
+    home, away = index_target(make(points)), index_target(make(points + FAR))
+    np.testing.assert_array_equal(away.origin - home.origin, FAR)
+    names = ("points",) if make is PointCloud else ("vertices", "faces")
+    for name in names:
+        np.testing.assert_array_equal(getattr(home.geometry, name), getattr(away.geometry, name))
+    np.testing.assert_array_equal(home.surface.centre, np.zeros(3))
+    queries = np.random.default_rng(1).normal(size=(50, 3))
+    np.testing.assert_array_equal(home.surface.closest(queries).points, away.surface.closest(queries).points)
+
+
+def test_a_source_far_away_is_centred_as_the_same_one_at_home() -> None:
+    viewpoint = np.array([1.0, 2.0, 3.0])
+    home, away = (
+        centred(PointCloud(CLOUD, viewpoint=viewpoint)),
+        centred(PointCloud(CLOUD + FAR, viewpoint=viewpoint + FAR)),
+    )
+    np.testing.assert_array_equal(away.origin - home.origin, FAR)
+    np.testing.assert_array_equal(home.cloud.points, away.cloud.points)
+    np.testing.assert_array_equal(home.cloud.viewpoint, away.cloud.viewpoint)
+    np.testing.assert_array_equal(home.cloud.points + home.origin, CLOUD)
+
+
+@pytest.mark.parametrize(
+    ("own", "source_units", "target_units", "scale"),
+    [
+        (None, "m", "mm", 1e3),
+        ("m", None, "mm", 1e3),
+        ("m", "inch", "mm", 25.4),
+        (None, None, "mm", 1.0),
+        ("m", None, None, 1.0),
+        ("mm", "mm", "mm", 1.0),
+    ],
+)
+def test_a_source_is_converted_where_both_units_are_known_and_named_ones_win(
+    own: str | None, source_units: str | None, target_units: str | None, scale: float
+) -> None:
+    cloud = PointCloud(CLOUD, np.tile([0.0, 0, 1], (300, 1)), viewpoint=[1.0, 2.0, 3.0], units=own, dropped=4)
+    source = centred(cloud, source_units, target_units)
+    assert source.scale == scale
+    rounding = 4.0 * np.finfo(float).eps * scale * np.abs(CLOUD).max()
+    np.testing.assert_allclose(source.cloud.points + source.origin, scale * CLOUD, rtol=0, atol=rounding)
+    np.testing.assert_allclose(source.cloud.viewpoint + source.origin, scale * np.array([1.0, 2, 3]), atol=rounding)
+    np.testing.assert_array_equal(source.cloud.normals, cloud.normals)
+    assert source.cloud.dropped == 4
+    low, high = source.cloud.points.min(axis=0), source.cloud.points.max(axis=0)
+    np.testing.assert_allclose(low + high, 0.0, atol=4.0 * rounding)
+
+
+def test_an_unknown_unit_is_refused() -> None:
+    with pytest.raises(UnitsError, match="unknown length unit 'furlong'"):
+        centred(CLOUD, "furlong", "mm")
+
+
+LINE = np.outer(np.arange(20.0), [1.0, 2.0, -1.0])
+
+
+@pytest.mark.parametrize("origin", [0.0, 5e6])
+@pytest.mark.parametrize("turn", [np.eye(3), np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]])
+def test_points_on_a_line_are_refused_on_both_sides(origin: float, turn: FloatArray) -> None:
+    line = LINE @ turn.T + origin
+    with pytest.raises(DegenerateGeometryError, match="all 20 points of the source lie on one line"):
+        centred(line)
+    with pytest.raises(DegenerateGeometryError, match="all 20 points of the target lie on one line"):
+        index_target(line)
+
+
+def test_points_at_one_place_are_on_a_line_too() -> None:
+    with pytest.raises(DegenerateGeometryError, match="all 5 points"):
+        index_target(np.ones((5, 3)))
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_a_narrow_strip_is_no_line(scale: float) -> None:
+    strip = LINE.copy()
+    strip[::2] += 1e-7 * np.array([2.0, -1.0, 0.0])
+    with pytest.raises(DegenerateGeometryError):
+        require_spread(scale * LINE, "line")
+    require_spread(scale * strip, "strip")  # a ten-millionth as wide as long: no error
+    require_spread(scale * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), "triangle")
+
+
+@pytest.mark.parametrize("points", [np.zeros((1, 3)), np.eye(3)[:2], [[0.0, 0, 0], [1, 0, 0], [np.nan, 1, 0]]])
+def test_fewer_than_three_usable_points_are_refused(points: Any) -> None:
+    with pytest.raises(InputError, match=r"target has \d usable points; at least three"):
+        index_target(points)
+    with pytest.raises(InputError, match=r"source has \d usable points; at least three"):
+        centred(points)
+
+
+def test_a_mesh_that_is_the_source_is_sampled_the_same_way_each_time() -> None:
+    source, again = centred(Mesh(VERTICES, FACES, "m"), None, "mm"), centred(Mesh(VERTICES, FACES, "m"), None, "mm")
+    assert (len(source.cloud), source.scale) == (MESH_SAMPLES, 1e3)
+    np.testing.assert_array_equal(source.cloud.points, again.cloud.points)
+    assert source.cloud.normals is not None
+
+
+def test_what_a_target_is_and_what_it_lost() -> None:
+    mesh = index_target(Mesh(VERTICES, [*FACES.tolist(), [0, 0, 1]], "mm"))
+    assert (mesh.kind, mesh.units, mesh.geometry.dropped) == ("mesh", "mm", 1)
+    assert isinstance(mesh.surface, MeshSurface)
+    cloud = index_target([*CLOUD.tolist(), [np.nan, 0, 0]])
+    assert (cloud.kind, cloud.units, cloud.geometry.dropped) == ("cloud", None, 1)
+    assert isinstance(cloud.surface, CloudSurface)
+
+
+def test_threads_that_ask_first_get_one_surface() -> None:
+    target = index_target(CLOUD)
+    with ThreadPoolExecutor(4) as pool:
+        surfaces = set(pool.map(lambda _: id(target.surface), range(16)))
+    assert len(surfaces) == 1
+
+
+def test_paths_are_read_and_named_in_messages(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.xyz"
+    np.savetxt(path, CLOUD)
+    for given in (path, str(path)):
+        np.testing.assert_array_equal(read_any(given, "source").points, CLOUD)
+    with pytest.raises(InputError, match=r"gone\.xyz"):
+        read_any(tmp_path / "gone.xyz", "target")
+
+
+def test_the_arrays_given_are_as_they_were() -> None:
+    points = CLOUD.copy()
+    index_target(points)
+    centred(points, "m", "mm")
+    np.testing.assert_array_equal(points, CLOUD)

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg.geometry import Mesh, MeshSurface, PointCloud, Surface, prepare_scan, sample_mesh
+from dqreg.icp import ESTIMATORS, Plan
+from dqreg.rigid import pose
+from dqreg.search.pairs import PairTable
+from dqreg.search.problem import Task
+from dqreg.synth.parts import bracket
+
+PART = Mesh(*bracket())
+SURFACE: Surface = MeshSurface(PART)
+
+
+def task_of(points: np.ndarray) -> Task:
+    plan = Plan(ESTIMATORS["dq"], 0.2 * PART.diagonal)
+    scan = prepare_scan(PointCloud(points))
+    return Task(scan, SURFACE, PART, plan, lambda: PairTable.of(PART, SURFACE), np.random.default_rng(0))
+
+
+def scene() -> np.ndarray:
+    """The part on a table four times its size."""
+    rng = np.random.default_rng(1)
+    spots = 2.0 * PART.diagonal * rng.uniform(-1.0, 1.0, size=(6_000, 2))
+    table = np.column_stack([spots, np.full(len(spots), PART.bounds[0][2])])
+    return np.concatenate([sample_mesh(PART, 3_000, rng).points, table])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_scan_of_the_part_alone_is_judged_one_way_however_it_is_turned(seed):
+    # A long part that stands aslant has a bounding box far larger than its own.
+    points = sample_mesh(PART, 5_000, np.random.default_rng(seed)).points
+    turned = pose.apply(pose.random(np.random.default_rng(seed), reach=0.0), points)
+    assert task_of(turned).other_way is None
+    assert task_of(scene()).other_way is not None
+
+
+def test_the_table_of_pairs_is_made_when_it_is_first_needed_and_once():
+    made = []
+
+    def make() -> PairTable:
+        made.append(1)
+        return PairTable.of(PART, SURFACE)
+
+    scan = prepare_scan(PointCloud(sample_mesh(PART, 2_000, np.random.default_rng(0)).points))
+    task = Task(scan, SURFACE, PART, Plan(ESTIMATORS["dq"], 1.0), make, np.random.default_rng(0))
+    assert task.size == SURFACE.diagonal
+    assert made == []
+    assert task.table is task.table
+    assert made == [1]

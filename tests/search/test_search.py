@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, Scan, prepare_scan, sample_mesh
+from dqreg.icp import ESTIMATORS, Plan
+from dqreg.rigid import pose
+from dqreg.search import Candidate, PairTable, search
+from dqreg.synth import worst_vertex_displacement
+from dqreg.synth.parts import block, box, bracket
+
+BRACKET, BOX = Mesh(*bracket()), Mesh(*box((3.0, 2.0, 1.0)))
+
+
+class Task:
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh, self.surface = mesh, MeshSurface(mesh)
+        self.table = PairTable.of(mesh, self.surface)
+
+    def scan(self, seed: int, noise: float = 3e-4) -> tuple[Scan, np.ndarray]:
+        # Truth: the drawn pose itself.
+        rng = np.random.default_rng(seed)
+        T = pose.random(rng, reach=self.mesh.diagonal)
+        sample = sample_mesh(self.mesh, 5_000, rng).points
+        sample = sample + noise * self.mesh.diagonal * rng.normal(size=sample.shape)
+        return prepare_scan(PointCloud(pose.apply(pose.inverse(T), sample))), T
+
+    def search(self, scan: Scan, **options) -> tuple[Candidate, ...]:
+        plan = Plan(ESTIMATORS["dq"], 0.2 * self.mesh.diagonal)
+        return search(scan, self.surface, self.mesh, plan, lambda: self.table, np.random.default_rng(0), **options)
+
+    def error(self, found: Candidate, T: np.ndarray) -> float:
+        return worst_vertex_displacement(found.T_target_source, T, self.mesh.vertices) / self.mesh.diagonal
+
+
+@pytest.fixture(scope="module")
+def part():
+    return Task(BRACKET)
+
+
+@pytest.fixture(scope="module")
+def symmetric():
+    return Task(BOX)
+
+
+def test_the_part_is_found_and_nothing_else(part):
+    scan, T = part.scan(0)
+    found = part.search(scan)
+    # A start needs no more than this; noise of 3e-4 over thousands of points leaves far less.
+    assert part.error(found[0], T) < 2e-3
+    assert len(found) == 1
+    assert found[0].stage == "judged"
+
+
+def test_a_box_has_four_poses_and_says_why(symmetric):
+    scan, T = symmetric.scan(0)
+    found = symmetric.search(scan)
+    assert len(found) == 4
+    truths = [T, *(turn @ T for turn in symmetric.table.symmetry.turns)]
+    for truth in truths:
+        assert min(symmetric.error(candidate, truth) for candidate in found) < 2e-3
+    assert found[0].symmetry == ""
+    assert all("180 degrees" in candidate.symmetry for candidate in found[1:])
+
+
+def test_same_seed_same_poses(part):
+    scan, _ = part.scan(2)
+    one, other = part.search(scan), part.search(scan)
+    np.testing.assert_array_equal(one[0].T_target_source, other[0].T_target_source)
+
+
+def test_the_time_limit_returns_the_best_so_far_and_says_so(part):
+    # A clock that runs a second at each look: no real time is measured.
+    scan, T = part.scan(3)
+    for limit, stage in ((1.0, "proposed"), (2.0, "screened"), (4.0, "refined")):
+        ticks = iter(range(100))
+        found = part.search(scan, time_limit=limit, now=lambda ticks=ticks: float(next(ticks)))
+        assert [candidate.stage for candidate in found] == [stage]
+    assert part.error(found[0], T) < 0.02
+
+
+def test_stages_are_reported_and_may_stop_the_search(part):
+    scan, _ = part.scan(4)
+    seen = []
+    part.search(scan, observe=lambda stage: seen.append(stage))
+    assert [s.name for s in seen] == ["proposed", "screened", "refined roughly", "refined", "turned", "refined finely"]
+    assert seen[0].poses > 1_000 > seen[1].poses >= seen[2].poses >= seen[3].poses > 0
+    assert [s.seconds for s in seen] == sorted(s.seconds for s in seen)
+    stopped = part.search(scan, observe=lambda stage: stage.name != "screened")
+    assert stopped[0].stage == "screened"
+
+
+def test_a_part_is_found_in_a_larger_cloud(part):
+    # The scene is the part at its place and a wall three times its size; truth: the drawn pose itself.
+    scan, T = part.scan(5)
+    rng = np.random.default_rng(6)
+    wall = part.mesh.diagonal * np.column_stack([rng.uniform(-1.5, 1.5, size=(6_000, 2)), np.full(6_000, 1.2)])
+    scene = PointCloud(np.concatenate([sample_mesh(part.mesh, 8_000, rng).points, wall]))
+    surface = CloudSurface(scene)
+    plan = Plan(ESTIMATORS["dq"], 0.2 * part.mesh.diagonal)
+
+    def never() -> PairTable:
+        raise AssertionError("the table of a scene in which a smaller scan is looked for is of no use")
+
+    found = search(scan, surface, scene, plan, never, np.random.default_rng(0))
+    assert part.error(found[0], T) < 0.02
+
+
+def test_a_notch_that_is_seen_decides_between_half_turns():
+    # The notch is 0.7 % of the block: a hundred points of 14,000 see it.
+    task = Task(Mesh(*block()))
+    scan, T = task.scan(7)
+    found = task.search(scan)
+    assert len(found) == 1
+    assert task.error(found[0], T) < 2e-3

@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg.trust.patch_tests import PATCH, patches_off
+
+WIDTH = 0.01
+
+
+def strips(*heights: float, length: float = 1.0) -> np.ndarray:
+    """Squares of 320 points each, one beside the other, at the heights given; ten patches a square."""
+    rng = np.random.default_rng(0)
+    squares = [rng.uniform(size=(320, 3)) * [length, 1, 0] + [i * length, 0, z] for i, z in enumerate(heights)]
+    ordered = [square[np.argsort(square[:, 0])] for square in squares]
+    return np.concatenate(ordered) + rng.normal(0.0, 0.2 * WIDTH, size=(320 * len(heights), 3)) * [0, 0, 1]
+
+
+def looked_at(points: np.ndarray, reach: float) -> tuple[int, float]:
+    # The target is the plane z = 0 from x = 0 to x = 1.
+    beside = np.maximum(points[:, 0] - 1.0, 0.0)
+    apart = np.hypot(beside, points[:, 2])
+    return patches_off(points, apart, points[:, 2], apart <= reach, WIDTH)
+
+
+def test_a_face_in_the_wrong_place_is_off() -> None:
+    assert looked_at(strips(0.0), 0.2) == (10, 0.0)
+    assert looked_at(strips(0.05), 0.2) == (10, 1.0)
+
+
+def test_a_table_that_goes_on_beyond_the_part_is_not_the_parts() -> None:
+    # Five squares of table at the height of the part; a fifth of the first one is near it.
+    count, share = looked_at(strips(0.0, 0.05, 0.05, 0.05, 0.05, 0.05), 0.2)
+    assert (count, share) == (10, 0.0)
+
+
+def test_a_shifted_part_on_a_table_is_still_off() -> None:
+    # Table at 0.15, which goes on; the part's own face 0.05 off, which does not.
+    points = strips(0.05, 0.15, 0.15, 0.15, 0.15)
+    count, share = looked_at(points, 0.2)
+    assert count >= 9
+    assert share >= 0.8
+
+
+@pytest.mark.parametrize("count", [0, PATCH - 1])
+def test_too_few_points_are_no_patch(count: int) -> None:
+    none = np.zeros(count)
+    assert patches_off(np.zeros((count, 3)), none, none, np.ones(count, dtype=bool), WIDTH) == (0, 0.0)

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry.morton import morton_order
+from dqreg.rigid import pose, twist
+from dqreg.trust import Information, without_free_motion
+from dqreg.trust.sandwich import scatter_of
+from tests.trust.shapes import box, judged, plane
+
+POINTS, SIGMA = 8_000, 1e-3
+
+
+def shape() -> tuple[FloatArray, FloatArray, FloatArray]:
+    points, normals = box(np.random.default_rng(0), POINTS)
+    order = morton_order(points)
+    points, normals = points[order], normals[order]
+    return points, normals, np.vstack([np.cross(points, normals).T, normals.T])
+
+
+def errors_of(draws: int, side: float | None, spread: FloatArray | float = 1.0) -> FloatArray:
+    """Squared errors in units of the claimed covariance, six on average; the fits themselves, no loop in between.
+
+    Noise is independent, or one vector for each cube of space of the given side.
+    """
+    points, normals, rows = shape()
+    inverse = np.linalg.pinv(rows)
+    found = []
+    for seed in range(draws):
+        rng = np.random.default_rng(seed)
+        if side is None:
+            noise = SIGMA * spread * rng.normal(size=POINTS)
+        else:
+            _, cubes = np.unique(np.floor(points / side + rng.uniform(size=3)).astype(int), axis=0, return_inverse=True)
+            noise = np.einsum("ij,ij->i", normals, SIGMA * rng.normal(size=(cubes.max() + 1, 3))[cubes.ravel()])
+        fit = noise @ inverse
+        C = scatter_of(rows, points, normals, noise - fit @ rows, np.ones(POINTS), np.zeros((6, 6)), SIGMA**2)
+        assert C is not None
+        found.append(fit @ np.linalg.solve(C, fit))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_independent_noise_is_seen_as_it_is(uneven: bool) -> None:
+    # 80 draws with a variance of 12 and more: the mean is good to 0.4; faces may scatter differently.
+    spread = np.where(shape()[1].sum(axis=1) > 0.0, 1.0, 0.2) if uneven else 1.0
+    assert errors_of(80, None, spread).mean() == pytest.approx(6.0, abs=1.5)
+
+
+def test_noise_that_hundreds_of_neighbours_share_is_seen() -> None:
+    # 22 units of area in squares of side 0.4: about 60 points a cube face, 200 cubes. Patches of 40 points alone claim
+    # a mean of about 18 here; what is left over is the scatter of what can be learned from 200 values.
+    assert errors_of(20, 0.4).mean() < 12.0
+
+
+def test_the_claim_never_falls_below_that_of_the_patches_alone() -> None:
+    points, normals, rows = shape()
+    noise = SIGMA * np.random.default_rng(0).normal(size=POINTS)
+    even = scatter_of(rows, points, normals, noise, np.ones(POINTS), np.zeros((6, 6)), SIGMA**2)
+    shared = np.repeat(noise[:: POINTS // 100], POINTS // 100)
+    wide = scatter_of(rows, points, normals, shared, np.ones(POINTS), np.zeros((6, 6)), SIGMA**2)
+    assert even is not None
+    assert wide is not None
+    assert np.trace(wide) > 10.0 * np.trace(even)
+    for C in (even, wide):
+        np.testing.assert_allclose(C, C.T, rtol=1e-9)
+        assert np.linalg.eigvalsh(C).min() > 0.0
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_lengths_scale_with_the_unit(factor: float) -> None:
+    points, normals, rows = shape()
+    rng = np.random.default_rng(1)
+    noise = np.repeat(rng.normal(size=POINTS // 80), 80) + 0.1 * rng.normal(size=POINTS)
+    plain = scatter_of(rows, points, normals, noise, np.ones(POINTS), np.zeros((6, 6)), 1.0)
+    # Rows are in levers, so that only the noise carries the unit.
+    scaled = scatter_of(rows, factor * points, normals, factor * noise, np.ones(POINTS), np.zeros((6, 6)), factor**2)
+    assert plain is not None
+    assert scaled is not None
+    np.testing.assert_allclose(scaled, factor**2 * plain, rtol=1e-6)
+
+
+def test_too_few_pairs_and_pairs_at_one_place() -> None:
+    points, normals, rows = shape()
+    few = slice(0, 200)
+    assert scatter_of(rows[:, few], points[few], normals[few], np.ones(200), np.ones(200), np.eye(6), 1.0) is None
+    noise = np.repeat(np.random.default_rng(0).normal(size=100), 80)
+    found = scatter_of(rows, np.zeros_like(points), normals, noise, np.ones(POINTS), np.zeros((6, 6)), 1.0)
+    assert found is not None
+    assert np.isfinite(found).all()
+
+
+def test_free_motions_are_taken_back_and_the_others_kept() -> None:
+    points, normals = plane(np.random.default_rng(0))
+    held: Information = judged(points, normals)
+    start = twist.exp([0.0, 0.0, 0.3, 1.0, -2.0, 0.0])
+    found = twist.exp([0.02, -0.01, 0.0, 0.0, 0.0, 0.5]) @ twist.exp([0.0, 0.0, -0.2, 0.4, 0.1, 0.0]) @ start
+    back = twist.log(without_free_motion(found, start, held) @ pose.inverse(start))
+    np.testing.assert_allclose(back[[2, 3, 4]], 0.0, atol=1e-9)
+    # Whatever is taken back lies in the plane: no point is nearer to it, or farther, than before.
+    heights = (pose.apply(T, points)[:, 2] for T in (found, without_free_motion(found, start, held)))
+    np.testing.assert_allclose(*heights, atol=1e-12)
+    everything = all_held(held)
+    np.testing.assert_array_equal(without_free_motion(found, start, everything), found)
+
+
+def all_held(information: Information) -> Information:
+    return Information(np.ones(6), information.vectors, 1.0, 1.0, information.lever, information.centre)
