@@ -51,8 +51,8 @@ def evaluate(
     """
     with loading():
         from dqreg.compare import judge, read_pose
-        from dqreg.compare.records import plain_values
         from dqreg.files.atomic import require_writable, write_atomically
+        from dqreg.files.strict_json import plain
 
     if out is not None:
         require_writable(out)
@@ -66,7 +66,7 @@ def evaluate(
     if within is not None:
         say(console, f"{'within' if good else 'NOT within'} {within:g} {unit or 'target units'}")
     values = {**dataclasses.asdict(score), "size": yardstick.size, "units": unit}
-    text = json.dumps(plain_values(values), indent=1, allow_nan=False)
+    text = json.dumps(plain(values), indent=1, allow_nan=False)
     if out is not None:
         write_atomically(out, text + "\n")
         say(console, f"wrote {out}")

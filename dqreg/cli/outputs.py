@@ -47,7 +47,7 @@ def print_json(value: Any) -> None:
      "units": "mm"
     }
     """
-    from dqreg.registration.result_json import plain
+    from dqreg.files.strict_json import plain
 
     click.echo(json.dumps(plain(value), indent=1, allow_nan=False))
 

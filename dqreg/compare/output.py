@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dqreg.compare.plots import Plot, plots
-from dqreg.compare.records import plain_values, to_plain
 from dqreg.compare.run import Comparison
 from dqreg.compare.showing import markdown, to_csv
 from dqreg.compare.store import FORMAT
@@ -18,6 +17,7 @@ from dqreg.compare.summary import summarise
 from dqreg.compare.tables import Table
 from dqreg.errors import InputError
 from dqreg.files.atomic import require_writable, write_atomically
+from dqreg.files.strict_json import plain
 
 
 def to_html(title: str, made: Sequence[Table], pictures: Sequence[Plot], note: str, command: str = "") -> str:
@@ -83,13 +83,13 @@ def write(found: Comparison, made: Sequence[Table], goals: Goals, note: str, com
 
 def to_json(found: Comparison) -> str:
     """All of a comparison as strict JSON."""
-    summary = [dataclasses.asdict(line) for line in summarise(found.runs)]
-    plain = {
+    values = {
         "format": FORMAT,
         "title": found.title,
-        "engines": list(found.engines),
+        "engines": found.engines,
         "missing": found.missing,
-        "sessions": list(found.sessions),
-        "summary": summary,
+        "sessions": found.sessions,
+        "summary": summarise(found.runs),
+        "runs": found.runs,
     }
-    return json.dumps({**plain_values(plain), "runs": [to_plain(run) for run in found.runs]}, allow_nan=False) + "\n"
+    return json.dumps(plain(values), allow_nan=False) + "\n"

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any, Literal
-
-from dqreg.errors import InputError
 
 Status = Literal["ran", "error", "crashed", "timeout", "memory"]
 
@@ -51,45 +48,3 @@ class Run:
     overlap: float
     # Iteration, seconds and worst displacement, where the engine reveals poses on the way
     curve: list[tuple[int, float, float]]
-
-
-_FLOATS = [field.name for field in dataclasses.fields(Run) if field.type == "float"]
-
-
-def to_plain(run: Run) -> dict[str, Any]:
-    """Record as strict JSON takes it: NaN and infinity become None."""
-    plain: dict[str, Any] = plain_values(dataclasses.asdict(run))
-    return plain
-
-
-def from_plain(values: Any) -> Run:
-    """Record of what `to_plain` made."""
-    try:
-        found = {**values, **{name: math.nan for name in _FLOATS if values[name] is None}}
-        found["curve"] = [(i, _nan(seconds), _nan(worst)) for i, seconds, worst in values["curve"]]
-        return Run(**found)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"not the record of a run: {type(error).__name__} {error}") from error
-
-
-def plain_values(value: Any) -> Any:
-    """Plain JSON values of anything that a record or an engine's settings may hold.
-
-    >>> plain_values({"a": (1.0, float("nan")), 2: None})
-    {'a': [1.0, None], '2': None}
-    """
-    if hasattr(value, "tolist"):
-        return plain_values(value.tolist())
-    if isinstance(value, dict):
-        return {str(key): plain_values(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple, set)):
-        return [plain_values(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, (str, int)):
-        return value
-    return str(value)
-
-
-def _nan(value: float | None) -> float:
-    return math.nan if value is None else float(value)

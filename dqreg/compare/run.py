@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -15,11 +16,12 @@ from dqreg.compare.entrants import Entrant, check_sendable, entrants
 from dqreg.compare.environment import Clock, session
 from dqreg.compare.judge import judge, worst_along
 from dqreg.compare.plan import Item, Rules, plan
-from dqreg.compare.records import Run, plain_values
+from dqreg.compare.records import Run
 from dqreg.compare.store import Store, is_last
 from dqreg.compare.sweep import Sweep
 from dqreg.compare.worker import Worker
 from dqreg.errors import InputError
+from dqreg.files.strict_json import plain
 
 NOTHING = [[float("nan")] * 4] * 4
 
@@ -197,7 +199,7 @@ def _judged(item: Item, challenge: Challenge, entrant: Entrant, repeat: int, out
         peak_memory=outcome.peak_memory,
         iterations=None if attempt is None else attempt.iterations,
         claims="" if attempt is None else attempt.claims,
-        settings={} if attempt is None else plain_values(attempt.settings),
+        settings={} if attempt is None else json.loads(json.dumps(plain(attempt.settings), default=str)),
         curve=[(step.iteration, step.seconds, w) for step, w in zip(curve, worst, strict=True)],
         **dataclasses.asdict(score),
     )

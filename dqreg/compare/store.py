@@ -12,9 +12,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from dqreg.compare.records import Run, from_plain, to_plain
+from dqreg.compare.records import Run
 from dqreg.errors import InputError
 from dqreg.files.atomic import require_writable
+from dqreg.files.strict_json import plain, record_from
 
 FORMAT = "dqreg comparison 1"
 # A run that takes longer is not repeated: its scatter is small beside it, and the others wait.
@@ -46,7 +47,7 @@ class Store:
     def add(self, runs: Iterable[Run]) -> None:
         """Keep runs; they are on the disk when this returns."""
         runs = list(runs)
-        self._append(to_plain(run) for run in runs)
+        self._append(plain(run) for run in runs)
         for run in runs:
             self._keep(run)
 
@@ -74,7 +75,7 @@ class Store:
         if "format" in line:
             self.sessions.append({key: value for key, value in line.items() if key != "format"})
         else:
-            self._keep(from_plain(line))
+            self._keep(record_from(Run, line))
 
     def _keep(self, run: Run) -> None:
         self.runs.append(run)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from dqreg.errors import InputError
 from dqreg.files.atomic import require_writable, write_atomically
+from dqreg.files.strict_json import plain
 from dqreg.papers.document import Report
 
 RESULTS, PAGE = "results.json", "report.html"
@@ -26,7 +28,6 @@ def write_report(report: Report, folder: Path) -> list[Path]:
     """Write the numbers, the figures and the page."""
     from dqreg.papers.drawing import draw_png
     from dqreg.papers.page import to_html
-    from dqreg.papers.record import to_json
 
     pictures = {figure.key: draw_png(figure) for figure in report.figures}
     contents: dict[str, bytes | str] = {RESULTS: to_json(report)}
@@ -36,6 +37,11 @@ def write_report(report: Report, folder: Path) -> list[Path]:
     for path, content in zip(paths, contents.values(), strict=True):
         write_atomically(path, content)
     return paths
+
+
+def to_json(report: Report) -> str:
+    """Whole report as strict JSON, every number at full precision."""
+    return json.dumps(plain(report), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def picture_name(key: str) -> str:

@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, as_vectors
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
+from dqreg.files.strict_json import plain, record_from
 from dqreg.icp.history import Iteration
 from dqreg.inspection import Deviations, measure_deviations, why_unsigned
 from dqreg.registration.inputs import Inputs
 from dqreg.registration.invariants import broken_promise
-from dqreg.registration.result_json import plain, plain_iteration, read_fields
+from dqreg.registration.result_json import CHECKS, plain_iteration
 from dqreg.registration.visible_target import seen_target
 from dqreg.rigid import DualQuaternion, pose
 from dqreg.trust.records import Alternative, Direction, Verdict
@@ -363,7 +364,8 @@ def _broken(result: Registration) -> str:
 
 
 def _from_dict(values: dict[str, Any]) -> Registration:
-    read = Registration(**read_fields(values))
+    names = [field.name for field in dataclasses.fields(Registration) if field.name != "inputs"]
+    read = record_from(Registration, {name: values[name] for name in names}, CHECKS)
     if read.verdict.level != values["verdict"]["level"]:
         # What was saved keeps its promises: here somebody else wrote.
         raise ValueError(read.verdict.reasons[0].rpartition("data: ")[2])

@@ -2,38 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose, require_finite
+from dqreg.files.strict_json import plain, record_from
 from dqreg.icp.history import Iteration
-from dqreg.trust.records import Alternative, Direction, Level, Verdict
-
-
-def read_fields(values: dict[str, Any]) -> dict[str, Any]:
-    """Fields of a `Registration` from what `plain` made of one, each looked at."""
-    return {
-        "T_target_source": _pose(values["T_target_source"]),
-        "verdict": Verdict(
-            _level(values["verdict"]["level"]), tuple(map(_text, _of(list, values["verdict"]["reasons"])))
-        ),
-        "status": _text(values["status"]),
-        "covariance": _array(values["covariance"], (6, 6)),
-        "observability": tuple(
-            Direction(_number(d["strength"]), _number(d["sigma"]), _text(d["words"])) for d in values["observability"]
-        ),
-        "alternatives": tuple(
-            Alternative(_pose(a["T_target_source"]), _number(a["score"]), _text(a["symmetry"]))
-            for a in values["alternatives"]
-        ),
-        "history": tuple(_iteration(record) for record in values["history"]),
-        "rms": _number(values["rms"]),
-        "inlier_fraction": _number(values["inlier_fraction"]),
-        "timings": {key: _number(seconds) for key, seconds in _of(dict, values["timings"]).items()},
-        "settings": _settings(_of(dict, values["settings"])),
-    }
 
 
 def _settings(values: dict[str, Any]) -> dict[str, Any]:
@@ -56,19 +31,11 @@ def _settings(values: dict[str, Any]) -> dict[str, Any]:
     return values
 
 
-def _iteration(record: dict[str, Any]) -> Iteration:
-    fields: dict[str, Any] = {
-        key: _text(value) if key == "stage" else _of((int, float, type(None)), value)
-        for key, value in _of(dict, record).items()
-        if key not in ("T_target_source", "scale")
-    }
-    if "kernel_scale" not in fields:
-        # A result of old.
-        fields["kernel_scale"] = _of((int, float, type(None)), record["scale"])
-    fields["T_target_source"] = _pose(record["T_target_source"])
-    # A motion is infinite where an extrapolation was taken back; anything else that is not finite was NaN.
-    missing = {key: np.inf if key == "motion" else np.nan for key, value in fields.items() if value is None}
-    return Iteration(**{**fields, **missing})
+def _iteration(record: Any) -> Iteration:
+    values = dict(_of(dict, record))
+    # The only name of the kernel scale in a result of old.
+    scale = values.pop("scale", None)
+    return record_from(Iteration, {"kernel_scale": scale, **values}, CHECKS)
 
 
 def plain_iteration(record: Iteration) -> dict[str, Any]:
@@ -80,18 +47,6 @@ def _of(kind: type | tuple[type, ...], value: Any) -> Any:
     if not isinstance(value, kind):
         raise TypeError(f"cannot use {value!r:.60}")
     return value
-
-
-def _text(value: Any) -> str:
-    text: str = _of(str, value)
-    return text
-
-
-def _level(value: Any) -> Level:
-    if value not in get_args(Level):
-        raise ValueError(f"unknown level {value!r:.60}; known are {', '.join(get_args(Level))}")
-    level: Level = value
-    return level
 
 
 def _pose(rows: Any) -> FloatArray:
@@ -110,20 +65,12 @@ def _array(rows: Any, shape: tuple[int, ...]) -> FloatArray:
     return array
 
 
-def _number(value: float | None) -> float:
-    return np.nan if value is None else float(value)
-
-
-def plain(value: Any) -> Any:
-    """Lists, numbers and strings of anything in a result; NaN and infinity become None."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [plain(item) for item in value]
-    if isinstance(value, (np.ndarray, np.generic)):
-        return plain(value.tolist())
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
+# Fields that plain types do not tell enough about.
+CHECKS = {
+    "T_target_source": _pose,
+    "covariance": lambda rows: _array(rows, (6, 6)),
+    "settings": lambda values: _settings(_of(dict, values)),
+    "history": lambda records: tuple(_iteration(record) for record in _of(list, records)),
+    # Infinite where an extrapolation was taken back.
+    "motion": lambda value: np.inf if value is None else _of((int, float), value),
+}

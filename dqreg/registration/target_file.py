@@ -6,6 +6,7 @@ again, which takes about a microsecond a point or face.
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import zipfile
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
+from dqreg.files.strict_json import plain, record_from
 from dqreg.geometry import CloudSurface, Mesh, PointCloud
 from dqreg.registration.target_index import IndexedTarget
 
@@ -25,6 +27,18 @@ FORMAT, VERSION = "dqreg target", 2
 # What Open3D's trees take beside the arrays, measured as resident memory: 75 to 92 bytes a triangle, and a copy of the
 # coordinates and the permutation with a few nodes for a cloud.
 TREE_BYTES_A_FACE, TREE_BYTES_A_POINT = 85, 48
+
+
+@dataclasses.dataclass(frozen=True)
+class Header:
+    """What stands beside the arrays."""
+
+    format: str
+    version: int
+    kind: str
+    name: str
+    units: str | None
+    dropped: int
 
 
 def save_target(indexed: IndexedTarget, path: str | Path) -> None:
@@ -39,14 +53,7 @@ def save_target(indexed: IndexedTarget, path: str | Path) -> None:
     'mesh'
     """
     geometry = indexed.geometry
-    header = {
-        "format": FORMAT,
-        "version": VERSION,
-        "kind": indexed.kind,
-        "name": indexed.name,
-        "units": geometry.units,
-        "dropped": geometry.dropped,
-    }
+    header = Header(FORMAT, VERSION, indexed.kind, indexed.name, geometry.units, geometry.dropped)
     arrays: dict[str, Any] = {"origin": indexed.origin}
     if isinstance(geometry, Mesh):
         arrays |= {"vertices": geometry.vertices, "faces": geometry.faces, "flat": geometry.flat}
@@ -55,7 +62,7 @@ def save_target(indexed: IndexedTarget, path: str | Path) -> None:
         arrays |= {"points": geometry.points, "normals": geometry.normals, "viewpoint": geometry.viewpoint}
         arrays |= {"fitted": fitted if geometry.normals is None else None}
     stream = io.BytesIO()
-    text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    text = np.frombuffer(json.dumps(plain(header)).encode(), dtype=np.uint8)
     np.savez(stream, header=text, **{name: array for name, array in arrays.items() if array is not None})
     write_atomically(Path(path), stream.getvalue())
 
@@ -77,22 +84,22 @@ def load_target(path: str | Path) -> IndexedTarget:
             f"{path} is a prepared target of version {version}, this program reads {VERSION}: prepare and save it again"
         )
     try:
-        return _indexed(header, arrays)
+        return _indexed(record_from(Header, header), arrays)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"{path} is a damaged prepared target: {type(error).__name__} {error}") from error
 
 
-def _indexed(header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> IndexedTarget:
-    units, dropped = header["units"], header["dropped"]
-    if header["kind"] == "mesh":
+def _indexed(header: Header, arrays: dict[str, NDArray[Any]]) -> IndexedTarget:
+    units, dropped = header.units, header.dropped
+    if header.kind == "mesh":
         mesh = Mesh(arrays["vertices"], arrays["faces"], units, dropped, arrays["flat"])
-        return IndexedTarget(mesh, arrays["origin"], header["name"])
+        return IndexedTarget(mesh, arrays["origin"], header.name)
     cloud = PointCloud(arrays["points"], None, arrays.get("viewpoint"), units, dropped)
     if "normals" in arrays:
         # They are of unit length already; to normalise them again would change their last digits.
         object.__setattr__(cloud, "normals", _same_rows(arrays["normals"], cloud.points))
     fitted = arrays.get("fitted")
-    return IndexedTarget(cloud, arrays["origin"], header["name"], fitted)
+    return IndexedTarget(cloud, arrays["origin"], header.name, fitted)
 
 
 def _same_rows(normals: NDArray[Any], points: FloatArray) -> FloatArray:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg.files.atomic import require_writable, write_atomically
+from dqreg.files.strict_json import plain
 from dqreg.inspection import Deviations
 from dqreg.registration.result import Registration
 from dqreg.report import page_tables as tables
@@ -177,16 +178,8 @@ def _file_name(value: Any) -> str:
 
 def _json(scene: dict[str, Any]) -> str:
     # Inside a script element nothing is unescaped but "</script": no "<" is let through.
-    text = json.dumps(_finite(scene), allow_nan=False, separators=(",", ":"))
+    text = json.dumps(plain(scene), allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def _asset(name: str) -> Any:

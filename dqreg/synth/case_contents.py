@@ -8,12 +8,12 @@ import re
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.files.strict_json import plain
 from dqreg.rigid import pose
 from dqreg.synth.bound import cramer_rao_bound
 from dqreg.synth.case_files import (
     json_text,
     motion_record,
-    plain,
     ply_bytes,
     settings_record,
     stl_bytes,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg.files.strict_json import plain
 from dqreg.rigid import pose
 from dqreg.synth.motion import Motion
 from dqreg.synth.parts import Symmetry
@@ -129,11 +130,6 @@ def json_text(record: Mapping[str, Any]) -> str:
     text = json.dumps(record, indent=2, allow_nan=False)
     rows = re.compile(r"\[\s+([^][{}\"]*?)\s+\]")  # lists of numbers; the only text with brackets is quoted
     return rows.sub(lambda row: "[" + re.sub(r"\s+", " ", row[1]) + "]", text) + "\n"
-
-
-def plain(array: FloatArray) -> Any:
-    """Nested lists of Python numbers."""
-    return array.tolist()
 
 
 def _in_degrees(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,12 +11,13 @@ from rich.console import Console
 
 from dqreg.compare.output import to_html, to_json
 from dqreg.compare.plots import Plot, plots
-from dqreg.compare.records import Run, from_plain, to_plain
+from dqreg.compare.records import Run
 from dqreg.compare.run import Comparison
 from dqreg.compare.showing import footer, markdown, print_tables, to_csv
 from dqreg.compare.summary import growth, reach, summarise
 from dqreg.compare.tables import tables
 from dqreg.errors import InputError
+from dqreg.files.strict_json import plain, record_from
 
 NAN = float("nan")
 EVIL = "<script>alert('|')</script>"
@@ -45,12 +46,12 @@ def sweep_of(axis: str, values: dict, **more) -> list[Run]:
 
 def test_records_survive_json():
     made = run(worst=math.inf)
-    again = from_plain(json.loads(json.dumps(to_plain(made), allow_nan=False)))
-    assert to_plain(again) == to_plain(made)
+    again = record_from(Run, json.loads(json.dumps(plain(made), allow_nan=False)))
+    assert plain(again) == plain(made)
     assert again.curve[0] == (1, 0.1, 5.0)
     assert math.isnan(again.curve[1][1])
-    with pytest.raises(InputError, match="record"):
-        from_plain({"key": "k"})
+    with pytest.raises(InputError, match="no Run"):
+        record_from(Run, {"key": "k"})
 
 
 def test_a_line_counts_failures_and_takes_medians_of_what_was_found():

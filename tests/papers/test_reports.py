@@ -14,8 +14,8 @@ from dqreg.papers import PAPERS, Report, Section, Table, prepare_folder, print_s
 from dqreg.papers.cells import cell_text
 from dqreg.papers.document import Column, Curve, Estimate, Figure, Panel
 from dqreg.papers.drawing import draw_png
+from dqreg.papers.output import to_json
 from dqreg.papers.page import to_html
-from dqreg.papers.record import to_json
 
 NASTY = "<script>alert('x & y')</script>"
 
