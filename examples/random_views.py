@@ -92,5 +92,5 @@ def _likelihood(points: np.ndarray, mesh: dqreg.Mesh, target: dqreg.Target) -> f
     near = distances < limit
     if not near.any():
         return -np.inf
-    mixture = InlierMixture(0.2 * limit, 0.5, limit).learned(distances[near], floor=1e-6 * mesh.diagonal, rounds=100)
-    return -mixture.surprise(distances[near], int(np.count_nonzero(~near)))
+    mixture = InlierMixture.starting(0.2 * limit, limit).fit(distances[near], floor=1e-6 * mesh.diagonal, rounds=100)
+    return -mixture.mean_nll(distances[near], int(np.count_nonzero(~near)))

@@ -89,7 +89,7 @@ def _first_look(level: Level, start: FloatArray) -> tuple[InlierMixture | None, 
     """Width and share to go on with at once, where the start is known to be near or is seen to be; what was seen."""
     plan = level.plan
     if plan.first_width is not None:
-        return InlierMixture(max(plan.first_width, level.floor), 0.5, plan.max_distance), None
+        return InlierMixture.starting(max(plan.first_width, level.floor), plan.max_distance), None
     if plan.fine is None:
         return None, None
     pairs = correspond(level.scan, level.surface, start)
@@ -97,13 +97,13 @@ def _first_look(level: Level, start: FloatArray) -> tuple[InlierMixture | None, 
     within = distances[distances <= plan.max_distance]
     if len(within) < EXPLAINED * len(distances):
         return None, None
-    learned = _widest(level).learned(within, floor=level.floor, rounds=PATIENT.rounds)
+    learned = _widest(level).fit(within, floor=level.floor, rounds=PATIENT.rounds)
     explained = learned.share * len(within) >= EXPLAINED * len(distances)
     return learned if explained and _is_near(level, learned) else None, pairs
 
 
 def _widest(level: Level) -> InlierMixture:
-    return InlierMixture(max(0.5 * level.plan.max_distance, level.floor), 0.5, level.plan.max_distance)
+    return InlierMixture.widest(level.plan.max_distance, level.floor)
 
 
 def _is_near(level: Level, mixture: InlierMixture) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.icp.correspondences import Pairs
-from dqreg.trust.covariance import plane_rows
+from dqreg.solvers.quadratic import plane_rows
 
 # Every place keeps this share of an even choice: what is not looked at cannot object.
 EVEN = 0.25

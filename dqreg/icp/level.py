@@ -127,8 +127,8 @@ class Level:
     def surprise(self, mixture: InlierMixture, run: Run) -> float:
         """Mean negative log-likelihood of the distances at the end of a run: the lower, the better it explains them."""
         near = run.weights > 0.0
-        learned = mixture.learned(run.pairs.distances[near], floor=self.floor, rounds=100)
-        return learned.surprise(run.pairs.distances[near], rejected=int(np.count_nonzero(~near)))
+        learned = mixture.fit(run.pairs.distances[near], floor=self.floor, rounds=100)
+        return learned.mean_nll(run.pairs.distances[near], rejected=int(np.count_nonzero(~near)))
 
     def _run(
         self,
@@ -178,7 +178,7 @@ class Level:
         pairs = carried(run.pairs, run.T_target_source) if self.near else run.pairs
         distances = pairs.distances[run.weights > 0.0]
         some = distances[sample_rows(len(distances), LEARNED_FROM)]
-        return mixture.learned(some, floor=self.floor, rounds=schedule.rounds)
+        return mixture.fit(some, floor=self.floor, rounds=schedule.rounds)
 
     def _contraction(self, run: Run) -> float:
         # Two steps from a start that is near show how fast they shrink.

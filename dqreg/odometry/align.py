@@ -53,7 +53,7 @@ def align(scan: Scan, surface: MapSurface, poses: FloatArray, settings: Resolved
     coarse = Level(scan.thinned(COARSE), surface, plan, floor, last=False)
     best: tuple[float, Run, InlierMixture] | None = None
     starts = screen(surface, scan.points, poses, 0.5 * settings.reach, keep) if len(poses) > 1 else poses
-    wide = InlierMixture(WIDE * plan.max_distance, 0.5, plan.max_distance)
+    wide = InlierMixture.starting(WIDE * plan.max_distance, plan.max_distance)
     for start in starts:
         run, mixture = coarse.descend(wide, start, QUICK, None, 1)
         surprise = np.inf if run.ended_early else coarse.surprise(mixture, run)

@@ -24,7 +24,8 @@ from dqreg.icp import COARSE, InlierMixture, Pairs, correspond, width_floor
 from dqreg.registration.assess import to_work
 from dqreg.registration.initial_pose import Searching
 from dqreg.rigid import pose
-from dqreg.solvers.scale import ScaleStep, SurfaceMatches, robust_weights, scale_step
+from dqreg.solvers.robust import GemanMcClure
+from dqreg.solvers.scale import ScaleStep, SurfaceMatches, scale_step
 
 # Steps of the joint refinement at most; the largest change of scale in one of them; the change that is none.
 STEPS, LARGEST, STILL = 40, 1.03, 1e-6
@@ -92,7 +93,7 @@ def refine_scale(searching: Searching, scale: float, T_work: FloatArray, *, hold
 
 
 def _robust(pairs: Pairs, floor: float) -> FloatArray:
-    return robust_weights(pairs.distances, floor)
+    return GemanMcClure.of_median(pairs.distances, floor).weight(pairs.distances)
 
 
 def _judged(searching: Searching, few: Scan, found: ScaleCandidate, floor: float) -> ScaleCandidate:
@@ -101,8 +102,8 @@ def _judged(searching: Searching, few: Scan, found: ScaleCandidate, floor: float
     near = distances[distances <= limit]
     if not len(near):
         return found
-    mixture = InlierMixture(max(0.5 * limit, floor), 0.5, limit).learned(near, floor=floor, rounds=100)
-    surprise = mixture.surprise(near, rejected=len(distances) - len(near))
+    mixture = InlierMixture.widest(limit, floor).fit(near, floor=floor, rounds=100)
+    surprise = mixture.mean_nll(near, rejected=len(distances) - len(near))
     return dataclasses.replace(
         found, surprise=surprise, width=mixture.scale, share=mixture.share * len(near) / len(distances)
     )

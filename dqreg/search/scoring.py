@@ -12,6 +12,10 @@ from dqreg.icp import InlierMixture
 
 # Poses whose widths are learned.
 LEARNED = 6
+# Kernel scale that their fit starts at, in units of the limit: the poses are refined ones.
+NARROW = 0.2
+# EM rounds that fit the fraction of inliers of each pose.
+ROUNDS = 20
 # Normals farther apart than this are of different faces.
 GATE_RAD = np.deg2rad(50.0)
 # A point speaks clearly for one of two poses with this log-likelihood between them; so many points are enough if what
@@ -91,30 +95,24 @@ def weigh_up(
             cosines = np.abs(np.einsum("ij,ij->i", directions @ R[k].T, each.normals))
             distances[k, ~(unknown | (cosines > np.cos(GATE_RAD)))] = np.inf
         cut = np.minimum(distances, limit)
-        return Judgement(np.stack([_likelihoods(row, limit, floor) for row in distances]), cut, floor)
+        return Judgement(_likelihoods(distances, InlierMixture.starting(floor, limit)), cut, floor)
     cut = np.minimum(distances, limit)
     # The width is that of the pose under which the points are likeliest: one of those that leave the least over.
     few = np.argsort(np.sqrt(cut).mean(axis=1), kind="stable")[:LEARNED]
     learned = [_learned(row, limit, floor) for row in distances[few]]
     best = max(learned, key=lambda pair: pair[0])[1]
     # One width for all: else a wrong pose could call its misfit noise.
-    rows = [_likelihoods(row, limit, best.scale) for row in distances]
-    return Judgement(np.stack(rows), cut, best.scale)
+    return Judgement(_likelihoods(distances, InlierMixture.starting(best.scale, limit)), cut, best.scale)
+
+
+def _likelihoods(distances: FloatArray, mixture: InlierMixture) -> FloatArray:
+    return np.stack([mixture.log_likelihoods(row, rounds=ROUNDS) for row in distances])
 
 
 def _learned(distances: FloatArray, limit: float, floor: float) -> tuple[float, InlierMixture]:
     near = distances < limit
-    start = InlierMixture(0.2 * limit, 0.5, limit)
+    start = InlierMixture.starting(NARROW * limit, limit)
     if not near.any():
         return -np.inf, start
-    mixture = start.learned(distances[near], floor=floor, rounds=60)
-    return -mixture.surprise(distances[near], int(np.count_nonzero(~near))), mixture
-
-
-def _likelihoods(distances: FloatArray, limit: float, width: float) -> FloatArray:
-    inlier = np.sqrt(2.0 / np.pi) / width * np.exp(-0.5 * (distances / width) ** 2) * (distances < limit)
-    share = 0.5
-    for _ in range(20):
-        share = float(np.clip((share * inlier / (share * inlier + (1.0 - share) / limit)).mean(), 1e-3, 1.0 - 1e-3))
-    likelihoods: FloatArray = np.log(share * inlier + (1.0 - share) / limit)
-    return likelihoods
+    mixture = start.fit(distances[near], floor=floor, rounds=60)
+    return -mixture.mean_nll(distances[near], int(np.count_nonzero(~near))), mixture

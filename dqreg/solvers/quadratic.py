@@ -136,6 +136,18 @@ def plane_form(
     return total
 
 
+def plane_rows(points: FloatArray, normals: FloatArray, centre: FloatArray, lever: float) -> FloatArray:
+    """Point-to-plane Jacobian by the six scaled motions (rotation about the centre times the lever, translation).
+
+    Shapes: points, normals (n, 3), returns (6, n), one motion a row.
+    """
+    # By columns: three numbers a row are too few for NumPy to be quick about.
+    x, y, z = np.ascontiguousarray(points.T) - centre[:, None]
+    u, v, w = along = np.ascontiguousarray(normals.T)
+    arms = np.stack([y * w - z * v, z * u - x * w, x * v - y * u]) / lever
+    return np.vstack([arms, along])
+
+
 def line_form(
     p: FloatArray, q: FloatArray, directions: FloatArray, weights: FloatArray, origins: tuple[FloatArray, FloatArray]
 ) -> FloatArray:

@@ -1,9 +1,9 @@
-"""Robust kernels: how much a pair at a given distance counts, and what it costs.
+"""Robust kernels: the weight and the cost of a correspondence by its distance.
 
 A kernel is a frozen value with two methods: ``cost(d)``, scaled so that a small distance costs ``weight(0) d^2``, and
 ``weight(d) = cost'(d) / (2 d)``, the factor of the iteratively re-weighted closed form. Because the one is the
 derivative of the other, a weighted step can only lower the cost. ``weight(0)`` is one, but for the mixture: there it
-is the probability that an exact pair is an inlier.
+is the probability that an exact correspondence is an inlier.
 """
 
 from __future__ import annotations
@@ -16,10 +16,15 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 
-# Keeps the mixture's two populations alive, so that a pair's weight can always come back.
+# Keeps both populations of the mixture alive, so that the weight of a correspondence can always come back.
 LEAST_SHARE = 1e-3
-# A round of EM that changes scale and share by less is the last: rounding, far below what either is good to.
+# An EM round that changes scale and share by less is the last: rounding, far below what either is good to.
 STILL = 1e-10
+# Where a fit starts: half of the points inliers, and a scale at which no distance within the limit is given up yet (at
+# the limit the Gaussian is exp(-2) of its peak), so that EM only has to narrow it.
+EVEN, WIDEST = 0.5, 0.5
+# Standard deviation of a Gaussian over the median of its distances from zero.
+GAUSSIAN_MEDIAN = 1.4826
 
 
 class Kernel(Protocol):
@@ -27,26 +32,26 @@ class Kernel(Protocol):
 
     @property
     def scale(self) -> float:
-        """Distance about which the kernel starts to doubt a pair; infinity for none."""
+        """Distance about which weights start to fall; infinity for none."""
         ...
 
     def weight(self, distances: FloatArray) -> FloatArray:
-        """Weight of each pair, between 0 and 1."""
+        """Weight of each distance, between 0 and 1."""
         ...
 
     def cost(self, distances: FloatArray) -> FloatArray:
-        """Cost of each pair, a length squared."""
+        """Cost of each distance, a length squared."""
         ...
 
 
 @dataclasses.dataclass(frozen=True)
 class LeastSquares:
-    """No doubt: every pair counts, the cost is the squared distance."""
+    """Every correspondence counts alike, the cost is the squared distance."""
 
     scale: float = np.inf
 
     def weight(self, distances: FloatArray) -> FloatArray:
-        """One for every pair."""
+        """One for every distance."""
         return np.ones_like(distances)
 
     def cost(self, distances: FloatArray) -> FloatArray:
@@ -106,17 +111,49 @@ class Tukey:
 
 
 @dataclasses.dataclass(frozen=True)
-class InlierMixture:
-    """Inliers with Gaussian distances among outliers spread evenly up to a limit.
+class GemanMcClure:
+    """Fades like 1/d^4, so that what the fit explains badly is doubted but never quite rejected (1985)."""
 
-    The cost is ``-2 sigma^2 log(density)`` up to a constant, so its weights are the probabilities that a pair is an
-    inlier, and re-weighting is the EM algorithm. Scale and share are learned from the distances themselves: a scan in
-    which three quarters of the points belong to the table needs no threshold set by hand.
+    scale: float
+
+    @classmethod
+    def of_median(cls, distances: FloatArray, floor: float) -> GemanMcClure:
+        """The kernel under which about half of the distances count fully: twice their robust standard deviation."""
+        return cls(2.0 * max(GAUSSIAN_MEDIAN * float(np.median(distances)), floor))
+
+    def weight(self, distances: FloatArray) -> FloatArray:
+        """``(1 + (d/scale)^2)^-2``."""
+        weights: FloatArray = (1.0 + (distances / self.scale) ** 2) ** -2
+        return weights
+
+    def cost(self, distances: FloatArray) -> FloatArray:
+        """``d^2 / (1 + (d/scale)^2)``, at most the scale squared."""
+        cost: FloatArray = distances**2 / (1.0 + (distances / self.scale) ** 2)
+        return cost
+
+
+@dataclasses.dataclass(frozen=True)
+class InlierMixture:
+    """Inliers with Gaussian distances among outliers that are uniform up to a limit.
+
+    The cost is ``-2 sigma^2 log(density)`` up to a constant, so its weights are the probabilities that a
+    correspondence is an inlier, and re-weighting is the EM algorithm. Scale and share are fitted to the distances
+    themselves: a scan in which three quarters of the points belong to the table needs no threshold set by hand.
     """
 
     scale: float  # Standard deviation sigma of the inliers' distances
-    share: float  # Share of inliers among the pairs within the limit
-    limit: float  # Largest distance at which a pair is looked at
+    share: float  # Fraction of inliers among the correspondences within the limit
+    limit: float  # Largest distance of a correspondence
+
+    @classmethod
+    def starting(cls, scale: float, limit: float) -> InlierMixture:
+        """Start of a fit at a given scale, with nothing known about the fraction of inliers."""
+        return cls(scale, EVEN, limit)
+
+    @classmethod
+    def widest(cls, limit: float, floor: float) -> InlierMixture:
+        """Start of a fit of which nothing is known, at a scale of at least the floor."""
+        return cls.starting(max(WIDEST * limit, floor), limit)
 
     @property
     def _odds(self) -> float:
@@ -124,7 +161,7 @@ class InlierMixture:
         return (1.0 - self.share) / self.limit * self.scale * math.sqrt(math.pi / 2.0) / self.share
 
     def weight(self, distances: FloatArray) -> FloatArray:
-        """Probability that the pair is an inlier."""
+        """Probability of an inlier."""
         inlier = np.exp(-0.5 * (distances / self.scale) ** 2)
         weights: FloatArray = inlier / (inlier + self._odds)
         return weights
@@ -135,16 +172,16 @@ class InlierMixture:
         cost: FloatArray = -2.0 * self.scale**2 * np.log((inlier + self._odds) / (1.0 + self._odds))
         return cost
 
-    def surprise(self, distances: FloatArray, rejected: int) -> float:
-        """Mean negative log-likelihood of pairs, the lower the better they are explained."""
+    def mean_nll(self, distances: FloatArray, rejected: int) -> float:
+        """Mean negative log-likelihood of distances within the limit and of so many beyond it; lower is better."""
         total = len(distances) + rejected
         share = self.share * len(distances) / total
         outlier = (1.0 - share) / self.limit
         inlier = np.sqrt(2.0 / np.pi) / self.scale * share * np.exp(-0.5 * (distances / self.scale) ** 2)
         return float(-(np.log(inlier + outlier).sum() + rejected * np.log(outlier)) / total)
 
-    def learned(self, distances: FloatArray, *, floor: float = 0.0, rounds: int = 1) -> InlierMixture:
-        """The mixture after EM rounds on the given distances."""
+    def fit(self, distances: FloatArray, *, floor: float = 0.0, rounds: int = 1) -> InlierMixture:
+        """Scale and share after EM rounds on distances within the limit."""
         mixture = self
         for _ in range(rounds):
             weights = mixture.weight(distances)
@@ -158,3 +195,14 @@ class InlierMixture:
             if settled:
                 break
         return mixture
+
+    def log_likelihoods(self, distances: FloatArray, *, rounds: int) -> FloatArray:
+        """Of each distance, beyond the limit too, at this scale and the share that EM rounds fit to them."""
+        inlier = np.sqrt(2.0 / np.pi) / self.scale * np.exp(-0.5 * (distances / self.scale) ** 2)
+        inlier = inlier * (distances < self.limit)
+        share = self.share
+        for _ in range(rounds):
+            weights = share * inlier / (share * inlier + (1.0 - share) / self.limit)
+            share = float(np.clip(weights.mean(), LEAST_SHARE, 1.0 - LEAST_SHARE))
+        likelihoods: FloatArray = np.log(share * inlier + (1.0 - share) / self.limit)
+        return likelihoods

@@ -1,14 +1,8 @@
-"""Scale from closest points on a surface, as an explicit request: one step of scale and pose together.
+"""One point-to-plane step of scale and pose together, for closest points on a surface; only where it is asked for.
 
-Points may slide along the faces of the target, so the closed form for given matches (`similarity`) only creeps here;
-seven unknowns on the tangent planes, a twist and the logarithm of the scale, are solved at once instead.
-
-Scale and pose of given matches in closed form, on request: `dqreg` never scales on its own.
-
-B. K. P. Horn, "Closed-form solution of absolute orientation using unit quaternions" (1987), section 2.E, the
-*symmetric* form: ``s^2 = sum beta |q'|^2 / sum beta |p'|^2`` about the weighted means. It needs no rotation, and
-exchanging source and target gives its inverse. The least-squares form ``sum beta q'.R p' / sum beta |p'|^2`` is biased
-low by noise and, with closest points for matches, shrinks the source to nothing in the end.
+Points may slide along the faces of the target, so the closed form for given matches (Horn 1987, section 2.E) converges
+slowly here, and its least-squares form shrinks the source to nothing in the end. Seven unknowns on the tangent planes,
+a twist and the logarithm of the scale, are solved at once instead.
 """
 
 from __future__ import annotations
@@ -17,47 +11,10 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose, twist
-from dqreg.solvers.least_squares import solve
-from dqreg.solvers.matches import read_matches
-
-
-@dataclasses.dataclass(frozen=True)
-class Similarity:
-    """``q = R (scale p) + t``."""
-
-    scale: float  # What source lengths are multiplied with, > 0
-    T_target_source: FloatArray  # (4, 4): Rigid pose of the *scaled* source
-    rms: float  # Weighted root mean square distance of the matches, target units
-
-
-def similarity(
-    points_source: ArrayLike, points_target: ArrayLike, point_weights: ArrayLike | None = None
-) -> Similarity:
-    """Scale and pose of given matches in closed form, the scale by Horn's symmetric formula."""
-    matches = read_matches(points_source, points_target, point_weights=point_weights)
-    p, q = matches.points_source, matches.points_target
-    weights = np.ones(len(p)) if matches.point_weights is None else matches.point_weights
-    spreads = spread_of(p, weights), spread_of(q, weights)
-    if not min(spreads) > 0.0:
-        raise DegenerateGeometryError("all matched points of one side are in one place; the scale is not determined")
-    scale = spreads[1] / spreads[0]
-    fit = solve(scale * p, q, point_weights=weights)
-    return Similarity(scale, fit.T_target_source, fit.rms)
-
-
-def spread_of(points: FloatArray, weights: FloatArray) -> float:
-    """Weighted root mean square distance of points from their mean; 0 where no point carries weight."""
-    total = weights.sum()
-    if not total > 0.0:
-        return 0.0
-    away = points - weights @ points / total
-    return float(np.sqrt(weights @ np.einsum("ij,ij->i", away, away) / total))
-
 
 # Share of the scale's own information that must be left once the pose is free: of a flat or round part nothing is.
 HELD = 1e-8
@@ -74,7 +31,7 @@ class SurfaceMatches:
     # leaves its match out
     closest: FloatArray
     normals: FloatArray
-    weights: FloatArray  # (n,): beta >= 0: see `robust_weights`
+    weights: FloatArray  # (n,): beta >= 0, best of a kernel that the whole scan passes: see `GemanMcClure.of_median`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,7 +81,7 @@ def scale_step(matches: SurfaceMatches, *, hold: bool = False) -> ScaleStep:
     p, n, weights = matches.points[used], matches.normals[used], matches.weights[used]
     middle = weights @ p / weights.sum()
     # Lengths in sizes of the source, so that all seven columns are alike.
-    size = spread_of(p, weights)
+    size = _spread_of(p, weights)
     away = (p - middle) / size
     rows = np.column_stack([np.cross(away, n), n, np.einsum("ij,ij->i", n, away)])
     gaps = -np.einsum("ij,ij->i", n, p - matches.closest[used]) / size
@@ -154,6 +111,15 @@ def scale_step(matches: SurfaceMatches, *, hold: bool = False) -> ScaleStep:
     )
 
 
+def _spread_of(points: FloatArray, weights: FloatArray) -> float:
+    """Weighted root mean square distance of points from their mean; 0 where no point carries weight."""
+    total = weights.sum()
+    if not total > 0.0:
+        return 0.0
+    away = points - weights @ points / total
+    return float(np.sqrt(weights @ np.einsum("ij,ij->i", away, away) / total))
+
+
 def _sigma(alone: FloatArray, residuals: FloatArray, weights: FloatArray, held: float) -> float:
     # As in the covariance of the pose: White's sandwich over patches, for the one column that is left of the scale.
     total = max(float(weights.sum()) - 7.0, 1.0)
@@ -164,16 +130,3 @@ def _sigma(alone: FloatArray, residuals: FloatArray, weights: FloatArray, held: 
     starts = np.linspace(0, len(weights), count, endpoint=False).astype(np.int64)
     scores = np.add.reduceat(alone * weights * residuals, starts)
     return max(independent, math.sqrt(float(scores @ scores) * count / (count - 8.0)) / held)
-
-
-def robust_weights(distances: FloatArray, noise: float) -> FloatArray:
-    """Weights of points by their distance from the target: half of them count, strays fade.
-
-    The weights of a loop at a wrong scale belong to the few faces that it made fit; the scale needs the others too.
-
-    >>> robust_weights(np.array([0.0, 1.0, 1.0, 300.0]), 0.1).round(3).tolist()
-    [1.0, 0.806, 0.806, 0.0]
-    """
-    width = max(1.4826 * float(np.median(distances)), noise)
-    weights: FloatArray = (1.0 + (distances / (2.0 * width)) ** 2) ** -2
-    return weights

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
+from dqreg.solvers.quadratic import plane_rows
 from dqreg.trust.sandwich import scatter_of
 
 # Information below this share of what all pairs could give with the longest lever is rounding or facets, not shape.
@@ -156,18 +157,6 @@ def information_of(
     scatter = scatter_of(inner.T @ rows, points, normals, residuals, weights, known, variance, counts)
     outer = basis @ inner
     return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
-
-
-def plane_rows(points: FloatArray, normals: FloatArray, centre: FloatArray, lever: float) -> FloatArray:
-    """Derivatives of the distances along the normals by the six scaled motions, one motion a row.
-
-    Shapes: returns (6, n).
-    """
-    # By columns: three numbers a row are too few for NumPy to be quick about.
-    x, y, z = np.ascontiguousarray(points.T) - centre[:, None]
-    u, v, w = along = np.ascontiguousarray(normals.T)
-    arms = np.stack([y * w - z * v, z * u - x * w, x * v - y * u]) / lever
-    return np.vstack([arms, along])
 
 
 def covariance_of(information: Information) -> FloatArray:

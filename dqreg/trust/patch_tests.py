@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
-from dqreg.trust.covariance import plane_rows
+from dqreg.solvers.quadratic import plane_rows
 
 # Neighbouring points of a patch, and the widths that its median distance may be off: for 32 points of independent
 # noise the median is good to a quarter of a width.

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from dqreg.geometry import MeshSurface, PointCloud, prepare_scan
 from dqreg.icp import correspond
 from dqreg.icp.informative_sampling import favoured_rows, value_of
-from dqreg.trust.covariance import plane_rows
+from dqreg.solvers.quadratic import plane_rows
 from tests.icp.scenes import bracket_mesh, bracket_points
 
 PART = bracket_mesh()

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.solvers.robust import LEAST_SHARE, Huber, InlierMixture, Kernel, LeastSquares, Tukey, Welsch
+from dqreg.solvers.robust import LEAST_SHARE, GemanMcClure, Huber, InlierMixture, Kernel, LeastSquares, Tukey, Welsch
 
 SCALES = st.floats(1e-3, 1e3)
 SHARES = st.floats(0.01, 0.99)
@@ -17,6 +17,7 @@ KERNELS = [
     Huber(0.7),
     Welsch(0.7),
     Tukey(0.7),
+    GemanMcClure(0.7),
     InlierMixture(0.7, 0.5, 5.0),
     InlierMixture(0.01, 0.98, 5.0),
     InlierMixture(3.0, 0.05, 5.0),
@@ -91,6 +92,7 @@ def test_limits_far_away() -> None:
     assert Welsch(0.5).weight(far) == 0.0
     assert Welsch(0.5).cost(far) == 0.25
     assert Tukey(0.5).weight(np.array([0.5])) == 0.0
+    assert GemanMcClure(0.5).cost(far) == pytest.approx(0.25, rel=1e-9)
     assert Tukey(0.5).cost(far) == pytest.approx(0.25 / 3.0, rel=1e-15)
     mixture = InlierMixture(0.5, 0.9, 10.0)
     assert mixture.weight(far) == 0.0
@@ -98,9 +100,15 @@ def test_limits_far_away() -> None:
     np.testing.assert_allclose(mixture.cost(far), 0.5 * np.log(ratio), rtol=1e-14)  # 2 sigma^2 = 0.5
 
 
+def test_a_kernel_by_the_median_has_twice_the_standard_deviation_of_gaussian_distances() -> None:
+    distances = np.abs(np.random.default_rng(0).normal(scale=3.0, size=100_000))
+    assert GemanMcClure.of_median(distances, floor=0.1).scale == pytest.approx(6.0, rel=0.02)
+    assert GemanMcClure.of_median(np.zeros(9), floor=0.1).scale == 0.2
+
+
 def test_kernels_wider_than_all_distances_are_least_squares() -> None:
     d = np.linspace(0.0, 1.0, 11)
-    for kernel in (Huber(1e8), Welsch(1e8), Tukey(1e8)):
+    for kernel in (Huber(1e8), Welsch(1e8), Tukey(1e8), GemanMcClure(1e8)):
         np.testing.assert_allclose(kernel.weight(d), 1.0, rtol=1e-15)
         np.testing.assert_allclose(kernel.cost(d), d**2, rtol=1e-14)
 
@@ -114,7 +122,7 @@ def test_a_mixture_weighs_by_bayes_and_costs_by_its_density(scale: float, share:
     np.testing.assert_allclose(mixture.weight(d), 1.0 - outlier / density(mixture, d), rtol=1e-9, atol=1e-13)
     expected = -2.0 * scale**2 * np.log(density(mixture, d) / density(mixture, np.zeros(1)))
     np.testing.assert_allclose(mixture.cost(d), expected, rtol=1e-11, atol=1e-13 * scale**2)
-    assert mixture.surprise(d, rejected=0) == pytest.approx(-np.log(density(mixture, d)).mean(), rel=1e-12, abs=1e-12)
+    assert mixture.mean_nll(d, rejected=0) == pytest.approx(-np.log(density(mixture, d)).mean(), rel=1e-12, abs=1e-12)
 
 
 def test_rejected_pairs_count_as_outliers_of_the_same_scan() -> None:
@@ -124,7 +132,7 @@ def test_rejected_pairs_count_as_outliers_of_the_same_scan() -> None:
     among_all = dataclasses.replace(mixture, share=0.8 * 4 / 6)
     outlier = (1.0 - among_all.share) / mixture.limit
     expected = -(np.log(density(among_all, d)).sum() + 2 * np.log(outlier)) / 6
-    assert mixture.surprise(d, rejected=2) == pytest.approx(expected, rel=1e-14)
+    assert mixture.mean_nll(d, rejected=2) == pytest.approx(expected, rel=1e-14)
 
 
 @settings(deadline=None, max_examples=40)
@@ -136,17 +144,17 @@ def test_every_round_of_learning_raises_the_likelihood(
 ) -> None:
     d = np.minimum(drawn(np.random.default_rng(seed), 300, scale, share, 1.0), 1.0)
     mixture = InlierMixture(guess, first_share, 1.0)
-    surprises = [mixture.surprise(d, rejected=0)]
+    surprises = [mixture.mean_nll(d, rejected=0)]
     for _ in range(30):
-        mixture = mixture.learned(d, floor=floor)
-        surprises.append(mixture.surprise(d, rejected=0))
+        mixture = mixture.fit(d, floor=floor)
+        surprises.append(mixture.mean_nll(d, rejected=0))
     assert np.diff(surprises).max() <= 1e-12
 
 
 @pytest.mark.parametrize(("scale", "share"), [(0.01, 0.25), (0.05, 0.5), (0.02, 0.95)])
 def test_scale_and_share_of_drawn_data_come_back_within_their_standard_errors(scale: float, share: float) -> None:
     d = drawn(np.random.default_rng(3), 5_000, scale, share, 1.0)
-    learned = InlierMixture(0.5, 0.5, 1.0).learned(d, rounds=300)
+    learned = InlierMixture(0.5, 0.5, 1.0).fit(d, rounds=300)
     truth = InlierMixture(scale, share, 1.0)
     # Fisher information from the scores of the draws at the truth; its inverse bounds the variance of both.
     scores = []
@@ -161,29 +169,50 @@ def test_scale_and_share_of_drawn_data_come_back_within_their_standard_errors(sc
 
 def test_learning_stays_above_the_floor_and_keeps_both_populations_alive() -> None:
     exact = np.zeros(50)
-    learned = InlierMixture(0.5, 0.5, 1.0).learned(exact, floor=1e-4, rounds=20)
+    learned = InlierMixture(0.5, 0.5, 1.0).fit(exact, floor=1e-4, rounds=20)
     assert learned.scale == 1e-4
     assert learned.share == 1.0 - LEAST_SHARE
     # One exact pair among outliers would take it all with a width of nothing; the floor holds it.
-    lone = InlierMixture(0.01, 0.01, 1.0).learned(np.r_[0.0, np.linspace(0.5, 1.0, 9_999)], floor=1e-4, rounds=200)
+    lone = InlierMixture(0.01, 0.01, 1.0).fit(np.r_[0.0, np.linspace(0.5, 1.0, 9_999)], floor=1e-4, rounds=200)
     assert lone.scale >= 1e-4
     assert lone.share >= LEAST_SHARE
 
 
 def test_pairs_that_are_all_beyond_hope_leave_the_mixture_as_it_was() -> None:
     mixture = InlierMixture(1e-3, 0.5, 1.0)
-    assert mixture.learned(np.ones(5), rounds=3) == mixture
+    assert mixture.fit(np.ones(5), rounds=3) == mixture
 
 
 @settings(deadline=None, max_examples=30)
 @given(st.integers(0, 2**32 - 1), SHARES)
 def test_millimetres_and_metres_learn_the_same(seed: int, share: float) -> None:
     d = drawn(np.random.default_rng(seed), 200, 0.02, share, 1.0)
-    metres = InlierMixture(0.3, 0.5, 1.0).learned(d, floor=1e-3, rounds=20)
-    millimetres = InlierMixture(300.0, 0.5, 1000.0).learned(1000.0 * d, floor=1.0, rounds=20)
+    metres = InlierMixture(0.3, 0.5, 1.0).fit(d, floor=1e-3, rounds=20)
+    millimetres = InlierMixture(300.0, 0.5, 1000.0).fit(1000.0 * d, floor=1.0, rounds=20)
     assert millimetres.share == pytest.approx(metres.share, rel=1e-9)
     assert millimetres.scale == pytest.approx(1000.0 * metres.scale, rel=1e-9)
     # A density per millimetre is a thousandth of that per metre.
     scaled = dataclasses.replace(metres, scale=1000.0 * metres.scale, limit=1000.0)
-    difference = scaled.surprise(1000.0 * d, rejected=7) - metres.surprise(d, rejected=7)
+    difference = scaled.mean_nll(1000.0 * d, rejected=7) - metres.mean_nll(d, rejected=7)
     assert difference == pytest.approx(np.log(1000.0), rel=1e-13)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.7])
+def test_log_likelihoods_at_a_fixed_scale_take_the_likeliest_share(share: float) -> None:
+    d = drawn(np.random.default_rng(4), 2_000, 0.02, share, 1.0)
+    d[:100] = np.inf  # Beyond the limit an outlier is all that is left.
+    found = InlierMixture.starting(0.02, 1.0).log_likelihoods(d, rounds=200)
+    within = np.minimum(d, 2.0)
+    others = [
+        np.log(np.where(d < 1.0, density(InlierMixture(0.02, s, 1.0), within), 1.0 - s)).sum()
+        for s in np.linspace(0.01, 0.99, 99)
+    ]
+    assert found.sum() >= max(others)
+    fitted = InlierMixture(0.02, 1.0 - np.exp(found[0]), 1.0)
+    expected = np.where(d < 1.0, density(fitted, within), 1.0 - fitted.share)
+    np.testing.assert_allclose(found, np.log(expected), rtol=1e-9)
+
+
+def test_the_widest_start_is_half_the_limit_and_never_below_the_floor() -> None:
+    assert InlierMixture.widest(4.0, 0.1) == InlierMixture(2.0, 0.5, 4.0)
+    assert InlierMixture.widest(4.0, 3.0) == InlierMixture(3.0, 0.5, 4.0)

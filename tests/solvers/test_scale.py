@@ -2,50 +2,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose, twist
-from dqreg.solvers import solve
-from dqreg.solvers.scale import SurfaceMatches, scale_step, similarity
-from tests.strategies import poses
+from dqreg.solvers.scale import SurfaceMatches, scale_step
 
 FloatArray = NDArray[np.float64]
-SCALES = st.floats(np.log(0.5), np.log(2000.0)).map(lambda x: float(np.exp(x)))
-P = np.random.default_rng(0).normal(size=(40, 3))
-BETA = np.random.default_rng(1).uniform(0.1, 2.0, size=40)
-
-
-@settings(deadline=None, max_examples=60)
-@given(SCALES, poses())
-def test_exact_matches_give_their_scale_and_pose(scale: float, T: FloatArray) -> None:
-    q = pose.apply(T, scale * P)
-    found = similarity(P, q, BETA)
-    size = np.abs(q).max() + scale
-    assert found.scale == pytest.approx(scale, rel=1e-12 * (1.0 + size / scale))
-    np.testing.assert_allclose(pose.apply(found.T_target_source, found.scale * P), q, atol=1e-11 * size)
-
-
-@settings(deadline=None, max_examples=40)
-@given(SCALES, st.integers(0, 2**32 - 1))
-def test_exchanging_the_sides_inverts_the_scale_even_with_noise(scale: float, seed: int) -> None:
-    # Horn's reason for the symmetric form; the least-squares form misses this by the share of noise.
-    q = scale * (P + np.random.default_rng(seed).normal(scale=0.3, size=P.shape))
-    there, back = similarity(P, q, BETA), similarity(q, P, BETA)
-    assert there.scale * back.scale == pytest.approx(1.0, rel=1e-13)
-
-
-def test_the_pose_is_that_of_solve_for_the_scaled_source() -> None:
-    q = 3.0 * P + np.random.default_rng(2).normal(scale=0.1, size=P.shape)
-    found = similarity(P, q, BETA)
-    np.testing.assert_array_equal(found.T_target_source, solve(found.scale * P, q, point_weights=BETA).T_target_source)
-
-
-def test_a_side_in_one_place_has_no_scale() -> None:
-    with pytest.raises(DegenerateGeometryError, match="one place"):
-        similarity(P, np.ones_like(P))
 
 
 def planes(rng: np.random.Generator, n: int = 300) -> tuple[FloatArray, FloatArray]:
