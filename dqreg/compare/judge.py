@@ -17,6 +17,7 @@ from dqreg._arrays import RIGID_TOLERANCE, FloatArray, as_float
 from dqreg.errors import InputError
 from dqreg.geometry import Surface
 from dqreg.rigid import pose
+from dqreg.synth.truth import closest_truth, displacements
 
 # A pose brings the scan home if no point of the part is farther off than this share of its size: a wrong basin is
 # farther, noise and sampling are nearer.
@@ -71,7 +72,7 @@ def judge(T_target_source: ArrayLike, yardstick: Yardstick) -> Score:
     surface_rms, overlap = _on_surface(T, yardstick)
     if not len(yardstick.truths):
         return Score(kind, None, *(nothing,) * 4, surface_rms, overlap)
-    truth = _nearest_truth(T, yardstick)
+    truth = _closest_truth(T, yardstick)
     moved = displacements(T, truth, yardstick.probes)
     worst = float(moved.max())
     return Score(
@@ -105,39 +106,14 @@ def kind_of(T: FloatArray) -> Kind:
     return "rigid" if np.linalg.det(R) > 0.0 else "mirrored"
 
 
-def displacements(T: FloatArray, truth: FloatArray, points_target: FloatArray) -> FloatArray:
-    """How far points of the part, at home in the target frame, are from where a pose puts them."""
-    points_source = pose.apply(pose.inverse(truth), points_target)
-    difference = T - truth
-    moved: FloatArray = np.linalg.norm(points_source @ difference[:3, :3].T + difference[:3, 3], axis=1)
-    return moved
-
-
 def _worst(T: FloatArray, yardstick: Yardstick) -> float:
     if not len(yardstick.truths) or kind_of(T) == "nothing":
         return float("nan")
-    return float(displacements(T, _nearest_truth(T, yardstick), yardstick.probes).max())
+    return float(displacements(T, _closest_truth(T, yardstick), yardstick.probes).max())
 
 
-def _nearest_truth(T: FloatArray, yardstick: Yardstick) -> FloatArray:
-    candidates = [_turned(truth, T, yardstick) for truth in yardstick.truths]
-    worst = [displacements(T, truth, yardstick.probes).max() for truth in candidates]
-    return candidates[int(np.argmin(worst))]
-
-
-def _turned(truth: FloatArray, T: FloatArray, yardstick: Yardstick) -> FloatArray:
-    """The truth turned about the axis of revolution so that it comes closest to a pose (2-D Procrustes)."""
-    if yardstick.axis is None:
-        return truth
-    point, direction = yardstick.axis
-    direction = direction / np.linalg.norm(direction)
-    at_home = yardstick.probes - point
-    found = pose.apply(pose.inverse(truth), yardstick.probes) @ T[:3, :3].T + T[:3, 3] - point
-    sine = (np.cross(at_home, found) @ direction).sum()
-    cosine = (at_home * found).sum() - ((at_home @ direction) * (found @ direction)).sum()
-    turn = pose.exp(np.concatenate([np.arctan2(sine, cosine) * direction, np.zeros(3)]))
-    best: FloatArray = pose.about(turn, point) @ truth
-    return best
+def _closest_truth(T: FloatArray, yardstick: Yardstick) -> FloatArray:
+    return closest_truth(T, yardstick.truths, yardstick.probes, yardstick.axis)
 
 
 def _on_surface(T: FloatArray, yardstick: Yardstick) -> tuple[float, float]:

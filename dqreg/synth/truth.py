@@ -104,7 +104,7 @@ def worst_vertex_displacement(T: ArrayLike, T_truth: ArrayLike, vertices: ArrayL
     >>> worst_vertex_displacement(T, np.eye(4), [[1.0, 2.0, 3.0]])
     5.0
     """
-    return float(np.sqrt(_squared_displacements(T, T_truth, vertices).max()))
+    return float(_checked_displacements(T, T_truth, vertices).max())
 
 
 def rms_vertex_displacement(T: ArrayLike, T_truth: ArrayLike, vertices: ArrayLike) -> float:
@@ -133,7 +133,7 @@ def rms_vertex_displacement(T: ArrayLike, T_truth: ArrayLike, vertices: ArrayLik
     >>> rms_vertex_displacement(T, np.eye(4), [[1.0, 2.0, 3.0]])
     5.0
     """
-    return float(np.sqrt(_squared_displacements(T, T_truth, vertices).mean()))
+    return float(np.sqrt((_checked_displacements(T, T_truth, vertices) ** 2).mean()))
 
 
 def nearest_truth(
@@ -171,40 +171,58 @@ def nearest_truth(
     >>> nearest_truth(half_turn, [np.eye(4), half_turn], [[1.0, 2.0, 3.0]])[1]
     0.0
     """
-    V, judged = as_vectors(vertices, "vertices"), as_pose(T, "T")
+    V, judged = _points(vertices), as_pose(T, "T")
     candidates = [as_pose(truth, "truths") for truth in np.asarray(truths, dtype=np.float64)]
     if not candidates:
         raise InputError("truths must hold at least one pose")
-    if axis is not None:
-        candidates = [_turned_nearest(judged, truth, V, *axis) for truth in candidates]
-    worst = [worst_vertex_displacement(judged, truth, V) for truth in candidates]
-    best = int(np.argmin(worst))
-    return candidates[best], worst[best]
+    line = None if axis is None else np.stack([_centre(axis[0]), as_float(axis[1], "axis")])
+    nearest = closest_truth(judged, np.stack(candidates), V, line)
+    return nearest, worst_vertex_displacement(judged, nearest, V)
 
 
-def _turned_nearest(T: FloatArray, truth: FloatArray, V: FloatArray, point: ArrayLike, way: ArrayLike) -> FloatArray:
-    """Turn a true pose about the part's axis until it is as near to T as it can be.
+def closest_truth(T: FloatArray, truths: FloatArray, points_target: FloatArray, axis: FloatArray | None) -> FloatArray:
+    """Nearest true pose to any 4x4 matrix by its worst displacement; unchecked.
 
-    A vertex b of a round part and its turned twin Q b are alike, so the sum of |D b - Q b|^2 is to be least, with
-    D from the true pose to T: the angle of Q is that between the parts of b and D b across the axis.
+    Shapes: truths (k, 4, 4), axis (2, 3) point and direction of an axis of revolution.
     """
-    origin, k = _centre(point), np.asarray(way, dtype=np.float64)
-    k = k / np.linalg.norm(k)
-    b, moved = V - origin, pose.apply(T @ pose.inverse(truth), V) - origin
-    across = b - (b @ k)[:, None] * k
-    angle_rad = np.arctan2((np.cross(across, moved) @ k).sum(), np.einsum("vi,vi->", across, moved))
-    return pose.about(pose.exp(np.concatenate([angle_rad * k, np.zeros(3)])), origin) @ truth
+    candidates = [truth if axis is None else _rotated(truth, T, points_target, axis) for truth in truths]
+    worst = [displacements(T, truth, points_target).max() for truth in candidates]
+    return candidates[int(np.argmin(worst))]
 
 
-def _squared_displacements(T: ArrayLike, T_truth: ArrayLike, vertices: ArrayLike) -> FloatArray:
+def displacements(T: FloatArray, T_truth: FloatArray, points_target: FloatArray) -> FloatArray:
+    """Distance of each point of the part from where a pose puts it; unchecked.
+
+    The difference of the poses first: of two that are nearly equal it is small, and keeps its digits.
+    """
+    points_source = pose.apply(pose.inverse(T_truth), points_target)
+    difference = T - T_truth
+    moved: FloatArray = np.linalg.norm(points_source @ difference[:3, :3].T + difference[:3, 3], axis=1)
+    return moved
+
+
+def _rotated(truth: FloatArray, T: FloatArray, points_target: FloatArray, axis: FloatArray) -> FloatArray:
+    """The true pose rotated about the axis of revolution to the least mean square displacement (2-D Procrustes)."""
+    point, direction = axis
+    direction = direction / np.linalg.norm(direction)
+    true = points_target - point
+    found = pose.apply(pose.inverse(truth), points_target) @ T[:3, :3].T + T[:3, 3] - point
+    sine = (np.cross(true, found) @ direction).sum()
+    cosine = (true * found).sum() - ((true @ direction) * (found @ direction)).sum()
+    rotation = pose.exp(np.concatenate([np.arctan2(sine, cosine) * direction, np.zeros(3)]))
+    best: FloatArray = pose.about(rotation, point) @ truth
+    return best
+
+
+def _checked_displacements(T: ArrayLike, T_truth: ArrayLike, vertices: ArrayLike) -> FloatArray:
+    return displacements(as_pose(T, "T"), as_pose(T_truth, "T_truth"), _points(vertices))
+
+
+def _points(vertices: ArrayLike) -> FloatArray:
     V = as_vectors(vertices, "vertices")
     if not len(V):
         raise InputError("vertices must hold at least one point")
-    # The difference first: what is left of two nearly equal poses is small, and keeps its digits.
-    difference = as_pose(T, "T") - as_pose(T_truth, "T_truth")
-    difference = difference @ pose.inverse(T_truth)
-    squares: FloatArray = ((V @ difference[:3, :3].T + difference[:3, 3]) ** 2).sum(axis=1)
-    return squares
+    return V
 
 
 def _centre(value: ArrayLike) -> FloatArray:
