@@ -56,12 +56,15 @@ def record_from(cls: type[Record], values: Any, checks: Checks | None = None) ->
     dqreg.errors.InputError: no Step: number: expected int, got 'three'
     """
     try:
-        types, read = _types(cls), {}  # type: ignore[arg-type]
-        for name, value in _of(dict, values).items():
-            read[name] = _field(types, name, value, checks or {})
-        return cls(**read)
+        return cls(**fields_from(cls, values, checks))
     except UNFIT as error:
         raise InputError(f"no {cls.__name__}: {error}") from error
+
+
+def fields_from(cls: type, values: Any, checks: Checks | None = None) -> dict[str, Any]:
+    """Fields of a dataclass by name, each looked at as in `record_from`."""
+    types = _types(cls)
+    return {name: _field(types, name, value, checks or {}) for name, value in _of(dict, values).items()}
 
 
 def _field(types: dict[str, Any], name: str, value: Any, checks: Checks) -> Any:

@@ -14,6 +14,7 @@ from dqreg.odometry.trust import held_by
 from dqreg.odometry.verdicts import FrameEvidence, frame_verdict, without_pose
 from dqreg.registration.result import Registration
 from dqreg.trust import observe_directions
+from dqreg.trust.records import Reason
 
 
 def frame_result(
@@ -21,7 +22,7 @@ def frame_result(
     surface: MapSurface,
     keys: Keypoints,
     usual: float,
-    notes: tuple[str, ...],
+    notes: tuple[Reason, ...],
     words: dict[str, Any],
 ) -> Registration:
     """The answer for one frame."""

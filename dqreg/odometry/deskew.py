@@ -17,6 +17,7 @@ from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.starts import predict
 from dqreg.odometry.verdicts import fits
 from dqreg.rigid import pose
+from dqreg.trust.records import Reason
 
 # The frame is straightened again while the motion that was undone is wrong by this share of a voxel at the frame's
 # edge, and so many times at most; each round leaves about half of what was wrong.
@@ -35,7 +36,7 @@ class Undone:
     keys: Keypoints  # The frame with the motion undone
     aligned: Aligned  # Where it was placed
     motion: FloatArray  # (4, 4): The motion that was undone
-    notes: tuple[str, ...] = ()  # What is to be told
+    notes: tuple[Reason, ...] = ()  # What is to be told
 
     def repeated(self, seek: Seeker, T_last: FloatArray, ratio: float) -> Undone:
         """The same with the motion that was found, until both agree."""
@@ -45,7 +46,7 @@ class Undone:
             plain = self._again(np.eye(4), None, seek)
             if plain is not None and plain.aligned.on_map > best.aligned.on_map:
                 words = "fits better as it is than with the motion during the sweep undone by its times"
-                best = dataclasses.replace(plain, notes=(words,))
+                best = dataclasses.replace(plain, notes=(Reason(words, "not_deskewed"),))
         for _ in range(ROUNDS):
             if not best.aligned.found:
                 break

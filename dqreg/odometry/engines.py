@@ -18,7 +18,7 @@ from dqreg.odometry.odometry import Odometry
 from dqreg.odometry.scans import FrameData, Scans
 from dqreg.odometry.settings import OdometrySettings
 from dqreg.registration.result import Registration
-from dqreg.trust.records import Verdict
+from dqreg.trust.records import Reason, Verdict
 
 ENGINES = ("dq", "kiss-icp")
 
@@ -111,14 +111,15 @@ def run_ours(
 
 def _registered(odometry: Odometry, data: FrameData, stamp: float | None) -> Registration:
     timestamps: FloatArray | None = data.timestamps
-    mismatch: str | None = None
+    mismatch: tuple[Reason, ...] = ()
     if timestamps is not None and len(timestamps) != len(data.points):
         # In a file of a sequence that is a damaged frame, not a mistake of the caller.
-        mismatch = f"{len(timestamps)} times for {len(data.points)} points: not used"
+        words = f"{len(timestamps)} times for {len(data.points)} points: not used"
+        mismatch = (Reason(words, "not_deskewed"),)
         timestamps = None
     result = odometry.register_frame(data.points, timestamps, stamp=stamp)
-    extra = tuple(word for word in (data.problem, mismatch) if word)
-    reasons = extra + result.verdict.reasons if data.problem else result.verdict.reasons + extra
+    problem = (Reason(data.problem, "unreadable"),) if data.problem else ()
+    reasons = (*problem, *mismatch, *result.verdict.reasons) if problem else (*result.verdict.reasons, *mismatch)
     return dataclasses.replace(result, verdict=Verdict(result.verdict.level, reasons))
 
 

@@ -15,6 +15,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes, sample_rows
 from dqreg.geometry.scan import measure_spacing
 from dqreg.odometry.kiss import thin
+from dqreg.trust.records import Reason
 
 # Voxels a point, over the map's: of what enters the map, and of what the pose is found from.
 DENSE, SPARSE = 0.5, 1.5
@@ -30,7 +31,7 @@ class RawFrame:
 
     points: FloatArray  # (n, 3): Finite points in the sensor's frame; n may be 0
     times: FloatArray | None  # (n,): Time of each point, where they can be used to undo the motion
-    notes: tuple[str, ...]  # What was left out and why, in sentences
+    notes: tuple[Reason, ...]  # What was left out and why
 
 
 def read_frame(points: Any, timestamps: Any) -> RawFrame:
@@ -45,16 +46,17 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
     keep = np.isfinite(values).all(axis=1) & values.any(axis=1) & (np.abs(values) < 1e150).all(axis=1)
     notes = []
     if lost := len(values) - int(np.count_nonzero(keep)):
-        notes.append(f"{lost} of {len(values)} returns are NaN, infinite or at the origin, and were left out")
+        words = f"{lost} of {len(values)} returns are NaN, infinite or at the origin, and were left out"
+        notes.append(Reason(words, "dropped_points"))
     times = None if timestamps is None or np.size(timestamps) == 0 else as_float(timestamps, "timestamps").ravel()
     if times is not None:
         if len(times) != len(values):
             raise InputError(f"timestamps must be one a point; got {len(times)} for {len(values)} points")
         if not np.isfinite(times[keep]).all():
-            notes.append("some times are not finite: motion during the sweep was not undone")
+            notes.append(Reason("some times are not finite: motion during the sweep was not undone", "not_deskewed"))
             times = None
         elif keep.any() and not np.ptp(times[keep]) > 0.0:
-            notes.append("all points carry one time: motion during the sweep was not undone")
+            notes.append(Reason("all points carry one time: motion during the sweep was not undone", "not_deskewed"))
             times = None
     return RawFrame(values[keep], None if times is None else times[keep], tuple(notes))
 

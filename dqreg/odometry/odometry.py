@@ -23,7 +23,7 @@ from dqreg.odometry.starts import predict
 from dqreg.odometry.verdicts import first_frame, fits, without_pose
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
-from dqreg.trust.records import Verdict
+from dqreg.trust.records import Reason, Verdict
 
 # Places without which a frame is not worth a pose, and cannot begin a map.
 FEWEST_PLACES = 30
@@ -130,7 +130,7 @@ class Odometry:
         self._poses.append(result.T_target_source)
         return dataclasses.replace(result, timings={"total": clock.perf_counter() - began})
 
-    def _time_ratio(self, stamp: float | None) -> tuple[float, str | None]:
+    def _time_ratio(self, stamp: float | None) -> tuple[float, Reason | None]:
         """Time since the last trusted frame over that of the last motion, and what is wrong with the stamp."""
         steps = 1.0 + self._missed
         if stamp is None:
@@ -138,19 +138,20 @@ class Odometry:
         before, self._stamp = self._stamp, float(stamp)
         if not np.isfinite(stamp):
             self._stamp = before
-            return steps, "the frame's time is not finite"
+            return steps, Reason("the frame's time is not finite", "time_stamp")
         if before is None:
             return steps, None
         if stamp <= before:
             self._stamp = before
-            return steps, f"the frame's time {stamp:.6f} is not after that of the frame before, {before:.6f}"
+            words = f"the frame's time {stamp:.6f} is not after that of the frame before, {before:.6f}"
+            return steps, Reason(words, "time_stamp")
         self._gap += stamp - before
         # Beyond a few steps constant velocity is a guess like any other.
         return (float(np.clip(self._gap / self._pace, 0.0, 5.0)) if self._pace else steps), None
 
     def _place(self, frame: RawFrame, ratio: float) -> Registration:
         if not len(frame.points):
-            return self._failed(("the frame holds no finite point", *frame.notes), "no points")
+            return self._failed("the frame holds no finite point", frame, "no points")
         lengths = self._lengths or self.settings.resolve(frame.points)
         kiss = self._kiss or KissParts(lengths)
         inside = kiss.compensate(frame.points, frame.times, self._motion)
@@ -160,16 +161,16 @@ class Odometry:
                 f"only {0 if keys is None else len(keys.scan)} places are left of {len(frame.points)} points (within "
                 f"{lengths.max_range:.4g}, at a voxel of {lengths.voxel_size:.4g}); {FEWEST_PLACES} are needed"
             )
-            return self._failed((why, *frame.notes), "too few points")
+            return self._failed(why, frame, "too few points")
         if self._kiss is None:
             self._lengths, self._kiss = lengths, kiss
             self._merge(kiss, keys)
             return first_frame(self._T_last, frame.notes, self._words(keys))
         return self._register(kiss, lengths, keys, frame, ratio)
 
-    def _failed(self, reasons: tuple[str, ...], status: str) -> Registration:
+    def _failed(self, why: str, frame: RawFrame, status: str) -> Registration:
         self._missed += 1
-        return without_pose(reasons, status, {})
+        return without_pose((Reason(why, "too_few_points"), *frame.notes), status, {})
 
     def _register(
         self, kiss: KissParts, lengths: Resolved, keys: Keypoints, frame: RawFrame, ratio: float

@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.registration.result import Registration
-from dqreg.trust.records import Direction, Verdict
+from dqreg.trust.records import Direction, Reason, Verdict
 
 # Share of points on the map below which a frame fits badly: in itself, and against the frames before it.
 FEW_ON_MAP, FALL = 0.5, 0.75
@@ -31,7 +31,7 @@ class FrameEvidence:
     directions: tuple[Direction, ...]  # The six motions, the weakest first
 
 
-def frame_verdict(evidence: FrameEvidence, notes: tuple[str, ...]) -> Verdict:
+def frame_verdict(evidence: FrameEvidence, notes: tuple[Reason, ...]) -> Verdict:
     """Level and reasons of a frame.
 
     >>> frame_verdict(FrameEvidence("converged", True, 900.0, 0.9, 0.9, 0.1, ()), ()).level
@@ -41,23 +41,24 @@ def frame_verdict(evidence: FrameEvidence, notes: tuple[str, ...]) -> Verdict:
     """
     e = evidence
     if not e.found:
-        return Verdict("failed", (f"no pose: the loop ended with {e.status!r}", *notes))
+        return Verdict("failed", (Reason(f"no pose: the loop ended with {e.status!r}", "no_pose"), *notes))
     if not e.on_map >= LOST:
         words = f"no pose: at the best one only {100 * e.on_map:.0f} % of the frame's points lie on the map"
-        return Verdict("failed", (words, *notes))
+        return Verdict("failed", (Reason(words, "lost"), *notes))
     doubts = [words for words in (_misfit(e.on_map, e.usual),) if words]
     if not e.inliers >= FEWEST_INLIERS:
-        doubts.append(f"only {e.inliers:.0f} points lie on the map: too few to check the pose with")
-    doubts.extend(d.words for d in e.directions if d.words.startswith("free"))
+        words = f"only {e.inliers:.0f} points lie on the map: too few to check the pose with"
+        doubts.append(Reason(words, "few_inliers"))
+    doubts.extend(Reason(d.words, "unconstrained") for d in e.directions if d.is_free)
     if e.status != "converged":
-        doubts.append(f"the loop did not converge: {e.status}")
+        doubts.append(Reason(f"the loop did not converge: {e.status}", "not_converged"))
     if doubts:
         return Verdict("suspect", (*doubts, *notes))
     words = (
         f"{e.inliers:.0f} points, {100 * e.on_map:.0f} % of the frame, lie within {e.width:.3g} (one sigma) of points "
         "of the map; all six motions are held"
     )
-    return Verdict("accepted", (words, *notes))
+    return Verdict("accepted", (Reason(words, "accepted"), *notes))
 
 
 def fits(on_map: float, usual: float) -> bool:
@@ -65,29 +66,34 @@ def fits(on_map: float, usual: float) -> bool:
     return _misfit(on_map, usual) is None
 
 
-def _misfit(on_map: float, usual: float) -> str | None:
+def _misfit(on_map: float, usual: float) -> Reason | None:
     if not on_map >= FEW_ON_MAP:
-        return f"only {100 * on_map:.0f} % of the frame's points lie on the map: the pose may have slipped"
+        return Reason(
+            f"only {100 * on_map:.0f} % of the frame's points lie on the map: the pose may have slipped",
+            "low_inlier_fraction",
+        )
     if on_map < FALL * usual:
-        return (
+        return Reason(
             f"{100 * on_map:.0f} % of the frame's points lie on the map, after {100 * usual:.0f} % in the frames "
-            "before: the pose may have slipped, or the view is new"
+            "before: the pose may have slipped, or the view is new",
+            "falling_inlier_fraction",
         )
     return None
 
 
-def without_pose(reasons: tuple[str, ...], status: str, settings: dict[str, object]) -> Registration:
+def without_pose(reasons: tuple[Reason, ...], status: str, settings: dict[str, object]) -> Registration:
     """Result of a frame that cannot be placed.
 
-    >>> without_pose(("it is empty",), "no points", {}).verdict.level
+    >>> without_pose((Reason("it is empty", "too_few_points"),), "no points", {}).verdict.level
     'failed'
     """
     return _bare(np.full((4, 4), np.nan), Verdict("failed", reasons), status, np.nan, settings)
 
 
-def first_frame(T_map_frame: FloatArray, notes: tuple[str, ...], settings: dict[str, object]) -> Registration:
+def first_frame(T_map_frame: FloatArray, notes: tuple[Reason, ...], settings: dict[str, object]) -> Registration:
     """Result of the frame that the map begins with."""
-    verdict = Verdict("accepted", ("the map begins with this frame: its pose is a definition", *notes))
+    words = "the map begins with this frame: its pose is a definition"
+    verdict = Verdict("accepted", (Reason(words, "first_frame"), *notes))
     return _bare(T_map_frame, verdict, "first frame", 0.0, settings)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +15,15 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, as_vectors
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
-from dqreg.files.strict_json import plain, record_from
+from dqreg.files.strict_json import fields_from, plain
 from dqreg.icp.history import Iteration
 from dqreg.inspection import Deviations, measure_deviations, why_unsigned
 from dqreg.registration.inputs import Inputs
 from dqreg.registration.invariants import broken_promise
-from dqreg.registration.result_json import CHECKS, plain_iteration
+from dqreg.registration.result_json import CHECKS, plain_direction, plain_iteration, plain_verdict
 from dqreg.registration.visible_target import seen_target
 from dqreg.rigid import DualQuaternion, pose
-from dqreg.trust.records import Alternative, Direction, Verdict
+from dqreg.trust.records import Alternative, Direction, Reason, Verdict
 
 __all__ = ["Alternative", "Direction", "Iteration", "Registration", "Verdict"]
 
@@ -84,9 +84,10 @@ class Registration:
     inputs: Inputs | None = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        broken = _broken(self)
+        broken = _broken(vars(self))
         if broken:
-            reason = f"no pose: an internal error of dqreg, please report it with the data: {broken}"
+            sentence = f"no pose: an internal error of dqreg, please report it with the data: {broken}"
+            reason = Reason(sentence, "internal_error")
             withdrawn = {
                 "T_target_source": np.full((4, 4), np.nan),
                 "verdict": Verdict("failed", (reason, *self.verdict.reasons)),
@@ -302,6 +303,8 @@ class Registration:
         found = bool(np.isfinite(self.T_target_source).all())
         dq = self.dual_quaternion if found else None
         values["dual_quaternion"] = {"real": plain(dq.real), "dual": plain(dq.dual)} if dq else None
+        values["verdict"] = plain_verdict(self.verdict)
+        values["observability"] = [plain_direction(direction) for direction in self.observability]
         values["history"] = [plain_iteration(record) for record in self.history]
         values |= {"scale": self.scale, "scale_sigma": plain(self.scale_sigma)}
         return {"format": FORMAT, **values}
@@ -352,21 +355,21 @@ class Registration:
             raise InputError(f"{path} is a damaged dqreg result: {type(error).__name__} {error}") from error
 
 
-def _broken(result: Registration) -> str:
+def _broken(fields: Mapping[str, Any]) -> str:
     return broken_promise(
-        result.T_target_source,
-        result.covariance,
-        result.verdict.level,
-        result.rms,
-        result.inlier_fraction,
-        (other.T_target_source for other in result.alternatives),
+        fields["T_target_source"],
+        fields["covariance"],
+        fields["verdict"].level,
+        fields["rms"],
+        fields["inlier_fraction"],
+        (other.T_target_source for other in fields["alternatives"]),
     )
 
 
 def _from_dict(values: dict[str, Any]) -> Registration:
     names = [field.name for field in dataclasses.fields(Registration) if field.name != "inputs"]
-    read = record_from(Registration, {name: values[name] for name in names}, CHECKS)
-    if read.verdict.level != values["verdict"]["level"]:
+    fields = fields_from(Registration, {name: values[name] for name in names}, CHECKS)
+    if broken := _broken(fields):
         # What was saved keeps its promises: here somebody else wrote.
-        raise ValueError(read.verdict.reasons[0].rpartition("data: ")[2])
-    return read
+        raise ValueError(broken)
+    return Registration(**fields)

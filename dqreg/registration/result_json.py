@@ -9,6 +9,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_pose, require_finite
 from dqreg.files.strict_json import plain, record_from
 from dqreg.icp.history import Iteration
+from dqreg.trust.records import Direction, Reason, Verdict
 
 
 def _settings(values: dict[str, Any]) -> dict[str, Any]:
@@ -29,6 +30,29 @@ def _settings(values: dict[str, Any]) -> dict[str, Any]:
     if "centre" in values:
         require_finite(_array(values["centre"], (3,)), "centre")
     return values
+
+
+def _verdict(values: Any) -> Verdict:
+    values = dict(_of(dict, values))
+    sentences = _of(list, values["reasons"])
+    # A result of old has no codes.
+    codes = _of(list, values.pop("codes", [""] * len(sentences)))
+    reasons = tuple(Reason(_of(str, words), _of(str, code)) for words, code in zip(sentences, codes, strict=True))
+    return record_from(Verdict, values, {"reasons": lambda _: reasons})
+
+
+def plain_verdict(verdict: Verdict) -> dict[str, Any]:
+    """Plain values of a verdict, the codes of its reasons beside them."""
+    return {**plain(verdict), "codes": list(verdict.codes)}
+
+
+def _direction(values: Any) -> Direction:
+    return record_from(Direction, {name: value for name, value in _of(dict, values).items() if name != "is_free"})
+
+
+def plain_direction(direction: Direction) -> dict[str, Any]:
+    """Plain values of a direction."""
+    return {**plain(direction), "is_free": direction.is_free}
 
 
 def _iteration(record: Any) -> Iteration:
@@ -68,6 +92,8 @@ def _array(rows: Any, shape: tuple[int, ...]) -> FloatArray:
 # Fields that plain types do not tell enough about.
 CHECKS = {
     "T_target_source": _pose,
+    "verdict": _verdict,
+    "observability": lambda directions: tuple(_direction(direction) for direction in _of(list, directions)),
     "covariance": lambda rows: _array(rows, (6, 6)),
     "settings": lambda values: _settings(_of(dict, values)),
     "history": lambda records: tuple(_iteration(record) for record in _of(list, records)),

@@ -40,7 +40,7 @@ from dqreg.registration.scale_search import (
 from dqreg.registration.source import MESH_SAMPLES, centre_source
 from dqreg.registration.target_index import index_target
 from dqreg.solvers.scale import ScaleStep
-from dqreg.trust.records import Verdict
+from dqreg.trust.records import Reason, Verdict
 
 # Registrations at the end at most; and the share of its standard deviation to which the scale is followed.
 TURNS, FOLLOWED, STILL = 6, 0.05, 1e-9
@@ -171,13 +171,16 @@ def _last_step(task: _Task, result: Registration, scale: float) -> ScaleStep:
 
 
 def _told(
-    result: Registration, step: ScaleStep | None, doubt: str, task: _Task, timings: dict[str, float]
+    result: Registration, step: ScaleStep | None, doubt: Reason | None, task: _Task, timings: dict[str, float]
 ) -> Registration:
     """The result with all that is to be known of the scale."""
     total = result.settings["source_scale"]
-    sigma = math.nan if step is None or doubt.startswith("the scan leaves") else step.sigma
+    sigma = math.nan if step is None or (doubt and doubt.code == "scale_unobservable") else step.sigma
     if not doubt and not sigma <= VAGUE:
-        doubt = f"the scale is known to {100.0 * sigma:.2g} % only: give it, or scan more sides of the part"
+        doubt = Reason(
+            f"the scale is known to {100.0 * sigma:.2g} % only: give it, or scan more sides of the part",
+            "scale_uncertain",
+        )
     covariance = result.covariance
     if math.isfinite(sigma) and step is not None:
         # The pose is of the source at the scale found: where that is off, the pose is off with it.

@@ -26,6 +26,7 @@ from dqreg.registration.initial_pose import Searching
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GemanMcClure
 from dqreg.solvers.scale import ScaleStep, SurfaceMatches, scale_step
+from dqreg.trust.records import Reason
 
 # Steps of the joint refinement at most; the largest change of scale in one of them; the change that is none.
 STEPS, LARGEST, STILL = 40, 1.03, 1e-6
@@ -186,19 +187,28 @@ def distinct_scales(candidates: list[ScaleCandidate]) -> list[ScaleCandidate]:
     return kept
 
 
-def why_not_fixed(searching: Searching, found: list[ScaleCandidate]) -> str:
-    """Why the data do not fix the scale, in a sentence; empty where they do."""
+def why_not_fixed(searching: Searching, found: list[ScaleCandidate]) -> Reason | None:
+    """Why the data do not fix the scale; None where they do."""
     best = found[0]
     free = "the scan leaves the scale free: a plane, a cone or a corner fits itself at any size; give the scale"
     if not best.held:
-        return free
+        return Reason(free, "scale_unobservable")
     if not fits(searching, found):
-        return f"at no scale that was tried does the scan fit (best at {best.scale:.6g}); give the scale, or a start"
+        return Reason(
+            f"at no scale that was tried does the scan fit (best at {best.scale:.6g}); give the scale, or a start",
+            "scale_misfit",
+        )
     for factor in (1.0 - ASIDE, 1.0 + ASIDE):
         aside = refine_scale(searching, factor * best.scale, best.T_work, hold=True)
         if aside.surprise <= best.surprise + AS_GOOD:
-            return f"{free} (at {factor * best.scale:.6g} the scan fits as well as at {best.scale:.6g})"
+            return Reason(
+                f"{free} (at {factor * best.scale:.6g} the scan fits as well as at {best.scale:.6g})",
+                "scale_unobservable",
+            )
     others = [c.scale for c in found[1:] if c.surprise <= best.surprise + AS_GOOD]
     if others:
-        return f"the scan fits at another scale as well: {', '.join(f'{s:.6g}' for s in others)}; give the scale"
-    return ""
+        return Reason(
+            f"the scan fits at another scale as well: {', '.join(f'{s:.6g}' for s in others)}; give the scale",
+            "scale_ambiguous",
+        )
+    return None

@@ -17,7 +17,6 @@ from dqreg.geometry import Mesh
 from dqreg.geometry.morton import morton_order
 from dqreg.inspection import measure_deviations
 from dqreg.report.cameras import VIEWS
-from dqreg.report.motions import motion_of
 from dqreg.report.part_mesh import fewer_triangles, sharp_edges
 from dqreg.report.story import Story
 from dqreg.rigid import pose
@@ -163,16 +162,16 @@ def _alternative(story: Story, rows: IntArray, number: int) -> dict[str, Any]:
 def _motions(story: Story) -> list[dict[str, Any]]:
     motions = []
     for number, direction in enumerate(story.result.observability, 1):
-        motion = motion_of(direction, story.origin)
-        if motion is not None:
+        # A file of old has the words only.
+        if direction.kind is not None:
             motions.append(
                 {
                     "number": number,
-                    "kind": motion.kind,
-                    "axis": motion.axis.tolist(),
-                    "through": ((motion.through - story.origin) / story.size).tolist(),
+                    "kind": direction.kind,
+                    "axis": direction.axis,
+                    "through": ((direction.point - story.origin) / story.size).tolist(),
                     "strength": direction.strength,
-                    "free": motion.free,
+                    "free": direction.is_free,
                 }
             )
     return motions

@@ -9,6 +9,7 @@ from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose
 from dqreg.solvers.dof import Freedom
 from dqreg.solvers.dof_chart import LockedChart, relative
+from dqreg.solvers.motion_words import Motion
 from dqreg.solvers.newton import Descent, balance, descend
 from dqreg.solvers.newton_starts import starts
 from dqreg.solvers.pose_cost_rows import PoseFit
@@ -38,24 +39,9 @@ def free_motions(form: QuadraticForm, chart: LockedChart) -> tuple[str, ...]:
     twists = chart.basis @ (unit[:, None] * free)
     twists[3:] += np.cross(twists[:3].T, form.origin_target - chart.pivot).T
     return tuple(
-        _turn(twist, form.origin_target) if share > TURN else f"shift along {_words(twist[3:])}"
+        Motion.of(twist[:3], twist[3:], form.origin_target, "rotation" if share > TURN else "translation").words
         for twist, share in zip(twists.T, shares, strict=True)
     )
-
-
-def _turn(twist: FloatArray, centre: FloatArray) -> str:
-    w = twist[:3]
-    # The point of the screw axis nearest to the centre.
-    x, y, z = centre + np.cross(w, twist[3:]) / (w @ w)
-    return f"turn about the axis through ({x:.4g}, {y:.4g}, {z:.4g}) along {_words(w)}"
-
-
-def _words(vector: FloatArray) -> str:
-    unit = vector / np.linalg.norm(vector)
-    # An axis has no sign; the largest component is shown positive, and minus zero as zero.
-    unit = unit * np.sign(unit[np.abs(unit).argmax()])
-    x, y, z = np.where(np.abs(unit) < 0.005, 0.0, unit)
-    return f"({x:.2f}, {y:.2f}, {z:.2f})"
 
 
 # Costs that differ by less, in units of the sums they are differences of, are equal.

@@ -8,6 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.rigid import pose, twist
+from dqreg.solvers.motion_words import Kind, Motion
 from dqreg.trust.covariance import Information
 from dqreg.trust.records import Direction
 
@@ -43,14 +44,15 @@ def observe_directions(information: Information) -> tuple[Direction, ...]:
     directions = []
     for value, vector, is_free, carriers in zip(information.values, vectors.T, free, information.carriers, strict=True):
         share = FREE_TURN if is_free else HELD_TURN
-        words = _motion(vector, share, information)
-        if is_free:
-            directions.append(Direction(float(value), np.nan, f"free to {words}"))
-            continue
-        # Where most of the points say nothing, it matters how many do.
-        few = carriers < FEW * information.weight
-        only = f" by about {carriers:.0f} points only" if few else ""
-        directions.append(Direction(float(value), _sigma(information, value, vector), f"held against a {words}{only}"))
+        kind: Kind = "rotation" if np.linalg.norm(vector[:3]) >= share else "translation"
+        motion = Motion.of(vector[:3] / information.lever, vector[3:], information.centre, kind)
+        sigma, words = np.nan, f"free to {motion.words}"
+        if not is_free:
+            # Where most of the points say nothing, it matters how many do.
+            few = carriers < FEW * information.weight
+            only = f" by about {carriers:.0f} points only" if few else ""
+            sigma, words = _sigma(information, value, vector), f"held against a {motion.words}{only}"
+        directions.append(Direction(float(value), sigma, words, motion.kind, motion.axis, motion.point))
     return tuple(directions)
 
 
@@ -66,23 +68,6 @@ def _untangled(free: FloatArray) -> FloatArray:
     _, _, mixture = np.linalg.svd(free[:3])
     untangled: FloatArray = free @ mixture.T
     return untangled
-
-
-def _motion(scaled: FloatArray, turn_share: float, information: Information) -> str:
-    turn, shift = scaled[:3] / information.lever, scaled[3:]
-    if np.linalg.norm(scaled[:3]) < turn_share:
-        return f"shift along {_words(shift)}"
-    # The point of the screw axis nearest to the centre.
-    through = information.centre + np.cross(turn, shift) / (turn @ turn)
-    return f"turn about the axis through ({through[0]:.4g}, {through[1]:.4g}, {through[2]:.4g}) along {_words(turn)}"
-
-
-def _words(vector: FloatArray) -> str:
-    unit = vector / np.linalg.norm(vector)
-    # An axis has no sign; the largest component is shown positive, and minus zero as zero.
-    unit = unit * np.sign(unit[np.abs(unit).argmax()])
-    x, y, z = np.where(np.abs(unit) < 0.005, 0.0, unit)
-    return f"({x:.2f}, {y:.2f}, {z:.2f})"
 
 
 # Turns do not commute: what one round leaves over is of second order.

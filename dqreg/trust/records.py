@@ -1,13 +1,67 @@
-"""Records that a registration is made of: iterations, verdict, directions, alternatives. Values only."""
+"""Records that a registration is made of: verdict and reasons, directions, alternatives. Values only."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Literal
 
 from dqreg._arrays import FloatArray
+from dqreg.solvers.motion_words import UNKNOWN, Kind, Vector
 
 Level = Literal["accepted", "suspect", "failed"]
+# What a reason of a verdict is about; docs/failures.md has the same list with what to do. Never renamed: files hold it.
+Code = Literal[
+    # accepted
+    "accepted",
+    "first_frame",
+    # failed
+    "no_correspondences",
+    "degenerate_correspondences",
+    "too_few_points",
+    "no_pose",
+    "lost",
+    "unreadable",
+    "internal_error",
+    # suspect
+    "few_inliers",
+    "low_inlier_fraction",
+    "falling_inlier_fraction",
+    "mirrored",
+    "deviating_patches",
+    "disagreeing_normals",
+    "outliers",
+    "large_residuals",
+    "stretched",
+    "unconstrained",
+    "alternative_poses",
+    "search_time_limit",
+    "not_converged",
+    "scale_unobservable",
+    "scale_misfit",
+    "scale_ambiguous",
+    "scale_uncertain",
+    "time_stamp",
+    # notes
+    "dropped_points",
+    "not_deskewed",
+]
+
+
+class Reason(str):
+    """A sentence of a verdict, with a stable code beside it; "" where a file of old gives none."""
+
+    code: Code | Literal[""]
+
+    def __new__(cls, sentence: str, code: Code | Literal[""] = "") -> Reason:
+        """The sentence with its code."""
+        reason = super().__new__(cls, sentence)
+        reason.code = code
+        return reason
+
+    def __getnewargs__(self) -> tuple[str, str]:  # type: ignore[override]
+        """What a copy is made of."""
+        return str(self), self.code
 
 
 @dataclasses.dataclass(frozen=True)
@@ -15,17 +69,37 @@ class Verdict:
     """Whether the pose may be trusted, and why."""
 
     level: Level  # What to do with the pose: use it, look at it, throw it away
-    reasons: tuple[str, ...]  # Sentences, the weightiest first
+    reasons: tuple[Reason, ...]  # Sentences, the weightiest first; each has a `code`
+
+    def __post_init__(self) -> None:
+        reasons = tuple(reason if isinstance(reason, Reason) else Reason(reason) for reason in self.reasons)
+        object.__setattr__(self, "reasons", reasons)
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """Code of each reason."""
+        return tuple(reason.code for reason in self.reasons)
 
 
 @dataclasses.dataclass(frozen=True)
 class Direction:
-    """One of six independent motions of the part, and how firmly the matches hold it."""
+    """One of six independent motions of the part, and how firmly the matches hold it.
+
+    A file of old has the words only: kind None, axis and point NaN.
+    """
 
     strength: float  # 1 would be all pairs working against this motion with the longest lever; 0 is free
     # Standard deviation of the pose along it, as the largest displacement on the part; NaN where it is free
     sigma: float
     words: str  # The motion in words
+    kind: Kind | None = None  # A rotation about the axis, or a translation along it
+    axis: Vector = UNKNOWN  # Unit vector, target frame; its largest component is positive
+    point: Vector = UNKNOWN  # A point of the axis, target frame
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the matches leave it unconstrained."""
+        return math.isnan(self.sigma)
 
 
 @dataclasses.dataclass(frozen=True)

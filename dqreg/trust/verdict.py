@@ -6,7 +6,8 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterator
 
-from dqreg.trust.records import Alternative, Direction, Level, Verdict
+from dqreg.solvers.motion_words import direction_words
+from dqreg.trust.records import Alternative, Code, Direction, Level, Reason, Verdict
 
 # Points on the target fewer than this share of the points near it: a wrong minimum, another part, or much clutter.
 FEW_INLIERS = 0.7
@@ -113,28 +114,31 @@ def judge(evidence: Evidence) -> Verdict:
     """
     if not evidence.found:
         return Verdict("failed", (_why_nothing(evidence),))
-    doubts = tuple(sentence for doubt in DOUBTS for sentence in doubt(evidence))
+    doubts = tuple(Reason(sentence, code) for code, doubt in DOUBTS for sentence in doubt(evidence))
     level: Level = "suspect" if doubts else "accepted"
-    return Verdict(level, doubts or (_summary(evidence),))
+    return Verdict(level, doubts or (Reason(_summary(evidence), "accepted"),))
 
 
-def _why_nothing(evidence: Evidence) -> str:
+def _why_nothing(evidence: Evidence) -> Reason:
     if evidence.status == "no correspondences":
-        return (
+        return Reason(
             f"no pose: hardly any scan point comes within {evidence.length(evidence.max_distance)} of the target with "
-            "a matching normal; check the start and the units, or raise max_distance"
+            "a matching normal; check the start and the units, or raise max_distance",
+            "no_correspondences",
         )
     if evidence.status == "degenerate correspondences":
-        return (
+        return Reason(
             f"no pose: what the two sides share lies on a line or at one place ({evidence.status}); scan more of the "
-            "part, or check the start"
+            "part, or check the start",
+            "degenerate_correspondences",
         )
     if evidence.inliers < FEWEST_OF_ALL:
-        return (
+        return Reason(
             f"no pose: the loop ended with {evidence.inliers:.2g} points on the target, and three fix a pose at least; "
-            "check the start, the units and that both sides show the same"
+            "check the start, the units and that both sides show the same",
+            "too_few_points",
         )
-    return f"no pose: the loop ended with {evidence.status!r}"
+    return Reason(f"no pose: the loop ended with {evidence.status!r}", "no_pose")
 
 
 def _summary(evidence: Evidence) -> str:
@@ -205,16 +209,15 @@ def _rough(evidence: Evidence) -> Iterator[str]:
 
 def _stretched(evidence: Evidence) -> Iterator[str]:
     if evidence.stretch:
-        x, y, z = (c if abs(c) >= 0.005 else 0.0 for c in evidence.stretched_along)
         yield (
             f"the scan looks about {100 * abs(evidence.stretch):.0f} % too "
-            f"{'long' if evidence.stretch > 0.0 else 'short'} along ({x:.2f}, {y:.2f}, {z:.2f}): another part, a "
-            "scaled file, or a wrong minimum"
+            f"{'long' if evidence.stretch > 0.0 else 'short'} along {direction_words(evidence.stretched_along)}: "
+            "another part, a scaled file, or a wrong minimum"
         )
 
 
 def _free_motions(evidence: Evidence) -> Iterator[str]:
-    return (direction.words for direction in evidence.directions if direction.words.startswith("free"))
+    return (direction.words for direction in evidence.directions if direction.is_free)
 
 
 def _other_poses(evidence: Evidence) -> Iterator[str]:
@@ -238,17 +241,17 @@ def _not_converged(evidence: Evidence) -> Iterator[str]:
 
 
 # In the order in which a verdict names them.
-DOUBTS: tuple[Callable[[Evidence], Iterator[str]], ...] = (
-    _few_points,
-    _few_of_the_near,
-    _mirrored,
-    _patches_off,
-    _normals_apart,
-    _strays,
-    _rough,
-    _stretched,
-    _free_motions,
-    _other_poses,
-    _search_cut_short,
-    _not_converged,
+DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
+    ("few_inliers", _few_points),
+    ("low_inlier_fraction", _few_of_the_near),
+    ("mirrored", _mirrored),
+    ("deviating_patches", _patches_off),
+    ("disagreeing_normals", _normals_apart),
+    ("outliers", _strays),
+    ("large_residuals", _rough),
+    ("stretched", _stretched),
+    ("unconstrained", _free_motions),
+    ("alternative_poses", _other_poses),
+    ("search_time_limit", _search_cut_short),
+    ("not_converged", _not_converged),
 )

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from dqreg.errors import InputError
 from dqreg.registration.result import Alternative, Direction, Iteration, Registration, Verdict
 from dqreg.rigid import pose
+from dqreg.trust.records import Reason
 from tests.strategies import FloatArray, points, poses
 
 NAN, INF = float("nan"), float("inf")
@@ -32,10 +33,15 @@ def good(T: FloatArray | None = None, **settings_: Any) -> Registration:
     """Every field filled, with NaN and infinity wherever they may be."""
     return Registration(
         T_target_source=pose.random(np.random.default_rng(1), reach=100.0) if T is None else T,
-        verdict=Verdict("suspect", ("free to shift along (0.00, 0.00, 1.00)", "größer als 5σ")),
+        verdict=Verdict(
+            "suspect", (Reason("free to shift along (0.00, 0.00, 1.00)", "unconstrained"), Reason("größer als 5σ"))
+        ),
         status="converged",
         covariance=covariance(),
-        observability=(Direction(0.0, NAN, "free"), Direction(0.5, 1e-300, "held")),
+        observability=(
+            Direction(0.0, NAN, "free", "translation", (0.0, 0.0, 1.0), (1.0 / 3.0, 2.0, -0.5)),
+            Direction(0.5, 1e-300, "held"),
+        ),
         alternatives=(Alternative(pose.random(np.random.default_rng(2)), 0.1), Alternative(np.eye(4), NAN)),
         history=(RECORD, dataclasses.replace(RECORD, number=2, motion=1e-9)),
         rms=1.0 / 3.0,
@@ -123,7 +129,7 @@ def test_the_file_is_strict_json_with_the_documented_keys(tmp_path: Path, make: 
         "scale",
         "scale_sigma",
     }
-    assert set(content["verdict"]) == {"level", "reasons"}
+    assert set(content["verdict"]) == {"level", "reasons", "codes"}
     if make is failed:
         assert content["dual_quaternion"] is None
         assert content["rms"] is None
@@ -166,11 +172,17 @@ DAMAGES: dict[str, Callable[[dict[str, Any]], None]] = {
     "level is a list": change("verdict", "level", to=["accepted"]),
     "reasons are one text": change("verdict", "reasons", to="because"),
     "reasons are numbers": change("verdict", "reasons", to=[1]),
+    "codes are one text": change("verdict", "codes", to="because"),
+    "codes are numbers": change("verdict", "codes", to=[1, 2]),
+    "a code is missing": change("verdict", "codes", to=["unconstrained"]),
     "status is a number": change("status", to=1),
     "covariance cut": change("covariance", to=[[1.0]]),
     "covariance is null": change("covariance", to=None),
     "observability is a number": change("observability", to=3),
     "direction without words": change("observability", 0, "words"),
+    "motion of another kind": change("observability", 0, "kind", to="screw"),
+    "axis of text": change("observability", 0, "axis", to="z"),
+    "axis of two": change("observability", 0, "axis", to=[0.0, 1.0]),
     "direction of text": change("observability", 0, "strength", to="strong"),
     "alternative without pose": change("alternatives", 0, "T_target_source"),
     "alternative scaled": change("alternatives", 0, "T_target_source", to=SCALED),
@@ -286,3 +298,19 @@ def test_the_kernel_scale_is_read_and_written_under_its_old_name_as_well(tmp_pat
     with pytest.warns(DeprecationWarning, match="Iteration.scale is the old name of kernel_scale") as told:
         assert old.history[0].scale == RECORD.kernel_scale
     assert told[0].filename == __file__
+
+
+def test_a_file_of_old_has_sentences_and_words_without_codes_and_values(tmp_path: Path) -> None:
+    content = good().to_dict()
+    assert content["verdict"].pop("codes") == ["unconstrained", ""]
+    for direction in content["observability"]:
+        assert direction.pop("is_free") == (direction["sigma"] is None)
+        for name in ("kind", "axis", "point"):
+            del direction[name]
+    (tmp_path / "old.json").write_text(json.dumps(content))
+    old = Registration.load(tmp_path / "old.json")
+    assert old.verdict == good().verdict
+    assert old.verdict.codes == ("", "")
+    assert [d.words for d in old.observability] == ["free", "held"]
+    assert [d.is_free for d in old.observability] == [True, False]
+    assert all(d.kind is None and np.isnan([d.axis, d.point]).all() for d in old.observability)

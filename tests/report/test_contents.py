@@ -12,14 +12,12 @@ from dqreg.geometry import Mesh
 from dqreg.report.charts import NARROW, WIDE, convergence, histogram, ticks
 from dqreg.report.colours import Scale, nice_above
 from dqreg.report.facts import facts_of, hints_of
-from dqreg.report.motions import motion_of
 from dqreg.report.part_mesh import fewer_triangles, sharp_edges
 from dqreg.report.pose_forms import pose_forms
 from dqreg.report.regions import areas_of, faces_of
+from dqreg.report.view3d import scene_of
 from dqreg.rigid import DualQuaternion, quaternion, twist
 from dqreg.synth.parts import box, bracket
-from dqreg.trust import Information, observe_directions
-from dqreg.trust.records import Direction
 from tests.report.scenes import BUMP, NOISE, bumpy, failed, story_of
 
 twists = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)
@@ -49,34 +47,6 @@ def test_every_form_is_the_same_pose(v):
     np.testing.assert_allclose(turns["z"](z) @ turns["y"](y) @ turns["x"](x), T[:3, :3], atol=1e-9)
     (a, b, c), _ = np.deg2rad(numbers(forms["Euler angles, moving axes"]))
     np.testing.assert_allclose(turns["z"](a) @ turns["y"](b) @ turns["z"](c), T[:3, :3], atol=1e-9)
-
-
-@given(twists)
-@settings(deadline=None, max_examples=60)
-def test_motions_are_read_from_the_words_that_are_written(v):
-    vector = np.concatenate([v[:3], v[3:]])
-    if np.linalg.norm(v[:3]) < 0.1 or np.linalg.norm(v[3:]) < 0.1:
-        return
-    basis, _ = np.linalg.qr(np.column_stack([vector, np.eye(6)]))
-    information = Information(np.linspace(0.1, 1.0, 6), basis[:, :6], 100.0, 0.1, 2.0, np.array([1.0, 2.0, 3.0]))
-    for direction in observe_directions(information):
-        motion = motion_of(direction, np.zeros(3))
-        assert motion is not None
-        assert motion.kind in direction.words
-        assert np.linalg.norm(motion.axis) == pytest.approx(1.0)
-        assert not motion.free
-
-
-def test_a_turn_has_its_axis_where_the_words_say():
-    words = "held against a turn about the axis through (1, -2e+03, 30.5) along (0.00, -0.60, 0.80)"
-    motion = motion_of(Direction(0.5, 0.1, words), np.zeros(3))
-    assert motion is not None
-    np.testing.assert_allclose(motion.axis, [0.0, -0.6, 0.8])
-    np.testing.assert_allclose(motion.through, [1.0, -2000.0, 30.5])
-
-
-def test_words_of_another_kind_are_not_drawn():
-    assert motion_of(Direction(1.0, 0.1, "held by a bolt"), np.zeros(3)) is None
 
 
 def test_faces_of_a_box_are_its_six_sides():
@@ -205,3 +175,12 @@ def test_the_sigmas_say_what_they_are_estimated_from_and_what_they_leave_out():
     assert "common to the whole scan" in words
     assert "not included" in words
     assert "take the residuals of all pairs as independent" not in words
+
+
+def test_motions_of_the_view_are_the_values_of_the_result():
+    story = story_of(bumpy())
+    drawn = scene_of(story)["motions"]
+    assert len(drawn) == 6
+    for motion, direction in zip(drawn, story.result.observability, strict=True):
+        assert (motion["kind"], motion["axis"], motion["free"]) == (direction.kind, direction.axis, direction.is_free)
+        np.testing.assert_allclose(motion["through"], (direction.point - story.origin) / story.size)

@@ -113,3 +113,23 @@ def test_words_do_not_depend_on_the_unit_but_for_the_place() -> None:
     millimetres = free_words(1e3 * turned[0], turned[1], np.zeros(3), lever=1.5e3)
     assert metres[0] == millimetres[0]
     assert metres[1].rsplit("along")[-1] == millimetres[1].rsplit("along")[-1]
+
+
+@settings(deadline=None, max_examples=60)
+@given(rotations(), unit_vectors())
+def test_values_and_words_are_one(R: FloatArray, aside: FloatArray) -> None:
+    points, normals = cylinder(np.random.default_rng(0))
+    place = 3.0 * aside
+    n = len(points)
+    information = information_of(points @ R.T + place, normals @ R.T, np.zeros(n), np.ones(n), 1.5, np.zeros(3))
+    for direction in observe_directions(information):
+        assert direction.is_free == ("free" in direction.words)
+        assert np.linalg.norm(direction.axis) == pytest.approx(1.0)
+        through = split(direction.words, TURN if direction.kind == "rotation" else SHIFT)
+        np.testing.assert_allclose(through[-1], direction.axis, atol=0.0051)
+        if direction.kind == "rotation":
+            np.testing.assert_allclose(through[0], direction.point, rtol=1e-3)
+            # The point of the axis nearest to the centre.
+            assert np.dot(direction.point, direction.axis) == pytest.approx(0.0, abs=1e-9)
+        else:
+            assert direction.point == (0.0, 0.0, 0.0)

@@ -9,6 +9,7 @@ import pytest
 from dqreg.registration.result import Alternative, Direction
 from dqreg.trust import Evidence, judge
 from dqreg.trust.verdict import (
+    DOUBTS,
     FEW_INLIERS,
     FEWEST_INLIERS,
     NORMALS_APART,
@@ -20,8 +21,8 @@ from dqreg.trust.verdict import (
 )
 
 NAN = float("nan")
-HELD = Direction(0.1, 0.01, "held against a shift along (1.00, 0.00, 0.00)")
-FREE = Direction(0.0, NAN, "free to shift along (0.00, 0.00, 1.00)")
+HELD = Direction(0.1, 0.01, "held against a shift along (1.00, 0.00, 0.00)", "translation", (1.0, 0.0, 0.0), (0.0,) * 3)
+FREE = Direction(0.0, NAN, "free to shift along (0.00, 0.00, 1.00)", "translation", (0.0, 0.0, 1.0), (0.0,) * 3)
 GOOD = Evidence(
     status="converged",
     found=True,
@@ -39,29 +40,52 @@ GOOD = Evidence(
     alternatives=(),
 )
 # Each cause, and the one sentence that it brings.
-CAUSES: dict[str, tuple[dict[str, Any], str]] = {
-    "few points": ({"inliers": FEWEST_INLIERS - 1.0}, "only 29 points lie on the target"),
-    "unknown points": ({"inliers": NAN}, "only nan points lie on the target"),
-    "clutter": ({"share_near": FEW_INLIERS - 0.01}, "% of the points within 2 of the target"),
-    "unknown share": ({"share_near": NAN}, "% of the points within 2 of the target"),
-    "rough": ({"width": 1.1 * ROUGH * 0.01}, "shapes differ, or the pose is wrong"),
-    "unknown width": ({"width": NAN}, "shapes differ, or the pose is wrong"),
-    "patches": ({"patches_off": PATCHES_OFF + 0.08}, "11 % of the patches of points within 2 of the target lie off"),
-    "unknown patches": ({"patches_off": NAN}, "lie off it as a whole"),
-    "normals": ({"normals_apart": NORMALS_APART + 0.01}, "16 % of the points on the target face another way"),
-    "strays": ({"strays": STRAYS + 0.01}, "51 % of all points are strays"),
-    "no time": ({"search": "refined"}, "the time was up when the search for a start had refined its poses"),
-    "free": ({"directions": (FREE, *(HELD,) * 5)}, FREE.words),
-    "ambiguous": ({"alternatives": (Alternative(np.eye(4), 0.1),)}, "another pose explains the scan about as well"),
-    "stopped": ({"status": "iteration limit"}, "the loop did not converge: iteration limit; raise max_iterations"),
-    "stalled": ({"status": "stalled"}, "look at the pose, or give a nearer start"),
+CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
+    "few points": ({"inliers": FEWEST_INLIERS - 1.0}, "only 29 points lie on the target", "few_inliers"),
+    "unknown points": ({"inliers": NAN}, "only nan points lie on the target", "few_inliers"),
+    "clutter": ({"share_near": FEW_INLIERS - 0.01}, "% of the points within 2 of the target", "low_inlier_fraction"),
+    "unknown share": ({"share_near": NAN}, "% of the points within 2 of the target", "low_inlier_fraction"),
+    "rough": ({"width": 1.1 * ROUGH * 0.01}, "shapes differ, or the pose is wrong", "large_residuals"),
+    "unknown width": ({"width": NAN}, "shapes differ, or the pose is wrong", "large_residuals"),
+    "patches": (
+        {"patches_off": PATCHES_OFF + 0.08},
+        "11 % of the patches of points within 2 of the target lie off",
+        "deviating_patches",
+    ),
+    "unknown patches": ({"patches_off": NAN}, "lie off it as a whole", "deviating_patches"),
+    "normals": (
+        {"normals_apart": NORMALS_APART + 0.01},
+        "16 % of the points on the target face another way",
+        "disagreeing_normals",
+    ),
+    "strays": ({"strays": STRAYS + 0.01}, "51 % of all points are strays", "outliers"),
+    "no time": (
+        {"search": "refined"},
+        "the time was up when the search for a start had refined its poses",
+        "search_time_limit",
+    ),
+    "free": ({"directions": (FREE, *(HELD,) * 5)}, FREE.words, "unconstrained"),
+    "ambiguous": (
+        {"alternatives": (Alternative(np.eye(4), 0.1),)},
+        "another pose explains the scan about as well",
+        "alternative_poses",
+    ),
+    "stopped": (
+        {"status": "iteration limit"},
+        "the loop did not converge: iteration limit; raise max_iterations",
+        "not_converged",
+    ),
+    "stalled": ({"status": "stalled"}, "look at the pose, or give a nearer start", "not_converged"),
     "too long": (
         {"stretch": 0.034, "stretched_along": (1.0, -0.001, 0.0)},
         "the scan looks about 3 % too long along (1.00, 0.00, 0.00)",
+        "stretched",
     ),
+    "mirrored": ({"mirror_gain": 0.1}, "mirrored, the scan fits better", "mirrored"),
     "too short": (
         {"stretch": -0.1, "stretched_along": (0.0, 0.0, 1.0)},
         "about 10 % too short along (0.00, 0.00, 1.00)",
+        "stretched",
     ),
 }
 
@@ -87,11 +111,15 @@ def test_a_symmetry_of_the_part_is_said_and_is_no_doubt() -> None:
 
 @pytest.mark.parametrize("cause", CAUSES)
 def test_a_doubt_appears_with_its_cause_and_alone(cause: str) -> None:
-    changes, sentence = CAUSES[cause]
+    changes, sentence, code = CAUSES[cause]
     verdict = judge(dataclasses.replace(GOOD, **changes))
     assert verdict.level == "suspect"
-    assert len(verdict.reasons) == 1
+    assert verdict.codes == (code,)
     assert sentence in verdict.reasons[0]
+
+
+def test_every_doubt_is_provoked_by_a_cause() -> None:
+    assert {code for _, _, code in CAUSES.values()} == {code for code, _ in DOUBTS}
 
 
 @pytest.mark.parametrize(
@@ -131,15 +159,25 @@ def test_all_doubts_stand_side_by_side_and_each_free_motion_for_itself() -> None
 
 
 @pytest.mark.parametrize(
-    ("status", "sentence"),
+    ("status", "sentence", "code"),
     [
-        ("no correspondences", "hardly any scan point comes within 20 of the target"),
-        ("degenerate correspondences", "no pose: what the two sides share lies on a line or at one place"),
+        ("no correspondences", "hardly any scan point comes within 20 of the target", "no_correspondences"),
+        (
+            "degenerate correspondences",
+            "no pose: what the two sides share lies on a line or at one place",
+            "degenerate_correspondences",
+        ),
     ],
 )
-def test_nothing_found_is_failed_whatever_else_is_known(status: str, sentence: str) -> None:
+def test_nothing_found_is_failed_whatever_else_is_known(status: str, sentence: str, code: str) -> None:
     for evidence in (GOOD, dataclasses.replace(GOOD, inliers=0.0, share_near=NAN, width=NAN, directions=())):
         verdict = judge(dataclasses.replace(evidence, found=False, status=status))
         assert verdict.level == "failed"
-        assert len(verdict.reasons) == 1
+        assert verdict.codes == (code,)
         assert sentence in verdict.reasons[0]
+
+
+@pytest.mark.parametrize(("inliers", "code"), [(2.0, "too_few_points"), (100.0, "no_pose")])
+def test_a_loop_that_ended_with_nothing_is_failed(inliers: float, code: str) -> None:
+    verdict = judge(dataclasses.replace(GOOD, found=False, inliers=inliers, status="stopped by observer"))
+    assert (verdict.level, verdict.codes) == ("failed", (code,))

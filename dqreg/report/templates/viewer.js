@@ -406,7 +406,7 @@ function buildSolids(scene) {
     const at = far > 0.62 ? scaled(foot, 0.62 / far) : foot;
     const frame = frameOf(m.axis), reach = 0.56 - 0.02 * m.number;
     let triangles, tip;
-    if (m.kind === "shift") {
+    if (m.kind === "translation") {
       triangles = [1, -1].flatMap(sign => arrow([0.34, 0.42, 0.5].map(r => scaled(m.axis, sign * r * reach / 0.5)), 0.007));
       tip = scaled(m.axis, reach + 0.07);
     } else {

@@ -1,0 +1,57 @@
+"""Motions of a part as values, and in words: a rotation about an axis, or a translation along one."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Literal
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+
+Kind = Literal["rotation", "translation"]
+Vector = tuple[float, float, float]
+UNKNOWN: Vector = (math.nan, math.nan, math.nan)
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """A rotation about an axis, or a translation along one."""
+
+    kind: Kind
+    axis: Vector  # Unit vector; an axis has no sign, so its largest component is positive
+    point: Vector  # The point of the axis nearest to a centre; the centre for a translation
+
+    @staticmethod
+    def of(rotation: FloatArray, translation: FloatArray, centre: FloatArray, kind: Kind) -> Motion:
+        """The motion of a twist about a centre; of a rotation, the part along its axis is left out."""
+        vector, point = translation, centre
+        if kind == "rotation":
+            vector, point = rotation, centre + np.cross(rotation, translation) / (rotation @ rotation)
+        unit = vector / np.linalg.norm(vector)
+        unit = unit * np.sign(unit[np.abs(unit).argmax()])
+        return Motion(kind, _vector(unit), _vector(point))
+
+    @property
+    def words(self) -> str:
+        """The motion in words."""
+        if self.kind == "translation":
+            return f"shift along {direction_words(self.axis)}"
+        x, y, z = self.point
+        return f"turn about the axis through ({x:.4g}, {y:.4g}, {z:.4g}) along {direction_words(self.axis)}"
+
+
+def direction_words(unit: Vector) -> str:
+    """A unit vector to two decimals, minus zero as zero.
+
+    >>> direction_words((1.0, -0.001, 0.0))
+    '(1.00, 0.00, 0.00)'
+    """
+    x, y, z = (c if abs(c) >= 0.005 else 0.0 for c in unit)
+    return f"({x:.2f}, {y:.2f}, {z:.2f})"
+
+
+def _vector(array: FloatArray) -> Vector:
+    x, y, z = array.tolist()
+    return x, y, z
