@@ -8,8 +8,6 @@ import platform
 from collections.abc import Hashable, Iterable
 from pathlib import Path
 
-from dqreg.compare.worker import machine_memory
-
 ALWAYS = ("dqreg", "numpy", "scipy", "open3d", "open3d-cpu")
 
 
@@ -44,6 +42,18 @@ def versions(names: Iterable[str]) -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             continue
     return found
+
+
+def machine_memory() -> float:
+    """Bytes of memory of the machine; infinite where the system does not tell.
+
+    >>> machine_memory() > 0.0
+    True
+    """
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (OSError, ValueError, AttributeError):
+        return float("inf")
 
 
 def _processor() -> str:

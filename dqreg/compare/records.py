@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Literal
+from typing import Any
 
-Status = Literal["ran", "error", "crashed", "timeout", "memory"]
+from dqreg.registration.batch.worker import Status
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from dqreg.compare.attempt import Outcome, call, warm_up
 from dqreg.compare.case import Challenge
 from dqreg.compare.engines.protocol import Task
 from dqreg.compare.entrants import Entrant, check_sendable, entrants
@@ -17,11 +16,12 @@ from dqreg.compare.environment import Clock, session
 from dqreg.compare.judge import judge, worst_along
 from dqreg.compare.plan import Item, Rules, plan
 from dqreg.compare.records import Run
+from dqreg.compare.run_engine import Outcome, call, isolated_calls, warm_up
 from dqreg.compare.store import Store, is_last
 from dqreg.compare.sweep import Sweep
-from dqreg.compare.worker import Worker
 from dqreg.errors import InputError
 from dqreg.files.strict_json import plain
+from dqreg.registration.batch.worker import Worker
 
 NOTHING = [[float("nan")] * 4] * 4
 
@@ -105,7 +105,7 @@ def _work(
     done = total - sum(item.weight * count for item, _, count in jobs)
     clock = Clock((entrant.name, item.weight * count) for item, entrant, count in jobs)
     made: tuple[str, Challenge] | None = None
-    worker = Worker(rules.threads, rules.memory_limit) if rules.isolate else None
+    worker = Worker(rules.threads) if rules.isolate else None
     try:
         for item, entrant, count in jobs:
             words, began = f"{item.words}: {entrant.name}", time.monotonic()
@@ -147,7 +147,7 @@ def _outcomes(
 
 def _calls(worker: Worker | None, entrant: Entrant, task: Task, repeats: int, rules: Rules) -> Iterator[Outcome]:
     if worker is not None:
-        yield from worker.attempts(entrant, task, repeats, rules.timeout)
+        yield from isolated_calls(worker, entrant, task, repeats, rules.timeout, rules.memory_limit)
         return
     packed = (entrant, task)
     warm_up(packed)

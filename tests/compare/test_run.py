@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.compare import Loop, Rules, compare, from_case, read_sweep
-from dqreg.compare import worker as worker_room
+from dqreg.compare import Loop, Rules, compare, from_case, read_sweep, run_engine
 from dqreg.compare.entrants import entrants
 from dqreg.compare.plan import plan
 from dqreg.compare.run import Progress
@@ -92,7 +91,7 @@ def test_engines_get_the_same_and_never_the_held_out_points(both):
 
 
 def test_crash_hang_and_memory_cost_one_row_each(task, monkeypatch):
-    monkeypatch.setattr(worker_room, "WARM_SECONDS", 0.0)
+    monkeypatch.setattr(run_engine, "WARM_SECONDS", 0.0)
     found = compare(
         task,
         [FILE],
@@ -211,7 +210,7 @@ def test_engine_that_needs_a_start_stays_away_from_nothing(tmp_path):
 
 
 def test_larger_scans_are_not_tried_after_one_ran_out_of_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(worker_room, "WARM_SECONDS", 0.0)
+    monkeypatch.setattr(run_engine, "WARM_SECONDS", 0.0)
     sweep = parse_sweep("timeout = 1.0\n[axis.points]\nvalues = [500, 1000, 2000]", "sizes")
     path = tmp_path / "one.py"
     path.write_text("import time\nclass Slow:\n  name='slow'\n  def register(self, task): time.sleep(30)\nslow=Slow()")

@@ -1,6 +1,6 @@
 """Rows on a Dask cluster: each is a task, and each task has its row done in a process of its own.
 
-A worker's task hands its row to a `Child`, as the pool of one machine does: a crash or a hang in a registration ends
+A worker's task hands its row to a `Worker`, as the pool of one machine does: a crash or a hang in a registration ends
 that child, not the Dask worker with whatever else it holds. A Dask worker that dies is Dask's to notice; its tasks go
 to another one. Results come back to here, and only this process writes.
 """
@@ -22,8 +22,8 @@ from typing import Any
 
 from dqreg.errors import DqregError, InputError, MissingDependencyError
 from dqreg.registration.batch.pool import POLL_SECONDS, Answer, Stop
-from dqreg.registration.batch.row import Done, Row, Thumbnail
-from dqreg.registration.batch.worker import Child
+from dqreg.registration.batch.row import Done, Row, Thumbnail, row_worker, run_isolated
+from dqreg.registration.batch.worker import Worker
 
 CONNECT_SECONDS = 20
 
@@ -106,8 +106,8 @@ DESERTED_SECONDS = 60.0
 CANCELLED = (asyncio.CancelledError, concurrent.futures.CancelledError)
 
 # Children of this Dask worker: those that have nothing to do, and those at work with the batch that they work for.
-_idle: list[Child] = []
-_busy: dict[Child, str] = {}
+_idle: list[Worker] = []
+_busy: dict[Worker, str] = {}
 _lock = threading.Lock()
 
 
@@ -219,10 +219,10 @@ def _done(future: Any) -> Done:
 def do_row(row: Row, batch: str, threads: int, timeout: float | None, thumbnail: Thumbnail | None) -> Done:
     """Have a row done by a child of this Dask worker; runs there."""
     with _lock:
-        child = _idle.pop() if _idle else Child(threads, IDLE_SECONDS)
+        child = _idle.pop() if _idle else row_worker(threads, IDLE_SECONDS)
         _busy[child] = batch
     try:
-        return child.ask(row, timeout, thumbnail)
+        return run_isolated(child, row, timeout, thumbnail)
     finally:
         with _lock:
             del _busy[child]

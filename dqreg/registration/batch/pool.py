@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from dqreg.errors import InputError
-from dqreg.registration.batch.row import TARGETS_KEPT, Done, Row, Thumbnail
-from dqreg.registration.batch.worker import Child
+from dqreg.registration.batch.row import TARGETS_KEPT, Done, Row, Thumbnail, row_worker, run_isolated
+from dqreg.registration.batch.worker import Worker
 
 POLL_SECONDS = 0.1
 
@@ -35,7 +35,7 @@ def on_this_machine(
         raise InputError(f"workers must be 1 or more; got {workers}")
     workers = min(workers, len(rows))
     shared = max(1, cores // max(workers, 1)) if threads is None else threads
-    crew = _Crew(rows, [Child(shared) for _ in range(workers)], timeout, thumbnail)
+    crew = _Crew(rows, [row_worker(shared) for _ in range(workers)], timeout, thumbnail)
     try:
         yield from crew.answers(stop)
     finally:
@@ -71,15 +71,15 @@ class _Crew:
     """One thread a worker process: it waits for the process, and does nothing else."""
 
     def __init__(
-        self, rows: Sequence[Row], children: list[Child], timeout: float | None, thumbnail: Thumbnail | None
+        self, rows: Sequence[Row], workers: list[Worker], timeout: float | None, thumbnail: Thumbnail | None
     ) -> None:
         self._count = len(rows)
         self._backlog = Backlog(rows)
-        self._children = children
+        self._workers = workers
         self._timeout, self._thumbnail = timeout, thumbnail
         self._answers: queue.SimpleQueue[Answer | Exception] = queue.SimpleQueue()
         self._stopping = threading.Event()
-        self._threads = [threading.Thread(target=self._drive, args=(child,), daemon=True) for child in children]
+        self._threads = [threading.Thread(target=self._drive, args=(worker,), daemon=True) for worker in workers]
 
     def answers(self, stop: Stop) -> Iterator[Answer]:
         if stop():
@@ -105,17 +105,17 @@ class _Crew:
 
     def close(self) -> None:
         self._stopping.set()
-        for child in self._children:
-            child.close()
+        for worker in self._workers:
+            worker.close()
         for thread in self._threads:
             if thread.is_alive():
                 thread.join()
 
-    def _drive(self, child: Child) -> None:
+    def _drive(self, worker: Worker) -> None:
         prepared: deque[Path] = deque(maxlen=TARGETS_KEPT)
         try:
             while not self._stopping.is_set() and (row := self._backlog.take(prepared)) is not None:
-                done = child.ask(row, self._timeout, self._thumbnail)
+                done = run_isolated(worker, row, self._timeout, self._thumbnail)
                 if self._stopping.is_set() and done.status != "ran":
                     return  # ended by us
                 self._answers.put((row, done))
@@ -126,4 +126,4 @@ class _Crew:
         except Exception as error:
             self._answers.put(error)
         finally:
-            child.close()
+            worker.close()

@@ -7,22 +7,25 @@ import os
 import time
 from collections import OrderedDict
 from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import DqregError
 from dqreg.files.poses import read_start
+from dqreg.registration.batch.worker import Failure, Status, Worker
 
 if TYPE_CHECKING:
     from dqreg.registration.prepared import Target
     from dqreg.registration.result import Registration
 
-Status = Literal["ran", "error", "crashed", "timeout"]
 Thumbnail = Callable[["Registration"], bytes | None]
 # Key under which a result file says which row made it.
 BATCH = "batch"
 # Prepared targets that a worker keeps; more would only hold memory.
 TARGETS_KEPT = 2
+# Rows after which a worker process is replaced.
+RECYCLED_AFTER = 256
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,3 +126,30 @@ def _picture(thumbnail: Thumbnail | None, result: Registration) -> bytes | None:
         return thumbnail(result)
     except Exception:
         return None
+
+
+def row_worker(threads: int, idle: float | None = None) -> Worker:
+    """A worker process for rows; where Open3D cannot load, no row could ever run, and its first call says so."""
+    return Worker(threads, prepare=_load_libraries, most=RECYCLED_AFTER, idle=idle)
+
+
+def run_isolated(worker: Worker, row: Row, timeout: float | None = None, thumbnail: Thumbnail | None = None) -> Done:
+    """Register one row in a worker process."""
+    answer = worker.call(partial(_run_here, row, thumbnail), timeout)
+    return Done(answer.kind, answer.message) if isinstance(answer, Failure) else answer
+
+
+def _load_libraries() -> None:
+    from dqreg._open3d import load_open3d
+
+    load_open3d()
+
+
+@cache
+def _targets() -> Targets:
+    """Those of this process."""
+    return Targets()
+
+
+def _run_here(row: Row, thumbnail: Thumbnail | None) -> Done:
+    return run_row(row, _targets(), thumbnail)

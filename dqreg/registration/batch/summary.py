@@ -16,7 +16,7 @@ from typing import Any
 from dqreg.registration.batch.row import BATCH, Done, Row
 
 # From the one that needs a look first to the one that needs none.
-VERDICTS = ("crashed", "timeout", "error", "not run", "failed", "suspect", "accepted")
+VERDICTS = ("crashed", "timeout", "memory", "error", "not run", "failed", "suspect", "accepted")
 POSE = ("tx", "ty", "tz", "qw", "qx", "qy", "qz")
 COLUMNS = ("name", "verdict", "reasons", "rms", "inlier_fraction", "seconds", *POSE, "scan", "target", "result", "line")
 
@@ -26,7 +26,7 @@ class Line:
     """One row in the summary."""
 
     row: Row  # What was asked
-    verdict: str  # "accepted", "suspect" or "failed" where it ran; else "error", "crashed", "timeout" or "not run"
+    verdict: str  # "accepted", "suspect" or "failed" where it ran; else "not run" or a `Status`
     reasons: tuple[str, ...]  # Of the verdict, or what went wrong
     # rms, inlier_fraction, seconds: As in `Registration`; NaN where there is none
     rms: float = math.nan

@@ -1,179 +1,134 @@
-"""A worker process of a batch, seen from its parent: a crash or a hang in it costs one row.
+"""A process of its own for work that may crash, hang or exhaust the memory: that costs one task, never the program.
 
-A fresh interpreter, never a fork: Open3D's threads do not survive one. It talks over its standard input and output, so
-that it may be started from anywhere, also from the daemonic processes of a Dask cluster.
+A fresh interpreter, not a fork: Open3D's threads do not survive one. It talks over its standard input and output, so
+that it may be started from anywhere, also from the daemonic processes of a Dask cluster. No file of the working folder,
+whatever its name, is taken for a module of the standard library.
 """
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import os
 import pickle
-import queue
-import struct
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import threading
-from typing import IO, Any
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import IO, Any, Literal, TypeVar
 
 from dqreg.errors import InputError
-from dqreg.registration.batch.child_start import safe_environment, safe_path
-from dqreg.registration.batch.row import Done, Row, Thumbnail
+from dqreg.registration.batch.serve import receive, send
 
-LENGTH = struct.Struct("<Q")
+# How a task ends: "ran" and "error" are told by the task itself, the others by the process around it.
+Status = Literal["ran", "error", "crashed", "timeout", "memory"]
+Result = TypeVar("Result")
 
-
-def send(stream: IO[bytes], message: Any) -> None:
-    """Write a message to a pipe."""
-    data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
-    stream.write(LENGTH.pack(len(data)) + data)
-    stream.flush()
-
-
-def receive(stream: IO[bytes]) -> Any:
-    """Read a message that `send` wrote."""
-    head = stream.read(LENGTH.size)
-    if len(head) < LENGTH.size:
-        raise EOFError
-    (length,) = LENGTH.unpack(head)
-    data = stream.read(length)
-    if len(data) < length:
-        raise EOFError
-    return pickle.loads(data)
-
-
-def serve(idle: float | None = None) -> None:
-    """Do what the parent says over standard input and output, until it hangs up."""
-    asked, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    # What libraries print goes to the log, which is standard error: on the pipe it would garble the answers.
-    os.dup2(2, 1)
-    requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(asked, requests), daemon=True).start()
-    from dqreg._open3d import load_open3d
-    from dqreg.registration.batch.row import Targets, run_row
-
-    targets = Targets()
-    ready: Exception | None = None
-    try:
-        load_open3d()
-    except Exception as error:
-        ready = error
-    send(answers, ready)
-    while True:
-        try:
-            row, thumbnail = requests.get(timeout=idle)
-        except queue.Empty:
-            os._exit(0)
-        send(answers, run_row(row, targets, thumbnail))
-
-
-def _listen(asked: IO[bytes], requests: queue.SimpleQueue[Any]) -> None:
-    # A thread of its own, so that a parent that is killed takes its workers along, even in the middle of a row.
-    try:
-        while True:
-            requests.put(receive(asked))
-    except (EOFError, OSError):
-        os._exit(0)
-
-
-# Loading the libraries is not the row's doing.
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+# Starting Python and loading libraries is not the task's doing.
 START_SECONDS = 180.0
-# Rows after which a process is replaced: whatever libraries leak goes with it.
-RECYCLED_AFTER = 256
-CODE = (
-    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from dqreg.registration.batch.worker import serve; serve({idle})"
-)
+# How often the memory of the process is looked at.
+POLL_SECONDS = 0.1
+# Nothing is imported before the path is the safe one.
+CODE = "import sys; sys.path[:] = sys.argv[1:]; from dqreg.registration.batch.serve import serve; serve({idle})"
 
 
-class Child:
-    """A process that registers one row after another, and is replaced when it dies."""
+@dataclasses.dataclass(frozen=True)
+class Failure:
+    """Why a task has no result."""
 
-    def __init__(self, threads: int, idle: float | None = None) -> None:
-        self._threads, self._idle = threads, idle
+    kind: Literal["crashed", "timeout", "memory"]
+    message: str  # One line for people
+
+
+class Worker:
+    """A worker process: does one task after another, and is replaced when it dies."""
+
+    def __init__(
+        self,
+        threads: int,
+        *,
+        prepare: Callable[[], None] | None = None,  # First task of every process; what it raises is raised here
+        most: float = float("inf"),  # Tasks after which the process is replaced: what libraries leak goes with it
+        idle: float | None = None,  # Seconds without a task after which the process ends by itself
+    ) -> None:
+        self._threads, self._prepare, self._most, self._idle = threads, prepare or _nothing, most, idle
         self._process: subprocess.Popen[bytes] | None = None
         self._log: IO[bytes] | None = None
-        self._rows = 0
-        self._late: float | None = None
+        self._tasks = 0
         self.closed = False
         self._lock = threading.Lock()
 
-    def ask(self, row: Row, timeout: float | None = None, thumbnail: Thumbnail | None = None) -> Done:
-        """Have a row registered; waits for it."""
-        if self._rows >= RECYCLED_AFTER:
+    def call(
+        self, task: Callable[[], Result], timeout: float | None = None, memory: float | None = None
+    ) -> Result | Failure:
+        """Wait for a task, within seconds and bytes: a function of a module, or a `functools.partial` of one."""
+        if self._tasks >= self._most:
             self._end()
         for _ in range(2):
+            watch = _Watch(timeout, memory)
             try:
-                done = self._asked(row, timeout, thumbnail)
+                self._ready(watch)
+                answer: Result = self._asked(task, watch)
             except (EOFError, OSError):
                 code, words = self._last_words()
                 self._end()
-                if self._late is not None:
-                    return Done("timeout", f"no answer within {self._late:g} s")
+                if watch.failure is not None:
+                    return watch.failure
                 if code == 0 and self._idle is not None:
-                    continue  # it had just gone, for want of work
-                return Done("crashed", words)
-            self._rows += 1
-            if self._late is not None:
+                    continue  # it had just ended, for want of work
+                return Failure("crashed", words)
+            except BaseException:
+                # An answer that nobody waits for any more would be taken for that of the next task.
+                self._end()
+                raise
+            self._tasks += 1
+            if watch.failure is not None:
                 self._end()  # its time was up just when it was done
-            return done
-        return Done("crashed", words)
-
-    def _asked(self, row: Row, timeout: float | None, thumbnail: Thumbnail | None) -> Done:
-        process = self._ready()
-        assert process.stdin is not None
-        assert process.stdout is not None
-        with self._limit(timeout):
-            send(process.stdin, (row, thumbnail))
-            done: Done = receive(process.stdout)
-        return done
+            return answer
+        return Failure("crashed", words)
 
     def close(self) -> None:
         """End the process for good; whoever waits for its answer is told that it crashed."""
         self.closed = True
-        self._kill()
+        with self._lock:
+            if self._process is not None:
+                self._process.kill()
         self._end()
 
-    def _ready(self) -> subprocess.Popen[bytes]:
+    def _ready(self, watch: _Watch) -> None:
+        """See to it that there is a process."""
         if self._process is not None and self._process.poll() is None:
-            return self._process
+            return
         self._end()
         with self._lock:
             if self.closed:
                 raise EOFError
-            process, self._log = _started(self._threads, self._idle)
-            self._process = process
-        with self._limit(START_SECONDS):
-            assert process.stdout is not None
-            trouble = receive(process.stdout)
-        if trouble is not None:
-            raise trouble
-        return process
-
-    @contextlib.contextmanager
-    def _limit(self, seconds: float | None) -> Any:
-        """Ends the process once the time is up, so that reading from it ends as well."""
-        self._late = None
-        if seconds is None:
-            yield
-            return
-        timer = threading.Timer(seconds, self._too_late, (seconds,))
-        timer.daemon = True
-        timer.start()
+            self._process, self._log = _started(self._threads, self._idle)
+        start = _Watch(START_SECONDS, None)
         try:
-            yield
+            self._asked(self._prepare, start)
         finally:
-            timer.cancel()
+            watch.failure = start.failure
 
-    def _too_late(self, seconds: float) -> None:
-        self._late = seconds
-        self._kill()
-
-    def _kill(self) -> None:
-        with self._lock:
-            if self._process is not None:
-                self._process.kill()
+    def _asked(self, task: Callable[[], Result], watch: _Watch) -> Result:
+        process = self._process
+        if process is None:
+            raise EOFError  # closed meanwhile
+        assert process.stdin is not None
+        assert process.stdout is not None
+        data = pickle.dumps(task, protocol=pickle.HIGHEST_PROTOCOL)
+        with watch.over(process):
+            send(process.stdin, (_main_script(data), data))
+            result, error = receive(process.stdout)
+        if error is not None:
+            raise error
+        found: Result = result
+        return found
 
     def _last_words(self) -> tuple[int | None, str]:
         """Exit code, and how the process ended in words."""
@@ -185,25 +140,25 @@ class Child:
         except subprocess.TimeoutExpired:
             code = None
         how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
-        words = "the worker process died"
+        words = f"the worker process died ({how})"
         if log is not None:
             with contextlib.suppress(OSError, ValueError):
                 log.seek(0)
                 lines = log.read()[-10_000:].decode(errors="replace").strip().splitlines()
                 if lines:
-                    return code, f"{words} ({how}): {lines[-1][:200]}"
-        return code, f"{words} ({how})"
+                    return code, f"{words}: {lines[-1][:200]}"
+        return code, words
 
     def _end(self) -> None:
         with self._lock:
             process, log = self._process, self._log
             self._process = self._log = None
-            self._rows = 0
+            self._tasks = 0
         if process is not None:
             process.kill()
             process.wait()
             for pipe in (process.stdin, process.stdout):
-                # A request that was not taken is still in the buffer, and has nowhere to go.
+                # A task that was not taken is still in the buffer, and has nowhere to go.
                 with contextlib.suppress(OSError, ValueError):
                     if pipe is not None:
                         pipe.close()
@@ -211,16 +166,61 @@ class Child:
             log.close()
 
 
+class _Watch:
+    """Ends a process that takes too long or too much memory, so that reading from it ends as well."""
+
+    def __init__(self, timeout: float | None, memory: float | None) -> None:
+        self._timeout, self._memory = timeout, memory
+        self.failure: Failure | None = None
+
+    @contextlib.contextmanager
+    def over(self, process: subprocess.Popen[bytes]) -> Any:
+        """Watch a process during a block."""
+        if self._timeout is None and self._memory is None:
+            yield
+            return
+        done = threading.Event()
+        thread = threading.Thread(target=self._run, args=(process, done), daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            done.set()
+            thread.join()
+
+    def _run(self, process: subprocess.Popen[bytes], done: threading.Event) -> None:
+        end = None if self._timeout is None else time.monotonic() + self._timeout
+        while self.failure is None:
+            pauses = [] if self._memory is None else [POLL_SECONDS]
+            if done.wait(min(pauses if end is None else [*pauses, max(0.0, end - time.monotonic())])):
+                return
+            used = 0.0 if self._memory is None else resident_memory(process.pid)
+            if self._memory is not None and used > self._memory:
+                words = f"ended at {used / 2**30:.1f} GiB, limit {self._memory / 2**30:.1f} GiB"
+                self.failure = Failure("memory", words)
+            elif end is not None and time.monotonic() >= end:
+                self.failure = Failure("timeout", f"no answer within {self._timeout:g} s")
+        process.kill()
+
+
+def resident_memory(pid: int) -> float:
+    """Bytes of memory that a process holds; 0 where the system does not tell."""
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+        return float(pages * os.sysconf("SC_PAGE_SIZE"))
+    except (OSError, ValueError, IndexError, AttributeError):
+        return 0.0
+
+
 def _started(threads: int, idle: float | None) -> tuple[subprocess.Popen[bytes], IO[bytes]]:
     """The process, and the file that holds what its libraries print."""
-    import json
-
-    environment = {**os.environ, **safe_environment(threads)}
     # Ctrl-C in a terminal goes to the whole group; the parent alone decides what it means.
     group: dict[str, Any] = {"process_group": 0}
     if os.name == "nt":
         group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}  # type: ignore[attr-defined,unused-ignore]
-    command = [sys.executable, "-P", "-c", CODE.format(idle=idle), json.dumps(safe_path(sys.path))]
+    flags = ["-E"] if sys.flags.ignore_environment else []
+    command = [sys.executable, *flags, "-P", "-c", CODE.format(idle=idle), *safe_path(sys.path)]
+    environment = {**os.environ, **safe_environment(threads)}
     pipe = subprocess.PIPE
     try:
         log = tempfile.TemporaryFile("a+b")  # noqa: SIM115 - lives as long as the process
@@ -231,3 +231,38 @@ def _started(threads: int, idle: float | None) -> tuple[subprocess.Popen[bytes],
             raise
     except OSError as error:
         raise InputError(f"cannot start a worker process: {error.strerror or error}; use fewer --workers") from error
+
+
+def safe_environment(threads: int) -> dict[str, str]:
+    """Variables of a worker: its threads, and safe-path mode, which its own children inherit."""
+    return {**{name: str(threads) for name in THREAD_VARIABLES}, "PYTHONSAFEPATH": "1"}
+
+
+def safe_path(entries: Sequence[str]) -> list[str]:
+    """A module search path with the standard library first, so that nothing else can stand in for it."""
+    places = list(entries)
+    # An empty entry is the working folder. It stays on the path: dqreg itself or an engine may lie in it.
+    with contextlib.suppress(FileNotFoundError):
+        places = [entry or os.getcwd() for entry in entries]  # noqa: PTH109 - a path is text
+    return sorted(places, key=lambda place: not _is_standard(Path(place)))
+
+
+def _is_standard(place: Path) -> bool:
+    folders = {Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib")}
+    place = place.resolve()
+    packed = f"python{sys.version_info.major}{sys.version_info.minor}.zip"
+    return place in folders or place.name == packed or (place.name == "lib-dynload" and place.parent in folders)
+
+
+def _main_script(data: bytes) -> dict[str, Any]:
+    """Where the worker finds what a task took from the caller's own script; the same rule as in `multiprocessing`."""
+    if b"__main__" not in data:
+        return {}
+    from multiprocessing.spawn import get_preparation_data
+
+    found = get_preparation_data("worker")
+    return {name: found[name] for name in ("init_main_from_name", "init_main_from_path") if name in found}
+
+
+def _nothing() -> None:
+    """Do nothing: that it was done shows that the process has started."""

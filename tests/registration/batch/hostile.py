@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import time
 
-from dqreg.registration.batch.row import Done
-from dqreg.registration.batch.worker import receive, send
+from dqreg.errors import MissingDependencyError
 
 
 def thumbnail(result):
@@ -22,14 +21,21 @@ def thumbnail(result):
     return b"picture"
 
 
-def parrot():
-    """A worker that registers nothing, and so starts fast."""
-    asked, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    send(answers, None)
-    while True:
-        row, _ = receive(asked)
-        if row.name == "hang":
-            time.sleep(600.0)
-        if row.name == "leave":
-            os._exit(3)
-        send(answers, Done("ran", str(os.getpid())))
+def behave(kind):
+    """A task of a worker process, and its process number where it ends well."""
+    if kind == "hang":
+        time.sleep(600.0)
+    if kind == "leave":
+        os._exit(3)
+    if kind == "raise":
+        raise LookupError("nobody home")
+    if kind == "greedy":
+        hoard = []
+        while True:
+            hoard.append(b"x" * 10_000_000)
+            time.sleep(0.005)
+    return os.getpid()
+
+
+def refuse():
+    raise MissingDependencyError("no such library")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from dqreg.registration.batch.child_start import safe_environment, safe_path
+from dqreg.registration.batch.worker import safe_environment, safe_path
 from tests.registration.batch.scenes import CODE, ROOT, make_scene, summary
 
 # Like the console script: a file elsewhere, so that the parent itself never looks into the working folder.
@@ -46,12 +46,14 @@ def planted(tmp_path):
     return scene, working, marks
 
 
-def ran(tmp_path: Path, folder: Path, program: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+def ran(
+    tmp_path: Path, folder: Path, program: str, *arguments: object, flags: tuple[str, ...] = ()
+) -> subprocess.CompletedProcess[str]:
     script = tmp_path / "program" / "dqreg_main.py"
     script.parent.mkdir()
     script.write_text(program)
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
-    words = [sys.executable, str(script), *map(str, arguments)]
+    words = [sys.executable, *flags, str(script), *map(str, arguments)]
     variables = {**environment, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     return subprocess.run(words, cwd=folder, env=variables, capture_output=True, text=True, timeout=300.0, check=False)
 
@@ -79,17 +81,22 @@ def test_a_batch_on_dask_imports_nothing_of_the_working_folder(planted, tmp_path
     assert [row["verdict"] for row in summary(tmp_path / "out")] == ["accepted", "accepted"]
 
 
-def test_a_comparison_imports_nothing_of_the_working_folder(planted, tmp_path):
+@pytest.mark.parametrize("flags", [(), ("-E",)])
+def test_a_comparison_imports_nothing_of_the_working_folder(planted, tmp_path, flags):
     _, working, marks = planted
+    # An engine of the script itself is found as well.
     program = (
-        "from dqreg.compare import Rules, compare\nfrom dqreg.synth import demo_case\n"
+        f"import sys\nsys.path.insert(1, {str(ROOT)!r})\n"
+        "import numpy as np\nfrom dqreg.compare import Rules, compare\nfrom dqreg.synth import demo_case, load_case\n"
+        "class Knowing:\n    name = 'knowing'\n"
+        "    def register(self, task):\n        return load_case(demo_case()).T_target_source\n"
         "if __name__ == '__main__':\n"
         "    rules = Rules(settings=('manual',), repeats=1, isolate=True)\n"
-        "    print([run.success for run in compare(demo_case(), ['dqreg'], rules=rules).runs])\n"
+        "    print([run.success for run in compare(demo_case(), ['dqreg', Knowing()], rules=rules).runs])\n"
     )
-    run = ran(tmp_path, working, program)
+    run = ran(tmp_path, working, program, flags=flags)
     assert marked(marks) == []
-    assert run.stdout == "[True]\n", run.stderr
+    assert run.stdout == "[True, True]\n", run.stderr
 
 
 def test_nothing_stands_before_the_standard_library(monkeypatch, tmp_path):

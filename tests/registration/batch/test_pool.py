@@ -1,11 +1,8 @@
 from __future__ import annotations
 
 import dataclasses
-import io
-import os
 import shutil
 import signal
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +12,7 @@ from hypothesis import strategies as st
 
 from dqreg.errors import InputError
 from dqreg.registration.batch import Crew, Row, read_manifest, run_batch
-from dqreg.registration.batch import worker as child_room
 from dqreg.registration.batch.pool import Backlog
-from dqreg.registration.batch.worker import Child, receive, send
 from tests.registration.batch.hostile import thumbnail
 from tests.registration.batch.scenes import make_scene, results
 
@@ -34,18 +29,6 @@ def test_every_row_is_given_out_once_and_prepared_targets_come_first(targets, pr
     for target in held:
         of = [int(row.name) for row in taken if row.target == target]
         assert of == sorted(of)
-
-
-@given(st.recursive(st.none() | st.binary(max_size=20) | st.text(), st.lists, max_leaves=5))
-@settings(max_examples=40, deadline=None)
-def test_messages_arrive_whole_or_not_at_all(message):
-    pipe = io.BytesIO()
-    send(pipe, message)
-    data = pipe.getvalue()
-    assert receive(io.BytesIO(data)) == message
-    for cut in {0, 3, len(data) - 1}:
-        with pytest.raises(EOFError):
-            receive(io.BytesIO(data[:cut]))
 
 
 @pytest.fixture(scope="module")
@@ -76,63 +59,6 @@ def test_crash_and_bad_file_cost_one_row_each(scene, tmp_path):
     for name in ("scan3", "scan4"):
         T = np.array(results(tmp_path / "out")[name]["T_target_source"])
         assert np.abs(T - scene.truths[name]).max() < 0.2
-
-
-def test_a_worker_goes_with_its_parent_even_in_the_middle_of_a_row(scene, tmp_path):
-    row = read_manifest(scene.manifest)[0]
-    shutil.copy(row.scan, tmp_path / "hang.npy")
-    child = Child(threads=1)
-    try:
-        process = child._ready()
-        send(process.stdin, (dataclasses.replace(row, scan=tmp_path / "hang.npy"), thumbnail))
-        # What the system does for a parent that was killed.
-        process.stdin.close()
-        assert process.wait(60.0) == 0
-    finally:
-        child.close()
-
-
-PARROT = (
-    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from tests.registration.batch.hostile import parrot; parrot()"
-)
-
-
-def test_a_worker_is_replaced_when_it_dies_is_late_or_old_and_closes_for_good(monkeypatch):
-    monkeypatch.setattr(child_room, "CODE", PARROT)
-    child = Child(threads=1)
-    good, hang, leave = (Row(name, Path("s"), Path("t")) for name in ("good", "hang", "leave"))
-    try:
-        first = child.ask(good, 60.0).message
-        assert child.ask(good, 60.0).message == first
-        assert child.ask(leave, 60.0).message == "the worker process died (exit code 3)"
-        late = child.ask(hang, 0.3)
-        assert (late.status, late.message) == ("timeout", "no answer within 0.3 s")
-        second = child.ask(good, 60.0).message
-        monkeypatch.setattr(child_room, "RECYCLED_AFTER", 1)
-        third = child.ask(good, 60.0).message
-        assert len({first, second, third}) == 3
-        monkeypatch.undo()
-        timer = threading.Timer(0.3, child.close)
-        timer.start()
-        assert child.ask(hang).status == "crashed"
-        timer.join()
-        assert child.ask(good).status == "crashed"
-    finally:
-        child.close()
-    for number in (first, second, third):
-        with pytest.raises(ProcessLookupError):
-            os.kill(int(number), 0)
-
-
-def test_an_idle_worker_leaves_and_the_next_row_starts_another(monkeypatch):
-    child = Child(threads=1, idle=0.1)
-    try:
-        assert child._ready().wait(30.0) == 0
-        monkeypatch.setattr(child_room, "CODE", PARROT)
-        assert child.ask(Row("good", Path("s"), Path("t"))).status == "ran"
-    finally:
-        child.close()
 
 
 @pytest.mark.parametrize("bad", [{"workers": 0}, {"threads": 0}, {"timeout": 0.0}, {"timeout": float("nan")},

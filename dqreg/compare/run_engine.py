@@ -1,4 +1,4 @@
-"""One call of an engine, watched: time from outside, memory, and whatever it raises."""
+"""Calls of an engine, here or in a worker process: time from outside, memory, and whatever it raises."""
 
 from __future__ import annotations
 
@@ -9,17 +9,26 @@ import gc
 import pickle
 import sys
 import time
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from dqreg.compare.case import thinned
 from dqreg.compare.engines.protocol import Attempt, Task
 from dqreg.compare.entrants import Entrant
+from dqreg.compare.environment import machine_memory
+from dqreg.registration.batch.worker import Failure, Status, Worker
 
-Status = Literal["ran", "error", "crashed", "timeout", "memory"]
+# Loading and compiling libraries in the first call is not the engine's doing, and is not timed.
+WARM_SECONDS = 20.0
+# Fraction of the machine's memory that an engine may take.
+MEMORY_FRACTION = 0.75
 _STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+# Engines that have run in this worker process.
+_warm: set[str] = set()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -33,9 +42,32 @@ class Outcome:
     peak_memory: float = float("nan")  # Bytes that the process grew by at its highest; NaN if unknown
 
 
-def pack(entrant: Entrant, task: Task) -> bytes:
-    """Engine and task as bytes: unpacked anew for each run, so that no run finds what another left."""
-    return pickle.dumps((entrant, task), protocol=pickle.HIGHEST_PROTOCOL)
+def isolated_calls(
+    worker: Worker, entrant: Entrant, task: Task, repeats: int, timeout: float, memory: float | None = None
+) -> Iterator[Outcome]:
+    """Run an engine in a worker process, and again until it fails."""
+    # Unpacked anew for each run, so that no run finds what another left.
+    packed = pickle.dumps((entrant, task), protocol=pickle.HIGHEST_PROTOCOL)
+    memory = MEMORY_FRACTION * machine_memory() if memory is None else memory
+    answer: Outcome | Failure | None
+    answer = worker.call(partial(_warm_up_once, entrant.name, packed), timeout + WARM_SECONDS, memory)
+    for _ in range(repeats):
+        if not isinstance(answer, Failure):
+            answer = worker.call(partial(call, packed), timeout, memory)
+        if isinstance(answer, Failure):
+            late = answer.kind == "timeout"
+            message = f"no answer within {timeout:g} s" if late else answer.message
+            yield Outcome(answer.kind, message, wall_seconds=timeout if late else float("nan"))
+            return
+        yield answer
+        if answer.status != "ran":
+            return
+
+
+def _warm_up_once(name: str, packed: bytes) -> None:
+    if name not in _warm:
+        warm_up(packed)
+        _warm.add(name)
 
 
 def warm_up(packed: bytes | tuple[Entrant, Task]) -> None:

@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import io
+import os
+import threading
+import time
+from functools import partial
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dqreg.errors import MissingDependencyError
+from dqreg.registration.batch.serve import receive, send
+from dqreg.registration.batch.worker import Failure, Worker, resident_memory
+from tests.registration.batch.hostile import behave, refuse
+
+GOOD, HANG, LEAVE = (partial(behave, kind) for kind in ("good", "hang", "leave"))
+
+
+@pytest.fixture
+def worker():
+    made = Worker(threads=1)
+    yield made
+    made.close()
+
+
+@given(st.recursive(st.none() | st.binary(max_size=20) | st.text(), st.lists, max_leaves=5))
+@settings(max_examples=40, deadline=None)
+def test_messages_arrive_whole_or_not_at_all(message):
+    pipe = io.BytesIO()
+    send(pipe, message)
+    data = pipe.getvalue()
+    assert receive(io.BytesIO(data)) == message
+    for cut in {0, 3, len(data) - 1}:
+        with pytest.raises(EOFError):
+            receive(io.BytesIO(data[:cut]))
+
+
+def test_it_is_replaced_when_it_dies_is_late_or_takes_too_much(worker):
+    first = worker.call(GOOD, 60.0)
+    assert worker.call(GOOD) == first
+    assert worker.call(LEAVE, 60.0) == Failure("crashed", "the worker process died (exit code 3)")
+    assert worker.call(HANG, 0.3) == Failure("timeout", "no answer within 0.3 s")
+    second = worker.call(GOOD)
+    greedy = worker.call(partial(behave, "greedy"), 60.0, 400e6)
+    assert (greedy.kind, greedy.message[-13:]) == ("memory", "limit 0.4 GiB")
+    third = worker.call(GOOD, memory=4e9)
+    assert len({first, second, third}) == 3
+    for number in (first, second):
+        with pytest.raises(ProcessLookupError):
+            os.kill(number, 0)
+
+
+def test_an_error_is_the_callers(worker):
+    with pytest.raises(LookupError, match="nobody home"):
+        worker.call(partial(behave, "raise"))
+    assert worker.call(GOOD) > 0
+
+
+def test_what_every_process_needs_first_is_refused_here():
+    worker = Worker(threads=1, prepare=refuse)
+    with pytest.raises(MissingDependencyError, match="no such library"):
+        worker.call(GOOD)
+    worker.close()
+
+
+def test_it_is_recycled(worker):
+    recycled = Worker(threads=1, most=1)
+    try:
+        assert recycled.call(GOOD) != recycled.call(GOOD)
+    finally:
+        recycled.close()
+
+
+def test_closing_ends_the_task_and_is_for_good(worker):
+    timer = threading.Timer(0.5, worker.close)
+    timer.start()
+    assert worker.call(HANG).kind == "crashed"
+    timer.join()
+    assert worker.call(GOOD).kind == "crashed"
+
+
+def test_it_goes_with_its_parent_even_in_the_middle_of_a_task(worker):
+    worker.call(GOOD)
+    process = worker._process
+    thread = threading.Thread(target=worker.call, args=(HANG,))
+    thread.start()
+    time.sleep(0.3)
+    # What the system does for a parent that was killed.
+    process.stdin.close()
+    assert process.wait(60.0) == 0
+    thread.join()
+
+
+def test_an_idle_one_leaves_and_the_next_task_starts_another():
+    worker = Worker(threads=1, idle=0.1)
+    try:
+        first, process = worker.call(GOOD), worker._process
+        assert process.wait(30.0) == 0
+        assert worker.call(GOOD) not in (first, None)
+    finally:
+        worker.close()
+
+
+def test_resident_memory_is_that_of_the_process():
+    before, block = resident_memory(os.getpid()), bytearray(b"x" * 50_000_000)
+    if before:
+        assert 45e6 < resident_memory(os.getpid()) - before < 60e6
+    assert len(block) == 50_000_000
+    assert resident_memory(-1) == 0.0
