@@ -19,7 +19,7 @@ from dqreg.registration.evidence import gather_evidence, has_pose
 from dqreg.registration.inputs import Inputs
 from dqreg.registration.result import Registration
 from dqreg.registration.source import CentredSource
-from dqreg.registration.target_index import IndexedTarget
+from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
 from dqreg.trust import (
     Evidence,
@@ -63,7 +63,7 @@ class Outcome:
     scan: Scan
     surface: Surface
     source: CentredSource
-    target: IndexedTarget
+    target: TargetIndex
     plan: Plan
     known: Known = Known()
     searched: str = ""

@@ -7,7 +7,7 @@ import dataclasses
 from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
 from dqreg.geometry.voxels import WHOLE, EvenCloud, cell_size, even_size, evened
 from dqreg.registration.source import CentredSource
-from dqreg.registration.target_index import IndexedTarget
+from dqreg.registration.target_index import TargetIndex
 
 # A source that fills less than this share of the cells wanted is small beside the target, and asks for smaller ones.
 SMALL = 0.5
@@ -23,12 +23,12 @@ class Sides:
     even: bool = False  # Whether both are clouds with a plane fitted at every point that is left
 
     @staticmethod
-    def whole(source: CentredSource, target: IndexedTarget, fitted: int | None) -> Sides:
+    def whole(source: CentredSource, target: TargetIndex, fitted: int | None) -> Sides:
         """Both as they are, with planes fitted at some points of the source."""
         return Sides(prepare_scan(source.cloud, fitted), target.surface)
 
     @staticmethod
-    def evened(source: CentredSource, target: IndexedTarget, count: int) -> Sides:
+    def evened(source: CentredSource, target: TargetIndex, count: int) -> Sides:
         """Two clouds, thinned to one point a cell where they are denser, with planes fitted at all that are left.
 
         LiDARs crowd their points near the sensor, where they say least about a turn, and depth cameras give many times

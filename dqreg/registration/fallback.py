@@ -13,7 +13,7 @@ from dqreg.icp.loop import Observer
 from dqreg.icp.stopwatch import Deadline
 from dqreg.registration.assess import Outcome, from_work
 from dqreg.registration.initial_pose import Searching
-from dqreg.registration.prepared import Target
+from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
 from dqreg.search.flips import flipped
 from dqreg.search.mirrors import gain_of_mirror
@@ -84,13 +84,13 @@ def flips_of(outcome: Outcome, flips: FloatArray) -> tuple[Alternative, ...]:
     return tuple(Alternative(from_work(T, outcome.target.origin, outcome.source.origin), rms) for T, rms in found)
 
 
-def mirror_gain(outcome: Outcome, target: Target) -> float:
+def mirror_gain(outcome: Outcome, target: TargetIndex) -> float:
     """Mean log-likelihood that the scan gains when it is mirrored; asked only where some of it lies off the target."""
     if outcome.target.kind == "cloud" or not outcome.found or not outcome.evidence.patches_off > 0.0:
         return -np.inf
     surface = outcome.target.surface
     limit, floor = 0.25 * outcome.plan.max_distance, width_floor(outcome.scan, surface)
-    return gain_of_mirror(outcome.run.T_target_source, target.mirrors, outcome.scan, surface, limit, floor)
+    return gain_of_mirror(outcome.run.T_target_source, target.near_reflections, outcome.scan, surface, limit, floor)
 
 
 def _gain(first: Outcome, second: Outcome) -> tuple[float, float]:

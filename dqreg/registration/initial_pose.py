@@ -15,7 +15,7 @@ from dqreg.icp.stopwatch import Deadline
 from dqreg.registration.assess import from_work, to_work
 from dqreg.registration.constraints import Known
 from dqreg.registration.options import Options
-from dqreg.registration.prepared import Target
+from dqreg.registration.target_index import TargetIndex
 from dqreg.search import Candidate, Stage, search
 from dqreg.trust.records import Alternative
 
@@ -38,7 +38,7 @@ class Searching:
     """A search for a start that is ready to run, and runs only if it is asked to."""
 
     scan: Scan
-    target: Target
+    target: TargetIndex
     options: Options
     reach: float
     deadline: Deadline
@@ -47,11 +47,11 @@ class Searching:
     @property
     def width(self) -> float:
         """Width of the kernel with which to go on from what was found."""
-        return FOUND * self.target.indexed.surface.diagonal
+        return FOUND * self.target.surface.diagonal
 
     def candidates(self) -> tuple[Candidate, ...]:
         """Start poses between the centred frames, the best first."""
-        indexed = self.target.indexed
+        indexed = self.target
         return search(
             self.scan,
             indexed.surface,
@@ -66,7 +66,7 @@ class Searching:
 
 def begin(T_start: FloatArray | None, searching: Searching, origin_source: FloatArray) -> Beginning:
     """Begin at the start that was given, else search for one."""
-    origin = searching.target.indexed.origin
+    origin = searching.target.origin
     if T_start is not None:
         return Beginning(to_work(T_start, origin, origin_source))
     found = searching.candidates()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dqreg.registration.source import CentredSource, centre_source
-from dqreg.registration.target_index import IndexedTarget, index_target
+from dqreg.registration.target_index import TargetIndex, index_target
 
 
 @dataclasses.dataclass(frozen=True)
@@ -16,7 +16,7 @@ class Inputs:
     """Both sides of a registration, kept so that its result can be looked at: deviations, pictures, reports."""
 
     source: CentredSource  # The scan, in target units
-    target: IndexedTarget  # What it was registered to
+    target: TargetIndex  # What it was registered to
 
     @staticmethod
     def read(

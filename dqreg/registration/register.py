@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import renamed
+from dqreg._arrays import FloatArray, renamed
 from dqreg.icp import Observer, run_graduated
 from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Deadline
@@ -24,9 +26,11 @@ from dqreg.registration.initial_pose import Beginning, Searching, begin, read_st
 from dqreg.registration.options import CONVERGENCE, Options, require_callable
 from dqreg.registration.result import Registration
 from dqreg.registration.scale import register_scaled
+from dqreg.registration.target_file import bytes_of, load_target, save_target
+from dqreg.registration.target_index import TargetIndex, index_target
 from dqreg.registration.visibility import look_again
 from dqreg.registration.visible_target import as_viewpoints
-from dqreg.search import Stage
+from dqreg.search import PairTable, Stage
 from dqreg.solvers import Freedom
 
 # Largest distance of a pair, in diagonals of the smaller of source and target.
@@ -150,6 +154,7 @@ def register(
     """
     convergence = renamed("tolerance", tolerance, "convergence", convergence, CONVERGENCE)
     del tolerance
+    target = target.indexed if isinstance(target, Target) else target
     arguments, began = dict(locals()), time.perf_counter()
     options = Options(**{field.name: arguments[field.name] for field in dataclasses.fields(Options)})
     require_callable(observe=observe, observe_search=observe_search)
@@ -168,7 +173,7 @@ def register(
         begun = begin(T_start, searching, both.source.origin)
     watch = both.observer(observe)
     with _timed(timings, "register"):
-        known = Known.of(dof, prior, begun.T_work, both.source.origin, both.target.indexed.origin)
+        known = Known.of(dof, prior, begun.T_work, both.source.origin, both.target.origin)
         outcome = _run(both, sides, begun, known, options, reach, deadline, watch)
     alternatives = begun.alternatives
     if T_start is not None and outcome.found:
@@ -176,7 +181,7 @@ def register(
             if method == "auto" and not known.anything:
                 outcome, alternatives = try_again(outcome, begun.T_work, searching, watch, deadline)
             outcome = outcome.with_free_motions_of(begun.T_work)
-            alternatives += flips_of(outcome, both.target.flips)
+            alternatives += flips_of(outcome, both.target.near_rotations)
     mirrored = mirror_gain(outcome, both.target)
     if viewpoints is not None:
         with _timed(timings, "viewpoint"):
@@ -214,8 +219,7 @@ def _run(
         run, mixture = go_on(sides, plan, run, mixture, deadline.watching(watch))
     T, status = known.held(run.T_target_source), deadline.status(run.status)
     run = dataclasses.replace(run, T_target_source=T, status=status)
-    indexed = both.target.indexed
-    return Outcome(run, mixture, sides.scan, sides.surface, both.source, indexed, plan, known, begun.searched)
+    return Outcome(run, mixture, sides.scan, sides.surface, both.source, both.target, plan, known, begun.searched)
 
 
 @contextlib.contextmanager
@@ -223,3 +227,154 @@ def _timed(timings: dict[str, float], name: str) -> Iterator[None]:
     began = time.perf_counter()
     yield
     timings[name] = time.perf_counter() - began
+
+
+@dataclasses.dataclass(frozen=True)
+class Target:
+    """A target prepared once and registered to often; safe to share between threads.
+
+    Made by `prepare_target`, or read by `Target.load`.
+
+    Attributes
+    ----------
+    indexed : TargetIndex
+        Geometry in a frame of its own, and its surface.
+    seconds : float
+        Time that preparing it, or loading it, took.
+    """
+
+    indexed: TargetIndex
+    seconds: float = dataclasses.field(default=0.0, compare=False)
+
+    @property
+    def pairs(self) -> PairTable:
+        """Pairs of oriented points that the global search looks up; built when first needed."""
+        return self.indexed.pairs
+
+    @property
+    def flips(self) -> FloatArray:
+        """Rotations that leave most of the part in place, (k, 4, 4), in the centred frame; none for a cloud."""
+        return self.indexed.near_rotations
+
+    @property
+    def mirrors(self) -> FloatArray:
+        """Reflections that leave most of the part in place, (k, 4, 4), in the centred frame; none for a cloud."""
+        return self.indexed.near_reflections
+
+    def build_beside(self) -> threading.Thread:
+        """Begin to build what a registration to a mesh asks for, in a thread of its own.
+
+        Returns
+        -------
+        threading.Thread
+            Running; to be joined before the rest is asked for.
+        """
+        return self.indexed.build_beside()
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it takes, in bytes: its arrays, and an estimate for Open3D's trees, good to a fifth."""
+        return bytes_of(self.indexed)
+
+    def save(self, path: str | Path) -> None:
+        """Write it to a file, to be read by `Target.load`: arrays and a JSON header in an NPZ archive, no pickle.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write, as it is named.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        save_target(self.indexed, path)
+
+    @staticmethod
+    def load(path: str | Path) -> Target:
+        """Read a target that `save` wrote; registrations to it give the same poses as to the one saved.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to read.
+
+        Returns
+        -------
+        Target
+            Ready, with the trees built again.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged, or no prepared target.
+        """
+        began = time.perf_counter()
+        return Target(load_target(path).build(), time.perf_counter() - began)
+
+    def register(
+        self,
+        scan: Any,
+        start: Any = None,
+        *,
+        time_limit: float | None = None,
+        max_time: float | None = None,
+        **options: Any,
+    ) -> Registration:
+        """Register a scan to this target; see `register` for the options.
+
+        Parameters
+        ----------
+        scan : path, array or object
+            Source.
+        start : None, "identity" or (4, 4) array_like
+            Where to begin. In tracking, the last pose: a start that explains the scan at once spares the coarse steps.
+        time_limit : float, optional
+            Seconds after which the best pose so far is returned.
+        max_time : float, optional
+            Old name of ``time_limit``, deprecated.
+        **options
+            Keyword options of `register`.
+
+        Returns
+        -------
+        Registration
+            The answer.
+
+        Raises
+        ------
+        InputError
+            If ``max_time`` and ``time_limit`` are both given, and where `register` does.
+        """
+        time_limit = renamed("max_time", max_time, "time_limit", time_limit, None)
+        return register(scan, self, start, time_limit=time_limit, **options)
+
+
+def prepare_target(target: Any) -> Target:
+    """Read a target and build its trees, to register many scans to it.
+
+    Parameters
+    ----------
+    target : path, array, PointCloud, Mesh, Open3D or trimesh object
+        A mesh or a cloud.
+
+    Returns
+    -------
+    Target
+        Pass it to `register` as the target, or call its own ``register``.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or used.
+
+    Examples
+    --------
+    >>> from dqreg.geometry import Mesh
+    >>> from dqreg.synth.parts import bracket
+    >>> prepare_target(Mesh(*bracket())).indexed.kind
+    'mesh'
+    """
+    began = time.perf_counter()
+    return Target(index_target(target).build(), time.perf_counter() - began)

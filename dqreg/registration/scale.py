@@ -26,7 +26,6 @@ from dqreg.icp.stopwatch import Deadline
 from dqreg.registration.assess import from_work
 from dqreg.registration.initial_pose import Searching, read_start
 from dqreg.registration.options import EFFORTS, Options
-from dqreg.registration.prepared import Target
 from dqreg.registration.result import Registration
 from dqreg.registration.scale_search import (
     ScaleCandidate,
@@ -85,9 +84,7 @@ class _Task:
 
     @staticmethod
     def of(arguments: dict[str, Any], began: float) -> _Task:
-        target = arguments["target"]
-        prepared = target if isinstance(target, Target) else Target(index_target(target))
-        indexed = prepared.indexed
+        indexed = index_target(arguments["target"])
         options = Options(**{field.name: arguments[field.name] for field in dataclasses.fields(Options)})
         source = read_any(arguments["source"], "source")
         if isinstance(source, Mesh):
@@ -99,9 +96,9 @@ class _Task:
         # In the unit of the source, so that it grows with the scale.
         reach = REACH * min(indexed.surface.diagonal / ratio, scan.diagonal)
         searching = Searching(
-            scan, prepared, options, reach, Deadline(began, options.time_limit), arguments["observe_search"]
+            scan, indexed, options, reach, Deadline(began, options.time_limit), arguments["observe_search"]
         )
-        given = {**arguments, "source": source, "target": prepared, "described": describe(arguments["source"])}
+        given = {**arguments, "source": source, "target": indexed, "described": describe(arguments["source"])}
         T_start = read_start(arguments["start"], None, None)
         return _Task(given, searching, centred.origin, centred.scale, T_start, ratio)
 
@@ -118,7 +115,7 @@ class _Task:
 
     def again(self, register: Callable[..., Registration], scale: float, T: FloatArray) -> Registration:
         """Register at a scale, from a pose between the centred frames."""
-        start = from_work(T, self.searching.target.indexed.origin, scale * self.origin)
+        start = from_work(T, self.searching.target.origin, scale * self.origin)
         asked = {name: value for name, value in self.arguments.items() if name != "described"}
         limit = self.searching.deadline.left
         return register(
@@ -150,13 +147,13 @@ def _work(task: _Task, result: Registration) -> FloatArray:
     assert result.inputs is not None
     R, t = result.T_target_source[:3, :3], result.T_target_source[:3, 3]
     T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, R @ result.inputs.source.origin + t - task.searching.target.indexed.origin
+    T[:3, :3], T[:3, 3] = R, R @ result.inputs.source.origin + t - task.searching.target.origin
     return T
 
 
 def _last_step(task: _Task, result: Registration, scale: float) -> ScaleStep:
     scan: Scan = task.searching.scan
-    surface, settings = task.searching.target.indexed.surface, result.settings
+    surface, settings = task.searching.target.surface, result.settings
     share = min(max(result.inlier_fraction, 0.05), 0.999)
     mixture = InlierMixture(settings["width"], share, settings["max_distance"])
 

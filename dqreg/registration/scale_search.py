@@ -73,7 +73,7 @@ def joint_step(
 
 def refine_scale(searching: Searching, scale: float, T_work: FloatArray, *, hold: bool = False) -> ScaleCandidate:
     """Scale and pose together, on a few thousand points."""
-    surface = searching.target.indexed.surface
+    surface = searching.target.surface
     few = searching.scan.thinned(COARSE)
     floor, held = width_floor(few, surface), True
     for _ in range(STEPS):
@@ -98,7 +98,7 @@ def _robust(pairs: Pairs, floor: float) -> FloatArray:
 
 
 def _judged(searching: Searching, few: Scan, found: ScaleCandidate, floor: float) -> ScaleCandidate:
-    surface, limit = searching.target.indexed.surface, searching.reach
+    surface, limit = searching.target.surface, searching.reach
     distances = correspond(scaled(few, found.scale), surface, found.T_work).distances / found.scale
     near = distances[distances <= limit]
     if not len(near):
@@ -147,14 +147,14 @@ def try_scale(
     searching: Searching, scale: float, T_start: FloatArray | None, origin_source: FloatArray
 ) -> tuple[ScaleCandidate, ...]:
     """Where a scale leads to, from the start that was given or from what the search finds."""
-    origin = searching.target.indexed.origin
+    origin = searching.target.origin
     if T_start is None:
         again = dataclasses.replace(searching, scan=scaled(searching.scan, scale), reach=scale * searching.reach)
         starts = [c.T_target_source for c in again.candidates()[:FOLLOWED]]
     else:
         # A start may be meant for the scaled source, or be known from elsewhere for the source as it is.
         meant, as_it_is = (to_work(T_start, origin, s * origin_source) for s in (scale, 1.0))
-        same = float(np.abs(meant - as_it_is).max()) <= STILL * searching.target.indexed.surface.diagonal
+        same = float(np.abs(meant - as_it_is).max()) <= STILL * searching.target.surface.diagonal
         starts = [meant] if same else [meant, as_it_is]
     return tuple(refine_scale(searching, scale, T) for T in starts)
 
@@ -168,9 +168,9 @@ def fits(searching: Searching, candidates: list[ScaleCandidate]) -> bool:
     """Whether the best of some candidates lies on the target as closely as the scan's own noise allows."""
     if not candidates:
         return False
-    scan, best, surface = searching.scan, _likeliest(candidates), searching.target.indexed.surface
+    scan, best, surface = searching.scan, _likeliest(candidates), searching.target.surface
     # From cloud to cloud the closest point is a spacing away.
-    usual = scan.noise if isinstance(searching.target.indexed.geometry, Mesh) else scan.noise + scan.spacing
+    usual = scan.noise if isinstance(searching.target.geometry, Mesh) else scan.noise + scan.spacing
     return best.width <= max(FITS * usual, EXACT * surface.diagonal / best.scale)
 
 

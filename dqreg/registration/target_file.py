@@ -21,7 +21,7 @@ from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.files.strict_json import plain, record_from
 from dqreg.geometry import CloudSurface, Mesh, PointCloud
-from dqreg.registration.target_index import IndexedTarget
+from dqreg.registration.target_index import TargetIndex
 
 FORMAT, VERSION = "dqreg target", 2
 # What Open3D's trees take beside the arrays, measured as resident memory: 75 to 92 bytes a triangle, and a copy of the
@@ -41,7 +41,7 @@ class Header:
     dropped: int
 
 
-def save_target(indexed: IndexedTarget, path: str | Path) -> None:
+def save_target(indexed: TargetIndex, path: str | Path) -> None:
     """Write a target, whole or not at all.
 
     >>> import tempfile
@@ -67,7 +67,7 @@ def save_target(indexed: IndexedTarget, path: str | Path) -> None:
     write_atomically(Path(path), stream.getvalue())
 
 
-def load_target(path: str | Path) -> IndexedTarget:
+def load_target(path: str | Path) -> TargetIndex:
     """Read what `save_target` wrote."""
     try:
         # NumPy leaves a file that is no archive open; bytes need no closing.
@@ -89,17 +89,17 @@ def load_target(path: str | Path) -> IndexedTarget:
         raise InputError(f"{path} is a damaged prepared target: {type(error).__name__} {error}") from error
 
 
-def _indexed(header: Header, arrays: dict[str, NDArray[Any]]) -> IndexedTarget:
+def _indexed(header: Header, arrays: dict[str, NDArray[Any]]) -> TargetIndex:
     units, dropped = header.units, header.dropped
     if header.kind == "mesh":
         mesh = Mesh(arrays["vertices"], arrays["faces"], units, dropped, arrays["flat"])
-        return IndexedTarget(mesh, arrays["origin"], header.name)
+        return TargetIndex(mesh, arrays["origin"], header.name)
     cloud = PointCloud(arrays["points"], None, arrays.get("viewpoint"), units, dropped)
     if "normals" in arrays:
         # They are of unit length already; to normalise them again would change their last digits.
         object.__setattr__(cloud, "normals", _same_rows(arrays["normals"], cloud.points))
     fitted = arrays.get("fitted")
-    return IndexedTarget(cloud, arrays["origin"], header.name, fitted)
+    return TargetIndex(cloud, arrays["origin"], header.name, fitted)
 
 
 def _same_rows(normals: NDArray[Any], points: FloatArray) -> FloatArray:
@@ -108,7 +108,7 @@ def _same_rows(normals: NDArray[Any], points: FloatArray) -> FloatArray:
     return normals.astype(np.float64, copy=False)
 
 
-def bytes_of(indexed: IndexedTarget) -> int:
+def bytes_of(indexed: TargetIndex) -> int:
     """Memory that a built target holds, trees included."""
     geometry = indexed.geometry
     if isinstance(geometry, Mesh):

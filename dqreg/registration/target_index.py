@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import threading
 from functools import cached_property
@@ -17,11 +18,17 @@ from dqreg.geometry.opening import describe, read_any
 from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.voxels import EvenCloud, even_size
 from dqreg.registration.source import moved, require_spread
+from dqreg.search import PairTable
+from dqreg.search.flips import near_flips
+from dqreg.search.mirrors import near_mirrors
 
 
 @dataclasses.dataclass(frozen=True)
-class IndexedTarget:
-    """A target ready to be asked, in a frame of its own near the origin."""
+class TargetIndex:
+    """A target in a frame of its own near the origin: geometry, surface, and what the global search looks up.
+
+    What is derived is built when first needed, the same whoever builds it, and only read from then on.
+    """
 
     geometry: PointCloud | Mesh  # Moved so that ``origin`` is at zero: far-away coordinates cost no digits
     origin: FloatArray  # (3,): Middle of the bounding box in the target's frame
@@ -46,14 +53,27 @@ class IndexedTarget:
             surface.closest(np.zeros((1, 3)))  # builds what is built lazily, while only one thread is here
             return surface
 
-    def build(self) -> None:
-        """Build now what a registration from a start asks for, so that none of them has to wait for it."""
+    def build(self) -> TargetIndex:
+        """Itself, with all built that a registration from a given pose asks for."""
         found = self.surface.closest(self.surface.centre[None])
-        _ = self.spreads, self.smooth_normals(found)
+        _ = self.spreads, self.smooth_normals(found), self.near_rotations
         if isinstance(self.geometry, Mesh):
             _ = self.geometry.face_neighbours, self.geometry.is_closed
         elif isinstance(self.surface, CloudSurface):
             _ = self.surface.normals
+        return self
+
+    def build_beside(self) -> threading.Thread:
+        """A running thread that builds a mesh; to be joined before the rest is asked for."""
+        thread = threading.Thread(target=self._build_mesh, daemon=True)
+        thread.start()
+        return thread
+
+    def _build_mesh(self) -> None:
+        # What fails here fails again where it is asked for, in the caller's thread.
+        with contextlib.suppress(Exception):
+            if isinstance(self.geometry, Mesh):
+                self.build()
 
     def evened(self, count: int) -> EvenCloud:
         """The cloud as the means of about so many cells, and their surface; built once and only read from then on."""
@@ -77,6 +97,21 @@ class IndexedTarget:
     def _smooth(self) -> SmoothNormals | None:
         return SmoothNormals(self.geometry) if isinstance(self.geometry, Mesh) else None
 
+    @cached_property
+    def pairs(self) -> PairTable:
+        """Pairs of oriented points that the global search looks up."""
+        return PairTable.of(self.geometry, self.surface)
+
+    @cached_property
+    def near_rotations(self) -> FloatArray:
+        """Rotations that leave most of a part in place, (k, 4, 4); none for a cloud."""
+        return near_flips(self.geometry, self.surface) if isinstance(self.geometry, Mesh) else np.zeros((0, 4, 4))
+
+    @cached_property
+    def near_reflections(self) -> FloatArray:
+        """Reflections that leave most of a part in place, (k, 4, 4); none for a cloud."""
+        return near_mirrors(self.geometry, self.surface) if isinstance(self.geometry, Mesh) else np.zeros((0, 4, 4))
+
     @property
     def units(self) -> str | None:
         """Length unit, where known."""
@@ -88,14 +123,14 @@ class IndexedTarget:
         return "mesh" if isinstance(self.geometry, Mesh) else "cloud"
 
 
-def index_target(target: Any) -> IndexedTarget:
-    """Read a target and move it to its own middle."""
+def index_target(target: Any) -> TargetIndex:
+    """Read a target and move it to its own middle; one that is indexed stays as it is."""
+    if isinstance(target, TargetIndex):
+        return target
     geometry = read_any(target, "target")
     if isinstance(geometry, Mesh):
         origin = geometry.centre
-        return IndexedTarget(
-            dataclasses.replace(geometry, vertices=geometry.vertices - origin), origin, describe(target)
-        )
+        return TargetIndex(dataclasses.replace(geometry, vertices=geometry.vertices - origin), origin, describe(target))
     require_spread(geometry.points, "target")
     origin = 0.5 * np.add(*bounds(geometry.points))
-    return IndexedTarget(moved(geometry, -origin, 1.0), origin, describe(target))
+    return TargetIndex(moved(geometry, -origin, 1.0), origin, describe(target))

@@ -12,7 +12,7 @@ from dqreg.icp import Observer, run_graduated
 from dqreg.icp.stopwatch import Deadline
 from dqreg.registration.assess import Outcome
 from dqreg.registration.source import CentredSource
-from dqreg.registration.target_index import IndexedTarget
+from dqreg.registration.target_index import TargetIndex
 from dqreg.registration.visible_target import require_mesh, seen_target
 from dqreg.rigid import pose
 
@@ -28,7 +28,7 @@ def in_centred_frame(viewpoints: FloatArray, source: CentredSource) -> FloatArra
     return source.scale * viewpoints - source.origin
 
 
-def seen_from(source: CentredSource, viewpoints: FloatArray, target: IndexedTarget) -> CentredSource:
+def seen_from(source: CentredSource, viewpoints: FloatArray, target: TargetIndex) -> CentredSource:
     """The source with the signs of its normals told by a single viewpoint."""
     require_mesh(target)
     if len(viewpoints) > 1 or source.cloud.normals is not None:
@@ -50,7 +50,7 @@ def look_again(outcome: Outcome, viewpoints: FloatArray, observe: Observer | Non
     return outcome
 
 
-def _same(one: IndexedTarget, other: IndexedTarget) -> bool:
+def _same(one: TargetIndex, other: TargetIndex) -> bool:
     mine, others = one.surface, other.surface
     if isinstance(mine, VisibleSurface) and isinstance(others, VisibleSurface):
         return np.array_equal(mine.rows, others.rows)

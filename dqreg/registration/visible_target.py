@@ -11,7 +11,7 @@ from dqreg._arrays import FloatArray, as_float, require_workable
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh
 from dqreg.geometry.visibility import VisibleSurface, visible_faces
-from dqreg.registration.target_index import IndexedTarget
+from dqreg.registration.target_index import TargetIndex
 
 
 def as_viewpoints(value: Any) -> FloatArray | None:
@@ -35,7 +35,7 @@ def as_viewpoints(value: Any) -> FloatArray | None:
     return places
 
 
-def require_mesh(target: IndexedTarget) -> None:
+def require_mesh(target: TargetIndex) -> None:
     """Raise where faces cannot be hidden because there are none."""
     if not isinstance(target.geometry, Mesh):
         raise InputError(
@@ -44,7 +44,7 @@ def require_mesh(target: IndexedTarget) -> None:
         )
 
 
-def seen_target(target: IndexedTarget, viewpoints: FloatArray) -> IndexedTarget:
+def seen_target(target: TargetIndex, viewpoints: FloatArray) -> TargetIndex:
     """The target with a surface of those faces alone that can be seen from some places."""
     require_mesh(target)
     mesh = target.geometry

@@ -7,7 +7,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import CloudSurface, Mesh
 from dqreg.registration.downsampling import Sides
 from dqreg.registration.source import CentredSource, centre_source
-from dqreg.registration.target_index import IndexedTarget, index_target
+from dqreg.registration.target_index import TargetIndex, index_target
 from dqreg.synth.parts import bracket
 
 SHEET = np.column_stack([np.random.default_rng(0).uniform(-1.0, 1.0, size=(40_000, 2)), np.zeros(40_000)])
@@ -17,7 +17,7 @@ def source(points: np.ndarray) -> CentredSource:
     return centre_source(points, None, None, np.random.default_rng(0))
 
 
-def target(points: np.ndarray) -> IndexedTarget:
+def target(points: np.ndarray) -> TargetIndex:
     return index_target(points)
 
 

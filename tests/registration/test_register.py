@@ -14,8 +14,7 @@ from dqreg.errors import DegenerateGeometryError, DqregError, InputError, UnitsE
 from dqreg.files import write_cloud
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.icp.history import Iteration
-from dqreg.registration.prepared import prepare_target
-from dqreg.registration.register import register
+from dqreg.registration.register import prepare_target, register
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
 from dqreg.synth import disturbance, worst_vertex_displacement

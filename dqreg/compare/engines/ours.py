@@ -14,8 +14,7 @@ from dqreg.geometry import PointCloud, prepare_scan
 from dqreg.icp import ESTIMATORS, NO_POSE, Icp, Stopping, WithinDistance
 from dqreg.icp.history import Iteration
 from dqreg.registration.assess import from_work, to_work
-from dqreg.registration.prepared import prepare_target
-from dqreg.registration.register import register
+from dqreg.registration.register import prepare_target, register
 from dqreg.registration.source import centre_source
 from dqreg.registration.target_index import index_target
 

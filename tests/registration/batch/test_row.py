@@ -15,7 +15,7 @@ from tests.registration.batch.scenes import make_scene
 
 # The package has a function of the same name.
 ROOM = importlib.import_module("dqreg.registration.register")
-PREPARED = importlib.import_module("dqreg.registration.prepared")
+PREPARED = importlib.import_module("dqreg.registration.register")
 
 
 @pytest.fixture
