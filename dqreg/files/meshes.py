@@ -15,19 +15,8 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import MissingDependencyError
 from dqreg.files.mesh_data import MeshData, make_mesh
-from dqreg.files.units import unit_of_comment
+from dqreg.files.units import UNIT_WORDS, unit_of_comment
 from dqreg.files.untrusted import most_faces, require_tame_3mf, require_tame_gltf, unreadable
-
-# glTF is in metres by definition; 3MF states one of these words; OBJ may in a comment. STL and OFF are silent.
-UNIT_WORDS = {
-    "micron": "um",
-    "millimeter": "mm",
-    "centimeter": "cm",
-    "inch": "inch",
-    "foot": "ft",
-    "meter": "m",
-}
-
 
 VERTEX_ZERO = re.compile(rb"^f[^\n#]*[ \t]0+(?=[/\s]|$)", re.MULTILINE)
 
@@ -45,6 +34,7 @@ def read_mesh_file(path: Path) -> MeshData:
     vertices, faces = _joined(path, _placed(path, loaded))
     if extension == ".off":
         _require_off_faces(path, len(faces))
+    # glTF is in metres by definition; 3MF states a unit; OBJ may in a comment. STL and OFF are silent.
     units = "m" if extension in (".glb", ".gltf") else None
     if extension == ".obj":
         _require_whole_obj(path)

@@ -1,4 +1,4 @@
-"""Length units by name, and the factor between two of them."""
+"""Length units: names, spellings, the factor between two of them, and which are likely to be confused."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ METRES = {
     "inch": Fraction(254, 10_000),
     "ft": Fraction(3_048, 10_000),
 }
+# Pairs of units that are confused, coarser and finer: the likely ones first.
+MIXED = (("m", "mm"), ("inch", "mm"), ("cm", "mm"), ("m", "cm"), ("ft", "mm"), ("mm", "um"), ("m", "um"))
 
 
 def factor(source: str | None, target: str | None) -> float:
@@ -27,6 +29,9 @@ def factor(source: str | None, target: str | None) -> float:
         return 1.0
     return float(METRES[source] / METRES[target])
 
+
+# Ratios of at least one between the units of scans and parts; none of these is measured in micrometres.
+RATIOS = tuple(sorted({factor(a, b) for a in METRES for b in METRES if "um" not in (a, b) and factor(a, b) >= 1.0}))
 
 UNIT_WORDS = {
     **dict.fromkeys(["um", "micron", "microns", "micrometer", "micrometers", "micrometre", "micrometres"], "um"),

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 
@@ -27,7 +24,7 @@ STRIP = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
-class Borders:
+class MeshBoundary:
     """Free edges of an open mesh, cut into short pieces."""
 
     # starts, ends: (k, 3): Ends of each piece
@@ -36,26 +33,23 @@ class Borders:
     widest: float  # Widest strip along the borders that leaves nine tenths of the surface, a length
 
     @staticmethod
-    def of(mesh: Mesh) -> Borders | None:
-        """The borders of a mesh."""
-        sides = mesh.topology.free_sides
-        if not len(sides):
+    def of(vertices: FloatArray, edges: IntArray, size: float, area: float) -> MeshBoundary | None:
+        """Boundary of a mesh from the vertex numbers of its free edges, (k, 2), its size and its area."""
+        if not len(edges):
             return None
-        every = np.concatenate([mesh.faces, mesh.flat])
-        faces, first = sides // 3, sides % 3
-        starts, ends = mesh.vertices[every[faces, first]], mesh.vertices[every[faces, (first + 1) % 3]]
+        starts, ends = vertices[edges[:, 0]], vertices[edges[:, 1]]
         lengths = np.linalg.norm(ends - starts, axis=1)
         counts = np.maximum(np.ceil(lengths * PIECES / lengths.sum()), 1.0).astype(np.int64)
         edge = np.repeat(np.arange(len(counts)), counts)
         place = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
         step = (ends - starts) / counts[:, None]
         low = starts[edge] + place[:, None] * step[edge]
-        pieces = Borders(low, low + step[edge], 0.0)
-        real = ~pieces._on_seams(edge, SEAM * mesh.diagonal)
+        pieces = MeshBoundary(low, low + step[edge], 0.0)
+        real = ~pieces._on_seams(edge, SEAM * size)
         if not real.any():
             return None
         length = float(np.linalg.norm(step[edge[real]], axis=1).sum())
-        return Borders(low[real], low[real] + step[edge[real]], STRIP * float(mesh.face_areas.sum()) / length)
+        return MeshBoundary(low[real], low[real] + step[edge[real]], STRIP * area / length)
 
     def near(self, places: FloatArray, margin: float) -> BoolArray:
         """Which places lie at a border."""
@@ -121,7 +115,7 @@ LINE = 0.15
 LINED, SAMPLE = 0.2, 500
 
 
-class Rims:
+class CloudBoundary:
     """Rim points of a cloud, found where they are first asked for."""
 
     def __init__(self, tree: NeighbourTree, points: FloatArray) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg.errors import InputError
-from dqreg.geometry.boundary import Rims
+from dqreg.geometry.boundary import CloudBoundary
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
@@ -147,8 +147,8 @@ class CloudSurface:
         return self._rims.at(self._ranks[closest.elements], closest.normals)
 
     @cached_property
-    def _rims(self) -> Rims:
-        return Rims(self._tree, self._points)
+    def _rims(self) -> CloudBoundary:
+        return CloudBoundary(self._tree, self._points)
 
     @cached_property
     def _ranks(self) -> IntArray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, as_vectors, require_workable
 from dqreg.errors import InputError
-from dqreg.geometry.boundary import Borders
+from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.topology import Topology
 
 
@@ -99,9 +99,14 @@ class Mesh:
         return self.topology.open_sides == 0
 
     @cached_property
-    def borders(self) -> Borders | None:
+    def borders(self) -> MeshBoundary | None:
         """Where an open mesh ends; None for a closed one."""
-        return None if self.is_closed else Borders.of(self)
+        if self.is_closed:
+            return None
+        corners = np.concatenate([self.faces, self.flat])
+        ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
+        edges = ends[self.topology.free_sides]
+        return MeshBoundary.of(self.vertices, edges, self.diagonal, float(self.face_areas.sum()))
 
     @property
     def is_consistently_wound(self) -> bool:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg._open3d import load_open3d
-from dqreg.geometry.boundary import Borders
+from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.mesh import Mesh
+from dqreg.geometry.raycasting import RayScene
 from dqreg.geometry.surface import Closest
 
 
@@ -56,8 +55,8 @@ WALK, CLOSER = 8, 2e-12
 class MeshSurface:
     """A triangle mesh as a surface.
 
-    Open3D's ray-casting scene works in float32, so the mesh is centred and scaled to unit size for it; only the
-    number of the triangle is taken from there. The point on that triangle is computed in float64.
+    Open3D's ray-casting scene, in float32, gives the number of the triangle; the point on that triangle is computed in
+    float64.
 
     Parameters
     ----------
@@ -79,20 +78,13 @@ class MeshSurface:
         self.centre = mesh.centre
 
     @property
-    def borders(self) -> Borders | None:
+    def borders(self) -> MeshBoundary | None:
         """Where the surface ends; None for a closed mesh."""
         return self.mesh.borders
 
     @cached_property
-    def _scene(self) -> Any:
-        open3d = load_open3d()
-        scene = open3d.t.geometry.RaycastingScene()
-        # Vertices that no face uses may be anywhere, also beyond float32; the others are within a half.
-        unit = np.clip((self.mesh.vertices - self.centre) / self.diagonal, -1.0, 1.0)
-        scene.add_triangles(
-            open3d.core.Tensor(unit.astype(np.float32)), open3d.core.Tensor(self.mesh.faces.astype(np.uint32))
-        )
-        return scene
+    def _scene(self) -> RayScene:
+        return RayScene(self.mesh.vertices, self.mesh.faces, self.centre, self.diagonal)
 
     @cached_property
     def _first_corners(self) -> FloatArray:
@@ -113,11 +105,7 @@ class MeshSurface:
         """
         if not len(points):
             return Closest(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64))
-        open3d = load_open3d()
-        query = ((points - self.centre) / self.diagonal).astype(np.float32)
-        found = self._scene.compute_closest_points(open3d.core.Tensor(query))
-        faces: IntArray = found["primitive_ids"].numpy().astype(np.int64)
-        uv = found["primitive_uvs"].numpy()
+        faces, uv = self._scene.closest_faces((points - self.centre) / self.diagonal)
         normals = np.take(self.mesh.face_normals, faces, axis=0)
         first = np.take(self._first_corners, faces, axis=0)
         height = np.einsum("ij,ij->i", points - first, normals)

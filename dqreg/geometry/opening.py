@@ -9,6 +9,7 @@ import numpy as np
 
 from dqreg.errors import InputError
 from dqreg.files import CloudData, read_geometry
+from dqreg.files.units import UNIT_WORDS
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 
@@ -34,15 +35,6 @@ def describe(value: Any) -> str:
     return f"{type(value).__name__}{size}"
 
 
-# How trimesh may spell the units we know; any other is as good as none.
-UNIT_WORDS = {
-    **dict.fromkeys(["um", "micron", "microns"], "um"),
-    **dict.fromkeys(["mm", "millimeter", "millimeters"], "mm"),
-    **dict.fromkeys(["cm", "centimeter", "centimeters"], "cm"),
-    **dict.fromkeys(["m", "meter", "meters"], "m"),
-    **dict.fromkeys(["in", "inch", "inches"], "inch"),
-    **dict.fromkeys(["ft", "foot", "feet"], "ft"),
-}
 ACCEPTED = "an (n, 3) array, a dqreg.PointCloud, an Open3D cloud or mesh (legacy or tensor), a trimesh cloud or mesh"
 
 

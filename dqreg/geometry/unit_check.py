@@ -24,7 +24,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import UnitsError
-from dqreg.files.units import factor
+from dqreg.files.units import MIXED, factor
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.neighbours import NeighbourTree
@@ -32,8 +32,6 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.sampling import sample_mesh
 from dqreg.geometry.scan import measure_spacing
 
-# Pairs of units that are mixed up, coarser and finer: the likely ones first.
-MIXED = (("m", "mm"), ("inch", "mm"), ("cm", "mm"), ("m", "cm"), ("ft", "mm"), ("mm", "um"), ("m", "um"))
 # A larger ratio of sizes has no other reading than a mistake.
 ABSURD = 150.0
 # An absurd ratio holds a unit and, for a scan of a part of the object, up to that factor.

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg._open3d import load_open3d
-from dqreg.geometry.boundary import Borders
+from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.mesh_surface import MeshSurface
+from dqreg.geometry.raycasting import RayScene
 from dqreg.geometry.surface import Closest
 from dqreg.rigid import twist
 
@@ -32,7 +32,7 @@ def visible_faces(mesh: Mesh, viewpoints: FloatArray) -> BoolArray:
     """
     places, faces = _places(mesh)
     unit = (places - mesh.centre) / mesh.diagonal
-    scene = _scene(mesh)
+    scene = RayScene(mesh.vertices, mesh.faces, mesh.centre, mesh.diagonal)
     seen = np.zeros(len(mesh.faces), dtype=bool)
     for viewpoint in (viewpoints - mesh.centre) / mesh.diagonal:
         for eye in _around(viewpoint):
@@ -72,15 +72,7 @@ def _around(viewpoint: FloatArray) -> FloatArray:
     return np.array([viewpoint, *(turn @ viewpoint for turn in turns)])
 
 
-def _scene(mesh: Mesh) -> object:
-    open3d = load_open3d()
-    scene = open3d.t.geometry.RaycastingScene()
-    unit = np.clip((mesh.vertices - mesh.centre) / mesh.diagonal, -1.0, 1.0)
-    scene.add_triangles(open3d.core.Tensor(unit.astype(np.float32)), open3d.core.Tensor(mesh.faces.astype(np.uint32)))
-    return scene
-
-
-def _reached(scene: object, eye: FloatArray, places: FloatArray, faces: IntArray) -> BoolArray:
+def _reached(scene: RayScene, eye: FloatArray, places: FloatArray, faces: IntArray) -> BoolArray:
     """Whether nothing stands between the eye and each place, in units of the part."""
     if not len(places):
         return np.zeros(0, dtype=bool)
@@ -89,9 +81,7 @@ def _reached(scene: object, eye: FloatArray, places: FloatArray, faces: IntArray
     rays = away / np.maximum(lengths, 1e-12)[:, None]
     # From far off, float32 would lose the digits: no ray begins farther out than just outside the part.
     lengths = np.minimum(lengths, BEFORE)
-    cast = np.column_stack([places - lengths[:, None] * rays, rays]).astype(np.float32)
-    found = scene.cast_rays(load_open3d().core.Tensor(cast))  # type: ignore[attr-defined]
-    met, first = found["t_hit"].numpy(), found["primitive_ids"].numpy().astype(np.int64)
+    first, met = scene.first_faces(np.column_stack([places - lengths[:, None] * rays, rays]))
     return np.asarray((first == faces) | (met >= lengths - SHORT))
 
 
@@ -106,7 +96,7 @@ class VisibleSurface(MeshSurface):
         self._seen.diagonal, self._seen.centre = self.diagonal, self.centre
 
     @property
-    def borders(self) -> Borders | None:
+    def borders(self) -> MeshBoundary | None:
         """Where what was seen ends."""
         return self._seen.mesh.borders
 

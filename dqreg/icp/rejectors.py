@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
-from dqreg.geometry.boundary import Borders
+from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.surface import Surface
@@ -93,7 +93,7 @@ class Inland:
     goes by places on the target alone, never by distances from it, so that leaving it out favours no side.
     """
 
-    borders: Borders
+    borders: MeshBoundary
     margin: float
 
     def __call__(self, pairs: Pairs) -> FloatArray:

@@ -5,18 +5,14 @@ from __future__ import annotations
 import io
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
 from dqreg.files import write_cloud
 from dqreg.files.atomic import write_atomically
-
-if TYPE_CHECKING:
-    from dqreg.inspection.deviations import Deviations
 
 # Blue and vermilion are those of Okabe and Ito (2008); either branch only darkens from the middle, and beyond the
 # limit follows a colour of its own. A reader who sees no red from green still sees blue from yellow, one a branch.
@@ -77,42 +73,42 @@ def require_suffix(path: str | os.PathLike[str]) -> str:
     return suffix
 
 
-def save_deviations(deviations: Deviations, path: str | os.PathLike[str], limit: float | None = None) -> None:
-    """Write deviations in the format of the suffix; see `Deviations.save`."""
-    suffix = require_suffix(path)
-    if suffix == ".npy":
-        stream = io.BytesIO()
-        np.save(stream, deviations.values)
-        write_atomically(path, stream.getvalue())
-    elif suffix == ".csv":
-        write_atomically(path, _table(deviations))
-    else:
-        _write_coloured(deviations, path, limit or colour_limit(deviations))
+def write_array(path: str | os.PathLike[str], values: FloatArray) -> None:
+    """Write deviations as a NumPy file."""
+    stream = io.BytesIO()
+    np.save(stream, values)
+    write_atomically(path, stream.getvalue())
 
 
-def colour_limit(deviations: Deviations) -> float:
-    """Where the colours end: the tolerance, else the 95 % of the absolute deviations that count."""
-    limit = deviations.tolerance or deviations.summary().p95
-    # Exact data has no range, and neither has a scan that is all clutter.
-    return limit if 0.0 < limit < np.inf else 1.0
-
-
-def _write_coloured(deviations: Deviations, path: str | os.PathLike[str], limit: float) -> None:
-    unit = deviations.units or "target units"
-    low = f"blue {-limit:.6g}, white 0, " if deviations.signed else "white 0, "
-    comments = [f"deviation in {unit}: {deviations.reason}", f"colours: {low}orange {limit:.6g} {unit}; darker beyond"]
-    if np.isfinite(deviations.reach):
-        comments.append(f"grey: farther than {deviations.reach:.6g} {unit}, taken for something else")
-    if deviations.units:
-        comments.append(f"units {deviations.units}")
-    colours = colours_of(deviations.values, limit, deviations.reach)
-    fields = {"deviation": deviations.values}
-    write_cloud(path, deviations.points, colors=colours, fields=fields, comments=comments)
-
-
-def _table(deviations: Deviations) -> str:
+def write_table(
+    path: str | os.PathLike[str], points: FloatArray, values: FloatArray, closest: FloatArray, faces: IntArray
+) -> None:
+    """Write deviations as a CSV file, one row a point."""
     stream = io.StringIO()
     stream.write(COLUMNS + "\n")
-    numbers = np.column_stack([deviations.points, deviations.values, deviations.closest, deviations.faces])
+    numbers = np.column_stack([points, values, closest, faces])
     np.savetxt(stream, numbers, fmt=["%.17g"] * 7 + ["%d"], delimiter=",")
-    return stream.getvalue()
+    write_atomically(path, stream.getvalue())
+
+
+def write_coloured(
+    path: str | os.PathLike[str],
+    points: FloatArray,
+    values: FloatArray,
+    *,
+    limit: float,
+    reach: float,
+    reason: str,
+    signed: bool,
+    units: str | None,
+) -> None:
+    """Write deviations as a PLY cloud whose colours end at the limit."""
+    unit = units or "target units"
+    low = f"blue {-limit:.6g}, white 0, " if signed else "white 0, "
+    comments = [f"deviation in {unit}: {reason}", f"colours: {low}orange {limit:.6g} {unit}; darker beyond"]
+    if np.isfinite(reach):
+        comments.append(f"grey: farther than {reach:.6g} {unit}, taken for something else")
+    if units:
+        comments.append(f"units {units}")
+    colours = colours_of(values, limit, reach)
+    write_cloud(path, points, colors=colours, fields={"deviation": values}, comments=comments)

@@ -11,7 +11,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.errors import InputError
-from dqreg.inspection.deviation_files import save_deviations
+from dqreg.inspection.deviation_files import require_suffix, write_array, write_coloured, write_table
 from dqreg.inspection.statistics import Bands, Place, Summary, bands_of, summary_of, worst_places
 
 
@@ -173,7 +173,28 @@ class Deviations:
         """
         if limit is not None:
             _require_length(limit, "limit")
-        save_deviations(self, path, limit)
+        suffix = require_suffix(path)
+        if suffix == ".npy":
+            write_array(path, self.values)
+        elif suffix == ".csv":
+            write_table(path, self.points, self.values, self.closest, self.faces)
+        else:
+            write_coloured(
+                path,
+                self.points,
+                self.values,
+                limit=limit or self._colour_limit(),
+                reach=self.reach,
+                reason=self.reason,
+                signed=self.signed,
+                units=self.units,
+            )
+
+    def _colour_limit(self) -> float:
+        # The tolerance, else the 95 % of the absolute deviations that count.
+        limit = self.tolerance or self.summary().p95
+        # Exact data has no range, and neither has a scan that is all clutter.
+        return limit if 0.0 < limit < np.inf else 1.0
 
     def _tolerance(self, given: float | None) -> float | None:
         if given is None:

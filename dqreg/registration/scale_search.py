@@ -18,6 +18,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
+from dqreg.files.units import RATIOS
 from dqreg.geometry import Mesh, Surface
 from dqreg.geometry.scan import Scan
 from dqreg.icp import COARSE, InlierMixture, Pairs, correspond, width_floor
@@ -110,8 +111,6 @@ def _judged(searching: Searching, few: Scan, found: ScaleCandidate, floor: float
     )
 
 
-# Ratios of units that get mixed up: mm, cm, m, inch and ft among each other.
-RATIOS = (1.0, 2.54, 10.0, 12.0, 25.4, 30.48, 39.37007874, 100.0, 304.8, 1000.0, 3.280839895)
 # Sizes of target and scan agree with a ratio of units within these factors: a scan from few sides is smaller than its
 # part or, of a thin one, larger.
 SMALLER, LARGER = 1.45, 2.0

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dqreg.files.units import MIXED, factor
 from dqreg.registration.result import Registration
 from dqreg.report.numbers_text import percent, place_text, setting_text, text_of
 from dqreg.report.story import Story
@@ -123,10 +124,6 @@ def versions_of() -> dict[str, str]:
     return found | {"Machine": f"{platform.system()} {platform.machine()}"}
 
 
-# Length units that are confused, and the factor between them.
-FACTORS = ((1000.0, "m and mm"), (25.4, "inch and mm"), (100.0, "m and cm"), (10.0, "cm and mm"), (304.8, "ft and mm"))
-
-
 def hints_of(result: Registration, story: Story | None) -> list[str]:
     """What to try where a pose was not accepted."""
     level = result.verdict.level
@@ -153,7 +150,7 @@ def _size_hint(story: Story) -> list[str]:
     if ratio < 5.0:
         return []
     sizes = f"The scan is {text_of(scan, 4)} across, the target {text_of(part, 4)} ({text_of(ratio, 3)} to 1)"
-    near = [words for factor, words in FACTORS if 0.6 < ratio / factor < 1.7]
+    near = [f"{coarse} and {fine}" for coarse, fine in MIXED if 0.6 < ratio / factor(coarse, fine) < 1.7]
     if near:
         return [
             f"{sizes}, which is about what lies between {near[0]}: name the units (--source-units, --target-units)."

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import BoolArray, FloatArray
-from dqreg._open3d import load_open3d
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Mesh
+from dqreg.geometry.raycasting import RayScene
 from dqreg.report.cameras import camera
 from dqreg.report.colours import ByteArray, rgb
 
@@ -75,15 +74,10 @@ class PartScene:
 
     def __init__(self, geometry: Mesh | None, size: float) -> None:
         self._normals: FloatArray | None = None
-        self._scene: Any = None
+        self._scene: RayScene | None = None
         if geometry is not None:
-            open3d = load_open3d()
             self._normals = geometry.face_normals
-            self._scene = open3d.t.geometry.RaycastingScene()
-            self._scene.add_triangles(
-                open3d.core.Tensor((geometry.vertices / size).astype(np.float32)),
-                open3d.core.Tensor(geometry.faces.astype(np.uint32)),
-            )
+            self._scene = RayScene(geometry.vertices, geometry.faces, np.zeros(3), size)
 
     def render(self, frame: Frame, part_colour: str, paper: str, layers: list[Dots]) -> ByteArray:
         """Image of the part with points on it.
@@ -108,7 +102,7 @@ class PartScene:
         height = np.full((frame.height, frame.width), -np.inf, dtype=np.float32)
         if self._scene is None or self._normals is None:
             return image, height, np.zeros(height.shape, dtype=bool)
-        faces, height = self._cast(frame)
+        faces, height = _cast(self._scene, frame)
         normals = self._normals @ frame.axes.T
         normals = np.where(normals[:, 2:] < 0.0, -normals, normals)
         # One colour a face, looked up by every pixel.
@@ -122,22 +116,18 @@ class PartScene:
         image[edges] = 0.25 * image[edges] + 0.75 * EDGE_COLOUR
         return image, height, edges
 
-    def _cast(self, frame: Frame) -> tuple[NDArray[np.int64], FloatImage]:
-        """Face that each pixel shows, -1 for none, and its height towards the eye."""
-        open3d = load_open3d()
-        right = (np.arange(frame.width) + 0.5 - 0.5 * frame.width) * frame.pixel + frame.middle[0]
-        up = (0.5 * frame.height - np.arange(frame.height) - 0.5) * frame.pixel + frame.middle[1]
-        rays = np.zeros((frame.height, frame.width, 6), dtype=np.float32)
-        rays[..., :3] = (right[:, None] * frame.axes[0]).astype(np.float32)
-        # From beyond everything: half a size above the middle is the highest that the target reaches.
-        rays[..., :3] += (up[:, None] * frame.axes[1] + 2.0 * frame.axes[2]).astype(np.float32)[:, None]
-        rays[..., 3:] = -frame.axes[2]
-        found = self._scene.cast_rays(open3d.core.Tensor(rays))
-        distance = found["t_hit"].numpy()
-        missed = ~np.isfinite(distance)
-        faces = found["primitive_ids"].numpy().astype(np.int64)
-        faces[missed] = -1
-        return faces, np.where(missed, np.float32(-np.inf), np.float32(2.0) - distance)
+
+def _cast(scene: RayScene, frame: Frame) -> tuple[IntArray, FloatImage]:
+    """Face that each pixel shows, -1 for none, and its height towards the eye."""
+    right = (np.arange(frame.width) + 0.5 - 0.5 * frame.width) * frame.pixel + frame.middle[0]
+    up = (0.5 * frame.height - np.arange(frame.height) - 0.5) * frame.pixel + frame.middle[1]
+    rays = np.zeros((frame.height, frame.width, 6), dtype=np.float32)
+    rays[..., :3] = (right[:, None] * frame.axes[0]).astype(np.float32)
+    # From beyond everything: half a size above the middle is the highest that the target reaches.
+    rays[..., :3] += (up[:, None] * frame.axes[1] + 2.0 * frame.axes[2]).astype(np.float32)[:, None]
+    rays[..., 3:] = -frame.axes[2]
+    faces, distance = scene.first_faces(rays)
+    return faces, np.float32(2.0) - distance
 
 
 def _edges(faces: NDArray[np.int64], normals: FloatArray, height: FloatImage, pixel: float) -> BoolArray:

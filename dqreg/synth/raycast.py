@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, IntArray, as_vectors
-from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
+from dqreg.geometry.raycasting import RayScene
 
 
 def check_mesh(vertices: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, IntArray]:
@@ -33,8 +33,7 @@ def first_hits(
 ) -> tuple[IntArray, FloatArray]:
     """Face that each ray meets first, and the point where it does.
 
-    The ray caster works in float32 and loses digits with size and distance from the origin, so it gets the mesh centred
-    and scaled to unit size and is asked for the face only. Ray and plane of the face are then intersected in float64.
+    The ray caster is asked for the face only; ray and plane of the face are then intersected in float64.
     Near an edge that point can lie beside the face by the caster's own error, about 1e-7 of the size; its barycentric
     coordinates are then clipped, so that every point lies on the mesh.
     """
@@ -54,16 +53,9 @@ def face_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def _first_faces(vertices: FloatArray, faces: IntArray, origins: FloatArray, directions: FloatArray) -> IntArray:
-    o3d = load_open3d()
     centre, size = centre_and_diagonal(vertices)
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        o3d.core.Tensor(((vertices - centre) / size).astype(np.float32)),
-        o3d.core.Tensor(faces.astype(np.uint32)),
-    )
-    rays = np.concatenate([(origins - centre) / size, directions], axis=1).astype(np.float32)
-    found = scene.cast_rays(o3d.core.Tensor(rays))["primitive_ids"].numpy()
-    return np.where(found == scene.INVALID_ID, -1, found.astype(np.int64))
+    scene = RayScene(vertices, faces, centre, size)
+    return scene.first_faces(np.concatenate([(origins - centre) / size, directions], axis=1))[0]
 
 
 def _on_faces(corners: FloatArray, origins: FloatArray, directions: FloatArray) -> FloatArray:

@@ -2,13 +2,14 @@ from __future__ import annotations
 
 import itertools
 from fractions import Fraction
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from dqreg.errors import UnitsError
-from dqreg.files.meshes import UNIT_WORDS as FILE_WORDS
-from dqreg.files.units import METRES, factor
-from dqreg.geometry.opening import UNIT_WORDS
+from dqreg.files import read_geometry, write_cloud
+from dqreg.files.units import METRES, MIXED, RATIOS, UNIT_WORDS, factor, unit_of_comment
 
 
 @pytest.mark.parametrize(
@@ -46,5 +47,51 @@ def test_a_unit_that_is_not_known_is_named(source: str | None, target: str | Non
         factor(source, target)
 
 
-def test_every_unit_that_a_reader_or_adapter_names_is_known() -> None:
-    assert set(FILE_WORDS.values()) | set(UNIT_WORDS.values()) <= set(METRES)
+def test_confused_units_are_known_ones_with_the_coarser_first() -> None:
+    assert all(factor(coarse, fine) > 1.0 for coarse, fine in MIXED)
+    assert len(set(MIXED)) == len(MIXED)
+
+
+def test_the_ratios_of_units_are_those_between_any_two_of_them() -> None:
+    lengths = [1.0, 10.0, 1000.0, 25.4, 304.8]  # mm
+    expected = {a / b for a in lengths for b in lengths if a >= b}
+    np.testing.assert_allclose(RATIOS, sorted(expected), rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("comment", "unit"),
+    [
+        ("units mm", "mm"),
+        ("Unit: mm", "mm"),
+        ("UNITS=INCH", "inch"),
+        ("Model units = millimeters", "mm"),
+        ("file units : metres", "m"),
+        ("length_unit feet", "ft"),
+        ("units", None),
+        ("unit normals", None),
+        ("units of the scanner: m", None),
+        ("deviation in mm", None),
+        ("units parsec", None),
+    ],
+)
+def test_a_comment_states_a_unit_or_nothing(comment: str, unit: str | None) -> None:
+    assert unit_of_comment(comment) == unit
+
+
+def test_every_word_is_a_known_unit() -> None:
+    assert set(UNIT_WORDS.values()) <= set(METRES)
+
+
+@pytest.mark.parametrize(
+    ("comments", "unit"),
+    [(["units mm"], "mm"), (["units mm", "units mm"], "mm"), (["units mm", "units m"], None), (["by hand"], None)],
+)
+def test_a_ply_cloud_carries_the_unit_of_its_comment(tmp_path: Path, comments: list[str], unit: str | None) -> None:
+    write_cloud(tmp_path / "a.ply", [[0.0, 0, 0]], comments=comments)
+    assert read_geometry(tmp_path / "a.ply").units == unit
+
+
+@pytest.mark.parametrize(("head", "unit"), [("# exported\n# Units: cm\n", "cm"), ("", None), ("# m\n", None)])
+def test_an_obj_mesh_carries_the_unit_of_its_comment(tmp_path: Path, head: str, unit: str | None) -> None:
+    (tmp_path / "a.obj").write_text(head + "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n# units: ft\n")
+    assert read_geometry(tmp_path / "a.obj").units == unit

@@ -5,7 +5,7 @@ import pytest
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, sample_mesh
-from dqreg.geometry.boundary import STRIP, Borders
+from dqreg.geometry.boundary import STRIP
 from dqreg.synth.parts import box, bracket
 
 
@@ -56,7 +56,7 @@ def test_a_seam_that_was_never_sewn_is_no_border(other: int) -> None:
     # Two halves of one sheet that divide their common edge differently.
     (v1, f1), (v2, f2) = grid(2, 5, x=0.5), grid(2, other, x=0.5, at=0.5)
     sheet = Mesh(np.concatenate([v1, v2]), np.concatenate([f1, f2 + len(v1)]))
-    borders = Borders.of(sheet)
+    borders = sheet.borders
     assert borders is not None
     y = np.linspace(0.05, 0.95, 50)
     seam = np.column_stack([np.full(50, 0.5), y, np.zeros(50)])
