@@ -2,7 +2,7 @@
 
 They run inside loops and trust that a pose is rigid; ``dqreg._arrays.as_pose`` is the check at the door.
 Nothing here changes its arguments, and read-only or strided arrays are taken as they are. A pose of NaN gives
-points of NaN.
+points of NaN. Arrays of a wrong shape raise `InputError`, as does a rotation block that is no rotation in `log`.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.rigid.operands import as_poses, as_triples
-from dqreg.rigid.quaternion_algebra import normalize
-from dqreg.rigid.quaternion_matrices import to_matrix
+from dqreg.rigid._algebra import normalize
+from dqreg.rigid._matrices import to_matrix
+from dqreg.rigid._operands import as_poses, as_triples
 from dqreg.rigid.twist import adjoint, exp, log
 
 __all__ = [
@@ -47,11 +47,6 @@ def apply(T_target_source: ArrayLike, points_source: ArrayLike) -> FloatArray:
     ndarray, (..., 3)
         Points in the target frame, float64.
 
-    Raises
-    ------
-    InputError
-        If a shape is wrong.
-
     Examples
     --------
     >>> apply(from_parts(np.eye(3), [1, 2, 3]), [[10, 20, 30]]).tolist()
@@ -80,11 +75,6 @@ def rotate(T_target_source: ArrayLike, directions_source: ArrayLike) -> FloatArr
     ndarray, (..., 3)
         Directions in the target frame, float64.
 
-    Raises
-    ------
-    InputError
-        If a shape is wrong.
-
     Examples
     --------
     >>> rotate(from_parts(np.eye(3), [1, 2, 3]), [[0, 0, 1]]).tolist()
@@ -110,11 +100,6 @@ def from_parts(R: ArrayLike, t: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4, 4)
         Poses.
-
-    Raises
-    ------
-    InputError
-        If a shape is wrong.
 
     Examples
     --------
@@ -144,11 +129,6 @@ def inverse(T_target_source: ArrayLike) -> FloatArray:
     ndarray, (..., 4, 4)
         T_source_target.
 
-    Raises
-    ------
-    InputError
-        If a pose is not 4x4.
-
     Examples
     --------
     >>> inverse(from_parts(np.eye(3), [1, 2, 3]))[:3, 3].tolist()
@@ -174,11 +154,6 @@ def angle_between(T_a: ArrayLike, T_b: ArrayLike) -> FloatArray:
     -------
     ndarray, (...)
         Radians in [0, pi]; a single number for two single poses.
-
-    Raises
-    ------
-    InputError
-        If a pose is not 4x4.
 
     Examples
     --------
@@ -209,11 +184,6 @@ def offset_between(T_a: ArrayLike, T_b: ArrayLike, at: ArrayLike | None = None) 
     ndarray, (...)
         Distances in the unit of the poses.
 
-    Raises
-    ------
-    InputError
-        If a shape is wrong.
-
     Examples
     --------
     >>> round(float(offset_between(np.eye(4), exp([0, 0, np.pi, 0, 0, 0]), at=[1, 0, 0])), 12)
@@ -241,11 +211,6 @@ def about(T: ArrayLike, centre: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4, 4)
         Poses.
-
-    Raises
-    ------
-    InputError
-        If a shape is wrong.
 
     Examples
     --------

@@ -2,9 +2,22 @@
 
 The index of Jia's notes in code: algebra (section 2), rotation (3), sequences (4), powers (appendix A),
 derivatives and integration (B), interpolation (C), Jacobians (D). Public as ``dqreg.quaternion``.
+
+All functions raise `InputError` where an array has the wrong last axes, a quaternion that must be of norm 1 is not, or
+a quaternion or an axis that must have a direction is zero.
 """
 
-from dqreg.rigid.jacobians import (
+from dqreg.rigid._algebra import (
+    add,
+    canonical,
+    conjugate,
+    cross_matrix,
+    inverse,
+    multiply,
+    norm,
+    normalize,
+)
+from dqreg.rigid._jacobians import (
     d_pq_d_p,
     d_pq_d_q,
     d_pqc_d_p,
@@ -16,33 +29,26 @@ from dqreg.rigid.jacobians import (
     d_rotate_frame_d_v,
     d_vq_d_q,
     d_vq_d_v,
+    left_matrix,
+    right_matrix,
 )
-from dqreg.rigid.quaternion_algebra import (
-    add,
-    canonical,
-    conjugate,
-    cross_matrix,
-    inverse,
-    multiply,
-    norm,
-    normalize,
-)
-from dqreg.rigid.quaternion_interpolation import interpolate_axis_angle, slerp
-from dqreg.rigid.quaternion_kinematics import (
+from dqreg.rigid._kinematics import (
     angular_acceleration,
     angular_velocity,
     derivative,
     integrate,
     second_derivative,
 )
-from dqreg.rigid.quaternion_matrices import from_matrix, left_matrix, right_matrix, to_matrix
-from dqreg.rigid.quaternion_powers import exp, log, polar, power
-from dqreg.rigid.quaternion_rotation import (
+from dqreg.rigid._matrices import from_matrix, to_matrix
+from dqreg.rigid._powers import exp, log, polar, power
+from dqreg.rigid._rotation import (
     compose,
     compose_frames,
     from_axis_angle,
+    interpolate_axis_angle,
     rotate,
     rotate_frame,
+    slerp,
     to_axis_angle,
 )
 

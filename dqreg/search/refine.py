@@ -9,6 +9,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Surface
 from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.rigid.rotations import about_axis
 from dqreg.search.features import Features
 
 # Normals farther apart than this belong to different faces.
@@ -122,12 +123,5 @@ def _normal_equations(
 
 
 def _rotations(turns: FloatArray) -> FloatArray:
-    """Rodrigues for n rotation vectors."""
     angle = np.linalg.norm(turns, axis=1)
-    axis = turns / np.maximum(angle, np.finfo(float).tiny)[:, None]
-    K = np.zeros((len(turns), 3, 3))
-    K[:, 0, 1], K[:, 0, 2], K[:, 1, 2] = -axis[:, 2], axis[:, 1], -axis[:, 0]
-    K -= K.transpose(0, 2, 1)
-    sine, cosine = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    rotations: FloatArray = np.eye(3) + sine * K + (1.0 - cosine) * (K @ K)
-    return rotations
+    return about_axis(turns / np.maximum(angle, np.finfo(float).tiny)[:, None], angle)

@@ -10,8 +10,8 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, Surface, sample_mesh
+from dqreg.rigid.rotations import about_axis
 from dqreg.search.axes import moments, principal_axes
-from dqreg.search.rotations import turn_about
 
 # Smaller moment in the larger one of the two across the axis of a ring, at least.
 EQUAL = 0.9
@@ -39,7 +39,7 @@ def ring_steps(mesh: Mesh, surface: Surface) -> list[FloatArray]:
     arms = (sample_mesh(mesh, PLACES, np.random.default_rng(0)).points - centre) @ axes
 
     def in_place(angles: FloatArray) -> FloatArray:
-        moved = np.concatenate([arms @ (axes @ turn_about(axis, angle)).T for angle in angles]) + centre
+        moved = np.concatenate([arms @ (axes @ about_axis(axis, angle)).T for angle in angles]) + centre
         apart = surface.closest(moved).distances / (NEARLY * surface.diagonal)
         return np.asarray(np.maximum(1.0 - apart**2, 0.0).reshape(len(angles), -1).mean(axis=1))
 
@@ -49,4 +49,4 @@ def ring_steps(mesh: Mesh, surface: Surface) -> list[FloatArray]:
     beside = np.maximum(np.r_[0.0, whole[:-1]], np.r_[whole[1:], 0.0])
     fits = np.flatnonzero((whole > beside) & (whole - half > COMES_BACK * (1.0 - half)))
     fits = fits[np.argsort(-whole[fits], kind="stable")][:KEPT]
-    return [turn_about(axis, sign * steps[k]) for k in fits for sign in (1.0, -1.0)]
+    return [about_axis(axis, sign * steps[k]) for k in fits for sign in (1.0, -1.0)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.rigid.rotations import evenly_spread
 
 # Axes closer than this are one.
 SAME_AXIS_RAD = np.deg2rad(2.0)
@@ -33,21 +34,9 @@ def canonical(direction: FloatArray) -> FloatArray:
     return turned
 
 
-def turn_about(direction: FloatArray, angle_rad: float) -> FloatArray:
-    """Rotation by an angle about a unit vector (Rodrigues), (3, 3)."""
-    x, y, z = direction
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    R: FloatArray = np.eye(3) + np.sin(angle_rad) * K + (1.0 - np.cos(angle_rad)) * (K @ K)
-    return R
-
-
 def all_round(count: int) -> FloatArray:
-    """Rotations spread evenly over all there are: the super-Fibonacci spiral (Alexa 2022), (count, 3, 3)."""
-    phi, psi = np.sqrt(2.0), 1.533751168755204288118041
-    s = np.arange(count) + 0.5
-    inner, outer = np.sqrt(s / count), np.sqrt(1.0 - s / count)
-    a, b = 2.0 * np.pi * s / phi, 2.0 * np.pi * s / psi
-    w, x, y, z = inner * np.sin(a), inner * np.cos(a), outer * np.sin(b), outer * np.cos(b)
+    """Rotations spread evenly over all there are, (count, 3, 3)."""
+    w, x, y, z = evenly_spread(count).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],

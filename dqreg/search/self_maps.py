@@ -13,10 +13,11 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry import Mesh, Surface, sample_mesh
+from dqreg.rigid.rotations import about_axis
 from dqreg.search.axes import moments, principal_axes
 from dqreg.search.grids import PlaneGrid, distinct
 from dqreg.search.refine import Sample, refine
-from dqreg.search.rotations import SAME_AXIS_RAD, all_round, angle_of, axis_of, canonical, keeps_axis, turn_about
+from dqreg.search.rotations import SAME_AXIS_RAD, all_round, angle_of, axis_of, canonical, keeps_axis
 from dqreg.search.symmetry import Axis, Symmetry
 
 # Largest distance from the part after a symmetric turn, in sizes: the facets of a round hole are no feature.
@@ -43,10 +44,10 @@ def find_symmetry(mesh: Mesh, surface: Surface, grid: PlaneGrid) -> Symmetry:
     near = part.nearly_same(turns, shifts)
     main = part.principal
     # What survives an odd angle is round: its orders need not be asked for.
-    odd = np.array([turn_about(axis, ODD_RAD) for axis in main.T])
+    odd = np.array([about_axis(axis, ODD_RAD) for axis in main.T])
     is_round = part.same(odd)
     orders = range(2, HIGHEST + 1)
-    by_order = [turn_about(axis, 2.0 * np.pi / k) for axis in main.T[~is_round] for k in orders]
+    by_order = [about_axis(axis, 2.0 * np.pi / k) for axis in main.T[~is_round] for k in orders]
     turns = np.concatenate([turns, np.array(by_order).reshape(-1, 3, 3)])
     turns = np.concatenate([turns[part.same(turns)], odd[is_round]])
     turns = turns[[k for k in range(len(turns)) if angle_of(turns[k]) > SAME_AXIS_RAD]]
@@ -158,7 +159,7 @@ def _axes(part: _Part, turns: FloatArray) -> tuple[Axis, ...]:
     found = []
     for direction, angles in groups:
         order: int | None = round(2.0 * np.pi / min(angles))
-        if part.same(turn_about(direction, ODD_RAD)[None])[0]:
+        if part.same(about_axis(direction, ODD_RAD)[None])[0]:
             order = None
         found.append(Axis(direction, part.centre, order))
     round_axes = [axis for axis in found if axis.order is None]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
-from dqreg.rigid.quaternion_matrices import to_matrix
+from dqreg.rigid._matrices import to_matrix
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.least_squares import centre, fit_of_rotation
 from dqreg.solvers.matches import read_matches

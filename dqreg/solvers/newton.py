@@ -12,7 +12,8 @@ from typing import Generic, Protocol, Self, TypeVar
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.solvers.quadratic import QuadraticForm, Slopes, split_derivatives, turn
+from dqreg.rigid import rotations
+from dqreg.solvers.quadratic import QuadraticForm, Slopes, split_derivatives
 
 STEPS = 200
 # A predicted gain below this share of the cost's scale is rounding; so is a rise of so many times as much.
@@ -74,7 +75,7 @@ class FreeChart:
 
     def moved(self, step: FloatArray) -> Self:
         """Turn and shift by six numbers, (6,)."""
-        change = turn(step[:3])
+        change = rotations.less_identity(step[:3])
         moved = self.pose.copy()
         moved[:3, :3] += change @ self.pose[:3, :3]
         moved[:3, 3] += change @ (self.pose[:3, 3] - self.centre) + step[3:]

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.rigid import quaternion
+from dqreg.rigid import quaternion, rotations
 from dqreg.solvers.closed_form import quaternion_form
 from dqreg.solvers.dof import Freedom
 from dqreg.solvers.dof_chart import Flags, LockedChart, Motion, turned
@@ -113,11 +113,7 @@ def rotation_grid(turns: Flags) -> FloatArray:
         ring = np.sqrt(1.0 - height**2)
         spread = np.column_stack([height, ring * np.cos(azimuth_rad), ring * np.sin(azimuth_rad)])
     else:
-        # Super-Fibonacci spirals (Alexa, 2022).
-        s = k + 0.5
-        inner, outer = np.sqrt(s / count), np.sqrt(1.0 - s / count)
-        a, b = 2.0 * np.pi * s / np.sqrt(2.0), 2.0 * np.pi * s / 1.533751168755204288118041
-        spread = np.column_stack([inner * np.sin(a), inner * np.cos(a), outer * np.sin(b), outer * np.cos(b)])
+        spread = rotations.evenly_spread(count)
         spread[0] = [1.0, 0.0, 0.0, 0.0]
     grid[:, [0, *(i + 1 for i in range(3) if turns[i])]] = spread
     grid.setflags(write=False)

@@ -23,7 +23,6 @@ Exact first and second derivatives of a quadratic form of the pose, by its motio
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 
@@ -179,20 +178,6 @@ _GENERATORS = np.zeros((3, 3, 3))
 for _k in range(3):
     _GENERATORS[_k] = np.cross(np.eye(3)[_k], np.eye(3)).T
 _PRODUCTS = np.einsum("kia,lab->klib", _GENERATORS, _GENERATORS).reshape(9, 9)
-
-
-def turn(w: FloatArray) -> FloatArray:
-    """Rotation by a rotation vector, less the identity: what is small stays exact.
-
-    Shapes: returns (3, 3).
-    """
-    # Plain numbers: the loop calls this once a step, and arrays of three would cost five times as much.
-    x, y, z = w.tolist()
-    half = 0.5 * math.sqrt(x * x + y * y + z * z)
-    ratio = math.sin(half) / half if half > 0.0 else 1.0
-    skew = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
-    change: FloatArray = ratio * math.cos(half) * skew + 0.5 * ratio * ratio * (skew @ skew)
-    return change
 
 
 def derivatives(form: QuadraticForm, T: FloatArray) -> Slopes:

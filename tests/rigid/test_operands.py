@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 
 from dqreg.errors import InputError
-from dqreg.rigid.operands import (
+from dqreg.rigid._operands import (
     as_directions,
     as_poses,
     as_quaternions,

@@ -1,14 +1,15 @@
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from dqreg.errors import InputError
-from dqreg.rigid import DualQuaternion, Screw, pose
+from dqreg.rigid import DualNumber, DualQuaternion, Screw, _dual_parts, pose
 from dqreg.rigid import quaternion as quat
-from dqreg.rigid.screw import screw_from_parts, screw_to_parts
 from tests.strategies import floats, poses, unit_vectors
 
 fast = settings(deadline=None, max_examples=50)
@@ -35,7 +36,7 @@ def test_from_screw_is_the_motion_of_equation_61(n, theta, d, p):
 @fast
 @given(unit_vectors(), floats(-7, 7), floats(-5, 5), places)
 def test_equations_11_12_and_61_to_66(n, theta, d, p):
-    real, dual = screw_to_parts(n, theta, d, p)
+    real, dual = _dual_parts.from_screw(n, theta, d, p)
     sine, cosine, moment, K = np.sin(theta / 2), np.cos(theta / 2), np.cross(p, n), quat.cross_matrix(n)
     np.testing.assert_allclose(real, [cosine, *(sine * n)], atol=1e-15)  # eq. 11
     expected = [-d / 2 * sine, *(d / 2 * cosine * n + sine * moment)]
@@ -55,7 +56,7 @@ def test_equations_11_12_and_61_to_66(n, theta, d, p):
 @fast
 @given(unit_vectors(), floats(0.01, 3.14), floats(-5, 5), places)
 def test_equation_70_has_the_other_sign(n, theta, d, p):
-    _, dual = screw_to_parts(n, theta, d, p)
+    _, dual = _dual_parts.from_screw(n, theta, d, p)
     assert -2 * dual[0] / np.sin(theta / 2) == pytest.approx(d, abs=1e-11)
     if abs(d) > 0.1:
         assert 2 * dual[0] / np.sin(theta / 2) != pytest.approx(d, abs=0.1)  # as printed
@@ -64,13 +65,13 @@ def test_equation_70_has_the_other_sign(n, theta, d, p):
 @fast
 @given(unit_vectors(), floats(0.01, 3.14), floats(-5, 5), places, floats(-3, 3))
 def test_equations_71_to_75(n, theta, d, p, alpha):
-    _, dual = screw_to_parts(n, theta, d, p)
+    _, dual = _dual_parts.from_screw(n, theta, d, p)
     s, sine = dual[1:], np.sin(theta / 2)
     m = (s - d / 2 * np.cos(theta / 2) * n) / sine  # eqs. 71-72
     np.testing.assert_allclose(quat.cross_matrix(-n) @ p, m, atol=1e-11)  # eq. 73
     nearest = np.cross(n, m)
     np.testing.assert_allclose(np.cross(nearest + alpha * n, n), m, atol=1e-11)  # eq. 74
-    np.testing.assert_allclose(screw_from_parts(*screw_to_parts(n, theta, d, p)).point, nearest, atol=1e-11)
+    np.testing.assert_allclose(_dual_parts.as_screw(*_dual_parts.from_screw(n, theta, d, p)).point, nearest, atol=1e-11)
     assume(abs(n[0]) > 0.1)
     zero_first = np.array([0, -m[2], m[1]]) / n[0]  # eq. 75, mended
     np.testing.assert_allclose(np.cross(zero_first, n), m, atol=1e-10)
@@ -162,3 +163,65 @@ def test_only_the_direction_of_the_axis_counts():
 def test_errors(arguments, words):
     with pytest.raises(InputError, match=words):
         DualQuaternion.from_screw(*arguments)
+
+
+dual_numbers = st.builds(DualNumber, floats(-10, 10), floats(-10, 10))
+
+
+def matrix(a):
+    """The 2x2 matrices [[a, b], [0, a]] add and multiply as dual numbers do: eps is [[0, 1], [0, 0]]."""
+    return np.array([[a.real, a.dual], [0.0, a.real]])
+
+
+@fast
+@given(dual_numbers, dual_numbers)
+def test_equation_51(a, b):
+    np.testing.assert_array_equal(matrix(a + b), matrix(a) + matrix(b))
+    np.testing.assert_array_equal(matrix(a - b), matrix(a) - matrix(b))
+    np.testing.assert_allclose(matrix(a * b), matrix(a) @ matrix(b), rtol=0, atol=1e-13)
+
+
+@fast
+@given(dual_numbers)
+def test_equations_53_and_54(a):
+    assert a * a.conjugate() == DualNumber(a.real * a.real, 0.0)
+    assert a.modulus() == a.real
+
+
+@fast
+@given(floats(-3, 3), floats(-10, 10))
+def test_equations_55_to_59(theta, d):
+    # sin and cos of a dual angle (eq. 52); eq. 59 with eps^2 = 0 is a derivative, so differences are its oracle.
+    angle = DualNumber(theta, d)
+    h = 1e-5
+    for function, value in ((math.sin, angle.sin()), (math.cos, angle.cos())):
+        assert value.real == function(theta)
+        slope = (function(theta + h) - function(theta - h)) / (2 * h)
+        assert value.dual == pytest.approx(d * slope, abs=1e-8)
+    one = angle.sin() * angle.sin() + angle.cos() * angle.cos()
+    assert one.real == pytest.approx(1, abs=1e-15)
+    assert one.dual == pytest.approx(0, abs=1e-14)
+
+
+@fast
+@given(dual_numbers)
+def test_a_power_series_ends_after_the_slope(a):
+    # Eqs. 58-59 for x^3: the product of three equals f(a) + eps b f'(a).
+    cube = a * a * a
+    extended = a.extend(lambda x: x**3, lambda x: 3 * x**2)
+    assert cube.real == pytest.approx(extended.real, rel=1e-14, abs=1e-300)
+    assert cube.dual == pytest.approx(extended.dual, rel=1e-13, abs=1e-300)
+
+
+@fast
+@given(floats(1e-3, 1e3), floats(-10, 10))
+def test_square_root(a, b):
+    root = DualNumber(a, b).sqrt()
+    assert (root * root).real == pytest.approx(a, rel=1e-15)
+    assert (root * root).dual == pytest.approx(b, rel=1e-14)
+
+
+@pytest.mark.parametrize("real", [0.0, -1.0, math.nan])
+def test_no_root_without_a_slope(real):
+    with pytest.raises(InputError, match="positive"):
+        DualNumber(real, 1.0).sqrt()

@@ -10,7 +10,7 @@ from scipy.spatial import transform
 from dqreg.errors import InputError
 from dqreg.rigid import pose
 from dqreg.rigid import quaternion as quat
-from dqreg.rigid.twist import left_jacobian, left_jacobian_inverse
+from dqreg.rigid.rotations import left_jacobian, left_jacobian_inverse
 from tests.rigid.finite_differences import ROUNDING, jacobian
 from tests.strategies import floats, poses, unit_vectors
 

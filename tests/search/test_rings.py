@@ -6,9 +6,10 @@ import pytest
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_mesh
 from dqreg.icp import width_floor
 from dqreg.rigid import pose
+from dqreg.rigid.rotations import about_axis
 from dqreg.search.flips import flipped, near_flips
 from dqreg.search.rings import ring_steps
-from dqreg.search.rotations import angle_of, turn_about
+from dqreg.search.rotations import angle_of
 from dqreg.synth.parts import block, bracket, cylinder, gear
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -58,7 +59,7 @@ def test_a_pose_that_is_one_tooth_off_is_told() -> None:
     points = sample_mesh(part, 20_000, rng).points
     # The scan is made in the part's frame: the truth is the identity, and this is one tooth away from it.
     scan = prepare_scan(PointCloud(points + noise * rng.normal(size=points.shape)), 2_000)
-    wrong = pose.from_parts(turn_about(UP, 2.0 * np.pi / 18), np.zeros(3))
+    wrong = pose.from_parts(about_axis(UP, 2.0 * np.pi / 18), np.zeros(3))
     flips, limit, floor = near_flips(part, surface), 0.05 * part.diagonal, width_floor(scan, surface)
     found = flipped(wrong, flips, scan, surface, limit, floor)
     assert min(pose.angle_between(T, np.eye(4)) for T, _ in found) <= 2e-3

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from dqreg.rigid.quaternion_algebra import conjugate, multiply
-from dqreg.rigid.quaternion_matrices import from_matrix, left_matrix, right_matrix
+from dqreg.rigid._algebra import conjugate, multiply
+from dqreg.rigid._matrices import from_matrix, left_matrix, right_matrix
 from dqreg.solvers import horn, read_matches
 from dqreg.solvers.horn import P, Q
 from dqreg.solvers.least_squares import centre

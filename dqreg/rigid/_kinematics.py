@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
-from dqreg.rigid.operands import as_quaternions, as_triples, as_unit_quaternions
-from dqreg.rigid.quaternion_algebra import conjugate, multiply, normalize
-from dqreg.rigid.quaternion_powers import exp
-from dqreg.rigid.twist import left_jacobian_inverse
+from dqreg.rigid._algebra import conjugate, multiply, normalize
+from dqreg.rigid._operands import as_quaternions, as_triples, as_unit_quaternions
+from dqreg.rigid._powers import exp
+from dqreg.rigid.rotations import left_jacobian_inverse
 
 AngularVelocity = Callable[[float], ArrayLike]
 
@@ -36,11 +36,6 @@ def derivative(q: ArrayLike, omega: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4)
         dq/dt, perpendicular to q.
-
-    Raises
-    ------
-    InputError
-        If a shape is wrong, or a norm is not 1.
 
     Examples
     --------
@@ -67,11 +62,6 @@ def second_derivative(q: ArrayLike, omega: ArrayLike, alpha: ArrayLike) -> Float
     ndarray, (..., 4)
         d2q/dt2.
 
-    Raises
-    ------
-    InputError
-        If a shape is wrong, or a norm is not 1.
-
     Examples
     --------
     >>> second_derivative([1, 0, 0, 0], [0, 0, 2], [4, 0, 0]).tolist()
@@ -97,11 +87,6 @@ def angular_velocity(q: ArrayLike, q_dot: ArrayLike) -> FloatArray:
     ndarray, (..., 3)
         Angular velocities in world coordinates.
 
-    Raises
-    ------
-    InputError
-        If a shape is wrong, or a norm is not 1.
-
     Examples
     --------
     >>> angular_velocity([1, 0, 0, 0], [0, 0, 0, 1]).tolist()
@@ -126,11 +111,6 @@ def angular_acceleration(q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> F
     -------
     ndarray, (..., 3)
         Angular accelerations in world coordinates.
-
-    Raises
-    ------
-    InputError
-        If a shape is wrong, or a norm is not 1.
 
     Examples
     --------
@@ -167,11 +147,6 @@ def integrate(
     -------
     ndarray, (n, ..., 4)
         Unit quaternions at the times.
-
-    Raises
-    ------
-    InputError
-        If a shape is wrong, a norm is not 1, or the method is unknown.
 
     Examples
     --------

@@ -1,7 +1,6 @@
-"""Quaternions as matrices: the 4x4 matrices of a product and the 3x3 matrix of a rotation, both ways.
+"""The 3x3 matrix of a rotation from its quaternion, and back.
 
-Equation numbers: Jia, *Quaternions* (2020), section 3 and appendix D; Walker, Shao and Volz (1991), who write
-the scalar last, so that their matrices are ours with the first row and column moved to the end.
+Equation numbers: Jia, *Quaternions* (2020), section 3; Walker, Shao and Volz (1991), who write the scalar last.
 """
 
 from __future__ import annotations
@@ -10,60 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
-from dqreg.rigid.operands import as_quaternions, as_rotations, as_unit_quaternions
-from dqreg.rigid.quaternion_algebra import canonical, cross_matrix
-
-
-def left_matrix(p: ArrayLike) -> FloatArray:
-    """Matrix of a product from the left: ``left_matrix(p) @ q`` is p q (Jia eq. 37; Walker eq. 15: Q).
-
-    Parameters
-    ----------
-    p : array_like, (..., 4)
-        Quaternions, scalar first.
-
-    Returns
-    -------
-    ndarray, (..., 4, 4)
-        Rows and columns in the order w, x, y, z.
-
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers.
-
-    Examples
-    --------
-    >>> (left_matrix([3, 1, -2, 1]) @ [2, -1, 2, 3]).tolist()
-    [8.0, -9.0, -2.0, 11.0]
-    """
-    return _product_matrix(as_quaternions(p, "p"), 1.0)
-
-
-def right_matrix(q: ArrayLike) -> FloatArray:
-    """Matrix of a product from the right: ``right_matrix(q) @ p`` is p q (Jia eq. 35; Walker eq. 16: W).
-
-    Parameters
-    ----------
-    q : array_like, (..., 4)
-        Quaternions, scalar first.
-
-    Returns
-    -------
-    ndarray, (..., 4, 4)
-        Rows and columns in the order w, x, y, z.
-
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers.
-
-    Examples
-    --------
-    >>> (right_matrix([2, -1, 2, 3]) @ [3, 1, -2, 1]).tolist()
-    [8.0, -9.0, -2.0, 11.0]
-    """
-    return _product_matrix(as_quaternions(q, "q"), -1.0)
+from dqreg.rigid._algebra import canonical, cross_matrix
+from dqreg.rigid._operands import as_quaternions, as_rotations, as_unit_quaternions
 
 
 def to_matrix(q: ArrayLike) -> FloatArray:
@@ -78,11 +25,6 @@ def to_matrix(q: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 3, 3)
         R with R v = q v q*: ``(q0^2 - |q|^2) I + 2 q q^T + 2 q0 [q x]``.
-
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers, or a norm is not 1.
 
     Examples
     --------
@@ -124,11 +66,6 @@ def from_matrix(R: ArrayLike) -> FloatArray:
     ndarray, (..., 4)
         Unit quaternions, scalar first, in canonical sign (first non-zero component positive).
 
-    Raises
-    ------
-    InputError
-        If a matrix is not 3x3, not orthonormal, or a mirror image.
-
     Examples
     --------
     A half-turn about z:
@@ -149,13 +86,3 @@ def from_matrix(R: ArrayLike) -> FloatArray:
     largest = np.argmax(diagonal, axis=-1)[..., np.newaxis, np.newaxis]
     column = np.take_along_axis(columns, largest, axis=-2)[..., 0, :]
     return canonical(column / np.linalg.norm(column, axis=-1, keepdims=True))
-
-
-def _product_matrix(q: FloatArray, side: float) -> FloatArray:
-    scalar, vector = q[..., 0], q[..., 1:]
-    matrix = np.zeros((*q.shape, 4))
-    matrix[..., 0, 0] = scalar
-    matrix[..., 0, 1:] = -vector
-    matrix[..., 1:, 0] = vector
-    matrix[..., 1:, 1:] = scalar[..., np.newaxis, np.newaxis] * np.eye(3) + side * cross_matrix(vector)
-    return matrix

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.rigid.operands import as_quaternions, as_triples
+from dqreg.rigid._operands import as_quaternions, as_triples
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
@@ -28,11 +28,6 @@ def add(p: ArrayLike, q: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4)
         p + q.
-
-    Raises
-    ------
-    InputError
-        If a last axis does not hold four numbers.
 
     Examples
     --------
@@ -54,11 +49,6 @@ def multiply(p: ArrayLike, q: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4)
         Scalar part ``p0 q0 - p . q``, vector part ``p0 q + q0 p + p x q``.
-
-    Raises
-    ------
-    InputError
-        If a last axis does not hold four numbers.
 
     Examples
     --------
@@ -93,11 +83,6 @@ def conjugate(q: ArrayLike) -> FloatArray:
     ndarray, (..., 4)
         q*.
 
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers.
-
     Examples
     --------
     >>> conjugate([2, -1, 2, 3]).tolist()
@@ -119,11 +104,6 @@ def norm(q: ArrayLike) -> FloatArray:
     ndarray, (...)
         Norms; a single number for a single quaternion.
 
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers.
-
     Examples
     --------
     >>> float(norm([1, 1, 1, 1]))
@@ -144,11 +124,6 @@ def inverse(q: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4)
         The quaternion whose product with q, on either side, is 1.
-
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers, or a quaternion is zero.
 
     Examples
     --------
@@ -172,11 +147,6 @@ def normalize(q: ArrayLike) -> FloatArray:
     ndarray, (..., 4)
         Quaternions of norm 1.
 
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers, or a quaternion is zero.
-
     Examples
     --------
     >>> normalize([0, 0, 3, 4]).tolist()
@@ -197,11 +167,6 @@ def canonical(q: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4)
         q or -q.
-
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers.
 
     Examples
     --------
@@ -240,11 +205,6 @@ def cross_matrix(u: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 3, 3)
         Skew-symmetric matrices.
-
-    Raises
-    ------
-    InputError
-        If the last axis does not hold three numbers.
 
     Examples
     --------

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
-from dqreg.rigid.operands import as_quaternions
+from dqreg.rigid._operands import as_quaternions
 
 
 def polar(q: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -30,11 +30,6 @@ def polar(q: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         Unit vector along the vector part; x where the vector part is zero and every axis would do.
     angle_rad : ndarray, (...)
         In [0, pi]; a unit quaternion turns by twice this angle.
-
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers, or a quaternion is zero.
 
     Examples
     --------
@@ -70,11 +65,6 @@ def power(q: ArrayLike, exponent: ArrayLike) -> FloatArray:
         ``|q|^rho (cos(rho theta) + u sin(rho theta))``. The power of a negative real number, whose axis is
         open, is taken about x.
 
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers, or a quaternion is zero.
-
     Examples
     --------
     >>> power([0, 0, 0, 4], 2).round(12).tolist()
@@ -99,11 +89,6 @@ def exp(q: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4)
         ``e^q0 (cos |q| + u sin |q|)``. Of ``(0, w / 2)``: the rotation by the rotation vector w.
-
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers.
 
     Examples
     --------
@@ -132,11 +117,6 @@ def log(q: ArrayLike) -> FloatArray:
         ``ln |q| + u theta`` with theta in [0, pi], so that ``exp(log(q))`` is q, sign and all. Of a unit
         quaternion: half the rotation vector. The logarithm of a negative real number, whose axis is open,
         lies along x.
-
-    Raises
-    ------
-    InputError
-        If the last axis does not hold four numbers, or a quaternion is zero.
 
     Examples
     --------
