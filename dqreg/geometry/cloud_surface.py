@@ -13,7 +13,7 @@ from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes_around
-from dqreg.geometry.surface import Closest
+from dqreg.geometry.surface import Closest, Hint
 
 # Two distances that near to each other may be equal: then the tree decides.
 ROUNDING = 1e-12
@@ -83,45 +83,35 @@ class CloudSurface:
             self._known[missing] = True
         return np.take(self._fits, rows, axis=0)
 
-    def closest(self, points: FloatArray) -> Closest:
+    def closest(self, points: FloatArray, hint: Hint | None = None) -> Closest:
         """Nearest cloud point for each query.
+
+        A query that moved by m since the hint has no other point nearer than ``others - m``; while the old match is
+        nearer than that, it is the match still, and the tree is not asked.
 
         Parameters
         ----------
         points : ndarray, (n, 3)
             Queries in the cloud's frame; n may be 0.
+        hint : (ndarray, Closest), optional
+            Earlier places of the same queries and the answer there; the matches are the same without it, distances may
+            differ by rounding.
 
         Returns
         -------
         Closest
             Points, normals (zero where none is known), distances and rows of the cloud as it was given.
         """
+        known = None if hint is None else self._closest_near(points, *hint)
+        if known is not None:
+            return known
         indices, distances = self._tree.nearest(points, 2)
         others = distances[:, 1] if distances.shape[1] > 1 else np.full(len(points), np.inf)
         return self._answer(indices[:, 0], distances[:, 0], others)
 
-    def closest_again(self, points: FloatArray, before: Closest, places: FloatArray) -> Closest:
-        """The answer of `closest` for queries that have moved a little, asking only about those whose match may change.
-
-        A query that moved by m has no other point nearer than ``others - m``; as long as the old match is nearer than
-        that, it is the match still.
-
-        Parameters
-        ----------
-        points : ndarray, (n, 3)
-            Queries in the cloud's frame.
-        before : Closest
-            What this surface answered for the same queries at other places.
-        places : ndarray, (n, 3)
-            Those places.
-
-        Returns
-        -------
-        Closest
-            The same matches as `closest` finds; the distances of those that were kept may differ by rounding.
-        """
+    def _closest_near(self, points: FloatArray, places: FloatArray, before: Closest) -> Closest | None:
         if before.others is None:
-            return self.closest(points)
+            return None
         others = (before.others - _lengths(points - places)) * (1.0 - ROUNDING)
         distances = _lengths(points - before.points)
         rows = self._ranks[before.elements]
@@ -130,6 +120,25 @@ class CloudSurface:
         if found.shape[1] > 1:
             rows[asked], distances[asked], others[asked] = indices[:, 0], found[:, 0], found[:, 1]
         return self._answer(rows, distances, others)
+
+    def closest_again(self, points: FloatArray, before: Closest, places: FloatArray) -> Closest:
+        """`closest` with the hint ``(places, before)``.
+
+        Parameters
+        ----------
+        points : ndarray, (n, 3)
+            Queries.
+        before : Closest
+            What this surface answered for the same queries at other places.
+        places : ndarray, (n, 3)
+            Those places.
+
+        Returns
+        -------
+        Closest
+            As from `closest`.
+        """
+        return self.closest(points, (places, before))
 
     def on_rim(self, closest: Closest) -> BoolArray:
         """Whether the matches of some queries are points at which the cloud ends.

@@ -11,7 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.raycasting import RayScene
-from dqreg.geometry.surface import Closest
+from dqreg.geometry.surface import Closest, Hint
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,13 +90,19 @@ class MeshSurface:
     def _first_corners(self) -> FloatArray:
         return np.ascontiguousarray(self.mesh.corners[:, 0])
 
-    def closest(self, points: FloatArray) -> Closest:
+    def closest(self, points: FloatArray, hint: Hint | None = None) -> Closest:
         """Closest point on the triangles for each query.
+
+        With a hint, a query high above the inside of its face keeps the face, where it has moved by less than a
+        ten-thousandth of the part. Between two sides of a sheet, that may be the farther one by as much as the query
+        has moved.
 
         Parameters
         ----------
         points : ndarray, (n, 3)
             Queries in the mesh's frame; n may be 0.
+        hint : (ndarray, Closest), optional
+            Earlier places of the same queries and the answer there.
 
         Returns
         -------
@@ -105,6 +111,9 @@ class MeshSurface:
         """
         if not len(points):
             return Closest(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64))
+        known = None if hint is None else self._closest_near(points, *hint)
+        if known is not None:
+            return known
         faces, uv = self._scene.closest_faces((points - self.centre) / self.diagonal)
         normals = np.take(self.mesh.face_normals, faces, axis=0)
         first = np.take(self._first_corners, faces, axis=0)
@@ -123,29 +132,11 @@ class MeshSurface:
             distances[edge] = np.sqrt(_squared(beside - places))
         return Closest(on_face, normals, distances, faces)
 
-    def closest_again(self, points: FloatArray, before: Closest, places: FloatArray) -> Closest:
-        """The answer of `closest` for queries that have moved a little, asking only where the face may have changed.
-
-        A query high above the inside of its face keeps the face, where it has moved by less than a ten-thousandth of
-        the part. Between two sides of a sheet, that may be the farther one by as much as the query has moved.
-
-        Parameters
-        ----------
-        points : ndarray, (n, 3)
-            Queries in the mesh's frame.
-        before : Closest
-            What this surface answered for the same queries at other places.
-        places : ndarray, (n, 3)
-            Those places.
-
-        Returns
-        -------
-        Closest
-            Points, face normals, distances and face numbers.
-        """
+    def _closest_near(self, points: FloatArray, places: FloatArray, before: Closest) -> Closest | None:
+        """Answer from faces known nearby; None where a query has moved too far."""
         moved = np.sqrt(_squared(points - places))
-        if not len(points) or moved.max() > STEP * self.diagonal:
-            return self.closest(points)
+        if moved.max() > STEP * self.diagonal:
+            return None
         corners = np.take(self.mesh.corners, before.elements, axis=0)
         height = np.einsum("ij,ij->i", points - corners[:, 0], before.normals)
         # Square to the face, the query itself is as far from the planes through the sides as its foot.
@@ -157,6 +148,25 @@ class MeshSurface:
         feet[asked], normals[asked] = found.points, found.normals
         distances[asked], faces[asked] = found.distances, found.elements
         return Closest(feet, normals, distances, faces)
+
+    def closest_again(self, points: FloatArray, before: Closest, places: FloatArray) -> Closest:
+        """`closest` with the hint ``(places, before)``.
+
+        Parameters
+        ----------
+        points : ndarray, (n, 3)
+            Queries.
+        before : Closest
+            What this surface answered for the same queries at other places.
+        places : ndarray, (n, 3)
+            Those places.
+
+        Returns
+        -------
+        Closest
+            As from `closest`.
+        """
+        return self.closest(points, (places, before))
 
     def _across_edges(self, points: FloatArray, faces: IntArray, near: BoolArray) -> tuple[FloatArray, IntArray]:
         """Closest points in float64, walking to a neighbouring face for as long as it is strictly closer.

@@ -36,6 +36,10 @@ class Closest:
     variances: FloatArray | None = None
 
 
+# Where the same queries stood earlier, (n, 3), and what this surface answered there.
+Hint = tuple[FloatArray, Closest]
+
+
 class Surface(Protocol):
     """A target that can be asked for its closest points; read-only after it is built, so threads may share it."""
 
@@ -54,6 +58,20 @@ class Surface(Protocol):
         """Whether the normals point outwards for sure (a mesh), or only up to sign (an estimate)."""
         ...
 
-    def closest(self, points: FloatArray) -> Closest:
-        """Answer for each query point, (n, 3), n >= 0."""
+    def closest(self, points: FloatArray, hint: Hint | None = None) -> Closest:
+        """Closest place for each query.
+
+        Parameters
+        ----------
+        points : ndarray, (n, 3)
+            Queries in the surface's frame; n may be 0.
+        hint : (ndarray, Closest), optional
+            Where the same queries stood earlier, (n, 3), and what the surface answered there. It may save work after
+            small motions, and never changes what is found by more than rounding.
+
+        Returns
+        -------
+        Closest
+            One place a query.
+        """
         ...

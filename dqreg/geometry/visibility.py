@@ -11,7 +11,7 @@ from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.raycasting import RayScene
-from dqreg.geometry.surface import Closest
+from dqreg.geometry.surface import Closest, Hint
 from dqreg.rigid import twist
 
 # Places that are looked at, shared out by area, and on each face at least: its middle, and one near each corner.
@@ -100,14 +100,12 @@ class VisibleSurface(MeshSurface):
         """Where what was seen ends."""
         return self._seen.mesh.borders
 
-    def closest(self, points: FloatArray) -> Closest:
+    def closest(self, points: FloatArray, hint: Hint | None = None) -> Closest:
         """Closest point on the faces that were seen, for each query."""
-        return self._in_whole(self._seen.closest(points))
-
-    def closest_again(self, points: FloatArray, before: Closest, places: FloatArray) -> Closest:
-        """As `MeshSurface.closest_again`, on the faces that were seen."""
-        known = dataclasses.replace(before, elements=np.searchsorted(self.rows, before.elements))
-        return self._in_whole(self._seen.closest_again(points, known, places))
+        if hint is not None:
+            places, before = hint
+            hint = places, dataclasses.replace(before, elements=np.searchsorted(self.rows, before.elements))
+        return self._in_whole(self._seen.closest(points, hint))
 
     def _in_whole(self, found: Closest) -> Closest:
         return dataclasses.replace(found, elements=self.rows[found.elements])

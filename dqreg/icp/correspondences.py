@@ -8,8 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry.cloud_surface import CloudSurface
-from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest, Surface
 from dqreg.rigid import pose
@@ -67,10 +65,7 @@ def correspond(scan: Scan, surface: Surface, T_target_source: FloatArray, before
     if before is not None and before.scan is scan and np.array_equal(before.T_target_source, T_target_source):
         return before
     moved = pose.apply(T_target_source, scan.points)
-    if before is not None and isinstance(surface, (CloudSurface, MeshSurface)):
-        closest = surface.closest_again(moved, before.closest, before.moved)
-    else:
-        closest = surface.closest(moved)
+    closest = surface.closest(moved, None if before is None else (before.moved, before.closest))
     return Pairs(scan, T_target_source, closest, same_sign=scan.oriented and surface.oriented)
 
 

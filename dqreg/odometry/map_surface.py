@@ -11,7 +11,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
-from dqreg.geometry.surface import Closest
+from dqreg.geometry.surface import Closest, Hint
 
 NEIGHBOURS = 12
 
@@ -37,7 +37,7 @@ class MapSurface:
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))
 
-    def closest(self, points: FloatArray) -> Closest:
+    def closest(self, points: FloatArray, hint: Hint | None = None) -> Closest:
         """Nearest map point for each query, (n, 3), with the normal there; zero where the neighbours fix none."""
         indices, distances = self._tree.nearest(points, 1)
         rows = indices[:, 0]

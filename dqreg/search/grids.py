@@ -22,7 +22,7 @@ import numpy.typing as npt
 from dqreg._arrays import FloatArray, IntArray, bounds
 from dqreg.geometry import Surface
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.surface import Closest
+from dqreg.geometry.surface import Closest, Hint
 
 # Single precision: a hundredth of a cell is all that is needed.
 Single = npt.NDArray[np.float32]
@@ -148,7 +148,7 @@ class PlaneGrid(DistanceGrid):
         super().__init__(distances, low, high, surface.diagonal)
         self._planes = planes
 
-    def closest(self, points: FloatArray) -> Closest:
+    def closest(self, points: FloatArray, hint: Hint | None = None) -> Closest:
         """Foot on the tangent plane, its normal, and the distance; infinite outside the grid, (n, 3) each."""
         nodes = self.nodes(points)
         planes = self._planes[nodes].astype(np.float64)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.errors import InputError
-from dqreg.geometry import CloudSurface, Mesh, PointCloud, sample_mesh
+from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, sample_mesh
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.rigid import twist
 from dqreg.synth.parts import bracket
@@ -43,7 +43,7 @@ def test_a_skipped_search_finds_exactly_what_a_full_search_finds(seed: int, size
     found = surface.closest(places)
     for _ in range(steps):
         moved = turned(places, 10.0**size * 0.1 * PART.diagonal, rng)
-        found = surface.closest_again(moved, found, places)
+        found = surface.closest(moved, (places, found))
         full = surface.closest(moved)
         np.testing.assert_array_equal(found.elements, full.elements)
         np.testing.assert_array_equal(found.points, full.points)
@@ -62,7 +62,7 @@ def test_a_small_motion_is_hardly_searched_and_a_large_one_is() -> None:
     _ = surface.normals
     for step, least, most in [(1e-5, 0, 100), (0.2, 3_000, 4_000)]:
         tree.asked = 0
-        surface.closest_again(places + step * PART.diagonal, found, places)
+        surface.closest(places + step * PART.diagonal, (places, found))
         assert least <= tree.asked <= most
 
 
@@ -73,8 +73,17 @@ def test_copies_ties_and_a_single_point_are_searched_as_before() -> None:
     places = np.random.default_rng(0).integers(0, 7, size=(200, 3)) / 2.0
     for cloud in (surface, CloudSurface(PointCloud([[1.0, 2.0, 3.0]]))):
         found = cloud.closest(places)
-        again = cloud.closest_again(places + 0.5, found, places)
+        again = cloud.closest(places + 0.5, (places, found))
         np.testing.assert_array_equal(again.elements, cloud.closest(places + 0.5).elements)
+
+
+@pytest.mark.parametrize("surface", [CloudSurface(CLOUD), MeshSurface(PART)])
+def test_the_older_name_of_a_question_with_a_hint_answers_the_same(surface) -> None:
+    places = CLOUD.points[::9]
+    found, moved = surface.closest(places), places + 1e-5 * PART.diagonal
+    older, newer = surface.closest_again(moved, found, places), surface.closest(moved, (places, found))
+    np.testing.assert_array_equal(older.points, newer.points)
+    np.testing.assert_array_equal(older.elements, newer.elements)
 
 
 def test_normals_fitted_where_they_are_asked_for_are_those_of_the_whole_cloud() -> None:

@@ -5,6 +5,7 @@ import pytest
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Closest, MeshSurface
+from dqreg.geometry.surface import Hint
 from tests.icp.scenes import bracket_mesh, bracket_points
 
 PART = bracket_mesh()
@@ -16,9 +17,9 @@ class Counting(MeshSurface):
 
     asked = 0
 
-    def closest(self, points: FloatArray) -> Closest:
-        self.asked += len(points)
-        return super().closest(points)
+    def closest(self, points: FloatArray, hint: Hint | None = None) -> Closest:
+        self.asked += len(points) if hint is None else 0
+        return super().closest(points, hint)
 
 
 @pytest.mark.parametrize("step", [1e-9, 1e-7, 1e-5, 9e-5])
@@ -33,7 +34,7 @@ def test_a_small_step_finds_the_same_places(step: float, seed: int) -> None:
     moved = places + step * SIZE * shift / np.linalg.norm(shift, axis=1, keepdims=True)
     expected = surface.closest(moved)
     surface.asked = 0
-    found = surface.closest_again(moved, before, places)
+    found = surface.closest(moved, (places, before))
     # Most keep their face without a question.
     assert surface.asked <= 0.5 * len(places)
     np.testing.assert_allclose(found.distances, expected.distances, atol=1e-12 * SIZE)
@@ -43,14 +44,12 @@ def test_a_small_step_finds_the_same_places(step: float, seed: int) -> None:
     assert same_place.mean() >= 0.999
 
 
-def test_a_large_step_asks_about_all() -> None:
-    surface = Counting(PART)
+def test_after_a_large_step_the_answer_is_that_without_a_hint() -> None:
+    surface = MeshSurface(PART)
     places = bracket_points(60, seed=0)
     before = surface.closest(places)
-    surface.asked = 0
     moved = places + 2e-4 * SIZE
-    found = surface.closest_again(moved, before, places)
-    assert surface.asked == len(places)
+    found = surface.closest(moved, (places, before))
     np.testing.assert_array_equal(found.points, surface.closest(moved).points)
 
 
@@ -59,7 +58,7 @@ def test_what_was_answered_before_stays_as_it_was() -> None:
     places = bracket_points(60, seed=0)
     before = surface.closest(places)
     copies = [x.copy() for x in (before.points, before.normals, before.distances, before.elements)]
-    surface.closest_again(places + 1e-5 * SIZE, before, places)
+    surface.closest(places + 1e-5 * SIZE, (places, before))
     for was, copy in zip((before.points, before.normals, before.distances, before.elements), copies, strict=True):
         np.testing.assert_array_equal(was, copy)
 
@@ -67,4 +66,4 @@ def test_what_was_answered_before_stays_as_it_was() -> None:
 def test_nothing_is_nothing() -> None:
     surface = MeshSurface(PART)
     none = surface.closest(np.zeros((0, 3)))
-    assert len(surface.closest_again(np.zeros((0, 3)), none, np.zeros((0, 3))).points) == 0
+    assert len(surface.closest(np.zeros((0, 3)), (np.zeros((0, 3)), none)).points) == 0
