@@ -99,6 +99,7 @@ class Item:
     """A task that will be made when its turn comes."""
 
     key: str  # Names the task in files
+    title: str  # Names it and its other trials together
     words: str  # Names it on the screen
     weight: float  # How much work it is: its scan points
     repeats: int  # Timed runs
@@ -123,7 +124,7 @@ def plan(tasks: Any, rules: Rules) -> tuple[list[Item], str]:
     if not items:
         raise InputError("nothing to compare on: give a case, a recipe, a scan and a target, or a sweep")
     titles = dict.fromkeys(thing.name if isinstance(thing, Sweep) else "" for thing in things)
-    names = [title for title in titles if title] or list(dict.fromkeys(item.words.partition(",")[0] for item in items))
+    names = [title for title in titles if title] or list(dict.fromkeys(item.title for item in items))
     shown = ", ".join(names) if len(names) <= 4 else f"{len(names)} cases"
     return list({item.key: item for item in items}.values()), shown
 
@@ -146,6 +147,7 @@ def _of_challenge(challenge: Challenge, rules: Rules) -> Item:
     task = challenge.task
     return Item(
         key=challenge.key,
+        title=challenge.case,
         words=f"{challenge.case}, {task.setting}",
         weight=float(len(task.source)),
         repeats=rules.repeats,
@@ -156,10 +158,11 @@ def _of_challenge(challenge: Challenge, rules: Rules) -> Item:
 
 
 def _of_cell(cell: Cell, repeats: int, rules: Rules, barred: frozenset[str]) -> Item:
-    value = f"{cell.value:g}" if isinstance(cell.value, (int, float)) else cell.value
+    title = f"{cell.axis} {cell.value:g}" if isinstance(cell.value, (int, float)) else f"{cell.axis} {cell.value}"
     return Item(
         key=f"{cell.key}|{rules.threads}|{dataclasses.astuple(rules.loop)}",
-        words=f"{cell.axis} {value}, {cell.setting}, trial {cell.trial + 1}",
+        title=title,
+        words=f"{title}, {cell.setting}, trial {cell.trial + 1}",
         weight=float(cell.points),
         repeats=repeats,
         setting=cell.setting,

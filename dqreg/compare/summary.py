@@ -50,6 +50,7 @@ class Line:
     size: float  # S
     units: str  # Of S
     remark: str  # What went wrong in runs that brought nothing home
+    is_late: bool = False  # Whether the first of these ended with the time limit
 
     @property
     def all_found(self) -> bool:
@@ -110,7 +111,7 @@ def _line(place: Place, engine: str, runs: list[Run]) -> Line:
     posed = [run for run in back if run.kind != "nothing"]
     seconds = [run.seconds for run in back if not math.isnan(run.seconds)]
     truth = any(run.success is not None for run in runs)
-    last = runs[-1]
+    last, bad = runs[-1], [run for run in runs if run.success is not True]
     return Line(
         engine=engine,
         place=place,
@@ -130,7 +131,8 @@ def _line(place: Place, engine: str, runs: list[Run]) -> Line:
         points=last.points,
         size=last.size,
         units=last.units,
-        remark=_remark([run for run in runs if run.success is not True]),
+        remark=_remark(bad),
+        is_late=bool(bad) and bad[0].status == "timeout",
     )
 
 

@@ -144,7 +144,7 @@ def _seconds(line: Line | None) -> str:
     if line is None:
         return MISSING
     if math.isnan(line.seconds):
-        return ">" if line.remark.startswith("no answer within") else "failed"
+        return ">" if line.is_late else "failed"
     return number(line.seconds)
 
 

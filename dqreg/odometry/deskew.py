@@ -45,7 +45,7 @@ class Undone:
             # The motion that was undone may have been far off, or the times are no times.
             plain = self._again(np.eye(4), None, seek)
             if plain is not None and plain.aligned.on_map > best.aligned.on_map:
-                words = "fits better as it is than with the motion during the sweep undone by its times"
+                words = "the sweep was not deskewed: the frame fits better as it is than with its times"
                 best = dataclasses.replace(plain, notes=(Reason(words, "not_deskewed"),))
         for _ in range(ROUNDS):
             if not best.aligned.found:

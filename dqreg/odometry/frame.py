@@ -53,10 +53,10 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
         if len(times) != len(values):
             raise InputError(f"timestamps must be one a point; got {len(times)} for {len(values)} points")
         if not np.isfinite(times[keep]).all():
-            notes.append(Reason("some times are not finite: motion during the sweep was not undone", "not_deskewed"))
+            notes.append(Reason("some times are not finite: the sweep was not deskewed", "not_deskewed"))
             times = None
         elif keep.any() and not np.ptp(times[keep]) > 0.0:
-            notes.append(Reason("all points carry one time: motion during the sweep was not undone", "not_deskewed"))
+            notes.append(Reason("all points have one time: the sweep was not deskewed", "not_deskewed"))
             times = None
     return RawFrame(values[keep], None if times is None else times[keep], tuple(notes))
 

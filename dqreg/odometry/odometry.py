@@ -158,8 +158,8 @@ class Odometry:
         keys = thin_frame(inside, lengths.voxel_size)
         if keys is None or len(keys.scan) < FEWEST_PLACES:
             why = (
-                f"only {0 if keys is None else len(keys.scan)} places are left of {len(frame.points)} points (within "
-                f"{lengths.max_range:.4g}, at a voxel of {lengths.voxel_size:.4g}); {FEWEST_PLACES} are needed"
+                f"downsampling leaves {0 if keys is None else len(keys.scan)} of {len(frame.points)} points (within "
+                f"{lengths.max_range:.4g}, voxels of {lengths.voxel_size:.4g}); {FEWEST_PLACES} are needed"
             )
             return self._failed(why, frame, "too few points")
         if self._kiss is None:

@@ -41,22 +41,22 @@ def frame_verdict(evidence: FrameEvidence, notes: tuple[Reason, ...]) -> Verdict
     """
     e = evidence
     if not e.found:
-        return Verdict("failed", (Reason(f"no pose: the loop ended with {e.status!r}", "no_pose"), *notes))
+        return Verdict("failed", (Reason(f"no pose: ICP ended with the status {e.status!r}", "no_pose"), *notes))
     if not e.on_map >= LOST:
-        words = f"no pose: at the best one only {100 * e.on_map:.0f} % of the frame's points lie on the map"
+        words = f"no pose: only {100 * e.on_map:.0f} % of the frame's points are inliers at the best one"
         return Verdict("failed", (Reason(words, "lost"), *notes))
     doubts = [words for words in (_misfit(e.on_map, e.usual),) if words]
     if not e.inliers >= FEWEST_INLIERS:
-        words = f"only {e.inliers:.0f} points lie on the map: too few to check the pose with"
+        words = f"only {e.inliers:.0f} inliers: too few to check the pose"
         doubts.append(Reason(words, "few_inliers"))
     doubts.extend(Reason(d.words, "unconstrained") for d in e.directions if d.is_free)
     if e.status != "converged":
-        doubts.append(Reason(f"the loop did not converge: {e.status}", "not_converged"))
+        doubts.append(Reason(f"ICP did not converge: {e.status}", "not_converged"))
     if doubts:
         return Verdict("suspect", (*doubts, *notes))
     words = (
-        f"{e.inliers:.0f} points, {100 * e.on_map:.0f} % of the frame, lie within {e.width:.3g} (one sigma) of points "
-        "of the map; all six motions are held"
+        f"{e.inliers:.0f} inliers, {100 * e.on_map:.0f} % of the frame, with residuals of {e.width:.3g} (one sigma); "
+        "all degrees of freedom are constrained"
     )
     return Verdict("accepted", (Reason(words, "accepted"), *notes))
 
@@ -69,12 +69,12 @@ def fits(on_map: float, usual: float) -> bool:
 def _misfit(on_map: float, usual: float) -> Reason | None:
     if not on_map >= FEW_ON_MAP:
         return Reason(
-            f"only {100 * on_map:.0f} % of the frame's points lie on the map: the pose may have slipped",
+            f"only {100 * on_map:.0f} % of the frame's points are inliers: the pose may have slipped",
             "low_inlier_fraction",
         )
     if on_map < FALL * usual:
         return Reason(
-            f"{100 * on_map:.0f} % of the frame's points lie on the map, after {100 * usual:.0f} % in the frames "
+            f"{100 * on_map:.0f} % of the frame's points are inliers, after {100 * usual:.0f} % in the frames "
             "before: the pose may have slipped, or the view is new",
             "falling_inlier_fraction",
         )
@@ -92,7 +92,7 @@ def without_pose(reasons: tuple[Reason, ...], status: str, settings: dict[str, o
 
 def first_frame(T_map_frame: FloatArray, notes: tuple[Reason, ...], settings: dict[str, object]) -> Registration:
     """Result of the frame that the map begins with."""
-    words = "the map begins with this frame: its pose is a definition"
+    words = "the first frame: its pose defines the frame of the map"
     verdict = Verdict("accepted", (Reason(words, "first_frame"), *notes))
     return _bare(T_map_frame, verdict, "first frame", 0.0, settings)
 

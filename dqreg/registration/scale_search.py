@@ -189,12 +189,12 @@ def distinct_scales(candidates: list[ScaleCandidate]) -> list[ScaleCandidate]:
 def why_not_fixed(searching: Searching, found: list[ScaleCandidate]) -> Reason | None:
     """Why the data do not fix the scale; None where they do."""
     best = found[0]
-    free = "the scan leaves the scale free: a plane, a cone or a corner fits itself at any size; give the scale"
+    free = "the scale is unobservable: planes, cones and corners look alike at any scale; give the scale"
     if not best.held:
         return Reason(free, "scale_unobservable")
     if not fits(searching, found):
         return Reason(
-            f"at no scale that was tried does the scan fit (best at {best.scale:.6g}); give the scale, or a start",
+            f"no scale that was tried fits (best at {best.scale:.6g}); give the scale, or an initial pose",
             "scale_misfit",
         )
     for factor in (1.0 - ASIDE, 1.0 + ASIDE):

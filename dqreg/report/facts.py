@@ -51,8 +51,8 @@ def _sigmas(result: Registration, unit: str) -> dict[str, Any]:
     """Standard deviations of the six numbers of the pose: columns, one row, and what they mean."""
     sigma = np.sqrt(np.diag(result.covariance))
     row = [text_of(s, 2) if np.isfinite(s) else "free" for s in [*np.rad2deg(sigma[:3]), *sigma[3:]]]
-    columns = [(f"turn about {axis}", "degrees", True) for axis in "xyz"]
-    columns += [(f"shift along {axis}", unit, True) for axis in "xyz"]
+    columns = [(f"rotation about {axis}", "degrees", True) for axis in "xyz"]
+    columns += [(f"translation along {axis}", unit, True) for axis in "xyz"]
     words = (
         f"One sigma, with the target's axes, about its middle {place_text(np.array(result.settings['centre']))}. "
         "Estimated from how the residuals scatter from patch to patch of the surface; where the pairs are too few for "

@@ -40,7 +40,7 @@ def summary_rows(result: Registration) -> list[tuple[str, str]]:
             ("inliers", f"{100 * result.inlier_fraction:.1f} % of the points, rms distance {result.rms:.4g} {unit}")
         )
         weakest = result.observability[0]
-        rows.append(("least held", f"{weakest.words} (one sigma {weakest.sigma:.2g} {unit})"))
+        rows.append(("weakest", f"{weakest.words} (one sigma {weakest.sigma:.2g} {unit})"))
     return rows
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.search.rotations import SAME_AXIS_RAD, angle_of, axis_of, keeps_axis
+from dqreg.solvers.motion_words import axis_words
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,10 +22,8 @@ class Axis:
     @property
     def words(self) -> str:
         """The symmetry in a sentence."""
-        where = f"about the axis through ({_numbers(self.point)}) along ({_numbers(self.direction, 3)})"
-        if self.order is None:
-            return f"the part looks the same after any turn {where}"
-        return f"the part looks the same after a turn of {360.0 / self.order:.4g} degrees {where}"
+        rotation = "any rotation" if self.order is None else f"a rotation of {360.0 / self.order:.4g} degrees"
+        return f"the part looks the same after {rotation} about {axis_words(self.point, self.direction)}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,8 +63,3 @@ class Symmetry:
     def words(self) -> tuple[str, ...]:
         """One sentence for each axis."""
         return tuple(axis.words for axis in self.axes)
-
-
-def _numbers(values: FloatArray, digits: int = 4) -> str:
-    # Adding zero turns -0 into 0.
-    return ", ".join(f"{v + 0.0:.{digits}g}" for v in np.where(np.abs(values) < 1e-6 * np.abs(values).max(), 0, values))

@@ -85,8 +85,8 @@ def minimise(
     free = free_motions(form, best.chart)
     if near is None and free:
         raise DegenerateGeometryError(
-            f"the cost does not determine the pose: it stays the same under a {'; and under a '.join(free)}. Add "
-            "features or a prior that feel it, lock it with dof=, or give near= to keep it as it is there"
+            f"the cost does not determine the pose; unconstrained: {'; '.join(free)}. Add features or a prior that "
+            "constrain it, lock it with dof=, or give near= to keep it as it is there"
         )
     status = "closed form" if closed else "converged" if best.converged else "iteration limit"
     return PoseFit(best.chart.pose, max(best.value, 0.0), status, best.iterations, len(charts), free)

@@ -37,12 +37,22 @@ class Motion:
     def words(self) -> str:
         """The motion in words."""
         if self.kind == "translation":
-            return f"shift along {direction_words(self.axis)}"
-        x, y, z = self.point
-        return f"turn about the axis through ({x:.4g}, {y:.4g}, {z:.4g}) along {direction_words(self.axis)}"
+            return f"translation along {direction_words(self.axis)}"
+        return f"rotation about {axis_words(self.point, self.axis)}"
 
 
-def direction_words(unit: Vector) -> str:
+def axis_words(point: FloatArray | Vector, unit: FloatArray | Vector) -> str:
+    """A line in space; coordinates that are zero but for rounding as zero.
+
+    >>> axis_words((1.0, -1e-17, 20.5), (0.0, 0.6, 0.8))
+    'the axis through (1, 0, 20.5) along (0.00, 0.60, 0.80)'
+    """
+    largest = max(map(abs, point))
+    x, y, z = (c if abs(c) >= 1e-6 * largest else 0.0 for c in point)
+    return f"the axis through ({x:.4g}, {y:.4g}, {z:.4g}) along {direction_words(unit)}"
+
+
+def direction_words(unit: FloatArray | Vector) -> str:
     """A unit vector to two decimals, minus zero as zero.
 
     >>> direction_words((1.0, -0.001, 0.0))

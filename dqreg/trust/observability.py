@@ -37,7 +37,7 @@ def observe_directions(information: Information) -> tuple[Direction, ...]:
     --------
     >>> info = Information(np.array([0.0, 1, 1, 1, 1, 1]), np.eye(6)[::-1].T, 100.0, 0.1, 2.0, np.zeros(3))
     >>> observe_directions(info)[0].words
-    'free to shift along (0.00, 0.00, 1.00)'
+    'unconstrained: translation along (0.00, 0.00, 1.00)'
     """
     free = information.free
     vectors = np.hstack([_untangled(information.vectors[:, free]), information.vectors[:, ~free]])
@@ -46,12 +46,12 @@ def observe_directions(information: Information) -> tuple[Direction, ...]:
         share = FREE_TURN if is_free else HELD_TURN
         kind: Kind = "rotation" if np.linalg.norm(vector[:3]) >= share else "translation"
         motion = Motion.of(vector[:3] / information.lever, vector[3:], information.centre, kind)
-        sigma, words = np.nan, f"free to {motion.words}"
+        sigma, words = np.nan, f"unconstrained: {motion.words}"
         if not is_free:
             # Where most of the points say nothing, it matters how many do.
             few = carriers < FEW * information.weight
-            only = f" by about {carriers:.0f} points only" if few else ""
-            sigma, words = _sigma(information, value, vector), f"held against a {motion.words}{only}"
+            only = f" is constrained by about {carriers:.0f} points only" if few else ""
+            sigma, words = _sigma(information, value, vector), f"{motion.words}{only}"
         directions.append(Direction(float(value), sigma, words, motion.kind, motion.axis, motion.point))
     return tuple(directions)
 

@@ -9,18 +9,18 @@ from collections.abc import Callable, Iterator
 from dqreg.solvers.motion_words import direction_words
 from dqreg.trust.records import Alternative, Code, Direction, Level, Reason, Verdict
 
-# Points on the target fewer than this share of the points near it: a wrong minimum, another part, or much clutter.
+# Inliers below this fraction of the points near the target: a local minimum, another part, or much clutter.
 FEW_INLIERS = 0.7
 # Inliers fewer than this cannot carry a pose of six unknowns with anything left to check it.
 FEWEST_INLIERS = 30
 # Fewer fix no pose at all.
 FEWEST_OF_ALL = 3
-# Patches of neighbouring points that lie off the target as a whole; points on it that face another way; points that
-# lie on no surface: shares above these speak against the pose.
+# Patches of neighbouring points that deviate as a whole; inliers with another normal; points that lie on no surface:
+# fractions above these speak against the pose.
 PATCHES_OFF, NORMALS_APART, STRAYS = 0.03, 0.15, 0.5
 # Two scans of one scene see different sides of things, and things move.
 PATCHES_OFF_BORDER = 0.12
-# Strays take some patches along: so many more may be off for each of them.
+# Outliers take some patches along: so many more may deviate for each of them.
 OFF_PER_STRAY = 0.25
 # Distances this many times the scan's own noise: the shapes differ, or the pose is wrong.
 ROUGH = 5.0
@@ -28,8 +28,8 @@ ROUGH = 5.0
 MIRRORED = 0.015
 # What to do about a loop that ended so.
 ADVICE = {
-    "iteration limit": "; raise max_iterations, or give a nearer start",
-    "stalled": "; its steps went on without shrinking: look at the pose, or give a nearer start",
+    "iteration limit": "; raise max_iterations, or give a closer initial pose",
+    "stalled": "; the step size stopped decreasing: check the pose, or give a closer initial pose",
 }
 
 
@@ -123,135 +123,136 @@ def _why_nothing(evidence: Evidence) -> Reason:
     if evidence.status == "no correspondences":
         return Reason(
             f"no pose: hardly any scan point comes within {evidence.length(evidence.max_distance)} of the target with "
-            "a matching normal; check the start and the units, or raise max_distance",
+            "a matching normal; check the initial pose and the units, or raise max_distance",
             "no_correspondences",
         )
     if evidence.status == "degenerate correspondences":
         return Reason(
-            f"no pose: what the two sides share lies on a line or at one place ({evidence.status}); scan more of the "
-            "part, or check the start",
+            "no pose: the correspondences lie on a line or at one point; scan more of the part, or check the initial "
+            "pose",
             "degenerate_correspondences",
         )
     if evidence.inliers < FEWEST_OF_ALL:
         return Reason(
-            f"no pose: the loop ended with {evidence.inliers:.2g} points on the target, and three fix a pose at least; "
-            "check the start, the units and that both sides show the same",
+            f"no pose: {evidence.inliers:.2g} inliers, and a pose needs three at least; check the initial pose, the "
+            "units, and that source and target show the same object",
             "too_few_points",
         )
-    return Reason(f"no pose: the loop ended with {evidence.status!r}", "no_pose")
+    return Reason(f"no pose: ICP ended with the status {evidence.status!r}", "no_pose")
 
 
 def _summary(evidence: Evidence) -> str:
     words = (
-        f"{evidence.inliers:.0f} points lie on the target to {evidence.length(evidence.width)} (one sigma), "
-        f"{100 * evidence.share_near:.0f} % of those within {evidence.length(evidence.near)} of it; "
-        "all motions are held"
+        f"{evidence.inliers:.0f} inliers with residuals of {evidence.length(evidence.width)} (one sigma), "
+        f"{100 * evidence.share_near:.0f} % of the points within {evidence.length(evidence.near)} of the target; "
+        "all degrees of freedom are constrained"
     )
     same = sorted({alternative.symmetry for alternative in evidence.alternatives if alternative.symmetry})
-    return words + "".join(f"; {sentence}, so the pose is one of several that are alike" for sentence in same)
+    return words + "".join(f"; {sentence}, so the pose is one of several equivalent ones" for sentence in same)
 
 
 # One function a doubt: it yields its sentence where the evidence speaks so. They say "not enough" instead of "too
 # little", because a number that is NaN must not pass.
 
 
-def _few_points(evidence: Evidence) -> Iterator[str]:
+def _few_inliers(evidence: Evidence) -> Iterator[str]:
     if not evidence.inliers >= FEWEST_INLIERS:
-        yield f"only {evidence.inliers:.0f} points lie on the target: too few to check the pose with"
+        yield f"only {evidence.inliers:.0f} inliers: too few to check the pose"
 
 
-def _few_of_the_near(evidence: Evidence) -> Iterator[str]:
+def _low_inlier_fraction(evidence: Evidence) -> Iterator[str]:
     if not evidence.share_near >= FEW_INLIERS:
         yield (
             f"only {100 * evidence.share_near:.0f} % of the points within {evidence.length(evidence.near)} of the "
-            f"target lie on it (to {evidence.length(evidence.width)}): a wrong minimum, another part, or much clutter"
+            f"target are inliers (residuals of {evidence.length(evidence.width)}, one sigma): a local minimum, another "
+            "part, or much clutter"
         )
 
 
 def _mirrored(evidence: Evidence) -> Iterator[str]:
     if evidence.mirror_gain > MIRRORED:
-        yield "mirrored, the scan fits better: it shows the part's mirror image, or comes from a left-handed frame"
+        yield "the scan fits better when mirrored: it shows the part's mirror image, or comes from a left-handed frame"
 
 
-def _patches_off(evidence: Evidence) -> Iterator[str]:
+def _deviating_patches(evidence: Evidence) -> Iterator[str]:
     allowed = PATCHES_OFF_BORDER if evidence.has_border else PATCHES_OFF
     if not evidence.patches_off <= allowed + OFF_PER_STRAY * evidence.strays:
         yield (
             f"{100 * evidence.patches_off:.0f} % of the patches of points within {evidence.length(evidence.near)} of "
-            "the target lie off it as a whole: a wrong minimum, another part, or something that touches the part"
+            "the target deviate as a whole: a local minimum, another part, or an object that touches the part"
         )
 
 
-def _normals_apart(evidence: Evidence) -> Iterator[str]:
+def _disagreeing_normals(evidence: Evidence) -> Iterator[str]:
     if not evidence.normals_apart <= NORMALS_APART:
         yield (
-            f"{100 * evidence.normals_apart:.0f} % of the points on the target face another way than it does there: "
-            "a wrong minimum or another part"
+            f"{100 * evidence.normals_apart:.0f} % of the inliers have normals that disagree with the target: a local "
+            "minimum or another part"
         )
 
 
-def _strays(evidence: Evidence) -> Iterator[str]:
+def _outliers(evidence: Evidence) -> Iterator[str]:
     if not evidence.strays <= STRAYS:
         yield (
-            f"{100 * evidence.strays:.0f} % of all points are strays, which lie on no surface; only "
-            f"{evidence.inliers:.0f} lie on the target: clean the scan, or look at the pose"
+            f"{100 * evidence.strays:.0f} % of all points are outliers that lie on no surface, and only "
+            f"{evidence.inliers:.0f} are inliers: clean the scan, or check the pose"
         )
 
 
-def _rough(evidence: Evidence) -> Iterator[str]:
+def _large_residuals(evidence: Evidence) -> Iterator[str]:
     if evidence.expected > 0.0 and not evidence.width <= ROUGH * evidence.expected:
         yield (
-            f"the points lie {evidence.length(evidence.width)} off the target (one sigma), "
-            f"{evidence.width / evidence.expected:.0f} times what the scan's own noise "
-            f"({evidence.length(evidence.expected)}) explains: shapes differ, or the pose is wrong"
+            f"the residuals are {evidence.length(evidence.width)} (one sigma), "
+            f"{evidence.width / evidence.expected:.0f} times the scan's own noise "
+            f"({evidence.length(evidence.expected)}): the shapes differ, or the pose is wrong"
         )
 
 
 def _stretched(evidence: Evidence) -> Iterator[str]:
     if evidence.stretch:
         yield (
-            f"the scan looks about {100 * abs(evidence.stretch):.0f} % too "
+            f"the scan is about {100 * abs(evidence.stretch):.0f} % too "
             f"{'long' if evidence.stretch > 0.0 else 'short'} along {direction_words(evidence.stretched_along)}: "
-            "another part, a scaled file, or a wrong minimum"
+            "another part, a scaled file, or a local minimum"
         )
 
 
-def _free_motions(evidence: Evidence) -> Iterator[str]:
+def _unconstrained(evidence: Evidence) -> Iterator[str]:
     return (direction.words for direction in evidence.directions if direction.is_free)
 
 
-def _other_poses(evidence: Evidence) -> Iterator[str]:
+def _alternative_poses(evidence: Evidence) -> Iterator[str]:
     others = sum(not alternative.symmetry for alternative in evidence.alternatives)
     if others:
-        some = "another pose explains" if others == 1 else f"{others} other poses explain"
-        yield f"{some} the scan about as well: see alternatives"
+        some = "another pose is" if others == 1 else f"{others} other poses are"
+        yield f"{some} equally likely: see alternatives"
 
 
-def _search_cut_short(evidence: Evidence) -> Iterator[str]:
+def _search_time_limit(evidence: Evidence) -> Iterator[str]:
     if evidence.search not in ("", "judged"):
         yield (
-            f"the time was up when the search for a start had {evidence.search} its poses: they were not compared; "
-            "give it more time, or a start"
+            f'the time limit ended the global search after its stage "{evidence.search}": its poses were not compared; '
+            "allow more time, or give an initial pose"
         )
 
 
 def _not_converged(evidence: Evidence) -> Iterator[str]:
     if evidence.status != "converged":
-        yield f"the loop did not converge: {evidence.status}{ADVICE.get(evidence.status, '')}"
+        yield f"ICP did not converge: {evidence.status}{ADVICE.get(evidence.status, '')}"
 
 
 # In the order in which a verdict names them.
 DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
-    ("few_inliers", _few_points),
-    ("low_inlier_fraction", _few_of_the_near),
+    ("few_inliers", _few_inliers),
+    ("low_inlier_fraction", _low_inlier_fraction),
     ("mirrored", _mirrored),
-    ("deviating_patches", _patches_off),
-    ("disagreeing_normals", _normals_apart),
-    ("outliers", _strays),
-    ("large_residuals", _rough),
+    ("deviating_patches", _deviating_patches),
+    ("disagreeing_normals", _disagreeing_normals),
+    ("outliers", _outliers),
+    ("large_residuals", _large_residuals),
     ("stretched", _stretched),
-    ("unconstrained", _free_motions),
-    ("alternative_poses", _other_poses),
-    ("search_time_limit", _search_cut_short),
+    ("unconstrained", _unconstrained),
+    ("alternative_poses", _alternative_poses),
+    ("search_time_limit", _search_time_limit),
     ("not_converged", _not_converged),
 )

@@ -34,7 +34,8 @@ def good(T: FloatArray | None = None, **settings_: Any) -> Registration:
     return Registration(
         T_target_source=pose.random(np.random.default_rng(1), reach=100.0) if T is None else T,
         verdict=Verdict(
-            "suspect", (Reason("free to shift along (0.00, 0.00, 1.00)", "unconstrained"), Reason("größer als 5σ"))
+            "suspect",
+            (Reason("unconstrained: translation along (0.00, 0.00, 1.00)", "unconstrained"), Reason("größer als 5σ")),
         ),
         status="converged",
         covariance=covariance(),

@@ -79,7 +79,7 @@ def test_a_plane_has_any_scale_and_the_verdict_says_so() -> None:
     top = top[top[:, 2] > 0.499] + np.random.default_rng(4).normal(scale=1e-3, size=(1, 3))
     result = register(top, block, "identity", scale="solve", effort="fast")
     assert result.verdict.level == "suspect"
-    assert "leaves the scale free" in result.verdict.reasons[0]
+    assert result.verdict.codes[0] == "scale_unobservable"
     assert np.isnan(result.scale_sigma)
     assert "not fixed by the data" in dict(summary_rows(result))["scale"]
 

@@ -76,7 +76,7 @@ def test_turns_without_mirrors_across(arms):
 def test_a_cylinder_is_round_and_may_be_turned_over():
     found = symmetry_of(Mesh(*cylinder()))
     assert found.axes[0].order is None
-    assert "any turn" in found.axes[0].words
+    assert "any rotation" in found.axes[0].words
     assert [axis.order for axis in found.axes[1:]] == [2]
     assert len(found.turns) == 1
 

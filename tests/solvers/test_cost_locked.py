@@ -106,10 +106,10 @@ def test_what_is_locked_need_not_be_felt() -> None:
     # Turned over, the plane fits as well: of equal poses the one that turns least is the answer.
     fit = cost.minimise(dof="rx ry tz", reference=np.eye(4))
     np.testing.assert_allclose(fit.T_target_source, pose.from_parts(np.eye(3), [0, 0, 0.5]), atol=1e-12)
-    with pytest.raises(DegenerateGeometryError, match=r"shift along \(1.00, 0.00, 0.00\)"):
+    with pytest.raises(DegenerateGeometryError, match=r"translation along \(1.00, 0.00, 0.00\)"):
         cost.minimise(dof="rx tx tz", reference=np.eye(4))
     kept = cost.minimise(near=pose.from_parts(np.eye(3), [4, 0, 0]), dof="rx tx tz")
-    assert kept.free == ("shift along (1.00, 0.00, 0.00)",)
+    assert kept.free == ("translation along (1.00, 0.00, 0.00)",)
     np.testing.assert_allclose(kept.T_target_source[:3, 3], [4, 0, 0.5], atol=1e-12)
 
 

@@ -153,18 +153,18 @@ def cylinder() -> PoseCost:
 
 FLAT_PART = np.column_stack([np.random.default_rng(2).uniform(-1, 1, (50, 2)), np.zeros(50)])
 DEGENERATE = {
-    "nothing": (PoseCost.points(np.zeros((0, 3)), np.zeros((0, 3))), 6, ["turn", "shift"]),
-    "one place": (PoseCost.points([[1.0, 2, 3]], [[1, 2, 3]]), 3, ["turn about the axis through (1, 2, 3)"]),
+    "nothing": (PoseCost.points(np.zeros((0, 3)), np.zeros((0, 3))), 6, ["rotation", "translation"]),
+    "one place": (PoseCost.points([[1.0, 2, 3]], [[1, 2, 3]]), 3, ["rotation about the axis through (1, 2, 3)"]),
     "a line": (PoseCost.points(np.outer([0, 1, 3], UP), np.outer([0, 1, 3], UP)), 1, ["along (0.00, 0.00, 1.00)"]),
     "a plane": (
         PoseCost.planes(FLAT_PART, FLAT_PART, np.tile(UP, (50, 1))),
         3,
-        ["turn", "along (0.00, 0.00, 1.00)", "shift"],
+        ["rotation", "along (0.00, 0.00, 1.00)", "translation"],
     ),
     # Its turn is felt in the fourth power of the angle, so it may count as free or not.
-    "a cylinder": (cylinder(), None, ["shift along (0.00, 0.00, 1.00)"]),
-    "directions": (PoseCost.directions(np.eye(3), np.eye(3)), 3, ["shift along"]),
-    "all to one place": (PoseCost.points(np.vstack([np.eye(3), -np.eye(3)]), np.zeros((6, 3))), 3, ["turn"]),
+    "a cylinder": (cylinder(), None, ["translation along (0.00, 0.00, 1.00)"]),
+    "directions": (PoseCost.directions(np.eye(3), np.eye(3)), 3, ["translation along"]),
+    "all to one place": (PoseCost.points(np.vstack([np.eye(3), -np.eye(3)]), np.zeros((6, 3))), 3, ["rotation"]),
 }
 
 
@@ -174,7 +174,7 @@ def test_free_motions_are_named(name: str) -> None:
     with pytest.raises(DegenerateGeometryError) as error:
         cost.minimise()
     message = str(error.value)
-    assert count in (message.count("turn about") + message.count("shift along"), None)
+    assert count in (message.count("rotation about") + message.count("translation along"), None)
     assert all(word in message for word in words)
 
 

@@ -1,0 +1,40 @@
+"""The codes of reasons: the same in the code that makes them, in the type that lists them and in the documents."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import get_args
+
+import dqreg
+from dqreg.trust.records import Code
+from dqreg.trust.verdict import DOUBTS
+
+PACKAGE = Path(dqreg.__file__).parent
+CODES = set(get_args(Code))
+
+
+def test_the_documented_table_is_the_list_of_codes() -> None:
+    text = (PACKAGE.parent / "docs" / "failures.md").read_text(encoding="utf-8")
+    documented = re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)
+    assert sorted(documented) == sorted(CODES)
+
+
+def test_every_code_is_made_somewhere() -> None:
+    source = "".join(path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py") if path.name != "records.py")
+    assert {code for code in CODES if f'"{code}"' not in source} == set()
+    assert {code for code, _ in DOUBTS} <= CODES
+
+
+def test_no_file_reads_a_sentence_back() -> None:
+    reading = re.compile(
+        r"\b(words|reason|reasons\[\d+\]|sentence|remark|doubt|status)\.(startswith|endswith|r?partition|r?split|find|index"
+        r"|removeprefix|removesuffix)\(|\"[^\"]+\" in (\w+\.)*(words|reason|reasons|sentence|remark|doubt|status)\b"
+    )
+    found = [
+        f"{path.relative_to(PACKAGE)}: {line.strip()}"
+        for path in sorted(PACKAGE.rglob("*.py"))
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if reading.search(line)
+    ]
+    assert found == []
