@@ -11,10 +11,11 @@ from dqreg.icp.constrained import constrained
 from dqreg.icp.correspondences import Pairs, carried, correspond
 from dqreg.icp.estimators import ESTIMATORS, Estimator, points_and_normals, points_only, points_to_planes, svd_points
 from dqreg.icp.level import Level, Plan, Schedule
-from dqreg.icp.loop import NO_POSE, Icp, Observer, Run
+from dqreg.icp.loop import Icp, Observer, Run
 from dqreg.icp.rejectors import NormalAngle, Robust, Trimmed, WithinDistance
 from dqreg.icp.stopping import Stopping
 from dqreg.solvers.robust import Huber, InlierMixture, LeastSquares, Tukey, Welsch
+from dqreg.solvers.status import NO_POSE
 
 __all__ = [
     "COARSE",

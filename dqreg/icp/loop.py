@@ -20,13 +20,12 @@ from dqreg.icp.rejectors import Robust, Weight, product
 from dqreg.icp.stopping import Stopping
 from dqreg.rigid import pose
 from dqreg.solvers.robust import Kernel, LeastSquares
+from dqreg.solvers.status import NO_POSE, Status
 
 Observer = Callable[[Iteration], object]
 
 # A pose has six unknowns and a pair of points fixes at most one of them for good: its distance along the normal.
 FEWEST_PAIRS = 6
-# Ways to end that leave no pose to speak of.
-NO_POSE = ("no correspondences", "degenerate correspondences")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,9 +33,7 @@ class Run:
     """Where a run of the loop ended."""
 
     T_target_source: FloatArray  # (4, 4): Last pose
-    # "converged", "stalled", "iteration limit", "stopped by observer", "no correspondences" or "degenerate
-    # correspondences" (on a line, say)
-    status: str
+    status: Status  # How it ended
     history: tuple[Iteration, ...]  # One record an iteration
     pairs: Pairs  # Correspondences of the last iteration
     weights: FloatArray  # (n,): Their weights; a pair that stands for many points has up to as many

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 
+from dqreg.solvers.status import Status
+
 
 @dataclasses.dataclass(frozen=True)
 class Stopping:
@@ -17,7 +19,7 @@ class Stopping:
     # with it, a step needs no further one to prove it was the last
     contraction: float = 1.0
 
-    def status(self, motions: list[float]) -> str | None:
+    def status(self, motions: list[float]) -> Status | None:
         """Verdict on the sequence of relative motions so far."""
         if motions[-1] * self.contraction <= self.convergence:
             return "converged"

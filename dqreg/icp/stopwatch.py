@@ -7,6 +7,7 @@ import time
 
 from dqreg.icp import Observer
 from dqreg.icp.history import Iteration
+from dqreg.solvers.status import Status
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +38,6 @@ class Deadline:
 
         return watch
 
-    def status(self, status: str) -> str:
+    def status(self, status: Status) -> Status:
         """Status of the loop, with the true cause where it was stopped for the time."""
         return "time limit" if status == "stopped by observer" and self.is_over else status

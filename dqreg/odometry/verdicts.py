@@ -8,6 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.registration.result import Registration
+from dqreg.solvers.status import Status
 from dqreg.trust.records import Direction, Reason, Verdict
 
 # Share of points on the map below which a frame fits badly: in itself, and against the frames before it.
@@ -22,7 +23,7 @@ FEWEST_INLIERS = 30
 class FrameEvidence:
     """What the verdict of a frame is made of."""
 
-    status: str  # How the loop ended
+    status: Status  # How the loop ended
     found: bool  # Whether there is a pose at all
     inliers: float  # Sum of the probabilities of points to lie on the map
     on_map: float  # The same as a share of the frame's points

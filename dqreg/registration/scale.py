@@ -39,6 +39,7 @@ from dqreg.registration.scale_search import (
 from dqreg.registration.source import MESH_SAMPLES, centre_source
 from dqreg.registration.target_index import index_target
 from dqreg.solvers.scale import ScaleStep
+from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust.records import Reason, Verdict
 
 # Registrations at the end at most; and the share of its standard deviation to which the scale is followed.
@@ -136,7 +137,7 @@ def _refined(
         except DegenerateGeometryError:
             return result, None
         still = max(FOLLOWED * step.sigma, STILL)
-        if abs(math.log(step.factor)) <= still or result.status in ("stopped by observer", "time limit"):
+        if abs(math.log(step.factor)) <= still or result.status in INTERRUPTED:
             break
         scale *= step.factor
         result = task.again(register, scale, step.moved(_work(task, result)))

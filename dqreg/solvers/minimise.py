@@ -14,6 +14,7 @@ from dqreg.solvers.newton import Descent, balance, descend
 from dqreg.solvers.newton_starts import starts
 from dqreg.solvers.pose_cost_rows import PoseFit
 from dqreg.solvers.quadratic import QuadraticForm
+from dqreg.solvers.status import Status
 
 # Curvature below this share of the largest is rounding, a hundred times the smallest step of a float. No more, because
 # a weak prior beside many exact points is real: 0.1 known beforehand beside 100,000 distances of 1e-5 is 1e-13.
@@ -88,7 +89,7 @@ def minimise(
             f"the cost does not determine the pose; unconstrained: {'; '.join(free)}. Add features or a prior that "
             "constrain it, lock it with dof=, or give near= to keep it as it is there"
         )
-    status = "closed form" if closed else "converged" if best.converged else "iteration limit"
+    status: Status = "closed form" if closed else "converged" if best.converged else "iteration limit"
     return PoseFit(best.chart.pose, max(best.value, 0.0), status, best.iterations, len(charts), free)
 
 

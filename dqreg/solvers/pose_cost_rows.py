@@ -28,7 +28,8 @@ from dqreg.solvers.matches import refuse_zero_directions
 from dqreg.solvers.quadratic import QuadraticForm, isotropic_form
 
 if TYPE_CHECKING:
-    from dqreg.rigid.dual_quaternion import DualQuaternion
+    from dqreg.solvers.status import Status
+from dqreg.rigid.dual_quaternion import DualQuaternion
 
 # Rows converted and checked in one step: some 10 MB.
 SLICE = 65_536
@@ -190,7 +191,7 @@ class PoseFit:
 
     T_target_source: FloatArray
     cost: float
-    status: str
+    status: Status
     iterations: int
     starts: int
     free: tuple[str, ...]

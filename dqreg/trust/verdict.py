@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterator
 
 from dqreg.solvers.motion_words import direction_words
+from dqreg.solvers.status import Status
 from dqreg.trust.records import Alternative, Code, Direction, Level, Reason, Verdict
 
 # Inliers below this fraction of the points near the target: a local minimum, another part, or much clutter.
@@ -27,7 +28,7 @@ ROUGH = 5.0
 # Mean log-likelihood that mirroring the scan may gain: right scans lose 0.25 and more, mirrored ones gain as much.
 MIRRORED = 0.015
 # What to do about a loop that ended so.
-ADVICE = {
+ADVICE: dict[Status, str] = {
     "iteration limit": "; raise max_iterations, or give a closer initial pose",
     "stalled": "; the step size stopped decreasing: check the pose, or give a closer initial pose",
 }
@@ -40,7 +41,7 @@ class Evidence:
     Attributes
     ----------
     status : str
-        How the loop ended.
+        How the loop ended, see `dqreg.solvers.status`.
     found : bool
         Whether there is a pose at all.
     inliers : float
@@ -73,7 +74,7 @@ class Evidence:
         Share by which the scan is longer than the target along an axis, see `stretch_of`; below 0 where shorter.
     """
 
-    status: str
+    status: Status
     found: bool
     inliers: float
     share_near: float

@@ -1,0 +1,20 @@
+"""How an iteration ended: all words that a `status` may be, so that mypy refuses any other."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+Status = Literal[
+    "closed form",  # No iteration was needed
+    "converged",
+    "stalled",  # The step size stopped decreasing
+    "iteration limit",
+    "time limit",
+    "stopped by observer",
+    "no correspondences",
+    "degenerate correspondences",  # On a line, or at one point
+]
+# Ways to end that leave no pose to speak of.
+NO_POSE: tuple[Status, ...] = ("no correspondences", "degenerate correspondences")
+# Ways to end from outside: nothing is run after them.
+INTERRUPTED: tuple[Status, ...] = ("stopped by observer", "time limit")
