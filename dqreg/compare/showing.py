@@ -18,30 +18,7 @@ if TYPE_CHECKING:
 
 
 def markdown(made: Sequence[Table], note: str = "") -> str:
-    r"""Tables as Markdown.
-
-    Parameters
-    ----------
-    made : sequence of Table
-        Of `tables`.
-    note : str
-        Below all: the machine line.
-
-    Returns
-    -------
-    str
-        Text, with what would break a table escaped.
-
-    Examples
-    --------
-    >>> print(markdown([Table("k", "T", ("engine", "s"), (("a|b", "1"),))]))
-    ### T
-    <BLANKLINE>
-    | engine | s |
-    |---|--:|
-    | a\|b | 1 |
-    <BLANKLINE>
-    """
+    """Tables as Markdown, with what would break one escaped, and a note below."""
     parts = []
     for table in made:
         rows = ["| " + " | ".join(_escaped(cell) for cell in row) + " |" for row in (table.head, *table.rows)]

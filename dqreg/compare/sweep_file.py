@@ -34,30 +34,7 @@ def read_sweep(name: str | os.PathLike[str]) -> Sweep:
 
 
 def parse_sweep(text: str, name: str) -> Sweep:
-    r"""Read a sweep from TOML text.
-
-    Parameters
-    ----------
-    text : str
-        TOML with ``[base]``, one table for each axis, ``timeout`` and ``engines``.
-    name : str
-        What to call it.
-
-    Returns
-    -------
-    Sweep
-        Checked.
-
-    Raises
-    ------
-    InputError
-        If a key or value cannot be; the message names it.
-
-    Examples
-    --------
-    >>> len(parse_sweep("[axis.noise]\nvalues = [0.0, 1e-3]\ntrials = 3", "mine").cells())
-    6
-    """
+    """Sweep of TOML text with ``[base]``, one table for each axis, ``timeout`` and ``engines``."""
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

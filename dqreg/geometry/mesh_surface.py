@@ -63,6 +63,11 @@ class MeshSurface:
     mesh : Mesh
         The target part.
 
+    Attributes
+    ----------
+    oriented : bool
+        True: the normals of faces point outwards.
+
     Examples
     --------
     >>> mesh = Mesh([[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0, 1, 2]])

@@ -70,20 +70,50 @@ class Scan:
         return len(self.points)
 
     def thinned(self, count: int) -> Scan:
-        """The same scan with at most ``count`` points, evenly taken along the Morton curve.
+        """The same scan with fewer points, evenly taken along the Morton curve.
 
-        Where the rows with fitted planes suffice, they are taken.
+        Parameters
+        ----------
+        count : int
+            Points at most; where the rows with fitted planes suffice, they are taken.
+
+        Returns
+        -------
+        Scan
+            This one, if it has no more points.
         """
         return self if count >= len(self) else self.taken(self.even_rows(count))
 
     def even_rows(self, count: int) -> IntArray:
-        """Rows that `thinned` takes."""
+        """Rows that `thinned` takes.
+
+        Parameters
+        ----------
+        count : int
+            Points at most.
+
+        Returns
+        -------
+        ndarray of int
+            Ascending.
+        """
         if self.fitted is not None and count <= len(self.fitted):
             return self.fitted[sample_rows(len(self.fitted), count)]
         return sample_rows(len(self), count)
 
     def taken(self, rows: IntArray) -> Scan:
-        """The same scan with the given rows, ascending, alone."""
+        """The same scan with some of its rows alone.
+
+        Parameters
+        ----------
+        rows : ndarray of int
+            Which, ascending.
+
+        Returns
+        -------
+        Scan
+            With the spacing, noise and total of the whole.
+        """
         fitted = None if self.fitted is None else np.flatnonzero(np.isin(rows, self.fitted, assume_unique=True))
         return dataclasses.replace(
             self,

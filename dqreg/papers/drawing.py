@@ -19,25 +19,7 @@ DOTS_PER_INCH = 160
 
 
 def draw_png(figure: Figure) -> bytes:
-    r"""Draw a figure, panels below each other.
-
-    Parameters
-    ----------
-    figure : Figure
-        The curves and their axes.
-
-    Returns
-    -------
-    bytes
-        A PNG file.
-
-    Examples
-    --------
-    >>> from dqreg.papers.document import Curve
-    >>> curve = Curve("line", (0.0, 1.0), (0.0, 2.0))
-    >>> draw_png(Figure("f", "A line", (Panel("x [m]", "y [m]", (curve,)),)))[:4]
-    b'\x89PNG'
-    """
+    """Draw a figure as a PNG file, panels below each other."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Canvas
 

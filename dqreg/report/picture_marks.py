@@ -20,18 +20,7 @@ INK, PENCIL = "#1a1c20", "#5a5f68"
 
 
 def as_png(figure: Figure) -> bytes:
-    r"""A figure as a PNG file.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        From `draw`.
-
-    Returns
-    -------
-    bytes
-        The file.
-    """
+    """A figure as a PNG file."""
     return _saved(figure, "png")
 
 

@@ -36,32 +36,7 @@ SCAN, PART, TRUTH, RECIPE = "scan.ply", "part.stl", "truth.json", "recipe.toml"
 
 
 def case_contents(recipe: Recipe) -> dict[str, bytes]:
-    r"""Make the contents of a case's files.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        What to make.
-
-    Returns
-    -------
-    dict
-        Bytes of ``scan.ply``, ``part.stl``, ``truth.json`` and ``recipe.toml``, by these names.
-
-    Raises
-    ------
-    InputError
-        If the part cannot be made or no ray brings a point back.
-    DegenerateGeometryError
-        If the views leave a direction of motion undetermined.
-
-    Examples
-    --------
-    >>> from dqreg.synth.recipe import parse_recipe
-    >>> text = 'seed = 1\n[part]\nkind = "box"\n[scanner]\npixels = 30\nviews = [[1, 2, 3]]\n'
-    >>> sorted(case_contents(parse_recipe(text)))
-    ['part.stl', 'recipe.toml', 'scan.ply', 'truth.json']
-    """
+    """Bytes of the files of a case: ``scan.ply``, ``part.stl``, ``truth.json`` and ``recipe.toml``."""
     vertices, faces = recipe.mesh()
     centre, S = centre_and_diagonal(vertices)
     scan_rng, pose_rng, scene_rng = recipe.streams()

@@ -90,24 +90,9 @@ def motion_record(motion: Motion | None, centre: FloatArray, diagonal: float, T:
 
 
 def settings_record(recipe: Recipe) -> dict[str, Any]:
-    r"""Say what the scan was taken with and what went wrong, defaults filled in.
+    """What the scan was taken with and what went wrong, defaults filled in.
 
-    Parameters
-    ----------
-    recipe : Recipe
-        What made the case.
-
-    Returns
-    -------
-    dict
-        ``scanner``, ``noise`` and ``scene`` with the recipe's keys; angles in degrees, no scene is None.
-
-    Examples
-    --------
-    >>> from dqreg.synth.recipe import parse_recipe
-    >>> recipe = parse_recipe('seed = 1\n[part]\nkind = "box"\n[scanner]\nviews = [[0, 0, 1]]\n')
-    >>> settings_record(recipe)["scanner"]["pixels"]
-    200
+    Keys are those of the recipe; angles are in degrees, no scene is None.
     """
     return {
         "scanner": {"kind": recipe.scanner_kind, **_in_degrees(dataclasses.asdict(recipe.scanner))},

@@ -213,30 +213,7 @@ def read_recipe(path: str | os.PathLike[str]) -> Recipe:
 
 
 def parse_recipe(text: str, folder: str | os.PathLike[str] = ".") -> Recipe:
-    r"""Read a recipe from TOML text.
-
-    Parameters
-    ----------
-    text : str
-        TOML.
-    folder : str or path
-        Folder from which ``part.file`` is looked up.
-
-    Returns
-    -------
-    Recipe
-        All keys checked and defaults filled in.
-
-    Raises
-    ------
-    InputError
-        If the text is not TOML, or a key is missing, unknown or wrong; the message names the key.
-
-    Examples
-    --------
-    >>> parse_recipe('seed = 1\n[part]\nkind = "box"\n[scanner]\nviews = [[0, 0, 1]]\n').units
-    'mm'
-    """
+    """Recipe of TOML text, checked, defaults filled in; ``part.file`` is looked up from the folder."""
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

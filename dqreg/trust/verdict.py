@@ -96,7 +96,18 @@ class Evidence:
     mirror_gain: float = -math.inf
 
     def length(self, value: float) -> str:
-        """A length in words, with its unit where that is known."""
+        """A length in words, with its unit where that is known.
+
+        Parameters
+        ----------
+        value : float
+            The length.
+
+        Returns
+        -------
+        str
+            Three digits.
+        """
         return f"{value:.3g}" + (f" {self.units}" if self.units else "")
 
 

@@ -89,55 +89,10 @@ def run_batch(
     observe: Callable[[Progress], object] | None = None,
     stop: Stop = lambda: False,
 ) -> Batch:
-    r"""Register many rows.
+    """Register many rows; results, pictures and the summary go to a folder.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-        Of `read_manifest`.
-    out : str or path
-        Folder for results, pictures and the summary; made if it is missing.
-    crew : Crew, optional
-        Worker processes of this machine, or a cluster.
-    resume : bool
-        Go on in a folder that holds results: rows whose result is complete, and whose files and options have not
-        changed since, are not done again. Rows that ended without a result are.
-    title : str
-        Heading of the summary; by default the folder's name.
-    thumbnail : callable, optional
-        From a `Registration` with both sides to a small JPEG; a function that can be imported by name.
-    observe : callable, optional
-        Told of each `Progress`.
-    stop : callable
-        Asked often; once it says True, running rows are dropped and the summary is written.
-
-    Returns
-    -------
-    Batch
-        Every row of the manifest, those of earlier sessions included.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be used or written to. Results written so far stay.
-    MissingDependencyError
-        If no row could ever run: Open3D cannot load, or Dask is missing.
-
-    Examples
-    --------
-    Stopped before it began, to be fast here:
-
-    >>> import tempfile
-    >>> from dqreg.registration.batch.manifest import Defaults, read_manifest
-    >>> from dqreg.synth import demo_case, load_case
-    >>> case = load_case(demo_case())
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     manifest = Path(folder) / "rows.csv"
-    ...     _ = manifest.write_text(f"scan,start,effort\n{case.scan},identity,fast\n")
-    ...     rows = read_manifest(manifest, Defaults(target=case.part))
-    ...     found = run_batch(rows, Path(folder) / "out", Crew(workers=1), stop=lambda: True)
-    ...     [line.verdict for line in found.lines], [path.name for path in found.files]
-    (['not run'], ['summary.csv', 'summary.html'])
+    With ``resume``, rows whose result is complete, and whose files and options have not changed since, are not done
+    again. Once ``stop`` says True, running rows are dropped and the summary is written.
     """
     crew, tell = crew or Crew(), observe or (lambda _: None)
     with open_folder(out, resume=resume) as folder:
