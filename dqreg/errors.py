@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
 
 class DqregError(Exception):
     """Base of every error that dqreg raises on purpose."""
@@ -21,3 +27,17 @@ class DegenerateGeometryError(DqregError, ValueError):
 
 class MissingDependencyError(DqregError, ImportError):
     """A package or a system library is absent; the message holds the command that brings it."""
+
+
+def load_package(module: str, distribution: str, user: str = "this engine") -> ModuleType:
+    """A module of an optional package; where it cannot be loaded, the error holds the command that brings it."""
+    try:
+        return importlib.import_module(module)
+    except Exception as error:
+        # A wheel that does not fit the system fails in its own ways, not only with an ImportError.
+        name = module.partition(".")[0]
+        if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] == name:
+            message = f"{user} needs {distribution}; run: pip install {distribution}"
+        else:
+            message = f"{distribution} cannot load: {error}; run: pip install --force-reinstall {distribution}"
+        raise MissingDependencyError(message) from error

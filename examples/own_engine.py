@@ -11,7 +11,7 @@ from rich.console import Console
 from scipy.spatial import cKDTree
 
 import dqreg
-from dqreg.compare import Comparison, Rules, compare
+from dqreg.compare import Comparison, Protocol, compare
 from dqreg.compare.showing import print_tables
 from dqreg.compare.tables import tables
 from dqreg.rigid import pose
@@ -38,7 +38,7 @@ ENGINE = OwnEngine()
 
 
 def main() -> Comparison:
-    found = compare(demo_case(), ["dqreg", __file__], rules=Rules(settings=("manual",), repeats=1))
+    found = compare(demo_case(), ["dqreg", __file__], protocol=Protocol(settings=("manual",), repeats=1))
     print_tables(Console(), tables(found))
     return found
 

@@ -33,7 +33,7 @@ def main_of(name: str) -> Callable[..., Any]:
 
 
 def error_of(result: Any) -> float:
-    # Truth: truth.json of the shipped case.
+    # TruePoses: truth.json of the shipped case.
     case = load_case(demo_case())
     return worst_vertex_displacement(result.T_target_source, case.T_target_source, bracket()[0]) / case.part_diagonal
 
@@ -82,7 +82,7 @@ def test_from_nothing_with_a_report(tmp_path, capsys):
 
 
 def test_a_loop_follows_the_part(capsys):
-    # Truth by construction of the frames. 2e-4 S is 0.03 mm: a frame has 9,000 points with 0.05 mm of noise.
+    # TruePoses by construction of the frames. 2e-4 S is 0.03 mm: a frame has 9,000 points with 0.05 mm of noise.
     errors = main_of("perception_loop")(3)
     size = float(np.linalg.norm(np.ptp(bracket()[0], axis=0)))
     assert max(errors) < 2e-4 * size

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg.compare import Progress
-    from dqreg.compare.entrants import Entrant
+    from dqreg.compare.engines.registry import EngineSpec
 
 FILE = click.Path(path_type=Path)
 # A pipe has no width of its own; the tables need more than the usual 80.
@@ -68,15 +68,15 @@ def compare(inputs: tuple[Path, ...], show: bool, as_json: bool, quiet: bool, **
     console, shown = consoles(quiet=quiet, as_json=as_json, width=PIPE_WIDTH)
     if show:
         with loading():
-            from dqreg.compare.entrants import entrants
-        _list(console, entrants(_engines(options)), as_json=as_json)
+            from dqreg.compare.engines.registry import engine_specs
+        _list(console, engine_specs(_engines(options)), as_json=as_json)
         return 0
     return _run(console, shown, inputs, options, as_json=as_json)
 
 
 def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: dict[str, Any], *, as_json: bool) -> int:
     with loading():
-        from dqreg.compare import Rules
+        from dqreg.compare import Protocol
         from dqreg.compare import compare as run
         from dqreg.compare.output import Goals, to_json, write
         from dqreg.compare.showing import footer, print_tables
@@ -88,26 +88,26 @@ def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: di
         options["out"] = Path(f"dqreg-compare-{Path(sweep).stem}.json")
     goals = Goals(**{name: options[name] for name in ("out", "report", "markdown", "csv", "plots")})
     settings: Any = ("manual", "same-loop") if options["setting"] == "both" else (options["setting"],)
-    rules = Rules(
+    protocol = Protocol(
         settings=settings,
         repeats=options["repeats"],
         threads=options["threads"],
         timeout=options["timeout"] or 300.0,
-        home=options["home"],
-        from_nothing=options["start"] == "none",
+        success_threshold=options["home"],
+        withhold_initial_pose=options["start"] == "none",
     )
-    tasks, rules = _tasks(inputs, options, rules)
+    tasks, protocol = _tasks(inputs, options, protocol)
     if not tasks:
         raise InputError("give a case, a recipe, SCAN TARGET or --sweep; see dqreg compare --help")
     goals.check()
     try:
         with _Observer(shown) as observe:
-            found = run(tasks, _engines(options), rules=rules, out=goals.lines, observe=observe)
+            found = run(tasks, _engines(options), protocol=protocol, out=goals.lines, observe=observe)
     except KeyboardInterrupt:
         kept = f"; the runs so far are in {goals.lines}: the same command goes on from there" if goals.lines else ""
         click.echo(f"dqreg: stopped by the user{kept}", err=True)
         return STOPPED
-    made, note = tables(found), footer(found, rules.home)
+    made, note = tables(found), footer(found, protocol.success_threshold)
     print_tables(console, made)
     console.print()
     console.print(note, style="dim", markup=False, soft_wrap=True)
@@ -118,8 +118,8 @@ def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: di
     return 0
 
 
-def _tasks(inputs: tuple[Path, ...], options: dict[str, Any], rules: Any) -> tuple[list[Any], Any]:
-    """What to compare on, and the rules with the sweep's time limit."""
+def _tasks(inputs: tuple[Path, ...], options: dict[str, Any], protocol: Any) -> tuple[list[Any], Any]:
+    """What to compare on, and the protocol with the sweep's time limit."""
     import dataclasses
 
     from dqreg.compare import read_sweep
@@ -129,25 +129,25 @@ def _tasks(inputs: tuple[Path, ...], options: dict[str, Any], rules: Any) -> tup
     if options["sweep"] is not None:
         sweep = read_sweep(options["sweep"])
         tasks.append(sweep)
-        rules = dataclasses.replace(rules, timeout=options["timeout"] or sweep.timeout)
+        protocol = dataclasses.replace(protocol, timeout=options["timeout"] or sweep.timeout)
     pair = len(inputs) == 2 and not any(path.is_dir() or path.suffix.lower() == ".toml" for path in inputs)
     if pair:
-        return [*tasks, *_pair(inputs, options, rules)], rules
+        return [*tasks, *_pair(inputs, options, protocol)], protocol
     for name in ("truth", "source_units", "target_units"):
         if options[name] is not None:
             raise InputError(f"--{name.replace('_', '-')} goes with SCAN TARGET; a case says it in its truth.json")
     if options["start"] not in (None, "none"):
         raise InputError("--start goes with SCAN TARGET; a case brings its own start, or --start none withholds it")
-    return [*tasks, *inputs], rules
+    return [*tasks, *inputs], protocol
 
 
-def _pair(inputs: tuple[Path, ...], options: dict[str, Any], rules: Any) -> list[Any]:
+def _pair(inputs: tuple[Path, ...], options: dict[str, Any], protocol: Any) -> list[Any]:
     from dqreg.compare import from_pair, read_truth
     from dqreg.files.poses import read_start
 
     start = read_start(options["start"] or "identity")
     truth = None if options["truth"] is None else read_truth(options["truth"])
-    settings = ["manual"] if start is None and "manual" in rules.settings else rules.settings
+    settings = ["manual"] if start is None and "manual" in protocol.settings else protocol.settings
     scan, target = inputs
     return [
         from_pair(
@@ -158,8 +158,8 @@ def _pair(inputs: tuple[Path, ...], options: dict[str, Any], rules: Any) -> list
             source_units=options["source_units"],
             target_units=options["target_units"],
             setting=setting,
-            threads=rules.threads,
-            home=rules.home,
+            threads=protocol.threads,
+            success_threshold=protocol.success_threshold,
         )
         for setting in settings
     ]
@@ -177,21 +177,23 @@ def _engines(options: dict[str, Any]) -> list[Any] | None:
     return [*(own or ENGINES), *files]
 
 
-def _list(console: Console, found: Sequence[Entrant], *, as_json: bool) -> None:
+def _list(console: Console, found: Sequence[EngineSpec], *, as_json: bool) -> None:
+    from dqreg.compare.engines.registry import missing
+
     if as_json:
         print_json([
             {
-                "engine": entrant.name,
-                "from_nothing": entrant.from_nothing,
-                "settings": entrant.settings,
-                "missing": entrant.missing,
+                "engine": spec.name,
+                "from_nothing": not spec.needs_initial_pose,
+                "settings": spec.settings,
+                "missing": missing(spec),
             }
-            for entrant in found
+            for spec in found
         ])  # fmt: skip
-    for entrant in found:
-        state = f"missing: pip install {' '.join(entrant.missing)}" if entrant.missing else "ready"
-        start = "with or without start" if entrant.from_nothing else "needs a start"
-        line = f"{entrant.name:<34} {start:<22} {', '.join(entrant.settings):<20} {state}"
+    for spec in found:
+        state = f"missing: pip install {' '.join(missing(spec))}" if missing(spec) else "ready"
+        start = "needs a start" if spec.needs_initial_pose else "with or without start"
+        line = f"{spec.name:<34} {start:<22} {', '.join(spec.settings):<20} {state}"
         console.print(line, markup=False, soft_wrap=True)
 
 

@@ -13,7 +13,7 @@ from dqreg.cli.leaving import loading
 from dqreg.cli.outputs import as_json_option, consoles, say
 
 if TYPE_CHECKING:
-    from dqreg.compare import Score, Yardstick
+    from dqreg.compare import GroundTruth, Score
 
 FILE = click.Path(path_type=Path)
 
@@ -57,15 +57,15 @@ def evaluate(
     if out is not None:
         require_writable(out)
     T = read_pose(result)
-    yardstick, unit = _yardstick(truth, target, scan)
+    known, unit = _ground_truth(truth, target, scan)
     unit = unit or _unit_of_result(result)
-    score = judge(T, yardstick)
+    score = judge(T, known)
     console, _ = consoles(quiet=quiet, as_json=as_json)
     good = score.kind == "rigid" and (within is None or score.worst <= within)
-    _show(console, _figures(score, yardstick, unit or "target units"))
+    _show(console, _figures(score, known, unit or "target units"))
     if within is not None:
         say(console, f"{'within' if good else 'NOT within'} {within:g} {unit or 'target units'}")
-    values = {**dataclasses.asdict(score), "size": yardstick.size, "units": unit}
+    values = {**dataclasses.asdict(score), "size": known.size, "units": unit}
     text = json.dumps(plain(values), indent=1, allow_nan=False)
     if out is not None:
         write_atomically(out, text + "\n")
@@ -86,16 +86,16 @@ def _show(console: Any, figures: list[tuple[str, str]]) -> None:
     console.print(table)
 
 
-def _yardstick(truth: Path, target: Path | None, scan: Path | None) -> tuple[Yardstick, str | None]:
+def _ground_truth(truth: Path, target: Path | None, scan: Path | None) -> tuple[GroundTruth, str | None]:
     """What is known, and the unit of its lengths where a file says it."""
     import numpy as np
 
-    from dqreg.compare import Truth, from_pair, read_truth
-    from dqreg.compare.judge import Yardstick
+    from dqreg.compare import from_pair, read_truth
+    from dqreg.compare.judge import GroundTruth
     from dqreg.errors import InputError
     from dqreg.geometry.opening import read_any
 
-    known: Truth = read_truth(truth)
+    true = read_truth(truth)
     beside = truth.parent / "part.stl"
     if target is None and truth.name == "truth.json" and beside.is_file():
         target = beside
@@ -103,15 +103,15 @@ def _yardstick(truth: Path, target: Path | None, scan: Path | None) -> tuple[Yar
         if scan is not None:
             raise InputError("--scan needs --target, the part or cloud that its points shall lie on")
         # Without a part there is nothing but the frames: the origin is the one point that can be followed.
-        return Yardstick(np.zeros((1, 3)), float("nan"), known.poses, known.axis), known.units
+        return GroundTruth(np.zeros((1, 3)), float("nan"), true.poses, true.axis), true.units
     part = read_any(target, "target")
-    unit = known.units or part.units
-    yardstick = from_pair(part if scan is None else scan, part, "identity", known).yardstick
+    unit = true.units or part.units
+    known = from_pair(part if scan is None else scan, part, "identity", true).ground_truth
     if scan is None:
-        return dataclasses.replace(yardstick, held_out=np.zeros((0, 3))), unit
+        return dataclasses.replace(known, held_out=np.zeros((0, 3))), unit
     whole = read_any(scan, "scan")
     points = getattr(whole, "points", None)
-    return (yardstick if points is None else dataclasses.replace(yardstick, held_out=points)), unit
+    return (known if points is None else dataclasses.replace(known, held_out=points)), unit
 
 
 def _unit_of_result(path: Path) -> str | None:
@@ -125,25 +125,25 @@ def _unit_of_result(path: Path) -> str | None:
     return named if isinstance(named, str) else None
 
 
-def _figures(score: Score, yardstick: Yardstick, unit: str) -> list[tuple[str, str]]:
+def _figures(score: Score, known: GroundTruth, unit: str) -> list[tuple[str, str]]:
     import math
 
     from dqreg.compare.tables import number
 
     rows = [("pose", score.kind), ("angle", f"{number(math.degrees(score.angle_rad))} deg")]
-    if math.isnan(yardstick.size):
+    if math.isnan(known.size):
         return [
             *rows,
             ("offset at the origin", f"{number(score.offset)} {unit}"),
             ("vertices", "give --target to measure them"),
         ]
-    relative = number(score.worst / yardstick.size)
+    relative = number(score.worst / known.size)
     rows += [
         ("offset at the middle of the part", f"{number(score.offset)} {unit}"),
         ("vertex displacement, rms", f"{number(score.rms)} {unit}"),
         ("vertex displacement, worst", f"{number(score.worst)} {unit} ({relative} of the size)"),
     ]
-    if len(yardstick.held_out):
+    if len(known.held_out):
         rows += [
             ("scan points on the target", f"{100 * score.overlap:.1f} %"),
             ("their distance from it, rms", f"{number(score.surface_rms)} {unit}"),

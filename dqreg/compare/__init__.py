@@ -8,25 +8,25 @@ line. - `dqreg.compare.summary`, `dqreg.compare.tables`, `dqreg.compare.plots`, 
 
 from __future__ import annotations
 
-from dqreg.compare.case import Challenge, Loop
-from dqreg.compare.judge import Score, Yardstick, judge
-from dqreg.compare.plan import Rules, from_case, from_pair
+from dqreg.compare.case import BenchmarkCase, Loop
+from dqreg.compare.judge import GroundTruth, Score, judge
+from dqreg.compare.plan import Protocol, from_case, from_pair
 from dqreg.compare.run import Comparison, Progress, compare
 from dqreg.compare.sweep import Sweep
 from dqreg.compare.sweep_file import read_sweep
-from dqreg.compare.truth import Truth, read_truth
+from dqreg.compare.truth import TruePoses, read_truth
 from dqreg.files.poses import read_pose
 
 __all__ = [
-    "Challenge",
+    "BenchmarkCase",
     "Comparison",
+    "GroundTruth",
     "Loop",
     "Progress",
-    "Rules",
+    "Protocol",
     "Score",
     "Sweep",
-    "Truth",
-    "Yardstick",
+    "TruePoses",
     "compare",
     "from_case",
     "from_pair",

@@ -1,4 +1,4 @@
-"""A task and its yardstick: what every engine gets, and beside it what only the judge knows."""
+"""A benchmark case: the task that every engine gets, and the ground truth that only the judge gets."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.compare.engines.protocol import Setting, Task
-from dqreg.compare.judge import HOME, Yardstick
-from dqreg.compare.truth import Truth
+from dqreg.compare.judge import SUCCESS_THRESHOLD, GroundTruth
+from dqreg.compare.truth import TruePoses
 from dqreg.errors import InputError
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, Surface, sample_mesh
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.scan import measure_spacing
 from dqreg.rigid import pose
 
-# Points kept from the engines for the judge: this share of the scan, and no more than that.
-HELD_SHARE, HELD_MOST = 0.1, 5_000
-PROBES_MOST = 20_000
+# Scan points held out for the judge: this fraction, and at most so many.
+HELD_OUT_FRACTION, MAX_HELD_OUT = 0.1, 5_000
+MAX_PROBES = 20_000
 
 
 @dataclasses.dataclass(frozen=True)
 class Loop:
     """What "same loop" means: identical for everyone."""
 
-    # source_points, target_points: Points drawn once for all from the scan and from the target (a mesh is sampled, with
+    # source_points, target_points: Points drawn once for all engines from scan and target (a mesh is sampled, with
     # normals)
     source_points: int = 10_000
     target_points: int = 100_000
-    max_distance: float = 0.1  # Largest distance of a pair, in S, the diagonal of the target's bounding box
+    max_distance: float = 0.1  # Maximum correspondence distance, in S, the diagonal of the target's bounding box
     max_iterations: int = 50  # Iteration cap
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Challenge:
-    """A task with all that is known of it."""
+class BenchmarkCase:
+    """A task with its ground truth."""
 
     key: str  # Names the task in files: the same key is the same task
     case: str  # Name of the case or of the pair of files
@@ -45,36 +45,36 @@ class Challenge:
     value: str | float | None  # Where on the axis
     trial: int  # Which repetition with other draws
     task: Task  # What every engine gets
-    yardstick: Yardstick  # What the judge gets
+    ground_truth: GroundTruth  # What the judge gets
     units: str = ""  # Length unit, "" if unknown
 
 
-def make_challenge(
+def make_case(
     name: str,
     source: PointCloud,
     target: PointCloud | Mesh,
     start: FloatArray | None,
-    truth: Truth | None,
+    truth: TruePoses | None,
     *,
     setting: Setting = "manual",
     noise: float = 0.0,
     loop: Loop | None = None,
     threads: int = 2,
     seed: int = 0,
-    home: float = HOME,
+    success_threshold: float = SUCCESS_THRESHOLD,
     units: str = "",
     axis: str = "case",
     value: str | float | None = None,
     trial: int = 0,
-) -> Challenge:
+) -> BenchmarkCase:
     """Split a scan into what engines get and what is held out, and draw the points of the same loop.
 
     >>> cloud = PointCloud(np.random.default_rng(0).normal(size=(100, 3)))
-    >>> made = make_challenge("x", cloud, cloud, None, Truth(np.eye(4)[None]))
-    >>> len(made.task.source), len(made.yardstick.held_out)
+    >>> made = make_case("x", cloud, cloud, None, TruePoses(np.eye(4)[None]))
+    >>> len(made.task.source), len(made.ground_truth.held_out)
     (90, 10)
     """
-    # Lengths are converted; no engine shall do it again.
+    # Lengths are converted here; no engine shall do it again.
     source, target = dataclasses.replace(source, units=None), dataclasses.replace(target, units=None)
     held_rng, loop_rng = np.random.default_rng(seed).spawn(2)
     given, held_out = _hold_out(source, held_rng)
@@ -82,11 +82,11 @@ def make_challenge(
     task = Task(given, target, start, setting, threads=threads, seed=seed)
     if setting == "same-loop":
         if start is None:
-            raise InputError("the same loop needs a start: without one there is no loop to share; use --setting manual")
+            raise InputError("the same loop needs an initial pose; without one use --setting manual")
         task = _same_loop(task, loop or Loop(), size, loop_rng)
     surface: Surface = MeshSurface(target) if isinstance(target, Mesh) else CloudSurface(target)
     truths = np.zeros((0, 4, 4)) if truth is None else truth.poses
-    yardstick = Yardstick(
+    ground_truth = GroundTruth(
         probes=_probes(given, target, truths),
         size=size,
         truths=truths,
@@ -94,12 +94,12 @@ def make_challenge(
         held_out=held_out,
         surface=surface,
         gate=max(5.0 * noise, 1e-3 * size, 0.0 if isinstance(target, Mesh) else 2.0 * _spacing(target)),
-        home=home,
+        success_threshold=success_threshold,
     )
-    return Challenge(_key(name, task), name, axis, value, trial, task, yardstick, units)
+    return BenchmarkCase(_key(name, task), name, axis, value, trial, task, ground_truth, units)
 
 
-def thinned(task: Task, count: int = 1_000) -> Task:
+def small_copy(task: Task, count: int = 1_000) -> Task:
     """The same task with few scan points, for warming up."""
     return dataclasses.replace(
         task,
@@ -109,7 +109,7 @@ def thinned(task: Task, count: int = 1_000) -> Task:
 
 
 def _hold_out(source: PointCloud, rng: np.random.Generator) -> tuple[PointCloud, FloatArray]:
-    held = min(int(HELD_SHARE * len(source)), HELD_MOST)
+    held = min(int(HELD_OUT_FRACTION * len(source)), MAX_HELD_OUT)
     chosen = np.zeros(len(source), dtype=bool)
     chosen[rng.choice(len(source), size=held, replace=False)] = True
     return _rows(source, ~chosen), source.points[chosen]
@@ -124,10 +124,10 @@ def _same_loop(task: Task, loop: Loop, size: float, rng: np.random.Generator) ->
     target = task.target
     if isinstance(target, Mesh):
         target = sample_mesh(target, loop.target_points, rng)
-    target = _draw(target, loop.target_points, rng)
+    target = _subsampled(target, loop.target_points, rng)
     return dataclasses.replace(
         task,
-        source_points=_draw(task.source, loop.source_points, rng).points,
+        source_points=_subsampled(task.source, loop.source_points, rng).points,
         target_points=target.points,
         target_normals=_normals(target),
         max_distance=loop.max_distance * size,
@@ -135,14 +135,14 @@ def _same_loop(task: Task, loop: Loop, size: float, rng: np.random.Generator) ->
     )
 
 
-def _draw(cloud: PointCloud, count: int, rng: np.random.Generator) -> PointCloud:
+def _subsampled(cloud: PointCloud, count: int, rng: np.random.Generator) -> PointCloud:
     if len(cloud) <= count:
         return cloud
     return _rows(cloud, np.sort(rng.choice(len(cloud), size=count, replace=False)))
 
 
 def _normals(cloud: PointCloud) -> FloatArray:
-    """Normals of the same loop's target: the cloud's own, or fitted once for all."""
+    """Normals of the same loop's target: the cloud's own, or estimated once for all engines."""
     if cloud.normals is not None:
         return cloud.normals
     from dqreg.geometry.normals import fit_planes
@@ -153,12 +153,12 @@ def _normals(cloud: PointCloud) -> FloatArray:
 def _probes(given: PointCloud, target: PointCloud | Mesh, truths: FloatArray) -> FloatArray:
     if isinstance(target, Mesh):
         return _few(target.vertices[np.unique(target.faces)])
-    # On a cloud the part is what the scan saw.
+    # For a target cloud, the part is what was scanned.
     return _few(pose.apply(truths[0], given.points) if len(truths) else target.points)
 
 
 def _few(points: FloatArray) -> FloatArray:
-    return points[:: max(1, -(-len(points) // PROBES_MOST))]
+    return points[:: max(1, -(-len(points) // MAX_PROBES))]
 
 
 def _diagonal(target: PointCloud | Mesh) -> float:

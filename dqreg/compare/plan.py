@@ -1,4 +1,4 @@
-"""From what a caller names to the list of tasks; each is made only when its turn comes."""
+"""The plan of a comparison: cases from folders, recipes, files and sweeps; each is made only when its turn comes."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose
-from dqreg.compare.case import Challenge, Loop, make_challenge
+from dqreg.compare.case import BenchmarkCase, Loop, make_case
 from dqreg.compare.engines.protocol import Setting
-from dqreg.compare.entrants import Entrant
-from dqreg.compare.judge import HOME
+from dqreg.compare.engines.registry import EngineSpec
+from dqreg.compare.judge import SUCCESS_THRESHOLD
 from dqreg.compare.sweep import Cell, Sweep
 from dqreg.compare.sweep_tasks import build
-from dqreg.compare.truth import Truth, truth_of
+from dqreg.compare.truth import TruePoses, truth_of
 from dqreg.errors import InputError
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
@@ -28,28 +28,30 @@ from dqreg.registration.source import MESH_SAMPLES, moved
 from dqreg.synth import Case, load_case, read_recipe, write_case
 
 
-def from_case(case: Case | str | os.PathLike[str], *, from_nothing: bool = False, **options: Any) -> Challenge:
+def from_case(
+    case: Case | str | os.PathLike[str], *, withhold_initial_pose: bool = False, **options: Any
+) -> BenchmarkCase:
     """Task of a case folder."""
     case = case if isinstance(case, Case) else load_case(case)
     source, target = read_any(case.scan, "scan"), read_any(case.part, "part")
     if not isinstance(source, PointCloud):
         raise InputError(f"{case.scan} holds a mesh; a case's scan is a cloud of points")
     truth = truth_of(case.truth, case.T_target_source, str(case.folder / "truth.json"))
-    start = None if from_nothing else case.T_start
+    start = None if withhold_initial_pose else case.T_start
     name = case.folder.resolve().name
-    return make_challenge(name, source, target, start, truth, noise=case.range_sigma, units=case.units, **options)
+    return make_case(name, source, target, start, truth, noise=case.range_sigma, units=case.units, **options)
 
 
 def from_pair(
     scan: Any,
     target: Any,
     start: FloatArray | str | None = "identity",
-    truth: Truth | None = None,
+    truth: TruePoses | None = None,
     *,
     source_units: str | None = None,
     target_units: str | None = None,
     **options: Any,
-) -> Challenge:
+) -> BenchmarkCase:
     """Task of a scan and a target."""
     source, goal = read_any(scan, "scan"), read_any(target, "target")
     if isinstance(source, Mesh):
@@ -59,28 +61,29 @@ def from_pair(
     T = np.eye(4) if isinstance(start, str) else start
     checked = None if T is None else as_pose(T, "start")
     units = target_units or goal.units or ""
-    return make_challenge(name, moved(source, np.zeros(3), scale), goal, checked, truth, units=units, **options)
+    return make_case(name, moved(source, np.zeros(3), scale), goal, checked, truth, units=units, **options)
 
 
 def _name(value: Any, word: str) -> str:
     return Path(value).name if isinstance(value, (str, os.PathLike)) else word
 
 
-# In a sweep, poses on the way are recorded for starts up to here, one trial.
+# In a sweep, intermediate poses are recorded for initial poses up to this angle, one trial.
 CURVE_DEG = 10.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Rules:
-    """What holds for all engines."""
+class Protocol:
+    """What holds for all engines, and when a pose is a success."""
 
-    settings: tuple[Setting, ...] = ("manual", "same-loop")  # Fair settings to run cases in; a sweep brings its own
+    settings: tuple[Setting, ...] = ("manual", "same-loop")  # Settings to run cases in; a sweep brings its own
     repeats: int = 3  # Timed runs of each case after one warm-up; a sweep brings its own
     threads: int = 2  # Threads that an engine may use
     timeout: float = 300.0  # Seconds for one run; None takes the sweep's, and 300 for cases
-    from_nothing: bool = False  # Whether to withhold the start of cases; engines that need one do not take part
-    loop: Loop = dataclasses.field(default_factory=Loop)  # Rules of the same loop
-    home: float = HOME  # Largest worst displacement, in S, of a pose that counts as found
+    # Whether cases are run without their initial pose; engines that need one do not take part then
+    withhold_initial_pose: bool = False
+    loop: Loop = dataclasses.field(default_factory=Loop)  # What the same loop means
+    success_threshold: float = SUCCESS_THRESHOLD  # Largest worst displacement, in S, of a successful pose
     memory_limit: float | None = None  # Bytes; None takes three quarters of the machine's memory
     isolate: bool = True  # Whether engines run in a process of their own. Without it a crash or a hang ends everything
 
@@ -89,38 +92,38 @@ class Rules:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or value < least:
                 raise InputError(f"{name} must be a whole number, {least} or more; got {value!r}")
-        for name in ("timeout", "home"):
+        for name in ("timeout", "success_threshold"):
             if not 0.0 < getattr(self, name) < float("inf"):
                 raise InputError(f"{name} must be a number above 0; got {getattr(self, name)!r}")
 
 
 @dataclasses.dataclass(frozen=True)
-class Item:
-    """A task that will be made when its turn comes."""
+class PlannedRun:
+    """Runs of one case, which is made when its turn comes."""
 
-    key: str  # Names the task in files
+    key: str  # Names the case in files
     title: str  # Names it and its other trials together
-    words: str  # Names it on the screen
+    words: str  # Names it on screen
     weight: float  # How much work it is: its scan points
     repeats: int  # Timed runs
-    setting: Setting  # Which fair setting
-    from_nothing: bool  # Whether it has no start
-    make: Callable[[], Challenge]  # Makes it
-    curve: bool = True  # Whether poses on the way are wanted
+    setting: Setting
+    has_initial_pose: bool
+    make: Callable[[], BenchmarkCase]  # Makes the case
+    curve: bool = True  # Whether intermediate poses are wanted
     barred: frozenset[str] = frozenset()  # Engines that the sweep wants on other axes only
     row: tuple[str, str] | None = None  # Axis and setting, where the axis goes from small scans to large ones
 
-    def takes(self, entrant: Entrant) -> bool:
+    def takes(self, engine: EngineSpec) -> bool:
         """Whether an engine takes part."""
-        if entrant.name in self.barred:
+        if engine.name in self.barred:
             return False
-        return self.setting in entrant.settings and (entrant.from_nothing or not self.from_nothing)
+        return self.setting in engine.settings and (self.has_initial_pose or not engine.needs_initial_pose)
 
 
-def plan(tasks: Any, rules: Rules) -> tuple[list[Item], str]:
-    """Tasks in their order, and a title."""
+def plan(tasks: Any, protocol: Protocol) -> tuple[list[PlannedRun], str]:
+    """Planned runs in their order, and a title."""
     things = list(tasks) if isinstance(tasks, (list, tuple)) else [tasks]
-    items = [item for thing in things for item in _items(thing, rules)]
+    items = [item for thing in things for item in _items(thing, protocol)]
     if not items:
         raise InputError("nothing to compare on: give a case, a recipe, a scan and a target, or a sweep")
     titles = dict.fromkeys(thing.name if isinstance(thing, Sweep) else "" for thing in things)
@@ -129,45 +132,49 @@ def plan(tasks: Any, rules: Rules) -> tuple[list[Item], str]:
     return list({item.key: item for item in items}.values()), shown
 
 
-def _items(thing: Any, rules: Rules) -> list[Item]:
+def _items(thing: Any, protocol: Protocol) -> list[PlannedRun]:
     if isinstance(thing, Sweep):
-        return [_of_cell(cell, repeats, rules, thing.barred(cell.axis)) for cell, repeats in thing.cells()]
-    if isinstance(thing, Challenge):
-        return [_of_challenge(thing, rules)]
-    settings = [setting for setting in rules.settings if setting == "manual" or not rules.from_nothing]
+        return [_of_cell(cell, repeats, protocol, thing.barred(cell.axis)) for cell, repeats in thing.cells()]
+    if isinstance(thing, BenchmarkCase):
+        return [_of_case(thing, protocol)]
+    settings = [setting for setting in protocol.settings if setting == "manual" or not protocol.withhold_initial_pose]
     if not settings:
-        raise InputError("the same loop needs a start: from nothing there is only the setting manual")
-    options: dict[str, Any] = {"loop": rules.loop, "threads": rules.threads, "home": rules.home}
+        raise InputError("the same loop needs a start; without one there is only the setting manual")
+    options = {"withhold_initial_pose": protocol.withhold_initial_pose, **_options(protocol)}
     with _case(thing) as case:
-        made = [from_case(case, from_nothing=rules.from_nothing, setting=setting, **options) for setting in settings]
-    return [_of_challenge(challenge, rules) for challenge in made]
+        made = [from_case(case, setting=setting, **options) for setting in settings]
+    return [_of_case(case, protocol) for case in made]
 
 
-def _of_challenge(challenge: Challenge, rules: Rules) -> Item:
-    task = challenge.task
-    return Item(
-        key=challenge.key,
-        title=challenge.case,
-        words=f"{challenge.case}, {task.setting}",
+def _options(protocol: Protocol) -> dict[str, Any]:
+    return {name: getattr(protocol, name) for name in ("loop", "threads", "success_threshold")}
+
+
+def _of_case(case: BenchmarkCase, protocol: Protocol) -> PlannedRun:
+    task = case.task
+    return PlannedRun(
+        key=case.key,
+        title=case.case,
+        words=f"{case.case}, {task.setting}",
         weight=float(len(task.source)),
-        repeats=rules.repeats,
+        repeats=protocol.repeats,
         setting=task.setting,
-        from_nothing=task.start is None,
-        make=lambda: challenge,
+        has_initial_pose=task.start is not None,
+        make=lambda: case,
     )
 
 
-def _of_cell(cell: Cell, repeats: int, rules: Rules, barred: frozenset[str]) -> Item:
+def _of_cell(cell: Cell, repeats: int, protocol: Protocol, barred: frozenset[str]) -> PlannedRun:
     title = f"{cell.axis} {cell.value:g}" if isinstance(cell.value, (int, float)) else f"{cell.axis} {cell.value}"
-    return Item(
-        key=f"{cell.key}|{rules.threads}|{dataclasses.astuple(rules.loop)}",
+    return PlannedRun(
+        key=f"{cell.key}|{protocol.threads}|{dataclasses.astuple(protocol.loop)}",
         title=title,
         words=f"{title}, {cell.setting}, trial {cell.trial + 1}",
         weight=float(cell.points),
         repeats=repeats,
         setting=cell.setting,
-        from_nothing=bool(cell.nothing),
-        make=lambda: build(cell, loop=rules.loop, threads=rules.threads, home=rules.home),
+        has_initial_pose=not cell.nothing,
+        make=lambda: build(cell, **_options(protocol)),
         curve=(cell.axis, cell.trial) == ("start_angle_deg", 0) and cell.start_angle_deg <= CURVE_DEG,
         barred=barred,
         row=("points", cell.setting) if cell.axis == "points" else None,
@@ -181,7 +188,7 @@ def _case(thing: Any) -> Iterator[Case]:
         yield thing
         return
     if not isinstance(thing, (str, os.PathLike)):
-        raise InputError(f"not a task: {thing!r:.80}; give a case folder, a recipe, a Challenge or a Sweep")
+        raise InputError(f"not a task: {thing!r:.80}; give a case folder, a recipe, a BenchmarkCase or a Sweep")
     path = Path(thing)
     if path.suffix.lower() != ".toml":
         yield load_case(path)

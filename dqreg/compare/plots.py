@@ -8,9 +8,9 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from dqreg.compare.records import Run
+from dqreg.compare.records import RunRecord
 from dqreg.compare.run import Comparison
-from dqreg.compare.summary import Line, summarise
+from dqreg.compare.summary import SummaryRow, summarise
 from dqreg.compare.tables import AXES
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def plots(found: Comparison) -> list[Plot]:
     return made + _convergence(found, styles)
 
 
-def _error_and_time(lines: list[Line], styles: dict[str, Style], key: str, title: str) -> list[Plot]:
+def _error_and_time(lines: list[SummaryRow], styles: dict[str, Style], key: str, title: str) -> list[Plot]:
     shown = [line for line in lines if line.seconds > 0.0 and math.isfinite(line.worst_all)]
     if not shown:
         return []
@@ -77,11 +77,11 @@ def _error_and_time(lines: list[Line], styles: dict[str, Style], key: str, title
 
 
 def _along(
-    lines: list[Line],
+    lines: list[SummaryRow],
     axis: str,
     styles: dict[str, Style],
     what: str,
-    value: Callable[[Line], float],
+    value: Callable[[SummaryRow], float],
     *,
     log: bool = False,
 ) -> list[Plot]:
@@ -113,12 +113,12 @@ def _along(
     return [Plot(f"{what}-{axis}", title, _png(title, [panel(name, 0.0) for name in settings]))]
 
 
-def _growth(lines: list[Line], styles: dict[str, Style]) -> list[Plot]:
+def _growth(lines: list[SummaryRow], styles: dict[str, Style]) -> list[Plot]:
     mine = [line for line in lines if line.place.axis == "points"]
     if not mine:
         return []
 
-    def panel(value: Callable[[Line], float], label: str) -> Callable[[Axes], None]:
+    def panel(value: Callable[[SummaryRow], float], label: str) -> Callable[[Axes], None]:
         def draw(axes: Axes) -> None:
             for engine, style in styles.items():
                 here = sorted((line.points, value(line)) for line in mine if line.engine == engine)
@@ -142,7 +142,7 @@ def _convergence(found: Comparison, styles: dict[str, Style]) -> list[Plot]:
     return [plot for setting in settings for plot in _curves(_typical(found.runs, setting), styles)]
 
 
-def _curves(chosen: list[Run], styles: dict[str, Style]) -> list[Plot]:
+def _curves(chosen: list[RunRecord], styles: dict[str, Style]) -> list[Plot]:
     if not chosen:
         return []
 
@@ -169,10 +169,10 @@ def _curves(chosen: list[Run], styles: dict[str, Style]) -> list[Plot]:
     return [Plot(f"convergence-{first.setting}", title, _png(title, panels))]
 
 
-def _typical(runs: Sequence[Run], setting: str) -> list[Run]:
+def _typical(runs: Sequence[RunRecord], setting: str) -> list[RunRecord]:
     """One run of each engine with a curve, on the task of a setting where most engines have one."""
     curved = [run for run in runs if run.curve and run.success is not None and run.setting == setting]
-    engines: dict[str, dict[str, Run]] = {}
+    engines: dict[str, dict[str, RunRecord]] = {}
     for run in curved:
         engines.setdefault(run.key, {})[run.engine] = run
     if not engines:

@@ -9,7 +9,7 @@ from dqreg.registration.batch.worker import Status
 
 
 @dataclasses.dataclass(frozen=True)
-class Run:
+class RunRecord:
     """One run of one engine on one task, judged."""
 
     key: str  # The task: runs of the same key did the same

@@ -9,28 +9,27 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from dqreg.compare.case import Challenge
+from dqreg.compare.case import BenchmarkCase
+from dqreg.compare.engines.harness import no_pose
 from dqreg.compare.engines.protocol import Task
-from dqreg.compare.entrants import Entrant, check_sendable, entrants
+from dqreg.compare.engines.registry import EngineSpec, engine_specs, missing
 from dqreg.compare.environment import Clock, session
 from dqreg.compare.judge import judge, worst_along
-from dqreg.compare.plan import Item, Rules, plan
-from dqreg.compare.records import Run
-from dqreg.compare.run_engine import Outcome, call, isolated_calls, warm_up
+from dqreg.compare.plan import PlannedRun, Protocol, plan
+from dqreg.compare.records import RunRecord
+from dqreg.compare.run_engine import EngineCall, calls_here, isolated_calls
 from dqreg.compare.store import Store, is_last
 from dqreg.compare.sweep import Sweep
 from dqreg.errors import InputError
 from dqreg.files.strict_json import plain
 from dqreg.registration.batch.worker import Worker
 
-NOTHING = [[float("nan")] * 4] * 4
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Comparison:
     """All that was measured."""
 
-    runs: tuple[Run, ...]  # Every single run of this comparison
+    runs: tuple[RunRecord, ...]  # Every single run of this comparison
     engines: tuple[str, ...]  # Names of those that took part, in their order
     missing: dict[str, tuple[str, ...]]  # Names of those that could not, with what they need
     sessions: tuple[dict[str, Any], ...]  # Machine, versions and threads of each session that made runs
@@ -45,161 +44,160 @@ class Progress:
     done: float
     total: float
     seconds_left: float  # Learned from what was done so far; NaN at first
-    words: str  # What is running now
-    run: Run | None = None  # The run that has just ended
+    words: str  # The current run
+    run: RunRecord | None = None  # The run that has just ended
 
 
 def compare(
     tasks: Any,
     engines: Iterable[Any] | None = None,
     *,
-    rules: Rules | None = None,
+    protocol: Protocol | None = None,
     out: str | os.PathLike[str] | None = None,
     observe: Callable[[Progress], None] | None = None,
 ) -> Comparison:
     """Run engines on tasks and judge them."""
-    rules = rules or Rules()
-    items, title = plan(tasks, rules)
-    field = entrants(engines if engines is not None else _own_engines(tasks))
+    protocol = protocol or Protocol()
+    items, title = plan(tasks, protocol)
+    specs = engine_specs(engines if engines is not None else _own_engines(tasks))
     if engines is not None:
-        # Who is named by the caller takes part everywhere.
+        # Engines that the caller names take part on every axis.
         items = [dataclasses.replace(item, barred=frozenset()) for item in items]
-    missing = {entrant.name: entrant.missing for entrant in field if entrant.missing}
-    able = [entrant for entrant in field if not entrant.missing]
+    lacking = {spec.name: missing(spec) for spec in specs if missing(spec)}
+    able = [spec for spec in specs if spec.name not in lacking]
     if not able:
-        needs = sorted({need for names in missing.values() for need in names})
+        needs = sorted({need for names in lacking.values() for need in names})
         raise InputError(f"no engine can run here; install what they need: pip install {' '.join(needs)}")
-    if rules.isolate:
-        for entrant in able:
-            check_sendable(entrant)
+    if protocol.isolate:
+        for spec in able:
+            spec.require_picklable()
     store = Store(out)
     if _open_jobs(items, able, store):
-        store.begin(session([need for entrant in able for need in entrant.needs], rules.threads))
-        _work(items, able, store, rules, observe or (lambda _: None))
-    keys, names = {item.key for item in items}, tuple(entrant.name for entrant in able)
-    runs = tuple(_at_home(run, rules.home) for run in store.runs if run.key in keys and run.engine in names)
-    return Comparison(runs, names, missing, tuple(store.sessions), title)
+        store.begin(session([need for spec in able for need in spec.needs], protocol.threads))
+        _work(items, able, store, protocol, observe or (lambda _: None))
+    keys, names = {item.key for item in items}, tuple(spec.name for spec in able)
+    runs = tuple(
+        _rejudged(run, protocol.success_threshold) for run in store.runs if run.key in keys and run.engine in names
+    )
+    return Comparison(runs, names, lacking, tuple(store.sessions), title)
 
 
 def _own_engines(tasks: Any) -> tuple[str, ...] | None:
-    """Engines that sweeps name themselves; None where none does."""
+    """Engines that the sweeps name; None where none does."""
     sweeps = [thing for thing in (tasks if isinstance(tasks, (list, tuple)) else [tasks]) if isinstance(thing, Sweep)]
     return tuple(dict.fromkeys(name for sweep in sweeps for name in sweep.all_engines)) or None
 
 
-def _open_jobs(items: list[Item], able: list[Entrant], store: Store) -> list[tuple[Item, Entrant, int]]:
-    """What is still to be done: task, engine and number of runs."""
+def _open_jobs(
+    items: list[PlannedRun], able: list[EngineSpec], store: Store
+) -> list[tuple[PlannedRun, EngineSpec, int]]:
+    """What is left to do: planned runs, engine and number of runs."""
     return [
-        (item, entrant, item.repeats - store.done(item.key, entrant.name))
+        (item, spec, item.repeats - store.done(item.key, spec.name))
         for item in items
-        for entrant in able
-        if item.takes(entrant) and not store.finished(item.key, entrant.name, item.repeats)
+        for spec in able
+        if item.takes(spec) and not store.finished(item.key, spec.name, item.repeats)
     ]
 
 
 def _work(
-    items: list[Item], able: list[Entrant], store: Store, rules: Rules, observe: Callable[[Progress], None]
+    items: list[PlannedRun],
+    able: list[EngineSpec],
+    store: Store,
+    protocol: Protocol,
+    observe: Callable[[Progress], None],
 ) -> None:
     jobs = _open_jobs(items, able, store)
-    total = sum(item.weight * item.repeats for item in items for entrant in able if item.takes(entrant))
+    total = sum(item.weight * item.repeats for item in items for spec in able if item.takes(spec))
     done = total - sum(item.weight * count for item, _, count in jobs)
-    clock = Clock((entrant.name, item.weight * count) for item, entrant, count in jobs)
-    made: tuple[str, Challenge] | None = None
-    worker = Worker(rules.threads) if rules.isolate else None
+    clock = Clock((spec.name, item.weight * count) for item, spec, count in jobs)
+    made: tuple[str, BenchmarkCase] | None = None
+    worker = Worker(protocol.threads) if protocol.isolate else None
     try:
-        for item, entrant, count in jobs:
-            words, began = f"{item.words}: {entrant.name}", time.monotonic()
+        for item, spec, count in jobs:
+            words, began = f"{item.words}: {spec.name}", time.monotonic()
             observe(Progress(done, total, clock.seconds_left, words))
-            tried = not _gave_up(item, entrant, store)
+            tried = not _gave_up(item, spec, store)
             if tried:
                 if made is None or made[0] != item.key:
                     made = (item.key, item.make())
-                first = store.done(item.key, entrant.name)
-                outcomes = _outcomes(worker, entrant, made[1].task, count, rules, curve=item.curve)
-                for repeat, outcome in enumerate(outcomes, first):
-                    run = _judged(item, made[1], entrant, repeat, outcome)
+                first = store.done(item.key, spec.name)
+                calls = _calls(worker, spec, made[1].task, count, protocol, curve=item.curve)
+                for repeat, engine_call in enumerate(calls, first):
+                    run = _judged(item, made[1], spec, repeat, engine_call)
                     store.add([run])
                     part = done + item.weight * (repeat - first + 1)
                     observe(Progress(part, total, clock.seconds_left, words, run))
                     if is_last(run):
                         break
             done += item.weight * count
-            clock.done(entrant.name, item.weight * count, time.monotonic() - began if tried else 0.0)
+            clock.done(spec.name, item.weight * count, time.monotonic() - began if tried else 0.0)
     finally:
         if worker is not None:
             worker.close()
 
 
-def _outcomes(
-    worker: Worker | None, entrant: Entrant, task: Task, repeats: int, rules: Rules, *, curve: bool
-) -> Iterator[Outcome]:
-    """Timed runs; the last brings a curve where one is wanted, from a run of its own if need be."""
-    timed = _calls(worker, entrant, task, repeats, rules)
-    for number, outcome in enumerate(timed, 1):
-        if curve and number == repeats and outcome.attempt is not None and not outcome.attempt.curve:
-            again = next(_calls(worker, entrant, dataclasses.replace(task, curve=True), 1, rules))
-            if again.attempt is not None:
-                outcome = dataclasses.replace(
-                    outcome, attempt=dataclasses.replace(outcome.attempt, curve=again.attempt.curve)
-                )
-        yield outcome
+def _calls(
+    worker: Worker | None, spec: EngineSpec, task: Task, repeats: int, protocol: Protocol, *, curve: bool
+) -> Iterator[EngineCall]:
+    """Timed calls; the last brings a curve where one is wanted, from a call of its own if need be."""
+
+    def repeated(task: Task, repeats: int) -> Iterator[EngineCall]:
+        if worker is None:
+            return calls_here(spec, task, repeats)
+        return isolated_calls(worker, spec, task, repeats, protocol.timeout, protocol.memory_limit)
+
+    for number, made in enumerate(repeated(task, repeats), 1):
+        if curve and number == repeats and made.output is not None and not made.output.curve:
+            again = next(repeated(dataclasses.replace(task, curve=True), 1)).output
+            if again is not None:
+                made = dataclasses.replace(made, output=dataclasses.replace(made.output, curve=again.curve))
+        yield made
 
 
-def _calls(worker: Worker | None, entrant: Entrant, task: Task, repeats: int, rules: Rules) -> Iterator[Outcome]:
-    if worker is not None:
-        yield from isolated_calls(worker, entrant, task, repeats, rules.timeout, rules.memory_limit)
-        return
-    packed = (entrant, task)
-    warm_up(packed)
-    for _ in range(repeats):
-        yield call(packed)
-
-
-def _at_home(run: Run, home: float) -> Run:
-    """The run with its success as today's rules have it: older runs of a file may have been made under others."""
+def _rejudged(run: RunRecord, success_threshold: float) -> RunRecord:
+    """The run with its success by this threshold: older runs of a file may have been judged by another."""
     if run.success is None:
         return run
-    return dataclasses.replace(run, success=run.kind == "rigid" and run.worst <= home * run.size)
+    return dataclasses.replace(run, success=run.kind == "rigid" and run.worst <= success_threshold * run.size)
 
 
-def _gave_up(item: Item, entrant: Entrant, store: Store) -> bool:
-    """Whether an engine ran out of time or memory on a smaller scan of the same row: a larger one is not tried."""
+def _gave_up(item: PlannedRun, spec: EngineSpec, store: Store) -> bool:
+    """Whether an engine ran out of time or memory on a smaller scan of the same axis; a larger one is not tried."""
     return item.row is not None and any(
         run.status in ("timeout", "memory")
         for run in store.runs
-        if (run.engine, run.axis, run.setting) == (entrant.name, *item.row)
+        if (run.engine, run.axis, run.setting) == (spec.name, *item.row)
     )
 
 
-def _judged(item: Item, challenge: Challenge, entrant: Entrant, repeat: int, outcome: Outcome) -> Run:
-    attempt, nan = outcome.attempt, float("nan")
-    T = NOTHING if attempt is None else attempt.T_target_source
-    score = judge(T, challenge.yardstick)
-    curve = () if attempt is None else attempt.curve
-    worst = worst_along([step.T_target_source for step in curve], challenge.yardstick).tolist()
-    return Run(
+def _judged(item: PlannedRun, case: BenchmarkCase, spec: EngineSpec, repeat: int, made: EngineCall) -> RunRecord:
+    output = made.output or no_pose("")
+    score = judge(output.T_target_source, case.ground_truth)
+    worst = worst_along([step.T_target_source for step in output.curve], case.ground_truth).tolist()
+    return RunRecord(
         key=item.key,
-        engine=entrant.name,
+        engine=spec.name,
         repeat=repeat,
-        case=challenge.case,
-        axis=challenge.axis,
-        value=challenge.value,
-        trial=challenge.trial,
-        setting=challenge.task.setting,
-        from_nothing=challenge.task.start is None,
-        points=len(challenge.task.source),
-        size=challenge.yardstick.size,
-        units=challenge.units,
-        status=outcome.status,
-        message=outcome.message,
-        T_target_source=None if attempt is None else attempt.T_target_source.tolist(),
-        seconds=nan if attempt is None else attempt.seconds,
-        prepare_seconds=nan if attempt is None else attempt.prepare_seconds,
-        wall_seconds=outcome.wall_seconds,
-        peak_memory=outcome.peak_memory,
-        iterations=None if attempt is None else attempt.iterations,
-        claims="" if attempt is None else attempt.claims,
-        settings={} if attempt is None else json.loads(json.dumps(plain(attempt.settings), default=str)),
-        curve=[(step.iteration, step.seconds, w) for step, w in zip(curve, worst, strict=True)],
+        case=case.case,
+        axis=case.axis,
+        value=case.value,
+        trial=case.trial,
+        setting=case.task.setting,
+        from_nothing=case.task.start is None,
+        points=len(case.task.source),
+        size=case.ground_truth.size,
+        units=case.units,
+        status=made.status,
+        message=made.message,
+        T_target_source=None if made.output is None else output.T_target_source.tolist(),
+        seconds=output.seconds,
+        prepare_seconds=output.prepare_seconds,
+        wall_seconds=made.wall_seconds,
+        peak_memory=made.peak_memory,
+        iterations=output.iterations,
+        claims=output.self_report,
+        settings=json.loads(json.dumps(plain(output.settings), default=str)),
+        curve=[(step.iteration, step.seconds, w) for step, w in zip(output.curve, worst, strict=True)],
         **dataclasses.asdict(score),
     )

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.compare.case import thinned
-from dqreg.compare.engines.protocol import Attempt, Task
-from dqreg.compare.entrants import Entrant
+from dqreg.compare.case import small_copy
+from dqreg.compare.engines.protocol import EngineOutput, Task
+from dqreg.compare.engines.registry import EngineSpec
 from dqreg.compare.environment import machine_memory
 from dqreg.registration.batch.worker import Failure, Status, Worker
 
@@ -32,36 +32,43 @@ _warm: set[str] = set()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Outcome:
+class EngineCall:
     """What came of one call."""
 
-    status: Status  # As in `dqreg.compare.records.Run`
+    status: Status  # As in `dqreg.compare.records.RunRecord`
     message: str = ""  # What went wrong; "" if nothing
-    attempt: Attempt | None = None  # What the engine handed in
+    output: EngineOutput | None = None  # What the engine returned
     wall_seconds: float = float("nan")  # Around the whole call
     peak_memory: float = float("nan")  # Bytes that the process grew by at its highest; NaN if unknown
 
 
 def isolated_calls(
-    worker: Worker, entrant: Entrant, task: Task, repeats: int, timeout: float, memory: float | None = None
-) -> Iterator[Outcome]:
+    worker: Worker, spec: EngineSpec, task: Task, repeats: int, timeout: float, memory: float | None = None
+) -> Iterator[EngineCall]:
     """Run an engine in a worker process, and again until it fails."""
     # Unpacked anew for each run, so that no run finds what another left.
-    packed = pickle.dumps((entrant, task), protocol=pickle.HIGHEST_PROTOCOL)
+    packed = pickle.dumps((spec, task), protocol=pickle.HIGHEST_PROTOCOL)
     memory = MEMORY_FRACTION * machine_memory() if memory is None else memory
-    answer: Outcome | Failure | None
-    answer = worker.call(partial(_warm_up_once, entrant.name, packed), timeout + WARM_SECONDS, memory)
+    answer: EngineCall | Failure | None
+    answer = worker.call(partial(_warm_up_once, spec.name, packed), timeout + WARM_SECONDS, memory)
     for _ in range(repeats):
         if not isinstance(answer, Failure):
             answer = worker.call(partial(call, packed), timeout, memory)
         if isinstance(answer, Failure):
             late = answer.kind == "timeout"
             message = f"no answer within {timeout:g} s" if late else answer.message
-            yield Outcome(answer.kind, message, wall_seconds=timeout if late else float("nan"))
+            yield EngineCall(answer.kind, message, wall_seconds=timeout if late else float("nan"))
             return
         yield answer
         if answer.status != "ran":
             return
+
+
+def calls_here(spec: EngineSpec, task: Task, repeats: int) -> Iterator[EngineCall]:
+    """Run an engine in this process after a warm-up."""
+    warm_up((spec, task))
+    for _ in range(repeats):
+        yield call((spec, task))
 
 
 def _warm_up_once(name: str, packed: bytes) -> None:
@@ -70,40 +77,40 @@ def _warm_up_once(name: str, packed: bytes) -> None:
         _warm.add(name)
 
 
-def warm_up(packed: bytes | tuple[Entrant, Task]) -> None:
+def warm_up(packed: bytes | tuple[EngineSpec, Task]) -> None:
     """Run an engine on a small copy of the task: libraries load and compile before the clock runs."""
     # What goes wrong here goes wrong in the timed run too, and is recorded there.
     with contextlib.suppress(Exception):
-        entrant, task = _unpack(packed)
-        entrant.load().register(thinned(task))
+        spec, task = _unpack(packed)
+        spec.load().register(small_copy(task))
 
 
-def call(packed: bytes | tuple[Entrant, Task]) -> Outcome:
+def call(packed: bytes | tuple[EngineSpec, Task]) -> EngineCall:
     """Run an engine once."""
     try:
-        entrant, task = _unpack(packed)
-        engine = entrant.load()
+        spec, task = _unpack(packed)
+        engine = spec.load()
         before = _settle()
         began = time.perf_counter()
         answer = engine.register(task)
         seconds = time.perf_counter() - began
         peak = _peak() - before
-        return Outcome("ran", "", _checked(answer, seconds), seconds, peak)
+        return EngineCall("ran", "", _checked(answer, seconds), seconds, peak)
     except MemoryError as error:
-        return Outcome("memory", f"MemoryError {error}".strip())
+        return EngineCall("memory", f"MemoryError {error}".strip())
     except Exception as error:
-        return Outcome("error", f"{type(error).__name__}: {error}")
+        return EngineCall("error", f"{type(error).__name__}: {error}")
 
 
-def _unpack(packed: bytes | tuple[Entrant, Task]) -> tuple[Entrant, Task]:
-    found: tuple[Entrant, Task] = pickle.loads(packed) if isinstance(packed, bytes) else packed
+def _unpack(packed: bytes | tuple[EngineSpec, Task]) -> tuple[EngineSpec, Task]:
+    found: tuple[EngineSpec, Task] = pickle.loads(packed) if isinstance(packed, bytes) else packed
     return found
 
 
-def _checked(answer: Any, seconds: float) -> Attempt:
-    if not isinstance(answer, Attempt):
+def _checked(answer: Any, seconds: float) -> EngineOutput:
+    if not isinstance(answer, EngineOutput):
         # A bare pose will do for an engine of a few lines.
-        return Attempt(_pose(answer), seconds, float("nan"), None, "", {})
+        return EngineOutput(_pose(answer), seconds=seconds)
     claimed = answer.seconds if 0.0 < answer.seconds <= seconds else seconds
     return dataclasses.replace(answer, T_target_source=_pose(answer.T_target_source), seconds=claimed)
 
@@ -111,7 +118,9 @@ def _checked(answer: Any, seconds: float) -> Attempt:
 def _pose(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     T = np.array(value, dtype=np.float64)
     if T.shape != (4, 4):
-        raise TypeError(f"register must return an Attempt or a 4x4 pose; got {type(value).__name__} of shape {T.shape}")
+        raise TypeError(
+            f"register must return an EngineOutput or a 4x4 pose; got {type(value).__name__} of shape {T.shape}"
+        )
     return T
 
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from dqreg.compare.run import Comparison
-from dqreg.compare.summary import Line
+from dqreg.compare.summary import SummaryRow
 from dqreg.compare.tables import REMARK, Table
 
 if TYPE_CHECKING:
@@ -29,12 +29,14 @@ def markdown(made: Sequence[Table], note: str = "") -> str:
     return "\n".join([*parts, note + "\n"] if note else parts)
 
 
-def to_csv(lines: Sequence[Line]) -> str:
+def to_csv(lines: Sequence[SummaryRow]) -> str:
     """Every line of the summary at full precision."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     places = ("case", "axis", "value", "setting", "from_nothing")
-    numbers = [field.name for field in dataclasses.fields(Line) if field.name not in ("engine", "place")]
+    numbers = [
+        field.name for field in dataclasses.fields(SummaryRow) if field.name not in ("engine", "place", "timed_out")
+    ]
     writer.writerow(["engine", *places, *numbers])
     for line in lines:
         where = [getattr(line.place, name) for name in places]
@@ -87,7 +89,7 @@ def _that_fit(table: Table, width: int) -> list[list[int]]:
 
 
 def footer(found: Comparison, home: float) -> str:
-    """Rules and machine in a few sentences, to stand under the tables."""
+    """Protocol and machine in a few sentences, to stand under the tables."""
     machines = list(dict.fromkeys(str(session.get("machine", "")) for session in found.sessions))
     threads = sorted({str(session.get("threads", "")) for session in found.sessions})
     versions: dict[str, str] = {}

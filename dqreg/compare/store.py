@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from dqreg.compare.records import Run
+from dqreg.compare.records import RunRecord
 from dqreg.errors import InputError
 from dqreg.files.atomic import require_writable
 from dqreg.files.strict_json import plain, record_from
@@ -27,7 +27,7 @@ class Store:
 
     def __init__(self, path: str | os.PathLike[str] | None) -> None:
         self.path = None if path is None else require_writable(path)
-        self.runs: list[Run] = []
+        self.runs: list[RunRecord] = []
         self.sessions: list[dict[str, Any]] = []
         self._counts: dict[tuple[str, str], int] = {}
         self._closed: set[tuple[str, str]] = set()
@@ -44,7 +44,7 @@ class Store:
         self.sessions.append(dict(session))
         self._append([line])
 
-    def add(self, runs: Iterable[Run]) -> None:
+    def add(self, runs: Iterable[RunRecord]) -> None:
         """Keep runs; they are on the disk when this returns."""
         runs = list(runs)
         self._append(plain(run) for run in runs)
@@ -75,16 +75,16 @@ class Store:
         if "format" in line:
             self.sessions.append({key: value for key, value in line.items() if key != "format"})
         else:
-            self._keep(record_from(Run, line))
+            self._keep(record_from(RunRecord, line))
 
-    def _keep(self, run: Run) -> None:
+    def _keep(self, run: RunRecord) -> None:
         self.runs.append(run)
         self._counts[run.key, run.engine] = self._counts.get((run.key, run.engine), 0) + 1
         if is_last(run):
             self._closed.add((run.key, run.engine))
 
 
-def is_last(run: Run) -> bool:
+def is_last(run: RunRecord) -> bool:
     """Whether a run is the last of its engine on its task, however many were asked for."""
     return run.status != "ran" or run.seconds > SLOW_SECONDS
 

@@ -1,22 +1,22 @@
-"""What the runs say together: one line for each engine at each place, and the answers of a sweep."""
+"""Summary of runs: one row for each engine and kind of task, and the figures of a sweep."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 import statistics
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
-from dqreg.compare.records import Run
+from dqreg.compare.records import RunRecord
 
 NAN = float("nan")
 
 
 @dataclasses.dataclass(frozen=True)
-class Place:
-    """Where tasks were: runs of one place are summed up together."""
+class SummaryKey:
+    """What runs of one summary row have in common."""
 
-    # case, axis, value, setting, from_nothing: As in `dqreg.compare.records.Run`; on an axis of a sweep the case is ""
+    # As in `dqreg.compare.records.RunRecord`; on an axis of a sweep the case is ""
     case: str
     axis: str
     value: str | float | None
@@ -25,21 +25,21 @@ class Place:
 
 
 @dataclasses.dataclass(frozen=True)
-class Line:
-    """An engine at a place; medians, NaN where there is nothing to take one of."""
+class SummaryRow:
+    """Medians over the runs of an engine with one key, NaN where there are none; the names are keys of the JSON."""
 
-    engine: str  # Its name
-    place: Place  # Where
-    runs: int  # How many
-    found: int | None  # How many of them brought the scan home; None where no truth is known
-    # worst, rms, angle_rad: Of those that brought it home: worst and rms displacement in S, angle
+    engine: str
+    place: SummaryKey
+    runs: int
+    found: int | None  # Successful runs; None where no truth is known
+    # worst, rms, angle_rad: Of successful runs: worst and rms displacement in S, angle
     worst: float
     rms: float
     angle_rad: float
-    # Worst displacement in S of all runs, infinite for those without a pose: exactness that failures spoil
+    # Worst displacement in S of all runs, infinite for those without a pose: accuracy with failures counted
     worst_all: float
     surface_rms: float  # In S, of all runs with a pose
-    overlap: float  # Share of the held-out points on the target, of all runs with a pose
+    overlap: float  # Fraction of the held-out points on the target, of all runs with a pose
     # seconds, least_seconds, most_seconds, prepare_seconds: Of all runs that came back
     seconds: float
     least_seconds: float
@@ -49,27 +49,27 @@ class Line:
     points: int  # Scan points
     size: float  # S
     units: str  # Of S
-    remark: str  # What went wrong in runs that brought nothing home
-    is_late: bool = False  # Whether the first of these ended with the time limit
+    remark: str  # What went wrong in unsuccessful runs
+    timed_out: bool  # Whether the first of these ended at the time limit
 
     @property
     def all_found(self) -> bool:
-        """Whether every run brought the scan home."""
+        """Whether every run was successful."""
         return self.found == self.runs
 
 
-def place_of(run: Run) -> Place:
-    """Place of a run."""
+def summary_key(run: RunRecord) -> SummaryKey:
+    """Summary key of a run."""
     case = run.case if run.axis == "case" else ""
-    return Place(case, run.axis, run.value, run.setting, run.from_nothing)
+    return SummaryKey(case, run.axis, run.value, run.setting, run.from_nothing)
 
 
-def summarise(runs: Iterable[Run]) -> list[Line]:
-    """One line for each engine at each place, in the order in which they first ran."""
-    groups: dict[tuple[Place, str], list[Run]] = {}
+def summarise(runs: Iterable[RunRecord]) -> list[SummaryRow]:
+    """One row for each engine and key, in the order in which they first ran."""
+    groups: dict[tuple[SummaryKey, str], list[RunRecord]] = {}
     for run in runs:
-        groups.setdefault((place_of(run), run.engine), []).append(run)
-    return [_line(place, engine, group) for (place, engine), group in groups.items()]
+        groups.setdefault((summary_key(run), run.engine), []).append(run)
+    return [_row(key, engine, group) for (key, engine), group in groups.items()]
 
 
 def median(values: Iterable[float]) -> float:
@@ -78,48 +78,44 @@ def median(values: Iterable[float]) -> float:
     return statistics.median(known) if known else NAN
 
 
-def reach(lines: Sequence[Line], engine: str, axis: str, setting: str) -> float:
-    """Largest value of an axis up to which every run of an engine brought the scan home; NaN for none."""
-    return _along(lines, engine, axis, setting, lambda line: line.all_found)
+def largest_reliable(rows: Sequence[SummaryRow], engine: str, axis: str, setting: str) -> float:
+    """Largest value of an axis up to which every run of an engine was successful; NaN for none."""
+    largest = NAN
+    for row in rows:
+        if (row.engine, row.place.axis, row.place.setting) == (engine, axis, setting):
+            if not row.all_found or not isinstance(row.place.value, (int, float)):
+                break
+            largest = float(row.place.value)
+    return largest
 
 
-def growth(lines: Sequence[Line], engine: str) -> float:
+def time_exponent(rows: Sequence[SummaryRow], engine: str) -> float:
     """Exponent with which time grows with the number of points: 1 is linear; NaN for fewer than three sizes."""
     pairs = [
-        (math.log(line.points), math.log(line.seconds))
-        for line in lines
-        if line.engine == engine and line.place.axis == "points" and line.seconds > 0.0
+        (math.log(row.points), math.log(row.seconds))
+        for row in rows
+        if row.engine == engine and row.place.axis == "points" and row.seconds > 0.0
     ]
     if len(pairs) < 3:
         return NAN
     return float(statistics.linear_regression(*zip(*pairs, strict=True)).slope)
 
 
-def _along(lines: Sequence[Line], engine: str, axis: str, setting: str, good: Callable[[Line], bool]) -> float:
-    best = NAN
-    for line in lines:
-        if (line.engine, line.place.axis, line.place.setting) == (engine, axis, setting):
-            if not good(line) or not isinstance(line.place.value, (int, float)):
-                break
-            best = float(line.place.value)
-    return best
-
-
-def _line(place: Place, engine: str, runs: list[Run]) -> Line:
-    home = [run for run in runs if run.success]
+def _row(key: SummaryKey, engine: str, runs: list[RunRecord]) -> SummaryRow:
+    good = [run for run in runs if run.success]
     back = [run for run in runs if run.status == "ran"]
     posed = [run for run in back if run.kind != "nothing"]
     seconds = [run.seconds for run in back if not math.isnan(run.seconds)]
     truth = any(run.success is not None for run in runs)
     last, bad = runs[-1], [run for run in runs if run.success is not True]
-    return Line(
+    return SummaryRow(
         engine=engine,
-        place=place,
+        place=key,
         runs=len(runs),
-        found=len(home) if truth else None,
-        worst=median(run.worst / run.size for run in home),
-        rms=median(run.rms / run.size for run in home),
-        angle_rad=median(run.angle_rad for run in home),
+        found=len(good) if truth else None,
+        worst=median(run.worst / run.size for run in good),
+        rms=median(run.rms / run.size for run in good),
+        angle_rad=median(run.angle_rad for run in good),
         worst_all=median(math.inf if math.isnan(run.worst) else run.worst / run.size for run in runs) if truth else NAN,
         surface_rms=median(run.surface_rms / run.size for run in posed),
         overlap=median(run.overlap for run in posed),
@@ -132,12 +128,12 @@ def _line(place: Place, engine: str, runs: list[Run]) -> Line:
         size=last.size,
         units=last.units,
         remark=_remark(bad),
-        is_late=bool(bad) and bad[0].status == "timeout",
+        timed_out=bool(bad) and bad[0].status == "timeout",
     )
 
 
-def _remark(runs: list[Run]) -> str:
-    """What befell the runs that did not succeed, each kind once, with its count."""
+def _remark(runs: list[RunRecord]) -> str:
+    """Reasons of unsuccessful runs, each once, with its count."""
     words = [_word(run) for run in runs]
     counts = {word: words.count(word) for word in words if word}
     return "; ".join(
@@ -145,7 +141,7 @@ def _remark(runs: list[Run]) -> str:
     )
 
 
-def _word(run: Run) -> str:
+def _word(run: RunRecord) -> str:
     if run.status == "timeout":
         return run.message or "timeout"
     if run.status != "ran":

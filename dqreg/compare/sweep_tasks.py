@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.compare.case import Challenge, make_challenge
+from dqreg.compare.case import BenchmarkCase, make_case
 from dqreg.compare.sweep import FRAMES, Cell
-from dqreg.compare.truth import Truth
+from dqreg.compare.truth import TruePoses
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, random_pose, scan_mesh
@@ -23,7 +23,7 @@ HIT_SHARE, CHUNK = 0.2, 300_000
 TARGET_POINTS = 50_000
 
 
-def build(cell: Cell, **options: Any) -> Challenge:
+def build(cell: Cell, **options: Any) -> BenchmarkCase:
     """Task of a cell.
 
     The scan depends on part, points, noise, outliers and trial only, so that along an axis of starts it is the same
@@ -45,11 +45,11 @@ def build(cell: Cell, **options: Any) -> Challenge:
         source, T_truth, T_start = pose.apply(T_start, source), T_truth @ pose.inverse(T_start), np.eye(4)
     frame, symmetry = Frame.named(cell.frame), symmetry_of(cell.part)
     axis = symmetry.axis
-    truth = Truth(
+    truth = TruePoses(
         np.stack([frame.carry(turn @ T_truth) for turn in symmetry.poses]),
         None if axis is None else np.stack([frame.move(axis[0]), axis[1]]),
     )
-    return make_challenge(
+    return make_case(
         cell.part,
         PointCloud(frame.move(source)),
         frame.target(target),

@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from dqreg.compare.run import Comparison
-from dqreg.compare.summary import Line, growth, median, place_of, reach, summarise
+from dqreg.compare.summary import SummaryRow, largest_reliable, median, summarise, summary_key, time_exponent
 
 MISSING, REMARK = "-", "remark"
 AXES = {
@@ -36,7 +36,7 @@ class Table:
 def tables(found: Comparison) -> list[Table]:
     """All tables of a comparison."""
     lines = summarise(found.runs)
-    places = list(dict.fromkeys(place_of(run) for run in found.runs))
+    places = list(dict.fromkeys(summary_key(run) for run in found.runs))
     made = [_case(found, [line for line in lines if line.place == place]) for place in places if place.axis == "case"]
     axes = list(dict.fromkeys((place.axis, place.setting) for place in places if place.axis != "case"))
     if axes:
@@ -47,7 +47,7 @@ def tables(found: Comparison) -> list[Table]:
     return made
 
 
-def _case(found: Comparison, lines: list[Line]) -> Table:
+def _case(found: Comparison, lines: list[SummaryRow]) -> Table:
     place, unit = lines[0].place, lines[0].units or "target units"
     start = "from nothing" if place.from_nothing else "from the given start"
     title = f"{place.case}, {_words(place.setting)}, {start}: {lines[0].points} points, S = {lines[0].size:.4g} {unit}"
@@ -75,7 +75,7 @@ def _case(found: Comparison, lines: list[Line]) -> Table:
     return Table(f"case-{place.case}-{place.setting}", title, head, tuple(rows), note)
 
 
-def _answers(found: Comparison, lines: list[Line]) -> Table:
+def _answers(found: Comparison, lines: list[SummaryRow]) -> Table:
     head = ("engine", "turn [deg]", "shift [S]", "noise [S]", "outliers", "overlap", "no start", "worst vertex [S]",
             "seconds", "at 1M points", "growth")  # fmt: skip
     rows = []
@@ -87,13 +87,13 @@ def _answers(found: Comparison, lines: list[Line]) -> Table:
         blind = [line for line in mine if line.place.axis == "nothing"]
         rows.append((
             engine,
-            *(number(reach(mine, engine, axis, "manual"))
+            *(number(largest_reliable(mine, engine, axis, "manual"))
               for axis in ("start_angle_deg", "start_offset", "noise", "outliers", "overlap")),
             _sum(blind),
             number(median(line.worst for line in base)),
             number(median(line.seconds for line in base)),
             number(million[0].seconds) if million else MISSING,
-            number(growth(mine, engine)),
+            number(time_exponent(mine, engine)),
         ))  # fmt: skip
     note = ("Turn to overlap: the farthest value up to which every single run was brought home, in the setting as its "
             "manual says; '-' if not even the first. Worst vertex and seconds: medians near the start (5 and 10 "
@@ -101,7 +101,7 @@ def _answers(found: Comparison, lines: list[Line]) -> Table:
     return Table("answers", "In short", head, tuple(rows), note)
 
 
-def _axis(found: Comparison, axis: str, setting: str, lines: list[Line]) -> list[Table]:
+def _axis(found: Comparison, axis: str, setting: str, lines: list[SummaryRow]) -> list[Table]:
     label, title = AXES[axis]
     values = list(dict.fromkeys(line.place.value for line in lines))
     heads = ("engine", *(_value(value) for value in values))
@@ -128,27 +128,27 @@ def _axis(found: Comparison, axis: str, setting: str, lines: list[Line]) -> list
     return [grid("found", "found, worst vertex [S]", _found_and_worst, f"{home}. {worst}")]
 
 
-def _found_and_worst(line: Line | None) -> str:
+def _found_and_worst(line: SummaryRow | None) -> str:
     if line is None:
         return MISSING
     return _share(line) + (f"  {number(line.worst)}" if line.found else "")
 
 
-def _found_worst_seconds(line: Line | None) -> str:
+def _found_worst_seconds(line: SummaryRow | None) -> str:
     if line is None or math.isnan(line.seconds):
         return _found_and_worst(line)
     return f"{_found_and_worst(line)}  {number(line.seconds)} s"
 
 
-def _seconds(line: Line | None) -> str:
+def _seconds(line: SummaryRow | None) -> str:
     if line is None:
         return MISSING
     if math.isnan(line.seconds):
-        return ">" if line.is_late else "failed"
+        return ">" if line.timed_out else "failed"
     return number(line.seconds)
 
 
-def _memory(line: Line | None) -> str:
+def _memory(line: SummaryRow | None) -> str:
     return MISSING if line is None else number(line.peak_memory / 1e6)
 
 
@@ -168,15 +168,15 @@ def number(value: float) -> str:
     return f"{mantissa}e{int(exponent)}"
 
 
-def _in_order(found: Comparison, lines: list[Line]) -> list[Line]:
+def _in_order(found: Comparison, lines: list[SummaryRow]) -> list[SummaryRow]:
     return sorted(lines, key=lambda line: found.engines.index(line.engine))
 
 
-def _share(line: Line) -> str:
+def _share(line: SummaryRow) -> str:
     return MISSING if line.found is None else f"{line.found}/{line.runs}"
 
 
-def _sum(lines: list[Line]) -> str:
+def _sum(lines: list[SummaryRow]) -> str:
     if not lines:
         return MISSING
     return f"{sum(line.found or 0 for line in lines)}/{sum(line.runs for line in lines)}"

@@ -15,7 +15,7 @@ from dqreg.files.poses import POSE, read_json, read_pose
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Truth:
+class TruePoses:
     """What a truth file says."""
 
     # (k, 4, 4): True poses ``T_target_source``, the one named in the file first, then the symmetric ones
@@ -24,8 +24,8 @@ class Truth:
     units: str | None = None  # Unit of the target's lengths, where the file names it
 
 
-def read_truth(path: str | os.PathLike[str]) -> Truth:
-    """Truth of a ``truth.json``, or of any other file that holds a pose.
+def read_truth(path: str | os.PathLike[str]) -> TruePoses:
+    """TruePoses of a ``truth.json``, or of any other file that holds a pose.
 
     Besides ``T_target_source``, JSON may hold ``symmetric_truths``, a list of all 4x4 poses that are true because the
     part is symmetric, and ``symmetry_axis``, the ``point`` and ``direction`` of an axis of revolution (target frame).
@@ -33,13 +33,13 @@ def read_truth(path: str | os.PathLike[str]) -> Truth:
     path = Path(path)
     first = as_pose(read_pose(path), f"{path}: {POSE}")
     if path.suffix.lower() != ".json":
-        return Truth(first[None])
+        return TruePoses(first[None])
     data = read_json(path)
     return truth_of(data, first, str(path))
 
 
-def truth_of(data: Any, first: FloatArray, name: str) -> Truth:
-    """Truth with the symmetries that a mapping names.
+def truth_of(data: Any, first: FloatArray, name: str) -> TruePoses:
+    """TruePoses with the symmetries that a mapping names.
 
     >>> truth_of({"symmetric_truths": [np.eye(4), np.diag([-1, -1, 1, 1])]}, np.eye(4), "truth.json").poses.shape
     (2, 4, 4)
@@ -52,7 +52,7 @@ def truth_of(data: Any, first: FloatArray, name: str) -> Truth:
     axis, named = data.get("symmetry_axis"), data.get("units")
     unit = named if isinstance(named, str) else None
     if axis is None:
-        return Truth(np.stack(poses), units=unit)
+        return TruePoses(np.stack(poses), units=unit)
     if not isinstance(axis, dict) or not {"point", "direction"} <= set(axis):
         raise InputError(f"{name}: symmetry_axis must have the keys point and direction; got {axis!r:.80}")
     rows = as_float([axis["point"], axis["direction"]], f"{name}: symmetry_axis")
@@ -60,4 +60,4 @@ def truth_of(data: Any, first: FloatArray, name: str) -> Truth:
         raise InputError(
             f"{name}: symmetry_axis must hold a point and a direction that is not zero, three numbers each"
         )
-    return Truth(np.stack(poses), rows, unit)
+    return TruePoses(np.stack(poses), rows, unit)

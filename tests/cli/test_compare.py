@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dqreg.cli.main import main
-from dqreg.compare import Rules
+from dqreg.compare import Protocol
 from dqreg.compare import plan as plan_room
 from dqreg.synth import demo_case, load_case
 
@@ -110,7 +110,7 @@ def test_recipe_is_made_into_a_case(tmp_path):
     (tmp_path / "small.toml").write_text(
         'name = "small"\nseed = 1\n[part]\nkind = "bracket"\n[scanner]\npixels = 40\nviews = [[1, 2, 3], [-1, 1, 2]]\n'
     )
-    items, title = plan_room.plan(tmp_path / "small.toml", Rules(settings=("manual",)))
+    items, title = plan_room.plan(tmp_path / "small.toml", Protocol(settings=("manual",)))
     assert title == "small"
     assert len(items[0].make().task.source) > 100
 

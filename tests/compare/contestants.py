@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dqreg.compare.engines.protocol import Attempt, Step
+from dqreg.compare.engines.protocol import EngineOutput, Step
 from dqreg.synth import demo_case, load_case
 
 TRUTH = load_case(demo_case()).T_target_source
@@ -16,7 +16,7 @@ TRUTH = load_case(demo_case()).T_target_source
 
 class Contestant:
     needs = ()
-    from_nothing = True
+    needs_initial_pose = False
     settings = ("manual", "same-loop")
 
     def __init__(self, name, answer):
@@ -26,7 +26,8 @@ class Contestant:
         T = self.answer(task)
         start = np.eye(4) if task.start is None else task.start
         steps = (Step(1, 0.001, start), Step(2, float("nan"), T))
-        return Attempt(T, 0.002, 0.001, 2, "converged", {"points": len(task.source)}, steps)
+        settings = {"points": len(task.source)}
+        return EngineOutput(T, "converged", 2, steps, 0.002, 0.001, settings)
 
 
 def _wrong(task):

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.compare.judge import Yardstick, judge, kind_of, worst_along
+from dqreg.compare.judge import GroundTruth, judge, kind_of, worst_along
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.rigid import pose
@@ -21,8 +21,8 @@ MIRROR = np.diag([1.0, 1.0, -1.0, 1.0])
 seeds = st.integers(0, 2**32 - 1)
 
 
-def known(truth: np.ndarray, **more) -> Yardstick:
-    return Yardstick(PART.vertices, PART.diagonal, truth[None], **more)
+def known(truth: np.ndarray, **more) -> GroundTruth:
+    return GroundTruth(PART.vertices, PART.diagonal, truth[None], **more)
 
 
 def some_pose(rng: np.random.Generator, reach: float = 100.0) -> np.ndarray:
@@ -46,7 +46,7 @@ def test_score_does_not_see_the_frames(seed):
     rng = np.random.default_rng(seed)
     truth, T, A, B = (some_pose(rng) for _ in range(4))
     here = judge(T, known(truth))
-    there = judge(A @ T @ B, Yardstick(pose.apply(A, PART.vertices), PART.diagonal, (A @ truth @ B)[None]))
+    there = judge(A @ T @ B, GroundTruth(pose.apply(A, PART.vertices), PART.diagonal, (A @ truth @ B)[None]))
     for name in ("worst", "rms"):
         assert getattr(there, name) == pytest.approx(getattr(here, name), abs=1e-9 * PART.diagonal)
     assert there.angle_rad == pytest.approx(here.angle_rad, abs=1e-7)
@@ -85,7 +85,7 @@ def test_wrong_identity_and_mirrored_poses_fail(seed):
 
 def test_a_mirror_in_the_plane_of_a_flat_part_fails_though_no_vertex_moves():
     flat = np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0]])
-    score = judge(MIRROR, Yardstick(flat, 2.0, np.eye(4)[None]))
+    score = judge(MIRROR, GroundTruth(flat, 2.0, np.eye(4)[None]))
     assert (score.worst, score.kind, score.success) == (0.0, "mirrored", False)
 
 
@@ -115,11 +115,11 @@ def test_any_of_the_symmetric_truths_will_do():
     cube = Mesh(*box())
     half_turn = np.diag([-1.0, -1.0, 1.0, 1.0])
     truth = some_pose(np.random.default_rng(5))
-    yardstick = Yardstick(cube.vertices, cube.diagonal, np.stack([truth, half_turn @ truth]))
-    assert judge(half_turn @ truth, yardstick).success
-    assert judge(half_turn @ truth, yardstick).worst < 1e-12
+    ground_truth = GroundTruth(cube.vertices, cube.diagonal, np.stack([truth, half_turn @ truth]))
+    assert judge(half_turn @ truth, ground_truth).success
+    assert judge(half_turn @ truth, ground_truth).worst < 1e-12
     quarter = pose.exp(np.array([0.0, 0.0, np.pi / 2, 0.0, 0.0, 0.0]))
-    assert not judge(quarter @ truth, yardstick).success
+    assert not judge(quarter @ truth, ground_truth).success
 
 
 @given(seeds, st.floats(-3.1, 3.1))
@@ -129,11 +129,11 @@ def test_any_turn_about_an_axis_of_revolution_is_true(seed, angle):
     truth, direction, point = some_pose(rng), rng.normal(size=3), rng.normal(size=3)
     axis = np.stack([point, 3.0 * direction])
     turn = pose.about(pose.exp(np.r_[angle * direction / np.linalg.norm(direction), 0, 0, 0]), point)
-    yardstick = known(truth, axis=axis)
-    assert judge(turn @ truth, yardstick).worst < 1e-9 * PART.diagonal
+    ground_truth = known(truth, axis=axis)
+    assert judge(turn @ truth, ground_truth).worst < 1e-9 * PART.diagonal
     # A shift along the axis is not forgiven: it moves each vertex by its length.
     along = pose.from_parts(np.eye(3), 5.0 * direction / np.linalg.norm(direction))
-    assert judge(along @ turn @ truth, yardstick).worst == pytest.approx(5.0, rel=1e-9)
+    assert judge(along @ turn @ truth, ground_truth).worst == pytest.approx(5.0, rel=1e-9)
 
 
 def test_held_out_points_measure_the_surface():
@@ -142,21 +142,21 @@ def test_held_out_points_measure_the_surface():
     corners = PART.corners.mean(axis=1)
     lifted = corners + 0.1 * PART.face_normals
     lifted[::4] += 30.0 * PART.face_normals[::4] + 200.0
-    yardstick = known(truth, held_out=pose.apply(pose.inverse(truth), lifted), surface=MeshSurface(PART), gate=0.5)
-    score = judge(truth, yardstick)
+    ground_truth = known(truth, held_out=pose.apply(pose.inverse(truth), lifted), surface=MeshSurface(PART), gate=0.5)
+    score = judge(truth, ground_truth)
     assert score.surface_rms == pytest.approx(0.1, rel=1e-6)
     assert score.overlap == pytest.approx(0.75, abs=0.01)
 
 
 def test_without_a_truth_only_the_surface_is_judged():
-    yardstick = Yardstick(
+    ground_truth = GroundTruth(
         PART.vertices, PART.diagonal, np.zeros((0, 4, 4)), None, PART.vertices, MeshSurface(PART), 0.1
     )
-    score = judge(np.eye(4), yardstick)
+    score = judge(np.eye(4), ground_truth)
     assert score.success is None
     assert np.isnan(score.worst)
     assert score.overlap == 1.0
-    assert judge(np.full((4, 4), np.nan), yardstick).success is None
+    assert judge(np.full((4, 4), np.nan), ground_truth).success is None
 
 
 def test_curve_is_the_worst_displacement_of_each_pose():

@@ -11,10 +11,10 @@ from rich.console import Console
 
 from dqreg.compare.output import to_html, to_json
 from dqreg.compare.plots import Plot, plots
-from dqreg.compare.records import Run
+from dqreg.compare.records import RunRecord
 from dqreg.compare.run import Comparison
 from dqreg.compare.showing import footer, markdown, print_tables, to_csv
-from dqreg.compare.summary import growth, reach, summarise
+from dqreg.compare.summary import largest_reliable, summarise, time_exponent
 from dqreg.compare.tables import tables
 from dqreg.errors import InputError
 from dqreg.files.strict_json import plain, record_from
@@ -23,8 +23,8 @@ NAN = float("nan")
 EVIL = "<script>alert('|')</script>"
 
 
-def run(engine: str = "a", *, found: bool | None = True, **more) -> Run:
-    base = Run(
+def run(engine: str = "a", *, found: bool | None = True, **more) -> RunRecord:
+    base = RunRecord(
         key="k", engine=engine, repeat=0, case="part", axis="case", value=None, trial=0, setting="manual",
         from_nothing=False, points=1000, size=100.0, units="mm", status="ran", message="", T_target_source=None,
         seconds=2.0, prepare_seconds=NAN, wall_seconds=2.1, peak_memory=5e6, iterations=3, claims="", settings={},
@@ -34,24 +34,24 @@ def run(engine: str = "a", *, found: bool | None = True, **more) -> Run:
     return dataclasses.replace(base, **more)
 
 
-def of(*runs: Run) -> Comparison:
+def of(*runs: RunRecord) -> Comparison:
     engines = tuple(dict.fromkeys(each.engine for each in runs))
     session = {"machine": "a machine", "versions": {"numpy": "2"}, "threads": 2}
     return Comparison(runs, engines, {"absent": ("some-package",)}, (session,), "things")
 
 
-def sweep_of(axis: str, values: dict, **more) -> list[Run]:
+def sweep_of(axis: str, values: dict, **more) -> list[RunRecord]:
     return [run(axis=axis, value=value, found=found, **more) for value, list_ in values.items() for found in list_]
 
 
 def test_records_survive_json():
     made = run(worst=math.inf)
-    again = record_from(Run, json.loads(json.dumps(plain(made), allow_nan=False)))
+    again = record_from(RunRecord, json.loads(json.dumps(plain(made), allow_nan=False)))
     assert plain(again) == plain(made)
     assert again.curve[0] == (1, 0.1, 5.0)
     assert math.isnan(again.curve[1][1])
-    with pytest.raises(InputError, match="no Run"):
-        record_from(Run, {"key": "k"})
+    with pytest.raises(InputError, match="no RunRecord"):
+        record_from(RunRecord, {"key": "k"})
 
 
 def test_a_line_counts_failures_and_takes_medians_of_what_was_found():
@@ -66,13 +66,13 @@ def test_a_line_counts_failures_and_takes_medians_of_what_was_found():
 
 def test_reach_ends_at_the_first_failure():
     lines = summarise(sweep_of("start_angle_deg", {5: [True], 10: [True, True], 20: [True, False], 30: [True]}))
-    assert reach(lines, "a", "start_angle_deg", "manual") == 10.0
-    assert math.isnan(reach(lines, "b", "start_angle_deg", "manual"))
+    assert largest_reliable(lines, "a", "start_angle_deg", "manual") == 10.0
+    assert math.isnan(largest_reliable(lines, "b", "start_angle_deg", "manual"))
 
 
 def test_growth_is_the_exponent():
     runs = [run(axis="points", value=n, points=n, seconds=1e-6 * n**1.2) for n in (1000, 10_000, 100_000)]
-    assert growth(summarise(runs), "a") == pytest.approx(1.2)
+    assert time_exponent(summarise(runs), "a") == pytest.approx(1.2)
 
 
 def test_tables_say_what_was_not_found():

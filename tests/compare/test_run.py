@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.compare import Loop, Rules, compare, from_case, read_sweep, run_engine
-from dqreg.compare.entrants import entrants
+from dqreg.compare import Loop, Protocol, compare, from_case, read_sweep, run_engine
+from dqreg.compare.engines.registry import engine_specs
 from dqreg.compare.plan import plan
 from dqreg.compare.run import Progress
 from dqreg.compare.store import Store
@@ -23,7 +23,7 @@ from dqreg.synth import demo_case, load_case
 FILE = Path(__file__).with_name("contestants.py")
 CASE = load_case(demo_case())
 SMALL = Loop(source_points=500, target_points=2_000)
-ONCE = Rules(settings=("manual",), repeats=1, isolate=False)
+ONCE = Protocol(settings=("manual",), repeats=1, isolate=False)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def both(task):
 
 def some(*names: str) -> list:
     # The engines of the file, loaded by path as a worker would.
-    return [entrant.load() for entrant in entrants([FILE]) if entrant.name in names]
+    return [spec.load() for spec in engine_specs([FILE]) if spec.name in names]
 
 
 class Still:
@@ -53,7 +53,7 @@ class Still:
 
 def test_judged_in_process(task):
     names = ("perfect", "wrong", "identity", "mirrored", "nothing", "raising")
-    found = compare(task, some(*names), rules=ONCE)
+    found = compare(task, some(*names), protocol=ONCE)
     by = {run.engine: run for run in found.runs}
     assert [name for name in names if by[name].success] == ["perfect"]
     assert by["mirrored"].kind == "mirrored"
@@ -77,14 +77,14 @@ def test_engines_get_the_same_and_never_the_held_out_points(both):
             seen.append(task)
             return np.eye(4)
 
-    compare(both, [Spy()], rules=Rules(repeats=2, isolate=False))
+    compare(both, [Spy()], protocol=Protocol(repeats=2, isolate=False))
     full = [task for task in seen if len(task.source) > 10_000]
     assert len(full) == 6  # two settings, two repeats, and one run more for the curve
     loops = [task for task in full if task.setting == "same-loop"]
     assert all(len(task.source_points) == 500 and len(task.target_points) == 2_000 for task in loops)
     assert all(np.array_equal(task.source_points, loops[0].source_points) for task in loops)
     assert loops[0].max_distance == pytest.approx(0.1 * CASE.part_diagonal)
-    held = both[0].yardstick.held_out
+    held = both[0].ground_truth.held_out
     given = {row.tobytes() for row in full[0].source.points}
     assert len(held) == 5_000
     assert not any(row.tobytes() in given for row in held)
@@ -95,7 +95,7 @@ def test_crash_hang_and_memory_cost_one_row_each(task, monkeypatch):
     found = compare(
         task,
         [FILE],
-        rules=Rules(repeats=2, timeout=1.5, threads=1, memory_limit=700e6),
+        protocol=Protocol(repeats=2, timeout=1.5, threads=1, memory_limit=700e6),
     )
     by = {}
     for run in found.runs:
@@ -113,7 +113,7 @@ def test_crash_hang_and_memory_cost_one_row_each(task, monkeypatch):
 
 def test_resume_repeats_nothing_and_loses_nothing(both, tmp_path, monkeypatch):
     monkeypatch.setenv("DQREG_TEST_COUNT", str(tmp_path / "count"))
-    out, rules = tmp_path / "runs.jsonl", Rules(repeats=2, isolate=False)
+    out, protocol = tmp_path / "runs.jsonl", Protocol(repeats=2, isolate=False)
 
     class StopHereError(Exception):
         pass
@@ -123,28 +123,28 @@ def test_resume_repeats_nothing_and_loses_nothing(both, tmp_path, monkeypatch):
             raise StopHereError
 
     with pytest.raises(StopHereError):
-        compare(both, some("counting"), rules=rules, out=out, observe=stop_after_three)
+        compare(both, some("counting"), protocol=protocol, out=out, observe=stop_after_three)
     before = out.read_bytes()
     assert len(Store(out).runs) == 3
-    found = compare(both, some("counting"), rules=rules, out=out)
+    found = compare(both, some("counting"), protocol=protocol, out=out)
     assert out.read_bytes().startswith(before)
     assert [(run.setting, run.repeat) for run in found.runs] == [
         ("manual", 0), ("manual", 1), ("same-loop", 0), ("same-loop", 1),
     ]  # fmt: skip
     assert len(found.sessions) == 2
     count = (tmp_path / "count").read_text()
-    again = compare(both, some("counting"), rules=rules, out=out)
+    again = compare(both, some("counting"), protocol=protocol, out=out)
     assert (tmp_path / "count").read_text() == count
     assert len(again.runs) == 4
     # One more repeat: one more run of each task, not three.
-    more = compare(both, some("counting"), rules=Rules(repeats=3, isolate=False), out=out)
+    more = compare(both, some("counting"), protocol=Protocol(repeats=3, isolate=False), out=out)
     assert len(more.runs) == 6
 
 
 def test_kept_runs_are_judged_by_todays_rules(task, tmp_path):
-    strict, lax = (Rules(repeats=1, isolate=False, home=home) for home in (0.01, 0.3))
-    first = compare(task, some("wrong"), rules=strict, out=tmp_path / "runs.jsonl")
-    again = compare(task, some("wrong"), rules=lax, out=tmp_path / "runs.jsonl")
+    strict, lax = (Protocol(repeats=1, isolate=False, success_threshold=home) for home in (0.01, 0.3))
+    first = compare(task, some("wrong"), protocol=strict, out=tmp_path / "runs.jsonl")
+    again = compare(task, some("wrong"), protocol=lax, out=tmp_path / "runs.jsonl")
     # The wrong pose is shifted by 20 mm along each axis: 0.22 of the part's 156 mm.
     assert [run.success for run in (*first.runs, *again.runs)] == [False, True]
 
@@ -152,11 +152,12 @@ def test_kept_runs_are_judged_by_todays_rules(task, tmp_path):
 def test_a_killed_comparison_goes_on(tmp_path):
     out = tmp_path / "runs.jsonl"
     code = (
-        "import sys\nfrom pathlib import Path\nfrom dqreg.compare import *\nfrom dqreg.synth import demo_case\n"
+        "import sys\nfrom pathlib import Path\nfrom dqreg.compare import *\n"
+        "from dqreg.compare.engines.registry import engine_specs\nfrom dqreg.synth import demo_case\n"
         "if __name__ == '__main__':\n"
-        "    engines = [e for e in __import__('dqreg.compare.entrants').compare.entrants.entrants([sys.argv[1]])]\n"
+        "    engines = [e for e in engine_specs([sys.argv[1]])]\n"
         "    compare(demo_case(), [e.load() for e in engines if e.name in ('perfect', 'hanging')],\n"
-        "            rules=Rules(settings=('manual',), repeats=1, isolate=False), out=sys.argv[2])\n"
+        "            protocol=Protocol(settings=('manual',), repeats=1, isolate=False), out=sys.argv[2])\n"
     )
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     process = subprocess.Popen([sys.executable, "-c", code, str(FILE), str(out)], env=environment)
@@ -168,19 +169,19 @@ def test_a_killed_comparison_goes_on(tmp_path):
         process.send_signal(signal.SIGKILL)
         process.wait()
     assert [run.engine for run in Store(out).runs] == ["perfect"]
-    found = compare(CASE, some("perfect", "wrong"), rules=ONCE, out=out)
+    found = compare(CASE, some("perfect", "wrong"), protocol=ONCE, out=out)
     assert sorted(run.engine for run in found.runs) == ["perfect", "wrong"]
     assert len(Store(out).runs) == 2
 
 
 def test_torn_last_line_is_cut_off(task, tmp_path):
     out = tmp_path / "runs.jsonl"
-    compare(task, some("perfect", "wrong"), rules=ONCE, out=out)
+    compare(task, some("perfect", "wrong"), protocol=ONCE, out=out)
     whole = out.read_bytes()
     out.write_bytes(whole[:-40])
     store = Store(out)
     assert [run.engine for run in store.runs] == ["perfect"]
-    compare(task, some("perfect", "wrong"), rules=ONCE, out=out)
+    compare(task, some("perfect", "wrong"), protocol=ONCE, out=out)
     lines = [json.loads(line) for line in out.read_text().splitlines()]
     assert [line.get("engine") for line in lines] == [None, "perfect", None, "wrong"]
 
@@ -190,7 +191,7 @@ def test_other_files_are_left_alone(task, tmp_path, content):
     out = tmp_path / "notes.txt"
     out.write_bytes(content)
     with pytest.raises(InputError, match="notes"):
-        compare(task, some("perfect"), rules=ONCE, out=out)
+        compare(task, some("perfect"), protocol=ONCE, out=out)
     assert out.read_bytes() == content
 
 
@@ -200,12 +201,14 @@ def test_another_case_of_the_same_name_is_another_task(both):
     assert here.key != there.key
     assert from_case(CASE).key == here.key
     assert both[1].key != here.key
-    assert from_case(CASE, from_nothing=True).key != here.key
+    assert from_case(CASE, withhold_initial_pose=True).key != here.key
 
 
-def test_engine_that_needs_a_start_stays_away_from_nothing(tmp_path):
+def test_engine_that_needs_an_initial_pose_takes_no_part_without(tmp_path):
     still = Still("still", np.eye(4))
-    found = compare(CASE, [still, *some("perfect")], rules=Rules(repeats=1, isolate=False, from_nothing=True))
+    found = compare(
+        CASE, [still, *some("perfect")], protocol=Protocol(repeats=1, isolate=False, withhold_initial_pose=True)
+    )
     assert [(run.engine, run.setting, run.from_nothing) for run in found.runs] == [("perfect", "manual", True)]
 
 
@@ -214,7 +217,7 @@ def test_larger_scans_are_not_tried_after_one_ran_out_of_time(tmp_path, monkeypa
     sweep = parse_sweep("timeout = 1.0\n[axis.points]\nvalues = [500, 1000, 2000]", "sizes")
     path = tmp_path / "one.py"
     path.write_text("import time\nclass Slow:\n  name='slow'\n  def register(self, task): time.sleep(30)\nslow=Slow()")
-    found = compare(sweep, [path], rules=Rules(timeout=1.0, threads=1))
+    found = compare(sweep, [path], protocol=Protocol(timeout=1.0, threads=1))
     assert [(run.value, run.status) for run in found.runs] == [(500, "timeout")]
 
 
@@ -224,10 +227,10 @@ def test_engines_of_one_axis_stay_there_unless_the_caller_names_them():
     assert sweep.all_engines == ("a", "b")
     a, b = (Still(name, np.eye(4)) for name in "ab")
     items, _ = plan(sweep, ONCE)
-    taken = [[name for name in "ab" if item.takes(entrants([{"a": a, "b": b}[name]])[0])] for item in items]
+    taken = [[name for name in "ab" if item.takes(engine_specs([{"a": a, "b": b}[name]])[0])] for item in items]
     assert taken == [["a"], ["a", "b"]]
     small = parse_sweep("[base]\npoints = 200\n" + text.partition("\n")[2], "two")
-    assert len(compare(small, [a, b], rules=ONCE).runs) == 4
+    assert len(compare(small, [a, b], protocol=ONCE).runs) == 4
 
 
 @pytest.mark.parametrize(
@@ -241,7 +244,7 @@ def test_engines_of_one_axis_stay_there_unless_the_caller_names_them():
 )
 def test_bad_engines_are_named(task, engines, said):
     with pytest.raises(InputError, match=said):
-        compare(task, engines, rules=ONCE)
+        compare(task, engines, protocol=ONCE)
 
 
 def test_engine_that_cannot_be_sent_is_refused_with_a_remedy(task):
@@ -250,12 +253,12 @@ def test_engine_that_cannot_be_sent_is_refused_with_a_remedy(task):
         register = lambda self, task: np.eye(4)  # noqa: E731
 
     with pytest.raises(InputError, match="file of its own"):
-        compare(task, [Local()], rules=Rules(repeats=1))
+        compare(task, [Local()], protocol=Protocol(repeats=1))
 
 
 @pytest.mark.parametrize("answer", [None, "pose", np.eye(3)])
 def test_an_answer_that_is_no_pose_is_an_error_of_the_engine(task, answer):
-    found = compare(task, [Still("odd", answer)], rules=ONCE)
+    found = compare(task, [Still("odd", answer)], protocol=ONCE)
     assert found.runs[0].status == "error"
     assert found.runs[0].success is False
 
@@ -288,7 +291,9 @@ def test_shipped_sweeps_name_engines_that_exist():
         assert set(read_sweep(name).all_engines) <= set(ENGINES)
 
 
-@pytest.mark.parametrize("bad", [{"repeats": 0}, {"threads": True}, {"timeout": 0.0}, {"home": float("nan")}])
-def test_rules_are_checked(bad):
+@pytest.mark.parametrize(
+    "bad", [{"repeats": 0}, {"threads": True}, {"timeout": 0.0}, {"success_threshold": float("nan")}]
+)
+def test_a_protocol_is_checked(bad):
     with pytest.raises(InputError, match=next(iter(bad))):
-        Rules(**bad)
+        Protocol(**bad)

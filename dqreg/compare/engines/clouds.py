@@ -12,12 +12,12 @@ from dqreg._open3d import load_open3d
 from dqreg.compare.engines.protocol import Task
 from dqreg.geometry import Mesh
 
-# Points drawn from a mesh for peers that take clouds. Generous: at 500,000 the distance to the nearest sample is about
-# a thousandth of a part's size, and sampling costs about a tenth of a second.
+# Points drawn from a mesh for peers that take clouds: at 500,000 the distance to the nearest sample is about a
+# thousandth of a part's size, and sampling takes about a tenth of a second.
 MESH_SAMPLES = 500_000
-# Largest distance of a pair in sizes of the task, where a manual leaves it to the user. On virtual scans 8 degrees and
-# 3 % of the size off, Open3D and small_gicp did at least as well with it as with half, twice or a fifth of it.
-REACH = 0.1
+# Maximum correspondence distance as a fraction of `task_size`, where a manual leaves it to the user. On virtual scans
+# 8 degrees and 3 % of the size off, Open3D and small_gicp did at least as well with it as with half, twice or a fifth.
+MAX_DISTANCE = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,7 +54,7 @@ def target_cloud(task: Task, settings: dict[str, Any], samples: int = MESH_SAMPL
 
 
 def task_size(task: Task) -> float:
-    """Length that open lengths of manuals are shares of: the smaller bounding-box diagonal of source and target."""
+    """Length of which open lengths of manuals are fractions: the smaller bounding-box diagonal of source and target."""
     target = task.target.vertices if isinstance(task.target, Mesh) else task.target.points
     return min(diagonal(task.source.points), diagonal(target))
 
@@ -64,8 +64,8 @@ def diagonal(points: FloatArray) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
-def thinned(points: FloatArray, most: int, seed: int) -> FloatArray:
-    """At most so many points, drawn evenly.
+def subsampled(points: FloatArray, most: int, seed: int) -> FloatArray:
+    """At most so many points, drawn uniformly.
 
     Shapes: returns (n, most).
     """

@@ -1,25 +1,26 @@
-"""One run of an engine: checked, timed from raw data to pose, and written down."""
+"""One run of an engine: the task checked, the time measured from raw data to pose, every setting recorded."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import importlib
 import io
 import os
 import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._open3d import load_open3d
-from dqreg.compare.engines.protocol import Attempt, Engine, Step, Task
-from dqreg.errors import InputError, MissingDependencyError
+from dqreg.compare.engines.protocol import Engine, EngineOutput, Task
+from dqreg.errors import InputError
+
+# Same loop: the iteration cap and not the stopping rule decides.
+SAME_LOOP_TOLERANCE = 1e-9
 
 
 @contextlib.contextmanager
@@ -43,76 +44,63 @@ def limited(threads: int) -> Iterator[dict[str, Any]]:
         utility.set_max_threads(before)
 
 
-# Poses on the way, worked out by running again; only asked for after the clock has stopped.
-Replay = Callable[[], tuple[Step, ...]]
-
-
-class Clock:
-    """Seconds since the run began, and how many of them went into the target alone."""
+class RunClock:
+    """Seconds of a run until it is stopped, and how many of them went into the target alone."""
 
     def __init__(self) -> None:
         self._began = time.perf_counter()
-        self.prepared = 0.0
+        self._ended: float | None = None
+        self.prepare_seconds = 0.0
 
     @property
     def seconds(self) -> float:
-        """Seconds since the run began."""
-        return time.perf_counter() - self._began
+        """Seconds since the run began, up to its end."""
+        return (time.perf_counter() if self._ended is None else self._ended) - self._began
+
+    def stop(self) -> None:
+        """End the run, if it has not ended: what an engine does after this is not counted."""
+        self._ended = time.perf_counter() if self._ended is None else self._ended
 
     @contextlib.contextmanager
     def preparing(self) -> Iterator[None]:
         """Count a block as work that a second scan to the same target would not need again."""
         began = self.seconds
         yield
-        self.prepared += self.seconds - began
+        self.prepare_seconds += self.seconds - began
 
 
-@dataclasses.dataclass(frozen=True)
-class Found:
-    """What the work of an engine came to."""
-
-    T_target_source: FloatArray  # (4, 4): The pose as reported; NaN where nothing was found
-    claims: str  # What the engine says of it
-    iterations: int | None = None  # Where it tells
-    curve: tuple[Step, ...] = ()  # Poses on the way that cost nothing
-    replay: Replay | None = None  # How to get poses on the way by a second run
-
-
-def nothing(claims: str) -> Found:
-    """No pose."""
-    return Found(np.full((4, 4), np.nan), claims)
+def no_pose(self_report: str) -> EngineOutput:
+    """Output without a pose."""
+    return EngineOutput(np.full((4, 4), np.nan), self_report)
 
 
 def timed(
     engine: Engine,
     task: Task,
-    work: Callable[[Clock, dict[str, Any]], Found],
+    work: Callable[[RunClock, dict[str, Any]], EngineOutput],
     failures: tuple[type[Exception], ...] = (),
-) -> Attempt:
-    """Run an engine's work on a task by the clock.
+) -> EngineOutput:
+    """Run an engine's work on a task by the clock, and complete its output with times and settings.
 
     Packages are imported before this is called: importing is not registering. Nothing else happens ahead of the clock.
     """
     require_fit(engine, task)
     settings: dict[str, Any] = {"setting": task.setting}
-    with limited(task.threads) as force:
-        settings["threads"] = force
-        clock = Clock()
+    with limited(task.threads) as threads:
+        settings["threads"] = threads
+        clock = RunClock()
         try:
-            found = work(clock, settings)
+            output = work(clock, settings)
         except failures as error:
             first_line = (str(error).strip().splitlines() or [""])[0]
-            found = nothing(f"raised {type(error).__name__}: {first_line}")
-        seconds = clock.seconds
-        curve = found.replay() if task.curve and found.replay and not found.curve else found.curve
-    return Attempt(
-        T_target_source=np.array(found.T_target_source, dtype=np.float64),
-        seconds=seconds,
-        prepare_seconds=clock.prepared,
-        iterations=found.iterations,
-        claims=found.claims,
+            output = no_pose(f"raised {type(error).__name__}: {first_line}")
+        clock.stop()
+    return dataclasses.replace(
+        output,
+        T_target_source=np.array(output.T_target_source, dtype=np.float64),
+        seconds=clock.seconds,
+        prepare_seconds=clock.prepare_seconds,
         settings=settings,
-        curve=curve,
     )
 
 
@@ -120,8 +108,8 @@ def require_fit(engine: Engine, task: Task) -> None:
     """Raise unless the task has what the engine needs."""
     if task.setting not in engine.settings:
         raise InputError(f"{engine.name} takes part in {' and '.join(engine.settings)} only; got {task.setting!r}")
-    if task.start is None and not engine.from_nothing:
-        raise InputError(f"{engine.name} needs a start pose; got None. Give task.start, (4, 4)")
+    if task.start is None and engine.needs_initial_pose:
+        raise InputError(f"{engine.name} needs an initial pose; got None. Give task.start, (4, 4)")
     if task.threads < 1:
         raise InputError(f"threads must be 1 or more; got {task.threads}")
     if task.setting == "same-loop":
@@ -131,23 +119,9 @@ def require_fit(engine: Engine, task: Task) -> None:
             raise InputError(f"a same-loop task must say {', '.join(needed)}; missing: {', '.join(missing)}")
 
 
-def start_of(task: Task) -> FloatArray:
-    """The start of a task that has one."""
+def initial_pose(task: Task) -> FloatArray:
+    """Initial pose of a task; the identity where it has none."""
     return np.eye(4) if task.start is None else np.array(task.start, dtype=np.float64)
-
-
-def load_peer(module: str, distribution: str) -> ModuleType:
-    """A peer's module."""
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        absent = (error.name or "").partition(".")[0] == module.partition(".")[0]
-        if absent and isinstance(error, ModuleNotFoundError):
-            message = f"this engine needs {distribution}; run: pip install {distribution}"
-        else:
-            # The peer is there, but something that it needs in its turn is not, or does not fit.
-            message = f"{distribution} cannot load: {error}; run: pip install --force-reinstall {distribution}"
-        raise MissingDependencyError(message) from error
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""KISS-ICP's registration of a scan against its voxel map.
+"""KISS-ICP's registration of a scan to its voxel map.
 
 Manual: the configuration of PRBonn/kiss-icp ("in most of the cases it should be enough to use the default parameters
 as is") and its pipeline `KissICP.register_frame`. Every length there follows from the range of the sensor, 100 m:
@@ -15,15 +15,16 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.compare.engines.clouds import source_cloud, target_cloud, task_size
-from dqreg.compare.engines.harness import Clock, Found, load_peer, silent, start_of, timed
-from dqreg.compare.engines.protocol import Attempt, Setting, Task
+from dqreg.compare.engines.harness import RunClock, initial_pose, silent, timed
+from dqreg.compare.engines.protocol import EngineOutput, Setting, Task
+from dqreg.errors import load_package
 
 # MappingConfig: max_range / 100. We let the size of the task stand for the range; of 1/100, 1/50, 1/30, 1/20 and 1/10
 # it is the best on a bracket.
 VOXEL = 1.0 / 100.0
 # AdaptiveThresholdConfig: 2.0 m with voxels of 1.0 m.
 SIGMA = 2.0
-# RegistrationConfig: 1e-4, of a sum of a turn in radians and a shift in metres, with voxels of 1.0 m.
+# RegistrationConfig: 1e-4, of a sum of a rotation in radians and a translation in metres, with voxels of 1.0 m.
 CONVERGENCE = 1e-4
 ITERATIONS = 500
 POINTS_PER_VOXEL = 20
@@ -35,21 +36,21 @@ class KissIcpMap:
 
     name: str = "kiss-icp map"
     needs: tuple[str, ...] = ("kiss-icp",)
-    from_nothing: bool = False
-    # The map is its neighbour search, and its voxels the largest distance of a pair: with points and a distance from
-    # outside it is left with one voxel full of points and a hundred times its usual seconds. Not the same loop.
+    needs_initial_pose: bool = True
+    # The map is its neighbour search, and its voxels limit the correspondence distance: with points and a distance from
+    # outside one voxel holds all points, and a run takes a hundred times its usual seconds. Not the same loop.
     settings: tuple[Setting, ...] = ("manual",)
 
-    def register(self, task: Task) -> Attempt:
+    def register(self, task: Task) -> EngineOutput:
         """Do the task; see `dqreg.compare.engines.Engine.register`."""
-        modules = {name: load_peer(f"kiss_icp.{name}", "kiss-icp") for name in ("mapping", "registration")}
-        modules["voxelization"] = load_peer("kiss_icp.voxelization", "kiss-icp")
+        modules = {name: load_package(f"kiss_icp.{name}", "kiss-icp") for name in ("mapping", "registration")}
+        modules["voxelization"] = load_package("kiss_icp.voxelization", "kiss-icp")
         return timed(self, task, lambda clock, settings: self._work(modules, task, clock, settings), (RuntimeError,))
 
-    def _work(self, kiss: dict[str, ModuleType], task: Task, clock: Clock, settings: dict[str, Any]) -> Found:
+    def _work(self, kiss: dict[str, ModuleType], task: Task, clock: RunClock, settings: dict[str, Any]) -> EngineOutput:
         settings.update(limits(task))
 
-        def thinned(points: FloatArray, voxel: float) -> FloatArray:
+        def downsampled(points: FloatArray, voxel: float) -> FloatArray:
             down: FloatArray = kiss["voxelization"].voxel_down_sample(points, voxel)
             return down
 
@@ -60,9 +61,9 @@ class KissIcpMap:
                     max_distance=settings["map_max_distance"],
                     max_points_per_voxel=settings["max_points_per_voxel"],
                 )
-                local_map.add_points(thinned(target_cloud(task, settings).points, settings["map_downsampling"]))
-            source = thinned(source_cloud(task).points, settings["map_downsampling"])
-            source = thinned(source, settings["source_downsampling"])
+                local_map.add_points(downsampled(target_cloud(task, settings).points, settings["map_downsampling"]))
+            source = downsampled(source_cloud(task).points, settings["map_downsampling"])
+            source = downsampled(source, settings["source_downsampling"])
             T = (
                 kiss["registration"]
                 .Registration(
@@ -73,18 +74,18 @@ class KissIcpMap:
                 .align_points_to_map(
                     points=source,
                     voxel_map=local_map,
-                    initial_guess=start_of(task),
+                    initial_guess=initial_pose(task),
                     max_correspondance_distance=settings["max_correspondence_distance"],
                     kernel=settings["kernel"],
                 )
             )
-        return Found(np.array(T), "")
+        return EngineOutput(np.array(T), "")
 
 
 def limits(task: Task) -> dict[str, Any]:
     """Every number of a run."""
     size = task_size(task)
-    # The pipeline thins a frame to half a voxel for the map, and that to one and a half for the registration.
+    # The pipeline downsamples a frame to half a voxel for the map, and that to one and a half for the registration.
     voxel = VOXEL * size
     return {
         "voxel_size": voxel,

@@ -1,4 +1,4 @@
-"""KISS-Matcher: a pose from nothing by features, graph pruning and a robust solver; alone, and refined.
+"""KISS-Matcher: global registration by features, graph pruning and a robust solver; alone, and refined.
 
 Manual: the README and ``examples/run_kiss_matcher.py`` of MIT-SPARK/KISS-Matcher: one number, the voxel size, 0.3 by
 default; everything else is a multiple of it. Its lengths are metres: voxels below 0.005 are refused and noise bounds
@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from dqreg.compare.engines.clouds import source_cloud, target_cloud, task_size
-from dqreg.compare.engines.harness import Clock, Found, load_peer, nothing, silent, timed
-from dqreg.compare.engines.protocol import Attempt, Setting, Task
-from dqreg.compare.engines.small_gicp import limits, prepared
+from dqreg.compare.engines.harness import RunClock, no_pose, silent, timed
+from dqreg.compare.engines.protocol import EngineOutput, Setting, Task
+from dqreg.compare.engines.small_gicp import limits, preprocess
+from dqreg.errors import load_package
 
-# As a share of the size. On a bracket, 1/100 found the basin of 4 of 4 poses; 1/150 (nearer, where it found it), 1/70,
-# 1/50 and 1/30 found fewer.
+# As a fraction of the size. On a bracket, 1/100 found the basin of 4 of 4 poses; 1/150 (closer, where it succeeded),
+# 1/70, 1/50 and 1/30 found fewer.
 VOXEL = 1.0 / 100.0
 # The default, with the defaults that follow from it.
 DEFAULTS: dict[str, Any] = {
@@ -38,25 +39,25 @@ DEFAULTS: dict[str, Any] = {
 
 @dataclasses.dataclass(frozen=True)
 class KissMatcher:
-    """KISS-Matcher; the start is not used."""
+    """KISS-Matcher; the initial pose is not used."""
 
     name: str  # Shown in tables
     refined: bool = False  # Whether small_gicp's GICP follows
     needs: tuple[str, ...] = ("kiss-matcher",)
-    from_nothing: bool = True
+    needs_initial_pose: bool = False
     settings: tuple[Setting, ...] = ("manual",)
 
-    def register(self, task: Task) -> Attempt:
+    def register(self, task: Task) -> EngineOutput:
         """Do the task; see `dqreg.compare.engines.Engine.register`."""
-        matcher = load_peer("kiss_matcher", "kiss-matcher")
-        gicp = load_peer("small_gicp", "small-gicp") if self.refined else None
+        matcher = load_package("kiss_matcher", "kiss-matcher")
+        gicp = load_package("small_gicp", "small-gicp") if self.refined else None
         return timed(
             self, task, lambda clock, settings: self._work(matcher, gicp, task, clock, settings), (RuntimeError,)
         )
 
     def _work(
-        self, kiss: ModuleType, gicp: ModuleType | None, task: Task, clock: Clock, settings: dict[str, Any]
-    ) -> Found:
+        self, kiss: ModuleType, gicp: ModuleType | None, task: Task, clock: RunClock, settings: dict[str, Any]
+    ) -> EngineOutput:
         # A unit of length in which the voxel is the default one: what it cuts off in metres then means the same for
         # every part. The pose comes back in the task's own unit.
         unit = VOXEL * task_size(task) / DEFAULTS["voxel_size"]
@@ -69,27 +70,25 @@ class KissMatcher:
             matcher = kiss.KISSMatcher(kiss.KISSMatcherConfig(**DEFAULTS))
             solution = matcher.estimate((source / unit).astype(np.float32), (target / unit).astype(np.float32))
             if not solution.valid:
-                return nothing("not valid")
+                return no_pose("not valid")
             T = np.eye(4)
             T[:3, :3] = solution.rotation
             T[:3, 3] = np.array(solution.translation) * unit
-            words = f"valid, {matcher.get_num_final_inliers()} final inliers"
+            self_report = f"valid, {matcher.get_num_final_inliers()} final inliers"
             if gicp is None:
-                return Found(T, words)
+                return EngineOutput(T, self_report)
             used = settings["refinement"] = limits(task, "GICP")
-            target_down, tree = prepared(gicp, target, used)
+            target_down, tree = preprocess(gicp, target, used)
             fine = gicp.align(
                 target_down,
-                prepared(gicp, source, used)[0],
+                preprocess(gicp, source, used)[0],
                 tree,
                 T,
                 **{name: used[name] for name in REFINEMENT},
             )
-        return Found(
-            np.array(fine.T_target_source),
-            f"{words}; refinement {'converged' if fine.converged else 'not converged'}, {fine.num_inliers} pairs",
-            int(fine.iterations),
-        )
+        ended = "converged" if fine.converged else "not converged"
+        self_report += f"; refinement {ended}, {fine.num_inliers} correspondences"
+        return EngineOutput(np.array(fine.T_target_source), self_report, int(fine.iterations))
 
 
 REFINEMENT = (

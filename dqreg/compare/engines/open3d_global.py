@@ -14,11 +14,11 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg._open3d import load_open3d
 from dqreg.compare.engines.clouds import open3d_cloud, source_cloud, target_cloud, task_size, with_normals
-from dqreg.compare.engines.harness import Clock, Found, nothing, timed
-from dqreg.compare.engines.open3d_icp import RELATIVE_FITNESS, RELATIVE_RMSE, ROOM, said
-from dqreg.compare.engines.protocol import Attempt, Setting, Task
+from dqreg.compare.engines.harness import RunClock, no_pose, timed
+from dqreg.compare.engines.open3d_icp import RELATIVE_FITNESS, RELATIVE_RMSE, ROOM, fitness_words
+from dqreg.compare.engines.protocol import EngineOutput, Setting, Task
 
-# As a share of the size. On a bracket, 1/90 found 4 of 4 starts with RANSAC and 2 of 4 with FGR; 1/50 and 1/30 found
+# As a fraction of the size. On a bracket, 1/90 found 4 of 4 poses with RANSAC and 2 of 4 with FGR; 1/50 and 1/30 found
 # 4 and fewer.
 VOXEL = 0.05 / ROOM
 FGR_NAMES = (
@@ -35,20 +35,20 @@ FGR_NAMES = (
 
 @dataclasses.dataclass(frozen=True)
 class Open3dGlobal:
-    """FPFH features and RANSAC or FGR; the start is not used."""
+    """FPFH features and RANSAC or FGR; the initial pose is not used."""
 
     name: str  # Shown in tables
-    method: Literal["ransac", "fgr"]  # Who turns matched features into a pose
+    method: Literal["ransac", "fgr"]  # Which solver takes the matched features
     needs: tuple[str, ...] = ()
-    from_nothing: bool = True
+    needs_initial_pose: bool = False
     settings: tuple[Setting, ...] = ("manual",)
 
-    def register(self, task: Task) -> Attempt:
+    def register(self, task: Task) -> EngineOutput:
         """Do the task; see `dqreg.compare.engines.Engine.register`."""
         load_open3d()
         return timed(self, task, lambda clock, settings: self._work(task, clock, settings), (RuntimeError,))
 
-    def _work(self, task: Task, clock: Clock, settings: dict[str, Any]) -> Found:
+    def _work(self, task: Task, clock: RunClock, settings: dict[str, Any]) -> EngineOutput:
         open3d = load_open3d()
         size = task_size(task)
         settings.update(start="not used", voxel_size=VOXEL * size, seed=task.seed)
@@ -71,7 +71,7 @@ class Open3dGlobal:
             source_down, target_down, source_features, target_features, settings
         )
         if coarse.fitness == 0.0:
-            return nothing(f"{self.method}: fitness 0")
+            return no_pose(f"{self.method}: fitness 0")
         # "This time we use a strict distance threshold", on the original clouds, with default criteria.
         refinement = {
             "max_correspondence_distance": 0.4 * settings["voxel_size"],
@@ -92,12 +92,13 @@ class Open3dGlobal:
             ),
         )
         if fine.fitness == 0.0:
-            return nothing("refinement: no correspondences (fitness 0)")
-        return Found(np.array(fine.transformation), f"{said(fine)} ({self.method} alone: {said(coarse)})")
+            return no_pose("refinement: no correspondences (fitness 0)")
+        self_report = f"{fitness_words(fine)} ({self.method} alone: {fitness_words(coarse)})"
+        return EngineOutput(np.array(fine.transformation), self_report)
 
 
 def features(cloud: Any, settings: dict[str, Any], viewpoint: FloatArray | None) -> tuple[Any, Any]:
-    """Thinned cloud and its FPFH features."""
+    """Downsampled cloud and its FPFH features."""
     open3d = load_open3d()
     voxel = settings["voxel_size"]
     settings.update(normal_radius=2.0 * voxel, normal_max_nn=30, feature_radius=5.0 * voxel, feature_max_nn=100)
@@ -124,19 +125,19 @@ def ransac(source: Any, target: Any, source_features: Any, target_features: Any,
         "confidence": 0.999,
     }
     settings["ransac"] = used
-    reach = used["max_correspondence_distance"]
+    within = used["max_correspondence_distance"]
     return registration.registration_ransac_based_on_feature_matching(
         source,
         target,
         source_features,
         target_features,
         used["mutual_filter"],
-        reach,
+        within,
         registration.TransformationEstimationPointToPoint(False),
         used["ransac_n"],
         [
             registration.CorrespondenceCheckerBasedOnEdgeLength(used["edge_length_similarity"]),
-            registration.CorrespondenceCheckerBasedOnDistance(reach),
+            registration.CorrespondenceCheckerBasedOnDistance(within),
         ],
         registration.RANSACConvergenceCriteria(used["max_iteration"], used["confidence"]),
     )

@@ -2,7 +2,7 @@
 
 Manual: the tutorials "ICP registration" and "Normal Distributions Transform" of Open3D's documentation. Both work on
 raw clouds in metres, of a living room whose bounding box has a diagonal of about 4.5 m; their lengths are taken over
-as shares of that, so that a part in millimetres is treated as the tutorial treats its room.
+as fractions of that, so that a part in millimetres is treated as the tutorial treats its room.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._open3d import load_open3d
-from dqreg.compare.engines.clouds import REACH, open3d_cloud, source_cloud, target_cloud, task_size, with_normals
-from dqreg.compare.engines.harness import Clock, Found, nothing, start_of, timed
-from dqreg.compare.engines.protocol import Attempt, Setting, Step, Task
+from dqreg.compare.engines.clouds import MAX_DISTANCE, open3d_cloud, source_cloud, target_cloud, task_size, with_normals
+from dqreg.compare.engines.harness import SAME_LOOP_TOLERANCE, RunClock, initial_pose, no_pose, timed
+from dqreg.compare.engines.protocol import EngineOutput, Setting, Step, Task
 from dqreg.errors import MissingDependencyError
 
 Method = Literal["point-to-point", "point-to-plane", "symmetric", "generalized"]
@@ -28,8 +28,6 @@ RELATIVE_RMSE = 1e-6 / ROOM
 # Default of ICPConvergenceCriteria, enough for every method with normals. For point-to-point the tutorial raises it to
 # 2000 ("can be changed to allow more computation time and to improve the results further").
 ITERATIONS: dict[str, int] = {"point-to-point": 2000, "point-to-plane": 30, "symmetric": 30, "generalized": 30}
-# Same loop: as tight as makes sense, so that the cap and not the stopping rule decides.
-TIGHT = 1e-9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,17 +37,17 @@ class Open3dIcp:
     name: str  # Shown in tables
     method: Method  # Which one
     needs: tuple[str, ...] = ()
-    from_nothing: bool = False
+    needs_initial_pose: bool = True
     settings: tuple[Setting, ...] = ("manual", "same-loop")
 
-    def register(self, task: Task) -> Attempt:
+    def register(self, task: Task) -> EngineOutput:
         """Do the task; see `dqreg.compare.engines.Engine.register`."""
         registration = load_open3d().pipelines.registration
         if self.method == "symmetric" and not hasattr(registration, "registration_symmetric_icp"):
             raise MissingDependencyError("symmetric ICP came with Open3D 0.20; run: pip install --upgrade open3d-cpu")
         return timed(self, task, lambda clock, settings: self._work(task, clock, settings), (RuntimeError,))
 
-    def _work(self, task: Task, clock: Clock, settings: dict[str, Any]) -> Found:
+    def _work(self, task: Task, clock: RunClock, settings: dict[str, Any]) -> EngineOutput:
         size = task_size(task)
         with clock.preparing():
             target = open3d_cloud(target_cloud(task, settings))
@@ -59,66 +57,66 @@ class Open3dIcp:
         if self.method == "symmetric":
             with_normals(source, settings, "source")
         limits = criteria(task, size, ITERATIONS[self.method])
-        settings.update(limits, max_correspondence_distance=pair_distance(task, size))
+        settings.update(limits, max_correspondence_distance=max_distance(task, size))
 
         def run(start: FloatArray, iterations: int) -> Any:
-            # Named apart: a replay must not change the settings of the run.
+            # A copy: a replay must not change the settings of the run.
             return self._call(source, target, start, {**settings, "max_iteration": iterations}, settings)
 
-        result = run(start_of(task), limits["max_iteration"])
+        start, most = initial_pose(task), limits["max_iteration"]
+        result = run(start, most)
+        clock.stop()
         if result.fitness == 0.0:
-            return nothing("no correspondences (fitness 0)")
-        return Found(
-            np.array(result.transformation),
-            said(result),
-            replay=lambda: one_by_one(run, start_of(task), limits["max_iteration"], np.array(result.transformation)),
-        )
+            return no_pose("no correspondences (fitness 0)")
+        T = np.array(result.transformation)
+        return EngineOutput(T, fitness_words(result), curve=replay(run, start, most, T) if task.curve else ())
 
-    def _call(self, source: Any, target: Any, start: FloatArray, used: dict[str, Any], told: dict[str, Any]) -> Any:
+    def _call(self, source: Any, target: Any, start: FloatArray, used: dict[str, Any], settings: dict[str, Any]) -> Any:
         registration = load_open3d().pipelines.registration
-        reach = used["max_correspondence_distance"]
+        within = used["max_correspondence_distance"]
         stop = registration.ICPConvergenceCriteria(
             used["relative_fitness"], used["relative_rmse"], used["max_iteration"]
         )
         if self.method == "symmetric":
             return registration.registration_symmetric_icp(
-                source, target, reach, start, registration.TransformationEstimationSymmetric(), stop
+                source, target, within, start, registration.TransformationEstimationSymmetric(), stop
             )
         if self.method == "generalized":
             # Default of TransformationEstimationForGeneralizedICP; covariances from normals or 20 neighbours, inside.
-            told["epsilon"] = 1e-3
-            estimation = registration.TransformationEstimationForGeneralizedICP(told["epsilon"])
-            return registration.registration_generalized_icp(source, target, reach, start, estimation, stop)
+            settings["epsilon"] = 1e-3
+            estimation = registration.TransformationEstimationForGeneralizedICP(settings["epsilon"])
+            return registration.registration_generalized_icp(source, target, within, start, estimation, stop)
         if self.method == "point-to-plane":
             estimation = registration.TransformationEstimationPointToPlane()
         else:
-            told["with_scaling"] = False
-            estimation = registration.TransformationEstimationPointToPoint(told["with_scaling"])
-        return registration.registration_icp(source, target, reach, start, estimation, stop)
+            settings["with_scaling"] = False
+            estimation = registration.TransformationEstimationPointToPoint(settings["with_scaling"])
+        return registration.registration_icp(source, target, within, start, estimation, stop)
 
 
 @dataclasses.dataclass(frozen=True)
 class Open3dNdt:
-    """Open3D's Normal Distributions Transform; it has no pairs and therefore no part in the same loop."""
+    """Open3D's Normal Distributions Transform; it has no correspondences and takes no part in the same loop."""
 
     name: str = "open3d ndt"
     needs: tuple[str, ...] = ()
-    from_nothing: bool = False
+    needs_initial_pose: bool = True
     settings: tuple[Setting, ...] = ("manual",)
 
-    def register(self, task: Task) -> Attempt:
+    def register(self, task: Task) -> EngineOutput:
         """Do the task; see `dqreg.compare.engines.Engine.register`."""
         if not hasattr(load_open3d().pipelines.registration, "registration_ndt"):
             raise MissingDependencyError("NDT came with Open3D 0.20; run: pip install --upgrade open3d-cpu")
         return timed(self, task, lambda clock, settings: self._work(task, clock, settings), (RuntimeError,))
 
-    def _work(self, task: Task, clock: Clock, settings: dict[str, Any]) -> Found:
+    def _work(self, task: Task, clock: RunClock, settings: dict[str, Any]) -> EngineOutput:
         registration = load_open3d().pipelines.registration
         size = task_size(task)
         with clock.preparing():
             target = open3d_cloud(target_cloud(task, settings))
-        # The tutorial thins the source to 0.04 m and uses voxels of 0.5 m, a ninth of its room. On a bracket, 8 degrees
-        # off, voxels half as large did best among 1/8, 1/16, 1/32 and 1/64 of the size: one start of two came home.
+        # The tutorial downsamples the source to 0.04 m and uses voxels of 0.5 m, a ninth of its room. On a bracket,
+        # 8 degrees off, voxels half as large did best among 1/8, 1/16, 1/32 and 1/64 of the size: one run of two
+        # converged to the true pose.
         settings["source_voxel_size"] = 0.04 / ROOM * size
         source = open3d_cloud(source_cloud(task)).voxel_down_sample(settings["source_voxel_size"])
         options = {
@@ -134,16 +132,18 @@ class Open3dNdt:
         }
         settings.update(options)
         option = registration.NormalDistributionsTransformOption(**options)
-        result = registration.registration_ndt(source, target, option, start_of(task))
-        return Found(np.array(result.transformation), said(result)) if result.fitness else nothing("fitness 0")
+        result = registration.registration_ndt(source, target, option, initial_pose(task))
+        if not result.fitness:
+            return no_pose("fitness 0")
+        return EngineOutput(np.array(result.transformation), fitness_words(result))
 
 
 def criteria(task: Task, size: float, iterations: int) -> dict[str, Any]:
     """When ICP ends, under Open3D's own names."""
     if task.setting == "same-loop":
         return {
-            "relative_fitness": TIGHT,
-            "relative_rmse": TIGHT * size,
+            "relative_fitness": SAME_LOOP_TOLERANCE,
+            "relative_rmse": SAME_LOOP_TOLERANCE * size,
             "max_iteration": int(task.max_iterations or iterations),
         }
     return {
@@ -153,19 +153,19 @@ def criteria(task: Task, size: float, iterations: int) -> dict[str, Any]:
     }
 
 
-def pair_distance(task: Task, size: float) -> float:
-    """Largest distance of a pair."""
+def max_distance(task: Task, size: float) -> float:
+    """Maximum correspondence distance."""
     if task.setting == "same-loop" and task.max_distance is not None:
         return float(task.max_distance)
-    return REACH * size
+    return MAX_DISTANCE * size
 
 
-def said(result: Any) -> str:
-    """Open3D's words on its own success."""
+def fitness_words(result: Any) -> str:
+    """What Open3D reports about its own success."""
     return f"fitness {float(result.fitness):.4f}, inlier rmse {float(result.inlier_rmse):.4g}"
 
 
-def one_by_one(run: Any, start: FloatArray, most: int, end: FloatArray) -> tuple[Step, ...]:
+def replay(run: Any, start: FloatArray, most: int, end: FloatArray) -> tuple[Step, ...]:
     """Poses of an ICP that is run one iteration at a time, up to the pose where the timed run ended."""
     T, steps = start, []
     for number in range(1, most + 1):

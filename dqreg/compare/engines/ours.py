@@ -1,4 +1,4 @@
-"""dqreg itself: the front door with its defaults, and its bare loops, which separate the solver from the loop."""
+"""dqreg itself: `dqreg.register` with its defaults, and its bare loops, which separate the solver from the loop."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any, Literal
 import numpy as np
 
 from dqreg._open3d import load_open3d
-from dqreg.compare.engines.harness import Clock, Found, nothing, start_of, timed
-from dqreg.compare.engines.protocol import Attempt, Setting, Step, Task
+from dqreg.compare.engines.harness import SAME_LOOP_TOLERANCE, RunClock, initial_pose, no_pose, timed
+from dqreg.compare.engines.protocol import EngineOutput, Setting, Step, Task
 from dqreg.geometry import PointCloud, prepare_scan
 from dqreg.icp import ESTIMATORS, NO_POSE, Icp, Stopping, WithinDistance
 from dqreg.icp.history import Iteration
@@ -17,9 +17,6 @@ from dqreg.registration.assess import from_work, to_work
 from dqreg.registration.register import prepare_target, register
 from dqreg.registration.source import centre_source
 from dqreg.registration.target_index import index_target
-
-# Same loop: the cap and not the stopping rule decides.
-TIGHT = 1e-9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,22 +26,22 @@ class Dqreg:
     name: str = "dqreg"  # Shown in tables
     effort: str = "normal"  # Its only setting
     needs: tuple[str, ...] = ()
-    from_nothing: bool = True
+    needs_initial_pose: bool = False
     # Its loop goes from few points to many and counts iterations on each level: one cap cannot mean the same for it.
     settings: tuple[Setting, ...] = ("manual",)
 
-    def register(self, task: Task) -> Attempt:
+    def register(self, task: Task) -> EngineOutput:
         """Do the task; see `dqreg.compare.engines.Engine.register`."""
         load_open3d()
-        return timed(self, task, lambda clock, settings: through_front_door(task, clock, settings, effort=self.effort))
+        return timed(self, task, lambda clock, settings: _register(task, clock, settings, effort=self.effort))
 
 
 @dataclasses.dataclass(frozen=True)
 class DqregLoop:
-    """dqreg with one pose step throughout: as its manual says, the front door with that ``method``.
+    """dqreg with one estimator throughout: as its manual says, `dqreg.register` with that ``method``.
 
-    In the same loop it is the plain alternation of nearest points and pose step: no widths, no weights, no levels, and
-    extrapolation only where the name says so.
+    In the same loop it is plain ICP, closest points and estimator in turn: no kernel, no weights, no levels, and
+    acceleration only where the name says so.
     """
 
     name: str  # Shown in tables
@@ -52,17 +49,17 @@ class DqregLoop:
     method: Literal["dq", "dq-points", "svd", "plane"]
     accelerate: bool = False  # Same loop only: whether Anderson acceleration extrapolates
     needs: tuple[str, ...] = ()
-    from_nothing: bool = False
+    needs_initial_pose: bool = True
     settings: tuple[Setting, ...] = ("manual", "same-loop")
 
-    def register(self, task: Task) -> Attempt:
+    def register(self, task: Task) -> EngineOutput:
         """Do the task; see `dqreg.compare.engines.Engine.register`."""
         load_open3d()
         return timed(self, task, lambda clock, settings: self._work(task, clock, settings))
 
-    def _work(self, task: Task, clock: Clock, settings: dict[str, Any]) -> Found:
+    def _work(self, task: Task, clock: RunClock, settings: dict[str, Any]) -> EngineOutput:
         if task.setting == "manual":
-            return through_front_door(task, clock, settings, method=self.method)
+            return _register(task, clock, settings, method=self.method)
         with clock.preparing():
             target = index_target(PointCloud(np.asarray(task.target_points), task.target_normals))
             surface = target.surface
@@ -72,13 +69,13 @@ class DqregLoop:
             accelerate=self.accelerate,
             max_distance=float(task.max_distance or 0.0),
             max_iterations=int(task.max_iterations or 0),
-            convergence=TIGHT,
+            convergence=SAME_LOOP_TOLERANCE,
         )
         cap = settings["max_iterations"]
         loop = Icp(
             estimator=ESTIMATORS[self.method],
             gates=(WithinDistance(settings["max_distance"]),),
-            stopping=Stopping(convergence=TIGHT, iterations=cap, patience=cap),
+            stopping=Stopping(convergence=SAME_LOOP_TOLERANCE, iterations=cap, patience=cap),
             accelerate=self.accelerate,
         )
         steps: list[Step] = []
@@ -88,15 +85,15 @@ class DqregLoop:
             steps.append(Step(record.number, clock.seconds, T))
 
         run = loop.run(
-            prepare_scan(source.cloud), surface, to_work(start_of(task), target.origin, source.origin), observe
+            prepare_scan(source.cloud), surface, to_work(initial_pose(task), target.origin, source.origin), observe
         )
         if run.status in NO_POSE or not steps:
-            return nothing(run.status)
+            return no_pose(run.status)
         T = from_work(run.T_target_source, target.origin, source.origin)
-        return Found(T, run.status, len(run.history), tuple(steps))
+        return EngineOutput(T, run.status, len(run.history), tuple(steps))
 
 
-def through_front_door(task: Task, clock: Clock, settings: dict[str, Any], **options: Any) -> Found:
+def _register(task: Task, clock: RunClock, settings: dict[str, Any], **options: Any) -> EngineOutput:
     """`dqreg.register` on a task."""
     with clock.preparing():
         target = prepare_target(task.target)
@@ -109,5 +106,7 @@ def through_front_door(task: Task, clock: Clock, settings: dict[str, Any], **opt
 
     result = register(task.source, target, task.start, seed=task.seed, observe=observe, **options)
     settings.update(result.settings)
-    words = f"{result.verdict.level}: {result.verdict.reasons[0]}" if result.verdict.reasons else result.verdict.level
-    return Found(result.T_target_source, words, len(result.history), tuple(steps))
+    self_report = (
+        f"{result.verdict.level}: {result.verdict.reasons[0]}" if result.verdict.reasons else result.verdict.level
+    )
+    return EngineOutput(result.T_target_source, self_report, len(result.history), tuple(steps))

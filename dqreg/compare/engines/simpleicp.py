@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.compare.engines.clouds import REACH, source_cloud, target_cloud, task_size
-from dqreg.compare.engines.harness import Clock, Found, load_peer, silent, start_of, timed
-from dqreg.compare.engines.protocol import Attempt, Setting, Task
-from dqreg.errors import MissingDependencyError
+from dqreg.compare.engines.clouds import MAX_DISTANCE, source_cloud, target_cloud, task_size
+from dqreg.compare.engines.harness import RunClock, initial_pose, silent, timed
+from dqreg.compare.engines.protocol import EngineOutput, Setting, Task
+from dqreg.errors import MissingDependencyError, load_package
 
 # Points drawn from a mesh: as many as in its manual's examples. It copies the whole cloud once for each of its
 # thousand normals, so that more of them cost it seconds.
@@ -28,15 +28,15 @@ class SimpleIcp:
 
     name: str = "simpleicp"
     needs: tuple[str, ...] = ("simpleicp",)
-    from_nothing: bool = False
-    # Its pairs go from a sample of the target to the source and have no largest distance: not the same loop.
+    needs_initial_pose: bool = True
+    # Its correspondences go from a sample of the target to the source and have no maximum distance: not the same loop.
     settings: tuple[Setting, ...] = ("manual",)
 
-    def register(self, task: Task) -> Attempt:
+    def register(self, task: Task) -> EngineOutput:
         """Do the task; see `dqreg.compare.engines.Engine.register`."""
         require_old_pandas()
-        simple = load_peer("simpleicp", "simpleicp")
-        inner = load_peer("simpleicp.simpleicp", "simpleicp")
+        simple = load_package("simpleicp", "simpleicp")
+        inner = load_package("simpleicp.simpleicp", "simpleicp")
         return timed(
             self,
             task,
@@ -44,7 +44,7 @@ class SimpleIcp:
             (inner.SimpleICPException,),
         )
 
-    def _work(self, simple: ModuleType, task: Task, clock: Clock, settings: dict[str, Any]) -> Found:
+    def _work(self, simple: ModuleType, task: Task, clock: RunClock, settings: dict[str, Any]) -> EngineOutput:
         axes = ["x", "y", "z"]
         settings["threads_of_search"] = "all: simpleICP asks SciPy's tree with workers=-1"
         with silent():
@@ -57,7 +57,9 @@ class SimpleIcp:
             used = limits(task)
             settings.update(used)
             T, _, _, residuals = icp.run(**used)
-        return Found(np.array(T), f"point-to-plane residuals: mean {residuals.mean():.4g}, std {residuals.std():.4g}")
+        return EngineOutput(
+            np.array(T), f"point-to-plane residuals: mean {residuals.mean():.4g}, std {residuals.std():.4g}"
+        )
 
 
 def limits(task: Task) -> dict[str, Any]:
@@ -71,22 +73,22 @@ def limits(task: Task) -> dict[str, Any]:
         "max_iterations": 100,
         "distance_weights": 1,
         # "Maximum overlap distance": left to the user.
-        "max_overlap_distance": REACH * task_size(task),
-        "rbp_observed_values": euler_start(task),
+        "max_overlap_distance": MAX_DISTANCE * task_size(task),
+        "rbp_observed_values": euler_angles(task),
         "rbp_observation_weights": (0.0,) * 6,
     }
 
 
-def euler_start(task: Task) -> tuple[float, ...]:
-    """The start as simpleICP's rigid-body parameters.
+def euler_angles(task: Task) -> tuple[float, ...]:
+    """The initial pose as simpleICP's rigid-body parameters.
 
     >>> from dqreg.geometry import PointCloud
     >>> cloud = PointCloud([[0, 0, 0]])
     >>> turned = np.array([[0.0, -1, 0, 5], [1, 0, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]])
-    >>> euler_start(Task(cloud, cloud, turned))
+    >>> euler_angles(Task(cloud, cloud, turned))
     (0.0, 0.0, 90.0, 5.0, 6.0, 7.0)
     """
-    T = start_of(task)
+    T = initial_pose(task)
     R = T[:3, :3]
     angles = (np.arctan2(-R[1, 2], R[2, 2]), np.arcsin(np.clip(R[0, 2], -1.0, 1.0)), np.arctan2(-R[0, 1], R[0, 0]))
     # Adding zero turns -0.0 into 0.0.

@@ -1,7 +1,7 @@
 """small_gicp: ICP, point-to-plane, GICP and VGICP.
 
 Manual: the README of koide3/small_gicp, "Usage (Python)", examples A and B, and the defaults of its functions. Its
-lengths are those of a car's LiDAR in metres: points thinned to 0.25, pairs up to 1.0, voxels of 1.0.
+lengths are those of a car's LiDAR in metres: downsampling to 0.25, correspondences up to 1.0, voxels of 1.0.
 """
 
 from __future__ import annotations
@@ -13,24 +13,23 @@ from typing import Any, Literal
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.compare.engines.clouds import REACH, source_cloud, target_cloud, task_size
-from dqreg.compare.engines.harness import Clock, Found, load_peer, silent, start_of, timed
-from dqreg.compare.engines.protocol import Attempt, Setting, Task
+from dqreg.compare.engines.clouds import MAX_DISTANCE, source_cloud, target_cloud, task_size
+from dqreg.compare.engines.harness import SAME_LOOP_TOLERANCE, RunClock, initial_pose, silent, timed
+from dqreg.compare.engines.protocol import EngineOutput, Setting, Task
+from dqreg.errors import load_package
 
-# As a share of the size. On a bracket, 1/200 has an eighth to a half of the error of 1/100 for twice the time; 1/400
+# As a fraction of the size. On a bracket, 1/200 has an eighth to a half of the error of 1/100 for twice the time; 1/400
 # has a quarter to two thirds of that for another two and a half times.
 DOWNSAMPLING = 1.0 / 200.0
-# The manual's voxels are four of its thinning steps (1.0 and 0.25); of 0.02, 0.05 and 0.1 of the size, 0.02 is best.
+# The manual's voxels are four downsampling lengths (1.0 and 0.25); of 0.02, 0.05 and 0.1 of the size, 0.02 is best.
 VOXELS = 4.0 * DOWNSAMPLING
-# The manual's end of iterations: 0.1 degrees, and 1e-3 m with points thinned to 0.25 m. Finer ends gained nothing.
+# The manual's stopping rule: 0.1 degrees, and 1e-3 m with downsampling to 0.25 m. Finer ones gained nothing.
 ROTATION_EPSILON = np.deg2rad(0.1)
 TRANSLATION_EPSILON = DOWNSAMPLING * 1e-3 / 0.25
 # The default is 20; "ICP" needs more on parts, the others stop long before.
 ITERATIONS = 100
 # Default of `preprocess_points`.
 NEIGHBOURS = 10
-# Same loop: the cap and not the stopping rule decides.
-TIGHT = 1e-9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,38 +39,39 @@ class SmallGicp:
     name: str  # Shown in tables
     method: Literal["ICP", "PLANE_ICP", "GICP", "VGICP"]  # ``registration_type`` of the manual
     needs: tuple[str, ...] = ("small-gicp",)
-    from_nothing: bool = False
+    needs_initial_pose: bool = True
     settings: tuple[Setting, ...] = ("manual", "same-loop")
 
-    def register(self, task: Task) -> Attempt:
+    def register(self, task: Task) -> EngineOutput:
         """Do the task; see `dqreg.compare.engines.Engine.register`."""
-        gicp = load_peer("small_gicp", "small-gicp")
+        gicp = load_package("small_gicp", "small-gicp")
         return timed(self, task, lambda clock, settings: self._work(gicp, task, clock, settings), (RuntimeError,))
 
-    def _work(self, gicp: ModuleType, task: Task, clock: Clock, settings: dict[str, Any]) -> Found:
+    def _work(self, gicp: ModuleType, task: Task, clock: RunClock, settings: dict[str, Any]) -> EngineOutput:
         settings.update(limits(task, self.method))
         with silent():
             with clock.preparing():
-                target, tree = prepared(gicp, target_cloud(task, settings).points, settings)
-                place: tuple[Any, ...] = (target,)
+                target, tree = preprocess(gicp, target_cloud(task, settings).points, settings)
+                goal = target
                 if self.method == "VGICP":
-                    place = (gicp.GaussianVoxelMap(settings["voxel_resolution"]),)
-                    place[0].insert(target)
-            source, _ = prepared(gicp, source_cloud(task).points, settings)
+                    goal = gicp.GaussianVoxelMap(settings["voxel_resolution"])
+                    goal.insert(target)
+            source, _ = preprocess(gicp, source_cloud(task).points, settings)
             kind = {} if self.method == "VGICP" else {"target_tree": tree, "registration_type": self.method}
             result = gicp.align(
-                *place,
+                goal,
                 source,
                 **kind,
-                init_T_target_source=start_of(task),
+                init_T_target_source=initial_pose(task),
                 max_correspondence_distance=settings["max_correspondence_distance"],
                 num_threads=settings["num_threads"],
                 max_iterations=settings["max_iterations"],
                 rotation_epsilon=settings["rotation_epsilon"],
                 translation_epsilon=settings["translation_epsilon"],
             )
-        words = f"{'converged' if result.converged else 'not converged'}, {result.num_inliers} of {source.size()} pairs"
-        return Found(np.array(result.T_target_source), words, int(result.iterations))
+        ended = "converged" if result.converged else "not converged"
+        self_report = f"{ended}, {result.num_inliers} of {source.size()} correspondences"
+        return EngineOutput(np.array(result.T_target_source), self_report, int(result.iterations))
 
 
 def limits(task: Task, method: str) -> dict[str, Any]:
@@ -83,17 +83,17 @@ def limits(task: Task, method: str) -> dict[str, Any]:
         "downsampling_resolution": None if same else DOWNSAMPLING * size,
         "num_neighbors": NEIGHBOURS,
         "num_threads": task.threads,
-        "max_correspondence_distance": float(task.max_distance or 0.0) if same else REACH * size,
+        "max_correspondence_distance": float(task.max_distance or 0.0) if same else MAX_DISTANCE * size,
         "max_iterations": int(task.max_iterations or 0) if same else ITERATIONS,
-        "rotation_epsilon": TIGHT if same else float(ROTATION_EPSILON),
-        "translation_epsilon": (TIGHT if same else TRANSLATION_EPSILON) * size,
+        "rotation_epsilon": SAME_LOOP_TOLERANCE if same else float(ROTATION_EPSILON),
+        "translation_epsilon": (SAME_LOOP_TOLERANCE if same else TRANSLATION_EPSILON) * size,
     }
     if method == "VGICP":
         chosen["voxel_resolution"] = VOXELS * size
     return chosen
 
 
-def prepared(gicp: ModuleType, points: FloatArray, settings: dict[str, Any]) -> tuple[Any, Any]:
+def preprocess(gicp: ModuleType, points: FloatArray, settings: dict[str, Any]) -> tuple[Any, Any]:
     """A cloud with normals and covariances, and its tree."""
     if settings["downsampling_resolution"] is not None:
         cloud, tree = gicp.preprocess_points(

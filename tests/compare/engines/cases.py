@@ -7,7 +7,7 @@ import functools
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from dqreg.compare.engines import ENGINES, Attempt, Task
+from dqreg.compare.engines import ENGINES, EngineOutput, Task
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.rigid import pose, twist
 from dqreg.synth import disturbance
@@ -85,7 +85,7 @@ def task(name: str, setting: str = "manual", **changes: object) -> Task:
 
 
 @functools.cache
-def attempt(name: str, setting: str) -> Attempt:
+def attempt(name: str, setting: str) -> EngineOutput:
     return ENGINES[name].register(task(name, setting))
 
 

@@ -56,7 +56,7 @@ def test_near_start_gives_the_true_pose_and_not_its_inverse(name: str, setting: 
 
 
 @pytest.mark.parametrize(("name", "setting"), RUNS)
-def test_attempt_is_complete(name: str, setting: str) -> None:
+def test_output_is_complete(name: str, setting: str) -> None:
     have(name)
     done = attempt(name, setting)
     json.dumps(done.settings, allow_nan=False)
@@ -71,7 +71,7 @@ def test_attempt_is_complete(name: str, setting: str) -> None:
             value = done.settings.get(key)
             if isinstance(value, (float, list)):
                 assert value in (0.1 * part().diagonal, [0.1 * part().diagonal])
-    elif not ENGINES[name].from_nothing or name.startswith("dqreg"):
+    elif ENGINES[name].needs_initial_pose or name.startswith("dqreg"):
         assert done.settings.get("start", "given") == "given"
 
 
@@ -187,7 +187,7 @@ def test_nothing_near_is_nan_and_said(name: str) -> None:
     far = pose.from_parts(np.eye(3), [1e3, 0.0, 0.0])
     done = ENGINES[name].register(task(name, "same-loop", start=far))
     assert np.isnan(done.T_target_source).all()
-    assert "correspondences" in done.claims or "raised" in done.claims
+    assert "correspondences" in done.self_report or "raised" in done.self_report
 
 
 def test_mesh_is_sampled_for_those_that_take_clouds() -> None:
@@ -201,13 +201,13 @@ def test_mesh_is_sampled_for_those_that_take_clouds() -> None:
     assert "target_samples" not in ENGINES["dqreg"].register(task("", target=part())).settings
 
 
-def test_ours_finds_the_pose_from_nothing() -> None:
-    # The engines that always start from nothing do so in every test here.
+def test_ours_needs_no_initial_pose() -> None:
+    # The engines that take no initial pose do so in every test here.
     assert error(ENGINES["dqreg"].register(task("dqreg", start=None)).T_target_source) < TOLERANCES["dqreg"]
 
 
 def test_tasks_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(InputError, match="needs a start"):
+    with pytest.raises(InputError, match="needs an initial pose"):
         ENGINES["open3d point-to-plane"].register(task("", start=None))
     with pytest.raises(InputError, match="takes part in manual only"):
         ENGINES["dqreg"].register(task("", "same-loop"))

@@ -7,13 +7,12 @@ import sys
 import numpy as np
 import pytest
 
-import dqreg
 from dqreg._open3d import load_open3d
-from dqreg.compare.engines import ENGINES, FunctionEngine, available, engine, missing
+from dqreg.compare.engines import ENGINES, EngineOutput, Task, available, engine, missing
 from dqreg.compare.engines import simpleicp as simpleicp_
-from dqreg.compare.engines.harness import limited, load_peer, silent
-from dqreg.errors import InputError, MissingDependencyError
-from tests.compare.engines.cases import error, task
+from dqreg.compare.engines.harness import limited, silent
+from dqreg.errors import InputError, MissingDependencyError, load_package
+from tests.compare.engines.cases import task
 
 HIDDEN = {
     "small_gicp gicp": ("small_gicp", "small-gicp"),
@@ -24,26 +23,19 @@ HIDDEN = {
 }
 
 
-def with_icp(given: dqreg.compare.engines.Task) -> np.ndarray:
-    return dqreg.register(given.source, given.target, given.start, method="svd").T_target_source
+class Mine:
+    name = "mine"
+
+    def register(self, task: Task) -> EngineOutput:
+        return EngineOutput(np.eye(4))
 
 
 def test_names_and_objects_are_both_engines() -> None:
     assert engine("dqreg") is ENGINES["dqreg"]
-    mine = FunctionEngine("mine", with_icp, parameters={"method": "svd"})
+    mine = Mine()
     assert engine(mine) is mine
     with pytest.raises(InputError, match="not an engine"):
         engine(3)  # type: ignore[arg-type]
-
-
-def test_a_function_is_an_engine() -> None:
-    done = engine(FunctionEngine("mine", with_icp, parameters={"method": "svd"})).register(task("mine"))
-    assert error(done.T_target_source) < 5e-3
-    assert done.settings["method"] == "svd"
-    assert np.isnan(done.prepare_seconds)
-    assert np.isnan(FunctionEngine("lost", lambda given: None).register(task("lost")).T_target_source).all()
-    with pytest.raises(InputError, match="4x4"):
-        FunctionEngine("wrong", lambda given: np.eye(3)).register(task("wrong"))
 
 
 def test_unknown_name_suggests_the_nearest() -> None:
@@ -84,7 +76,7 @@ def test_peer_that_is_there_but_broken_says_so(tmp_path, monkeypatch: pytest.Mon
     (tmp_path / "broken_peer.py").write_text("import no_such_part\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(MissingDependencyError, match=r"broken-peer cannot load.*no_such_part"):
-        load_peer("broken_peer", "broken-peer")
+        load_package("broken_peer", "broken-peer")
 
 
 def test_simpleicp_refuses_a_pandas_it_cannot_use(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -77,7 +77,7 @@ NO_LENGTHS = {
         open3d_tensor.scales,
         simpleicp_.limits,
         lambda given: open3d_icp.criteria(given, task_size(given), 30),
-        lambda given: {"max_distance": open3d_icp.pair_distance(given, task_size(given))},
+        lambda given: {"max_distance": open3d_icp.max_distance(given, task_size(given))},
     ],
     ids=["kiss-icp", "small_gicp", "tensor", "simpleicp", "open3d criteria", "open3d distance"],
 )
@@ -107,7 +107,7 @@ def test_settings_hold_every_number_of_the_call(name: str, monkeypatch: pytest.M
     if lacking:
         pytest.skip(f"not installed: pip install {' '.join(lacking)}")
     heard: list[float] = []
-    for door in ("load_open3d", "load_peer"):
+    for door in ("load_open3d", "load_package"):
         if hasattr(SPIED[name], door):
             opened = getattr(SPIED[name], door)
             monkeypatch.setattr(SPIED[name], door, lambda *args, opened=opened: Spy(opened(*args), heard))

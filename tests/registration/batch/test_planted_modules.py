@@ -87,12 +87,13 @@ def test_a_comparison_imports_nothing_of_the_working_folder(planted, tmp_path, f
     # An engine of the script itself is found as well.
     program = (
         f"import sys\nsys.path.insert(1, {str(ROOT)!r})\n"
-        "import numpy as np\nfrom dqreg.compare import Rules, compare\nfrom dqreg.synth import demo_case, load_case\n"
+        "import numpy as np\nfrom dqreg.compare import Protocol, compare\n"
+        "from dqreg.synth import demo_case, load_case\n"
         "class Knowing:\n    name = 'knowing'\n"
         "    def register(self, task):\n        return load_case(demo_case()).T_target_source\n"
         "if __name__ == '__main__':\n"
-        "    rules = Rules(settings=('manual',), repeats=1, isolate=True)\n"
-        "    print([run.success for run in compare(demo_case(), ['dqreg', Knowing()], rules=rules).runs])\n"
+        "    protocol = Protocol(settings=('manual',), repeats=1, isolate=True)\n"
+        "    print([run.success for run in compare(demo_case(), ['dqreg', Knowing()], protocol=protocol).runs])\n"
     )
     run = ran(tmp_path, working, program, flags=flags)
     assert marked(marks) == []
