@@ -15,9 +15,9 @@ from dqreg.registration.assess import Outcome, from_work
 from dqreg.registration.initial_pose import Searching
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
-from dqreg.search.flips import flipped
-from dqreg.search.mirrors import gain_of_mirror
-from dqreg.search.scoring import weigh_up
+from dqreg.search.near_symmetry import flipped, gain_of_mirror
+from dqreg.search.poses import Poses
+from dqreg.search.scoring import score_poses
 from dqreg.trust.records import Alternative
 
 # Patches of points off the target, or points that face another way, beyond which the pose is doubted enough to look
@@ -99,6 +99,6 @@ def _gain(first: Outcome, second: Outcome) -> tuple[float, float]:
     points = first.scan.points[sample_rows(len(first.scan), JUDGES)]
     surface = first.surface
     floor = width_floor(first.scan, surface)
-    judgement = weigh_up(poses[:, :3, :3], poses[:, :3, 3], points, surface, 0.25 * first.plan.max_distance, floor)
-    means = judgement.means
-    return float(means[1] - means[0]), float(np.sqrt((judgement.distances[1] ** 2).mean()))
+    scores = score_poses(Poses.of(poses), points, surface, 0.25 * first.plan.max_distance, floor)
+    means = scores.means
+    return float(means[1] - means[0]), float(np.sqrt((scores.distances[1] ** 2).mean()))

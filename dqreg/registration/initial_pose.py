@@ -16,7 +16,7 @@ from dqreg.registration.assess import from_work, to_work
 from dqreg.registration.constraints import Known
 from dqreg.registration.options import Options
 from dqreg.registration.target_index import TargetIndex
-from dqreg.search import Candidate, Stage, search
+from dqreg.search import Candidate, Stage, search, symmetry_words
 from dqreg.trust.records import Alternative
 
 # How near the search for a start comes, in diagonals of the target.
@@ -73,7 +73,12 @@ def begin(T_start: FloatArray | None, searching: Searching, origin_source: Float
     if not found:
         return Beginning(np.eye(4), searched="judged")
     others = tuple(
-        Alternative(from_work(c.T_target_source, origin, origin_source), c.rms, c.symmetry) for c in found[1:]
+        Alternative(
+            from_work(c.T_target_source, origin, origin_source),
+            c.rms,
+            symmetry_words(c.symmetry.moved(origin)) if c.symmetry else "",
+        )
+        for c in found[1:]
     )
     # The search has looked at the whole of both sides: what is left is to come near.
     width = searching.width if found[0].stage == "judged" else None

@@ -19,8 +19,7 @@ from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.voxels import EvenCloud, even_size
 from dqreg.registration.source import moved, require_spread
 from dqreg.search import PairTable
-from dqreg.search.flips import near_flips
-from dqreg.search.mirrors import near_mirrors
+from dqreg.search.near_symmetry import near_flips, near_mirrors
 
 
 @dataclasses.dataclass(frozen=True)

@@ -25,6 +25,19 @@ def about_axis(axis: FloatArray, angle_rad: ArrayLike) -> FloatArray:
     return np.asarray(np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K))
 
 
+def angle_of(R: FloatArray) -> float:
+    """Angle of a rotation matrix, (3, 3), radians."""
+    # By the chord: exact for small angles, where the cosine is not.
+    return float(2.0 * np.arcsin(min(np.linalg.norm(R - np.eye(3)) / np.sqrt(8.0), 1.0)))
+
+
+def axis_of(R: FloatArray) -> FloatArray:
+    """Axis of a rotation matrix, its largest component positive, (3,)."""
+    # The axis is the main eigenvector of R + R^T, for half-turns as well.
+    axis = np.linalg.eigh(R + R.T)[1][:, 2]
+    return np.asarray(axis * np.sign(axis[np.abs(axis).argmax()]))
+
+
 def from_rotation_vector(w: FloatArray) -> FloatArray:
     """Rotations by rotation vectors (..., 3)."""
     angle_rad, skew, square = _cross_powers(w)

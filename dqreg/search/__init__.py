@@ -1,12 +1,11 @@
-"""Where to begin when no start is known."""
+"""Global registration: initial poses without a guess, and the symmetries that make them ambiguous."""
 
 from __future__ import annotations
 
-from dqreg.search.axes import propose_turns
+from dqreg.rigid.symmetry import Axis, Symmetry
 from dqreg.search.pairs import PairTable
-from dqreg.search.poses import Stage
 from dqreg.search.search import Candidate, search
-from dqreg.search.self_maps import find_symmetry
-from dqreg.search.symmetry import Axis, Symmetry
+from dqreg.search.stages import Stage
+from dqreg.search.symmetry import find_symmetry, symmetry_words
 
-__all__ = ["Axis", "Candidate", "PairTable", "Stage", "Symmetry", "find_symmetry", "propose_turns", "search"]
+__all__ = ["Axis", "Candidate", "PairTable", "Stage", "Symmetry", "find_symmetry", "search", "symmetry_words"]

@@ -1,7 +1,6 @@
-"""A start from nothing: centre on centre and principal axes on principal axes, in all 24 proper turns.
+"""Initial poses from moments: centre on centre and principal axes on principal axes, in all 24 ways.
 
-It needs a scan that shows enough of the part for its axes to mean something; a scan of one side, or of a scene, does
-not: those are for `dqreg.search.pairs`.
+They need a scan of most of the part; for a scan of one side, or of a scene, there is `dqreg.search.pairs`.
 """
 
 from __future__ import annotations
@@ -12,29 +11,26 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, PointCloud, Scan
-from dqreg.rigid import pose
+from dqreg.search.poses import Poses
 
 
-def propose_turns(scan: Scan, target: PointCloud | Mesh) -> list[FloatArray]:
-    """Start poses that put centre on centre and principal axes on principal axes."""
+def axis_hypotheses(scan: Scan, target: PointCloud | Mesh) -> Poses:
+    """Initial poses that put centre on centre and principal axes on principal axes."""
     source_mean, source_axes = principal_axes(*moments(scan))
     target_mean, target_axes = principal_axes(*moments(target))
-    poses = []
-    for turn in proper_turns():
-        R = target_axes @ turn @ source_axes.T
-        poses.append(pose.from_parts(R, target_mean - R @ source_mean))
-    return poses
+    R = [target_axes @ turn @ source_axes.T for turn in cube_rotations()]
+    return Poses(np.array(R), np.array([target_mean - each @ source_mean for each in R]))
 
 
-def proper_turns() -> list[FloatArray]:
+def cube_rotations() -> list[FloatArray]:
     """The 24 rotations that map the coordinate axes onto each other, (3, 3) each."""
-    turns = []
+    found = []
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
             R = np.eye(3)[list(order)] * np.array(signs)
             if np.linalg.det(R) > 0.0:
-                turns.append(R)
-    return turns
+                found.append(R)
+    return found
 
 
 def principal_axes(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,8 +1,8 @@
-"""Start poses from matched features: two clouds that overlap only in part share few pairs, but many local shapes.
+"""Initial poses from matched features: two clouds that overlap only in part share few pairs, but many local shapes.
 
-Fast point feature histograms (Rusu 2009, from Open3D) tell which places may be the same; most of what they say is
-wrong. Two right matches keep their distance and the angles of their normals, and share many third matches that do so
-with both (SC2-PCR, Chen 2022): such pairs and triples go into the closed form.
+Fast point feature histograms (Rusu 2009, from Open3D) are matched; most matches are outliers. Two inliers keep their
+distance and the angle of their normals, and share many third matches that do so with both (SC2-PCR, Chen 2022): such
+pairs and triples go into the closed form.
 """
 
 from __future__ import annotations
@@ -18,61 +18,61 @@ from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes, sample_rows
 from dqreg.search.grids import Single
+from dqreg.search.pairs import NORMALS_RAD
+from dqreg.search.poses import Poses
 from dqreg.solvers import solve_many
 from dqreg.solvers.oriented_pairs import OrientedPairs, poses_from_pairs
 
-# Places that are described, and radius of a histogram, in voxels; a voxel in sizes of the smaller side.
-PLACES, RADIUS, VOXEL = 5_000, 5.0, 1.0 / 60.0
-# Neighbours of a normal, and those that its sign is handed on to.
-NEIGHBOURS, HANDED = 30, 10
+# Points with a histogram, and its radius in voxels; a voxel in sizes of the smaller side.
+POINTS, RADIUS, VOXEL = 5_000, 5.0, 1.0 / 60.0
+# Neighbours of a normal, and those that its sign is propagated to.
+NEIGHBOURS, SIGN_NEIGHBOURS = 30, 10
 # Matches that are compared with each other; how far two may change their distance, in voxels, and shortest distance.
 MATCHES, STRETCH, SHORTEST = 1_000, 1.5, 6.0
-# Normals of a pair may change their angles by so much, signs aside.
-ANGLE_RAD = 0.45
-# Matches that go first, partners of each, and others that make a triple with both.
-LEADERS, PARTNERS, THIRDS = 150, 8, 3
+# Matches that most others support, partners of each, and others that make a triple with both.
+SEEDS, PARTNERS, THIRDS = 150, 8, 3
 
 
 @dataclasses.dataclass(frozen=True)
-class Described:
-    """Places of a cloud with their normals and histograms."""
+class FpfhCloud:
+    """Points of a cloud with their normals and feature histograms."""
 
-    # points, normals: (n, 3): Places, a voxel apart; normals of consistent sign where they could be made so
+    # points, normals: (n, 3): Points, a voxel apart; normals of consistent sign where they could be made so
     points: FloatArray
     normals: FloatArray
-    # around, slopes: (m, 3): All places and normals that the histograms are made of; those kept are among them
-    around: FloatArray
-    slopes: FloatArray
-    kept: IntArray  # (n,): Their rows there
+    # all_points, all_normals: (m, 3): What the histograms are made of
+    all_points: FloatArray
+    all_normals: FloatArray
+    kept: IntArray  # (n,): Rows of ``points`` there
     radius: float  # Of a histogram
 
     @cached_property
     def histograms(self) -> FloatArray:
         """Fast point feature histograms, (n, 33)."""
-        return _histograms(self.around, self.slopes, self.radius)[self.kept]
+        return _histograms(self.all_points, self.all_normals, self.radius)[self.kept]
 
     @cached_property
-    def against(self) -> FloatArray:
-        """The same for all normals turned round, (n, 33): which of both is right, only the other side knows."""
-        return _histograms(self.around, -self.slopes, self.radius)[self.kept]
+    def opposite_histograms(self) -> FloatArray:
+        """The same for all normals reversed, (n, 33): which of both matches, only the other side decides."""
+        return _histograms(self.all_points, -self.all_normals, self.radius)[self.kept]
 
     @staticmethod
-    def of(points: FloatArray, voxel: float, normals: FloatArray | None = None) -> Described:
-        """Describe a cloud."""
-        rows = one_a_voxel(points, voxel)
+    def of(points: FloatArray, voxel: float, normals: FloatArray | None = None) -> FpfhCloud:
+        """Points, normals and histograms of a cloud."""
+        rows = first_in_voxels(points, voxel)
         rows = rows[morton_order(points[rows])]
-        places = points[rows]
+        points = points[rows]
         if normals is None:
-            tree = NeighbourTree(places)
-            fitted = np.nan_to_num(fit_planes(tree, places, places, NEIGHBOURS).normals)
-            normals = with_one_sign(fitted, tree.nearest(places, HANDED)[0])
+            tree = NeighbourTree(points)
+            fitted = np.nan_to_num(fit_planes(tree, points, points, NEIGHBOURS).normals)
+            normals = orient_consistently(fitted, tree.nearest(points, SIGN_NEIGHBOURS)[0])
         else:
             normals = normals[rows]
-        kept = sample_rows(len(places), PLACES)
-        return Described(places[kept], normals[kept], places, normals, kept, RADIUS * voxel)
+        kept = sample_rows(len(points), POINTS)
+        return FpfhCloud(points[kept], normals[kept], points, normals, kept, RADIUS * voxel)
 
 
-def one_a_voxel(points: FloatArray, voxel: float) -> IntArray:
+def first_in_voxels(points: FloatArray, voxel: float) -> IntArray:
     """Rows of the first point in each voxel, ascending."""
     cells = ((points - bounds(points)[0]) / voxel).astype(np.int64)
     shape = cells.max(axis=0) + 1
@@ -81,8 +81,8 @@ def one_a_voxel(points: FloatArray, voxel: float) -> IntArray:
     return rows
 
 
-def with_one_sign(normals: FloatArray, neighbours: IntArray) -> FloatArray:
-    """Normals whose signs agree with their neighbours', handed on along a tree of the most alike (Hoppe 1992).
+def orient_consistently(normals: FloatArray, neighbours: IntArray) -> FloatArray:
+    """Normals whose signs agree with their neighbours', propagated along a minimum spanning tree (Hoppe 1992).
 
     Shapes: neighbours (n, k).
     """
@@ -107,9 +107,9 @@ def with_one_sign(normals: FloatArray, neighbours: IntArray) -> FloatArray:
     return normals * sign[:, None]
 
 
-def matched(source: FloatArray, target: FloatArray) -> tuple[IntArray, IntArray]:
-    """Rows that are each other's nearest histograms, and, where these are few, all nearest ones."""
-    # Roots of shares: differences of small bins count as well (Hellinger).
+def match_features(source: FloatArray, target: FloatArray) -> tuple[IntArray, IntArray]:
+    """Rows of mutual nearest histograms, and, where these are few, of all nearest ones."""
+    # Roots of fractions: differences of small bins count as well (Hellinger).
     a, b = (np.sqrt(x / np.maximum(x.sum(axis=1, keepdims=True), 1e-12)).astype(np.float32) for x in (source, target))
     likeness = a @ b.T
     there, back = likeness.argmax(axis=1), likeness.argmax(axis=0)
@@ -119,42 +119,35 @@ def matched(source: FloatArray, target: FloatArray) -> tuple[IntArray, IntArray]
     return order, there[order]
 
 
-def match_hypotheses(
-    source: Described, target: Described, voxel: float, signs_known: bool = False
-) -> tuple[FloatArray, FloatArray]:
-    """Poses from pairs and triples of matches that agree with each other and with many others.
-
-    Shapes: R (n, 3, 3).
-    """
-    found = [_from_matches(source, target, *matched(source.histograms, target.histograms), voxel)]
+def match_hypotheses(source: FpfhCloud, target: FpfhCloud, voxel: float, signs_known: bool = False) -> Poses:
+    """Poses from pairs and triples of matches that are consistent with each other and with many others."""
+    found = _from_matches(source, target, *match_features(source.histograms, target.histograms), voxel)
     if not signs_known:
-        found.append(_from_matches(source, target, *matched(source.against, target.histograms), voxel))
-    return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])
+        matches = match_features(source.opposite_histograms, target.histograms)
+        found = found + _from_matches(source, target, *matches, voxel)
+    return found
 
 
-def _from_matches(
-    source: Described, target: Described, i: IntArray, j: IntArray, voxel: float
-) -> tuple[FloatArray, FloatArray]:
+def _from_matches(source: FpfhCloud, target: FpfhCloud, i: IntArray, j: IntArray, voxel: float) -> Poses:
     p, q = source.points[i], target.points[j]
-    agree = _agreement(p, q, source.normals[i], target.normals[j], voxel)
+    agree = _consistency(p, q, source.normals[i], target.normals[j], voxel)
     # How many third matches agree with both, where both agree.
     shared = agree * (agree @ agree)
-    leaders = np.argsort(-shared.sum(axis=1), kind="stable")[:LEADERS]
-    partners = _largest(shared[leaders], PARTNERS)
-    first, second = np.repeat(leaders, partners.shape[1]), partners.ravel()
+    seeds = np.argsort(-shared.sum(axis=1), kind="stable")[:SEEDS]
+    partners = _largest(shared[seeds], PARTNERS)
+    first, second = np.repeat(seeds, partners.shape[1]), partners.ravel()
     sound = shared[first, second] > 0.0
     first, second = first[sound], second[sound]
     if not len(first):
-        return np.zeros((0, 3, 3)), np.zeros((0, 3))
+        return Poses.of(np.zeros((0, 4, 4)))
     pairs = OrientedPairs.of(p, source.normals[i], first, second), OrientedPairs.of(q, target.normals[j], first, second)
-    R, t = poses_from_pairs(*pairs)
+    poses = Poses(*poses_from_pairs(*pairs))
     thirds = _largest(shared[first] * agree[second], THIRDS)
     count = thirds.shape[1]
     triples = np.stack([np.repeat(first, count), np.repeat(second, count), thirds.ravel()], axis=1)
     sound = (agree[triples[:, 0], triples[:, 2]] > 0.0) & (agree[triples[:, 1], triples[:, 2]] > 0.0)
     fits = solve_many(p[triples[sound]], q[triples[sound]])
-    T = fits.T_target_source[~fits.degenerate]
-    return np.concatenate([R, T[:, :3, :3]]), np.concatenate([t, T[:, :3, 3]])
+    return poses + Poses.of(fits.T_target_source[~fits.degenerate])
 
 
 def _largest(values: Single, count: int) -> IntArray:
@@ -163,8 +156,8 @@ def _largest(values: Single, count: int) -> IntArray:
     return np.argpartition(-values, count - 1, axis=1)[:, :count]
 
 
-def _agreement(p: FloatArray, q: FloatArray, n: FloatArray, m: FloatArray, voxel: float) -> Single:
-    """1 where two matches may both be right, (k, k), single precision."""
+def _consistency(p: FloatArray, q: FloatArray, n: FloatArray, m: FloatArray, voxel: float) -> Single:
+    """1 where two matches may both be inliers, (k, k), single precision."""
     lengths, angles = [], []
     for points, normals in ((p, n), (q, m)):
         arms, directions = (points - points.mean(axis=0)).astype(np.float32), normals.astype(np.float32)
@@ -172,7 +165,7 @@ def _agreement(p: FloatArray, q: FloatArray, n: FloatArray, m: FloatArray, voxel
         lengths.append(np.sqrt(np.maximum(squared[:, None] + squared[None, :] - 2.0 * arms @ arms.T, 0.0)))
         angles.append(np.arccos(np.clip(np.abs(directions @ directions.T), 0.0, 1.0)))
     agree = (np.abs(lengths[0] - lengths[1]) < STRETCH * voxel) & (np.minimum(*lengths) > SHORTEST * voxel)
-    agree &= np.abs(angles[0] - angles[1]) < ANGLE_RAD
+    agree &= np.abs(angles[0] - angles[1]) < NORMALS_RAD
     both: Single = agree.astype(np.float32)
     return both
 

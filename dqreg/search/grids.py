@@ -1,18 +1,16 @@
-"""Screening: how well tens of thousands of poses explain a few scan points, by looking distances up in a grid.
+"""Regular grids, on which tens of thousands of poses are screened by a few points each.
 
-The surface as a grid knows it: the tangent plane at the place closest to the nearest node, looked up, not searched.
-
-While a pose is still a hundredth of the size off, that is as good as the closest place itself, for a hundredth of the
-time.
-
-The other way round: how much of the target lies on the scan. It tells a part in a scene from a part on its table.
-
-A scan that is a scene, or that overlaps a cloud only in part, has most of its points elsewhere: whatever pose puts a
-large face of it on a large face of the target looks good from its side alone.
+- `DistanceGrid`: the distance to the target at the nearest node.
+- `PlaneGrid`: the tangent plane at the point closest to the nearest node. While a pose is still a hundredth of the
+  size off, that is as good as the closest point itself, for a hundredth of the time.
+- `OccupancyGrid`: the other way round, how much of the target lies on the scan. A scan that is a scene, or that
+  overlaps a cloud only in part, has most of its points elsewhere: by these alone, any pose that puts a large face on a
+  large face of the target scores well.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Callable
 
@@ -23,17 +21,19 @@ from dqreg._arrays import FloatArray, IntArray, bounds
 from dqreg.geometry import Surface
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.surface import Closest, Hint
+from dqreg.search.oriented_points import OrientedPoints
+from dqreg.search.poses import Poses
 
 # Single precision: a hundredth of a cell is all that is needed.
 Single = npt.NDArray[np.float32]
 # Nodes of a grid, and room around the target in sizes.
 NODES, MARGIN = 300_000, 0.05
-# Poses looked at in one step: bounds the memory, and what is looked up stays in the cache.
+# Poses scored in one step: bounds the memory, and what is looked up stays in the cache.
 CHUNK = 1_024
 
 
-class Lattice:
-    """Regular nodes in a box; what is known at each is looked up at the nearest one."""
+class Grid:
+    """Regular nodes in a box; values are looked up at the nearest one."""
 
     def __init__(self, low: FloatArray, high: FloatArray, cell: float) -> None:
         self.low, self.cell = low, cell
@@ -45,14 +45,12 @@ class Lattice:
         return int(np.prod(self.shape))
 
     def nodes(self, points: FloatArray) -> IntArray:
-        """Nearest node of each place, (n,); the number of all nodes stands for "outside"."""
+        """Nearest node of each point, (n,); the number of all nodes stands for "outside"."""
         return self._flat(((points - self.low) / self.cell + 0.5).astype(np.float32).T)
 
-    def mean_gains(self, R: FloatArray, t: FloatArray, points: FloatArray, gains: Single) -> FloatArray:
-        """Mean gain of the points under each pose, (n,).
-
-        Shapes: R (n, 3, 3), gains (count + 1,).
-        """
+    def mean_gains(self, poses: Poses, points: FloatArray, gains: Single) -> FloatArray:
+        """Mean gain of the points under each pose, (n,); gains (count + 1,)."""
+        R, t = poses.R, poses.t
         if not len(points):
             return np.zeros(len(R))
         parts = [self._chunk(R[i : i + CHUNK], t[i : i + CHUNK], points, gains) for i in range(0, len(R), CHUNK)]
@@ -67,7 +65,7 @@ class Lattice:
         return mean
 
     def _flat(self, moved: Single) -> IntArray:
-        """Row of the node, of places in cells, (3, ...)."""
+        """Row of the node, of points in cells, (3, ...)."""
         inside = (moved >= 0.0).all(axis=0)
         node = np.where(inside, moved, np.float32(0.0)).astype(np.int32)
         for k in range(3):
@@ -76,7 +74,7 @@ class Lattice:
         return np.where(inside, flat, np.int32(self.count))
 
 
-class DistanceGrid(Lattice):
+class DistanceGrid(Grid):
     """Distances on a regular grid, looked up at the nearest node."""
 
     def __init__(
@@ -89,47 +87,37 @@ class DistanceGrid(Lattice):
         places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         self.distances = distance(places).astype(np.float32)
 
-    def scores(self, R: FloatArray, t: FloatArray, points: FloatArray, reach: float) -> FloatArray:
-        """Mean of ``1 - (d / reach)^2`` over the points, 0 beyond the reach, for each pose.
-
-        Shapes: R (n, 3, 3).
-        """
+    def scores(self, poses: Poses, points: FloatArray, reach: float) -> FloatArray:
+        """Mean of ``1 - (d / reach)^2`` over the points, 0 beyond the reach, for each pose, (n,)."""
         gains = np.append(np.maximum(1.0 - (self.distances / np.float32(reach)) ** 2, 0.0), np.float32(0.0))
-        return self.mean_gains(R, t, points, gains)
+        return self.mean_gains(poses, points, gains)
 
 
-def distinct(R: FloatArray, t: FloatArray, middle: FloatArray, angle_rad: float, offset: float, most: int) -> IntArray:
-    """Rows of the first poses that differ from all kept before them.
+@dataclasses.dataclass(frozen=True)
+class Edges:
+    """Points at the edges of a target, to be asked for the closest one exactly or on a grid."""
 
-    Shapes: R (n, 3, 3).
-    """
-    places = R @ middle + t
-    alive = np.ones(len(R), dtype=bool)
-    kept: list[int] = []
-    while alive.any() and len(kept) < most:
-        k = int(alive.argmax())
-        kept.append(k)
-        # |R_a - R_b| in the Frobenius norm is 2 sqrt(2) sin(angle / 2).
-        chord = np.linalg.norm((R - R[k]).reshape(len(R), 9), axis=1)
-        same = (chord < 2.0 * np.sqrt(2.0) * np.sin(0.5 * angle_rad)) & (
-            np.linalg.norm(places - places[k], axis=1) < offset
-        )
-        alive &= ~same
-        alive[k] = False
-    return np.array(kept, dtype=np.int64)
+    points: FloatArray  # (m, 3), m > 0
+    tree: NeighbourTree
+    grid: DistanceGrid
+
+    @staticmethod
+    def of(points: FloatArray, low: FloatArray, high: FloatArray, size: float) -> Edges:
+        """Edge points of a target in a box."""
+        tree = NeighbourTree(points)
+        return Edges(points, tree, DistanceGrid(lambda nodes: tree.nearest(nodes, 1)[1][:, 0], low, high, size))
 
 
-# Nodes closer to the surface than this, in sizes, ask it; of the others a dense sample knows enough.
-ASKED = 0.025
+# At nodes closer to the surface than this, in sizes, planes are exact; at the others those of a dense sample do.
+EXACT_WITHIN = 0.025
 
 
 class PlaneGrid(DistanceGrid):
     """Distances and tangent planes on a regular grid."""
 
-    def __init__(
-        self, surface: Surface, places: FloatArray, normals: FloatArray, low: FloatArray, high: FloatArray
-    ) -> None:
+    def __init__(self, surface: Surface, even: OrientedPoints, low: FloatArray, high: FloatArray) -> None:
         self.diagonal, self.centre, self.oriented = surface.diagonal, surface.centre, surface.oriented
+        places, normals = even.points, even.directions
         tree = NeighbourTree(places)
         planes = np.zeros((0, 6), dtype=np.float32)
 
@@ -140,7 +128,7 @@ class PlaneGrid(DistanceGrid):
             planes = np.zeros((len(nodes) + 1, 6), dtype=np.float32)
             planes[:-1, :3], planes[:-1, 3:] = places[rows[:, 0]], normals[rows[:, 0]]
             distances = found[:, 0]
-            near = np.flatnonzero(distances < ASKED * surface.diagonal)
+            near = np.flatnonzero(distances < EXACT_WITHIN * surface.diagonal)
             asked = surface.closest(nodes[near])
             planes[near, :3], planes[near, 3:], distances[near] = asked.points, asked.normals, asked.distances
             return distances
@@ -154,7 +142,7 @@ class PlaneGrid(DistanceGrid):
         planes = self._planes[nodes].astype(np.float64)
         gap, normals = points - planes[:, :3], planes[:, 3:]
         height = np.einsum("ij,ij->i", gap, normals)
-        # The place is the node's: as far as the node may be aside, so far the place may be.
+        # The point is the node's: it may be as far aside as the node.
         aside = np.sqrt(np.maximum(np.einsum("ij,ij->i", gap, gap) - height**2, 0.0)) - self.cell
         distances = np.hypot(height, np.maximum(aside, 0.0))
         distances[nodes == len(self.distances)] = np.inf
@@ -167,7 +155,7 @@ CELL, CELLS = 0.02, 30_000_000
 GAINS = np.array([1.0, 0.7, 0.4, 0.3], dtype=np.float32)
 
 
-class Occupancy(Lattice):
+class OccupancyGrid(Grid):
     """Which cells of space hold points of a scan, their neighbours a little as well."""
 
     def __init__(self, points: FloatArray, size: float) -> None:
@@ -183,10 +171,6 @@ class Occupancy(Lattice):
         for step, beside in sorted(zip(steps @ strides, sides, strict=True), key=lambda pair: -int(pair[1])):
             self.gains[held + step] = GAINS[beside]
 
-    def scores(self, R: FloatArray, t: FloatArray, points: FloatArray) -> FloatArray:
-        """Mean gain of target points, moved onto the scan by the inverse of each pose.
-
-        Shapes: R (n, 3, 3).
-        """
-        back = R.transpose(0, 2, 1)
-        return self.mean_gains(back, -np.einsum("nij,nj->ni", back, t), points, self.gains)
+    def scores(self, poses: Poses, points: FloatArray) -> FloatArray:
+        """Mean gain of target points, moved onto the scan by the inverse of each pose, (n,)."""
+        return self.mean_gains(poses.inverse, points, self.gains)

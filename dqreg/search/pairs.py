@@ -1,7 +1,7 @@
-"""Start poses from pairs of oriented places: rare pairs of the scan, looked up among all pairs of the target.
+"""Initial poses from pairs of oriented points: rare pairs of the scan, looked up among all pairs of the target.
 
-Two places with directions fix a pose. The target's pairs are sorted by distance and angles; a pair of the scan that has
-few counterparts there says much, so rare ones go first. All hypotheses are solved at once.
+Two oriented points fix a pose. The target's pairs are sorted by distance and angles; a pair of the scan that has few
+counterparts there is discriminative, so rare ones go first. All hypotheses are solved at once.
 """
 
 from __future__ import annotations
@@ -12,28 +12,28 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg._arrays import BoolArray, IntArray, bounds
 from dqreg.geometry import Mesh, PointCloud, Surface
-from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.search.features import Features, even_places, target_features
-from dqreg.search.grids import DistanceGrid, PlaneGrid
-from dqreg.search.self_maps import find_symmetry
-from dqreg.search.symmetry import Symmetry
+from dqreg.rigid.symmetry import Symmetry
+from dqreg.search.features import even_points, target_features
+from dqreg.search.grids import Edges, PlaneGrid
+from dqreg.search.oriented_points import OrientedPoints
+from dqreg.search.poses import Poses
+from dqreg.search.symmetry import find_symmetry
 from dqreg.solvers.oriented_pairs import OrientedPairs, poses_from_pairs
 
-# Places of the target whose pairs are tabulated: their square is the table. They are drawn from so many.
+# Points of the target whose pairs are tabulated: their square is the table. They are drawn from so many.
 TABLE_POINTS, DENSE = 1_000, 20_000
 # Bins: distance in sizes, angles in radians.
 LENGTH_BIN, ANGLE_BIN = 0.02, 0.2
-# Shorter pairs fix the turn badly; a share of the size.
+# Shorter pairs constrain the rotation badly; in sizes.
 SHORTEST = 0.15
-# Below this cosine between direction and line, the sign of the direction cannot be turned with certainty: both are
-# tried.
+# Below this cosine between direction and line, the sign of the direction is uncertain: both are tried.
 LEAST_COSINE = 0.15
-# Directions that fix the turn about the line no better than this sine do not count.
+# Pairs in which either direction stands at a smaller sine to the line constrain the rotation about it too little.
 LEAST_SINE = 0.15
-# Largest angle between the other two directions, signs aside, once the pose is solved.
-AGREE_RAD = 0.45
+# Fitted normals of corresponding points differ by no more than this, signs aside.
+NORMALS_RAD = 0.45
 # Pairs drawn from the scan, pairs used of these, counterparts of each, at most.
 DRAWN, USED, COUNTERPARTS = 24_000, 3_000, 30
 # Draws at most where most pairs are too long, in multiples.
@@ -42,17 +42,16 @@ ROUNDS = 12
 
 @dataclasses.dataclass(frozen=True)
 class PairTable:
-    """All far-apart pairs of places of a target, sorted by key, and the grids for screening."""
+    """All far-apart pairs of points of a target, sorted by key, and the grids for screening."""
 
-    features: Features  # The places
-    # first, second: (n,): The pairs, rows of the places, in the order of their keys
+    points: OrientedPoints  # On faces, then at edges
+    # first, second: (n,): The pairs, rows of the points, in the order of their keys
     first: IntArray
     second: IntArray
     keys: IntArray  # (n,): Ascending
     size: float  # Diagonal of the target
     grid: PlaneGrid  # Distances to the target, and its tangent planes
-    edges: FloatArray  # (m, 3): Samples of the rims; may be empty
-    edge_grid: DistanceGrid | None  # Distances to the rims, where there are any
+    edges: Edges | None  # Edges of the target, where there are any
     target: PointCloud | Mesh  # The target
     surface: Surface  # The same
     _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
@@ -71,29 +70,26 @@ class PairTable:
     @staticmethod
     def of(target: PointCloud | Mesh, surface: Surface) -> PairTable:
         """Table of a target; the same target gives the same table."""
-        places, normals = even_places(target, surface, DENSE)
-        features, edges = target_features(target, places, normals, TABLE_POINTS)
-        # A target without a single normal has no features, but it has a size.
-        alone = target.vertices if isinstance(target, Mesh) else target.points
-        low, high = bounds(features.points if len(features.points) else alone)
-        first, second = np.nonzero(~np.eye(len(features.points), dtype=bool))
-        keys, usable = pair_keys(features, first, second, surface.diagonal)
+        even = even_points(target, surface, DENSE)
+        points, edges = target_features(target, even, TABLE_POINTS)
+        # A target without a single normal has no oriented points, but it has a size.
+        bare = target.vertices if isinstance(target, Mesh) else target.points
+        low, high = bounds(points.points if len(points) else bare)
+        first, second = np.nonzero(~np.eye(len(points), dtype=bool))
+        keys, usable = pair_keys(points, first, second, surface.diagonal)
         rows = np.flatnonzero(usable)
         rows = rows[np.argsort(keys[rows], kind="stable")]
-        grid = PlaneGrid(surface, places, normals, low, high)
-        edge_grid = None
-        if len(edges):
-            tree = NeighbourTree(edges)
-            edge_grid = DistanceGrid(lambda nodes: tree.nearest(nodes, 1)[1][:, 0], low, high, surface.diagonal)
+        grid = PlaneGrid(surface, even, low, high)
+        known = Edges.of(edges, low, high, surface.diagonal) if len(edges) else None
         first, second = first[rows], second[rows]
-        return PairTable(features, first, second, keys[rows], surface.diagonal, grid, edges, edge_grid, target, surface)
+        return PairTable(points, first, second, keys[rows], surface.diagonal, grid, known, target, surface)
 
 
-def pair_keys(places: Features, i: IntArray, j: IntArray, size: float) -> tuple[IntArray, np.ndarray]:
-    """One number per pair from its distance, its kinds and its three angles, all binned and without signs."""
+def pair_keys(oriented: OrientedPoints, i: IntArray, j: IntArray, size: float) -> tuple[IntArray, BoolArray]:
+    """One number per pair, of its distance and three angles, binned and without signs; and whether it is usable."""
     # Single precision is far finer than a bin.
-    points = (places.points / size).astype(np.float32)
-    directions = places.directions.astype(np.float32)
+    points = (oriented.points / size).astype(np.float32)
+    directions = oriented.directions.astype(np.float32)
     along = points[j] - points[i]
     length = np.sqrt(np.einsum("ij,ij->i", along, along))
     along /= np.maximum(length, 1e-6)[:, None]
@@ -110,52 +106,47 @@ def pair_keys(places: Features, i: IntArray, j: IntArray, size: float) -> tuple[
     return keys, usable
 
 
-def hypotheses(places: Features, table: PairTable, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Poses that put pairs of the scan on their counterparts of the target.
-
-    Shapes: R (n, 3, 3).
-    """
-    i, j, keys = _draw_pairs(places, table.size, rng)
+def pair_hypotheses(scan: OrientedPoints, table: PairTable, rng: np.random.Generator) -> Poses:
+    """Poses that put pairs of the scan on their counterparts of the target."""
+    i, j, keys = _draw_pairs(scan, table.size, rng)
     first, last = (np.searchsorted(table.keys, keys, side) for side in ("left", "right"))
     counts = last - first
     rare = np.argsort(np.where(counts > 0, counts, np.iinfo(np.int64).max), kind="stable")[:USED]
     rare = rare[counts[rare] > 0]
     taken = np.minimum(counts[rare], COUNTERPARTS)
     rows = np.repeat(rare, taken)
-    # Evenly through the counterparts, from a drawn place on: no order of the table is preferred.
+    # Evenly through the counterparts, from a drawn one on: no order of the table is preferred.
     step = np.arange(len(rows)) - np.repeat(np.cumsum(taken) - taken, taken)
     shift = np.repeat(rng.random(len(rare)), taken)
     counterpart = first[rows] + ((step + shift) * counts[rows] / np.repeat(taken, taken)).astype(np.int64)
-    source = OrientedPairs.of(places.points, places.directions, i[rows], j[rows])
-    known = table.features
+    source = OrientedPairs.of(scan.points, scan.directions, i[rows], j[rows])
+    known = table.points
     target = OrientedPairs.of(known.points, known.directions, table.first[counterpart], table.second[counterpart])
-    parts = [_solved(source, target, flipped) for flipped in (False, True)]
-    R, t = (np.concatenate([part[k] for part in parts]) for k in range(2))
-    return R, t
+    return _solve(source, target, opposite=False) + _solve(source, target, opposite=True)
 
 
-def _solved(source: OrientedPairs, target: OrientedPairs, flipped: bool) -> tuple[FloatArray, FloatArray]:
-    """Poses with directions turned along the lines, or with the target's against where that is uncertain."""
-    if flipped:
+def _solve(source: OrientedPairs, target: OrientedPairs, opposite: bool) -> Poses:
+    """Poses with directions along the lines, or with the target's opposite where the sign is uncertain."""
+    if opposite:
         steep = np.abs(source.cosines[:, 0]) <= np.abs(source.cosines[:, 1])
         guide = np.where(steep, np.abs(source.cosines[:, 0]), np.abs(source.cosines[:, 1]))
         rows = np.flatnonzero(guide < LEAST_COSINE)
         source, target = source[rows], target[rows]
         target = dataclasses.replace(target, first=-target.first, second=-target.second)
     R, t = poses_from_pairs(source, target)
-    least = np.cos(AGREE_RAD)
+    least = np.cos(NORMALS_RAD)
     agree = np.ones(len(R), dtype=bool)
     for ours, theirs in ((source.first, target.first), (source.second, target.second)):
         agree &= np.abs(np.einsum("nij,nj,ni->n", R, ours, theirs, optimize=True)) > least
-    return R[agree], t[agree]
+    return Poses(R[agree], t[agree])
 
 
-def _draw_pairs(places: Features, size: float, rng: np.random.Generator) -> tuple[IntArray, IntArray, IntArray]:
+def _draw_pairs(scan: OrientedPoints, size: float, rng: np.random.Generator) -> tuple[IntArray, IntArray, IntArray]:
     found: list[tuple[IntArray, IntArray, IntArray]] = [(np.zeros(0, dtype=np.int64),) * 3]
     count = 0
     for _ in range(ROUNDS):
-        i, j = places.draw(DRAWN, rng), places.draw(DRAWN, rng)
-        keys, usable = pair_keys(places, i, j, size)
+        i, j = scan.draw(DRAWN, rng), scan.draw(DRAWN, rng)
+        keys, usable = pair_keys(scan, i, j, size)
         found.append((i[usable], j[usable], keys[usable]))
         count += int(np.count_nonzero(usable))
         # A scene is much larger than the part: most of its pairs are too long.

@@ -1,10 +1,8 @@
-"""Stages of the search: what is reported of each, and when to stop."""
+"""Many poses at once."""
 
 from __future__ import annotations
 
 import dataclasses
-import time
-from collections.abc import Callable
 
 import numpy as np
 
@@ -12,23 +10,16 @@ from dqreg._arrays import FloatArray, IntArray
 
 
 @dataclasses.dataclass(frozen=True)
-class Stage:
-    """Report of one stage of the search."""
-
-    name: str  # What was done: "proposed", "screened", "refined roughly", "refined", "turned" or "refined finely"
-    poses: int  # Poses still in the race
-    seconds: float  # Time since the search began
-
-
-Observer = Callable[[Stage], object]
-
-
-@dataclasses.dataclass(frozen=True)
 class Poses:
-    """Poses, the best first."""
+    """Poses, the best first where they are in an order."""
 
     R: FloatArray  # (n, 3, 3): Rotations
     t: FloatArray  # (n, 3): Translations
+
+    @staticmethod
+    def of(T: FloatArray) -> Poses:
+        """Poses of matrices, (n, 4, 4)."""
+        return Poses(T[:, :3, :3], T[:, :3, 3])
 
     def __len__(self) -> int:
         return len(self.R)
@@ -39,32 +30,47 @@ class Poses:
     def __add__(self, other: Poses) -> Poses:
         return Poses(np.concatenate([self.R, other.R]), np.concatenate([self.t, other.t]))
 
+    def first(self, count: int) -> Poses:
+        """So many of them, or all."""
+        return self[np.arange(min(count, len(self)))]
+
     @property
     def inverse(self) -> Poses:
         """From target to source."""
         back = self.R.transpose(0, 2, 1)
         return Poses(back, -np.einsum("nij,nj->ni", back, self.t))
 
-    def matrix(self, row: int) -> FloatArray:
-        """One of them, (4, 4)."""
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = self.R[row], self.t[row]
+    @property
+    def matrices(self) -> FloatArray:
+        """The same as matrices, (n, 4, 4)."""
+        T = np.tile(np.eye(4), (len(self), 1, 1))
+        T[:, :3, :3], T[:, :3, 3] = self.R, self.t
         return T
 
+    def apply(self, points: FloatArray) -> FloatArray:
+        """Points, (m, 3), moved by each pose, (n, m, 3)."""
+        return points @ self.R.transpose(0, 2, 1) + self.t[:, None, :]
 
-class Clock:
-    """Tells the stages to an observer, and whether to stop after each."""
+    def then(self, T: FloatArray) -> Poses:
+        """Each pose followed by each of some motions of the target, (k, 4, 4)."""
+        return Poses(
+            np.concatenate([M[:3, :3] @ self.R for M in T]),
+            np.concatenate([self.t @ M[:3, :3].T + M[:3, 3] for M in T]),
+        )
 
-    def __init__(
-        self, limit: float | None = None, observe: Observer | None = None, now: Callable[[], float] | None = None
-    ) -> None:
-        self._now = now or time.perf_counter
-        self._began = self._now()
-        self._limit, self._observe = limit, observe
-
-    def is_up(self, stage: str, poses: Poses) -> bool:
-        """Report a finished stage; whether the search shall end here."""
-        seconds = self._now() - self._began
-        if self._observe is not None and self._observe(Stage(stage, len(poses), seconds)) is False:
-            return True
-        return self._limit is not None and seconds >= self._limit
+    def distinct(self, middle: FloatArray, angle_rad: float, offset: float, most: int) -> IntArray:
+        """Rows of the first poses that differ from all kept before them, by an angle or at a point of the source."""
+        places = self.R @ middle + self.t
+        alive = np.ones(len(self), dtype=bool)
+        kept: list[int] = []
+        while alive.any() and len(kept) < most:
+            k = int(alive.argmax())
+            kept.append(k)
+            # |R_a - R_b| in the Frobenius norm is 2 sqrt(2) sin(angle / 2).
+            chord = np.linalg.norm((self.R - self.R[k]).reshape(len(self), 9), axis=1)
+            same = (chord < 2.0 * np.sqrt(2.0) * np.sin(0.5 * angle_rad)) & (
+                np.linalg.norm(places - places[k], axis=1) < offset
+            )
+            alive &= ~same
+            alive[k] = False
+        return np.array(kept, dtype=np.int64)

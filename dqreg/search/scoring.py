@@ -1,4 +1,4 @@
-"""The judge of the search: which of several poses explains all points of the scan best, and which as well."""
+"""Scores of poses: the likelihood of the points of the scan under each, all by one width of the distances."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry import Surface
 from dqreg.icp import InlierMixture
+from dqreg.search.poses import Poses
 
-# Poses whose widths are learned.
-LEARNED = 6
+# Poses for which a width is estimated.
+ESTIMATED = 6
 # Kernel scale that their fit starts at, in units of the limit: the poses are refined ones.
 NARROW = 0.2
 # EM rounds that fit the fraction of inliers of each pose.
 ROUNDS = 20
 # Normals farther apart than this are of different faces.
 GATE_RAD = np.deg2rad(50.0)
-# A point speaks clearly for one of two poses with this log-likelihood between them; so many points are enough if what
-# they say is so many times what speaks against them.
-CLEAR, WITNESSES, UNANIMOUS = 2.0, 30, 10.0
+# A point favours one of two poses clearly with this log-likelihood ratio; so many such points are enough to tell the
+# poses apart if their sum is so many times that of the points that favour the other one.
+CLEAR, CLEAR_POINTS, CLEAR_RATIO = 2.0, 30, 10.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Judgement:
-    """How some poses explain the same points, all by one and the same width."""
+class PoseScores:
+    """How some poses explain the same points."""
 
     likelihoods: FloatArray  # (n, m): Log-likelihood of each point under each pose
     distances: FloatArray  # (n, m): Distances to the target, cut off at the limit
@@ -37,56 +38,58 @@ class Judgement:
         means: FloatArray = self.likelihoods.mean(axis=1)
         return means
 
-    def behind(self, best: int, blocks: int = 60) -> tuple[FloatArray, FloatArray]:
-        """How far each pose stays behind one of them, in mean log-likelihood, and the standard error of that.
+    def deficit(self, best: int, blocks: int = 60) -> tuple[FloatArray, FloatArray]:
+        """Mean log-likelihood that each pose lacks against one of them, and the standard error of that.
 
-        Only points that one of the poses puts near the target have a say: in a scene all others are the same to all
-        poses. Neighbouring points err together (they stand on one face of a part that is not quite its drawing), so the
-        error is taken from blocks of neighbours.
+        Only points that some pose puts near the target count: in a scene all others are the same to all poses. Errors
+        of neighbouring points are correlated (a face of the part may deviate from its model), so the standard error is
+        taken from blocks of neighbours.
         """
-        said = self.distances.min(axis=0) < self.distances.max()
-        if not said.any():
-            said[:] = True
-        gaps = (self.likelihoods[best] - self.likelihoods)[:, said]
+        near = self.distances.min(axis=0) < self.distances.max()
+        if not near.any():
+            near[:] = True
+        gaps = (self.likelihoods[best] - self.likelihoods)[:, near]
         edges = np.linspace(0, gaps.shape[1], min(blocks, gaps.shape[1]) + 1).astype(np.int64)[:-1]
         counts = np.diff(np.append(edges, gaps.shape[1]))
         means = np.add.reduceat(gaps, edges, axis=1) / counts
         error = means.std(axis=1, ddof=1) / np.sqrt(len(edges)) if len(edges) > 1 else np.zeros(len(gaps))
         return gaps.mean(axis=1), error
 
-    def told_apart(self, best: int) -> BoolArray:
-        """Which poses some points speak clearly against, and next to none for, (n,).
+    def distinguishable(self, best: int) -> BoolArray:
+        """Which poses are clearly worse than one of them at some points, and better at next to none, (n,).
 
-        A notch is seen by few points, which all stand in a few blocks: their mean says little and its error is large,
-        but nothing speaks for the other pose. Where the part is not quite its drawing, points speak for either.
+        A notch is seen by few points, all in a few blocks: their mean is small and its error large, but no point
+        favours the other pose. Where the part deviates from its model, some points favour either.
         """
         gaps = self.likelihoods[best] - self.likelihoods
         clear = np.abs(gaps) > CLEAR
         against, in_favour = clear & (gaps > 0.0), clear & (gaps < 0.0)
         weights = np.where(against, gaps, 0.0).sum(axis=1), np.where(in_favour, -gaps, 0.0).sum(axis=1)
-        told: BoolArray = (np.count_nonzero(against, axis=1) >= WITNESSES) & (weights[0] > UNANIMOUS * weights[1])
-        return told
+        clearly: BoolArray = (np.count_nonzero(against, axis=1) >= CLEAR_POINTS) & (
+            weights[0] > CLEAR_RATIO * weights[1]
+        )
+        return clearly
 
 
-def both_ways(there: Judgement, back: Judgement) -> Judgement:
-    """One judgement of the points of both sides: each side has as much to say as it has points."""
+def symmetric_scores(there: PoseScores, back: PoseScores) -> PoseScores:
+    """Scores by the points of both sides together, each point with the same weight."""
     likelihoods = np.concatenate([there.likelihoods, back.likelihoods], axis=1)
-    return Judgement(likelihoods, np.concatenate([there.distances, back.distances], axis=1), there.width)
+    return PoseScores(likelihoods, np.concatenate([there.distances, back.distances], axis=1), there.width)
 
 
-def weigh_up(
-    R: FloatArray,
-    t: FloatArray,
+def score_poses(
+    poses: Poses,
     points: FloatArray,
     surface: Surface,
     limit: float,
     floor: float,
     directions: FloatArray | None = None,
-) -> Judgement:
+) -> PoseScores:
     """Likelihood of every point under every pose.
 
-    Shapes: R (n, 3, 3).
+    ``floor`` is the smallest width; with directions it is the width, and points whose normals disagree are outliers.
     """
+    R, t = poses.R, poses.t
     found = [surface.closest(points @ R[k].T + t[k]) for k in range(len(R))]
     distances = np.stack([each.distances for each in found])
     if directions is not None:
@@ -95,14 +98,14 @@ def weigh_up(
             cosines = np.abs(np.einsum("ij,ij->i", directions @ R[k].T, each.normals))
             distances[k, ~(unknown | (cosines > np.cos(GATE_RAD)))] = np.inf
         cut = np.minimum(distances, limit)
-        return Judgement(_likelihoods(distances, InlierMixture.starting(floor, limit)), cut, floor)
+        return PoseScores(_likelihoods(distances, InlierMixture.starting(floor, limit)), cut, floor)
     cut = np.minimum(distances, limit)
-    # The width is that of the pose under which the points are likeliest: one of those that leave the least over.
-    few = np.argsort(np.sqrt(cut).mean(axis=1), kind="stable")[:LEARNED]
+    # The width is that of the pose under which the points are likeliest: one of those with the smallest distances.
+    few = np.argsort(np.sqrt(cut).mean(axis=1), kind="stable")[:ESTIMATED]
     learned = [_learned(row, limit, floor) for row in distances[few]]
     best = max(learned, key=lambda pair: pair[0])[1]
-    # One width for all: else a wrong pose could call its misfit noise.
-    return Judgement(_likelihoods(distances, InlierMixture.starting(best.scale, limit)), cut, best.scale)
+    # One width for all: else a wrong pose could explain its misfit as noise.
+    return PoseScores(_likelihoods(distances, InlierMixture.starting(best.scale, limit)), cut, best.scale)
 
 
 def _likelihoods(distances: FloatArray, mixture: InlierMixture) -> FloatArray:

@@ -1,108 +1,153 @@
-"""The stages of a search for a start, each from poses to fewer and better ones."""
+"""Stages of the global registration: each turns poses into fewer and better ones."""
 
 from __future__ import annotations
 
+import dataclasses
+import time
 from collections.abc import Callable
 
 import numpy as np
 
 from dqreg.geometry import Mesh, PointCloud
-from dqreg.search.axes import propose_turns
-from dqreg.search.fpfh import VOXEL, Described, match_hypotheses
-from dqreg.search.pairs import hypotheses
+from dqreg.search.axes import axis_hypotheses
+from dqreg.search.fpfh import VOXEL, FpfhCloud, match_hypotheses
+from dqreg.search.pairs import pair_hypotheses
 from dqreg.search.poses import Poses
-from dqreg.search.problem import KEPT_ANYWAY, Task, nearly_same
-from dqreg.search.refine import Sample
+from dqreg.search.problem import SearchProblem
 
-# Screening: few points for all poses, more for the best; reach in sizes; poses kept.
-FEW, MORE, REACH, SHORTLIST = 64, 400, 0.03, 1_500
-# Distinct poses kept after each stage, and how far apart they stand: radians, sizes.
+# Screening: points for all poses, points for the best of them; reach of the gain in sizes; poses for either.
+SCREEN_FEW, SCREEN_MORE, SCREEN_REACH, SHORTLIST = 64, 400, 0.03, 1_500
+# The same reach once the poses are refined roughly.
+REFINED_REACH = 0.02
+# Distinct poses kept after each stage, and how far apart they are: radians, sizes.
 ROUGH_KEPT, FIT_KEPT, FINE_KEPT, LAST_KEPT = 160, 40, 12, 8
 ROUGH_APART, FIT_APART, FINE_APART, LAST_APART = (0.15, 0.03), (0.06, 0.015), (0.04, 0.01), (0.03, 0.005)
-# Widths of the refinement, in sizes: first, last, steps. Down to the second the grid knows enough.
+# Points that refine: roughly, on the grid, on the target; of near symmetries; finely, and of the last poses.
+ROUGH_POINTS, GRID_POINTS, FIT_POINTS, NEAR_POINTS, FINE_POINTS, LAST_POINTS = 160, 400, 250, 200, 1_000, 4_000
+# Kernel scales of the refinement, in sizes: first, last, steps. Down to the second the grid is exact enough.
 ROUGH_WIDTHS, GRID_WIDTHS, FIT_WIDTHS = (0.03, 0.012, 5), (0.012, 0.008, 2), (0.006, 0.004, 2)
-# Best poses that are also tried in all turns that leave most of the part in place; such poses in all.
-TURNED, TURNS = 4, 64
-# Points that judge; and how far behind the best, in mean log-likelihood, a pose is given up: after the refinement, and
-# after the fine one.
-JUDGES, MORE_JUDGES = 600, 4_000
+# The same for near symmetries: on the grid, on the target.
+NEAR_GRID_WIDTHS, NEAR_WIDTHS = (0.01, 0.006, 2), (0.005, 0.004, 2)
+# The fine refinement begins at the first width at most, ends at the second at least.
+FINE_WIDTHS = (4e-3, 1e-3)
+# Best poses that are followed by every near symmetry of the part; such poses in all.
+NEAR_OF, NEAR_MOST = 4, 64
+# Points that score, before and after the fine refinement; the smallest widths of their distances in sizes; and how far
+# behind the best, in mean log-likelihood, a pose is dropped; so many are kept in any case before it.
+SCORED, FINE_SCORED = 600, 4_000
+WIDTH, FINE_WIDTH = 1e-3, 5e-4
 HOPELESS, BEATEN = 0.7, 0.25
-# The same for two clouds: judges after the rough refinement, widths there, after the next and after the fine one;
-# poses kept that matches propose.
-CLOUD_JUDGES, CLOUD_WIDTHS, MATCHED_KEPT = 200, (8e-3, 4e-3, 2e-3), 80
+KEPT_ANYWAY = 3
+# The same for two clouds: points after the rough refinement; widths there, after the next and after the fine one; poses
+# kept that matches propose.
+CLOUD_SCORED, CLOUD_WIDTHS, MATCHED_KEPT = 200, (8e-3, 4e-3, 2e-3), 80
 
 
-def proposed(task: Task) -> Poses:
-    """Poses from pairs of oriented places and from the principal axes, in no order."""
-    turns = np.array(propose_turns(task.scan, task.target))
-    return Poses(*hypotheses(task.places, task.table, task.rng)) + Poses(turns[:, :3, :3], turns[:, :3, 3])
+@dataclasses.dataclass(frozen=True)
+class Stage:
+    """Report of one stage of the search."""
+
+    name: str  # What was done: "proposed", "screened", "refined roughly", "refined", "turned" or "refined finely"
+    poses: int  # Poses that are left
+    seconds: float  # Time since the search began
 
 
-def screened(task: Task, poses: Poses) -> Poses:
+Observer = Callable[[Stage], object]
+
+
+class StageWatch:
+    """Reports the stages to an observer, and tells after each whether to stop."""
+
+    def __init__(
+        self, limit: float | None = None, observe: Observer | None = None, now: Callable[[], float] | None = None
+    ) -> None:
+        self._now = now or time.perf_counter
+        self._began = self._now()
+        self._limit, self._observe = limit, observe
+
+    def is_over(self, stage: str, poses: Poses) -> bool:
+        """Report a finished stage; whether the search shall end here."""
+        seconds = self._now() - self._began
+        if self._observe is not None and self._observe(Stage(stage, len(poses), seconds)) is False:
+            return True
+        return self._limit is not None and seconds >= self._limit
+
+
+def propose(problem: SearchProblem) -> Poses:
+    """Hypotheses from pairs of oriented points and from the principal axes, in no order."""
+    axes = axis_hypotheses(problem.scan, problem.target)
+    return pair_hypotheses(problem.points, problem.table, problem.rng) + axes
+
+
+def screen(problem: SearchProblem, poses: Poses) -> Poses:
     """The best on the grids; between clouds those that matches propose as well."""
-    kept = _screened(task, poses, ROUGH_KEPT)
-    # Matches that agree are many and alike: they have places of their own.
-    return kept if isinstance(task.target, Mesh) else _screened(task, _matched(task, task.target), MATCHED_KEPT) + kept
+    kept = _screened(problem, poses, ROUGH_KEPT)
+    if isinstance(problem.target, Mesh):
+        return kept
+    # Matches that agree are many and alike: they are screened by themselves.
+    return _screened(problem, _matched(problem, problem.target), MATCHED_KEPT) + kept
 
 
-def refined_roughly(task: Task, poses: Poses) -> Poses:
+def refine_roughly(problem: SearchProblem, poses: Poses) -> Poses:
     """After steps on the planes of the grid."""
-    poses = task.refined(poses, Sample.of(task.places, 160, task.rng), ROUGH_WIDTHS, task.table.grid)
-    if isinstance(task.target, Mesh):
-        return task.distinct(poses[task.order(poses, MORE, 0.02)], FIT_APART, FIT_KEPT)
-    return task.distinct(task.ranked(poses, CLOUD_JUDGES, CLOUD_WIDTHS[0], np.inf), FIT_APART, FIT_KEPT)
+    poses = problem.refined(poses, problem.sample(ROUGH_POINTS), ROUGH_WIDTHS, problem.table.grid)
+    if isinstance(problem.target, Mesh):
+        return problem.distinct(poses[problem.order(poses, SCREEN_MORE, REFINED_REACH)], FIT_APART, FIT_KEPT)
+    return problem.distinct(problem.ranked(poses, CLOUD_SCORED, CLOUD_WIDTHS[0], np.inf), FIT_APART, FIT_KEPT)
 
 
-def refined(task: Task, poses: Poses) -> Poses:
+def refine_on_target(problem: SearchProblem, poses: Poses) -> Poses:
     """After steps on the target itself, ranked by likelihood."""
-    poses = task.refined(poses, Sample.of(task.places, 400, task.rng), GRID_WIDTHS, task.table.grid)
-    poses = task.refined(poses, Sample.of(task.places, 250, task.rng), FIT_WIDTHS)
-    width = 1e-3 if isinstance(task.target, Mesh) else CLOUD_WIDTHS[1]
-    return task.distinct(task.ranked(poses, JUDGES, width, HOPELESS, KEPT_ANYWAY), FINE_APART, FINE_KEPT)
+    poses = problem.refined(poses, problem.sample(GRID_POINTS), GRID_WIDTHS, problem.table.grid)
+    poses = problem.refined(poses, problem.sample(FIT_POINTS), FIT_WIDTHS)
+    width = WIDTH if isinstance(problem.target, Mesh) else CLOUD_WIDTHS[1]
+    return problem.distinct(problem.ranked(poses, SCORED, width, HOPELESS, KEPT_ANYWAY), FINE_APART, FINE_KEPT)
 
 
-def turned(task: Task, poses: Poses) -> Poses:
-    """The best poses in all turns that leave most of the part in place, with all others."""
-    near = task.table.symmetry.near if task.table.symmetry else np.zeros((0, 4, 4))
+def add_near_symmetric(problem: SearchProblem, poses: Poses) -> Poses:
+    """All poses, and the best ones followed by the motions that leave most of the part in place."""
+    near = problem.table.symmetry.near if problem.table.symmetry else np.zeros((0, 4, 4))
     if not len(near) or not len(poses):
         return poses
-    count = max(1, min(TURNED, TURNS // len(near)))
-    more = nearly_same(poses[np.arange(min(count, len(poses)))], near)
-    more = task.refined(more, Sample.of(task.places, 200, task.rng), (0.01, 0.006, 2), task.table.grid)
-    more = task.refined(more, Sample.of(task.places, 200, task.rng), (0.005, 0.004, 2))
-    return task.distinct(task.ranked(poses + more, JUDGES, 1e-3, HOPELESS, KEPT_ANYWAY), FINE_APART, FINE_KEPT)
+    more = poses.first(max(1, min(NEAR_OF, NEAR_MOST // len(near)))).then(near)
+    more = problem.refined(more, problem.sample(NEAR_POINTS), NEAR_GRID_WIDTHS, problem.table.grid)
+    more = problem.refined(more, problem.sample(NEAR_POINTS), NEAR_WIDTHS)
+    return problem.distinct(problem.ranked(poses + more, SCORED, WIDTH, HOPELESS, KEPT_ANYWAY), FINE_APART, FINE_KEPT)
 
 
-def refined_finely(task: Task, poses: Poses) -> Poses:
+def refine_finely(problem: SearchProblem, poses: Poses) -> Poses:
     """After steps of many points at the width of the scan's noise."""
-    width = max(2.0 * task.scan.noise / task.size, 1e-3)
-    poses = task.refined(poses, task.everywhere(1_000), (max(0.004, width), width, 4), rims=False)
-    floor = 5e-4 if isinstance(task.target, Mesh) else CLOUD_WIDTHS[2]
-    poses = task.distinct(task.ranked(poses, MORE_JUDGES, floor, BEATEN), LAST_APART, LAST_KEPT)
-    # Where one pose is left there is nothing to compare: the loop that follows refines it.
-    return poses if len(poses) < 2 else task.refined(poses, task.everywhere(4_000), (width, width, 3), rims=False)
+    first, last = FINE_WIDTHS
+    width = max(2.0 * problem.scan.noise / problem.size, last)
+    poses = problem.refined(poses, problem.sample_without_normals(FINE_POINTS), (max(first, width), width, 4))
+    floor = FINE_WIDTH if isinstance(problem.target, Mesh) else CLOUD_WIDTHS[2]
+    poses = problem.distinct(problem.ranked(poses, FINE_SCORED, floor, BEATEN), LAST_APART, LAST_KEPT)
+    # One pose alone need not be compared: the ICP that follows refines it.
+    if len(poses) < 2:
+        return poses
+    return problem.refined(poses, problem.sample_without_normals(LAST_POINTS), (width, width, 3))
 
 
 # In their order, by the names that are reported.
-STAGES: tuple[tuple[str, Callable[[Task, Poses], Poses]], ...] = (
-    ("screened", screened),
-    ("refined roughly", refined_roughly),
-    ("refined", refined),
-    ("turned", turned),
-    ("refined finely", refined_finely),
+STAGES: tuple[tuple[str, Callable[[SearchProblem, Poses], Poses]], ...] = (
+    ("screened", screen),
+    ("refined roughly", refine_roughly),
+    ("refined", refine_on_target),
+    ("turned", add_near_symmetric),
+    ("refined finely", refine_finely),
 )
 
 
-def _screened(task: Task, poses: Poses, most: int) -> Poses:
-    for count in (FEW, MORE):
-        poses = poses[task.order(poses, count, REACH)[:SHORTLIST]]
-    return task.distinct(poses, ROUGH_APART, most)
+def _screened(problem: SearchProblem, poses: Poses, most: int) -> Poses:
+    for count in (SCREEN_FEW, SCREEN_MORE):
+        poses = poses[problem.order(poses, count, SCREEN_REACH)[:SHORTLIST]]
+    return problem.distinct(poses, ROUGH_APART, most)
 
 
-def _matched(task: Task, target: PointCloud) -> Poses:
-    """Poses from features that both clouds have."""
-    voxel = VOXEL * task.size
-    signed = task.scan.normals if task.scan.oriented and task.scan.fitted is None else None
-    sides = Described.of(task.scan.points, voxel, signed), Described.of(target.points, voxel, target.normals)
+def _matched(problem: SearchProblem, target: PointCloud) -> Poses:
+    """Hypotheses from features that both clouds have."""
+    voxel = VOXEL * problem.size
+    signed = problem.scan.normals if problem.scan.oriented and problem.scan.fitted is None else None
+    sides = FpfhCloud.of(problem.scan.points, voxel, signed), FpfhCloud.of(target.points, voxel, target.normals)
     known = signed is not None and target.normals is not None
-    return Poses(*match_hypotheses(*sides, voxel, signs_known=known))
+    return match_hypotheses(*sides, voxel, signs_known=known)

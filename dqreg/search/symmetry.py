@@ -1,4 +1,10 @@
-"""Symmetries of a part as values: the turns that leave it as it is, and what they are called."""
+"""Symmetries of a part, from its mesh alone.
+
+A rotation that leaves the part as it is gives a second pose that no scan can tell from the first; a mirror symmetry
+does not, because a rigid part cannot be mirrored. It leaves the centre of the surface where it is, so only rotations
+about that are searched: a few thousand of them on the distance grid, the best refined, and every one checked on dense
+points.
+"""
 
 from __future__ import annotations
 
@@ -6,60 +12,173 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
-from dqreg.search.rotations import SAME_AXIS_RAD, angle_of, axis_of, keeps_axis
+from dqreg._arrays import BoolArray, FloatArray
+from dqreg.geometry import Mesh, Surface, sample_mesh
+from dqreg.rigid import pose
+from dqreg.rigid.rotations import about_axis, angle_of, axis_of, evenly_spread
+from dqreg.rigid.symmetry import SAME_AXIS_RAD, Axis, Symmetry
+from dqreg.search.axes import moments, principal_axes
+from dqreg.search.grids import PlaneGrid
+from dqreg.search.oriented_points import OrientedPoints
+from dqreg.search.poses import Poses
+from dqreg.search.refine import refine
 from dqreg.solvers.motion_words import axis_words
 
+# Distance from the part, in sizes, within which a point lies on it: the facets of a round hole are no feature.
+SAME = 2e-3
+# A motion leaves most of the part in place where this fraction of its surface comes this close, in sizes.
+MOST, NEARLY = 0.7, 5e-3
+# Near symmetries that are kept, and how far apart they are: radians, sizes.
+NEAR_KEPT, NEAR_APART = 24, (0.1, 0.02)
+# Rotations tried on the grid, the best of them refined, and how far apart these are; points that screen, refine, check.
+TRIED, REFINED, APART_RAD = 4_000, 80, np.deg2rad(10.0)
+SCREEN_POINTS, FIT_POINTS, CHECK_POINTS = 150, 200, 2_000
+# Reach of the gain in the screening, and kernel scales of the refinement on the grid and on the surface, in sizes.
+REACH, WIDE, FINE, NARROW, STEPS = 0.06, 0.04, 6e-3, 5e-4, 6
+# Rotations are refined on the surface with this mean gain on the grid, at this reach beyond a cell, in sizes.
+FINE_REACH, LIKELY = 0.01, 0.55
+# Highest order that is looked for about the principal axes; above it a part is as good as round.
+HIGHEST = 72
+# No multiple of the angle of an order up to the highest: an axis about which it is a symmetry is round.
+ODD_RAD = 1.0
+
+
+def find_symmetry(mesh: Mesh, surface: Surface, grid: PlaneGrid) -> Symmetry:
+    """Symmetries of a mesh from itself alone; the poses besides the identity are not rotations about a round axis."""
+    part = _Part.of(mesh, surface, grid)
+    candidates = _candidates(part, grid)
+    near = part.nearly_same(candidates)
+    main = part.principal
+    # An axis about which the odd angle is a symmetry is round: its orders need not be tried.
+    odd = np.array([about_axis(axis, ODD_RAD) for axis in main.T])
+    is_round = part.same(odd)
+    by_order = [about_axis(axis, 2.0 * np.pi / k) for axis in main.T[~is_round] for k in range(2, HIGHEST + 1)]
+    turns = np.concatenate([candidates.R, np.array(by_order).reshape(-1, 3, 3)])
+    turns = np.concatenate([turns[part.same(turns)], odd[is_round]])
+    turns = turns[[k for k in range(len(turns)) if angle_of(turns[k]) > SAME_AXIS_RAD]]
+    axes = _axes(part, turns)
+    round_axes = [axis for axis in axes if axis.order is None]
+    others = [R for R in turns if not any(axis.is_kept_by(R) for axis in round_axes)]
+    unlike = np.array([np.eye(3), *_unlike(others, round_axes)])
+    return Symmetry(pose.from_parts(unlike, part.centre - unlike @ part.centre), near, axes, part.centre)
+
+
+def symmetry_words(axis: Axis) -> str:
+    """The symmetry about an axis in a sentence."""
+    rotation = "any rotation" if axis.order is None else f"a rotation of {360.0 / axis.order:.4g} degrees"
+    return f"the part looks the same after {rotation} about {axis_words(axis.point, axis.direction)}"
+
 
 @dataclasses.dataclass(frozen=True)
-class Axis:
-    """An axis about which the part may be turned without a change."""
+class _Part:
+    """What the tests need of the part: its surface, its centre and axes, points to fit and points to check."""
 
-    direction: FloatArray  # (3,): Unit vector; its largest component is positive
-    point: FloatArray  # (3,): A place on it, in the target's frame
-    order: int | None  # Equal places in one full turn; None where every angle is one (a solid of revolution)
+    surface: Surface
+    grid: PlaneGrid
+    centre: FloatArray
+    principal: FloatArray
+    sample: OrientedPoints
+    checks: FloatArray
 
-    @property
-    def words(self) -> str:
-        """The symmetry in a sentence."""
-        rotation = "any rotation" if self.order is None else f"a rotation of {360.0 / self.order:.4g} degrees"
-        return f"the part looks the same after {rotation} about {axis_words(self.point, self.direction)}"
+    @staticmethod
+    def of(mesh: Mesh, surface: Surface, grid: PlaneGrid) -> _Part:
+        rng = np.random.default_rng(0)
+        centre, principal = principal_axes(*moments(mesh))
+        sample = sample_mesh(mesh, CHECK_POINTS, rng)
+        # Small features have small areas but many corners.
+        corners = mesh.vertices[np.unique(mesh.faces)]
+        corners = corners[rng.permutation(len(corners))[:CHECK_POINTS]]
+        oriented = OrientedPoints.on_faces(centre + (sample.points - centre), np.asarray(sample.normals))
+        return _Part(surface, grid, centre, principal, oriented, np.concatenate([corners, sample.points]))
+
+    def same(self, turns: FloatArray) -> BoolArray:
+        """Which of n rotations about the centre leave the part as it is; few points first."""
+        alive = np.ones(len(turns), dtype=bool)
+        arms = self.checks - self.centre
+        # No point is nearer than its node, but for the way between them.
+        limit, some = SAME * self.surface.diagonal, arms[:: max(1, len(arms) // FIT_POINTS)]
+        known = np.append(self.grid.distances, np.float32(np.inf))
+        for k, R in enumerate(turns):
+            alive[k] = known[self.grid.nodes(some @ R.T + self.centre)].max() < limit + self.grid.cell
+        for few in (60, 600, len(arms)):
+            rows = np.flatnonzero(alive)
+            if len(rows):
+                some = arms[:: max(1, len(arms) // few)]
+                moved = some @ turns[rows].transpose(0, 2, 1) + self.centre
+                found = self.surface.closest(moved.reshape(-1, 3)).distances.reshape(len(rows), -1)
+                alive[rows] = found.max(axis=1) < limit
+        return alive
+
+    def nearly_same(self, poses: Poses) -> FloatArray:
+        """The distinct poses, (k, 4, 4), that leave most of the part in place, but for the identity."""
+        moved = poses.apply(self.sample.points[:: max(1, len(self.sample) // FIT_POINTS)])
+        found = self.surface.closest(moved.reshape(-1, 3)).distances.reshape(len(poses), -1)
+        fraction = (found < NEARLY * self.surface.diagonal).mean(axis=1)
+        angle_rad, offset = NEAR_APART
+        rows = np.argsort(-fraction, kind="stable")
+        rows = rows[(fraction[rows] > MOST) & (np.trace(poses.R[rows], axis1=1, axis2=2) < 3.0 - angle_rad**2)]
+        near = poses[rows]
+        return near[near.distinct(self.centre, angle_rad, offset * self.surface.diagonal, NEAR_KEPT)].matrices
 
 
-@dataclasses.dataclass(frozen=True)
-class Symmetry:
-    """Symmetries of a part."""
+def _candidates(part: _Part, grid: PlaneGrid) -> Poses:
+    """Poses that may leave the part as it is, refined."""
+    rng = np.random.default_rng(0)
+    size = part.surface.diagonal
+    R = _matrices(evenly_spread(TRIED))
+    poses = Poses(R, part.centre - R @ part.centre)
+    count = len(part.sample)
+    some = part.sample.points[rng.choice(count, size=min(SCREEN_POINTS, count), replace=False)]
+    poses = poses[np.argsort(-grid.scores(poses, some, REACH * size), kind="stable")[: 8 * REFINED]]
+    sample = part.sample[rng.choice(count, size=min(FIT_POINTS, count), replace=False)]
+    poses = poses[poses.distinct(part.centre, APART_RAD, np.inf, REFINED)]
+    poses = refine(poses, sample, grid, np.geomspace(WIDE, FINE, STEPS) * size)
+    poses = poses[np.flatnonzero(grid.scores(poses, sample.points, FINE_REACH * size + grid.cell) > LIKELY)]
+    return refine(poses, sample, part.surface, np.geomspace(FINE, NARROW, STEPS) * size)
 
-    axes: tuple[Axis, ...]  # Axes of turns, round ones first, then by falling order; empty for most parts
-    mirrors: FloatArray  # (m, 3): Unit normals of mirror planes through ``centre``. They allow no second pose
-    # (k, 4, 4): Poses of the part onto itself, but for the identity; of a round axis only those that are not turns
-    # about it
-    turns: FloatArray
-    # (k, 4, 4): Poses of the part that leave most of it in place, the symmetries among them: what a search must tell
-    # apart
-    near: FloatArray
-    centre: FloatArray  # (3,): Centre of the surface, which all symmetries leave in place
 
-    def words_between(self, T_one: FloatArray, T_other: FloatArray) -> str:
-        """The symmetry that turns one pose of the part into another, in words; "" if none does."""
-        R = T_other[:3, :3] @ T_one[:3, :3].T
-        for axis in self.axes:
-            if keeps_axis(R, axis.direction):
-                steps = angle_of(R) * (axis.order or 0) / (2.0 * np.pi)
-                if abs(steps - round(steps)) < SAME_AXIS_RAD * (axis.order or 0):
-                    return axis.words
-                if axis.order is None:
-                    return axis.words
-        for T in self.turns:
-            if angle_of(R @ T[:3, :3].T) < 2.0 * SAME_AXIS_RAD or self._up_to_round(R, T[:3, :3]):
-                return Axis(axis_of(T[:3, :3]), self.centre, round(2.0 * np.pi / angle_of(T[:3, :3]))).words
-        return ""
+def _matrices(q: FloatArray) -> FloatArray:
+    # `quaternion.to_matrix` to rounding, in the order of operations that past results came from.
+    w, x, y, z = q.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
 
-    def _up_to_round(self, R: FloatArray, turn: FloatArray) -> bool:
-        around = [axis.direction for axis in self.axes if axis.order is None]
-        return bool(around) and bool(np.linalg.norm((R - turn) @ around[0]) < 2.0 * SAME_AXIS_RAD)
 
-    @property
-    def words(self) -> tuple[str, ...]:
-        """One sentence for each axis."""
-        return tuple(axis.words for axis in self.axes)
+def _axes(part: _Part, turns: FloatArray) -> tuple[Axis, ...]:
+    groups: list[tuple[FloatArray, list[float]]] = []
+    for R in turns:
+        direction = axis_of(R)
+        for known, angles in groups:
+            if abs(float(direction @ known)) > np.cos(SAME_AXIS_RAD):
+                angles.append(angle_of(R))
+                break
+        else:
+            groups.append((direction, [angle_of(R)]))
+    found = []
+    for direction, angles in groups:
+        is_round = part.same(about_axis(direction, ODD_RAD)[None])[0]
+        found.append(Axis(direction, part.centre, None if is_round else round(2.0 * np.pi / min(angles))))
+    round_axes = [axis for axis in found if axis.order is None]
+    if round_axes:
+        # About a round axis the half-turns across it are one family: one stands for all.
+        across = [axis for axis in found if axis.order == 2]
+        return (*round_axes, *across[:1])
+    return tuple(sorted(found, key=lambda axis: -(axis.order or 0)))
+
+
+def _unlike(turns: list[FloatArray], round_axes: list[Axis]) -> list[FloatArray]:
+    """Each rotation once; about a round axis, those that differ by a rotation about it are one."""
+    kept: list[FloatArray] = []
+    for R in turns:
+        if round_axes:
+            around = round_axes[0].direction
+            alike = any(np.linalg.norm(R @ around - other @ around) < SAME_AXIS_RAD for other in kept)
+        else:
+            alike = any(angle_of(R @ other.T) < SAME_AXIS_RAD for other in kept)
+        if not alike:
+            kept.append(R)
+    return kept

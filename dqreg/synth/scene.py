@@ -10,8 +10,8 @@ from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
 from dqreg.rigid import pose
 from dqreg.synth import parts
+from dqreg.synth.parts.kinds import of_box
 from dqreg.synth.parts.plain import Mesh
-from dqreg.synth.parts.symmetry import of_box
 from dqreg.synth.raycast import centre_and_diagonal
 from dqreg.synth.sweep import joined
 from dqreg.synth.view_checks import is_within

@@ -12,12 +12,13 @@ from dqreg._arrays import FloatArray
 from dqreg._open3d import load_open3d
 from dqreg.errors import DegenerateGeometryError, DqregError, InputError, UnitsError
 from dqreg.files import write_cloud
-from dqreg.geometry import Mesh, PointCloud
+from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.icp.history import Iteration
 from dqreg.registration.register import prepare_target, register
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
 from dqreg.synth import disturbance, worst_vertex_displacement
+from dqreg.synth.parts import box
 from tests.icp.scenes import bracket_mesh, bracket_points, bumpy_cloud
 
 PART = bracket_mesh()
@@ -343,3 +344,13 @@ def test_clouds_register_to_clouds() -> None:
     np.testing.assert_allclose(result.T_target_source, T, atol=1e-12)
     assert result.settings["target_kind"] == "cloud"
     assert result.verdict.level == "accepted"
+
+
+def test_the_axis_of_a_symmetry_is_named_in_the_frame_of_the_target() -> None:
+    # A box far from the origin: its axes pass through its centre, wherever that is.
+    vertices, faces = box((3.0, 2.0, 1.0))
+    centre = np.array([100.0, 50.0, 20.0])
+    part = Mesh(vertices + centre, faces)
+    result = register(PointCloud(sample_mesh(part, 4_000, np.random.default_rng(0)).points), part)
+    assert len(result.alternatives) == 3
+    assert all("through (100, 50, 20)" in alternative.symmetry for alternative in result.alternatives)

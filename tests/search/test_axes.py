@@ -8,7 +8,7 @@ import pytest
 import dqreg
 from dqreg.geometry import Mesh, PointCloud, prepare_scan, sample_mesh
 from dqreg.rigid import pose
-from dqreg.search.axes import principal_axes, proper_turns, propose_turns
+from dqreg.search.axes import axis_hypotheses, cube_rotations, principal_axes
 from dqreg.synth.parts import box, bracket
 from tests.strategies import FloatArray
 
@@ -31,7 +31,7 @@ def moved_sample(mesh: Mesh, n: int, seed: int, reach: float) -> tuple[PointClou
 
 
 def test_the_turns_are_a_group_of_24_rotations() -> None:
-    turns = proper_turns()
+    turns = cube_rotations()
     keys = {tuple(R.astype(int).ravel()) for R in turns}
     assert len(keys) == len(turns) == 24
     assert tuple(np.eye(3, dtype=int).ravel()) in keys
@@ -64,7 +64,7 @@ def test_a_box_goes_onto_itself_exactly_by_its_own_turns(origin: float) -> None:
     truth = pose.random(np.random.default_rng(3), reach=2.0)
     truth = pose.from_parts(truth[:3, :3], truth[:3, 3] + origin)
     scan = prepare_scan(PointCloud(pose.apply(pose.inverse(truth), target.vertices)))
-    errors = [worst_vertex(T, truth, target) for T in propose_turns(scan, target)]
+    errors = [worst_vertex(T, truth, target) for T in axis_hypotheses(scan, target).matrices]
     assert len(errors) == 24
     # Far coordinates are rounded to 1e-13, and moments square them.
     assert min(errors) < (1e-12 if origin == 0.0 else 1e-8)
@@ -73,7 +73,7 @@ def test_a_box_goes_onto_itself_exactly_by_its_own_turns(origin: float) -> None:
         np.abs(
             np.sort(np.abs(pose.apply(T, scan.points) - origin), axis=0) - np.sort(np.abs(mesh.vertices), axis=0)
         ).max()
-        for T in propose_turns(scan, target)
+        for T in axis_hypotheses(scan, target).matrices
     ]
     assert sum(fit < 1e-7 for fit in fits) == 4
 
@@ -83,7 +83,7 @@ def test_the_moments_of_a_mesh_are_those_of_its_dense_sampling() -> None:
     mesh, n = BRACKET, 40_000
     sampled = sample_mesh(mesh, n, np.random.default_rng(0))
     scan = prepare_scan(sampled)
-    exact, empirical = propose_turns(scan, mesh), propose_turns(scan, PointCloud(sampled.points))
+    exact, empirical = axis_hypotheses(scan, mesh).matrices, axis_hypotheses(scan, PointCloud(sampled.points)).matrices
     means = [T[:3, :3] @ scan.points.mean(axis=0) + T[:3, 3] for T in (exact[0], empirical[0])]
     spread = sampled.points.std(axis=0).max()
     assert np.linalg.norm(means[0] - means[1]) < 5.0 * np.sqrt(3.0) * spread / np.sqrt(n)
@@ -109,21 +109,21 @@ def test_a_second_moment_of_a_lone_triangle_is_the_textbooks() -> None:
     angle = 0.5 * np.arctan2(-2.0 * a * b / 36.0, (a * a - b * b) / 18.0)
     longest = np.array([np.cos(angle), np.sin(angle), 0.0])
     # Of the source the longest axis is x: in each proposal an axis of the source goes there, in four of them this one.
-    images = np.array([T[:3, 0] for T in propose_turns(scan, mesh)])
+    images = np.array([T[:3, 0] for T in axis_hypotheses(scan, mesh).matrices])
     assert int((np.abs(images @ longest) > 1.0 - 1e-12).sum()) == 8
-    for T in propose_turns(scan, mesh):
+    for T in axis_hypotheses(scan, mesh).matrices:
         np.testing.assert_allclose(T[:3, 3], [a / 3.0, b / 3.0, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_one_of_the_proposals_brings_a_full_scan_nearly_home(seed: int) -> None:
+def test_one_of_the_hypotheses_of_a_full_scan_is_near_the_truth(seed: int) -> None:
     cloud, truth = moved_sample(BRACKET, 20_000, seed, reach=500.0)
-    errors = [worst_vertex(T, truth, BRACKET) for T in propose_turns(prepare_scan(cloud), BRACKET)]
+    errors = [worst_vertex(T, truth, BRACKET) for T in axis_hypotheses(prepare_scan(cloud), BRACKET).matrices]
     assert min(errors) < RIGHT
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_from_nothing_a_full_scan_comes_home(seed: int) -> None:
+def test_without_an_initial_pose_a_full_scan_is_registered(seed: int) -> None:
     cloud, truth = moved_sample(BRACKET, 20_000, 100 + seed, reach=500.0)
     result = dqreg.register(cloud, BRACKET, effort="fast")
     assert result.verdict.level == "accepted"

@@ -5,7 +5,7 @@ import pytest
 
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.search.features import even_places, rarity, rims, scan_features, target_features
+from dqreg.search.features import edge_points, even_points, rarity, scan_features, target_features
 from dqreg.synth.parts import box
 
 
@@ -14,10 +14,10 @@ def square(n: int, seed: int) -> np.ndarray:
     return np.column_stack([rng.uniform(-1, 1, (n, 2)), np.zeros(n)])
 
 
-def test_rims_of_a_square_lead_off_it():
+def test_edges_of_a_square_lead_off_it():
     points = square(8_000, 0)
     normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))
-    found, outwards = rims(NeighbourTree(points), points, points, normals)
+    found, outwards = edge_points(NeighbourTree(points), points, points, normals)
     # Sixteen neighbours reach about four spacings: 0.09.
     depth = 1.0 - np.abs(points[:, :2]).max(axis=1)
     assert found[depth < 0.005].mean() > 0.9
@@ -38,33 +38,33 @@ def test_rarity_gives_each_direction_the_root_of_its_share():
     np.testing.assert_allclose(weights[100:], 0.5)
 
 
-@pytest.mark.parametrize("strays", [0, 800])
-def test_places_of_a_scan_are_on_it_however_many_strays(strays):
+@pytest.mark.parametrize("outliers", [0, 800])
+def test_points_of_a_scan_are_on_it_however_many_outliers(outliers):
     rng = np.random.default_rng(1)
-    points = np.concatenate([square(2_000, 0), rng.uniform(-1, 1, (strays, 3))])
-    places = scan_features(prepare_scan(PointCloud(points)), 3.0)
-    drawn = places.draw(5_000, rng)
-    on = (np.abs(places.points[drawn, 2]) < 0.05) & (np.abs(places.directions[drawn, 2]) > 0.9)
-    faces = ~places.is_rim[drawn]
+    cloud = PointCloud(np.concatenate([square(2_000, 0), rng.uniform(-1, 1, (outliers, 3))]))
+    points = scan_features(prepare_scan(cloud), 3.0)
+    drawn = points.draw(5_000, rng)
+    on = (np.abs(points.points[drawn, 2]) < 0.05) & (np.abs(points.directions[drawn, 2]) > 0.9)
+    faces = ~points.is_edge[drawn]
     assert on[faces].mean() > 0.95
-    assert 0.2 < places.is_rim[drawn].mean() < 0.5
+    assert 0.2 < points.is_edge[drawn].mean() < 0.5
 
 
 def test_edges_of_a_box_are_its_twelve_edges():
     mesh = Mesh(*box((3.0, 2.0, 1.0), divisions=3))
-    features, edges = target_features(mesh, *even_places(mesh, MeshSurface(mesh), 8_000), 400)
+    features, edges = target_features(mesh, even_points(mesh, MeshSurface(mesh), 8_000), 400)
     at_limit = np.isclose(np.abs(edges), [1.5, 1.0, 0.5]).sum(axis=1)
     assert (at_limit >= 2).all()
     # A way off a face of a box is a normal of another face, and leads out of the box.
-    rim = features.is_rim
-    assert rim.sum() == 100
-    assert (np.isclose(np.abs(features.directions[rim]), 1.0).sum(axis=1) == 1).all()
-    assert (np.einsum("ij,ij->i", features.directions[rim], features.points[rim]) > 0.0).all()
+    at_edge = features.is_edge
+    assert at_edge.sum() == 100
+    assert (np.isclose(np.abs(features.directions[at_edge]), 1.0).sum(axis=1) == 1).all()
+    assert (np.einsum("ij,ij->i", features.directions[at_edge], features.points[at_edge]) > 0.0).all()
     assert len(features.points) <= 400
 
 
 def test_nothing_to_draw_draws_nothing():
     # Points on a curve so thin that no plane can be fitted anywhere.
     line = np.column_stack([np.linspace(0, 1, 50), np.zeros(50), np.zeros(50)])
-    places = scan_features(prepare_scan(PointCloud(line)), 1.0)
-    assert len(places.draw(10, np.random.default_rng(0))) == 0
+    points = scan_features(prepare_scan(PointCloud(line)), 1.0)
+    assert len(points.draw(10, np.random.default_rng(0))) == 0

@@ -5,9 +5,8 @@ import pytest
 
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.rigid import pose
-from dqreg.search.fpfh import Described, match_hypotheses, one_a_voxel, with_one_sign
-from dqreg.search.grids import Occupancy
-from dqreg.search.rotations import angle_of
+from dqreg.rigid.rotations import angle_of
+from dqreg.search.fpfh import FpfhCloud, first_in_voxels, match_hypotheses, orient_consistently
 from dqreg.synth.parts import bracket
 
 BRACKET = Mesh(*bracket())
@@ -23,20 +22,20 @@ def test_halves_that_share_a_third_are_matched():
         points = sample_mesh(BRACKET, 20_000, rng).points
         along = sign * (points - BRACKET.centre)[:, 0]
         sides.append(points[along < 0.17 * np.ptp(points[:, 0])])
-    source = Described.of(pose.apply(pose.inverse(T), sides[0]), VOXEL)
-    R, t = match_hypotheses(source, Described.of(sides[1], VOXEL), VOXEL)
-    there = R @ pose.apply(pose.inverse(T), BRACKET.centre[None])[0] + t
+    source = FpfhCloud.of(pose.apply(pose.inverse(T), sides[0]), VOXEL)
+    poses = match_hypotheses(source, FpfhCloud.of(sides[1], VOXEL), VOXEL)
+    there = poses.apply(pose.apply(pose.inverse(T), BRACKET.centre[None]))[:, 0]
     near = np.linalg.norm(there - BRACKET.centre, axis=1) < 0.05 * BRACKET.diagonal
-    angles = np.array([angle_of(each @ T[:3, :3].T) for each in R[near]])
+    angles = np.array([angle_of(each @ T[:3, :3].T) for each in poses.R[near]])
     assert np.count_nonzero(angles < np.deg2rad(12.0)) >= 10
 
 
-def test_signs_are_handed_on_over_a_sphere():
+def test_signs_are_propagated_over_a_sphere():
     rng = np.random.default_rng(1)
     normals = rng.normal(size=(800, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     order = np.argsort(-(normals @ normals.T), axis=1)[:, :10]
-    turned = with_one_sign(normals * rng.choice([-1.0, 1.0], size=(800, 1)), order)
+    turned = orient_consistently(normals * rng.choice([-1.0, 1.0], size=(800, 1)), order)
     # All outwards or all inwards.
     assert abs(np.sign(np.einsum("ij,ij->i", turned, normals)).sum()) == 800
 
@@ -45,22 +44,11 @@ def test_signs_are_handed_on_over_a_sphere():
 def test_each_voxel_keeps_its_first_point(voxel):
     points = np.random.default_rng(2).uniform(size=(500, 3))
     cells = [tuple(c) for c in ((points - points.min(axis=0)) / voxel).astype(int)]
-    assert one_a_voxel(points, voxel).tolist() == sorted(cells.index(c) for c in set(cells))
+    assert first_in_voxels(points, voxel).tolist() == sorted(cells.index(c) for c in set(cells))
 
 
 def test_nothing_to_match_is_no_pose():
-    few = Described.of(np.eye(3), 0.1)
-    R, t = match_hypotheses(few, few, 0.1)
-    assert R.shape[1:] == (3, 3)
-    assert len(R) == len(t)
-
-
-def test_occupancy_is_one_on_the_scan_and_nothing_far_off():
-    points = sample_mesh(BRACKET, 20_000, np.random.default_rng(3)).points
-    grid = Occupancy(points, BRACKET.diagonal)
-    far = np.eye(4)
-    far[0, 3] = 3.0 * BRACKET.diagonal
-    R, t = np.stack([np.eye(3), np.eye(3)]), np.stack([np.zeros(3), far[:3, 3]])
-    scores = grid.scores(R, t, points[:200])
-    assert scores[0] == pytest.approx(1.0, abs=1e-6)
-    assert scores[1] == 0.0
+    few = FpfhCloud.of(np.eye(3), 0.1)
+    poses = match_hypotheses(few, few, 0.1)
+    assert poses.R.shape[1:] == (3, 3)
+    assert len(poses.R) == len(poses.t)

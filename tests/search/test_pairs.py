@@ -9,10 +9,10 @@ from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_m
 from dqreg.rigid import pose
 from dqreg.search import PairTable
 from dqreg.search.features import scan_features
-from dqreg.search.grids import DistanceGrid, distinct
-from dqreg.search.pairs import LENGTH_BIN, SHORTEST, hypotheses, pair_keys
+from dqreg.search.pairs import LENGTH_BIN, SHORTEST, pair_hypotheses, pair_keys
+from dqreg.search.poses import Poses
 from dqreg.synth import random_pose
-from dqreg.synth.parts import box, bracket, plate
+from dqreg.synth.parts import bracket, plate
 
 
 @pytest.fixture(scope="module")
@@ -31,20 +31,20 @@ def table(part, surface):
 
 
 def lengths(table):
-    points = table.features.points
+    points = table.points.points
     return np.linalg.norm(points[table.second] - points[table.first], axis=1)
 
 
-def errors_of(R, t, T, mesh):
+def errors_of(poses, T, mesh):
     """Worst displacement of every 20th vertex under each of many poses."""
     corners = mesh.vertices[::20]
     at = pose.apply(pose.inverse(T), corners)
-    return np.linalg.norm(at @ R.transpose(0, 2, 1) + t[:, None] - corners, axis=2).max(axis=1)
+    return np.linalg.norm(poses.apply(at) - corners, axis=2).max(axis=1)
 
 
 def test_keys_ascend_and_belong_to_their_pairs(table):
     assert (np.diff(table.keys) >= 0).all()
-    keys, usable = pair_keys(table.features, table.first, table.second, table.size)
+    keys, usable = pair_keys(table.points, table.first, table.second, table.size)
     np.testing.assert_array_equal(table.keys, keys)
     assert usable.all()
     assert lengths(table).min() > (SHORTEST - 1e-6) * table.size
@@ -58,7 +58,7 @@ def test_pairs_of_one_key_agree_to_a_bin_in_length(table):
 
 def test_keys_do_not_know_pose_or_sign(table):
     rng = np.random.default_rng(0)
-    places = table.features
+    places = table.points
     T = random_pose(rng, table.size, np.zeros(3))
     signs = rng.choice([-1.0, 1.0], size=(len(places.points), 1))
     moved = dataclasses.replace(
@@ -77,8 +77,8 @@ def test_no_pose_is_lost_where_normals_stand_at_right_angles_to_the_line():
     rng = np.random.default_rng(1)
     T = random_pose(rng, mesh.diagonal, mesh.centre)
     cloud = PointCloud(pose.apply(pose.inverse(T), sample_mesh(mesh, 8_000, rng).points))
-    R, t = hypotheses(scan_features(prepare_scan(cloud), mesh.diagonal), table, rng)
-    assert np.count_nonzero(errors_of(R, t, T, mesh) < 0.1 * mesh.diagonal) >= 5
+    poses = pair_hypotheses(scan_features(prepare_scan(cloud), mesh.diagonal), table, rng)
+    assert np.count_nonzero(errors_of(poses, T, mesh) < 0.1 * mesh.diagonal) >= 5
 
 
 @pytest.mark.parametrize("given", [True, False])
@@ -94,16 +94,16 @@ def test_a_hypothesis_is_near_the_truth(part, table, seed, given):
         # Signs are not to be relied on: half of them are wrong here.
         normals = pose.rotate(back, sample.normals) * rng.choice([-1.0, 1.0], size=(5_000, 1))
     scan = prepare_scan(PointCloud(pose.apply(back, sample.points), normals))
-    R, t = hypotheses(scan_features(scan, part.diagonal), table, rng)
-    assert errors_of(R, t, T, part).min() < 0.1 * part.diagonal
+    poses = pair_hypotheses(scan_features(scan, part.diagonal), table, rng)
+    assert errors_of(poses, T, part).min() < 0.1 * part.diagonal
 
 
 def test_no_directions_no_hypotheses(table):
     line = np.column_stack([np.linspace(0, 50, 200), np.zeros(200), np.zeros(200)])
     places = scan_features(prepare_scan(PointCloud(line)), table.size)
-    R, t = hypotheses(places, table, np.random.default_rng(0))
-    assert R.shape == (0, 3, 3)
-    assert t.shape == (0, 3)
+    poses = pair_hypotheses(places, table, np.random.default_rng(0))
+    assert poses.R.shape == (0, 3, 3)
+    assert poses.t.shape == (0, 3)
 
 
 def test_grid_scores_agree_with_exact_distances(part, surface, table):
@@ -111,7 +111,7 @@ def test_grid_scores_agree_with_exact_distances(part, surface, table):
     points = sample_mesh(part, 300, rng).points
     poses = np.array([pose.exp(rng.normal(size=6) * [0.1, 0.1, 0.1, 5, 5, 5]) for _ in range(20)])
     reach = 0.05 * part.diagonal
-    got = table.grid.scores(poses[:, :3, :3], poses[:, :3, 3], points, reach)
+    got = table.grid.scores(Poses.of(poses), points, reach)
     exact = []
     for T in poses:
         d = surface.closest(pose.apply(T, points)).distances
@@ -120,21 +120,3 @@ def test_grid_scores_agree_with_exact_distances(part, surface, table):
     bound = 2.0 / reach * 0.5 * np.sqrt(3.0) * table.grid.cell
     assert np.abs(got - exact).max() < bound
     assert np.corrcoef(got, exact)[0, 1] > 0.99
-
-
-def test_points_outside_the_grid_count_nothing():
-    mesh = Mesh(*box())
-    surface = MeshSurface(mesh)
-    grid = DistanceGrid(lambda p: surface.closest(p).distances, *mesh.bounds, mesh.diagonal)
-    far = np.array([[0.0, 0.0, 1e6]])
-    assert grid.scores(np.eye(3)[None], far, np.zeros((4, 3)), 0.1).tolist() == [0.0]
-
-
-def test_distinct_keeps_the_first_of_each_group():
-    turns = [0.0, 0.01, 1.0, 1.01, 2.0]
-    R = np.array([pose.exp([0, 0, a, 0, 0, 0])[:3, :3] for a in turns])
-    rows = distinct(R, np.zeros((5, 3)), np.zeros(3), 0.1, 0.1, 10)
-    assert rows.tolist() == [0, 2, 4]
-    shifted = distinct(R[:2], np.array([[0.0, 0, 0], [1, 0, 0]]), np.zeros(3), 0.1, 0.1, 10)
-    assert shifted.tolist() == [0, 1]
-    assert distinct(R, np.zeros((5, 3)), np.zeros(3), 0.1, 0.1, 2).tolist() == [0, 2]

@@ -7,17 +7,17 @@ from dqreg.geometry import Mesh, MeshSurface, PointCloud, Surface, prepare_scan,
 from dqreg.icp import ESTIMATORS, Plan
 from dqreg.rigid import pose
 from dqreg.search.pairs import PairTable
-from dqreg.search.problem import Task
+from dqreg.search.problem import SearchProblem
 from dqreg.synth.parts import bracket
 
 PART = Mesh(*bracket())
 SURFACE: Surface = MeshSurface(PART)
 
 
-def task_of(points: np.ndarray) -> Task:
+def problem_of(points: np.ndarray) -> SearchProblem:
     plan = Plan(ESTIMATORS["dq"], 0.2 * PART.diagonal)
     scan = prepare_scan(PointCloud(points))
-    return Task(scan, SURFACE, PART, plan, lambda: PairTable.of(PART, SURFACE), np.random.default_rng(0))
+    return SearchProblem(scan, SURFACE, PART, plan, lambda: PairTable.of(PART, SURFACE), np.random.default_rng(0))
 
 
 def scene() -> np.ndarray:
@@ -29,12 +29,12 @@ def scene() -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_scan_of_the_part_alone_is_judged_one_way_however_it_is_turned(seed):
+def test_a_scan_of_the_part_alone_is_scored_one_way_however_it_is_turned(seed):
     # A long part that stands aslant has a bounding box far larger than its own.
     points = sample_mesh(PART, 5_000, np.random.default_rng(seed)).points
     turned = pose.apply(pose.random(np.random.default_rng(seed), reach=0.0), points)
-    assert task_of(turned).other_way is None
-    assert task_of(scene()).other_way is not None
+    assert problem_of(turned).other_way is None
+    assert problem_of(scene()).other_way is not None
 
 
 def test_the_table_of_pairs_is_made_when_it_is_first_needed_and_once():
@@ -45,8 +45,8 @@ def test_the_table_of_pairs_is_made_when_it_is_first_needed_and_once():
         return PairTable.of(PART, SURFACE)
 
     scan = prepare_scan(PointCloud(sample_mesh(PART, 2_000, np.random.default_rng(0)).points))
-    task = Task(scan, SURFACE, PART, Plan(ESTIMATORS["dq"], 1.0), make, np.random.default_rng(0))
-    assert task.size == SURFACE.diagonal
+    problem = SearchProblem(scan, SURFACE, PART, Plan(ESTIMATORS["dq"], 1.0), make, np.random.default_rng(0))
+    assert problem.size == SURFACE.diagonal
     assert made == []
-    assert task.table is task.table
+    assert problem.table is problem.table
     assert made == [1]

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.search.scoring import CLEAR, UNANIMOUS, WITNESSES, Judgement, both_ways
+from dqreg.search.scoring import CLEAR, CLEAR_POINTS, CLEAR_RATIO, PoseScores, symmetric_scores
 
 
-def judgement(*other: float | tuple[int, float]) -> Judgement:
+def scores_of(*other: float | tuple[int, float]) -> PoseScores:
     """Log-likelihoods of 2,000 points: 0 under the first pose; under each other one so many have this instead."""
     rows = [np.zeros(2_000)]
     for changes in other:
@@ -14,33 +14,33 @@ def judgement(*other: float | tuple[int, float]) -> Judgement:
         for count, value in changes:
             row[at : at + count], at = value, at + count
         rows.append(row)
-    return Judgement(np.array(rows), np.zeros((len(rows), 2_000)), 1.0)
+    return PoseScores(np.array(rows), np.zeros((len(rows), 2_000)), 1.0)
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "clearly"),
     [
         ([], False),
-        # A notch: few points, all of one opinion.
-        ([(WITNESSES, -2.0 * CLEAR)], True),
-        ([(WITNESSES - 1, -2.0 * CLEAR)], False),
+        # A notch: few points, all in favour of one pose.
+        ([(CLEAR_POINTS, -2.0 * CLEAR)], True),
+        ([(CLEAR_POINTS - 1, -2.0 * CLEAR)], False),
         # Noise, however many points of it.
         ([(1_000, -0.9 * CLEAR)], False),
-        # The part is not quite its drawing: points speak for either pose.
+        # The part deviates from its model: some points favour either pose.
         ([(200, -2.0 * CLEAR), (200, 2.0 * CLEAR)], False),
-        ([(200, -2.0 * CLEAR), (int(200 / UNANIMOUS) - 1, 2.0 * CLEAR)], True),
+        ([(200, -2.0 * CLEAR), (int(200 / CLEAR_RATIO) - 1, 2.0 * CLEAR)], True),
     ],
 )
-def test_what_few_points_say_with_one_voice_decides(changes, told):
-    found = judgement(changes).told_apart(0)
-    # No pose is told apart from itself.
-    assert found.tolist() == [False, told]
+def test_few_points_that_all_favour_one_pose_decide(changes, clearly):
+    found = scores_of(changes).distinguishable(0)
+    # No pose is distinguishable from itself.
+    assert found.tolist() == [False, clearly]
 
 
-def test_both_sides_have_as_much_to_say_as_they_have_points():
+def test_every_point_of_both_sides_has_the_same_weight():
     rng = np.random.default_rng(0)
-    sides = [Judgement(rng.normal(size=(3, n)), rng.random((3, n)), width) for n, width in ((400, 1.0), (100, 2.0))]
-    both = both_ways(*sides)
+    sides = [PoseScores(rng.normal(size=(3, n)), rng.random((3, n)), width) for n, width in ((400, 1.0), (100, 2.0))]
+    both = symmetric_scores(*sides)
     np.testing.assert_allclose(both.means, 0.8 * sides[0].means + 0.2 * sides[1].means, rtol=1e-12)
     assert both.distances.shape == (3, 500)
     assert both.width == 1.0

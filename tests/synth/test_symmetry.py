@@ -10,7 +10,7 @@ from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.rigid import pose
 from dqreg.synth import parts
-from dqreg.synth.parts.symmetry import about_z, of_box
+from dqreg.synth.parts.kinds import about_z, of_box
 from dqreg.synth.truth import nearest_truth, worst_vertex_displacement
 
 CASES = [

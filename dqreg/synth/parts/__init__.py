@@ -5,13 +5,13 @@ Every part is a pair ``vertices (v, 3) float64, faces (f, 3) int64``. It is wate
 them by name, with the turns that put each onto itself.
 """
 
+from dqreg.rigid.symmetry import Symmetry
 from dqreg.synth.parts.blade import blade
 from dqreg.synth.parts.blocks import block, feeder, prism
 from dqreg.synth.parts.bracket import bracket
 from dqreg.synth.parts.kinds import KINDS, symmetry_of
 from dqreg.synth.parts.plain import Mesh, box, cylinder, plate
 from dqreg.synth.parts.sheet import angle
-from dqreg.synth.parts.symmetry import Symmetry
 from dqreg.synth.parts.turned import flange, gear
 
 __all__ = [

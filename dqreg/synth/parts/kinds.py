@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.rigid import pose
+from dqreg.rigid.symmetry import Axis, Symmetry
 from dqreg.synth.parts.blade import blade
 from dqreg.synth.parts.blocks import block, feeder, prism
 from dqreg.synth.parts.bracket import bracket
 from dqreg.synth.parts.plain import Mesh, box, cylinder, plate
 from dqreg.synth.parts.sheet import angle
-from dqreg.synth.parts.symmetry import Symmetry, about_z, none, of_box
 from dqreg.synth.parts.turned import flange, gear
 
-_Z_AXIS = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_ROUND_Z = (Axis(np.array([0.0, 0.0, 1.0]), np.zeros(3), None),)
+_NONE = np.zeros((0, 4, 4))
 
 
 @dataclass(frozen=True)
 class Kind:
-    """How a part of one kind is made, and which motions put it onto itself."""
+    """How a part of one kind is made, and its symmetry."""
 
     build: Callable[..., Mesh]  # Takes the dimensions as keywords; returns vertices (v, 3) and faces (f, 3)
     # Takes all dimensions by name, defaults filled in; returns a `Symmetry`
@@ -31,14 +34,41 @@ class Kind:
 
 
 def symmetry_of(kind: str, dimensions: Mapping[str, Any] | None = None) -> Symmetry:
-    """Find the motions that put a part onto itself."""
+    """Motions that put a part of one kind onto itself."""
     bound = inspect.signature(KINDS[kind].build).bind(**(dimensions or {}))
     bound.apply_defaults()
     return KINDS[kind].symmetry(bound.arguments)
 
 
-def _exact(poses: FloatArray, axis: FloatArray | None = None) -> Symmetry:
-    return Symmetry(poses, np.zeros((0, 4, 4)), axis)
+def about_z(order: int, *, flips: bool = False) -> FloatArray:
+    """Rotations about the z axis by equal steps, and half-turns about axes across it.
+
+    Shapes: returns (order or 2 order, 4, 4).
+    """
+    turn = np.arange(order) * (2.0 * np.pi / order)
+    T = np.broadcast_to(np.eye(4), (order, 4, 4)).copy()
+    T[:, 0, 0] = T[:, 1, 1] = np.cos(turn)
+    T[:, 1, 0], T[:, 0, 1] = np.sin(turn), -np.sin(turn)
+    return np.concatenate([T, T @ np.diag([1.0, -1.0, -1.0, 1.0])]) if flips else T
+
+
+def of_box(size: Sequence[float], centre: Sequence[float] = (0.0, 0.0, 0.0)) -> FloatArray:
+    """Rotations that put a rectangular block onto itself.
+
+    Shapes: returns (4, 8 or 24, 4, 4).
+    """
+    found = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            R = np.zeros((3, 3))
+            R[range(3), order] = signs
+            if np.linalg.det(R) > 0.0 and all(size[i] == size[order[i]] for i in range(3)):
+                found.append(pose.about(pose.from_parts(R, np.zeros(3)), np.asarray(centre, dtype=np.float64)))
+    return np.stack(found)
+
+
+def _exact(poses: FloatArray, axes: tuple[Axis, ...] = ()) -> Symmetry:
+    return Symmetry(poses, _NONE, axes)
 
 
 def _of_plate(given: Mapping[str, Any]) -> Symmetry:
@@ -56,7 +86,7 @@ def _of_plate(given: Mapping[str, Any]) -> Symmetry:
 
 
 def _without(_given: Mapping[str, Any]) -> Symmetry:
-    return none()
+    return Symmetry(np.eye(4)[None], _NONE)
 
 
 def _of_block(given: Mapping[str, Any]) -> Symmetry:
@@ -81,7 +111,7 @@ KINDS: Mapping[str, Kind] = {
     "block": Kind(block, _of_block),
     "box": Kind(box, lambda given: _exact(of_box(given["size"]))),
     "bracket": Kind(bracket, _without),
-    "cylinder": Kind(cylinder, lambda given: _exact(about_z(1, flips=True), _Z_AXIS)),
+    "cylinder": Kind(cylinder, lambda given: _exact(about_z(1, flips=True), _ROUND_Z)),
     "feeder": Kind(feeder, _without),
     "flange": Kind(flange, lambda given: _exact(about_z(given["bolts"]))),
     "gear": Kind(gear, lambda given: _exact(about_z(given["teeth"]))),

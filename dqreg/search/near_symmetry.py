@@ -1,0 +1,153 @@
+"""Near symmetries: poses of a part, or of its mirror image, that only a small feature tells from the right one.
+
+An initial pose that was given decides between them before any feature does. So the near symmetries of the result are
+tried, and those that explain the scan as well, or better, are reported. A left-hand part scanned for a right-hand one,
+or a sensor whose frame is left-handed, fits in all but a few features: its misfit may be no more than clutter leaves,
+but it vanishes in the mirror.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry import Mesh, Scan, Surface, sample_mesh
+from dqreg.geometry.normals import sample_rows
+from dqreg.rigid import pose
+from dqreg.rigid.rotations import about_axis
+from dqreg.search.axes import cube_rotations, moments, principal_axes
+from dqreg.search.oriented_points import OrientedPoints
+from dqreg.search.poses import Poses
+from dqreg.search.refine import refine
+from dqreg.search.scoring import PoseScores, score_poses
+from dqreg.search.symmetry import MOST, NEARLY, SAME
+
+# A motion that leaves this fraction of the part in place is a symmetry, which no scan can decide.
+ALL = 0.998
+# Points that check a motion, those of them that screen it, and the fraction that these may lack.
+CHECKED, SCREENED, SLACK = 2_000, 100, 0.2
+# Points that screen a flipped pose, reach of their gain in sizes, and the mean gain that it may lack.
+FEW, REACH, LACKS = 300, 0.02, 0.15
+# Points that refine and points that score; first and last kernel scale of the refinement, in sizes; steps.
+REFINE_POINTS, SCORE_POINTS, WIDE, NARROW, STEPS = 1_000, 5_000, 6e-3, 1e-3, 6
+# Flips within so much mean log-likelihood are equally likely: half of what the notch of a block costs that is 0.7 % of
+# its surface. What only a smaller fraction of the points favours is no decision.
+EQUALLY_LIKELY = 0.015
+# Smaller moment in the larger one of the two across the axis of a ring, at least.
+EQUAL_MOMENTS = 0.9
+# Teeth of a ring that are tried, and points that score a rotation by one.
+TEETH, RING_POINTS = range(5, 41), 500
+# A step of a ring fits where so much of what half a step moves out of place comes back into it: else it is the whole of
+# a disc that fits, at any angle, and ICP itself rotates it.
+COMES_BACK = 0.5
+# Numbers of teeth that are kept, the best ones.
+ORDERS_KEPT = 4
+
+
+def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
+    """Rotations about the principal axes that leave most of a part in place, but not all of it; by a tooth, of a ring.
+
+    Shapes: returns (k, 4, 4).
+    """
+    return _near_maps(mesh, surface, cube_rotations() + ring_steps(mesh, surface))
+
+
+def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
+    """Improper rotations about the principal axes that leave most of a part in place, but not all of it.
+
+    Shapes: returns (k, 4, 4).
+    """
+    return _near_maps(mesh, surface, [-R for R in cube_rotations()])
+
+
+def ring_steps(mesh: Mesh, surface: Surface) -> list[FloatArray]:
+    """Rotations by one tooth of a ring whose teeth fit each other, either way, in the frame of the principal axes.
+
+    About an axis with equal moments across it the rotations of the cube miss them: a ring of 24 teeth fits itself at
+    every 15 degrees.
+    """
+    mean, covariance = moments(mesh)
+    values = np.linalg.eigvalsh(covariance)
+    low, high = (bool(values[k] > EQUAL_MOMENTS * values[k + 1]) for k in (0, 1))
+    if low == high:
+        return []
+    axis = np.eye(3)[0 if high else 2]
+    centre, axes = principal_axes(mean, covariance)
+    arms = (sample_mesh(mesh, RING_POINTS, np.random.default_rng(0)).points - centre) @ axes
+
+    def in_place(angles: FloatArray) -> FloatArray:
+        moved = np.concatenate([arms @ (axes @ about_axis(axis, angle)).T for angle in angles]) + centre
+        return _gains(moved, surface, NEARLY, len(angles))
+
+    steps = 2.0 * np.pi / np.array(TEETH)
+    whole, half = in_place(steps), in_place(0.5 * steps)
+    # An order beside the right one fits as well, a little worse.
+    beside = np.maximum(np.r_[0.0, whole[:-1]], np.r_[whole[1:], 0.0])
+    fits = np.flatnonzero((whole > beside) & (whole - half > COMES_BACK * (1.0 - half)))
+    fits = fits[np.argsort(-whole[fits], kind="stable")][:ORDERS_KEPT]
+    return [about_axis(axis, sign * steps[k]) for k in fits for sign in (1.0, -1.0)]
+
+
+def flipped(
+    T_target_source: FloatArray, flips: FloatArray, scan: Scan, surface: Surface, limit: float, floor: float
+) -> list[tuple[FloatArray, float]]:
+    """Flips, (k, 4, 4), of a pose that explain the scan as well as it does, or better, each with its rms."""
+    flips = _worth_refining(T_target_source, flips, scan, surface) if len(flips) else flips
+    if not len(flips):
+        return []
+    poses, scores = _refined(T_target_source, flips, scan, surface, limit, floor)
+    deficit = scores.means[0] - scores.means
+    rms = np.sqrt((scores.distances**2).mean(axis=1))
+    likely = [k for k in range(1, len(poses)) if deficit[k] <= EQUALLY_LIKELY]
+    return [(pose.from_parts(poses.R[k], poses.t[k]), float(rms[k])) for k in likely]
+
+
+def gain_of_mirror(
+    T_target_source: FloatArray, mirrors: FloatArray, scan: Scan, surface: Surface, limit: float, floor: float
+) -> float:
+    """Mean log-likelihood that the scan gains by the best of some mirrors, (k, 4, 4)."""
+    if not len(mirrors):
+        return -np.inf
+    means = _refined(T_target_source, mirrors, scan, surface, limit, floor)[1].means
+    return float(means[1:].max() - means[0])
+
+
+def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray]) -> FloatArray:
+    """Those of some orthogonal matrices that, about the principal axes, leave most of a part in place, but not all."""
+    centre, axes = principal_axes(*moments(mesh))
+    points = sample_mesh(mesh, CHECKED, np.random.default_rng(0)).points
+    rotations = [axes @ turn @ axes.T for turn in turns]
+    maps = [pose.from_parts(R, centre - R @ centre) for R in rotations]
+    # Few points of all turns in one question; most turns move most of the part far away.
+    few = np.concatenate([pose.apply(T, points[:: CHECKED // SCREENED]) for T in maps])
+    fractions = (surface.closest(few).distances <= NEARLY * surface.diagonal).reshape(len(maps), -1).mean(axis=1)
+    found = []
+    for T in (maps[k] for k in np.flatnonzero(fractions >= MOST - SLACK)):
+        distances = surface.closest(pose.apply(T, points)).distances / surface.diagonal
+        if np.mean(distances <= NEARLY) >= MOST and np.mean(distances <= SAME) < ALL:
+            found.append(T)
+    return np.array(found).reshape(-1, 4, 4)
+
+
+def _refined(
+    T_target_source: FloatArray, maps: FloatArray, scan: Scan, surface: Surface, limit: float, floor: float
+) -> tuple[Poses, PoseScores]:
+    """A pose, then the pose followed by each of some motions, (k, 4, 4), and refined; and the scores of all."""
+    sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), REFINE_POINTS)])
+    widths = np.geomspace(WIDE, NARROW, STEPS) * surface.diagonal
+    poses = Poses.of(T_target_source[None]) + refine(Poses.of(maps @ T_target_source), sample, surface, widths)
+    return poses, score_poses(poses, scan.points[sample_rows(len(scan), SCORE_POINTS)], surface, limit, floor)
+
+
+def _worth_refining(T_target_source: FloatArray, flips: FloatArray, scan: Scan, surface: Surface) -> FloatArray:
+    # A flip that leaves one point in six off the part is nowhere near as likely, whatever its refinement mends.
+    few = scan.points[sample_rows(len(scan), FEW)]
+    moved = np.concatenate([pose.apply(T, few) for T in (T_target_source, *(flips @ T_target_source))])
+    gains = _gains(moved, surface, REACH, len(flips) + 1)
+    return np.asarray(flips[gains[1:] >= gains[0] - LACKS])
+
+
+def _gains(points: FloatArray, surface: Surface, reach: float, count: int) -> FloatArray:
+    """Mean of ``1 - (d / reach)^2``, 0 beyond the reach in sizes, for each of so many poses of the same points."""
+    apart = surface.closest(points).distances / (reach * surface.diagonal)
+    return np.asarray(np.maximum(1.0 - apart**2, 0.0).reshape(count, -1).mean(axis=1))

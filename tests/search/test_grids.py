@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg.geometry import Mesh, MeshSurface, sample_mesh
+from dqreg.search.features import even_points
+from dqreg.search.grids import DistanceGrid, OccupancyGrid, PlaneGrid
+from dqreg.search.poses import Poses
+from dqreg.synth.parts import box, bracket
+
+BRACKET = Mesh(*bracket())
+SURFACE = MeshSurface(BRACKET)
+GRID = PlaneGrid(SURFACE, even_points(BRACKET, SURFACE, 20_000), *BRACKET.bounds)
+
+
+def test_planes_of_the_grid_are_the_surfaces_own_near_it():
+    # Oracle: the surface. A node is a cell's half diagonal off at most, and so is what it says.
+    rng = np.random.default_rng(0)
+    points = even_points(BRACKET, SURFACE, 2_000).points + 0.01 * BRACKET.diagonal * rng.normal(size=(2_000, 3))
+    exact, known = SURFACE.closest(points), GRID.closest(points)
+    assert np.abs(known.distances - exact.distances).max() < 2.0 * GRID.cell
+    same = np.einsum("ij,ij->i", known.normals, exact.normals) > 0.999
+    assert same.mean() > 0.8
+    np.testing.assert_allclose(known.distances[same], exact.distances[same], atol=GRID.cell)
+
+
+def test_outside_nothing_is_near():
+    found = GRID.closest((BRACKET.centre + 3.0 * BRACKET.diagonal)[None])
+    assert np.isinf(found.distances).all()
+    assert (found.normals == 0.0).all()
+
+
+def test_points_outside_the_grid_count_nothing():
+    mesh = Mesh(*box())
+    surface = MeshSurface(mesh)
+    grid = DistanceGrid(lambda p: surface.closest(p).distances, *mesh.bounds, mesh.diagonal)
+    far = np.array([[0.0, 0.0, 1e6]])
+    assert grid.scores(Poses(np.eye(3)[None], far), np.zeros((4, 3)), 0.1).tolist() == [0.0]
+
+
+def test_occupancy_is_one_on_the_scan_and_nothing_far_off():
+    points = sample_mesh(BRACKET, 20_000, np.random.default_rng(3)).points
+    grid = OccupancyGrid(points, BRACKET.diagonal)
+    far = np.eye(4)
+    far[0, 3] = 3.0 * BRACKET.diagonal
+    scores = grid.scores(Poses.of(np.stack([np.eye(4), far])), points[:200])
+    assert scores[0] == pytest.approx(1.0, abs=1e-6)
+    assert scores[1] == 0.0
