@@ -10,7 +10,7 @@ from dqreg._arrays import FloatArray
 from dqreg.icp.correspondences import Pairs
 from dqreg.icp.plane_to_plane import form_of_pairs
 from dqreg.solvers import Fit, moments_of, solve_moments, svd
-from dqreg.solvers.newton import minimise
+from dqreg.solvers.newton import local_minimum
 from dqreg.solvers.quadratic import QuadraticForm, plane_form
 
 Estimator = Callable[[Pairs, FloatArray, float], Fit]
@@ -67,7 +67,7 @@ def points_to_planes(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
     p, q, n, w = pairs.scan.points[used], pairs.closest.points[used], pairs.closest.normals[used], weights[used]
     origins = (w @ p / w.sum(), w @ q / w.sum())
     form = QuadraticForm(plane_form(p, q, n, w, origins), *origins)
-    T = minimise(form, pairs.T_target_source)
+    T = local_minimum(form, pairs.T_target_source)
     cost = form.value(T)
     return Fit(T, cost, float(np.sqrt(max(cost, 0.0) / w.sum())), np.nan)
 
@@ -82,7 +82,7 @@ def surfaces_to_surfaces(pairs: Pairs, weights: FloatArray, noise: float) -> Fit
     if np.count_nonzero(used) < 6:
         return points_only(pairs, weights, noise)
     form = form_of_pairs(pairs, weights)
-    T = minimise(form, pairs.T_target_source)
+    T = local_minimum(form, pairs.T_target_source)
     cost = max(form.value(T), 0.0)
     return Fit(T, cost, float(np.sqrt(cost / weights.sum())), np.nan)
 

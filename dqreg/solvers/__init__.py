@@ -8,20 +8,17 @@
 - `moments_of`, `Moments`, `solve_moments`, `cost_of_pose`: the parts, for loops that have checked their arrays.
 """
 
-from dqreg.solvers.arun import svd
 from dqreg.solvers.batched import Fits, solve_many
 from dqreg.solvers.closed_form import solve_moments
 from dqreg.solvers.dof import Freedom
 from dqreg.solvers.exact_cost import cost_of_pose
-from dqreg.solvers.fit import Fit
-from dqreg.solvers.horn import horn
+from dqreg.solvers.fit import Fit, PoseFit
 from dqreg.solvers.least_squares import solve
-from dqreg.solvers.matches import Matches, read_matches
+from dqreg.solvers.matches import LikelihoodWeights, Matches, likelihood_weights, normal_variance, read_matches
 from dqreg.solvers.moments import Moments, moments_of
 from dqreg.solvers.pose_cost import PoseCost
-from dqreg.solvers.pose_cost_rows import PoseFit
+from dqreg.solvers.reference import horn, svd
 from dqreg.solvers.walker import WalkerFit, walker1991
-from dqreg.solvers.weights import LikelihoodWeights, likelihood_weights, normal_variance
 
 __all__ = [
     "Fit",

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, as_float, as_pose, require_finite
 from dqreg.errors import InputError
 from dqreg.rigid import quaternion
-from dqreg.solvers.dof_chart import Flags, Motion, compose, relative, tangent
+from dqreg.solvers.dof_chart import Flags, FrameMotion, compose, relative, tangent
 from dqreg.solvers.dof_words import WORDS, as_frame, flags, read_words
 
 
@@ -223,7 +223,7 @@ class Freedom:
         require_finite(six, "coordinates")
         if (six[~np.array(self.mask)] != 0.0).any():
             raise InputError(f"coordinates must be zero where a motion is locked; free are {self}, got {six.tolist()}")
-        motion = Motion(quaternion.exp(np.r_[0.0, 0.5 * six[:3]]), six[3:])
+        motion = FrameMotion(quaternion.exp(np.r_[0.0, 0.5 * six[:3]]), six[3:])
         return compose(self.frame, motion, as_pose(T_reference, "T_reference"))
 
     def project(self, T_target_source: ArrayLike, T_reference: ArrayLike) -> FloatArray:

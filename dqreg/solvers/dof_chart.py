@@ -22,30 +22,30 @@ Flags = tuple[bool, bool, bool]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Motion:
+class FrameMotion:
     """Turn about the frame's origin, then shift."""
 
     q: FloatArray  # (4,): Unit quaternion w, x, y, z along the frame's axes
     t: FloatArray  # (3,): Shift along the frame's axes
 
-    def within(self, turns: Flags, shifts: Flags) -> Motion:
+    def within(self, turns: Flags, shifts: Flags) -> FrameMotion:
         """The same without its locked parts."""
         q = self.q * (1.0, *turns)
         size = math.sqrt(float(q @ q))
         # A half-turn about a locked axis is as far from all allowed turns: none is as good as any.
         q = q / size if size > 0.0 else np.array([1.0, 0.0, 0.0, 0.0])
-        return Motion(q, self.t * shifts)
+        return FrameMotion(q, self.t * shifts)
 
 
-def relative(frame: FloatArray, T: FloatArray, T_reference: FloatArray) -> Motion:
+def relative(frame: FloatArray, T: FloatArray, T_reference: FloatArray) -> FrameMotion:
     """The motion from a reference pose to a pose."""
     axes, origin = frame[:3, :3], frame[:3, 3]
     q = quaternion.from_matrix(axes.T @ T[:3, :3] @ T_reference[:3, :3].T @ axes)
     arm = axes.T @ (T_reference[:3, 3] - origin)
-    return Motion(q, axes.T @ (T[:3, 3] - T_reference[:3, 3]) - turned(q) @ arm)
+    return FrameMotion(q, axes.T @ (T[:3, 3] - T_reference[:3, 3]) - turned(q) @ arm)
 
 
-def compose(frame: FloatArray, motion: Motion, T_reference: FloatArray) -> FloatArray:
+def compose(frame: FloatArray, motion: FrameMotion, T_reference: FloatArray) -> FloatArray:
     """The pose that a motion leads to."""
     axes, origin = frame[:3, :3], frame[:3, 3]
     # All by differences from the reference: what is locked keeps every digit, wherever the origins are.
@@ -99,7 +99,7 @@ class LockedChart:
     frame: FloatArray
     reference: FloatArray
     freely: tuple[Flags, Flags]  # Which turns and which shifts are free
-    motion: Motion  # An allowed one
+    motion: FrameMotion  # An allowed one
 
     @cached_property
     def pose(self) -> FloatArray:
@@ -144,6 +144,6 @@ class LockedChart:
         half[1:] = 0.5 * (self._axes @ step[: self.turns])
         t = self.motion.t.copy()
         t[list(self.freely[1])] += step[self.turns :]
-        moved = Motion(quaternion.multiply(quaternion.exp(half), self.motion.q), t)
+        moved = FrameMotion(quaternion.multiply(quaternion.exp(half), self.motion.q), t)
         # Rounding is taken out of the locked parts, so that they stay zero to the last bit.
         return dataclasses.replace(self, motion=moved.within(*self.freely))

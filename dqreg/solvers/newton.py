@@ -82,7 +82,7 @@ class FreeChart:
         return dataclasses.replace(self, pose=moved)
 
 
-def minimise(form: QuadraticForm, start: FloatArray) -> FloatArray:
+def local_minimum(form: QuadraticForm, start: FloatArray) -> FloatArray:
     """Pose of least cost near a start.
 
     Damped Newton steps that never raise the cost; motions that the cost does not feel stay as they are.

@@ -14,8 +14,9 @@ from dqreg.errors import InputError
 from dqreg.rigid import pose
 from dqreg.solvers.dof import Freedom
 from dqreg.solvers.dof_words import as_frame
+from dqreg.solvers.fit import PoseFit
 from dqreg.solvers.minimise import minimise
-from dqreg.solvers.pose_cost_rows import PoseFit, form_of, prior_form, read_covariance
+from dqreg.solvers.pose_cost_rows import form_of, prior_form, read_covariance
 from dqreg.solvers.quadratic import QuadraticForm, derivatives, direction_form, line_form, plane_form, point_form
 
 

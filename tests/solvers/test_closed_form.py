@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis.extra.numpy import arrays
 
 from dqreg.errors import DegenerateGeometryError
-from dqreg.rigid._matrices import to_matrix
+from dqreg.rigid.quaternion import to_matrix
 from dqreg.solvers.closed_form import quaternion_form, require_determined
 from tests.solvers.problems import fast
 from tests.strategies import floats, unit_quaternions

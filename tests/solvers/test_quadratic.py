@@ -5,7 +5,7 @@ import pytest
 
 from dqreg.rigid import pose, twist
 from dqreg.solvers import solve
-from dqreg.solvers.newton import minimise
+from dqreg.solvers.newton import local_minimum
 from dqreg.solvers.quadratic import QuadraticForm, derivatives, direction_form, line_form, plane_form, point_form
 
 RNG = np.random.default_rng(5)
@@ -83,7 +83,7 @@ def test_derivatives_agree_with_finite_differences(origins):
 def test_points_and_directions_have_the_closed_form_as_their_minimum():
     cost = form(point_form(P, Q, W, ZERO) + direction_form(M, N, W))
     fit = solve(P, Q, M, N, W, W)
-    reached = minimise(cost, fit.T_target_source @ pose.exp([0.1, -0.2, 0.1, 0.1, 0.0, 0.2]))
+    reached = local_minimum(cost, fit.T_target_source @ pose.exp([0.1, -0.2, 0.1, 0.1, 0.0, 0.2]))
     np.testing.assert_allclose(reached, fit.T_target_source, atol=1e-9)
 
 
@@ -93,7 +93,7 @@ def test_planes_are_met_exactly_also_from_far(angle):
     truth = pose.exp(np.r_[angle * np.array([0.6, -0.64, 0.48]), 0.3, -0.2, 0.5])
     moved = pose.apply(truth, P)
     slid = moved + np.cross(N, RNG.normal(size=(40, 3)))
-    reached = minimise(form(plane_form(P, slid, N, W, ZERO)), solve(P, slid).T_target_source)
+    reached = local_minimum(form(plane_form(P, slid, N, W, ZERO)), solve(P, slid).T_target_source)
     np.testing.assert_allclose(reached, truth, atol=1e-9)
 
 
@@ -101,7 +101,7 @@ def test_a_free_motion_stays_where_it_was():
     up = np.tile([0.0, 0.0, 1.0], (40, 1))
     flat = P * [1, 1, 0]
     start = pose.exp([0.05, -0.03, 0.0, 0.4, 0.5, 0.2])
-    reached = minimise(form(plane_form(flat, flat, up, W, ZERO)), start)
+    reached = local_minimum(form(plane_form(flat, flat, up, W, ZERO)), start)
     assert form(plane_form(flat, flat, up, W, ZERO)).value(reached) < 1e-20
     # The sum of shifts within the plane and turns about its normal is what it was, to second order in the tilt.
     np.testing.assert_allclose(reached[:2, 3], start[:2, 3], atol=0.02)
@@ -113,7 +113,7 @@ def test_far_origins_cost_no_digits():
     moved = pose.apply(truth, P)
     origins = (far, far)
     cost = form(plane_form(P + far, moved + far, N, W, origins), origins)
-    reached = minimise(cost, np.eye(4))
+    reached = local_minimum(cost, np.eye(4))
     back = pose.apply(reached, P + far) - far
     # One unit in the last place of 4.4e6 is 9e-10.
     np.testing.assert_allclose(back, moved, atol=4e-9)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dqreg.rigid import pose
-from dqreg.rigid._matrices import left_matrix, right_matrix
+from dqreg.rigid.quaternion import left_matrix, right_matrix
 from dqreg.solvers import solve, walker1991
 from dqreg.solvers.walker import Q, W
 from tests.solvers.problems import TETRAHEDRON, Problem, assert_same_pose, euclidean_cost, fast, problems

@@ -6,11 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from dqreg.rigid._algebra import conjugate, multiply
-from dqreg.rigid._matrices import from_matrix, left_matrix, right_matrix
+from dqreg.rigid.quaternion import conjugate, from_matrix, left_matrix, multiply, right_matrix
 from dqreg.solvers import horn, read_matches
-from dqreg.solvers.horn import P, Q
 from dqreg.solvers.least_squares import centre
+from dqreg.solvers.reference import P, Q
 from tests.solvers.problems import euclidean_cost, fast, problems
 from tests.strategies import floats, unit_quaternions
 
