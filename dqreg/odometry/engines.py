@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import time
 from collections.abc import Callable, Iterable
 from typing import Any, Protocol
@@ -11,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.errors import InputError, MissingDependencyError
+from dqreg.errors import InputError, load_package
 from dqreg.odometry.frame import read_frame
 from dqreg.odometry.kiss import load_kiss, rigid
 from dqreg.odometry.odometry import Odometry
@@ -53,12 +52,7 @@ class SmallGicpEngine:
     """small_gicp's GICP from each scan to the one before, from constant velocity."""
 
     def __init__(self, voxel_size: float, reach: float) -> None:
-        try:
-            self._gicp = importlib.import_module("small_gicp")
-        except ImportError as error:
-            raise MissingDependencyError(
-                f"small_gicp cannot be loaded ({error}); install it with: python -m pip install small-gicp"
-            ) from error
+        self._gicp = load_package("small_gicp", "small-gicp")
         self._voxel, self._reach = voxel_size, reach
         self._last: FloatArray | None = None
         self._T, self._motion = np.eye(4), np.eye(4)

@@ -6,30 +6,18 @@ with kiss-icp 1.3): poses are made rigid and such times are dropped before anyth
 
 from __future__ import annotations
 
-import functools
-import importlib
 from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.errors import MissingDependencyError
+from dqreg.errors import load_package
 from dqreg.odometry.settings import Resolved
 
-MODULES = ("config", "kiss_icp", "mapping", "metrics", "preprocess", "threshold", "voxelization", "datasets")
 
-
-@functools.cache
 def load_kiss(module: str) -> Any:
     """A module of KISS-ICP."""
-    try:
-        return importlib.import_module(f"kiss_icp.{module}")
-    except Exception as error:
-        # A wheel that does not fit the system fails in its own ways.
-        raise MissingDependencyError(
-            f"odometry builds its map with KISS-ICP, which cannot be loaded ({error}); "
-            'install it with: python -m pip install "kiss-icp>=1.2"'
-        ) from error
+    return load_package(f"kiss_icp.{module}", '"kiss-icp>=1.2"', "odometry")
 
 
 def rigid(T: FloatArray) -> FloatArray:

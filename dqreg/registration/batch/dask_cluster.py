@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import contextlib
-import importlib
 import importlib.metadata
 import itertools
 import logging
@@ -20,7 +19,7 @@ import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from dqreg.errors import DqregError, InputError, MissingDependencyError
+from dqreg.errors import DqregError, InputError, load_package
 from dqreg.registration.batch.pool import POLL_SECONDS, Answer, Stop
 from dqreg.registration.batch.row import Done, Row, Thumbnail, row_worker, run_isolated
 from dqreg.registration.batch.worker import Worker
@@ -62,12 +61,7 @@ def _quiet() -> Iterator[None]:
 
 def load_distributed() -> Any:
     """The package ``distributed``."""
-    try:
-        return importlib.import_module("distributed")
-    except ImportError as error:
-        raise MissingDependencyError(
-            f"a Dask cluster needs the package distributed ({error}); run: pip install 'dqreg[cluster]'"
-        ) from error
+    return load_package("distributed", "'dqreg[cluster]'", "a Dask cluster")
 
 
 def slots(client: Any) -> int:
