@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from dqreg.files.units import MIXED, factor
-from dqreg.registration.result import Registration
 from dqreg.report.numbers_text import percent, place_text, setting_text, text_of
+from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.story import Story
 from dqreg.report.summary import scale_words
 
 Rows = list[tuple[str, str]]
 
 
-def facts_of(result: Registration, unit: str) -> dict[str, Any]:
+def facts_of(result: RegistrationResult, unit: str) -> dict[str, Any]:
     """What the page's template asks for, by name."""
     found = bool(np.isfinite(result.T_target_source).all())
     settings = [(name, setting_text(name, value, unit)) for name, value in sorted(result.settings.items())]
@@ -34,7 +34,7 @@ def facts_of(result: Registration, unit: str) -> dict[str, Any]:
     }
 
 
-def motions_of(result: Registration) -> list[dict[str, str]]:
+def motions_of(result: RegistrationResult) -> list[dict[str, str]]:
     """Rows of the six motions."""
     return [
         {
@@ -47,7 +47,7 @@ def motions_of(result: Registration) -> list[dict[str, str]]:
     ]
 
 
-def _sigmas(result: Registration, unit: str) -> dict[str, Any]:
+def _sigmas(result: RegistrationResult, unit: str) -> dict[str, Any]:
     """Standard deviations of the six numbers of the pose: columns, one row, and what they mean."""
     sigma = np.sqrt(np.diag(result.covariance))
     row = [text_of(s, 2) if np.isfinite(s) else "free" for s in [*np.rad2deg(sigma[:3]), *sigma[3:]]]
@@ -61,7 +61,7 @@ def _sigmas(result: Registration, unit: str) -> dict[str, Any]:
     return {"columns": columns, "row": row, "words": words}
 
 
-def _sides(result: Registration, unit: str) -> Rows:
+def _sides(result: RegistrationResult, unit: str) -> Rows:
     """What was registered to what."""
     get = result.settings.get
     rows = [
@@ -77,7 +77,7 @@ def _sides(result: Registration, unit: str) -> Rows:
     return [*rows, ("Units", converted)] if converted else rows
 
 
-def _converted(result: Registration) -> str:
+def _converted(result: RegistrationResult) -> str:
     """What was done to the scan's unit; empty if nothing."""
     scaled = scale_words(result)
     if scaled:
@@ -88,7 +88,7 @@ def _converted(result: Registration) -> str:
     return f"The scan's coordinates were multiplied by {result.scale:g} first ({names[0]} to {names[1]})."
 
 
-def _history(result: Registration, unit: str) -> dict[str, Any]:
+def _history(result: RegistrationResult, unit: str) -> dict[str, Any]:
     """All iterations: columns and rows."""
     units = {"No.": "", "Stage": "", "Points": "", "Inliers": "%", "Rms": unit, "Kernel": unit, "Turn": "degrees",
              "Motion": "sizes"}  # fmt: skip
@@ -124,7 +124,7 @@ def versions_of() -> dict[str, str]:
     return found | {"Machine": f"{platform.system()} {platform.machine()}"}
 
 
-def hints_of(result: Registration, story: Story | None) -> list[str]:
+def hints_of(result: RegistrationResult, story: Story | None) -> list[str]:
     """What to try where a pose was not accepted."""
     level = result.verdict.level
     hints: list[str] = []

@@ -9,9 +9,8 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
 from dqreg.inspection import Deviations
-from dqreg.registration.inputs import Inputs
-from dqreg.registration.result import Registration
 from dqreg.report.colours import Scale, nice_above
+from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
 from dqreg.rigid import pose
 
 # The scale of the colours reaches that share of the points on the part, at least the first and at most the second
@@ -19,7 +18,7 @@ from dqreg.rigid import pose
 SHOWN, LEAST, MOST = 0.98, 3.0, 12.0
 
 
-def placed(inputs: Inputs, T_target_source: FloatArray) -> FloatArray:
+def placed(inputs: RegisteredPair, T_target_source: FloatArray) -> FloatArray:
     """The scan under a pose, about the target's origin."""
     R, t = T_target_source[:3, :3], T_target_source[:3, 3]
     # The shift is put together first: large numbers cancel here once, not once a point.
@@ -27,14 +26,14 @@ def placed(inputs: Inputs, T_target_source: FloatArray) -> FloatArray:
     return pose.apply(pose.from_parts(R, shift), inputs.source.cloud.points)
 
 
-def quiet_deviations(result: Registration, tolerance: float | None, reach: float | None = None) -> Deviations:
+def quiet_deviations(result: RegistrationResult, tolerance: float | None, reach: float | None = None) -> Deviations:
     """Deviations of a result; that they have no sign is said on the page, not as a warning."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return result.deviations(tolerance, reach=reach)
 
 
-def normals_at(deviations: Deviations, inputs: Inputs) -> FloatArray:
+def normals_at(deviations: Deviations, inputs: RegisteredPair) -> FloatArray:
     """Normal of the target at the closest place of each point."""
     geometry = inputs.target.geometry
     if isinstance(geometry, Mesh):
@@ -42,7 +41,7 @@ def normals_at(deviations: Deviations, inputs: Inputs) -> FloatArray:
     return np.zeros((len(deviations), 3))
 
 
-def scale_of(deviations: Deviations, result: Registration) -> Scale:
+def scale_of(deviations: Deviations, result: RegistrationResult) -> Scale:
     """Scale of the colours: the tolerance where one is given, else what shows nearly all points on the part."""
     if deviations.tolerance is not None:
         return Scale(deviations.tolerance, deviations.signed)
@@ -53,6 +52,6 @@ def scale_of(deviations: Deviations, result: Registration) -> Scale:
     return Scale(nice_above(reach), deviations.signed)
 
 
-def unit_of(result: Registration) -> str:
+def unit_of(result: RegistrationResult) -> str:
     """Length unit of the target, in words."""
     return str(result.settings.get("target_units") or "units of the target")

@@ -5,20 +5,20 @@ from __future__ import annotations
 import base64
 from html import escape
 
-from dqreg.registration.result import Registration
 from dqreg.report.colours import LEVELS
 from dqreg.report.facts import motions_of
 from dqreg.report.measure import unit_of
 from dqreg.report.page_tables import ADVICE, SIGNS, tiles_of
 from dqreg.report.picture_marks import as_jpeg
 from dqreg.report.pictures import Panel, draw
+from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.story import Story, tell
 
 # Pixels of the picture's one or two panels.
 WIDTH, HEIGHT = 520, 380
 
 
-def notebook_html(result: Registration) -> str:
+def notebook_html(result: RegistrationResult) -> str:
     """Verdict, numbers and, with both sides, a picture."""
     story = None if result.inputs is None else tell(result, result.inputs)
     level, unit = result.verdict.level, unit_of(result)

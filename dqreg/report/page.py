@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.files.strict_json import plain
 from dqreg.inspection import Deviations
-from dqreg.registration.result import Registration
 from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
 from dqreg.report.charts import NARROW, WIDE, convergence
@@ -25,6 +24,7 @@ from dqreg.report.numbers_text import text_of
 from dqreg.report.picture_marks import as_jpeg
 from dqreg.report.pictures import Panel, draw
 from dqreg.report.pose_forms import pose_forms
+from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.story import Story, checked_tolerance, tell
 from dqreg.report.view3d import ELLIPSOID, scene_of
 
@@ -37,7 +37,7 @@ NO_SIDES = (
 
 
 def write_report(
-    result: Registration,
+    result: RegistrationResult,
     path: str | Path,
     tolerance: float | None = None,
     *,
@@ -53,7 +53,7 @@ def write_report(
     return goal
 
 
-def to_html(result: Registration, story: Story | None) -> str:
+def to_html(result: RegistrationResult, story: Story | None) -> str:
     """The page of a result."""
     import jinja2
     from markupsafe import Markup
@@ -75,7 +75,7 @@ def to_html(result: Registration, story: Story | None) -> str:
     return environment.get_template("report.html").render(values, css=_asset("report.css"), js=_asset("viewer.js"))
 
 
-def _words(result: Registration, story: Story | None, unit: str) -> dict[str, Any]:
+def _words(result: RegistrationResult, story: Story | None, unit: str) -> dict[str, Any]:
     level = result.verdict.level
     settings = result.settings
     return {
@@ -95,7 +95,7 @@ def _words(result: Registration, story: Story | None, unit: str) -> dict[str, An
     }
 
 
-def _evidence(result: Registration, unit: str) -> dict[str, Any]:
+def _evidence(result: RegistrationResult, unit: str) -> dict[str, Any]:
     found = bool(np.isfinite(result.T_target_source).all())
     seconds = result.timings.get("total")
     steps = len(result.history)

@@ -8,9 +8,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.inspection import Band
-from dqreg.registration.result import Registration
 from dqreg.report.charts import NARROW, WIDE, histogram
 from dqreg.report.numbers_text import percent, place_text, text_of
+from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.story import REQUIRED_SHARE, Story
 
 ADVICE = {
@@ -21,7 +21,7 @@ ADVICE = {
 SIGNS = {"accepted": "✓", "suspect": "!", "failed": "✗"}
 
 
-def tiles_of(result: Registration, story: Story | None, unit: str) -> list[tuple[str, str, str]]:
+def tiles_of(result: RegistrationResult, story: Story | None, unit: str) -> list[tuple[str, str, str]]:
     """The few numbers that matter most: name, value, remark."""
     if not np.isfinite(result.rms):
         return []

@@ -10,9 +10,9 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh
 from dqreg.inspection import Bands, Deviations
 from dqreg.inspection.statistics import bands_of
-from dqreg.registration.inputs import Inputs
 from dqreg.report.measure import normals_at
 from dqreg.report.part_mesh import weld_edges
+from dqreg.report.result_protocol import RegisteredPair
 
 # Neighbouring triangles that turn by more than this are two faces of the part.
 SHARP_DEG = 22.0
@@ -45,7 +45,7 @@ class Region:
     bands: Bands | None  # Shares in the tolerance, and whether it passes; None where no tolerance was given
 
 
-def regions_of(deviations: Deviations, inputs: Inputs, required_share: float) -> tuple[list[Region], str]:
+def regions_of(deviations: Deviations, inputs: RegisteredPair, required_share: float) -> tuple[list[Region], str]:
     """Regions with the most scan points, the largest first, and how they were cut."""
     on = np.flatnonzero(deviations.counted)
     # Positions near the origin, where a mean keeps its digits.
@@ -69,7 +69,7 @@ def regions_of(deviations: Deviations, inputs: Inputs, required_share: float) ->
 
 
 def _labels(
-    deviations: Deviations, inputs: Inputs, on: IntArray, points: FloatArray
+    deviations: Deviations, inputs: RegisteredPair, on: IntArray, points: FloatArray
 ) -> tuple[IntArray, FloatArray | None]:
     """Region of each point; and the areas of the regions, where they are faces of the part."""
     geometry = inputs.target.geometry

@@ -10,12 +10,11 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.inspection import Deviations, Place
-from dqreg.registration.inputs import Inputs
-from dqreg.registration.result import Registration
 from dqreg.report.cameras import best_corner
 from dqreg.report.colours import Scale
 from dqreg.report.measure import normals_at, placed, quiet_deviations, scale_of, unit_of
 from dqreg.report.regions import Region, regions_of
+from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
 
 # Worst places that are marked.
 PLACES = 6
@@ -27,8 +26,8 @@ REQUIRED_SHARE = 0.95
 class Story:
     """A result with everything that is shown of it."""
 
-    result: Registration  # The answer
-    inputs: Inputs  # Its two sides
+    result: RegistrationResult  # The answer
+    inputs: RegisteredPair  # Its two sides
     unit: str  # Length unit of the target, in words
     size: float  # Diagonal of the target's bounding box
     origin: FloatArray  # (3,): Middle of that box in the target's frame
@@ -60,8 +59,8 @@ class Story:
 
 
 def tell(
-    result: Registration,
-    inputs: Inputs,
+    result: RegistrationResult,
+    inputs: RegisteredPair,
     tolerance: float | None = None,
     T_start: ArrayLike | None = None,
     reach: float | None = None,
@@ -112,7 +111,7 @@ def checked_tolerance(tolerance: float | None) -> float | None:
     return float(tolerance)
 
 
-def _before(result: Registration, T_start: ArrayLike | None) -> tuple[FloatArray | None, str]:
+def _before(result: RegistrationResult, T_start: ArrayLike | None) -> tuple[FloatArray | None, str]:
     if T_start is None:
         T_start = result.settings.get("T_start")
     if T_start is not None:

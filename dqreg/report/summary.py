@@ -9,12 +9,12 @@ import numpy as np
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dqreg.registration.result import Registration
+    from dqreg.report.result_protocol import RegistrationResult
 
 COLOURS = {"accepted": "green", "suspect": "yellow", "failed": "red"}
 
 
-def summary_rows(result: Registration) -> list[tuple[str, str]]:
+def summary_rows(result: RegistrationResult) -> list[tuple[str, str]]:
     """Names and values of the summary, without the verdict."""
     settings = result.settings
     unit = settings["target_units"] or "target units"
@@ -44,7 +44,7 @@ def summary_rows(result: Registration) -> list[tuple[str, str]]:
     return rows
 
 
-def scale_words(result: Registration) -> str:
+def scale_words(result: RegistrationResult) -> str:
     """What the source was multiplied with because it was asked for; units are another matter."""
     settings, scale, sigma = result.settings, result.scale, result.scale_sigma
     if settings.get("scale_solved"):
@@ -53,7 +53,7 @@ def scale_words(result: Registration) -> str:
     return "" if settings.get("scale", 1.0) == 1.0 else f"as asked, units included: source x {scale:.9g}"
 
 
-def print_summary(console: Console, result: Registration) -> None:
+def print_summary(console: Console, result: RegistrationResult) -> None:
     """Print the verdict, the rows and the pose."""
     level = result.verdict.level
     unit = result.settings["target_units"] or "target units"
