@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import importlib
 
-from dqreg.trust.covariance import Information, covariance_of, information_of
-from dqreg.trust.observability import observe_directions, without_free_motion
+from dqreg.trust.covariance import covariance_of, observe_directions, without_free_motion
+from dqreg.trust.information import Information, information_of
 from dqreg.trust.verdict import Evidence, judge
 
 # Names that moved to `dqreg.inspection`, a layer above: resolved at their first use, so that no file here imports it.

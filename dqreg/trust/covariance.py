@@ -1,168 +1,32 @@
-"""What the matches say about the pose: information of the six motions, and the covariance that follows."""
+"""What follows from an information: covariance, the six motions, and the pose without its free ones."""
 
 from __future__ import annotations
 
-import dataclasses
+import math
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray
-from dqreg.solvers.quadratic import plane_rows
-from dqreg.trust.sandwich import scatter_of
+from dqreg._arrays import FloatArray
+from dqreg.rigid import pose, twist
+from dqreg.solvers.motion_words import Kind, Motion
+from dqreg.trust.information import Information
+from dqreg.trust.records import Direction
 
-# Information below this share of what all pairs could give with the longest lever is rounding or facets, not shape.
-FREE = 1e-5
-# A coordinate takes part in a free motion from this share on: less of it is the noise of the fit, and half a turn
-# about an axis so far aside would displace the centre by three such shares of the part.
+# A coordinate takes part in a free motion from this fraction on: less of it is the noise of the fit, and half a turn
+# about an axis so far aside would displace the centre by three such fractions of the part.
 TOUCHED = 1e-4
-
-
-@dataclasses.dataclass(frozen=True)
-class Information:
-    """Information of the six motions in units that compare turns with shifts.
-
-    A twist (rotation vector w, translation v) about the centre is scaled to (w L, v) with the lever L, half the
-    diagonal, so that all six numbers are displacements on the part.
-
-    Attributes
-    ----------
-    values : ndarray, (k,)
-        Six, or fewer where motions were locked: eigenvalues over the sum of weights, ascending; about 1 where every
-        pair works against a motion.
-    vectors : ndarray, (6, k)
-        Scaled twists, one a column.
-    weight : float
-        Sum of weights.
-    sigma : float
-        Standard deviation of a pair's distance along the normal.
-    lever : float
-        The length L.
-    centre : ndarray, (3,)
-        Where turns are about, target frame.
-    carriers : ndarray, (k,)
-        Number of pairs, about, that hold each motion: as many equal ones would hold it as well.
-    scatter : ndarray, (6, 6), or None
-        Covariance of the scaled twist as the residuals themselves scatter from patch to patch; zero along free
-        motions. None takes ``sigma^2`` for every pair, each by itself.
-    """
-
-    values: FloatArray
-    vectors: FloatArray
-    weight: float
-    sigma: float
-    lever: float
-    centre: FloatArray
-    carriers: FloatArray = dataclasses.field(default_factory=lambda: np.full(6, np.inf))
-    scatter: FloatArray | None = None
-
-    @property
-    def free(self) -> BoolArray:
-        """Which of the six motions the matches leave free, (6,)."""
-        return np.asarray(self.values < FREE)
-
-    @property
-    def effective(self) -> float:
-        """Independent pairs that would leave as much uncertainty as these do; the sum of weights without a scatter."""
-        if self.scatter is None:
-            return self.weight
-        held = ~self.free
-        alone = float((1.0 / self.values[held]).sum()) * self.sigma**2
-        found = float(np.trace(self.scatter))
-        return alone / found if found > 0.0 else self.weight
-
-
-def information_of(
-    points: FloatArray,
-    normals: FloatArray,
-    residuals: FloatArray,
-    weights: FloatArray,
-    lever: float,
-    centre: FloatArray,
-    smooth: FloatArray | None = None,
-    *,
-    patchwise: bool = False,
-    allowed: FloatArray | None = None,
-    prior: FloatArray | None = None,
-    counts: FloatArray | None = None,
-    scattered: FloatArray | float = 0.0,
-) -> Information:
-    """Information from distances along the target's normals: sliding along a face costs nothing.
-
-    With rows ``J_i = [(x_i - c) x n_i, n_i]`` it is ``sum w_i J_i^T J_i``, the Gauss-Newton Hessian of the
-    point-to-plane cost.
-
-    Parameters
-    ----------
-    points : ndarray, (n, 3)
-        Source points in the target frame.
-    normals : ndarray, (n, 3)
-        Target normals; a zero row says nothing.
-    residuals : ndarray, (n,)
-        Distances along the normals.
-    weights : ndarray, (n,)
-        Weights of the pairs, probabilities to be an inlier.
-    lever : float
-        Half the diagonal of the target.
-    centre : ndarray, (3,)
-        Middle of the target.
-    smooth : ndarray, (n, 3), optional
-        Normals of the smooth surface that the target's facets stand for: they say what is free, because facets would
-        hold a round shaft against a spin.
-    patchwise : bool
-        Whether the covariance is learned from how the residuals scatter from patch to patch (points in Morton order):
-        noise that differs from face to face, or that neighbours share, then counts as it is; see `scatter_of`.
-    allowed : ndarray, (6, k), optional
-        Twists about the centre that the pose may still take, one a column; the others were locked.
-    prior : ndarray, (6, 6), optional
-        Information about the twist that was known beforehand.
-    counts : ndarray, (n,), optional
-        Pairs that each row stands for, where it is the mean of some; the weight is of all of them.
-    scattered : ndarray, (n,), or float
-        Mean squared distance of those from their mean, along the normal.
-
-    Returns
-    -------
-    Information
-        Eigenvalues, motions and noise.
-
-    Examples
-    --------
-    >>> flat = np.column_stack([np.random.default_rng(0).uniform(-1, 1, (50, 2)), np.zeros(50)])
-    >>> up = np.tile([0.0, 0, 1], (50, 1))
-    >>> info = information_of(flat, up, np.zeros(50), np.ones(50), 1.0, np.zeros(3))
-    >>> int(info.free.sum())
-    3
-    """
-    total = float(weights.sum())
-    variance = float(weights @ (residuals**2 + scattered)) / max(total - 6.0, 1.0)
-    scaling = np.r_[[lever] * 3, [1.0] * 3]
-    basis = np.eye(6) if allowed is None else np.linalg.qr(allowed * scaling[:, None])[0]
-    # What was known beforehand, in the units of the pairs' own information.
-    known = np.zeros((6, 6)) if prior is None else variance * prior / scaling / scaling[:, None]
-    known = basis.T @ known @ basis
-    rows = plane_rows(points, normals, centre, lever)
-    shape = rows if smooth is None else plane_rows(points, smooth, centre, lever)
-    if allowed is not None:
-        rows, shape = basis.T @ rows, basis.T @ shape
-    values, vectors = np.linalg.eigh(((shape * weights) @ shape.T + known) / max(total, np.finfo(float).tiny))
-    shares = weights * (vectors.T @ shape) ** 2
-    squared = (shares**2 if counts is None else shares**2 / counts).sum(axis=1)
-    carriers = shares.sum(axis=1) ** 2 / np.where(squared > 0.0, squared, np.inf)
-    sigma = float(np.sqrt(variance))
-    held = Information(np.maximum(values, 0.0), basis @ vectors, total, sigma, lever, centre, carriers)
-    inner = vectors[:, ~held.free]
-    if not patchwise or not inner.shape[1]:
-        return held
-    known = inner.T @ known @ inner
-    scatter = scatter_of(inner.T @ rows, points, normals, residuals, weights, known, variance, counts)
-    outer = basis @ inner
-    return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
+# A free motion is a rotation if that much of its unit vector is one: an axis ten levers away counts, rounding does not.
+FREE_ROTATION = 0.1
+# One that is constrained is a rotation if more than half of it is.
+CONSTRAINED_ROTATION = 0.5**0.5
+# A motion constrained by fewer than this fraction of the points depends on a detail.
+FEW = 0.02
 
 
 def covariance_of(information: Information) -> FloatArray:
     """Covariance of the twist (rotation vector, translation) about the centre, as a left increment.
 
-    The scatter where it was learned; else ``sigma^2 (J^T W J)^-1``, as if all pairs were independent and alike.
+    The scatter where it was estimated; else ``sigma^2 (J^T W J)^-1``, as if all correspondences were independent.
 
     Parameters
     ----------
@@ -191,3 +55,90 @@ def covariance_of(information: Information) -> FloatArray:
     covariance[touched] = np.nan
     covariance[:, touched] = np.nan
     return covariance
+
+
+def observe_directions(information: Information) -> tuple[Direction, ...]:
+    """The six independent motions of the part, and how well each is constrained.
+
+    Parameters
+    ----------
+    information : Information
+        From `information_of`.
+
+    Returns
+    -------
+    tuple of Direction
+        Six, the weakest first.
+
+    Examples
+    --------
+    >>> info = Information(np.array([0.0, 1, 1, 1, 1, 1]), np.eye(6)[::-1].T, 100.0, 0.1, 2.0, np.zeros(3))
+    >>> observe_directions(info)[0].words
+    'unconstrained: translation along (0.00, 0.00, 1.00)'
+    """
+    free = information.free
+    vectors = np.hstack([_separated(information.vectors[:, free]), information.vectors[:, ~free]])
+    directions = []
+    for value, vector, is_free, carriers in zip(information.values, vectors.T, free, information.carriers, strict=True):
+        share = FREE_ROTATION if is_free else CONSTRAINED_ROTATION
+        kind: Kind = "rotation" if np.linalg.norm(vector[:3]) >= share else "translation"
+        motion = Motion.of(vector[:3] / information.lever, vector[3:], information.centre, kind)
+        sigma, words = np.nan, f"unconstrained: {motion.words}"
+        if not is_free:
+            # Where most of the points add nothing, it matters how many do.
+            few = carriers < FEW * information.weight
+            only = f" is constrained by about {carriers:.0f} points only" if few else ""
+            sigma, words = _sigma(information, value, vector), f"{motion.words}{only}"
+        directions.append(Direction(float(value), sigma, words, motion.kind, motion.axis, motion.point))
+    return tuple(directions)
+
+
+def _sigma(information: Information, value: float, vector: FloatArray) -> float:
+    if information.scatter is None:
+        return float(information.sigma / np.sqrt(information.weight * value))
+    return math.sqrt(max(float(vector @ information.scatter @ vector), 0.0))
+
+
+def _separated(free: FloatArray) -> FloatArray:
+    # The free motions have one eigenvalue, zero, so their eigenvectors are any mixture. The basis with the largest
+    # rotations separates into pure rotations and pure translations: those of a cylinder, and no screws.
+    _, _, mixture = np.linalg.svd(free[:3])
+    separated: FloatArray = free @ mixture.T
+    return separated
+
+
+# Rotations do not commute: the remainder of one round is of second order.
+ROUNDS = 3
+
+
+def without_free_motion(T_target_source: FloatArray, T_start: FloatArray, information: Information) -> FloatArray:
+    """The pose without its motion from the initial pose along the free motions.
+
+    The iterations drift along them: facets and far points seem to constrain the rotation of a round part.
+
+    Parameters
+    ----------
+    T_target_source, T_start : ndarray, (4, 4)
+        Pose and initial pose, in the frame whose origin is the centre of the information's twists.
+    information : Information
+        From `information_of`.
+
+    Returns
+    -------
+    ndarray, (4, 4)
+        The same pose where nothing is free.
+
+    Examples
+    --------
+    >>> only_z = Information(np.array([0.0, 1, 1, 1, 1, 1]), np.eye(6)[::-1].T, 100.0, 0.1, 2.0, np.zeros(3))
+    >>> drifted = pose.from_parts(np.eye(3), [0.5, 0.0, 3.0])
+    >>> without_free_motion(drifted, np.eye(4), only_z)[:3, 3].tolist()
+    [0.5, 0.0, 0.0]
+    """
+    free = information.vectors[:, information.free]
+    scale = np.r_[[information.lever] * 3, [1.0] * 3]
+    T = T_target_source
+    for _ in range(ROUNDS if free.shape[1] else 0):
+        moved = twist.log(T @ pose.inverse(T_start)) * scale
+        T = twist.exp(-free @ (free.T @ moved) / scale) @ T
+    return T

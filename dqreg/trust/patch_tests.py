@@ -1,9 +1,7 @@
-"""Patches of neighbouring points that lie off the target as a whole: what a wrong pose or another part leaves.
+"""Patterns in the residuals: patches of points that deviate as a whole, and a strain of the whole scan.
 
-Whether a scan is of another shape than its target in the simplest way: longer or shorter along some axis.
-
-A scan of few points does not know its own noise, so that distances alone cannot say whether they are too large. That
-they follow a pattern can be said all the same.
+A scan of few points does not know its own noise, so that its residuals alone cannot be called too large. A pattern in
+them can be found all the same.
 """
 
 from __future__ import annotations
@@ -13,23 +11,23 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.solvers.quadratic import plane_rows
 
-# Neighbouring points of a patch, and the widths that its median distance may be off: for 32 points of independent
-# noise the median is good to a quarter of a width.
+# Neighbouring points of a patch, and the kernel scales that its median may deviate: for 32 points of independent noise
+# the median is good to a quarter of one.
 PATCH, OFF = 32, 2.0
-# Widths within which a point counts as lying on a surface; real scans have longer tails than a Gaussian.
+# Kernel scales within which a point lies on a surface; real scans have longer tails than a Gaussian.
 ON = 4.0
-# A patch whose plane holds so many times as many points far from the target as near it belongs to something that the
-# part stands on or leans against.
-GOES_ON = 1.0
+# A patch whose plane holds more points far from the target than so many times those near it belongs to an object that
+# the part stands on or leans against.
+BACKGROUND = 1.0
 
 
 def patches_off(
     points: FloatArray, apart: FloatArray, aside: FloatArray, near: BoolArray, width: float
 ) -> tuple[int, float]:
-    """Count the patches near the target, and the share of them that lies off it.
+    """Count the patches near the target, and the fraction of them that deviates as a whole.
 
-    A stray leaves the median of its patch alone; a face in the wrong place moves it. A table that touches the part does
-    too: patches whose plane goes on far from the target are not looked at.
+    An outlier leaves the median of its patch alone; a face in the wrong place moves it. So does a table that touches
+    the part: patches whose plane continues far from the target are not counted.
     """
     count = len(points) // PATCH
     if count == 0:
@@ -37,16 +35,16 @@ def patches_off(
     whole = slice(count * PATCH)
     d, a, close = (x[whole].reshape(count, PATCH) for x in (apart, aside, near))
     off = (np.abs(np.median(a, axis=1)) > OFF * width) | (np.median(d, axis=1) > ON * width)
-    looked_at = close.mean(axis=1) >= 0.5
-    doubtful = np.flatnonzero(off & looked_at)
+    counted = close.mean(axis=1) >= 0.5
+    doubtful = np.flatnonzero(off & counted)
     if len(doubtful) and not near.all():
         patches = points[whole].reshape(count, PATCH, 3)[doubtful]
-        looked_at[doubtful[_goes_on(patches, points[near], points[~near], width)]] = False
-    total = int(np.count_nonzero(looked_at))
-    return total, float(np.count_nonzero(off & looked_at)) / total if total else 0.0
+        counted[doubtful[_is_background(patches, points[near], points[~near], width)]] = False
+    total = int(np.count_nonzero(counted))
+    return total, float(np.count_nonzero(off & counted)) / total if total else 0.0
 
 
-def _goes_on(patches: FloatArray, near: FloatArray, far: FloatArray, width: float) -> BoolArray:
+def _is_background(patches: FloatArray, near: FloatArray, far: FloatArray, width: float) -> BoolArray:
     """Which patches lie in a plane that holds more points far from the target than near it, (k,)."""
     # The median point and the flattest axis: some points of a patch may be of the part that stands on the table.
     middles = np.median(patches, axis=1)
@@ -56,23 +54,25 @@ def _goes_on(patches: FloatArray, near: FloatArray, far: FloatArray, width: floa
     on_far, on_near = (
         np.count_nonzero(np.abs(some @ normals.T - heights) <= ON * width, axis=0) for some in (far, near)
     )
-    return np.asarray(on_far > GOES_ON * on_near)
+    return np.asarray(on_far > BACKGROUND * on_near)
 
 
-# F of six strains that chance reaches once in a million; residuals of good scans reach 3.
+# F of six strains that chance reaches once in a million; good scans reach 3.
 CHANCE = 7.0
-# A smaller strain is no mistake: parts shrink, and sensors are calibrated to a part in a hundred at worst.
+# A smaller strain is no fault: parts shrink, and sensors are calibrated to one percent at worst.
 LEAST = 0.02
-# Fewer pairs than these for each of the twelve unknowns say nothing about a pattern.
+# Fewer correspondences than these show no pattern: ten for each of the twelve unknowns.
 FEWEST = 10 * 12
-# Pairs this many median distances from a first fit are left out.
+# Correspondences this many median distances from a first fit are left out.
 OUTSIDE = 4.5
-# Eigenvalues below this share of the largest: a strain that the faces do not show.
-UNSEEN = 1e-6
+# Eigenvalues below this fraction of the largest: a strain that the faces do not show.
+UNOBSERVABLE = 1e-6
+# Of a symmetric 3 x 3 tensor.
+COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def stretch_of(points: FloatArray, normals: FloatArray, residuals: FloatArray) -> tuple[float, FloatArray]:
-    """Strain of the scan against the target, beside the motion that is left: ``r = n . (w x p + v + E p)``."""
+    """Strain of the scan against the target, fitted with the remaining motion: ``r = n . (w x p + v + E p)``."""
     nothing = 0.0, np.zeros(3)
     if len(residuals) < FEWEST:
         return nothing
@@ -81,18 +81,18 @@ def stretch_of(points: FloatArray, normals: FloatArray, residuals: FloatArray) -
     lever = float(np.sqrt((p**2).sum(axis=0).mean()))
     if not lever > 0.0:
         return nothing
-    strains = np.stack([n[i] * p[j] + (n[j] * p[i] if i != j else 0.0) for i, j in PLACES]) / lever
+    strains = np.stack([n[i] * p[j] + (n[j] * p[i] if i != j else 0.0) for i, j in COMPONENTS]) / lever
     rows = np.vstack([plane_rows(points, normals, middle, lever), strains])
-    # Strays and what stands beside the part are one-sided, and would be taken for length.
+    # Outliers and neighbouring objects are one-sided, and would be taken for length.
     off = np.abs(residuals - _least_squares(rows, residuals) @ rows)
     kept = off <= OUTSIDE * float(np.median(off))
     rows, residuals = rows[:, kept], residuals[kept]
-    moved, both = (_least_squares(rows[:k], residuals) for k in (6, 12))
-    left = [float(np.sum((residuals - x @ rows[: len(x)]) ** 2)) for x in (moved, both)]
+    rigid, both = (_least_squares(rows[:k], residuals) for k in (6, 12))
+    left = [float(np.sum((residuals - x @ rows[: len(x)]) ** 2)) for x in (rigid, both)]
     if not left[0] - left[1] > CHANCE * 6.0 * left[1] / (len(residuals) - 12.0):
         return nothing
     E = np.zeros((3, 3))
-    for value, (i, j) in zip(both[6:] / lever, PLACES, strict=True):
+    for value, (i, j) in zip(both[6:] / lever, COMPONENTS, strict=True):
         E[i, j] = E[j, i] = value
     values, axes = np.linalg.eigh(E)
     k = int(np.abs(values).argmax())
@@ -100,12 +100,9 @@ def stretch_of(points: FloatArray, normals: FloatArray, residuals: FloatArray) -
     return (float(values[k]), along) if abs(values[k]) >= LEAST else nothing
 
 
-PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-
-
 def _least_squares(rows: FloatArray, residuals: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(rows @ rows.T)
-    seen = values > UNSEEN * values[-1]
-    inner = vectors[:, seen]
-    solution: FloatArray = inner @ ((inner.T @ (rows @ residuals)) / values[seen])
+    observable = values > UNOBSERVABLE * values[-1]
+    inner = vectors[:, observable]
+    solution: FloatArray = inner @ ((inner.T @ (rows @ residuals)) / values[observable])
     return solution

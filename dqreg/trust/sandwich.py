@@ -1,4 +1,4 @@
-"""How a fit scatters, as its own residuals tell: from patch to patch, and by noise that neighbouring patches share."""
+"""Covariance of a fit from its own residuals: scatter between patches, and noise that neighbouring patches share."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 
-# Patches of neighbouring pairs whose noise may be one; and the fewest from which a scatter can be learned.
+# Patches of neighbouring correspondences whose noise may be common; the fewest from which a scatter can be estimated.
 PATCHES, FEWEST_PATCHES = 200, 30
-# Smaller patches, between which noise that is shared more widely is looked for.
+# Smaller patches, between which noise that is shared more widely is estimated.
 SMALL = 500
-# Patches along the curve whose agreement is looked at first, because that costs nearly nothing.
+# Patches along the curve whose agreement is tested first, because that costs nearly nothing.
 NEXT = 4
-# Standard errors of independent noise that this first look, and then the agreement at the best range, must exceed.
+# Standard errors of independent noise that this first test, and then the agreement at the best range, must exceed.
 # Of 120 scans with independent noise the first reached 2.2, the second 2.4.
-HINT, SHARED = 1.5, 3.0
-# Ranges tried: from that many distances between patches, so many by that factor, up to this share of the extent.
+NEIGHBOURS_AGREE, SHARED = 1.5, 3.0
+# Ranges tried: from that many distances between patches, so many by that factor, up to this fraction of the extent.
 NEAREST, STEPS, FACTOR, FARTHEST = 1.5, 16, 2.0**0.5, 0.5
-# Information below this share of the largest is none: the smooth surface may hold a motion that the facets leave free.
+# Information below this fraction of the largest is none: the smooth surface may constrain what the facets leave free.
 SINGULAR = 1e-9
-# Distances are told apart that finely, up to the farthest range.
+# Bins of the distances, up to the farthest range.
 BINS = 256
 
 
@@ -37,10 +37,10 @@ def scatter_of(
 ) -> FloatArray | None:
     """Covariance of a weighted least-squares fit with residuals of one patch taken as dependent.
 
-    The sandwich ``A^-1 B A^-1`` of the information A and of what the scores of the patches amount to, ``B = sum s_g
-    s_g^T`` with ``s_g = sum w J r`` (White 1980; Liang and Zeger 1986). Where neighbouring patches lie off to the same
-    side more than chance would have it, their share is added: noise as a field of vectors that fades with the distance
-    by the spherical model of geostatistics, its size and range learned from the products of the patches' means.
+    The sandwich ``A^-1 B A^-1`` of the information A and the scores of the patches, ``B = sum s_g s_g^T`` with ``s_g =
+    sum w J r`` (White 1980; Liang and Zeger 1986). Where neighbouring patches deviate to the same side more than chance
+    explains, their covariance is added: a vector field of noise whose correlation falls with the distance by the
+    spherical model of geostatistics, its size and range estimated from the products of the patches' means.
 
     Shapes: rows (k, n), known (k, k), returns (k, k).
     """
@@ -55,9 +55,9 @@ def scatter_of(
     coarse = _sandwich(bread, _sums(rows * (weights * residuals), starts), variance * known)
     starts = _starts(len(weights), min(SMALL, len(weights) // 8), counts)
     patches = _Patches.of(points, normals, residuals, weights, starts)
-    if patches.hint() < HINT:
+    if patches.neighbour_agreement() < NEIGHBOURS_AGREE:
         return coarse
-    shared = patches.shared()
+    shared = patches.shared_noise()
     if shared is None:
         return coarse
     pulls = np.stack([_sums(rows * (weights * along), starts) for along in normals.T])
@@ -88,48 +88,48 @@ def _sandwich(bread: FloatArray, scores: FloatArray, known: FloatArray) -> Float
 
 def _larger(one: FloatArray, other: FloatArray) -> FloatArray:
     # In every direction the larger of both: in axes where one is the identity, and the other is diagonal.
-    spreads, sides = np.linalg.eigh(one)
+    spreads, axes_one = np.linalg.eigh(one)
     # Exact data leave directions without any scatter.
     roots = np.sqrt(np.maximum(spreads, SINGULAR * spreads[-1]))
     if not roots.all():
         return other
-    inverse = sides / roots
+    inverse = axes_one / roots
     values, vectors = np.linalg.eigh(inverse.T @ other @ inverse)
-    axes = (sides * roots) @ vectors
+    axes = (axes_one * roots) @ vectors
     larger: FloatArray = (axes * np.maximum(values, 1.0)) @ axes.T
     return larger
 
 
 @dataclasses.dataclass(frozen=True)
 class _Patches:
-    """Means over runs of neighbouring pairs."""
+    """Means over patches of neighbouring correspondences."""
 
-    places: FloatArray
+    points: FloatArray
     normals: FloatArray
-    means: FloatArray
+    residuals: FloatArray
 
     @staticmethod
     def of(
         points: FloatArray, normals: FloatArray, residuals: FloatArray, weights: FloatArray, starts: IntArray
     ) -> _Patches:
         total = np.maximum(_sums(weights, starts), np.finfo(float).tiny)
-        places, sides = ((_sums(weights * x.T, starts) / total).T for x in (points, normals))
-        return _Patches(places, sides, _sums(weights * residuals, starts) / total)
+        points, normals = ((_sums(weights * x.T, starts) / total).T for x in (points, normals))
+        return _Patches(points, normals, _sums(weights * residuals, starts) / total)
 
-    def hint(self) -> float:
+    def neighbour_agreement(self) -> float:
         """Agreement of patches that follow each other, in standard errors of independent noise."""
         agreement = alike = 0.0
         for step in range(1, NEXT + 1):
             same = np.einsum("ij,ij->i", self.normals[step:], self.normals[:-step])
-            agreement += float(self.means[step:] @ (self.means[:-step] * same))
+            agreement += float(self.residuals[step:] @ (self.residuals[:-step] * same))
             alike += float(same @ same)
-        scale = float(np.mean(self.means**2)) * np.sqrt(alike)
+        scale = float(np.mean(self.residuals**2)) * np.sqrt(alike)
         return agreement / scale if scale > 0.0 else 0.0
 
-    def shared(self) -> FloatArray | None:
+    def shared_noise(self) -> FloatArray | None:
         """Covariance of the noise between patches, (m, m), zero on the diagonal; None where chance explains it."""
-        squares = np.einsum("ij,ij->i", self.places, self.places)
-        apart = np.sqrt(np.maximum(squares[:, None] + squares - 2.0 * self.places @ self.places.T, 0.0))
+        squares = np.einsum("ij,ij->i", self.points, self.points)
+        apart = np.sqrt(np.maximum(squares[:, None] + squares - 2.0 * self.points @ self.points.T, 0.0))
         far = FARTHEST * float(apart.max())
         if not far > 0.0:
             return None
@@ -137,14 +137,14 @@ class _Patches:
         np.fill_diagonal(apart, 2.0 * far)
         same = self.normals @ self.normals.T
         bins = np.minimum(apart * (BINS / far), BINS).astype(np.int64).ravel()
-        products = np.bincount(bins, (np.outer(self.means, self.means) * same).ravel(), BINS + 1)[:BINS]
+        products = np.bincount(bins, (np.outer(self.residuals, self.residuals) * same).ravel(), BINS + 1)[:BINS]
         squared = np.bincount(bins, (same**2).ravel(), BINS + 1)[:BINS]
         ranges = NEAREST * float(np.median(apart.min(axis=1))) * FACTOR ** np.arange(STEPS)
         ranges = ranges[(ranges > 0.0) & (ranges <= far)]
         models = _spherical((np.arange(BINS) + 0.5) * (far / BINS) / ranges[:, None])
         # Both halves of the matrix are in the sums: each pair of patches is there twice.
         agreements, norms = models @ products / 2.0, models**2 @ squared / 2.0
-        errors = float(np.mean(self.means**2)) * np.sqrt(norms)
+        errors = float(np.mean(self.residuals**2)) * np.sqrt(norms)
         excess = np.divide(agreements, errors, out=np.zeros(len(ranges)), where=errors > 0.0)
         if excess.max(initial=0.0) < SHARED:
             return None

@@ -1,4 +1,4 @@
-"""The verdict: accepted, suspect or failed, with its reasons in sentences."""
+"""The verdict: accepted, suspect or failed, with its reasons."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dqreg.trust.records import Alternative, Code, Direction, Level, Reason, Ver
 
 # Inliers below this fraction of the points near the target: a local minimum, another part, or much clutter.
 FEW_INLIERS = 0.7
-# Inliers fewer than this cannot carry a pose of six unknowns with anything left to check it.
+# Fewer inliers determine a pose of six unknowns with nothing left to check it.
 FEWEST_INLIERS = 30
 # Fewer fix no pose at all.
 FEWEST_OF_ALL = 3
@@ -23,9 +23,9 @@ PATCHES_OFF, NORMALS_APART, STRAYS = 0.03, 0.15, 0.5
 PATCHES_OFF_BORDER = 0.12
 # Outliers take some patches along: so many more may deviate for each of them.
 OFF_PER_STRAY = 0.25
-# Distances this many times the scan's own noise: the shapes differ, or the pose is wrong.
+# Residuals this many times the scan's own noise: the shapes differ, or the pose is wrong.
 ROUGH = 5.0
-# Mean log-likelihood that mirroring the scan may gain: right scans lose 0.25 and more, mirrored ones gain as much.
+# Mean log-likelihood that mirroring the scan may gain: good scans lose 0.25 and more, mirrored ones gain as much.
 MIRRORED = 0.015
 # What to do about a loop that ended so.
 ADVICE: dict[Status, str] = {
@@ -36,7 +36,7 @@ ADVICE: dict[Status, str] = {
 
 @dataclasses.dataclass(frozen=True)
 class Evidence:
-    """What the verdict is made of.
+    """What the tests of the verdict look at.
 
     Attributes
     ----------
@@ -47,31 +47,31 @@ class Evidence:
     inliers : float
         Sum of the inlier probabilities.
     share_near, near : float
-        Share of points that lie on the target among those that come within the distance ``near`` of it.
+        Fraction of inliers among the points within the distance ``near`` of the target.
     patches, patches_off : int, float
-        Patches of neighbouring points within ``near``, and the share of them that lie off the target as a whole.
+        Patches of neighbouring points within ``near``, and the fraction of them that deviate as a whole.
     strays : float
-        Share of all points that neither lie on the target nor on any surface.
+        Fraction of all points that lie neither on the target nor on any other surface.
     normals_apart : float
-        Share of the points on the target whose normal is another than the target's there.
+        Fraction of the inliers whose normal disagrees with the target's.
     width, expected : float
         Standard deviation of the inliers' distances from the target's tangent planes, and the scan's own noise.
     max_distance : float
-        Largest distance of a pair.
+        Largest distance of a correspondence.
     directions : tuple of Direction
         The six motions, the weakest first.
     alternatives : tuple of Alternative
-        Other poses as good.
+        Other poses that are equally likely.
     search : str
-        The last stage that the search for a start finished: "judged" is all; "" where there was none.
+        The last stage that the global search finished: "judged" is all; "" where there was none.
     has_border : bool
-        Whether the target ends somewhere: a cloud, an open mesh.
+        Whether the target has a boundary: a cloud, an open mesh.
     units : str or None
         Of all lengths, where known.
     mirror_gain : float
-        Mean log-likelihood that the scan gains when it is mirrored; minus infinity where that was not asked.
+        Mean log-likelihood that the scan gains when it is mirrored; minus infinity where that was not tested.
     stretch, stretched_along : float, tuple of 3 floats
-        Share by which the scan is longer than the target along an axis, see `stretch_of`; below 0 where shorter.
+        Strain of the scan against the target along an axis, see `stretch_of`; below 0 where it is shorter.
     """
 
     status: Status
@@ -163,8 +163,8 @@ def _summary(evidence: Evidence) -> str:
     return words + "".join(f"; {sentence}, so the pose is one of several equivalent ones" for sentence in same)
 
 
-# One function a doubt: it yields its sentence where the evidence speaks so. They say "not enough" instead of "too
-# little", because a number that is NaN must not pass.
+# One function a test: it yields a sentence where the evidence is against the pose. Conditions are written as "not
+# enough" instead of "too little", because a number that is NaN must not pass.
 
 
 def _few_inliers(evidence: Evidence) -> Iterator[str]:

@@ -1,143 +1,135 @@
 from __future__ import annotations
 
-import dataclasses
-from typing import Any
+import re
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.rigid import pose, twist
-from dqreg.trust import Information, covariance_of, information_of
-from tests.strategies import rotations
-from tests.trust.shapes import FloatArray, box, cylinder, judged, plane, sphere
+from dqreg.rigid import pose
+from dqreg.trust import covariance_of, information_of, observe_directions
+from tests.strategies import FloatArray, rotations, unit_vectors
+from tests.trust.shapes import box, cylinder, judged, plane, sphere
 
-SHAPES = {"plane": (plane, 3), "sphere": (sphere, 3), "cylinder": (cylinder, 2), "box": (box, 0)}
+NUMBER = r"(-?[\d.]+(?:e[+-]\d+)?)"
+VECTOR = rf"\({NUMBER}, {NUMBER}, {NUMBER}\)"
+TURN = re.compile(rf"rotation about the axis through {VECTOR} along {VECTOR}$")
+SHIFT = re.compile(rf"translation along {VECTOR}$")
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-@settings(deadline=None, max_examples=15)
-@given(R=rotations(), place=st.sampled_from([[0.0, 0, 0], [0.4, -0.2, 0.3]]), size=st.sampled_from([1e-6, 1.0, 1e6]))
-def test_a_shape_leaves_free_what_maps_it_onto_itself(
-    shape: str, R: FloatArray, place: list[float], size: float
+def split(words: str, pattern: re.Pattern[str]) -> FloatArray:
+    found = pattern.search(words)
+    assert found, words
+    return np.array([float(number) for number in found.groups()]).reshape(-1, 3)
+
+
+def free_words(points: FloatArray, normals: FloatArray, centre: FloatArray, lever: float = 1.5) -> list[str]:
+    n = len(points)
+    information = information_of(points, normals, np.zeros(n), np.ones(n), lever, centre)
+    return sorted((d.words for d in observe_directions(information) if d.is_free), reverse=True)
+
+
+@settings(deadline=None, max_examples=60)
+@given(rotations(), unit_vectors(), st.sampled_from([0.0, 0.3, 1.0, 1.4, 4.0, 8.0]))
+def test_a_cylinder_anywhere_spins_about_its_axis_and_slides_along_it(
+    R: FloatArray, aside: FloatArray, distance: float
 ) -> None:
-    make, free = SHAPES[shape]
-    points, normals = make(np.random.default_rng(0))
-    information = judged(size * (points @ R.T + place), normals @ R.T, lever=1.5 * size)
-    assert int(information.free.sum()) == free
-    # What is held is held well by all four shapes: nothing is near the limit.
-    assert information.values[information.free].max(initial=0.0) < 1e-12
-    assert information.values[~information.free].min() > 1e-2
+    points, normals = cylinder(np.random.default_rng(0))
+    place = distance * aside
+    slide, spin = free_words(points @ R.T + place, normals @ R.T, np.zeros(3))
+    axis = R[:, 2]
+    # Words have two decimals: each component is good to 0.005, and no sign is meant.
+    for direction in (split(slide, SHIFT)[0], split(spin, TURN)[1]):
+        assert min(np.abs(direction - axis).max(), np.abs(direction + axis).max()) < 0.0051
+    through = split(spin, TURN)[0]
+    # The point is the one of the axis nearest to the centre; it has four digits.
+    nearest = place - (place @ axis) * axis
+    np.testing.assert_allclose(through, nearest, atol=1e-3 * max(distance, 1e-9))
 
 
-def test_the_hessian_of_the_cost_is_the_information() -> None:
+def test_a_centre_far_from_the_origin_is_in_the_words() -> None:
+    points, normals = cylinder(np.random.default_rng(0))
+    centre = np.array([100.0, -200.0, 50.0])
+    slide, spin = free_words(points + centre + [0.5, 0.0, 0.0], normals, centre)
+    assert slide == "unconstrained: translation along (0.00, 0.00, 1.00)"
+    assert spin == "unconstrained: rotation about the axis through (100.5, -200, 50) along (0.00, 0.00, 1.00)"
+
+
+def test_a_plane_slides_in_two_directions_and_spins_about_its_normal() -> None:
+    points, normals = plane(np.random.default_rng(0))
+    first, second, spin = free_words(points + np.array([0.0, 0.0, 0.7]), normals, np.zeros(3))
+    a, b = (split(words, SHIFT)[0] for words in (first, second))
+    assert (a[2], b[2]) == (0.0, 0.0)
+    assert abs(a @ b) < 0.02
+    np.testing.assert_array_equal(split(spin, TURN)[1], [0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("place", [[0.0, 0, 0], [1.0, 0, 0], [1.0, -2.0, 0.5]])
+def test_a_sphere_turns_about_axes_through_its_middle(place: list[float]) -> None:
+    points, normals = sphere(np.random.default_rng(0))
+    words = free_words(points + place, normals, np.zeros(3))
+    assert len(words) == 3
+    for sentence in words:
+        through, axis = split(sentence, TURN)
+        # The middle of the sphere lies on the axis, to the two decimals of its direction.
+        offset = np.array(place) - through
+        assert np.linalg.norm(offset - (offset @ axis) * axis) < 0.01 * (1.0 + np.linalg.norm(place))
+
+
+def test_a_box_is_held_in_six_ways_the_weakest_first() -> None:
     rng = np.random.default_rng(0)
     points, normals = box(rng)
-    weights, lever, centre = rng.uniform(0.0, 1.0, len(points)), 1.7, np.array([0.2, -0.1, 0.4])
-    information = information_of(points, normals, np.zeros(len(points)), weights, lever, centre)
-    unscale = np.r_[[lever] * 3, [1.0] * 3]
-    matrix = (information.vectors * information.values) @ information.vectors.T * information.weight
-    matrix *= unscale[:, None] * unscale
-
-    def cost(step: FloatArray) -> float:
-        moved = pose.apply(pose.about(twist.exp(step), centre), points)
-        return float(weights @ np.einsum("ni,ni->n", moved - points, normals) ** 2)
-
-    h, axes = 1e-3, np.eye(6)
-    for i in range(6):
-        for j in range(6):
-            a, b = h * axes[i], h * axes[j]
-            second = (cost(a + b) - cost(a - b) - cost(b - a) + cost(-a - b)) / (4.0 * h * h)
-            # The cost is twice the quadratic form's half; the differences err by h^2 of the fourth derivative.
-            assert 0.5 * second == pytest.approx(matrix[i, j], abs=20.0 * h**2 * information.weight)
+    directions = observe_directions(judged(points, normals, 1e-3 * rng.normal(size=len(points))))
+    assert len(directions) == 6
+    assert not any(d.is_free or "constrained" in d.words for d in directions)
+    strengths = [d.strength for d in directions]
+    assert strengths == sorted(strengths)
+    assert strengths[0] > 0.0
 
 
-def test_estimates_scatter_as_the_covariance_says() -> None:
-    # The linear problem itself: distances along the normals are noise, and the pose is their least-squares fit.
-    rng = np.random.default_rng(0)
-    points, normals = box(rng, 200)
-    sigma, draws = 1e-3, 4_000
-    rows = np.hstack([np.cross(points, normals), normals])
-    noise = sigma * rng.normal(size=(draws, len(points)))
-    fits = noise @ np.linalg.pinv(rows).T
-    residuals = noise - fits @ rows.T
-    claims = np.array([covariance_of(judged(points, normals, r)) for r in residuals[:400]])
-    claim = claims.mean(axis=0)
-    # Averaged over draws the claim is exact but for its own scatter: sigma^2 from 194 degrees, 400 times.
-    exact = sigma**2 * np.linalg.inv(rows.T @ rows)
-    np.testing.assert_allclose(claim, exact, rtol=0, atol=5.0 * np.sqrt(2 / 194 / 400) * np.abs(exact).max())
-    # Whitened, the sample covariance of m draws is the identity within about (sqrt(6) + 5) / sqrt(m) twice (Wishart).
-    whiten = np.linalg.inv(np.linalg.cholesky(claim))
-    ratios = np.linalg.eigvalsh(whiten @ (fits.T @ fits / draws) @ whiten.T)
-    edge = 2.0 * (np.sqrt(6.0) + 5.0) / np.sqrt(draws)
-    assert 1.0 - edge < ratios.min()
-    assert ratios.max() < 1.0 + edge
-    # One by one: six degrees of freedom, a mean squared Mahalanobis length of 6 with a variance of 12 (and a little
-    # more, because sigma is estimated from 194).
-    nees = np.einsum("ni,nij,nj->n", fits[:400], np.linalg.inv(claims), fits[:400])
-    assert nees.mean() == pytest.approx(6.0 * 194 / 192, abs=5.0 * np.sqrt(13.0 / 400))
-
-
-@pytest.mark.parametrize("factor", [1e3, 1e-3])
-def test_lengths_scale_with_the_unit_and_angles_do_not(factor: float) -> None:
+def test_sigmas_are_the_roots_of_the_covariance_in_displacements() -> None:
     rng = np.random.default_rng(0)
     points, normals = box(rng)
-    residuals = 1e-3 * rng.normal(size=len(points))
-    plain = covariance_of(judged(points, normals, residuals))
-    scaled = covariance_of(judged(factor * points, normals, factor * residuals, lever=1.5 * factor))
-    units = np.r_[[1.0] * 3, [factor] * 3]
-    np.testing.assert_allclose(scaled, plain * units[:, None] * units, rtol=1e-9, atol=0)
+    information = judged(points, normals, 1e-3 * rng.normal(size=len(points)))
+    scale = np.r_[[1.5] * 3, [1.0] * 3]
+    displacement = covariance_of(information) * scale[:, None] * scale
+    expected = np.sqrt(np.linalg.eigvalsh(displacement))[::-1]
+    np.testing.assert_allclose([d.sigma for d in observe_directions(information)], expected, rtol=1e-9)
 
 
-def test_the_lever_is_a_matter_of_units_only() -> None:
-    rng = np.random.default_rng(0)
-    points, normals = box(rng)
-    residuals = 1e-3 * rng.normal(size=len(points))
-    one, other = (covariance_of(judged(points, normals, residuals, lever=lever)) for lever in (0.7, 3.0))
-    np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-15)
+def test_what_is_free_has_no_sigma() -> None:
+    points, normals = cylinder(np.random.default_rng(0))
+    sigmas = [d.sigma for d in observe_directions(judged(points, normals, 1e-3))]
+    assert np.isnan(sigmas[:2]).all()
+    assert np.isfinite(sigmas[2:]).all()
 
 
-@pytest.mark.parametrize(
-    ("shape", "unknown"), [("plane", [2, 3, 4]), ("sphere", [0, 1, 2]), ("cylinder", [2, 5]), ("box", [])]
-)
-def test_a_free_motion_has_no_covariance_and_the_rest_has(shape: str, unknown: list[int]) -> None:
-    make, _ = SHAPES[shape]
-    points, normals = make(np.random.default_rng(0))
-    covariance = covariance_of(judged(points, normals, 1e-3))
-    known = [k for k in range(6) if k not in unknown]
-    assert np.isnan(covariance[unknown]).all()
-    assert np.isnan(covariance[:, unknown]).all()
-    block = covariance[np.ix_(known, known)]
-    np.testing.assert_allclose(block, block.T, rtol=1e-12, atol=1e-20)
-    assert np.linalg.eigvalsh(block).min() > 0.0
+def test_words_do_not_depend_on_the_unit_but_for_the_place() -> None:
+    points, normals = cylinder(np.random.default_rng(0))
+    T = pose.random(np.random.default_rng(5))
+    turned = pose.rotate(T, points), pose.rotate(T, normals)
+    metres = free_words(turned[0], turned[1], np.zeros(3))
+    millimetres = free_words(1e3 * turned[0], turned[1], np.zeros(3), lever=1.5e3)
+    assert metres[0] == millimetres[0]
+    assert metres[1].rsplit("along")[-1] == millimetres[1].rsplit("along")[-1]
 
 
-def test_weights_count_like_copies_and_zero_like_absence() -> None:
-    rng = np.random.default_rng(0)
-    points, normals = box(rng)
-    residuals, weights = 1e-3 * rng.normal(size=len(points)), np.resize([1.0, 2.0, 0.0], len(points))
-    weighted = information_of(points, normals, residuals, weights, 1.5, np.zeros(3))
-    copied = judged(*(np.repeat(a, weights.astype(int), axis=0) for a in (points, normals, residuals)))
-    np.testing.assert_allclose(weighted.values, copied.values, rtol=1e-12)
-    np.testing.assert_allclose(covariance_of(weighted), covariance_of(copied), rtol=1e-9, atol=1e-18)
-
-
-def test_zero_normals_say_nothing_and_no_pairs_leave_everything_free() -> None:
-    nothing: Any = judged(np.ones((10, 3)), np.zeros((10, 3)))
-    unweighted = dataclasses.replace(nothing, weight=0.0)
-    none = information_of(np.ones((5, 3)), np.eye(5, 3), np.zeros(5), np.zeros(5), 1.0, np.zeros(3))
-    for information in (nothing, unweighted, none):
-        assert isinstance(information, Information)
-        assert information.free.all()
-        assert np.isnan(covariance_of(information)).all()
-
-
-def test_the_noise_is_estimated_without_bias() -> None:
-    rng = np.random.default_rng(0)
-    points, normals = box(rng, 60)
-    rows = np.hstack([np.cross(points, normals), normals])
-    noise = rng.normal(size=(2_000, 60))
-    residuals = noise - noise @ np.linalg.pinv(rows).T @ rows.T
-    variances = [judged(points, normals, r).sigma ** 2 for r in residuals]
-    assert np.mean(variances) == pytest.approx(1.0, abs=5.0 * np.sqrt(2 / 54 / 2_000))
+@settings(deadline=None, max_examples=60)
+@given(rotations(), unit_vectors())
+def test_values_and_words_are_one(R: FloatArray, aside: FloatArray) -> None:
+    points, normals = cylinder(np.random.default_rng(0))
+    place = 3.0 * aside
+    n = len(points)
+    information = information_of(points @ R.T + place, normals @ R.T, np.zeros(n), np.ones(n), 1.5, np.zeros(3))
+    for direction in observe_directions(information):
+        assert direction.is_free == ("unconstrained: " in direction.words)
+        assert np.linalg.norm(direction.axis) == pytest.approx(1.0)
+        through = split(direction.words, TURN if direction.kind == "rotation" else SHIFT)
+        np.testing.assert_allclose(through[-1], direction.axis, atol=0.0051)
+        if direction.kind == "rotation":
+            np.testing.assert_allclose(through[0], direction.point, rtol=1e-3, atol=1e-5)
+            # The point of the axis nearest to the centre.
+            assert np.dot(direction.point, direction.axis) == pytest.approx(0.0, abs=1e-9)
+        else:
+            assert direction.point == (0.0, 0.0, 0.0)

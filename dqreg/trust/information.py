@@ -1,0 +1,157 @@
+"""Information about the six motions of the part, from distances along the target's normals."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray
+from dqreg.solvers.quadratic import plane_rows
+from dqreg.trust.sandwich import scatter_of
+
+# Information below this fraction of what all correspondences could give with the longest lever is rounding or facets,
+# not shape.
+FREE = 1e-5
+
+
+@dataclasses.dataclass(frozen=True)
+class Information:
+    """Information about the six motions in units that compare rotations with translations.
+
+    A twist (rotation vector w, translation v) about the centre is scaled to (w L, v) with the lever L, half the
+    diagonal, so that all six numbers are displacements on the part.
+
+    Attributes
+    ----------
+    values : ndarray, (k,)
+        Six, or fewer where motions were locked: eigenvalues over the sum of weights, ascending; about 1 where every
+        correspondence resists a motion.
+    vectors : ndarray, (6, k)
+        Scaled twists, one a column.
+    weight : float
+        Sum of weights.
+    sigma : float
+        Standard deviation of a correspondence's distance along the normal.
+    lever : float
+        The length L.
+    centre : ndarray, (3,)
+        Centre of the rotations, target frame.
+    carriers : ndarray, (k,)
+        Number of correspondences, about, that constrain each motion: as many equal ones would do it as well.
+    scatter : ndarray, (6, 6), or None
+        Covariance of the scaled twist, estimated from the scatter of the residuals between patches; zero along free
+        motions. None takes ``sigma^2`` for every correspondence, each independent.
+    """
+
+    values: FloatArray
+    vectors: FloatArray
+    weight: float
+    sigma: float
+    lever: float
+    centre: FloatArray
+    carriers: FloatArray = dataclasses.field(default_factory=lambda: np.full(6, np.inf))
+    scatter: FloatArray | None = None
+
+    @property
+    def free(self) -> BoolArray:
+        """Which of the six motions are unconstrained, (6,)."""
+        return np.asarray(self.values < FREE)
+
+    @property
+    def effective(self) -> float:
+        """Independent correspondences that leave as much uncertainty as these; the sum of weights without a scatter."""
+        if self.scatter is None:
+            return self.weight
+        held = ~self.free
+        alone = float((1.0 / self.values[held]).sum()) * self.sigma**2
+        found = float(np.trace(self.scatter))
+        return alone / found if found > 0.0 else self.weight
+
+
+def information_of(
+    points: FloatArray,
+    normals: FloatArray,
+    residuals: FloatArray,
+    weights: FloatArray,
+    lever: float,
+    centre: FloatArray,
+    smooth: FloatArray | None = None,
+    *,
+    patchwise: bool = False,
+    allowed: FloatArray | None = None,
+    prior: FloatArray | None = None,
+    counts: FloatArray | None = None,
+    scattered: FloatArray | float = 0.0,
+) -> Information:
+    """Information from distances along the target's normals: sliding along a face changes none.
+
+    With rows ``J_i = [(x_i - c) x n_i, n_i]`` it is ``sum w_i J_i^T J_i``, the Gauss-Newton Hessian of the
+    point-to-plane cost.
+
+    Parameters
+    ----------
+    points : ndarray, (n, 3)
+        Source points in the target frame.
+    normals : ndarray, (n, 3)
+        Target normals; a zero row adds nothing.
+    residuals : ndarray, (n,)
+        Distances along the normals.
+    weights : ndarray, (n,)
+        Weights of the correspondences, probabilities to be an inlier.
+    lever : float
+        Half the diagonal of the target.
+    centre : ndarray, (3,)
+        Middle of the target.
+    smooth : ndarray, (n, 3), optional
+        Normals of the smooth surface that the target's facets approximate: they decide what is free, because facets
+        would constrain the rotation of a round shaft.
+    patchwise : bool
+        Whether the covariance is estimated from the scatter of the residuals between patches (points in Morton
+        order), which accounts for noise that differs between faces or is shared by neighbours; see `scatter_of`.
+    allowed : ndarray, (6, k), optional
+        Twists about the centre that the pose may still take, one a column; the others were locked.
+    prior : ndarray, (6, 6), optional
+        Information about the twist that was known beforehand.
+    counts : ndarray, (n,), optional
+        Points that each row represents, where it is the mean of several; the weight is of all of them.
+    scattered : ndarray, (n,), or float
+        Mean squared distance of those from their mean, along the normal.
+
+    Returns
+    -------
+    Information
+        Eigenvalues, motions and noise.
+
+    Examples
+    --------
+    >>> flat = np.column_stack([np.random.default_rng(0).uniform(-1, 1, (50, 2)), np.zeros(50)])
+    >>> up = np.tile([0.0, 0, 1], (50, 1))
+    >>> info = information_of(flat, up, np.zeros(50), np.ones(50), 1.0, np.zeros(3))
+    >>> int(info.free.sum())
+    3
+    """
+    total = float(weights.sum())
+    variance = float(weights @ (residuals**2 + scattered)) / max(total - 6.0, 1.0)
+    scaling = np.r_[[lever] * 3, [1.0] * 3]
+    basis = np.eye(6) if allowed is None else np.linalg.qr(allowed * scaling[:, None])[0]
+    # What was known beforehand, in the units of the correspondences' own information.
+    known = np.zeros((6, 6)) if prior is None else variance * prior / scaling / scaling[:, None]
+    known = basis.T @ known @ basis
+    rows = plane_rows(points, normals, centre, lever)
+    shape = rows if smooth is None else plane_rows(points, smooth, centre, lever)
+    if allowed is not None:
+        rows, shape = basis.T @ rows, basis.T @ shape
+    values, vectors = np.linalg.eigh(((shape * weights) @ shape.T + known) / max(total, np.finfo(float).tiny))
+    shares = weights * (vectors.T @ shape) ** 2
+    squared = (shares**2 if counts is None else shares**2 / counts).sum(axis=1)
+    carriers = shares.sum(axis=1) ** 2 / np.where(squared > 0.0, squared, np.inf)
+    sigma = float(np.sqrt(variance))
+    held = Information(np.maximum(values, 0.0), basis @ vectors, total, sigma, lever, centre, carriers)
+    inner = vectors[:, ~held.free]
+    if not patchwise or not inner.shape[1]:
+        return held
+    known = inner.T @ known @ inner
+    scatter = scatter_of(inner.T @ rows, points, normals, residuals, weights, known, variance, counts)
+    outer = basis @ inner
+    return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
