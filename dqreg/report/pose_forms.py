@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
 
 import numpy as np
 
@@ -42,22 +41,37 @@ def pose_forms(T_target_source: FloatArray, unit: str) -> list[PoseForm]:
                  f"shift {_short(screw.distance)}"),
         PoseForm("Rotation vector", f"axis times angle [radians], then translation x y z [{unit}]",
                  f"{_row(vector)}\n{_row(T[:3, 3])}"),
-        _euler(T, "xyz", "Euler angles, fixed axes", "rx ry rz in degrees: turn by rx about the target's fixed x, then "
-               "by ry about fixed y, then by rz about fixed z; R = Rz(rz) Ry(ry) Rx(rx) (roll, pitch, yaw)", unit),
-        _euler(T, "ZYZ", "Euler angles, moving axes", "a b c in degrees: turn by a about z, then by b about the new y, "
-               "then by c about the new z; R = Rz(a) Ry(b) Rz(c)", unit),
+        _euler(T, _fixed_axes(T), "Euler angles, fixed axes", "rx ry rz in degrees: rotation by rx about the "
+               "target's fixed x, then by ry about fixed y, then by rz about fixed z; R = Rz(rz) Ry(ry) Rx(rx) "
+               "(roll, pitch, yaw)", unit),
+        _euler(T, _moving_axes(q), "Euler angles, moving axes", "a b c in degrees: rotation by a about z, then "
+               "by b about the new y, then by c about the new z; R = Rz(a) Ry(b) Rz(c)", unit),
     ]  # fmt: skip
 
 
-def _euler(T: FloatArray, order: Literal["xyz", "ZYZ"], name: str, convention: str, unit: str) -> PoseForm:
+def _fixed_axes(T: FloatArray) -> FloatArray:
     import warnings
 
     from scipy.spatial.transform import Rotation
 
     with warnings.catch_warnings():
-        # Two of the axes fall together: any split of the turn between them is right, and SciPy says which it took.
+        # Two of the axes fall together: any split of the rotation between them is right, and SciPy says which it took.
         warnings.simplefilter("ignore")
-        angles = Rotation.from_matrix(T[:3, :3]).as_euler(order, degrees=True)
+        angles: FloatArray = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)
+    return angles
+
+
+def _moving_axes(q: FloatArray) -> FloatArray:
+    # q = (cos b/2 cos s, -sin b/2 sin d, sin b/2 cos d, cos b/2 sin s); s, d half the sum and difference of a and c.
+    # SciPy takes a b below 1e-7 for none, and loses as much.
+    w, x, y, z = q
+    half_sum, half_difference = np.arctan2(z, w), np.arctan2(-x, y)
+    b = 2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z))
+    a, c = half_sum + half_difference, half_sum - half_difference
+    return np.rad2deg([(a + np.pi) % (2.0 * np.pi) - np.pi, b, (c + np.pi) % (2.0 * np.pi) - np.pi])
+
+
+def _euler(T: FloatArray, angles: FloatArray, name: str, convention: str, unit: str) -> PoseForm:
     return PoseForm(name, f"{convention}; then x y z in {unit}", f"{_row(angles)}\n{_row(T[:3, 3])}")
 
 
