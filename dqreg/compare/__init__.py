@@ -1,9 +1,10 @@
 """The same tasks through every engine, ours and our peers', scored by one judge.
 
-- `dqreg.compare.judge`: pose errors and surface errors; imports no engine. - `dqreg.compare.plan`,
-`dqreg.compare.sweep`, `dqreg.compare.sweep_tasks`: what is to be done, in two fair settings. - `dqreg.compare.run`: the
-comparison; `dqreg.compare.run_engine`: each engine in a process of its own; `dqreg.compare.store`: every run as a JSON
-line. - `dqreg.compare.summary`, `dqreg.compare.tables`, `dqreg.compare.plots`, `dqreg.compare.output`: what came out.
+- `dqreg.compare.judge`: pose errors and surface errors; imports no engine.
+- `dqreg.compare.plan`, `dqreg.compare.case`, `dqreg.compare.sweep`: the cases, in two settings.
+- `dqreg.compare.run`: the comparison; `dqreg.compare.run_engine`: each engine in a process of its own;
+  `dqreg.compare.store`: every run as a JSON line.
+- `dqreg.compare.summary`, `dqreg.compare.tables`, `dqreg.compare.plots`, `dqreg.compare.output`: the results.
 """
 
 from __future__ import annotations

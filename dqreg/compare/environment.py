@@ -1,7 +1,8 @@
-"""What a comparison ran on: one line that stands under every table."""
+"""The environment of a comparison: machine, versions, and the time it will take."""
 
 from __future__ import annotations
 
+import contextlib
 import importlib.metadata
 import os
 import platform
@@ -12,8 +13,8 @@ ALWAYS = ("dqreg", "numpy", "scipy", "open3d", "open3d-cpu")
 
 
 def session(needs: Iterable[str], threads: int) -> dict[str, object]:
-    """What makes the runs of one session."""
-    return {"machine": machine_line(), "versions": versions(needs), "threads": threads}
+    """Machine, versions and threads of the runs of one session."""
+    return {"machine": machine_line(), "versions": installed_versions((*ALWAYS, *needs)), "threads": threads}
 
 
 def machine_line() -> str:
@@ -33,14 +34,12 @@ def machine_line() -> str:
     return ", ".join(word for word in words if word)
 
 
-def versions(names: Iterable[str]) -> dict[str, str]:
-    """Versions of what is installed."""
+def installed_versions(distributions: Iterable[str]) -> dict[str, str]:
+    """Versions of those distributions that are installed."""
     found = {}
-    for name in dict.fromkeys((*ALWAYS, *names)):
-        try:
+    for name in dict.fromkeys(distributions):
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
     return found
 
 
@@ -66,14 +65,14 @@ def _processor() -> str:
     return platform.processor() or platform.machine()
 
 
-class Clock:
+class TimeLeft:
     """Estimate of the time that is left.
 
-    Engines differ a thousandfold in speed, so each has its own rate; one that has not run yet is given the mean.
+    Engines differ a thousandfold in speed, so each has its own rate; one that has not run yet gets the mean.
 
-    >>> clock = Clock([("a", 1.0), ("a", 1.0), ("b", 2.0)])
-    >>> clock.done("a", 1.0, seconds=3.0)
-    >>> clock.seconds_left
+    >>> left = TimeLeft([("a", 1.0), ("a", 1.0), ("b", 2.0)])
+    >>> left.done("a", 1.0, seconds=3.0)
+    >>> left.seconds
     9.0
     """
 
@@ -85,14 +84,14 @@ class Clock:
             self._left[engine] = self._left.get(engine, 0.0) + work
 
     def done(self, engine: Hashable, work: float, seconds: float) -> None:
-        """Note that a job is done."""
+        """Count a job as done."""
         self._left[engine] = self._left.get(engine, 0.0) - work
         if seconds > 0.0:
             self._worked[engine] = self._worked.get(engine, 0.0) + work
             self._spent[engine] = self._spent.get(engine, 0.0) + seconds
 
     @property
-    def seconds_left(self) -> float:
+    def seconds(self) -> float:
         """Seconds that the remaining jobs will take; NaN before the first is done."""
         worked = sum(self._worked.values())
         if not worked:

@@ -110,12 +110,12 @@ class PlannedRun:
     has_initial_pose: bool
     make: Callable[[], BenchmarkCase]  # Makes the case
     curve: bool = True  # Whether intermediate poses are wanted
-    barred: frozenset[str] = frozenset()  # Engines that the sweep wants on other axes only
+    excluded: frozenset[str] = frozenset()  # Engines that the sweep wants on other axes only
     row: tuple[str, str] | None = None  # Axis and setting, where the axis goes from small scans to large ones
 
     def takes(self, engine: EngineSpec) -> bool:
         """Whether an engine takes part."""
-        if engine.name in self.barred:
+        if engine.name in self.excluded:
             return False
         return self.setting in engine.settings and (self.has_initial_pose or not engine.needs_initial_pose)
 
@@ -134,7 +134,7 @@ def plan(tasks: Any, protocol: Protocol) -> tuple[list[PlannedRun], str]:
 
 def _items(thing: Any, protocol: Protocol) -> list[PlannedRun]:
     if isinstance(thing, Sweep):
-        return [_of_cell(cell, repeats, protocol, thing.barred(cell.axis)) for cell, repeats in thing.cells()]
+        return [_of_cell(cell, repeats, protocol, thing.excluded(cell.axis)) for cell, repeats in thing.cells()]
     if isinstance(thing, BenchmarkCase):
         return [_of_case(thing, protocol)]
     settings = [setting for setting in protocol.settings if setting == "manual" or not protocol.withhold_initial_pose]
@@ -164,7 +164,7 @@ def _of_case(case: BenchmarkCase, protocol: Protocol) -> PlannedRun:
     )
 
 
-def _of_cell(cell: Cell, repeats: int, protocol: Protocol, barred: frozenset[str]) -> PlannedRun:
+def _of_cell(cell: Cell, repeats: int, protocol: Protocol, excluded: frozenset[str]) -> PlannedRun:
     title = f"{cell.axis} {cell.value:g}" if isinstance(cell.value, (int, float)) else f"{cell.axis} {cell.value}"
     return PlannedRun(
         key=f"{cell.key}|{protocol.threads}|{dataclasses.astuple(protocol.loop)}",
@@ -176,7 +176,7 @@ def _of_cell(cell: Cell, repeats: int, protocol: Protocol, barred: frozenset[str
         has_initial_pose=not cell.nothing,
         make=lambda: build(cell, **_options(protocol)),
         curve=(cell.axis, cell.trial) == ("start_angle_deg", 0) and cell.start_angle_deg <= CURVE_DEG,
-        barred=barred,
+        excluded=excluded,
         row=("points", cell.setting) if cell.axis == "points" else None,
     )
 

@@ -1,4 +1,4 @@
-"""One run as a record: what is kept of it, as plain numbers."""
+"""One run as a record of plain values; the field names are the keys of the JSON lines."""
 
 from __future__ import annotations
 
@@ -12,30 +12,29 @@ from dqreg.registration.batch.worker import Status
 class RunRecord:
     """One run of one engine on one task, judged."""
 
-    key: str  # The task: runs of the same key did the same
+    key: str  # Names the task: runs of one key did the same
     engine: str  # Name of the engine
     repeat: int  # 0 for the first timed run
-    # case, axis, value, trial, setting: Place of the task: name, axis of the sweep ("case" for none), value on it,
-    # draw, fair setting
+    # case, axis, value, trial, setting: The task: name, axis of the sweep ("case" for none), value on it, draw, setting
     case: str
     axis: str
     value: str | float | None
     trial: int
     setting: str
-    from_nothing: bool  # Whether the task had no start
+    from_nothing: bool  # Whether the task had no initial pose
     points: int  # Scan points that the engine was given
     size: float  # S, target units
     units: str  # Length unit, "" if unknown
     # "ran": a pose or NaN came back. Else no pose: an exception, a dead process, no answer in time, too much memory
     status: Status
     message: str  # What went wrong; "" if nothing
-    T_target_source: list[list[float]] | None  # As handed in; None where there is none
+    T_target_source: list[list[float]] | None  # As returned; None where there is none
     seconds: float  # From raw data to pose
     prepare_seconds: float  # The part of it that a second scan would not need again; NaN if unknown
     wall_seconds: float  # Measured from outside around the whole call, in which an engine may also record its curve
     peak_memory: float  # Bytes that the process grew by at its highest; NaN if unknown
-    iterations: int | None  # Where the engine tells
-    claims: str  # What it says about its own success
+    iterations: int | None  # Where the engine reports it
+    claims: str  # Its self-report
     settings: dict[str, Any]  # Parameters that it ran with
     # kind, success, angle_rad, offset, worst, rms, surface_rms, overlap: As in `dqreg.compare.judge.Score`
     kind: str
@@ -46,5 +45,5 @@ class RunRecord:
     rms: float
     surface_rms: float
     overlap: float
-    # Iteration, seconds and worst displacement, where the engine reveals poses on the way
+    # Iteration, seconds and worst displacement, where the engine reports intermediate poses
     curve: list[tuple[int, float, float]]

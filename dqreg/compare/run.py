@@ -13,7 +13,7 @@ from dqreg.compare.case import BenchmarkCase
 from dqreg.compare.engines.harness import no_pose
 from dqreg.compare.engines.protocol import Task
 from dqreg.compare.engines.registry import EngineSpec, engine_specs, missing
-from dqreg.compare.environment import Clock, session
+from dqreg.compare.environment import TimeLeft, session
 from dqreg.compare.judge import judge, worst_along
 from dqreg.compare.plan import PlannedRun, Protocol, plan
 from dqreg.compare.records import RunRecord
@@ -62,7 +62,7 @@ def compare(
     specs = engine_specs(engines if engines is not None else _own_engines(tasks))
     if engines is not None:
         # Engines that the caller names take part on every axis.
-        items = [dataclasses.replace(item, barred=frozenset()) for item in items]
+        items = [dataclasses.replace(item, excluded=frozenset()) for item in items]
     lacking = {spec.name: missing(spec) for spec in specs if missing(spec)}
     able = [spec for spec in specs if spec.name not in lacking]
     if not able:
@@ -110,13 +110,13 @@ def _work(
     jobs = _open_jobs(items, able, store)
     total = sum(item.weight * item.repeats for item in items for spec in able if item.takes(spec))
     done = total - sum(item.weight * count for item, _, count in jobs)
-    clock = Clock((spec.name, item.weight * count) for item, spec, count in jobs)
+    left = TimeLeft((spec.name, item.weight * count) for item, spec, count in jobs)
     made: tuple[str, BenchmarkCase] | None = None
     worker = Worker(protocol.threads) if protocol.isolate else None
     try:
         for item, spec, count in jobs:
             words, began = f"{item.words}: {spec.name}", time.monotonic()
-            observe(Progress(done, total, clock.seconds_left, words))
+            observe(Progress(done, total, left.seconds, words))
             tried = not _gave_up(item, spec, store)
             if tried:
                 if made is None or made[0] != item.key:
@@ -127,11 +127,11 @@ def _work(
                     run = _judged(item, made[1], spec, repeat, engine_call)
                     store.add([run])
                     part = done + item.weight * (repeat - first + 1)
-                    observe(Progress(part, total, clock.seconds_left, words, run))
+                    observe(Progress(part, total, left.seconds, words, run))
                     if is_last(run):
                         break
             done += item.weight * count
-            clock.done(spec.name, item.weight * count, time.monotonic() - began if tried else 0.0)
+            left.done(spec.name, item.weight * count, time.monotonic() - began if tried else 0.0)
     finally:
         if worker is not None:
             worker.close()

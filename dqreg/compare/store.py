@@ -1,7 +1,7 @@
-"""Runs on disk: JSON lines, only ever appended to, so that a killed comparison goes on where it stopped.
+"""Runs on disk: JSON lines, only ever appended to, so that a killed comparison resumes where it stopped.
 
-The first line of each session says what machine and versions made the lines after it. A last line that was torn by a
-kill or a full disk is cut off before the next one is written; a damaged line anywhere else is an error.
+The first line of each session holds machine and versions of the lines after it. An incomplete last line, of a killed
+process or a full disk, is cut off before the next one is written; a damaged line anywhere else is an error.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dqreg.files.atomic import require_writable
 from dqreg.files.strict_json import plain, record_from
 
 FORMAT = "dqreg comparison 1"
-# A run that takes longer is not repeated: its scatter is small beside it, and the others wait.
+# A run that takes longer is not repeated: its scatter is small relative to it, and repeats would take long.
 SLOW_SECONDS = 10.0
 
 
@@ -39,7 +39,7 @@ class Store:
                 os.truncate(self.path, whole)
 
     def begin(self, session: Mapping[str, Any]) -> None:
-        """Write down what makes the following runs."""
+        """Record machine and versions of the following runs."""
         line = {"format": FORMAT, **session}
         self.sessions.append(dict(session))
         self._append([line])
@@ -52,7 +52,7 @@ class Store:
             self._keep(run)
 
     def done(self, key: str, engine: str) -> int:
-        """How many runs of a task by an engine there are."""
+        """Number of runs of a task by an engine."""
         return self._counts.get((key, engine), 0)
 
     def finished(self, key: str, engine: str, repeats: int) -> bool:

@@ -1,4 +1,4 @@
-"""A sweep: axes along which one thing is varied, and the base from which it is varied."""
+"""A sweep: axes along which one parameter is varied, and the base from which it is varied."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dqreg.compare.engines.protocol import Setting
 
 AxisName = Literal["start_angle_deg", "start_offset", "noise", "outliers", "overlap", "points", "frame", "nothing"]
 
-# Unit and place of the coordinates: factor from millimetres, and an offset added after it.
+# Unit and origin of the coordinates: factor from millimetres, and an offset added after it.
 FRAMES: dict[str, tuple[float, tuple[float, float, float]]] = {
     "mm": (1.0, (0.0, 0.0, 0.0)),
     "m": (1e-3, (0.0, 0.0, 0.0)),
@@ -21,22 +21,21 @@ FRAMES: dict[str, tuple[float, tuple[float, float, float]]] = {
 class Cell:
     """One task of a sweep, before it is made; lengths in S, the part's diagonal."""
 
-    axis: str  # What is varied
-    value: float | str  # Where on the axis
-    trial: int  # Seed of scan, frame and start
-    setting: Setting = "manual"  # Which fair setting
+    axis: str  # Parameter that is varied
+    value: float | str  # Its value
+    trial: int  # Seed of scan, frame and initial pose
+    setting: Setting = "manual"
     part: str = "bracket"  # Kind of part, as in recipes
     points: int = 20_000  # Scan points
-    # start_angle_deg, start_offset: How far the start is from the truth; an angle of 0 and an offset of 0 is the truth
-    # itself
+    # start_angle_deg, start_offset: Rotation and translation of the initial pose from the true one
     start_angle_deg: float = 8.0
     start_offset: float = 0.03
     noise: float = 3e-4  # Standard deviation of the range
-    outliers: float = 0.02  # Share of strays
-    # None: the scan on the CAD mesh. Else scan on scan, and the share of the source that the target has too
+    outliers: float = 0.02  # Fraction of outliers
+    # None: the scan to the CAD mesh. Else scan to scan, and the fraction of the source that the target has too
     overlap: float | None = None
-    frame: str = "mm"  # "mm", "m" or "m, UTM": unit and place of the coordinates
-    nothing: str = ""  # Kind of part that is searched for without a start; "" for tasks with one
+    frame: str = "mm"  # "mm", "m" or "m, UTM": unit and origin of the coordinates
+    nothing: str = ""  # Kind of part for tasks without an initial pose; "" for tasks with one
 
     @property
     def key(self) -> str:
@@ -48,10 +47,10 @@ class Cell:
 class Axis:
     """One axis of a sweep."""
 
-    name: str  # What is varied
-    values: tuple[float | str, ...]  # Where
+    name: str  # Parameter that is varied
+    values: tuple[float | str, ...]
     trials: int = 1  # Tasks at each value
-    settings: tuple[Setting, ...] = ("manual",)  # Fair settings to run
+    settings: tuple[Setting, ...] = ("manual",)
     repeats: int = 1  # Timed runs of each task
     more_engines: tuple[str, ...] = ()  # Engines that take part on this axis besides those of the sweep
 
@@ -63,15 +62,15 @@ class Sweep:
     name: str  # Title
     base: dict[str, Any]  # Fields of `Cell` that differ from its defaults
     axes: tuple[Axis, ...]  # In their order
-    timeout: float = 60.0  # Seconds after which a single run is given up
-    engines: tuple[str, ...] = ()  # Who takes part, unless the caller names others; () for the whole registry
+    timeout: float = 60.0  # Time limit of a single run in seconds
+    engines: tuple[str, ...] = ()  # Engines that take part unless the caller names others; () for all of the registry
 
     @property
     def all_engines(self) -> tuple[str, ...]:
         """Engines of the sweep and of all axes, each once."""
         return tuple(dict.fromkeys([*self.engines, *(name for axis in self.axes for name in axis.more_engines)]))
 
-    def barred(self, axis_name: str) -> frozenset[str]:
+    def excluded(self, axis_name: str) -> frozenset[str]:
         """Engines that take part on other axes only."""
         here = {name for axis in self.axes if axis.name == axis_name for name in axis.more_engines}
         return frozenset(set(self.all_engines) - set(self.engines) - here)

@@ -1,4 +1,4 @@
-"""From a cell of a sweep to its task: the virtual scan, its frame, its start."""
+"""From a cell of a sweep to its benchmark case: the virtual scan, its frame, its initial pose."""
 
 from __future__ import annotations
 
@@ -18,16 +18,15 @@ from dqreg.synth import Noise, Scanner, disturbance, random_pose, scan_mesh
 from dqreg.synth.parts import KINDS, symmetry_of
 
 VIEWS = ((1.0, -0.8, 0.9), (0.9, 1.0, 0.7), (-0.45, 0.2, 1.0))
-# Share of the rays of a square image that meet a part, about; and points made at a time, for memory.
-HIT_SHARE, CHUNK = 0.2, 300_000
+# About this fraction of the rays of a square image hits a part; points made at a time, for memory.
+HIT_FRACTION, CHUNK = 0.2, 300_000
 TARGET_POINTS = 50_000
 
 
 def build(cell: Cell, **options: Any) -> BenchmarkCase:
-    """Task of a cell.
+    """Benchmark case of a cell.
 
-    The scan depends on part, points, noise, outliers and trial only, so that along an axis of starts it is the same
-    scan that starts from farther and farther away.
+    The scan depends on part, points, noise, outliers and trial only: along an axis of initial poses it is the same.
     """
     part = _part(cell.part)
     scan_rng, pose_rng = (np.random.default_rng([cell.trial, stream]) for stream in (1, 2))
@@ -41,19 +40,19 @@ def build(cell: Cell, **options: Any) -> BenchmarkCase:
     T_start = step @ T_truth
     source = pose.apply(pose.inverse(T_truth), scan)
     if cell.axis == "frame":
-        # Coordinates far away come with a start near the identity, as they do from a surveyed scanner.
+        # Coordinates far from the origin come with an initial pose near the identity, as from a surveyed scanner.
         source, T_truth, T_start = pose.apply(T_start, source), T_truth @ pose.inverse(T_start), np.eye(4)
     frame, symmetry = Frame.named(cell.frame), symmetry_of(cell.part)
     axis = symmetry.axis
     truth = TruePoses(
-        np.stack([frame.carry(turn @ T_truth) for turn in symmetry.poses]),
+        np.stack([frame.pose(symmetric @ T_truth) for symmetric in symmetry.poses]),
         None if axis is None else np.stack([frame.move(axis[0]), axis[1]]),
     )
     return make_case(
         cell.part,
         PointCloud(frame.move(source)),
         frame.target(target),
-        None if cell.nothing else frame.carry(T_start),
+        None if cell.nothing else frame.pose(T_start),
         truth,
         setting=cell.setting,
         noise=cell.noise * part.diagonal * frame.scale,
@@ -68,29 +67,29 @@ def build(cell: Cell, **options: Any) -> BenchmarkCase:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Frame:
-    """Unit and place of coordinates: p' = scale p + place, for source and target alike."""
+    """Unit and origin of coordinates: p' = scale p + offset, for source and target alike."""
 
     scale: float  # From millimetres
-    place: FloatArray  # (3,): Where the old origin is
+    offset: FloatArray  # (3,): Position of the old origin
 
     @staticmethod
     def named(name: str) -> Frame:
         """Frame of a sweep."""
-        scale, place = FRAMES[name]
-        return Frame(scale, np.array(place))
+        scale, offset = FRAMES[name]
+        return Frame(scale, np.array(offset))
 
     def move(self, points: FloatArray) -> FloatArray:
         """Points in this frame.
 
         Shapes: points (..., 3), returns (..., 3).
         """
-        moved: FloatArray = self.scale * points + self.place
+        moved: FloatArray = self.scale * points + self.offset
         return moved
 
-    def carry(self, T: FloatArray) -> FloatArray:
-        """Pose between two frames that are both moved: R stays, t' = scale t + place - R place."""
+    def pose(self, T: FloatArray) -> FloatArray:
+        """Pose between two frames that are both moved: R stays, t' = scale t + offset - R offset."""
         R = T[:3, :3]
-        return pose.from_parts(R, self.scale * T[:3, 3] + self.place - R @ self.place)
+        return pose.from_parts(R, self.scale * T[:3, 3] + self.offset - R @ self.offset)
 
     def target(self, target: Mesh | PointCloud) -> Mesh | PointCloud:
         """Target in this frame."""
@@ -106,14 +105,14 @@ def _part(kind: str) -> Mesh:
 
 @functools.lru_cache(maxsize=12)
 def _scan(kind: str, points: int, noise: float, outliers: float, trial: int) -> FloatArray:
-    """Exactly so many points of a virtual scan, in the part's frame; large ones are made of several passes."""
+    """Exactly so many points of a virtual scan, in the part's frame; large ones come from several passes."""
     part, rng = _part(kind), np.random.default_rng([trial, 1])
     error = Noise(range_sigma=noise * part.diagonal, outlier_share=outliers, max_incidence_rad=float(np.deg2rad(80.0)))
     passes: list[FloatArray] = []
     missing = points
     while missing > 0:
         wanted = min(missing, CHUNK)
-        pixels = int(np.ceil(np.sqrt(wanted / (HIT_SHARE * len(VIEWS)))))
+        pixels = int(np.ceil(np.sqrt(wanted / (HIT_FRACTION * len(VIEWS)))))
         # Each pass looks from a slightly different place, as a hand-held scanner does.
         views = np.array(VIEWS) + 0.03 * len(passes) ** 0.5 * rng.normal(size=(len(VIEWS), 3))
         scanner = Scanner(views=tuple(map(tuple, views.tolist())), pixels=pixels)
@@ -127,7 +126,7 @@ def _scan(kind: str, points: int, noise: float, outliers: float, trial: int) -> 
 
 
 def _two_scans(part: Mesh, cell: Cell, rng: np.random.Generator) -> tuple[FloatArray, PointCloud]:
-    """Two scans of the part from all around, cut so that a known share of the first is in the second too."""
+    """Two scans of the whole part, cut so that a known fraction of the first is in the second too."""
     overlap = 1.0 if cell.overlap is None else cell.overlap
     # Cut across a direction that no face of a part is likely to be square to.
     direction = np.array([0.8, 0.5, 0.33])
@@ -140,6 +139,6 @@ def _two_scans(part: Mesh, cell: Cell, rng: np.random.Generator) -> tuple[FloatA
         rows = np.argsort(along)[:count]
         shift = cell.noise * part.diagonal * rng.standard_normal((len(rows), 1))
         clouds.append(whole.points[rows] + shift * whole.normals[rows])
-    strays = rng.random(cell.points) < cell.outliers
+    outliers = rng.random(cell.points) < cell.outliers
     box = part.centre + 1.2 * (rng.random((cell.points, 3)) - 0.5) * np.ptp(part.bounds, axis=0)
-    return np.where(strays[:, None], box, clouds[0]), PointCloud(clouds[1])
+    return np.where(outliers[:, None], box, clouds[0]), PointCloud(clouds[1])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import importlib.metadata
 import importlib.util
 import os
 import pickle
@@ -24,6 +23,7 @@ from dqreg.compare.engines.protocol import Engine, Setting
 from dqreg.compare.engines.simpleicp import SimpleIcp
 from dqreg.compare.engines.small_gicp import SmallGicp
 from dqreg.compare.engines.trimesh import TrimeshIcp, TrimeshMeshOther
+from dqreg.compare.environment import installed_versions
 from dqreg.errors import InputError
 
 _ALL: tuple[Engine, ...] = (
@@ -134,7 +134,8 @@ def available() -> tuple[str, ...]:
 
 def missing(item: Engine | EngineSpec) -> tuple[str, ...]:
     """Distributions that an engine needs and that are not installed."""
-    return tuple(need for need in item.needs if not _installed(need))
+    found = installed_versions(item.needs)
+    return tuple(need for need in item.needs if need not in found)
 
 
 def _specs(item: Any) -> list[EngineSpec]:
@@ -172,11 +173,3 @@ def _is_engine(value: Any) -> bool:
         and isinstance(getattr(value, "name", None), str)
         and callable(getattr(value, "register", None))
     )
-
-
-def _installed(distribution: str) -> bool:
-    try:
-        importlib.metadata.version(distribution)
-    except importlib.metadata.PackageNotFoundError:
-        return False
-    return True
