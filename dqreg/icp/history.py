@@ -1,4 +1,4 @@
-"""Record of one iteration of the loop."""
+"""Records of what a registration has done: the iterations of ICP and the stages of the global search."""
 
 from __future__ import annotations
 
@@ -33,3 +33,12 @@ class Iteration:
         """Old name of `kernel_scale`, deprecated."""
         warn_of_old_name("Iteration.scale", "kernel_scale")
         return self.kernel_scale
+
+
+@dataclasses.dataclass(frozen=True)
+class Stage:
+    """Report of one stage of the global search."""
+
+    name: str  # What was done: "proposed", "screened", "refined roughly", "refined", "turned" or "refined finely"
+    poses: int  # Poses that are left
+    seconds: float  # Time since the search began

@@ -6,7 +6,7 @@ import dataclasses
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 from rich.console import Console, Group, RenderableType
@@ -15,10 +15,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from dqreg.icp.history import Iteration
-
-if TYPE_CHECKING:
-    from dqreg.search import Stage
+from dqreg.icp.history import Iteration, Stage
 
 # Share of the time that is usually gone when a stage of the search ends, from reading to the verdict: measured on the
 # scan that ships with dqreg.
@@ -258,7 +255,7 @@ def columns(unit: str | None) -> tuple[str, ...]:
 def stage_words(stage: Stage) -> str:
     """A finished stage of the search in a few words.
 
-    >>> from dqreg.search import Stage
+    >>> from dqreg.icp.history import Stage
     >>> stage_words(Stage("screened", 160, 0.31))
     'screened, 160 poses left, 0.3 s'
     """

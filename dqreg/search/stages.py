@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable
 
 import numpy as np
 
 from dqreg.geometry import Mesh, PointCloud
+from dqreg.icp.history import Stage
 from dqreg.search.axes import axis_hypotheses
 from dqreg.search.fpfh import VOXEL, FpfhCloud, match_hypotheses
 from dqreg.search.pairs import pair_hypotheses
@@ -41,15 +41,6 @@ KEPT_ANYWAY = 3
 # The same for two clouds: points after the rough refinement; widths there, after the next and after the fine one; poses
 # kept that matches propose.
 CLOUD_SCORED, CLOUD_WIDTHS, MATCHED_KEPT = 200, (8e-3, 4e-3, 2e-3), 80
-
-
-@dataclasses.dataclass(frozen=True)
-class Stage:
-    """Report of one stage of the search."""
-
-    name: str  # What was done: "proposed", "screened", "refined roughly", "refined", "turned" or "refined finely"
-    poses: int  # Poses that are left
-    seconds: float  # Time since the search began
 
 
 Observer = Callable[[Stage], object]
