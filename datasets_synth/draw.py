@@ -20,9 +20,8 @@ from dqreg._open3d import load_open3d
 from dqreg.files import read_cloud, read_mesh
 from dqreg.rigid import pose
 from dqreg.synth.cases import Case, load_case, write_case
-from dqreg.synth.raycast import centre_and_diagonal, face_normals, first_hits
+from dqreg.synth.raycast import centre_and_diagonal, face_normals, first_hits, joined
 from dqreg.synth.recipe import read_recipe
-from dqreg.synth.sweep import joined
 
 GREY, ORANGE, BLUE, EDGE = (np.array(c) / 255 for c in ((196, 199, 204), (240, 130, 20), (35, 120, 205), (90, 94, 100)))
 LIGHT = np.array([0.45, -0.25, 0.85]) / np.linalg.norm([0.45, -0.25, 0.85])

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dqreg.papers.document import Column, Curve, Estimate, Figure, Panel, Section, Table
-from dqreg.papers.feeder import DIAGONAL
 from dqreg.papers.simulation import Accuracy, SetUp
 from dqreg.papers.trials import SIGMA
 from dqreg.solvers import likelihood_weights
+from dqreg.synth.parts.blocks import FEEDER_DIAGONAL
 
 POINTS = (1, 3, 5)
 DIRECTIONS = (0, 1, 2, 5, 10)
@@ -44,7 +44,7 @@ def measure_directions(rng: np.random.Generator, choices: int = 20, trials: int 
                 continue  # the pose is free
             part = full.first_directions(directions)
             for ratio in RATIOS:
-                sigmas = (SIGMA, ratio * SIGMA / DIAGONAL)
+                sigmas = (SIGMA, ratio * SIGMA / FEEDER_DIAGONAL)
                 weights = likelihood_weights(sigmas[0], sigmas[1] ** 2)
                 likely = part.simulate(sigmas, (float(weights[0]), float(weights[1])))
                 equal = part.simulate(sigmas, PAPER_WEIGHTS)
@@ -65,11 +65,11 @@ def directions_section(gains: tuple[Gain, ...]) -> Section:
         "alpha = beta = 1. One point is enough where two directions are known.",
         (
             f"Noise of a point: {SIGMA:g} units on each coordinate. Ratio: noise of a direction (radians, along each "
-            f"of the two ways across it) times the diagonal of the part ({DIAGONAL:.1f} units) over the noise of a "
-            f"point; at ratio 1 a direction is off by {np.rad2deg(SIGMA / DIAGONAL):.3f} degrees. Directions are drawn "
-            "evenly over the sphere, points among the vertices of the stand-in; sets of three and five that lie nearly "
-            "on a line are drawn again. ML: alpha = 1 / sigma_n^2, beta = 1 / sigma_p^2. Equal: alpha = beta = 1, as "
-            "in the paper, in its unit of length.",
+            f"of the two ways across it) times the diagonal of the part ({FEEDER_DIAGONAL:.1f} units) over the noise "
+            f"of a point; at ratio 1 a direction is off by {np.rad2deg(SIGMA / FEEDER_DIAGONAL):.3f} degrees. "
+            "Directions are drawn evenly over the sphere, points among the vertices of the stand-in; sets of three "
+            "and five that lie nearly on a line are drawn again. ML: alpha = 1 / sigma_n^2, beta = 1 / sigma_p^2. "
+            "Equal: alpha = beta = 1, as in the paper, in its unit of length.",
         ),
         (_table(by_key, "turn"), _table(by_key, "shift")),
         (_figure(by_key),),

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dqreg.papers.bound import cramer_rao, rms_of
 from dqreg.papers.document import Column, Estimate, Section, Table
 from dqreg.papers.trials import position_errors, rms_estimate, rotation_errors
 from dqreg.rigid import pose
 from dqreg.solvers import horn
+from dqreg.synth.cramer_rao import cramer_rao, rms_of
 
 NOISES = (0.0, 1e-4, 1e-3, 1e-2)
 POINTS = 50

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.papers.bound import covariance_of_weights, cramer_rao, rms_of
 from dqreg.papers.document import Estimate
-from dqreg.papers.feeder import CENTRE
 from dqreg.papers.trials import (
     choose_directions,
     choose_points,
@@ -21,6 +19,8 @@ from dqreg.papers.trials import (
 )
 from dqreg.rigid import pose
 from dqreg.solvers import solve_many
+from dqreg.synth.cramer_rao import covariance_of_weights, cramer_rao, rms_of
+from dqreg.synth.parts.blocks import FEEDER_CENTRE
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,13 +72,13 @@ class SetUp:
         )
         T = fits.T_target_source.reshape(choices, trials, 4, 4)
         turn = rms_estimate(np.rad2deg(rotation_errors(T, T_truth)))
-        return Accuracy(turn, rms_estimate(position_errors(T, T_truth, CENTRE)))
+        return Accuracy(turn, rms_estimate(position_errors(T, T_truth, FEEDER_CENTRE)))
 
     def predict(self, sigmas: tuple[float, float], weights: tuple[float, float] | None = None) -> tuple[float, float]:
         """Root mean square errors by theory: of given weights, or the least possible ones."""
         T_truth = paper_pose()
         moved = np.asarray(pose.apply(T_truth, self.points.reshape(-1, 3))).reshape(self.points.shape)
-        seen, centre = self.directions @ T_truth[:3, :3].T, pose.apply(T_truth, CENTRE[np.newaxis])[0]
+        seen, centre = self.directions @ T_truth[:3, :3].T, pose.apply(T_truth, FEEDER_CENTRE[np.newaxis])[0]
         try:
             if weights is None:
                 covariance = cramer_rao(moved, seen, centre, *sigmas)

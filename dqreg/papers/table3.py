@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.papers.bound import cramer_rao
 from dqreg.papers.cells import short_number
 from dqreg.papers.document import Cell, Column, Section, Table, floats
-from dqreg.papers.feeder import feeder_vertices
 from dqreg.papers.trials import AXIS, SIGMA, paper_pose, rotation_errors
 from dqreg.rigid import pose
 from dqreg.solvers import solve, svd, walker1991
+from dqreg.synth.cramer_rao import cramer_rao
+from dqreg.synth.parts.blocks import feeder_vertices
 
 METHODS = {"svd": svd, "walker1991": walker1991, "solve": solve}
 COUNTS = (5, 10, 20, 30)

@@ -6,8 +6,8 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.papers.document import Estimate
-from dqreg.papers.feeder import DIAGONAL, feeder_vertices
 from dqreg.rigid import pose, quaternion
+from dqreg.synth.parts.blocks import FEEDER_DIAGONAL, feeder_vertices
 
 # Walker section 4: 36 degrees about (3, 4, 6), then a shift, then noise on every coordinate.
 AXIS = np.array([3.0, 4.0, 6.0])
@@ -41,7 +41,7 @@ def choose_points(rng: np.random.Generator, choices: int, count: int) -> FloatAr
     while len(kept) < choices:
         points = vertices[rng.choice(len(vertices), count, replace=False)]
         across = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1:2] / np.sqrt(count)
-        if count < 3 or across[0] >= LEAST_SPREAD * DIAGONAL:
+        if count < 3 or across[0] >= LEAST_SPREAD * FEEDER_DIAGONAL:
             kept.append(points)
     return np.array(kept)
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from dqreg.papers.directions import PAPER_WEIGHTS
 from dqreg.papers.document import Column, Curve, Estimate, Figure, Panel, Section, Table, floats
-from dqreg.papers.feeder import DIAGONAL
 from dqreg.papers.simulation import SetUp
 from dqreg.solvers import likelihood_weights
+from dqreg.synth.parts.blocks import FEEDER_DIAGONAL
 
 COUNTS = (5, 5)
 SIGMA_P = 0.05
@@ -29,7 +29,7 @@ def _likely(sigma_p: float, sigma_n: float) -> tuple[float, float]:
 WEIGHINGS: dict[str, Weighing] = {
     "likelihood": _likely,
     "sigma_n taken twice too large": lambda sigma_p, sigma_n: _likely(sigma_p, 2.0 * sigma_n),
-    "alpha = beta (0.05 size)^2": lambda sigma_p, sigma_n: (1.0, (0.05 * DIAGONAL) ** 2),
+    "alpha = beta (0.05 size)^2": lambda sigma_p, sigma_n: (1.0, (0.05 * FEEDER_DIAGONAL) ** 2),
     "alpha = beta = 1, in mm": lambda sigma_p, sigma_n: PAPER_WEIGHTS,
     # The same part in metres: squared distances shrink by a million, directions stay.
     "alpha = beta = 1, in m": lambda sigma_p, sigma_n: (PAPER_WEIGHTS[0] * 1e-6, PAPER_WEIGHTS[1]),
@@ -57,7 +57,7 @@ def measure_weights(rng: np.random.Generator, choices: int = 10, trials: int = 1
 
 
 def _loss(setup: SetUp, name: str, ratio: float) -> Loss:
-    sigmas = (SIGMA_P, ratio * SIGMA_P / DIAGONAL)
+    sigmas = (SIGMA_P, ratio * SIGMA_P / FEEDER_DIAGONAL)
     weights = WEIGHINGS[name](*sigmas)
     found, bound, predicted = setup.simulate(sigmas, weights), setup.predict(sigmas), setup.predict(sigmas, weights)
     turn = Estimate(found.turn_deg.value / bound[0], found.turn_deg.error / bound[0])

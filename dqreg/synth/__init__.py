@@ -1,16 +1,17 @@
 """Virtual scans with known truth: parts, scanners, error measures and the cases made of them.
 
-- `dqreg.synth.parts`: mechanical parts as closed meshes, and their symmetries. - `dqreg.synth.views`,
+- `dqreg.synth.parts`: mechanical parts as closed meshes, and their symmetries. - `dqreg.synth.cameras`,
 `dqreg.synth.patterns`, `dqreg.synth.tactile`: cameras, structured light and LiDAR, tactile probes. -
 `dqreg.synth.scene`, `dqreg.synth.motion`, `dqreg.synth.noise`: what lies around the part, how it moves, what goes
 wrong. - `dqreg.synth.scanner`: the scan. - `dqreg.synth.coverage`: the share of the surface that is seen. -
-`dqreg.synth.truth`, `dqreg.synth.bound`: known motions, distances from the truth, the best accuracy there is. -
+`dqreg.synth.truth`, `dqreg.synth.cramer_rao`: known motions, distances from the truth, the best accuracy there is. -
 `dqreg.synth.recipe`, `dqreg.synth.cases`: a case as a text file, and as a folder.
 """
 
-from dqreg.synth.bound import cramer_rao_bound
+from dqreg.synth.cameras import Scanner
 from dqreg.synth.cases import Case, demo_case, load_case, write_case
 from dqreg.synth.coverage import visible_share
+from dqreg.synth.cramer_rao import cramer_rao_bound
 from dqreg.synth.motion import Motion
 from dqreg.synth.noise import Noise
 from dqreg.synth.patterns import Lidar, StructuredLight
@@ -26,7 +27,6 @@ from dqreg.synth.truth import (
     rms_vertex_displacement,
     worst_vertex_displacement,
 )
-from dqreg.synth.views import Scanner
 
 __all__ = [
     "Case",

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.synth.cameras import Pattern
 from dqreg.synth.parts.plain import Mesh
-from dqreg.synth.pattern import Pattern
-from dqreg.synth.raycast import centre_and_diagonal, check_mesh, face_normals, first_hits
-from dqreg.synth.sweep import joined
+from dqreg.synth.raycast import centre_and_diagonal, check_mesh, face_normals, first_hits, joined
 
 
 def visible_share(
@@ -51,7 +50,7 @@ def visible_share(
     Examples
     --------
     >>> from dqreg.synth.parts import box
-    >>> from dqreg.synth.views import Scanner
+    >>> from dqreg.synth.cameras import Scanner
     >>> round(visible_share(*box(), Scanner(views=((0, 0, 1),))), 2)
     0.17
     """

@@ -8,8 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, as_float, as_vectors
 from dqreg.errors import InputError
-from dqreg.synth.view_checks import check_views, is_within, require_rays, unit
-from dqreg.synth.views import Scanner, camera_axes, sensors_around
+from dqreg.synth.cameras import Scanner, camera_axes, check_views, is_within, require_rays, sensors_around, unit
 
 
 @dataclass(frozen=True)

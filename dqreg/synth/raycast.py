@@ -1,13 +1,19 @@
-"""First hits of rays on a mesh: Open3D's ray caster finds the triangle, float64 finds the point on it."""
+"""What the rays of a scanner meet: Open3D finds the triangle, float64 the point on it; at rest or in motion."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, IntArray, as_vectors
+from dqreg._arrays import BoolArray, FloatArray, IntArray, as_vectors
 from dqreg.errors import InputError
 from dqreg.geometry.raycasting import RayScene
+from dqreg.rigid import pose
+from dqreg.synth.cameras import Pattern, unit
+from dqreg.synth.motion import Motion, moved_each, poses_at, turned_each
+from dqreg.synth.parts.plain import Mesh
 
 
 def check_mesh(vertices: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, IntArray]:
@@ -73,3 +79,124 @@ def _on_faces(corners: FloatArray, origins: FloatArray, directions: FloatArray) 
     excess = np.maximum(u + v, 1.0)
     points: FloatArray = a + (u / excess)[:, None] * e + (v / excess)[:, None] * f
     return points
+
+
+# What lies this close before a point, over the length of the ray, is the point's own face.
+_OWN_FACE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """First meeting of each ray with the scene, in the sensors' frame at the time of the ray."""
+
+    face_index: IntArray  # (n,): Face of the scene, -1 where the ray meets nothing
+    points: FloatArray  # (n, 3): Where it is met, NaN where the ray meets nothing
+    normals: FloatArray  # (n, 3): Normal of the face; of no meaning where the ray meets nothing
+    poses: FloatArray | None  # (n, 4, 4): Motion of the scene since the reference time; None at rest
+
+
+def cast(scene: Mesh, origins: FloatArray, rays: FloatArray, poses: FloatArray | None) -> Hits:
+    """Meet the scene with rays.
+
+    Shapes: poses (n, 4, 4).
+    """
+    if poses is None:
+        face_index, points = first_hits(*scene, origins, rays)
+        return Hits(face_index, points, face_normals(*scene)[face_index], None)
+    back = pose.inverse(poses)
+    face_index, points = first_hits(*scene, moved_each(back, origins), turned_each(back, rays))
+    normals = turned_each(poses, face_normals(*scene)[face_index])
+    return Hits(face_index, moved_each(poses, points), normals, poses)
+
+
+def is_lit(scene: Mesh, hits: Hits, projectors: FloatArray, max_incidence_rad: float) -> BoolArray:
+    """Whether each point is seen from a second place as well.
+
+    >>> from dqreg.synth.parts import box
+    >>> hits = cast(box(), np.array([[0.0, 0, 9]]), np.array([[0.0, 0, -1]]), None)
+    >>> [bool(is_lit(box(), hits, np.array([[3.0, 0, z]]), 1.5)[0]) for z in (9.0, -9.0)]
+    [True, False]
+    """
+    met = np.flatnonzero(hits.face_index >= 0)
+    ways = hits.points[met] - projectors[met]
+    length = np.linalg.norm(ways, axis=1)
+    cosine = -np.einsum("ni,ni->n", ways, hits.normals[met]) / length
+    poses = None if hits.poses is None else hits.poses[met]
+    first = cast(scene, projectors[met], ways / length[:, None], poses)
+    reached = np.linalg.norm(first.points - projectors[met], axis=1)  # NaN where the light misses an edge
+    lit = np.zeros(len(hits.face_index), dtype=bool)
+    lit[met] = (cosine > np.cos(max_incidence_rad)) & (reached >= (1.0 - _OWN_FACE) * length)
+    return lit
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """What each ray of a sweep meets, in the sensors' frame at the time of the ray."""
+
+    image: tuple[int, int, int]  # Views, rows and columns; their product is n
+    centre: FloatArray  # (3,): Centre of the part at the reference time
+    diagonal: float  # Diagonal of the part
+    sensors: FloatArray  # (k, 3): Sensor of each view
+    view_index: IntArray  # (n,): View of each ray
+    times: FloatArray  # (n,): When each ray is read, in sweeps
+    # points, normals: (n, 3): Where each ray first meets the scene, and the face's normal there; NaN where it meets
+    # nothing
+    points: FloatArray
+    normals: FloatArray
+    rays: FloatArray  # (n, 3): Unit vector from the sensor to the point
+    # ranges, cosines: (n,): Length of the ray, and cosine of its incidence angle
+    ranges: FloatArray
+    cosines: FloatArray
+    face_index: IntArray  # (n,): Face of the scene, the part's faces first; -1 for nothing
+    is_lit: BoolArray  # (n,): Whether the projector, if there is one, sees the point too
+
+    @property
+    def origins(self) -> FloatArray:
+        """Sensor of each ray, (n, 3)."""
+        return self.sensors[self.view_index]
+
+
+def sweep(
+    part: Mesh, scanner: Pattern, max_incidence_rad: float, *, motion: Motion | None, surroundings: Mesh | None
+) -> Sweep:
+    """Cast all rays of a scanner."""
+    centre, diagonal = centre_and_diagonal(part[0])
+    sensors, times = scanner.sensor_positions(centre, diagonal), scanner.times()
+    view_index = np.repeat(np.arange(len(sensors)), times[0].size)
+    origins, flat_times = sensors[view_index], times.ravel()
+    poses = None
+    if motion is not None:
+        poses = poses_at(motion.twist(centre, diagonal), flat_times - motion.reference)
+    scene = joined(part, surroundings)
+    hits = cast(scene, origins, scanner.ray_directions().reshape(-1, 3), poses)
+    rays = unit(hits.points - origins)  # where a point was clipped to its face, the ray that goes there
+    projectors = scanner.projector_positions(centre, diagonal)
+    lit = np.ones(len(rays), dtype=bool)
+    if projectors is not None:
+        lit = is_lit(scene, hits, projectors[view_index], max_incidence_rad)
+    return Sweep(
+        image=(times.shape[0], times.shape[1], times.shape[2]),
+        centre=centre,
+        diagonal=diagonal,
+        sensors=sensors,
+        view_index=view_index,
+        times=flat_times,
+        points=hits.points,
+        normals=hits.normals,
+        rays=rays,
+        ranges=np.linalg.norm(hits.points - origins, axis=1),
+        cosines=-np.einsum("ni,ni->n", rays, hits.normals),
+        face_index=hits.face_index,
+        is_lit=lit,
+    )
+
+
+def joined(part: Mesh, surroundings: Mesh | None) -> Mesh:
+    """One mesh of two, the first one's faces first.
+
+    Shapes: vertices (v + w, 3), faces (f + g, 3).
+    """
+    if surroundings is None:
+        return part
+    vertices = np.concatenate([part[0], surroundings[0]])
+    return vertices, np.concatenate([part[1], surroundings[1] + len(part[0])])

@@ -18,8 +18,7 @@ from dqreg.files.units import METRES
 from dqreg.synth import parts
 from dqreg.synth.motion import Motion
 from dqreg.synth.noise import Noise
-from dqreg.synth.recipe_build import build
-from dqreg.synth.recipe_keys import check_name, check_seed, get_number, get_table, get_text, require_known
+from dqreg.synth.recipe_keys import build, check_name, check_seed, get_number, get_table, get_text, require_known
 from dqreg.synth.recipe_tables import (
     AnyScanner,
     check_part,

@@ -11,14 +11,13 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.synth import parts
+from dqreg.synth.cameras import Scanner
 from dqreg.synth.motion import Motion
 from dqreg.synth.noise import Noise
 from dqreg.synth.patterns import Lidar, StructuredLight
 from dqreg.synth.raycast import check_mesh
-from dqreg.synth.recipe_build import build, keywords_of
-from dqreg.synth.recipe_keys import get_text, require_known
+from dqreg.synth.recipe_keys import build, get_text, keywords_of, require_known
 from dqreg.synth.tactile import TactileProbe
-from dqreg.synth.views import Scanner
 
 AnyScanner = Scanner | StructuredLight | Lidar | TactileProbe
 SCANNERS: Mapping[str, Callable[..., AnyScanner]] = {

@@ -7,14 +7,12 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
+from dqreg.synth.cameras import Pattern, unit
 from dqreg.synth.motion import Motion
 from dqreg.synth.noise import Errors, Noise
 from dqreg.synth.parts.plain import Mesh
-from dqreg.synth.pattern import Pattern
-from dqreg.synth.raycast import centre_and_diagonal, check_mesh
+from dqreg.synth.raycast import Sweep, centre_and_diagonal, check_mesh, joined, sweep
 from dqreg.synth.scan import Scan
-from dqreg.synth.sweep import Sweep, joined, sweep
-from dqreg.synth.view_checks import unit
 
 
 def scan_mesh(
@@ -69,7 +67,7 @@ def scan_mesh(
     Examples
     --------
     >>> from dqreg.synth.parts import box
-    >>> from dqreg.synth.views import Scanner
+    >>> from dqreg.synth.cameras import Scanner
     >>> scan = scan_mesh(*box(), Scanner(views=((0, 0, 1),), pixels=8), rng=np.random.default_rng(0))
     >>> scan.points[:, 2].tolist() == [0.5] * len(scan.points)
     True

@@ -10,11 +10,10 @@ from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
 from dqreg.rigid import pose
 from dqreg.synth import parts
+from dqreg.synth.cameras import is_within
 from dqreg.synth.parts.kinds import of_box
 from dqreg.synth.parts.plain import Mesh
-from dqreg.synth.raycast import centre_and_diagonal
-from dqreg.synth.sweep import joined
-from dqreg.synth.view_checks import is_within
+from dqreg.synth.raycast import centre_and_diagonal, joined
 
 KINDS = ("none", "table", "bin")
 # What clutter is made of, each at its default size before it is scaled; the rest of the part's shelf-mates.

@@ -11,11 +11,11 @@ from dqreg._arrays import BoolArray, FloatArray, as_vectors
 from dqreg.errors import InputError
 from dqreg.geometry.mesh import Mesh as Surface
 from dqreg.geometry.mesh_surface import MeshSurface
+from dqreg.synth.cameras import is_within, unit
 from dqreg.synth.coverage import sample_surface
 from dqreg.synth.parts.plain import Mesh
 from dqreg.synth.raycast import centre_and_diagonal, check_mesh, first_hits
 from dqreg.synth.scan import Scan
-from dqreg.synth.view_checks import is_within, unit
 
 _ALL_SIDES = ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
 # Places tried for each point that is asked for, and the most points one may ask for.

@@ -8,7 +8,7 @@ import pytest
 from dqreg.compare import read_pose, read_truth
 from dqreg.errors import InputError
 from dqreg.rigid import pose
-from dqreg.synth.case_files import symmetry_record
+from dqreg.synth.case_contents import symmetry_record
 from dqreg.synth.parts import symmetry_of
 
 T = pose.random(np.random.default_rng(3), reach=10.0)

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.papers.feeder import SIZE, feeder_vertices
 from dqreg.papers.table3 import PRINTED, measure_table3, table3_section
+from dqreg.synth.parts.blocks import FEEDER_SIZE, feeder_vertices
 
 
 @pytest.fixture(scope="module")
@@ -16,7 +16,7 @@ def test_stand_in_has_32_distinct_vertices_in_the_papers_box():
     vertices = feeder_vertices()
     assert vertices.shape == (32, 3)
     assert len(np.unique(vertices, axis=0)) == 32
-    np.testing.assert_array_equal(np.ptp(vertices, axis=0), SIZE)
+    np.testing.assert_array_equal(np.ptp(vertices, axis=0), FEEDER_SIZE)
     np.testing.assert_array_equal(vertices.min(axis=0), 0.0)
 
 

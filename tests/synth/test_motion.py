@@ -6,13 +6,13 @@ from scipy.linalg import expm
 
 from dqreg.errors import InputError
 from dqreg.rigid import pose
+from dqreg.synth.cameras import Scanner
 from dqreg.synth.motion import Motion, poses_at
 from dqreg.synth.noise import Noise
 from dqreg.synth.parts import bracket
 from dqreg.synth.patterns import Lidar, StructuredLight
 from dqreg.synth.raycast import centre_and_diagonal
 from dqreg.synth.scanner import scan_mesh
-from dqreg.synth.views import Scanner
 
 VIEWS = ((1.0, -0.8, 0.9), (-0.45, 0.2, 1.0))
 MOTION = Motion(turn_rad=(0.03, -0.05, 0.1), shift=(0.05, 0.02, -0.04), reference=0.3)

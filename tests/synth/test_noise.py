@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from dqreg.errors import InputError
+from dqreg.synth.cameras import Scanner
 from dqreg.synth.noise import Noise
 from dqreg.synth.parts import box, bracket
 from dqreg.synth.patterns import Lidar
+from dqreg.synth.raycast import joined
 from dqreg.synth.scanner import quantised, scan_mesh
-from dqreg.synth.sweep import joined
-from dqreg.synth.views import Scanner
 
 # A plate seen from straight above: one plane, all angles of incidence up to 20 degrees.
 FLAT = box(size=(100.0, 100.0, 1.0))

@@ -152,7 +152,7 @@ def test_prism_and_block_volumes_are_exact():
 
 
 def test_feeder_has_the_vertices_that_the_paper_s_tables_use():
-    from dqreg.papers.feeder import feeder_vertices
+    from dqreg.synth.parts.blocks import feeder_vertices
 
     vertices, _ = parts.feeder()
     np.testing.assert_array_equal(vertices, np.unique(feeder_vertices(), axis=0))

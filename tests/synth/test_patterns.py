@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from dqreg.errors import InputError
+from dqreg.synth.cameras import Scanner
 from dqreg.synth.coverage import visible_share
 from dqreg.synth.noise import Noise
 from dqreg.synth.parts import box, bracket, cylinder
 from dqreg.synth.patterns import Lidar, StructuredLight
-from dqreg.synth.raycast import centre_and_diagonal, first_hits
+from dqreg.synth.raycast import centre_and_diagonal, first_hits, joined
 from dqreg.synth.scanner import scan_mesh
-from dqreg.synth.sweep import joined
-from dqreg.synth.views import Scanner
 
 VIEWS = ((1.0, -0.8, 0.9), (-0.5, 0.4, 1.0))
 SCANNERS = [

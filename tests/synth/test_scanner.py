@@ -8,12 +8,12 @@ import trimesh
 
 from dqreg.errors import InputError
 from dqreg.rigid import pose
+from dqreg.synth.cameras import Scanner
 from dqreg.synth.coverage import visible_share
 from dqreg.synth.noise import Noise
 from dqreg.synth.parts import box, bracket
 from dqreg.synth.scan import Scan
 from dqreg.synth.scanner import scan_mesh
-from dqreg.synth.views import Scanner
 
 SIZE = 156.2  # diagonal of the default bracket
 VIEWS = ((1.0, -0.8, 0.9), (-0.45, 0.2, 1.0))

@@ -5,11 +5,11 @@ import pytest
 import trimesh
 
 from dqreg.errors import InputError
+from dqreg.synth.cameras import Scanner
 from dqreg.synth.noise import Noise
 from dqreg.synth.parts import bracket, feeder
 from dqreg.synth.scanner import scan_mesh
 from dqreg.synth.scene import Scene
-from dqreg.synth.views import Scanner
 
 SCENE = Scene(kind="table", clutter=6, size=3.0)
 SCANNER = Scanner(views=((0.5, -0.6, 1.0),), pixels=100, stand_off=2.5, field_of_view_rad=0.8)

@@ -8,8 +8,8 @@ import trimesh
 
 from dqreg.errors import InputError
 from dqreg.synth.parts import box, bracket, plate
+from dqreg.synth.raycast import joined
 from dqreg.synth.scan import Scan
-from dqreg.synth.sweep import joined
 from dqreg.synth.tactile import TactileProbe, touch_mesh
 
 

@@ -6,9 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.synth.parts.bands import cap, loft
-from dqreg.synth.parts.checks import require_count
-from dqreg.synth.parts.patches import annulus, fan, lift, walls, weld
+from dqreg.synth.parts.patches import annulus, cap, fan, lift, loft, require_count, walls, weld
 from dqreg.synth.parts.plain import Mesh, require_positive
 
 # Where along the chord the sections are stacked, and half the blunt trailing edge over the chord.

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
-from dqreg.synth.parts.checks import require_count, require_order
-from dqreg.synth.parts.patches import annulus, fan, lift, walls, weld
+from dqreg.synth.parts.patches import annulus, fan, lift, require_count, require_order, walls, weld
 from dqreg.synth.parts.plain import Mesh, require_positive, three
 from dqreg.synth.parts.turned import polar
 
@@ -41,17 +40,26 @@ def block(size: Sequence[float] = (80.0, 50.0, 30.0), *, notch: float = 6.0) -> 
     return weld(_cells(lines, filled))
 
 
-# The box of the 1991 paper's "Feeder" and outlines (x, y) of the two prisms that stand in for it, each a rectangle
-# with a step at both ends. They are those of `dqreg.papers`, which has the vertices only; a test compares them.
+# The 1991 paper's "Feeder" has 32 vertices, 50 surfaces, 48 edges and a size of 322 x 84 x 151 units; its coordinates
+# are not printed. For a simple polyhedron Euler asks for vertices - edges + surfaces = 2, and 32 - 48 + 50 is 34.
+# With three edges at every vertex 32 vertices have exactly 48 edges, and then there are 18 surfaces (32 + 18 = 50):
+# 50 looks like a slip. Outlines (x, y) of the two prisms that stand in for it, each a rectangle with a step at both
+# ends; taken apart, two such prisms have 32 vertices, 48 edges and 20 surfaces.
+FEEDER_SIZE = np.array([322.0, 84.0, 151.0])
+FEEDER_DIAGONAL, FEEDER_CENTRE = float(np.linalg.norm(FEEDER_SIZE)), 0.5 * FEEDER_SIZE
 _LOWER = np.array([[0, 0], [322, 0], [322, 52], [236, 52], [236, 84], [78, 84], [78, 52], [0, 52]]) / 1.0
 _UPPER = np.array([[34, 11], [255, 11], [255, 46], [201, 46], [201, 71], [109, 71], [109, 46], [34, 46]]) / 1.0
 _MIDDLE, _TOP = 88.0, 151.0
 
 
-def feeder(*, scale: float = 1.0) -> Mesh:
-    """Stand-in for the 1991 paper's "Feeder": 32 vertices in a box of 322 x 84 x 151, no symmetry.
+def feeder_vertices() -> FloatArray:
+    """Vertices of the feeder's stand-in, ring by ring from the lowest, (32, 3)."""
+    rings = ((_LOWER, 0.0), (_LOWER, _MIDDLE), (_UPPER, _MIDDLE), (_UPPER, _TOP))
+    return np.concatenate([np.column_stack([outline, np.full(len(outline), height)]) for outline, height in rings])
 
-    The paper does not print its object's coordinates. Two stacked prisms have its number of vertices and its size.
+
+def feeder(*, scale: float = 1.0) -> Mesh:
+    """Stand-in for the 1991 paper's "Feeder": two stacked prisms, 32 vertices in a box of 322 x 84 x 151, no symmetry.
 
     Shapes: vertices (32, 3), faces (60, 3).
     """

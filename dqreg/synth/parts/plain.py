@@ -9,8 +9,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
-from dqreg.synth.parts.checks import require_count
-from dqreg.synth.parts.patches import circle, fan, grid, lift, ring, walls, weld
+from dqreg.synth.parts.patches import circle, fan, grid, lift, require_count, ring, walls, weld
 
 Mesh = tuple[FloatArray, IntArray]
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.synth.parts.bands import ladder
-from dqreg.synth.parts.checks import require_count, require_order
-from dqreg.synth.parts.patches import circle, grid, lift, ring, walls, weld
+from dqreg.synth.parts.patches import circle, grid, ladder, lift, require_count, require_order, ring, walls, weld
 from dqreg.synth.parts.plain import Mesh, require_positive
 
 

@@ -7,9 +7,7 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.synth.parts.bands import collar, ladder
-from dqreg.synth.parts.checks import require_count, require_order
-from dqreg.synth.parts.patches import annulus, lift, walls, weld
+from dqreg.synth.parts.patches import annulus, collar, ladder, lift, require_count, require_order, walls, weld
 from dqreg.synth.parts.plain import Mesh, require_positive
 
 # Half width of the cell around a bolt hole, in diameters of the hole, and the least number of the cell's facets.
