@@ -1,8 +1,8 @@
 """Rigid motions: quaternions, dual quaternions, twists and 4x4 poses, all by one set of conventions.
 
 - Rotations are active (they move points, the frame stands) and right-handed.
-- Quaternions are Hamilton's, scalar first: w, x, y, z. A vector v turns to q v q*, and p q turns by q first.
-  q and -q turn alike; the canonical one has a positive first non-zero component.
+- Quaternions are Hamilton's, scalar first: w, x, y, z. q rotates a vector v to q v q*, and p q rotates by q
+  first. q and -q are the same rotation; the canonical one has a positive first non-zero component.
 - ``T_target_source`` maps source coordinates to target coordinates, p_target = R p_source + t. Products read
   from right to left and equal neighbours cancel: ``T_a_c = T_a_b @ T_b_c``.
 - A twist is six numbers, the rotation vector first, then the translation part, and acts as a left increment:

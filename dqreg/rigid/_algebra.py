@@ -156,7 +156,7 @@ def normalize(q: ArrayLike) -> FloatArray:
 
 
 def canonical(q: ArrayLike) -> FloatArray:
-    """Of q and -q, which turn alike, the one whose first non-zero component is positive.
+    """Of q and -q, the same rotation, the one whose first non-zero component is positive.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def canonical(q: ArrayLike) -> FloatArray:
     [0.0, 0.6, 0.0, -0.8]
     """
     array = as_quaternions(q, "q")
-    # Adding zero turns the -0.0 of a flipped zero into 0.0.
+    # Adding zero makes 0.0 of the -0.0 of a flipped zero.
     return np.asarray(canonical_sign(array)[..., np.newaxis] * array + 0.0)
 
 

@@ -53,7 +53,7 @@ def require_unit(real: FloatArray, dual: FloatArray) -> None:
 
 def onto_constraints(real: FloatArray, dual: FloatArray) -> Parts:
     """Our own results without their rounding, so that it does not pile up in long products."""
-    # The translation does not feel the part of `dual` along `real`. The second pass serves duals that are all rounding.
+    # The translation does not depend on the part of `dual` along `real`. The second pass is for duals of rounding only.
     real = real / np.linalg.norm(real)
     for _ in range(2):
         dual = dual - (real @ dual) * real
@@ -113,8 +113,8 @@ def as_screw(real: FloatArray, dual: FloatArray) -> Screw:
       ``(0, -m3, m2) / n1``, which solves ``p x n = m`` row by row with p1 = 0 and fails for n1 = 0; and
       ``n x m = p - (n . p) n``, the point nearest the origin, which never fails and is returned.
 
-    Without a turn there is no line: a pure translation is a shift by ``|t|`` along ``t / |t|`` through the origin, and
-    the identity a shift by 0 along x.
+    Without a rotation there is no line: a pure translation has the axis ``t / |t|`` through the origin and the distance
+    ``|t|``, the identity the axis x and the distance 0.
     """
     sign = canonical_sign(real)
     r4, r, s4, s = float(sign * real[0]), sign * real[1:], float(sign * dual[0]), sign * dual[1:]

@@ -1,4 +1,4 @@
-"""What the rigid maths accepts: arrays whose last axes hold quaternions, triples, rotations or poses.
+"""Checks of arguments: arrays whose last axes hold quaternions, triples, rotations or poses.
 
 Every function of this room takes single values and stacks of them, so the leading axes stay free.
 """
@@ -76,7 +76,7 @@ def as_rotations(value: ArrayLike, name: str) -> FloatArray:
 
 
 def as_poses(value: ArrayLike, name: str) -> FloatArray:
-    """Poses, looked at for their shape only: the helpers that use this run inside loops.
+    """Poses, checked for their shape only: the helpers that use this run inside loops.
 
     Shapes: value (..., 4, 4), returns (..., 4, 4).
     """

@@ -29,7 +29,7 @@ def polar(q: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
     axis : ndarray, (..., 3)
         Unit vector along the vector part; x where the vector part is zero and every axis would do.
     angle_rad : ndarray, (...)
-        In [0, pi]; a unit quaternion turns by twice this angle.
+        In [0, pi]; a unit quaternion rotates by twice this angle.
 
     Examples
     --------

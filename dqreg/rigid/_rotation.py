@@ -16,7 +16,7 @@ from dqreg.rigid._algebra import conjugate, multiply
 from dqreg.rigid._operands import as_directions, as_triples, as_unit_quaternions
 from dqreg.rigid._powers import polar, power
 
-# Where |u1 x u2| is rounding, its direction says nothing about the plane of the two axes.
+# Where |u1 x u2| is rounding, its direction is not that of the plane of the two axes.
 _PARALLEL = 1e-14
 
 
@@ -33,7 +33,7 @@ def rotate(q: ArrayLike, v: ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray, (..., 3)
-        v turned by theta about u, for ``q = cos(theta / 2) + u sin(theta / 2)``.
+        v rotated by theta about u, for ``q = cos(theta / 2) + u sin(theta / 2)``.
 
     Examples
     --------
@@ -63,7 +63,7 @@ def rotate_frame(q: ArrayLike, v: ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray, (..., 3)
-        Coordinates of the resting v in the frame turned by q: v turned by -theta about u.
+        Coordinates of the resting v in the frame rotated by q: v rotated by -theta about u.
 
     Examples
     --------
@@ -95,7 +95,7 @@ def compose(*rotations: ArrayLike) -> FloatArray:
 
 
 def compose_frames(*rotations: ArrayLike) -> FloatArray:
-    """Join rotations of the frame, each about axes of the frame turned so far (section 4, example 3, eq. 9).
+    """Join rotations of the frame, each about axes of the frame rotated so far (section 4, example 3, eq. 9).
 
     L_p* followed by L_q* is L_(pq)*: the product runs the other way than in `compose`.
 
@@ -118,7 +118,7 @@ def compose_frames(*rotations: ArrayLike) -> FloatArray:
 
 
 def from_axis_angle(axis: ArrayLike, angle_rad: ArrayLike) -> FloatArray:
-    """Write a turn about an axis: cos(theta / 2) + u sin(theta / 2) (eq. 6; Walker eqs. 3 and 11).
+    """Quaternion of a rotation about an axis: cos(theta / 2) + u sin(theta / 2) (eq. 6; Walker eqs. 3 and 11).
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def slerp(r1: ArrayLike, r2: ArrayLike, fraction: ArrayLike, *, shorter_turn: bo
         tau: 0 at r1, 1 at r2; broadcasts against the leading axes of both.
     shorter_turn : bool
         r2 and -r2 are the same rotation at the two ends of different arcs. The notes' formula takes r2 as it
-        is, and turns by more than half a turn where r1 . r2 < 0; with True it then goes to -r2.
+        is, and rotates by more than half a turn where r1 . r2 < 0; with True it then goes to -r2.
 
     Returns
     -------
@@ -211,7 +211,7 @@ def interpolate_axis_angle(r1: ArrayLike, r2: ArrayLike, fraction: ArrayLike) ->
     ----------
     r1, r2 : array_like, (..., 4)
         Unit quaternions, scalar first; their angles, in [0, 2 pi], and axes are taken from them as they are.
-        One that does not turn takes over the axis of the other.
+        An identity takes over the axis of the other.
     fraction : array_like, (...)
         tau: 0 at r1, 1 at r2; broadcasts against the leading axes of both.
 

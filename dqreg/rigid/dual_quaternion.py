@@ -23,9 +23,8 @@ class DualQuaternion:
     """A rigid motion as a unit dual quaternion (eqs. 6-7).
 
     It maps source to target coordinates as ``T_target_source`` does: ``a * b`` is the motion b followed by a.
-    ``q`` and ``-q`` are the same motion; compare `canonical` forms. Parts that break the constraints
-    (13)-(14) are refused, not mended; what this class computes keeps them to rounding, however long a product
-    grows.
+    ``q`` and ``-q`` are the same motion; compare `canonical` forms. Parts that break the constraints (13)-(14)
+    are refused, not mended; what this class computes keeps them to rounding, however long a product grows.
 
     Parameters
     ----------
@@ -37,9 +36,8 @@ class DualQuaternion:
     Raises
     ------
     InputError
-        If a part does not hold four numbers, ``real`` is not of norm 1 (zero and NaN are not), or ``dual`` is
-        not perpendicular to it. The methods raise it where a shape is wrong or a number not finite, a matrix is
-        no rigid pose, or an axis is zero.
+        If a part does not hold four numbers, ``real`` is not of norm 1, or ``dual`` is not perpendicular to it.
+        The methods raise it where a shape is wrong, a number not finite, a matrix no rigid pose, or an axis zero.
 
     Examples
     --------

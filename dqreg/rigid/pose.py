@@ -61,7 +61,7 @@ def apply(T_target_source: ArrayLike, points_source: ArrayLike) -> FloatArray:
 
 
 def rotate(T_target_source: ArrayLike, directions_source: ArrayLike) -> FloatArray:
-    """Turn directions by a pose: ``R m``, without the translation.
+    """Rotate directions by a pose: ``R m``, without the translation.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Dual numbers a + eps b with eps^2 = 0, and screws: every rigid motion is a turn about a line and a shift along it.
+"""Dual numbers a + eps b with eps^2 = 0, and screws: rotation about a line with translation along it.
 
-Equation numbers: Walker, Shao and Volz (1991), appendix 1.
+Every rigid motion is a screw (Chasles). Equation numbers: Walker, Shao and Volz (1991), appendix 1.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dqreg.errors import InputError
 
 @dataclass(frozen=True)
 class DualNumber:
-    """One dual number; as a dual angle theta + eps d it holds a turn and a shift along one line (eqs. 10, 52).
+    """One dual number; as a dual angle theta + eps d it is a rotation about and a translation along one line (eq. 10).
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ class DualNumber:
 
 
 class Screw(NamedTuple):
-    """A turn about a line and a shift along it.
+    """A rotation about a line and a translation along it.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class Screw(NamedTuple):
     angle_rad : float
         Right-handed angle theta about it, in [0, pi] when read off a pose.
     distance : float
-        Shift d along ``axis``, in the unit of the pose.
+        Translation d along ``axis``, in the unit of the pose.
     point : ndarray, (3,)
         A point p on the line; the one nearest the origin when read off a pose.
 

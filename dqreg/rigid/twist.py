@@ -47,7 +47,7 @@ def exp(twist: ArrayLike) -> FloatArray:
 
 
 def log(T: ArrayLike) -> FloatArray:
-    """Twist of a pose: the inverse of `exp`, with a turn of at most pi.
+    """Twist of a pose: the inverse of `exp`, with a rotation of at most pi.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
 """Closed-form solvers: from given matches of points and directions to the pose.
 
 - `solve` (also ``dqreg.solve``): the closed form of 1991 with plain squared distances; `solve_many` does thousands
-  of small problems in one call; `likelihood_weights` and `normal_variance` turn noise into weights.
+  of small problems in one call; `likelihood_weights` and `normal_variance` give weights of noise.
 - `PoseCost`: the same cost for points, planes, lines, directions and priors together, additive over chunks, minimised
-  by Newton's method; `Freedom` locks motions in any frame.
+  by Newton's method; `Freedom` locks degrees of freedom in any frame.
 - `walker1991`, `svd`, `horn`: the same pose by the papers' own letters, slow and literal, to measure others by.
 - `moments_of`, `Moments`, `solve_moments`, `cost_of_pose`: the parts, for loops that have checked their arrays.
 """

@@ -130,8 +130,8 @@ def solve_many(
     """Solve b independent problems, each as `solve` would.
 
     Equal sizes come as (b, n, 3) arrays. Different sizes come as all rows below each other, (total, 3), with b + 1
-    offsets: problem i holds the rows ``offsets[i]`` up to, without, ``offsets[i + 1]``. Points and directions choose
-    their form apart from each other.
+    offsets: problem i holds the rows ``offsets[i]`` up to, without, ``offsets[i + 1]``. Points and directions may
+    differ in form.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ def solve_moments(moments: Moments) -> Fit:
     Raises
     ------
     DegenerateGeometryError
-        If no point carries weight, or the matches leave a turn free.
+        If no point carries weight, or the matches leave a rotation unconstrained.
 
     Examples
     --------
@@ -114,7 +114,7 @@ def require_determined(lambda_1: float, lambda_2: float, reach: float, floor: fl
 
 
 def no_weight_message() -> str:
-    """What to say when no point carries weight, so that nothing fixes the translation."""
+    """Message where no point carries weight, so that the translation is undetermined."""
     return (
         "no matched point carries weight, so the translation is not determined (relative gap: none); "
         "directions fix the rotation only. Add at least one point of positive weight"
@@ -147,7 +147,7 @@ def pose_from_quaternion(r: FloatArray, moments: Moments) -> FloatArray:
     w, x, y, z = r.tolist()
     px, py, pz = moments.mean_source.tolist()
     qx, qy, qz = moments.mean_target.tolist()
-    # R - I first: of small turns of points far from the origin R mean_p would keep too few digits.
+    # R - I first: of small rotations of points far from the origin R mean_p would keep too few digits.
     xx, xy, xz = -2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
     yx, yy, yz = 2.0 * (x * y + w * z), -2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
     zx, zy, zz = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), -2.0 * (x * x + y * y)

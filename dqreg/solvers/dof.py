@@ -1,4 +1,4 @@
-"""Which of the six motions of a pose are free, in any frame; the others are locked exactly, not zeroed afterwards."""
+"""The degrees of freedom of a pose, in any frame; the others are locked exactly, not zeroed afterwards."""
 
 from __future__ import annotations
 
@@ -17,25 +17,26 @@ from dqreg.solvers.dof_words import WORDS, as_frame, flags, read_words
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Freedom:
-    """The motions that a pose may make away from a reference pose, in a frame of the target's side.
+    """The degrees of freedom of a pose relative to a reference pose, in a frame of the target's side.
 
     The motion is ``M = T @ inverse(T_reference)``. Six numbers describe it in the frame: ``rx, ry, rz``, its rotation
-    vector along the frame's axes, and ``tx, ty, tz``, how far it carries the frame's origin along them: it **turns
-    about the origin of the frame, then shifts**. A locked number is zero, the free ones are whatever suits the
-    matches best. So the origin of the frame matters wherever a turn is free: it is what is turned about.
+    vector along the frame's axes, and ``tx, ty, tz``, the translation of the frame's origin along them: it is a
+    **rotation about the origin of the frame, then a translation**. A locked number is zero, the free ones are fitted.
+    So the origin of the frame matters wherever a rotation is free: it is the centre of that rotation.
 
     Where the free motions form a group, this is that group: ``"rz"`` a turntable, ``"rz tz"`` a shaft in its bearing,
-    ``"rz tx ty"`` a part on a table, ``"rx ry rz"`` a ball joint, ``"tx"`` a slide, ``"tx ty tz"`` a shift,
+    ``"rz tx ty"`` a part on a table, ``"rx ry rz"`` a ball joint, ``"tx"`` a slide, ``"tx ty tz"`` a translation,
     ``"rz tx ty tz"`` what a levelled scanner needs. Other choices are no groups (the result of two allowed motions
     need not be allowed), and the definition still says what is meant: ``"rx ry"`` tilts about any axis in the xy
     plane and never twists about z.
 
-    Made by `only`, `locked` or `parse`.
+    Made by `only`, `locked` or `parse`. Words that are not known, poses that are not rigid and numbers that are not
+    finite raise `InputError`.
 
     Attributes
     ----------
     turns, shifts : tuple of bool
-        Whether x, y, z are free.
+        Whether rotations about x, y, z and translations along them are free.
     frame : ndarray, (4, 4)
         T_target_frame: origin and axes of the frame, in the target's coordinates.
 
@@ -54,7 +55,7 @@ class Freedom:
 
     @classmethod
     def only(cls, *words: str, frame: ArrayLike | None = None) -> Freedom:
-        """Only the motions named are free.
+        """Only the degrees of freedom named are free.
 
         Parameters
         ----------
@@ -66,24 +67,13 @@ class Freedom:
         Returns
         -------
         Freedom
-            The value.
-
-        Raises
-        ------
-        InputError
-            If a word is not known or the frame is not rigid.
-
-        Examples
-        --------
-        >>> Freedom.only("t", frame=[0, 0, 5]).count
-        3
         """
         rx, ry, rz, tx, ty, tz = flags(words)
         return cls((rx, ry, rz), (tx, ty, tz), as_frame(frame, "frame"))
 
     @classmethod
     def locked(cls, *words: str, frame: ArrayLike | None = None) -> Freedom:
-        """All motions but those named are free.
+        """All degrees of freedom but those named are free.
 
         Parameters
         ----------
@@ -93,17 +83,6 @@ class Freedom:
         Returns
         -------
         Freedom
-            The value.
-
-        Raises
-        ------
-        InputError
-            As in `only`.
-
-        Examples
-        --------
-        >>> str(Freedom.locked("r"))
-        'tx ty tz'
         """
         rx, ry, rz, tx, ty, tz = (not named for named in flags(words))
         return cls((rx, ry, rz), (tx, ty, tz), as_frame(frame, "frame"))
@@ -123,12 +102,6 @@ class Freedom:
         Returns
         -------
         Freedom
-            The value.
-
-        Raises
-        ------
-        InputError
-            If it cannot be read.
 
         Examples
         --------
@@ -152,7 +125,7 @@ class Freedom:
 
     @property
     def count(self) -> int:
-        """How many motions are free."""
+        """Number of free ones."""
         return sum(self.mask)
 
     @property
@@ -175,13 +148,8 @@ class Freedom:
         Returns
         -------
         ndarray, (6,)
-            Rotation vector along the frame's axes in radians, at most pi long, then the shift of the frame's origin
-            along them. Locked ones are zero, to rounding, exactly where the pose is allowed.
-
-        Raises
-        ------
-        InputError
-            If a pose is not rigid.
+            Rotation vector along the frame's axes in radians, at most pi long, then the translation of the frame's
+            origin along them. Locked ones are zero, to rounding, exactly where the pose is allowed.
 
         Examples
         --------
@@ -198,19 +166,14 @@ class Freedom:
         Parameters
         ----------
         T_reference : array_like, (4, 4)
-            Where the motion begins.
+            Pose that the motion starts from.
         coordinates : array_like, (6,)
-            Rotation vector and shift; those of locked motions must be zero.
+            Rotation vector and translation; locked ones must be zero.
 
         Returns
         -------
         ndarray, (4, 4)
             T_target_source.
-
-        Raises
-        ------
-        InputError
-            If a number is not finite, or not zero where it is locked.
 
         Examples
         --------
@@ -219,7 +182,7 @@ class Freedom:
         """
         six = as_float(coordinates, "coordinates")
         if six.shape != (6,):
-            raise InputError(f"coordinates must be six numbers, rotation vector and shift; got shape {six.shape}")
+            raise InputError(f"coordinates must be six numbers, rotation vector and translation; got shape {six.shape}")
         require_finite(six, "coordinates")
         if (six[~np.array(self.mask)] != 0.0).any():
             raise InputError(f"coordinates must be zero where a motion is locked; free are {self}, got {six.tolist()}")
@@ -227,7 +190,7 @@ class Freedom:
         return compose(self.frame, motion, as_pose(T_reference, "T_reference"))
 
     def project(self, T_target_source: ArrayLike, T_reference: ArrayLike) -> FloatArray:
-        """An allowed pose near a pose: its free motions are kept, its locked ones dropped.
+        """An allowed pose near a pose: the free parts of its motion are kept, the locked ones dropped.
 
         Parameters
         ----------
@@ -237,12 +200,7 @@ class Freedom:
         Returns
         -------
         ndarray, (4, 4)
-            T_target_source. Of all allowed turns the nearest is taken; the frame's origin keeps its free shifts.
-
-        Raises
-        ------
-        InputError
-            If a pose is not rigid.
+            T_target_source. With the nearest allowed rotation; the frame's origin keeps its free translations.
 
         Examples
         --------
@@ -254,7 +212,7 @@ class Freedom:
         return compose(self.frame, relative(self.frame, T, T_ref).within(self.turns, self.shifts), T_ref)
 
     def twists(self, T_target_source: ArrayLike, T_reference: ArrayLike, centre: ArrayLike = (0, 0, 0)) -> FloatArray:
-        """The free motions at a pose, as left twists: what a covariance of the pose may span.
+        """The free motions at a pose, as left twists: the span of a covariance of the pose.
 
         Parameters
         ----------
@@ -266,13 +224,8 @@ class Freedom:
         Returns
         -------
         ndarray, (6, k)
-            One column a free motion: rotation vector, then the shift of the centre, along the target's axes. With an
+            A column for each: rotation vector, then the translation of the centre, along the target's axes. With an
             information matrix I about the same centre, ``B @ inv(B.T @ I @ B) @ B.T`` is the covariance.
-
-        Raises
-        ------
-        InputError
-            If a pose is not rigid.
 
         Examples
         --------
@@ -299,11 +252,6 @@ class Freedom:
         Freedom
             With the frame moved by minus the point.
 
-        Raises
-        ------
-        InputError
-            If the point is not three finite numbers.
-
         Examples
         --------
         >>> Freedom.only("rz", frame=[5, 0, 0]).recentred([2, 0, 0]).frame[:3, 3].tolist()
@@ -316,8 +264,8 @@ class Freedom:
     def brought_to(self, point: FloatArray) -> Freedom:
         """The same motions by a frame whose origin lies as near to a point as they allow.
 
-        Turns may be taken about any point that the free shifts can make up for, and about any point of their axis. A
-        near one keeps the digits where the frame's origin is far from the part.
+        Rotations may be about any point that free translations make up for, and about any point of their axis. A near
+        one keeps the digits where the frame's origin is far from the part.
 
         Parameters
         ----------

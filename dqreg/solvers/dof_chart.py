@@ -1,8 +1,8 @@
-"""Motions away from a reference pose, in a frame: a turn about the frame's origin, then a shift.
+"""Motions away from a reference pose, in a frame: a rotation about the frame's origin, then a translation.
 
-The turn is a unit quaternion whose vector part has zeros where a turn is locked. Such quaternions are a great sphere
-of all unit quaternions, and great circles within it are turns by a constant axis: so a step along a tangent of it
-stays on it exactly.
+The rotation is a unit quaternion whose vector part has zeros where a rotation is locked. Such quaternions are a great
+sphere of all unit quaternions, and great circles within it are rotations about a constant axis: so a step along a
+tangent of it stays on it exactly.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ Flags = tuple[bool, bool, bool]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FrameMotion:
-    """Turn about the frame's origin, then shift."""
+    """Rotation about the frame's origin, then translation."""
 
     q: FloatArray  # (4,): Unit quaternion w, x, y, z along the frame's axes
-    t: FloatArray  # (3,): Shift along the frame's axes
+    t: FloatArray  # (3,): Translation along the frame's axes
 
     def within(self, turns: Flags, shifts: Flags) -> FrameMotion:
         """The same without its locked parts."""
         q = self.q * (1.0, *turns)
         size = math.sqrt(float(q @ q))
-        # A half-turn about a locked axis is as far from all allowed turns: none is as good as any.
+        # A half-turn about a locked axis is as far from all allowed rotations: none is as good as any.
         q = q / size if size > 0.0 else np.array([1.0, 0.0, 0.0, 0.0])
         return FrameMotion(q, self.t * shifts)
 
@@ -57,7 +57,7 @@ def compose(frame: FloatArray, motion: FrameMotion, T_reference: FloatArray) -> 
 
 
 def turned(q: FloatArray) -> FloatArray:
-    """``R(q) - I`` of unit quaternions, exact for small turns.
+    """``R(q) - I`` of unit quaternions, exact for small rotations.
 
     Shapes: q (..., 4), returns (..., 3, 3).
     """
@@ -76,13 +76,13 @@ def _entries(w: Any, x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], ...]
 
 
 def tangent(q: FloatArray, turns: Flags) -> FloatArray:
-    """Axes about which a further turn stays among the allowed ones.
+    """Axes about which a further rotation stays among the allowed ones.
 
     Shapes: q (4,), returns (3, k).
     """
     free = np.array(turns)
     if free.sum() != 2:
-        # All axes, or the only one: turns about one axis commute.
+        # All axes, or the only one: rotations about one axis commute.
         return np.eye(3)[:, free]
     subspace = np.eye(4)[[0, *(1 + np.flatnonzero(free))]]
     across = np.linalg.svd((subspace @ q)[None, :])[2][1:] @ subspace
@@ -95,10 +95,10 @@ def tangent(q: FloatArray, turns: Flags) -> FloatArray:
 class LockedChart:
     """A pose that an allowed motion leads to, and its allowed steps, for `descend`."""
 
-    # frame, reference: (4, 4): T_target_frame and the pose that the motion begins at
+    # frame, reference: (4, 4): T_target_frame and the pose that the motion starts from
     frame: FloatArray
     reference: FloatArray
-    freely: tuple[Flags, Flags]  # Which turns and which shifts are free
+    freely: tuple[Flags, Flags]  # Which rotations and which translations are free
     motion: FrameMotion  # An allowed one
 
     @cached_property
@@ -108,7 +108,7 @@ class LockedChart:
 
     @property
     def turns(self) -> int:
-        """Number of free turns."""
+        """Number of free rotations."""
         return sum(self.freely[0])
 
     @cached_property
@@ -117,13 +117,13 @@ class LockedChart:
 
     @property
     def pivot(self) -> FloatArray:
-        """Where the motion has carried the frame's origin: turns are about this point."""
+        """The moved origin of the frame: rotations are about this point."""
         carried: FloatArray = self.frame[:3, 3] + self.frame[:3, :3] @ self.motion.t
         return carried
 
     @property
     def basis(self) -> FloatArray:
-        """Steps as turns about the pivot and shifts, along the target's axes, (6, k)."""
+        """Steps as rotations about the pivot and translations, along the target's axes, (6, k)."""
         axes = self.frame[:3, :3]
         basis = np.zeros((6, self.turns + sum(self.freely[1])))
         basis[:3, : self.turns] = axes @ self._axes
@@ -139,7 +139,7 @@ class LockedChart:
         return B.T @ gradient, B.T @ hessian @ B, B.T @ squares @ B
 
     def moved(self, step: FloatArray) -> Self:
-        """Turn and shift by the allowed steps, (k,)."""
+        """The chart after allowed steps, (k,)."""
         half = np.zeros(4)
         half[1:] = 0.5 * (self._axes @ step[: self.turns])
         t = self.motion.t.copy()

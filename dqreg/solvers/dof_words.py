@@ -1,4 +1,4 @@
-"""The words for the six motions: rx, ry, rz turn about the axes of a frame, tx, ty, tz shift along them."""
+"""The words for degrees of freedom: rx, ry, rz rotate about the axes of a frame, tx, ty, tz translate along them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ GROUPS = {"r": TURNS, "t": SHIFTS, "all": WORDS, "none": ()}
 
 
 def read_words(value: Any) -> tuple[list[str], bool]:
-    """Words of a text or of several, and whether they say what is locked instead of what is free.
+    """Words of a text or of several, and whether they name what is locked instead of what is free.
 
     >>> read_words(["-rx, -ry"])
     (['rx', 'ry'], True)

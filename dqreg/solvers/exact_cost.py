@@ -88,6 +88,6 @@ def _first_match(a: FloatArray, b: FloatArray, R: FloatArray, t: FloatArray, siz
 
 
 def _miss(a: FloatArray, b: FloatArray, R: FloatArray, t: FloatArray) -> FloatArray:
-    """``R a + t - b``, with R - I first: of small turns of far points nothing is lost."""
+    """``R a + t - b``, with R - I first: of small rotations of far points nothing is lost."""
     miss: FloatArray = (R - np.eye(3)) @ a + t - (b - a)
     return miss

@@ -27,7 +27,7 @@ class Fit:
         Weighted root mean square distance of the matched points, a length; directions do not enter.
     eigenvalue_gap : float
         ``(lambda_1 - lambda_2) / lambda_1`` of the two largest eigenvalues of the 4x4 matrix (its trace taken
-        out), between 0 and 4/3. Near 0 some turn leaves the cost unchanged: the rotation is not determined.
+        out), between 0 and 4/3. Near 0 some rotation leaves the cost unchanged: the rotation is not determined.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class PoseFit:
     starts : int
         Poses that Newton's method began at.
     free : tuple of str
-        Motions that the cost does not feel and that stayed as they were; in the target's coordinates.
+        Unconstrained motions, which stayed as they were; in the target's coordinates.
 
     Examples
     --------

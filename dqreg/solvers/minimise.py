@@ -25,27 +25,28 @@ from dqreg.solvers.newton import Descent, balance, descend
 from dqreg.solvers.quadratic import QuadraticForm
 from dqreg.solvers.status import Status
 
-# Curvature below this share of the largest is rounding, a hundred times the smallest step of a float. No more, because
-# a weak prior beside many exact points is real: 0.1 known beforehand beside 100,000 distances of 1e-5 is 1e-13.
+# Curvature below this fraction of the largest is rounding, a hundred times the smallest step of a float. No more,
+# because a weak prior beside many exact points is real: 0.1 known beforehand beside 100,000 distances of 1e-5 is 1e-13.
 FREE = 2e-14
-# A free motion is a turn if that much of its unit vector is one: an axis ten levers away still counts, rounding not.
+# An unconstrained motion is a rotation if that much of its unit vector is one: an axis ten levers away still counts,
+# rounding not.
 TURN = 0.1
 # Costs that differ by less, in units of the sums they are differences of, are equal.
 EQUAL = 1e-13
-# Steps off a place where the cost is level but not least, tried to either side, in radians (and levers).
+# Steps off a saddle, tried to either side, in radians (and levers).
 ASIDE = (0.3, -0.3)
 # How often that is done.
 ESCAPES = 3
 # Negative curvature of a smaller share is rounding.
 SADDLE = 1e-9
-# Turns looked up: by a constant axis, by an axis in a plane, by any axis.
+# Rotations of the grid: by a constant axis, by an axis in a plane, by any axis.
 GRID = {0: 1, 1: 90, 2: 400, 3: 2000}
 # How many of them are followed, and the least angle between any two of those.
 FOLLOWED = 12
 APART_RAD = 0.5
 # Departure of K from the same block for each row of R that is rounding.
 ROUNDING = 1e-13
-# Shifts with a smaller share of the stiffness are not felt.
+# Translations with a smaller fraction of the stiffness are unconstrained.
 UNFELT = 1e-12
 
 
@@ -74,7 +75,7 @@ def minimise(
         ]
     ends = [descend(form, chart, flat) for chart in charts]
     level = min(end.value for end in ends) + EQUAL * form.scale
-    # Of equal minima, the one that turns least.
+    # Of equal minima, the one with the smallest rotation.
     lowest = max((end for end in ends if end.value <= level), key=lambda end: abs(end.chart.motion.q[0]))
     best = _off_saddles(form, lowest, flat) if escape else lowest
     free = free_motions(form, best.chart)
@@ -92,7 +93,7 @@ def _off_saddles(form: QuadraticForm, end: Descent[LockedChart], flat: float) ->
         _, hessian, squares = end.chart.slopes(form)
         unit = balance(squares, end.chart.turns)
         strength, motions = np.linalg.eigh(squares * unit[:, None] * unit)
-        # Only along what is felt: the rest stays as it is.
+        # Only along what is constrained: the rest stays as it is.
         motions = unit[:, None] * motions[:, strength > flat * strength.max(initial=0.0)]
         values, vectors = np.linalg.eigh(motions.T @ hessian @ motions)
         if not len(values) or values[0] >= -SADDLE * strength[-1]:
@@ -137,7 +138,7 @@ def starts(form: QuadraticForm, freedom: Freedom, reference: FloatArray) -> tupl
 
 
 def _lift(form: QuadraticForm, freedom: Freedom, reference: FloatArray) -> FloatArray:
-    """(vec R, 1) to the 13 coordinates of the pose that turns about the frame's origin, before the shift; (13, 10)."""
+    """(vec R, 1) to the 13 coordinates of the pose that rotates about the frame's origin only, (13, 10)."""
     pivot = freedom.frame[:3, 3]
     # From the source point that lies at the frame's origin to the source origin of the form.
     arm = form.origin_source - reference[:3, :3].T @ (pivot - reference[:3, 3])
@@ -150,7 +151,7 @@ def _lift(form: QuadraticForm, freedom: Freedom, reference: FloatArray) -> Float
 
 
 def _best_shift(form: QuadraticForm, along: FloatArray) -> FloatArray:
-    """Free shifts of least cost, linear in the 13 coordinates before the shift, (k, 13)."""
+    """Free translations of least cost, linear in the 13 coordinates before the translation, (k, 13)."""
     stiffness = along.T @ form.matrix[9:12, 9:12] @ along
     if not stiffness.size:
         return np.zeros((0, 13))
@@ -178,7 +179,7 @@ def _apart(candidates: FloatArray, values: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def rotation_grid(turns: Flags) -> FloatArray:
-    """Evenly spread turns, the identity first.
+    """Evenly spread rotations, the identity first.
 
     Shapes: returns (n, 4).
     """
@@ -188,7 +189,7 @@ def rotation_grid(turns: Flags) -> FloatArray:
     if sum(turns) <= 1:
         spread = np.column_stack([np.cos(np.pi * k / count), np.sin(np.pi * k / count)])[:, : 1 + sum(turns)]
     elif sum(turns) == 2:
-        # A spiral over half a sphere: q and -q turn alike.
+        # A spiral over half a sphere: q and -q are the same rotation.
         height, azimuth_rad = 1.0 - k / count, np.pi * (3.0 - np.sqrt(5.0)) * k
         ring = np.sqrt(1.0 - height**2)
         spread = np.column_stack([height, ring * np.cos(azimuth_rad), ring * np.sin(azimuth_rad)])
@@ -201,17 +202,17 @@ def rotation_grid(turns: Flags) -> FloatArray:
 
 
 def free_motions(form: QuadraticForm, chart: LockedChart) -> tuple[str, ...]:
-    """Name the allowed motions along which the cost stays as it is."""
+    """Allowed motions along which the cost stays as it is, in words."""
     _, hessian, squares = chart.slopes(form)
     unit = balance(squares, chart.turns)
-    # At a minimum the Hessian decides: where all points belong to one place every turn has the same cost, although
+    # At a minimum the Hessian decides: where all points belong to one place every rotation has the same cost, although
     # each residual changes.
     values, vectors = np.linalg.eigh(hessian * unit[:, None] * unit)
     largest = np.abs(squares * unit[:, None] * unit).max(initial=0.0)
     free = vectors[:, values <= FREE * largest]
     if not free.shape[1]:
         return ()
-    # Equal eigenvalues mix their motions; the basis with turns as large as can be comes apart into turns and shifts.
+    # Equal eigenvalues mix their motions; the basis with the largest rotations separates rotations from translations.
     free = free @ np.linalg.svd(free[: chart.turns], full_matrices=True)[2].T if chart.turns else free
     shares = np.linalg.norm(free[: chart.turns], axis=0)
     twists = chart.basis @ (unit[:, None] * free)

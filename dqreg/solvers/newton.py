@@ -1,7 +1,7 @@
 """Newton's method on poses for a quadratic form, with exact first and second derivatives.
 
-Steps turn about the target origin of the form and then shift. A `Chart` of another kind keeps the pose on a part of all
-motions.
+Steps rotate about the target origin of the form and then translate. A `Chart` of another kind keeps the pose within
+its degrees of freedom.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from dqreg.rigid import rotations
 from dqreg.solvers.quadratic import QuadraticForm, Slopes, split_derivatives
 
 STEPS = 200
-# A predicted gain below this share of the cost's scale is rounding; so is a rise of so many times as much.
+# A predicted gain below this fraction of the cost's scale is rounding; so is a rise of so many times as much.
 NOTHING = 1e-15
 NOISE = 100.0
-# Longest turn of one step: a longer one would leap into the neighbouring valley.
+# Longest rotation of one step: a longer one would leap into the neighbouring valley.
 LONGEST_RAD = 1.6
-# Curvature below this share of the largest leaves the motion where it is.
+# Curvature below this fraction of the largest leaves the motion where it is.
 FLAT = 1e-9
 
 
@@ -35,7 +35,7 @@ class Chart(Protocol):
 
     @property
     def turns(self) -> int:
-        """How many of the coordinates are turns; they come first, then the shifts."""
+        """How many of the coordinates are rotations; they come first, then the translations."""
         ...
 
     def slopes(self, form: QuadraticForm) -> Slopes:
@@ -62,7 +62,7 @@ class Descent(Generic[C]):
 
 @dataclasses.dataclass(frozen=True)
 class FreeChart:
-    """All six motions: a turn about a centre, then a shift, along the target's axes."""
+    """All six motions: a rotation about a centre, then a translation, along the target's axes."""
 
     pose: FloatArray  # (4, 4): T_target_source
     centre: FloatArray  # (3,): The target origin of the form
@@ -74,7 +74,7 @@ class FreeChart:
         return split_derivatives(form, self.pose[:3, :3], y, y[9:12] + form.origin_target - self.centre)
 
     def moved(self, step: FloatArray) -> Self:
-        """Turn and shift by six numbers, (6,)."""
+        """The chart after a step, (6,)."""
         change = rotations.less_identity(step[:3])
         moved = self.pose.copy()
         moved[:3, :3] += change @ self.pose[:3, :3]
@@ -85,7 +85,7 @@ class FreeChart:
 def local_minimum(form: QuadraticForm, start: FloatArray) -> FloatArray:
     """Pose of least cost near a start.
 
-    Damped Newton steps that never raise the cost; motions that the cost does not feel stay as they are.
+    Damped Newton steps that never raise the cost; unconstrained motions stay as they are.
     """
     return descend(form, FreeChart(start, form.origin_target)).chart.pose
 
@@ -95,7 +95,7 @@ def descend(form: QuadraticForm, chart: C, flat: float = FLAT) -> Descent[C]:
     value, damping, before = form.value(chart.pose), 0.0, np.inf
     scale = max(form.scale, abs(value))
     for iteration in range(STEPS):
-        slope, curvature, strength, motions = felt_motions(chart.slopes(form), chart.turns, flat)
+        slope, curvature, strength, motions = constrained_motions(chart.slopes(form), chart.turns, flat)
         if not len(slope):
             return Descent(chart, value, iteration, converged=True)
         gain = float(slope @ (slope / curvature))
@@ -123,15 +123,17 @@ def descend(form: QuadraticForm, chart: C, flat: float = FLAT) -> Descent[C]:
     return Descent(chart, value, STEPS, converged=False)
 
 
-def felt_motions(slopes: Slopes, turns: int, flat: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Slope, curvature, strength and steps of the independent motions that the cost feels.
+def constrained_motions(
+    slopes: Slopes, turns: int, flat: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Slope, curvature, strength and steps of the independent constrained motions.
 
     Shapes: slope, curvature (m,), strength (m,), motions (k, m).
     """
     gradient, hessian, squares = slopes
     unit = balance(squares, turns)
     strength, motions = np.linalg.eigh(squares * unit[:, None] * unit)
-    # The squares decide what is felt: on a plane the full Hessian sees curvature even in a pure slide.
+    # The squares decide what is constrained: on a plane the full Hessian has curvature even in a pure slide.
     motions = unit[:, None] * motions[:, strength > flat * strength.max(initial=0.0)]
     curvature, turned = np.linalg.eigh(motions.T @ hessian @ motions)
     motions = motions @ turned
@@ -142,7 +144,7 @@ def felt_motions(slopes: Slopes, turns: int, flat: float) -> tuple[FloatArray, F
 
 
 def balance(squares: FloatArray, turns: int) -> FloatArray:
-    """Factors that bring turns and shifts to one unit, so that "flat" means the same for both.
+    """Factors that bring rotations and translations to one unit, so that "flat" means the same for both.
 
     Shapes: squares (k, k), returns (k,).
     """

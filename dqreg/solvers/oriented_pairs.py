@@ -26,7 +26,7 @@ class OrientedPairs:
 
     @staticmethod
     def of(points: FloatArray, normals: FloatArray, i: IntArray, j: IntArray) -> OrientedPairs:
-        """Pairs (i, j) of points and unit normals, (m, 3); no pair may be of one place twice."""
+        """Pairs (i, j) of points and unit normals, (m, 3); no pair may be of two equal points."""
         offset = points[j] - points[i]
         length = np.linalg.norm(offset, axis=1)
         along = offset / length[:, None]
@@ -53,11 +53,11 @@ class OrientedPairs:
 
 
 def poses_from_pairs(source: OrientedPairs, target: OrientedPairs) -> tuple[FloatArray, FloatArray]:
-    """Pose that puts each source pair on its target pair: middle on middle, line on line, normals as near as can be.
+    """Pose of each source pair on its target pair: middle on middle, line on line, normals as near as can be.
 
     Shapes: R (n, 3, 3).
     """
-    # The normal that stands farther off the line tells the turn about it better.
+    # The normal farther off the line determines the rotation about it better.
     steep = np.abs(source.cosines[:, 0]) <= np.abs(source.cosines[:, 1])
     frames = []
     for pairs in (source, target):

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import numbers
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
-from dqreg.rigid import pose
 from dqreg.solvers.dof import Freedom
 from dqreg.solvers.dof_words import as_frame
 from dqreg.solvers.fit import PoseFit
@@ -22,7 +20,7 @@ from dqreg.solvers.quadratic import QuadraticForm, derivatives, direction_form, 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PoseCost:
-    """Sum of squares as a function of the pose, whatever and however many features it is made of.
+    """Sum of squares of any number of features of any kind, as a function of the pose.
 
     ``E = y^T M y`` with ``y = (vec R, t, 1)``: one 13x13 matrix. Costs add up: those of several kinds of features, of
     the chunks of a cloud too large for the memory (``sum(PoseCost.planes(*c) for c in chunks)``), of threads and
@@ -34,6 +32,12 @@ class PoseCost:
     form : QuadraticForm
         The matrix, about an origin near the features on either side, so that far coordinates cost no digits.
 
+    Raises
+    ------
+    InputError
+        By its methods, where a shape or count is wrong, a number not finite, a weight negative, a normal or direction
+        with weight of length zero, a pose not rigid, or a covariance not symmetric and positive definite.
+
     Examples
     --------
     >>> p = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
@@ -41,6 +45,8 @@ class PoseCost:
     >>> cost = PoseCost.planes(p, q, [[0, 0, 1], [0, 0, 1], [0, 0, 1], [1, 0, 0]]) + PoseCost.points(p, q, weights=0.1)
     >>> cost.minimise().T_target_source[:3, 3].round(9).tolist()
     [1.0, 2.0, 3.0]
+    >>> PoseCost.lines([[0, 0, 0]], [[3, 4, 0]], [[0, 2, 0]]).value(np.eye(4))
+    9.0
     """
 
     form: QuadraticForm
@@ -52,19 +58,14 @@ class PoseCost:
         Parameters
         ----------
         p, q : array_like, (n, 3)
-            Source points and the target points they belong to. Arrays on disk (memory maps) are read in slices.
+            Source points and the target points that correspond. Arrays on disk (memory maps) are read in slices.
         weights : array_like, (n,) or float, optional
             1 where not given; 0 rejects a row.
 
         Returns
         -------
         PoseCost
-            The sum; zero where there are no rows.
-
-        Raises
-        ------
-        InputError
-            If shapes or counts are wrong, a number is not finite, or a weight is negative.
+            Zero where there are no rows.
 
         Examples
         --------
@@ -87,17 +88,6 @@ class PoseCost:
         Returns
         -------
         PoseCost
-            The sum.
-
-        Raises
-        ------
-        InputError
-            As in `points`, and if a normal that carries weight has length zero.
-
-        Examples
-        --------
-        >>> PoseCost.planes([[0, 0, 0]], [[3, 4, 0]], [[0, 2, 0]]).value(np.eye(4))
-        16.0
         """
         rows = {"p": p, "q": q, "normals": normals}
         return cls(form_of(rows, weights, lambda x, w, o: plane_form(x[0], x[1], x[2], w, o), unit="normals"))
@@ -116,17 +106,6 @@ class PoseCost:
         Returns
         -------
         PoseCost
-            The sum.
-
-        Raises
-        ------
-        InputError
-            As in `points`, and if a direction that carries weight has length zero.
-
-        Examples
-        --------
-        >>> PoseCost.lines([[0, 0, 0]], [[3, 4, 0]], [[0, 2, 0]]).value(np.eye(4))
-        9.0
         """
         rows = {"p": p, "q": q, "directions": directions}
         return cls(form_of(rows, weights, lambda x, w, o: line_form(x[0], x[1], x[2], w, o), unit="directions"))
@@ -145,17 +124,6 @@ class PoseCost:
         Returns
         -------
         PoseCost
-            The sum.
-
-        Raises
-        ------
-        InputError
-            As in `points`.
-
-        Examples
-        --------
-        >>> PoseCost.directions([[1, 0, 0]], [[0, 1, 0]]).value(np.eye(4))
-        2.0
         """
         rows = {"m": m, "n": n}
         return cls(form_of(rows, weights, lambda x, w, _: direction_form(x[0], x[1], w), placed=False))
@@ -164,16 +132,17 @@ class PoseCost:
     def prior(cls, T: ArrayLike, covariance: ArrayLike, frame: ArrayLike | None = None) -> PoseCost:
         """``e^T C^-1 e`` for a pose known beforehand, e its left increment; least, and zero, at that pose alone.
 
-        To stay a quadratic form of (vec R, t), and so exact under `+`, the turn enters by ``2 sin(a/2)`` in place of
-        its angle a, and the shift as that of the frame's origin: the same to second order, and no second minimum.
+        To stay a quadratic form of (vec R, t), and so exact under `+`, the rotation enters by ``2 sin(a/2)`` in place
+        of its angle a, and the translation as that of the frame's origin: the same to second order, and no second
+        minimum.
 
         Parameters
         ----------
         T : array_like, (4, 4)
             T_target_source of the prior.
         covariance : array_like, (6, 6) or (6,)
-            Of the increment in the frame, ``T_true = F exp(e) inverse(F) T``: rotation vector in radians, then shift
-            of the frame's origin, along the frame's axes. Or the six variances. Infinite: nothing is known.
+            Of the increment in the frame, ``T_true = F exp(e) inverse(F) T``: rotation vector in radians, then
+            translation of the frame's origin, along the frame's axes. Or the six variances. Infinite: nothing is known.
         frame : array_like, (4, 4) or (3,), optional
             F, T_target_frame; or its origin alone. Default: the target's own frame. For the covariance of a
             `Registration` give its ``settings["centre"]``.
@@ -182,17 +151,6 @@ class PoseCost:
         -------
         PoseCost
             Its information at T in the same frame is the inverse of the covariance.
-
-        Raises
-        ------
-        InputError
-            If the pose is not rigid or the covariance not symmetric and positive definite.
-
-        Examples
-        --------
-        >>> known = PoseCost.prior(np.eye(4), [0.01, 0.01, 0.01, 4, 4, 4])
-        >>> known.value(pose.from_parts(np.eye(3), [2, 4, 0]))
-        5.0
         """
         checked = read_covariance(covariance, "covariance")
         return cls(prior_form(as_pose(T, "T"), checked, as_frame(frame, "frame")))
@@ -228,21 +186,11 @@ class PoseCost:
         -------
         float
             Never negative; exact to some 1e-15 of the sums it is a difference of.
-
-        Raises
-        ------
-        InputError
-            If the pose is not rigid.
-
-        Examples
-        --------
-        >>> PoseCost.points([[0, 0, 0]], [[1, 2, 2]], weights=4).value(np.eye(4))
-        36.0
         """
         return max(self.form.value(as_pose(T, "T")), 0.0)
 
     def gradient(self, T: ArrayLike, frame: ArrayLike | None = None) -> FloatArray:
-        """Slope of the cost by the left twist of ``T' = F exp(twist) inverse(F) T``.
+        """Gradient of the cost by the left twist of ``T' = F exp(twist) inverse(F) T``.
 
         Parameters
         ----------
@@ -255,18 +203,8 @@ class PoseCost:
         -------
         ndarray, (6,)
             Rotation first, then translation.
-
-        Raises
-        ------
-        InputError
-            If a pose is not rigid.
-
-        Examples
-        --------
-        >>> PoseCost.points([[0, 0, 0]], [[3, 4, 0]]).gradient(np.eye(4)).tolist()
-        [0.0, 0.0, 0.0, -6.0, -8.0, 0.0]
         """
-        return self._carrier(frame).T @ derivatives(self.form, as_pose(T, "T"))[0]
+        return self.form.twists_from(as_frame(frame, "frame")).T @ derivatives(self.form, as_pose(T, "T"))[0]
 
     def hessian(self, T: ArrayLike, frame: ArrayLike | None = None) -> FloatArray:
         """Exact second derivatives of the cost by the left twist.
@@ -280,18 +218,8 @@ class PoseCost:
         -------
         ndarray, (6, 6)
             Symmetric; rotation first.
-
-        Raises
-        ------
-        InputError
-            If a pose is not rigid.
-
-        Examples
-        --------
-        >>> PoseCost.points([[0, 0, 0]], [[3, 4, 0]]).hessian(np.eye(4))[3:, 3:].diagonal().tolist()
-        [2.0, 2.0, 2.0]
         """
-        A = self._carrier(frame)
+        A = self.form.twists_from(as_frame(frame, "frame"))
         return A.T @ derivatives(self.form, as_pose(T, "T"))[1] @ A
 
     def information(self, T: ArrayLike, frame: ArrayLike | None = None) -> FloatArray:
@@ -309,18 +237,8 @@ class PoseCost:
         -------
         ndarray, (6, 6)
             Symmetric, positive semidefinite; rotation first.
-
-        Raises
-        ------
-        InputError
-            If a pose is not rigid.
-
-        Examples
-        --------
-        >>> PoseCost.planes([[0, 2, 0]], [[0, 0, 0]], [[0, 0, 1]]).information(np.eye(4)).diagonal().tolist()
-        [4.0, 0.0, 0.0, 0.0, 0.0, 1.0]
         """
-        A = self._carrier(frame)
+        A = self.form.twists_from(as_frame(frame, "frame"))
         return 0.5 * A.T @ derivatives(self.form, as_pose(T, "T"))[2] @ A
 
     def minimise(
@@ -331,26 +249,23 @@ class PoseCost:
         Parameters
         ----------
         near : array_like, (4, 4), optional
-            Pose to go down from by Newton's method; what the cost does not feel stays as it is there. Default: search
-            for the global minimum. For points and directions alone that is the closed form; else a fixed grid of
-            turns, each with its best shift, says where Newton's method begins. Of equal minima the one that turns least
-            is the answer: least from the reference, or from the identity where there is none.
+            Initial pose of Newton's method; unconstrained degrees of freedom keep its values. Default: the global
+            minimum. For points and directions alone that is the closed form; else Newton's method starts from the best
+            of a fixed grid of rotations, each with its best translation. Of equal minima the one with the smallest
+            rotation is returned: from the reference, or from the identity where there is none.
         dof : Freedom or str, optional
-            Motions that may be made away from the reference, `Freedom` or its words: ``"rz tx ty"``. Default: all.
+            Degrees of freedom away from the reference, `Freedom` or its words: ``"rz tx ty"``. Default: all.
         reference : array_like, (4, 4), optional
-            Pose that the motions of ``dof`` begin at. Default: ``near``.
+            Pose that ``dof`` counts from. Default: ``near``.
 
         Returns
         -------
         PoseFit
-            ``T_target_source``, ``cost``, ``status``, ``iterations``, ``free``.
 
         Raises
         ------
-        InputError
-            If a pose is not rigid, or ``dof`` has neither ``near`` nor a reference.
         DegenerateGeometryError
-            If, without ``near``, the cost leaves a motion undetermined; the message names it.
+            If, without ``near``, the cost leaves a degree of freedom unconstrained; the message names it.
 
         Examples
         --------
@@ -363,15 +278,13 @@ class PoseCost:
         begin = None if near is None else as_pose(near, "near")
         base = begin if reference is None else as_pose(reference, "reference")
         if dof is not None and base is None:
-            raise InputError("dof= says how the pose may differ from a reference pose: give reference= or near=")
+            raise InputError("dof= counts from a reference pose: give reference= or near=")
         if dof is None and reference is not None:
-            raise InputError(
-                "reference= is the pose that the motions of dof= begin at: give dof= too, or near= instead"
-            )
+            raise InputError("reference= is the pose that dof= counts from: give dof= too, or near= instead")
         return minimise(self.form, begin, None if dof is None else Freedom.parse(dof), base)
 
     def recentred(self, origin_source: ArrayLike, origin_target: ArrayLike) -> PoseCost:
-        """The same cost in coordinates that count from other points.
+        """The same cost for poses between coordinates that count from other points.
 
         Parameters
         ----------
@@ -381,25 +294,7 @@ class PoseCost:
         Returns
         -------
         PoseCost
-            For the poses between the new coordinates.
-
-        Raises
-        ------
-        InputError
-            If a point is not three finite numbers.
-
-        Examples
-        --------
-        >>> cost = PoseCost.points([[1, 0, 0]], [[5, 0, 0]]).recentred([1, 0, 0], [2, 0, 0])
-        >>> cost.value(np.eye(4))
-        9.0
         """
         source = self.form.origin_source - as_frame(origin_source, "origin_source")[:3, 3]
         target = self.form.origin_target - as_frame(origin_target, "origin_target")[:3, 3]
         return PoseCost(QuadraticForm(self.form.matrix, source, target))
-
-    def _carrier(self, frame: Any) -> FloatArray:
-        """Twists of a frame to twists about the form's target origin."""
-        placed = as_frame(frame, "frame").copy()
-        placed[:3, 3] -= self.form.origin_target
-        return pose.adjoint(placed)

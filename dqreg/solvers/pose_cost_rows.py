@@ -2,15 +2,16 @@
 
 A pose known beforehand, with its covariance, as rows of the quadratic form.
 
-``e^T C^-1 e`` of the twist e is no quadratic form in (vec R, t). With ``D = R R_0^T``, a turn by the angle a about the
-unit axis u, and s the shift of the frame's origin, all along the frame's axes, the prior is
+``e^T C^-1 e`` of the twist e is no quadratic form in (vec R, t). With ``D = R R_0^T``, a rotation by the angle a about
+the unit axis u, and s the translation of the frame's origin, all along the frame's axes, the prior is
 
     r^T C_rr^-1 r + (s - G b)^T (C_tt - G C_rt)^-1 (s - G b),    r = 2 sin(a/2) u,  b = sin(a) u,  G = C_tr C_rr^-1.
 
-The two terms are the marginal of the turn and the conditional of the shift. The first is ``2 tr(A (I - D))`` with
-``A = tr(L)/2 I - L``, ``L = C_rr^-1`` (the matrix Fisher, or Bingham, distribution): linear in R. In the second s and b
-are linear in (R, t). So both are quadratic forms, exactly. To second order about the prior pose they are ``e^T C^-1 e``
-(at 10 degrees r is 0.13 % short); and the cost has its only minimum there, however far the pose is.
+The two terms are the marginal of the rotation and the conditional of the translation. The first is
+``2 tr(A (I - D))`` with ``A = tr(L)/2 I - L``, ``L = C_rr^-1`` (the matrix Fisher, or Bingham, distribution): linear in
+R. In the second s and b are linear in (R, t). So both are quadratic forms, exactly. To second order about the prior
+pose they are ``e^T C^-1 e`` (at 10 degrees r is 0.13 % short); and the cost has its only minimum there, however far the
+pose is.
 """
 
 from __future__ import annotations
@@ -126,7 +127,7 @@ def read_covariance(value: object, name: str) -> FloatArray:
     if C.shape != (6, 6):
         raise InputError(f"{name} must be a 6x6 matrix, rotation first, or six variances; got shape {C.shape}")
     if np.isnan(C).any():
-        raise InputError(f"{name} holds NaN; give an infinite variance to a motion about which nothing is known")
+        raise InputError(f"{name} holds NaN; give an infinite variance to what is unknown")
     variances = np.diag(C)
     if not (variances > 0.0).all():
         raise InputError(f"{name} must have variances above 0; got {variances.tolist()}. Lock what is exact: dof=")

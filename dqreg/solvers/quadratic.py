@@ -17,7 +17,7 @@ squares of far-away coordinates would swallow the residuals.
 Exact first and second derivatives of a quadratic form of the pose, by its motions.
 
 `derivatives` are by left twists about the target origin of the form: ``T = about(exp(twist), origin) @ T0``.
-`split_derivatives` are by a turn about any point and a shift after it: the same to first order, and cheaper to follow.
+`split_derivatives` are by a rotation about any point and a translation after it: the same to first order, and cheaper.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.rigid import pose
 
 # Rows built in one step: 13 numbers each stay in the second-level cache.
 CHUNK = 4096
@@ -43,7 +44,7 @@ class QuadraticForm:
     origin_target: FloatArray
 
     def __add__(self, other: QuadraticForm) -> QuadraticForm:
-        # Directions feel no translation and their origin means nothing; elsewhere the stiffer part has more to lose.
+        # The origin of directions means nothing; elsewhere the stiffer part has more to lose.
         own, theirs = float(np.trace(self.matrix[9:12, 9:12])), float(np.trace(other.matrix[9:12, 9:12]))
         share = theirs / (own + theirs) if theirs > 0.0 else 0.0
         source = self.origin_source + share * (other.origin_source - self.origin_source)
@@ -61,7 +62,7 @@ class QuadraticForm:
 
     @property
     def scale(self) -> float:
-        """Size of the numbers that the cost is summed from: a share of 1e-15 of it is rounding."""
+        """Size of the numbers that the cost is summed from: 1e-15 of it is rounding."""
         return max(float(self.matrix[12, 12]), float(np.trace(self.matrix[:9, :9])) / 3.0, np.finfo(float).tiny)
 
     def coordinates(self, T: FloatArray) -> FloatArray:
@@ -69,6 +70,12 @@ class QuadraticForm:
         R = T[:3, :3]
         t = T[:3, 3] + R @ self.origin_source - self.origin_target
         return np.concatenate([R.ravel(), t, [1.0]])
+
+    def twists_from(self, frame: FloatArray) -> FloatArray:
+        """Matrix (6, 6) from twists of a frame T_target_frame to twists about the target origin."""
+        placed = frame.copy()
+        placed[:3, 3] -= self.origin_target
+        return pose.adjoint(placed)
 
     def value(self, T: FloatArray) -> float:
         """Cost of a pose T_target_source, (4, 4)."""
@@ -197,7 +204,7 @@ def derivatives(form: QuadraticForm, T: FloatArray) -> Slopes:
 
 
 def split_derivatives(form: QuadraticForm, R: FloatArray, y: FloatArray, arm: FloatArray) -> Slopes:
-    """Gradient and Hessian for a turn about a point and a shift after it, at zero.
+    """Gradient and Hessian for a rotation about a point and a translation after it, at zero.
 
     ``R' = exp(w) R`` and ``t' = t + (exp(w) - I) arm + shift``, both along the target's axes.
 

@@ -67,7 +67,7 @@ def svd(
     U, s, Vt = np.linalg.svd(H)  # H = U diag(s) V^T (Arun eq. 12)
     X = Vt.T @ U.T  # Arun eq. 13
     sign = 1.0 if np.linalg.det(X) > 0.0 else -1.0
-    # det X = -1 is the best mirror image; the best rotation turns the weakest direction round.
+    # det X = -1 is the best mirror image; the best rotation reverses the weakest direction.
     R = Vt.T @ np.diag([1.0, 1.0, sign]) @ U.T
     s1, s2, s3 = s[0], s[1], sign * s[2]
     # Eigenvalues of the 4x4 matrix by the singular values of H.

@@ -48,7 +48,7 @@ class ScaleStep:
     turn: FloatArray  # (3,): Rotation vector
     shift: FloatArray  # (3,): A length vector
     middle: FloatArray  # (3,): Weighted mean of the points
-    pull: FloatArray  # (6,): How turn and shift follow the logarithm of the scale along the valley of the cost
+    pull: FloatArray  # (6,): Derivative of rotation and translation by the logarithm of the scale, cost kept least
 
     def moved(self, T_target_source: FloatArray) -> FloatArray:
         """Pose of the source scaled by the factor too."""
@@ -87,7 +87,7 @@ def scale_step(matches: SurfaceMatches, *, hold: bool = False) -> ScaleStep:
     gaps = -np.einsum("ij,ij->i", n, p - matches.closest[used]) / size
     weighed = weights[:, None] * rows
     form, right = rows.T @ weighed, weighed.T @ gaps
-    # What the pose could explain is taken out of the scale's column; motions that nothing holds do not matter.
+    # What the pose could explain is taken out of the scale's column; unconstrained motions do not matter.
     inverse = np.linalg.pinv(form[:6, :6], rcond=1e-10, hermitian=True)
     pull = -inverse @ form[:6, 6]
     held = float(form[6, 6] + form[6, :6] @ pull)
