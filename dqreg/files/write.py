@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, as_float, as_vectors
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 
 PLY_NAMES = {"f4": "float", "f8": "double", "u1": "uchar"}
+Columns = dict[str, tuple[NDArray[Any], str]]
 
 
 def write_cloud(
@@ -71,21 +73,27 @@ def write_cloud(
         columns |= _columns(("red", "green", "blue"), _as_bytes(colors, len(positions)), "u1")
     for name, values in (fields or {}).items():
         columns[_field_name(name, columns)] = (_one_per_point(values, name, len(positions)), "f8")
+    write_atomically(path, ply_bytes(columns, comments))
+
+
+def ply_bytes(columns: Columns, comments: Sequence[str] = ()) -> bytes:
+    """Binary PLY of points: under each name the values, one a point, and the type that they get."""
+    count = len(columns["x"][0])
     row = np.dtype([(name, "<" + kind) for name, (_, kind) in columns.items()])
     head = [f"property {PLY_NAMES[kind]} {name}" for name, (_, kind) in columns.items()]
     notes = [f"comment {' '.join(line.split())}" for line in comments]
-    first = ["ply", "format binary_little_endian 1.0", *notes, f"element vertex {len(positions)}"]
+    first = ["ply", "format binary_little_endian 1.0", *notes, f"element vertex {count}"]
     header = "\n".join([*first, *head, "end_header", ""]).encode("ascii", errors="replace")
     # One block for header and rows: a cloud of 20 million points is not copied more than once.
-    block = np.zeros(len(header) + len(positions) * row.itemsize, dtype=np.uint8)
+    block = np.zeros(len(header) + count * row.itemsize, dtype=np.uint8)
     block[: len(header)] = np.frombuffer(header, dtype=np.uint8)
     rows = block[len(header) :].view(row)
     for name, (values, _) in columns.items():
         rows[name] = values
-    write_atomically(path, block.tobytes())
+    return block.tobytes()
 
 
-def _columns(names: tuple[str, str, str], values: FloatArray, kind: str) -> dict[str, tuple[FloatArray, str]]:
+def _columns(names: tuple[str, str, str], values: FloatArray, kind: str) -> Columns:
     return {name: (values[:, k], kind) for k, name in enumerate(names)}
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.files.strict_json import plain
+from dqreg.files.write import ply_bytes
 from dqreg.rigid import pose
 from dqreg.synth.coverage import visible_share
 from dqreg.synth.cramer_rao import cramer_rao_bound
@@ -73,7 +74,7 @@ def case_contents(recipe: Recipe) -> dict[str, bytes]:
     # The folder shall make itself again, also where the part came from a file that lies elsewhere.
     text = re.sub(r"(?m)^file\s*=.*$", f'file = "{PART}"', recipe.text)
     return {
-        SCAN: ply_bytes(
+        SCAN: scan_bytes(
             moved.points.astype(recipe.coordinates),
             comments,
             normals=moved.normals.astype(recipe.coordinates) if is_tactile else None,
@@ -121,10 +122,7 @@ def _bound(recipe: Recipe, scan: Scan, vertices: FloatArray) -> float:
     return float(f"{bound:.6g}")
 
 
-_PLY_TYPES = {np.dtype(np.float32): "float", np.dtype(np.float64): "double"}
-
-
-def ply_bytes(
+def scan_bytes(
     points: NDArray[np.floating],
     comments: Sequence[str],
     *,
@@ -133,21 +131,15 @@ def ply_bytes(
 ) -> bytes:
     """Binary PLY of points, in the precision that they have.
 
-    >>> ply_bytes(np.zeros((2, 3)), ["units mm"]).splitlines()[2].decode()
+    >>> scan_bytes(np.zeros((2, 3)), ["units mm"]).splitlines()[2].decode()
     'comment units mm'
     """
-    columns = list(zip("xyz", points.T, strict=True))
+    columns = dict(zip("xyz", points.T, strict=True))
     if normals is not None:
-        columns += list(zip(("nx", "ny", "nz"), normals.T, strict=True))
+        columns |= zip(("nx", "ny", "nz"), normals.T, strict=True)
     if times is not None:
-        columns += [("time", times)]
-    table = np.zeros(len(points), dtype=[(name, column.dtype.newbyteorder("<")) for name, column in columns])
-    for name, column in columns:
-        table[name] = column
-    header = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
-    header += [f"element vertex {len(points)}"]
-    header += [f"property {_PLY_TYPES[column.dtype]} {name}" for name, column in columns] + ["end_header", ""]
-    return "\n".join(header).encode("ascii") + table.tobytes()
+        columns["time"] = times
+    return ply_bytes({name: (values, f"f{values.itemsize}") for name, values in columns.items()}, comments)
 
 
 def stl_bytes(vertices: FloatArray, faces: IntArray) -> bytes:
