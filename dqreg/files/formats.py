@@ -1,4 +1,4 @@
-"""The formats that can be read: which extension goes to which reader, and the three ways to ask.
+"""The formats that can be read: which extension goes to which reader, and three functions that read them.
 
 PLY may hold either; every other format is for clouds or for meshes. A mesh is never taken for a cloud:
 its vertices sit where a mesher put them, dense in fillets and absent from flats, and measure nothing.

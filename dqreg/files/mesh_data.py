@@ -69,9 +69,9 @@ def make_mesh(path: Path, vertices: FloatArray, faces: IntArray, units: str | No
     faces = np.asarray(faces, dtype=np.int64)
     low, high = int(faces.min()), int(faces.max())
     if low < 0 or high >= len(vertices):
-        stray = low if low < 0 else high
+        invalid = low if low < 0 else high
         expected = f"indices from 0 to {len(vertices) - 1}" if len(vertices) else "vertices"
-        raise unreadable(path, f"a face that names vertex {stray}", expected)
+        raise unreadable(path, f"a face that names vertex {invalid}", expected)
     used, faces = np.unique(faces, return_inverse=True)
     corners = np.asarray(vertices, dtype=np.float64)[used]
     bad = int(np.count_nonzero(~np.isfinite(corners).all(axis=1)))

@@ -16,7 +16,7 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import MissingDependencyError
 from dqreg.files.mesh_data import MeshData, make_mesh
 from dqreg.files.units import UNIT_WORDS, unit_of_comment
-from dqreg.files.untrusted import most_faces, require_tame_3mf, require_tame_gltf, unreadable
+from dqreg.files.untrusted import max_faces, require_safe_3mf, require_safe_gltf, unreadable
 
 VERTEX_ZERO = re.compile(rb"^f[^\n#]*[ \t]0+(?=[/\s]|$)", re.MULTILINE)
 
@@ -27,9 +27,9 @@ def read_mesh_file(path: Path) -> MeshData:
     if extension == ".stl":
         _require_whole_stl(path)
     elif extension in (".glb", ".gltf"):
-        require_tame_gltf(path)
+        require_safe_gltf(path)
     elif extension == ".3mf":
-        require_tame_3mf(path)
+        require_safe_3mf(path)
     loaded = _load(path)
     vertices, faces = _joined(path, _placed(path, loaded))
     if extension == ".off":
@@ -58,7 +58,7 @@ def _load(path: Path) -> Any:
         need = f"trimesh needs the package {package!r} for {path.suffix}"
         raise MissingDependencyError(f"cannot read {path}: {need}; run: pip install {package}") from error
     except Exception as error:
-        # A damaged file may raise anything in the depths of a parser; each is the same news to the user.
+        # A damaged file may raise anything in the depths of a parser; each means the same to the user.
         reason = f"{type(error).__name__}: {error}"
         raise unreadable(
             path, f"what trimesh cannot parse ({reason})", f"a whole {path.suffix.lower()} mesh"
@@ -85,10 +85,10 @@ def _placed(path: Path, loaded: Any) -> list[tuple[FloatArray, Any]]:
         placed = (loaded.graph[node] for node in loaded.graph.nodes_geometry)
         bodies = [(np.asarray(pose, dtype=np.float64), loaded.geometry[name]) for pose, name in placed]
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise unreadable(path, f"bodies whose places cannot be told ({error})", "a tree of nodes") from error
+        raise unreadable(path, f"bodies whose placement cannot be read ({error})", "a tree of nodes") from error
     if not all(np.isfinite(pose).all() for pose, _ in bodies):
         raise unreadable(path, "a body placed with NaN or infinity", "finite placements")
-    if sum(len(getattr(body, "faces", ())) for _, body in bodies) > most_faces(path):
+    if sum(len(getattr(body, "faces", ())) for _, body in bodies) > max_faces(path):
         raise unreadable(path, "bodies placed so often that they unfold to millions of faces", "a part")
     return bodies
 
@@ -101,11 +101,11 @@ def _joined(path: Path, bodies: list[tuple[FloatArray, Any]]) -> tuple[FloatArra
         vertices, faces = shapes[id(body)]
         if not np.array_equal(pose, np.eye(4)):
             vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
-        # A mirroring placement turns the triangles inside out; turning their sense puts that right.
+        # A mirroring placement turns the triangles inside out; reversing them puts that right.
         mirrored = np.linalg.det(pose[:3, :3]) < 0.0
         # An index outside its own body must not land in the next one.
-        stray = (faces < 0) | (faces >= len(vertices))
-        all_faces.append(np.where(stray, -1, faces + count)[:, :: -1 if mirrored else 1])
+        invalid = (faces < 0) | (faces >= len(vertices))
+        all_faces.append(np.where(invalid, -1, faces + count)[:, :: -1 if mirrored else 1])
         all_vertices.append(vertices)
         count += len(vertices)
     return np.concatenate(all_vertices), np.concatenate(all_faces)

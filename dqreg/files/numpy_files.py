@@ -13,7 +13,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.files.cloud_data import CloudData, make_cloud
 from dqreg.files.tables import nameless_cloud
-from dqreg.files.untrusted import require_tame_archive, unreadable
+from dqreg.files.untrusted import require_safe_archive, unreadable
 
 # Arrays that change what `points` means: the file is then a packed sequence, its numbers no coordinates.
 PACKING_NAMES = ("offsets", "scale")
@@ -34,7 +34,7 @@ def read_npy(path: Path) -> CloudData:
 
 def read_npz(path: Path) -> CloudData:
     """Cloud of the arrays ``points`` (n, 3) and, if present, ``normals`` (n, 3)."""
-    require_tame_archive(path)
+    require_safe_archive(path)
     try:
         with zipfile.ZipFile(path) as archive:
             names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]

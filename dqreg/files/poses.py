@@ -32,7 +32,7 @@ def read_pose(path: str | os.PathLike[str]) -> FloatArray:
 
 
 def read_start(text: str | os.PathLike[str]) -> FloatArray | str | None:
-    """A start as words and files say it, as `dqreg.register` takes it."""
+    """Initial pose of a word or a file, as `dqreg.register` takes it."""
     if text in START_WORDS:
         return None if text == "none" else str(text)
     if not Path(text).is_file():

@@ -62,7 +62,7 @@ def record_from(cls: type[Record], values: Any, checks: Checks | None = None) ->
 
 
 def fields_from(cls: type, values: Any, checks: Checks | None = None) -> dict[str, Any]:
-    """Fields of a dataclass by name, each looked at as in `record_from`."""
+    """Fields of a dataclass by name, each checked as in `record_from`."""
     types = _types(cls)
     return {name: _field(types, name, value, checks or {}) for name, value in _of(dict, values).items()}
 

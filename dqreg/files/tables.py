@@ -161,7 +161,7 @@ def _is_numbers(line: str) -> bool:
     try:
         return bool([float(field) for field in fields])
     except ValueError:
-        # A column that nobody asks for may hold words; a row of data still has a number somewhere.
+        # A column that is not used may hold words; a row of data still has a number somewhere.
         return any(re.fullmatch(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*", field) for field in fields)
 
 

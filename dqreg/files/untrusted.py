@@ -1,4 +1,4 @@
-"""Files from strangers: what a scene file or an archive may not do, looked at before any parser sees it.
+"""Untrusted files: limits of scene files and archives, checked before any parser runs.
 
 glTF may name other files and may promise numbers that no byte stands for; zip archives (3MF, npz) may unpack to a
 thousand times their size; 3MF may build objects of objects, each level doubling the last, and carry XML entities.
@@ -97,43 +97,43 @@ def _near_names(path: Path) -> str:
     return f"perhaps {' or '.join(near)} in the same folder" if near else "the path of a scan or part"
 
 
-# Honest scans and parts pack to no less than a fiftieth; deflate can go to a thousandth.
-PACKED = 200
-# Below that, nothing that a file may unfold to does harm.
-HARMLESS = 1_000_000
-HARMLESS_BYTES = 64 << 20
-# Triangles that a file may unfold to for each of its bytes, by placing a body often.
-UNFOLDED = 50
+# Real scans and parts compress to a fiftieth at most; deflate can reach a thousandth.
+MAX_COMPRESSION = 200
+# Faces or numbers, and bytes, that any file may expand to.
+ALLOWED = 1_000_000
+ALLOWED_BYTES = 64 << 20
+# Triangles that a file may expand to for each of its bytes, by placing one body many times.
+MAX_FACES_A_BYTE = 50
 # Levels of objects made of objects.
-DEEPEST = 100
+MAX_DEPTH = 100
 
 
-def most_faces(path: Path) -> int:
-    """Triangles beyond which a scene has been unfolded rather than read."""
-    return max(HARMLESS, UNFOLDED * path.stat().st_size)
+def max_faces(path: Path) -> int:
+    """Triangles that a scene of this file size may hold."""
+    return max(ALLOWED, MAX_FACES_A_BYTE * path.stat().st_size)
 
 
-def require_tame_archive(path: Path) -> None:
+def require_safe_archive(path: Path) -> None:
     """Raise if a zip archive unpacks to more than any scan or part does."""
     try:
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(member.file_size for member in archive.infolist())
     except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError, struct.error) as error:
         raise unreadable(path, f"a damaged archive ({error})", f"a whole {path.suffix.lower()} file") from error
-    if unpacked > max(HARMLESS_BYTES, PACKED * path.stat().st_size):
+    if unpacked > max(ALLOWED_BYTES, MAX_COMPRESSION * path.stat().st_size):
         raise unreadable(
-            path, f"{path.stat().st_size} bytes that unpack to {unpacked}", f"at most {PACKED} times as many"
+            path, f"{path.stat().st_size} bytes that unpack to {unpacked}", f"at most {MAX_COMPRESSION} times as many"
         )
 
 
-def require_tame_3mf(path: Path) -> None:
-    """Raise if a 3MF file is a bomb: packed, of XML entities, or of objects made of objects."""
-    require_tame_archive(path)
+def require_safe_3mf(path: Path) -> None:
+    """Raise if a 3MF file expands without bounds: by compression, XML entities, or objects made of objects."""
+    require_safe_archive(path)
     try:
         with zipfile.ZipFile(path) as archive:
             for name in archive.namelist():
                 if name.lower().endswith((".model", ".rels", ".xml")):
-                    _require_tame_model(path, archive.read(name))
+                    _require_safe_model(path, archive.read(name))
     except (
         zipfile.BadZipFile,
         zlib.error,
@@ -149,7 +149,7 @@ def require_tame_3mf(path: Path) -> None:
         raise unreadable(path, f"a damaged archive ({error})", "a whole .3mf file") from error
 
 
-def _require_tame_model(path: Path, content: bytes) -> None:
+def _require_safe_model(path: Path, content: bytes) -> None:
     # The standard forbids document types, and with them all entities.
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise unreadable(path, "XML with a document type or entities", "a 3MF model, which has none")
@@ -168,8 +168,8 @@ def _require_tame_model(path: Path, content: bytes) -> None:
         if event == "end":
             element.clear()
     counts = _bodies(path, parts)
-    if sum(counts.get(name, 1) for name in placed) > HARMLESS:
-        raise unreadable(path, "objects that unfold to more than a million", "a part")
+    if sum(counts.get(name, 1) for name in placed) > ALLOWED:
+        raise unreadable(path, "objects that expand to more than a million", "a part")
 
 
 class _Bytes:
@@ -185,20 +185,20 @@ class _Bytes:
 
 
 def _bodies(path: Path, parts: dict[str, list[str]]) -> dict[str, int]:
-    """How many bodies each object unfolds to; without recursion, for chains may be long."""
+    """How many bodies each object expands to; without recursion, for chains may be long."""
     counts: dict[str, int] = {}
     waiting = {name: {part for part in inner if part in parts} for name, inner in parts.items()}
-    for _ in range(DEEPEST):
+    for _ in range(MAX_DEPTH):
         ready = [name for name, inner in waiting.items() if not inner - counts.keys()]
         for name in ready:
             counts[name] = max(1, sum(counts.get(part, 1) for part in parts[name]))
             del waiting[name]
     if waiting:
-        raise unreadable(path, f"objects that contain themselves or unfold {DEEPEST} deep", "objects made of others")
+        raise unreadable(path, f"objects that contain themselves or expand {MAX_DEPTH} deep", "objects made of others")
     return counts
 
 
-def require_tame_gltf(path: Path) -> None:
+def require_safe_gltf(path: Path) -> None:
     """Raise if a glTF file names files outside its folder, or promises more numbers than it has bytes."""
     try:
         tree = json.loads(_gltf_json(path))
@@ -207,7 +207,7 @@ def require_tame_gltf(path: Path) -> None:
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OSError) as error:
         raise unreadable(path, f"glTF whose JSON cannot be used ({error!r:.80})", "a whole glTF file") from error
     size = path.stat().st_size + sum(place.stat().st_size for place in _named_files(path, uris))
-    if not all(type(count) is int and count >= 0 for count in counts) or sum(counts) > max(HARMLESS, 4 * size):
+    if not all(type(count) is int and count >= 0 for count in counts) or sum(counts) > max(ALLOWED, 4 * size):
         raise unreadable(path, f"accessors that promise more than {size} bytes hold", "accessors of what is there")
 
 

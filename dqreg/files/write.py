@@ -111,7 +111,7 @@ def _one_per_point(value: Any, name: str, count: int) -> FloatArray:
 
 
 def _smallest_type(values: FloatArray) -> str:
-    # Beyond float32's range the comparison says no, as it should; the overflow itself is no news.
+    # Beyond float32's range the comparison is False, as it should be; the overflow needs no warning.
     with np.errstate(over="ignore"):
         return "f4" if np.array_equal(values.astype(np.float32), values) else "f8"
 

@@ -1,4 +1,4 @@
-"""Where an open mesh ends: its free edges, and which places lie at them."""
+"""Boundary of an open mesh, from its free edges, and of a cloud, from one-sided neighbourhoods."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from dqreg.geometry.normals import sample_rows
 
 # Pieces that the free edges are cut into, about, so that their middles can be looked up.
 PIECES = 20_000
-# Pieces that are looked at for each place, the nearest ones.
+# Nearest pieces that are examined for each query.
 LOOKED_AT = 6
-# Free edges nearer to each other than this share of the size are one seam that was never sewn, not two borders; and
-# they run along each other.
+# Free edges that are closer to each other than this fraction of the size, and parallel, are an unmerged seam and no
+# boundary.
 SEAM, ALONG = 1e-4, 0.9
-# The strip along the borders that may be called border takes at most about this share of the area.
+# The strip along the boundary takes at most about this fraction of the area.
 STRIP = 0.1
 
 
@@ -30,7 +30,7 @@ class MeshBoundary:
     # starts, ends: (k, 3): Ends of each piece
     starts: FloatArray
     ends: FloatArray
-    widest: float  # Widest strip along the borders that leaves nine tenths of the surface, a length
+    widest: float  # Widest strip along the boundary that leaves nine tenths of the surface, a length
 
     @staticmethod
     def of(vertices: FloatArray, edges: IntArray, size: float, area: float) -> MeshBoundary | None:
@@ -51,27 +51,27 @@ class MeshBoundary:
         length = float(np.linalg.norm(step[edge[real]], axis=1).sum())
         return MeshBoundary(low[real], low[real] + step[edge[real]], STRIP * area / length)
 
-    def near(self, places: FloatArray, margin: float) -> BoolArray:
-        """Which places lie at a border."""
+    def near(self, points: FloatArray, margin: float) -> BoolArray:
+        """Which points lie within a margin of the boundary."""
         allowed = min(margin, self.widest) + self._rounding
-        found = np.zeros(len(places), dtype=bool)
-        if not len(places):
+        found = np.zeros(len(points), dtype=bool)
+        if not len(points):
             return found
         reach, pieces = self._tree.query(
-            places, k=min(LOOKED_AT, len(self.starts)), distance_upper_bound=allowed + 0.5 * self._longest
+            points, k=min(LOOKED_AT, len(self.starts)), distance_upper_bound=allowed + 0.5 * self._longest
         )
-        reach, pieces = reach.reshape(len(places), -1), pieces.reshape(len(places), -1)
+        reach, pieces = reach.reshape(len(points), -1), pieces.reshape(len(points), -1)
         rows, columns = np.nonzero(np.isfinite(reach))
-        _, apart = self._feet(places[rows], pieces[rows, columns])
+        _, apart = self._feet(points[rows], pieces[rows, columns])
         found[rows[apart <= allowed]] = True
         return found
 
-    def _feet(self, places: FloatArray, pieces: Any) -> tuple[FloatArray, FloatArray]:
+    def _feet(self, points: FloatArray, pieces: Any) -> tuple[FloatArray, FloatArray]:
         # How far along its piece the closest point of each place lies, not clipped, and the distance to the piece.
         starts, across = self.starts[pieces], self.ends[pieces] - self.starts[pieces]
-        along = np.einsum("ij,ij->i", places - starts, across) / np.einsum("ij,ij->i", across, across)
+        along = np.einsum("ij,ij->i", points - starts, across) / np.einsum("ij,ij->i", across, across)
         closest = starts + np.clip(along, 0.0, 1.0)[:, None] * across
-        return along, np.linalg.norm(places - closest, axis=1)
+        return along, np.linalg.norm(points - closest, axis=1)
 
     def _on_seams(self, edge: Any, tolerance: float) -> BoolArray:
         count = min(LOOKED_AT + 2, len(self.starts))
@@ -108,15 +108,15 @@ class MeshBoundary:
 # Mean of the neighbours that the tree remembers off the point, in the distance of the farthest: 0.42 where they fill a
 # half disc, and above the limit for one point in thirteen of those that fill a disc by chance.
 ONE_SIDED = 0.25
-# Neighbours that lie along a line, as on the rings of a LiDAR, tell no side: share of the larger variance that the
-# smaller has, 0.28 in a half disc.
+# Neighbours along a line, as on the rings of a LiDAR, show no side: ratio of the smaller to the larger variance, 0.28
+# in a half disc.
 LINE = 0.15
-# A cloud of which more than this share lies in lines was swept, and has ends everywhere; points that tell.
+# A cloud of which more than this fraction lies in lines was swept, and ends everywhere; points of the sample.
 LINED, SAMPLE = 0.2, 500
 
 
 class CloudBoundary:
-    """Rim points of a cloud, found where they are first asked for."""
+    """Boundary points of a cloud, found on demand."""
 
     def __init__(self, tree: NeighbourTree, points: FloatArray) -> None:
         self._tree, self._points = tree, points
@@ -124,20 +124,20 @@ class CloudBoundary:
         self._known = np.zeros(len(points), dtype=bool)
 
     def at(self, rows: IntArray, normals: FloatArray) -> BoolArray:
-        """Whether points lie on the rim of the cloud."""
+        """Whether points lie on the boundary of the cloud."""
         if self._in_lines:
             return np.zeros(len(rows), dtype=bool)
         missing = np.flatnonzero(~self._known[rows])
         if len(missing):
-            asked, first = np.unique(rows[missing], return_index=True)
+            unknown, first = np.unique(rows[missing], return_index=True)
             # What is found depends on the cloud alone, so threads that meet here write the same.
-            self._rim[asked] = self._one_sided(asked, normals[missing[first]])
-            self._known[asked] = True
+            self._rim[unknown] = self._one_sided(unknown, normals[missing[first]])
+            self._known[unknown] = True
         return self._rim[rows]
 
     def _one_sided(self, rows: IntArray, normals: FloatArray) -> BoolArray:
         spread, distances = self._around(rows)
-        # By the mean first: the shape is looked at where it matters.
+        # By the mean first: the shape is computed only where it matters.
         middle = spread.mean(axis=1)
         offsets = middle - np.einsum("ij,ij->i", middle, normals)[:, None] * normals
         far = np.flatnonzero(np.linalg.norm(offsets, axis=1) > ONE_SIDED * distances)

@@ -15,7 +15,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes_around
 from dqreg.geometry.surface import Closest, Hint
 
-# Two distances that near to each other may be equal: then the tree decides.
+# Two distances that differ by less may be equal: then the tree decides.
 ROUNDING = 1e-12
 
 
@@ -48,7 +48,7 @@ class CloudSurface:
                 f"fitted normals and variances must be one row per distinct point, {(size, 4)}; got {fitted.shape}. "
                 "Take them from a surface of the same cloud"
             )
-        # Normals that were given are taken at their word.
+        # Given normals count as exact.
         given = None if cloud.normals is None else np.column_stack([cloud.normals[self.order], np.zeros(size)])
         given = fitted if given is None else given
         self._fits = np.zeros((size, 4)) if given is None else given
@@ -70,7 +70,7 @@ class CloudSurface:
         return self._fits_at(np.arange(len(self._points)))
 
     def _fits_at(self, rows: IntArray) -> FloatArray:
-        # Fitted where first asked for: a registration touches a part of a large cloud. The fit at a point depends on
+        # Fitted on demand: a registration touches a part of a large cloud. The fit at a point depends on
         # the cloud alone, so threads that meet here write the same; a normal is there before it is called known.
         missing = rows[~self._known[rows]]
         if len(missing):
@@ -141,7 +141,7 @@ class CloudSurface:
         return self.closest(points, (places, before))
 
     def on_rim(self, closest: Closest) -> BoolArray:
-        """Whether the matches of some queries are points at which the cloud ends.
+        """Whether the matches of some queries are boundary points of the cloud.
 
         Parameters
         ----------
@@ -151,12 +151,12 @@ class CloudSurface:
         Returns
         -------
         ndarray of bool, (n,)
-            True on the rim.
+            True on the boundary.
         """
-        return self._rims.at(self._ranks[closest.elements], closest.normals)
+        return self._boundary.at(self._ranks[closest.elements], closest.normals)
 
     @cached_property
-    def _rims(self) -> CloudBoundary:
+    def _boundary(self) -> CloudBoundary:
         return CloudBoundary(self._tree, self._points)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Normals of the smooth surface that facets stand for: a turned shaft is round, whatever its file says.
+"""Normals of the smooth surface that facets approximate: a turned shaft is round.
 
 Angle-weighted pseudo-normals: on which side of a closed mesh a point lies, also beside edges and corners.
 
@@ -37,7 +37,7 @@ class SmoothNormals:
         # One smooth corner is one vertex within one group.
         places = mesh.topology.corners[: len(mesh.faces)].ravel()
         _, corners = np.unique(places * len(groups) + np.repeat(groups, 3), return_inverse=True)
-        weighted = np.repeat(mesh.face_normals, 3, axis=0) * _corner_angles(mesh).reshape(-1, 1)
+        weighted = np.repeat(mesh.face_normals, 3, axis=0) * _corner_angles(mesh.corners).reshape(-1, 1)
         sums: FloatArray = np.column_stack([np.bincount(corners.ravel(), weighted[:, k]) for k in range(3)]).astype(
             float
         )
@@ -69,11 +69,12 @@ def _groups(mesh: Mesh) -> IntArray:
     return groups
 
 
-def _corner_angles(mesh: Mesh) -> FloatArray:
-    after = np.roll(mesh.corners, -1, axis=1) - mesh.corners
-    before = np.roll(mesh.corners, 1, axis=1) - mesh.corners
-    sines = np.linalg.norm(np.cross(after, before), axis=2)
-    angles: FloatArray = np.arctan2(sines, np.einsum("fki,fki->fk", after, before))
+def _corner_angles(corners: FloatArray) -> FloatArray:
+    """Angle at each corner of some faces, (f, 3), radians."""
+    ahead = np.roll(corners, -1, axis=1) - corners
+    back = np.roll(corners, 1, axis=1) - corners
+    across = np.linalg.norm(np.cross(ahead, back), axis=2)
+    angles: FloatArray = np.arctan2(across, np.einsum("fki,fki->fk", ahead, back))
     return angles
 
 
@@ -84,7 +85,7 @@ def _clipped_barycentric(places: FloatArray, corners: FloatArray) -> FloatArray:
     ao, bo = (np.einsum("ni,ni->n", x, offset) for x in (a, b))
     area = aa * bb - ab**2
     second, third = (bb * ao - ab * bo) / area, (aa * bo - ab * ao) / area
-    # Rounding may leave the triangle by a hair.
+    # Rounding may leave the triangle.
     shares: FloatArray = np.clip(np.column_stack([1.0 - second - third, second, third]), 0.0, 1.0)
     return shares
 
@@ -118,7 +119,9 @@ class PseudoNormals:
         sums = np.zeros((int(topology.edges.max()) + 1, 3))
         np.add.at(sums, topology.edges[real].ravel(), shown[real].reshape(-1, 3))
         turned = np.zeros((int(topology.corners.max()) + 1, 3))
-        weighted = _angles(mesh)[:, :, None] * own[:, None, :]
+        # Faces with an area first, then those without.
+        angles = _corner_angles(mesh.vertices[np.concatenate([mesh.faces, mesh.flat])])
+        weighted = angles[:, :, None] * own[:, None, :]
         np.add.at(turned, topology.corners.ravel(), weighted.reshape(-1, 3))
         return PseudoNormals(mesh, sums[topology.edges[:count]], turned)
 
@@ -158,16 +161,6 @@ def _features(points: FloatArray, corners: FloatArray, normals: FloatArray) -> t
     at_end = (share == 0.0) | (share == 1.0)
     kind = np.where(inside, 0, np.where(at_end, 2, 1))
     return kind, np.where(share == 1.0, (side + 1) % 3, side)
-
-
-def _angles(mesh: Mesh) -> FloatArray:
-    """Angle at each corner, radians, (f + k, 3): faces with an area first, then those without."""
-    corners = mesh.vertices[np.concatenate([mesh.faces, mesh.flat])]
-    ahead = np.roll(corners, -1, axis=1) - corners
-    back = np.roll(corners, 1, axis=1) - corners
-    across = np.linalg.norm(np.cross(ahead, back), axis=2)
-    angles: FloatArray = np.arctan2(across, np.einsum("fki,fki->fk", ahead, back))
-    return angles
 
 
 def _shown(mesh: Mesh) -> tuple[FloatArray, FloatArray]:

@@ -45,7 +45,7 @@ class FaceSides:
 
 # Barycentric distance to an edge below which a float32 answer cannot tell inside from outside.
 EDGE_MARGIN = 1e-3
-# A query that has moved by less than this share of the size keeps its face, if the place on it is farther from the
+# A query that has moved by less than this fraction of the size keeps its face, if the foot on it is farther from the
 # face's sides than so many heights above it and so many motions: no face that meets it at 40 degrees or more is nearer.
 STEP, HEIGHTS, STEPS = 1e-4, 3.0, 4.0
 # Faces walked from the one that float32 named; and the relative gain of a squared distance that is more than rounding.

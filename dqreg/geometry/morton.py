@@ -22,29 +22,28 @@ def morton_order(points: FloatArray) -> IntArray:
 def distinct_in_order(points: FloatArray) -> IntArray:
     """Rows in Morton order, each place once.
 
-    Sensors write returns they did not get as copies of one point, often the origin; a thousand votes for one place
-    would hold the pose there.
+    Sensors write missing returns as copies of one point, often the origin: a thousand duplicates would bias the pose.
 
     Shapes: returns (m,).
     """
     codes = morton_codes(points)
     order = np.argsort(codes, kind="stable")
-    fresh, mixed = _news(points, codes, order)
+    new, mixed = _is_new(points, codes, order)
     if mixed:
-        # Different points share a cell and may stand between copies: rare, so only then all three numbers sort as well.
+        # Different points share a cell and may stand between copies: rare, so only then coordinates are sorted too.
         order = np.lexsort((*points.T, codes))
-        fresh, _ = _news(points, codes, order)
-    return order[fresh]
+        new, _ = _is_new(points, codes, order)
+    return order[new]
 
 
-def _news(points: FloatArray, codes: CodeArray, order: IntArray) -> tuple[BoolArray, bool]:
+def _is_new(points: FloatArray, codes: CodeArray, order: IntArray) -> tuple[BoolArray, bool]:
     # Which points differ from the one before, and whether two such share a cell. Only points of one cell can be copies.
     walked = codes[order]
     shared = np.flatnonzero(walked[1:] == walked[:-1]) + 1
     differ = (points[order[shared]] != points[order[shared - 1]]).any(axis=1)
-    fresh = np.ones(len(order), dtype=bool)
-    fresh[shared] = differ
-    return fresh, bool(differ.any())
+    new = np.ones(len(order), dtype=bool)
+    new[shared] = differ
+    return new, bool(differ.any())
 
 
 def morton_codes(points: FloatArray, size: float = 0.0) -> CodeArray:

@@ -1,4 +1,4 @@
-"""Open3D's KD-tree over points, in float64: the one place that builds and asks it."""
+"""Open3D's KD-tree over points, in float64: the one place that builds and queries it."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class NeighbourTree:
         return indices.numpy().astype(np.int64).reshape(-1, count), np.sqrt(squared.numpy()).reshape(-1, count)
 
     def around(self, rows: IntArray) -> tuple[NDArray[np.int32], FloatArray]:
-        """Nearest points of points of the cloud itself, each looked up once.
+        """Nearest points of points of the cloud itself, each found once.
 
         Shapes: rows (m,), indices (m, k), farthest (m,).
         """

@@ -1,4 +1,4 @@
-"""Normals from local plane fits, each with its own uncertainty, so that an edge or a grazing view counts less."""
+"""Normals from local plane fits with their variances, so that edges and grazing views get less weight."""
 
 from __future__ import annotations
 
@@ -85,8 +85,8 @@ class PlaneFits:
     normals: FloatArray
     # (n,): Root mean square distance sigma_r of the k neighbours from their plane, with k - 3 degrees of freedom
     residuals: FloatArray
-    # (n,): ``1 / (1/l1 + 1/l2)`` with the two tangential variances of the neighbours: the squared length that turns a
-    # point's variance into a normal's: ``sigma_n^2 = sigma_r^2 / (k lever)``
+    # (n,): ``1 / (1/l1 + 1/l2)`` with the two tangential variances of the neighbours: a squared length that relates the
+    # variance of a point to that of its normal: ``sigma_n^2 = sigma_r^2 / (k lever)``
     lever: FloatArray
     count: int  # Neighbours k used a fit
     # (n,): Distance from each place to the second nearest point, the nearest other one of a point of the cloud; None
@@ -102,7 +102,7 @@ class PlaneFits:
 
 
 def fit_planes(tree: NeighbourTree, cloud: FloatArray, at: FloatArray, count: int = NEIGHBOURS) -> PlaneFits:
-    """Fit a plane to the nearest neighbours of each place."""
+    """Fit a plane to the nearest neighbours of each query."""
     parts, gaps = [], [np.zeros(0)]
     for i in range(0, len(at), CHUNK):
         indices, distances = tree.nearest(at[i : i + CHUNK], count)
@@ -149,7 +149,7 @@ def _fit_chunk(cloud: FloatArray, indices: IntArray | NDArray[np.int32]) -> tupl
 
 
 def orient_towards(normals: FloatArray, points: FloatArray, viewpoint: FloatArray) -> FloatArray:
-    """Normals turned to the side on which the sensor stood."""
+    """Normals flipped towards the sensor."""
     facing = np.einsum("ij,ij->i", viewpoint - points, normals)
     return np.where((facing < 0.0)[:, None], -normals, normals)
 

@@ -1,7 +1,7 @@
-"""Open3D's ray-casting scene of a mesh: the one place that builds and asks it.
+"""Open3D's ray-casting scene of a mesh: the one place that builds and queries it.
 
 The scene works in float32 and loses digits with size and distance from the origin. It therefore gets the mesh centred
-and scaled to unit size, and names faces; places on them are computed in float64 by whoever asks.
+and scaled to unit size, and finds faces only; callers compute points on them in float64.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""From a raw cloud to a scan that the loop can use: spacing and noise measured, ordered, with normals where asked."""
+"""Preparation of a scan: Morton order, spacing, noise, normals."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dqreg.geometry.normals import PlaneFits, fit_planes, orient_towards, sample
 # Enough for a median that is good to one per cent.
 SPACING_SAMPLE = 5_000
 FEWEST_POINTS = 3
-# Points among which neighbours are looked for where normals are wanted at a few places only.
+# Points among which neighbours are searched where normals are fitted at a few points only.
 THINNED = 50_000
 # Pieces of the cloud on which spacing and noise are measured then, points of a piece, and those in its middle, whose
 # neighbours are in the piece.
@@ -35,7 +35,7 @@ class Scan:
     normals : ndarray, (n, 3)
         Unit normals; zero where none is known. The sign counts only if ``oriented``.
     levers : ndarray, (n,)
-        Squared length that turns a point's weight into its normal's (see `PlaneFits`); 0 where none was fitted.
+        Weight of each normal relative to its point, a squared length (see `PlaneFits`); 0 where none was fitted.
     residuals : ndarray, (n,)
         Local plane residual sigma_r of each point; NaN where unknown.
     oriented : bool
@@ -51,7 +51,7 @@ class Scan:
     counts : ndarray, (n,), or None
         Points of one face that each row stands for, as their mean; None where every row is a point.
     within : ndarray, (n,), or None
-        Sum of the squared distances of those points from their mean, along the normal of that face.
+        Within-face scatter: sum of the squared distances of those points from their mean, along the normal.
     """
 
     points: FloatArray

@@ -1,4 +1,4 @@
-"""What the loop needs of a target: one question, "what is closest?", the same for a cloud and a mesh."""
+"""Protocol of a target: closest points, the same for a cloud and a mesh."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Closest:
     elements : ndarray of int, (n,)
         Which cloud point or which face it is.
     others : ndarray, (n,), optional
-        No other point of a cloud is nearer to the query than this; None where nobody looked.
+        Lower bound of the distance to the second-nearest point of a cloud; None where it is not known.
     variances : ndarray, (n,), optional
         Variance of each normal, rad^2, see `PlaneFits.variances`; None where the normals are exact.
     """
@@ -41,7 +41,7 @@ Hint = tuple[FloatArray, Closest]
 
 
 class Surface(Protocol):
-    """A target that can be asked for its closest points; read-only after it is built, so threads may share it."""
+    """A target that finds closest points; read-only after it is built, so threads may share it."""
 
     @property
     def diagonal(self) -> float:

@@ -2,7 +2,7 @@
 
 A scan may be smaller than its part (a partial view, a patch) and larger (the part stands in a scene), so a ratio of
 sizes alone says little until it is absurd. Three kinds of evidence, from the standard deviations along the principal
-axes of either side (of the nearest 95 % of the points, so that strays count for nothing):
+axes of either side (of the nearest 95 % of the points, so that outliers do not matter):
 
 - beyond a factor of 150 no scan belongs to its part; the nearest ratio of units is named;
 - near 10, 25.4 or 100 the *shapes* must agree as well: the deviations in about that same ratio, as for a scan of the
@@ -105,7 +105,7 @@ def find_unit_mistake(
 
 
 def principal_spreads(geometry: PointCloud | Mesh) -> FloatArray:
-    """Standard deviations along the principal axes, the largest first, strays left out."""
+    """Standard deviations along the principal axes, the largest first, outliers left out."""
     if isinstance(geometry, Mesh):
         points = sample_mesh(geometry, SAMPLE, np.random.default_rng(0)).points
     else:

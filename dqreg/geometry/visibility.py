@@ -1,4 +1,4 @@
-"""Faces of a part that a scanner could have seen, and a surface made of those alone."""
+"""Faces of a part that are visible from the scanner, and a surface made of those alone."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ from dqreg.geometry.raycasting import RayScene
 from dqreg.geometry.surface import Closest, Hint
 from dqreg.rigid import twist
 
-# Places that are looked at, shared out by area, and on each face at least: its middle, and one near each corner.
-PLACES, CORNER = 40_000, 0.9
-# A pose that is not final yet, and an instrument that sees from two places, ask for some margin: what is seen from a
-# place turned by so much about the part counts as seen.
+# Sample points, distributed by area, and on each face at least: its middle, and one near each corner.
+SAMPLES, CORNER = 40_000, 0.9
+# Margin for a pose that is not final and for an instrument with two cameras: what is visible from a viewpoint rotated
+# by so much about the part counts as visible.
 MARGIN_RAD = float(np.deg2rad(2.0))
-# Rays begin outside, so many sizes before their place, and may end short of it by so much: float32's rounding.
+# Rays start outside, so many sizes before their point, and may end short of it by so much: float32 rounding.
 BEFORE, SHORT = 2.0, 2e-6
 
 
 def visible_faces(mesh: Mesh, viewpoints: FloatArray) -> BoolArray:
-    """Which faces can be seen, at least in part, from any of some places.
+    """Which faces are visible, at least in part, from any of some viewpoints.
 
     A face is seen from either side: a sheet may be meshed with one layer of faces.
 
     Shapes: returns (f,).
     """
-    places, faces = _places(mesh)
-    unit = (places - mesh.centre) / mesh.diagonal
+    points, faces = _sample_points(mesh)
+    unit = (points - mesh.centre) / mesh.diagonal
     scene = RayScene(mesh.vertices, mesh.faces, mesh.centre, mesh.diagonal)
     seen = np.zeros(len(mesh.faces), dtype=bool)
     for viewpoint in (viewpoints - mesh.centre) / mesh.diagonal:
         for eye in _around(viewpoint):
             left = ~seen[faces]
             rows = np.flatnonzero(left)
-            seen[faces[rows[_reached(scene, eye, unit[rows], faces[rows])]]] = True
+            seen[faces[rows[_is_visible(scene, eye, unit[rows], faces[rows])]]] = True
     return seen
 
 
-def _places(mesh: Mesh) -> tuple[FloatArray, IntArray]:
-    """Places on all faces, (n, 3), and the face of each: the same for the same mesh."""
+def _sample_points(mesh: Mesh) -> tuple[FloatArray, IntArray]:
+    """Sample points on all faces, (n, 3), and the face of each: the same for the same mesh."""
     rest = 0.5 * (1.0 - CORNER)
     fixed = np.full((4, 3), 1.0 / 3.0)
     fixed[1:] = rest + (CORNER - rest) * np.eye(3)
     count = len(mesh.faces)
-    more = np.floor(PLACES * mesh.face_areas / mesh.face_areas.sum()).astype(np.int64)
+    more = np.floor(SAMPLES * mesh.face_areas / mesh.face_areas.sum()).astype(np.int64)
     faces = np.repeat(np.arange(count), more)
     # Two irrational steps fill the unit square evenly (the R2 sequence); folded, the triangle.
     g = 1.32471795724474602596
@@ -57,31 +57,33 @@ def _places(mesh: Mesh) -> tuple[FloatArray, IntArray]:
     u, v = np.where(over, 1.0 - u, u), np.where(over, 1.0 - v, v)
     shares = np.concatenate([np.tile(fixed, (count, 1)), np.column_stack([1.0 - u - v, u, v])])
     faces = np.concatenate([np.repeat(np.arange(count), 4), faces])
-    places: FloatArray = np.einsum("ik,ikj->ij", shares, mesh.corners[faces])
-    return places, faces
+    points: FloatArray = np.einsum("ik,ikj->ij", shares, mesh.corners[faces])
+    return points, faces
 
 
 def _around(viewpoint: FloatArray) -> FloatArray:
-    # The place itself, and four more: turned about the middle of the part along two directions across the line of
+    # The viewpoint itself, and four more: rotated about the middle of the part along two directions across the line of
     # sight. One in the very middle has no such line, and moves by as much instead.
     sight = viewpoint / max(float(np.linalg.norm(viewpoint)), 1e-12)
     first = np.cross(sight, np.eye(3)[np.argmin(np.abs(sight))])
     axes = [first / max(float(np.linalg.norm(first)), 1e-12)]
     axes.append(np.cross(sight, axes[0]))
-    turns = [twist.exp(np.r_[sign * MARGIN_RAD * axis, 0.0, 0.0, 0.0])[:3, :3] for axis in axes for sign in (1.0, -1.0)]
-    return np.array([viewpoint, *(turn @ viewpoint for turn in turns)])
+    rotations = [
+        twist.exp(np.r_[sign * MARGIN_RAD * axis, 0.0, 0.0, 0.0])[:3, :3] for axis in axes for sign in (1.0, -1.0)
+    ]
+    return np.array([viewpoint, *(rotation @ viewpoint for rotation in rotations)])
 
 
-def _reached(scene: RayScene, eye: FloatArray, places: FloatArray, faces: IntArray) -> BoolArray:
-    """Whether nothing stands between the eye and each place, in units of the part."""
-    if not len(places):
+def _is_visible(scene: RayScene, eye: FloatArray, points: FloatArray, faces: IntArray) -> BoolArray:
+    """Whether nothing stands between the eye and each point, in units of the part."""
+    if not len(points):
         return np.zeros(0, dtype=bool)
-    away = places - eye
+    away = points - eye
     lengths = np.linalg.norm(away, axis=1)
     rays = away / np.maximum(lengths, 1e-12)[:, None]
-    # From far off, float32 would lose the digits: no ray begins farther out than just outside the part.
+    # From far off, float32 would lose the digits: no ray starts farther out than just outside the part.
     lengths = np.minimum(lengths, BEFORE)
-    first, met = scene.first_faces(np.column_stack([places - lengths[:, None] * rays, rays]))
+    first, met = scene.first_faces(np.column_stack([points - lengths[:, None] * rays, rays]))
     return np.asarray((first == faces) | (met >= lengths - SHORT))
 
 

@@ -1,4 +1,4 @@
-"""Means of the points in the cells of a grid: a cloud that is denser near the sensor becomes even, and smaller."""
+"""Voxel downsampling: means of the points in the cells of a grid."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import BITS, morton_codes
 
-# Times the points wanted from which on a cloud is worth thinning: below, it costs accuracy and saves little.
+# A cloud is downsampled from so many times the wanted points on: below, it costs accuracy and saves little.
 DENSE = 3.0
-# A cloud of which cells would leave more than this share is left as it is.
+# A cloud of which more than this fraction would remain is left as it is.
 WHOLE = 2.0 / 3.0
 
 
 def even_size(points: FloatArray, count: int) -> float:
-    """Edge of the cells that make a dense cloud even and small.
+    """Edge of the voxels that leave a dense cloud about so many points; 0 for one that is left as it is.
 
     >>> grid = np.stack(np.meshgrid(range(40), range(40), [0.0]), axis=-1).reshape(-1, 3)
     >>> round(even_size(grid, 400), 1), even_size(grid, 800)
@@ -29,22 +29,22 @@ def even_size(points: FloatArray, count: int) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class EvenCloud:
-    """A cloud with one point a cell."""
+    """A cloud with one point a voxel."""
 
-    size: float  # Edge of a cell
-    cloud: PointCloud  # Means of the cells; the cloud itself where it has hardly more points than they
+    size: float  # Edge of a voxel
+    cloud: PointCloud  # Means of the voxels; the cloud itself where it has hardly more points than they
     # The same as a surface; None where the cloud is whole, for whoever has it has its surface
     surface: CloudSurface | None
 
     @staticmethod
     def of(cloud: PointCloud, size: float) -> EvenCloud:
-        """Even a cloud out."""
+        """Downsample a cloud."""
         even = evened(cloud, size)
         return EvenCloud(size, even, None if even is cloud else CloudSurface(even))
 
 
 def evened(cloud: PointCloud, size: float) -> PointCloud:
-    """Means of the cells of a cloud, or the cloud itself where it has hardly more points than they are."""
+    """Means of the voxels of a cloud, or the cloud itself where it has hardly more points than these."""
     even = cell_means(cloud, size)
     return even if len(even) < WHOLE * len(cloud) else cloud
 

@@ -123,7 +123,7 @@ class Deviations:
         return bands_of(self.values[self.counted], allowed, required_share, self.signed)
 
     def worst(self, count: int = 5, apart: float | None = None) -> tuple[Place, ...]:
-        """The worst places, each a patch of the scan and none a lone stray; see `worst_places`.
+        """The worst places, each a patch of the scan and none a single outlier; see `worst_places`.
 
         Parameters
         ----------

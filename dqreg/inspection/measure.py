@@ -54,7 +54,7 @@ def measure_deviations(
     geometry : Mesh or PointCloud
         The target, near the origin.
     surface : Surface
-        The same target, ready to be asked.
+        The same target as a surface.
     origin : ndarray, (3,), optional
         What is added to positions that are handed back: where the target stands in the caller's frame.
     tolerance : float, optional
@@ -85,7 +85,7 @@ def measure_deviations(
     count = len(points)
     values, closest, faces = np.zeros(count), np.zeros((count, 3)), np.zeros(count, dtype=np.int64)
     for start in range(0, count, CHUNK):
-        # Neighbours in turn are four times as fast to look up; the order of the scan is restored at once.
+        # In Morton order queries are four times as fast; the order of the scan is restored at once.
         rows = start + morton_order(points[start : start + CHUNK])
         values[rows], closest[rows], faces[rows] = ask(points[rows])
         if progress is not None:

@@ -1,4 +1,4 @@
-"""Figures of many deviations: percentiles, shares within a tolerance, pass or fail."""
+"""Statistics of deviations: percentiles, fractions within a tolerance, worst places, pass or fail."""
 
 from __future__ import annotations
 
@@ -129,13 +129,13 @@ def bands_of(values: FloatArray, tolerance: float, required_share: float, signed
     return Bands(tolerance, rows, within, below, rows[-1].share, required_share, within >= required_share)
 
 
-# Points that must deviate at least that much at a place, so that strays make none ...
+# Points that must deviate at least that much at a place, so that outliers make none ...
 FEWEST = 5
-# ... and at least this share of the points of its cell.
+# ... and at least this fraction of the points of its cell.
 SHARE = 0.05
 # Below that many points a touch probe measured, and every point is meant.
 PROBED = 200
-# A place holds the points that deviate at least that share of its own deviation.
+# A place holds the points that deviate at least that fraction of its own deviation.
 SAME = 0.5
 
 
@@ -166,9 +166,9 @@ def worst_places(feet: FloatArray, values: FloatArray, count: int, apart: float)
     """Largest deviations, at places that are apart.
 
     The target is cut into cells as wide as places are apart, one for either sign. A cell counts with the deviation that
-    at least 5 of its points, and a twentieth of them, reach: four strays in a cell change nothing, and neither do
-    strays all over the scan while they are fewer than that. Of two places nearer than ``apart`` the worse stays. Clouds
-    of fewer than 200 points are probed by hand, and each of their points counts.
+    at least 5 of its points, and a twentieth of them, reach: four outliers in a cell change nothing, and neither do
+    outliers all over the scan while they are fewer. Of two places nearer than ``apart`` the worse stays. Clouds of
+    fewer than 200 points are probed by hand, and each of their points counts.
     """
     if not len(values) or count < 1:
         return []

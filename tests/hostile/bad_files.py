@@ -423,7 +423,7 @@ BAD_FILES: dict[str, tuple[str, bytes, str | None]] = {
         ),
         "entities",
     ),
-    "3mf doubled thirty times": ("a.3mf", doubled(30), "unfold"),
+    "3mf doubled thirty times": ("a.3mf", doubled(30), "expand"),
     "3mf doubled a thousand times": ("a.3mf", doubled(1_000), "100 deep"),
     "3mf of an object in itself": (
         "a.3mf",
