@@ -78,14 +78,15 @@ def make_case(
     source, target = dataclasses.replace(source, units=None), dataclasses.replace(target, units=None)
     held_rng, loop_rng = np.random.default_rng(seed).spawn(2)
     given, held_out = _hold_out(source, held_rng)
-    size = _diagonal(target)
+    surface: Surface = MeshSurface(target) if isinstance(target, Mesh) else CloudSurface(target)
+    size = surface.diagonal
     task = Task(given, target, start, setting, threads=threads, seed=seed)
     if setting == "same-loop":
         if start is None:
             raise InputError("the same loop needs an initial pose; without one use --setting manual")
         task = _same_loop(task, loop or Loop(), size, loop_rng)
-    surface: Surface = MeshSurface(target) if isinstance(target, Mesh) else CloudSurface(target)
     truths = np.zeros((0, 4, 4)) if truth is None else truth.poses
+    spacing = 0.0 if isinstance(target, Mesh) else measure_spacing(NeighbourTree(target.points), target.points)
     ground_truth = GroundTruth(
         probes=_probes(given, target, truths),
         size=size,
@@ -93,7 +94,7 @@ def make_case(
         axis=None if truth is None else truth.axis,
         held_out=held_out,
         surface=surface,
-        gate=max(5.0 * noise, 1e-3 * size, 0.0 if isinstance(target, Mesh) else 2.0 * _spacing(target)),
+        gate=max(5.0 * noise, 1e-3 * size, 2.0 * spacing),
         success_threshold=success_threshold,
     )
     return BenchmarkCase(_key(name, task), name, axis, value, trial, task, ground_truth, units)
@@ -159,14 +160,6 @@ def _probes(given: PointCloud, target: PointCloud | Mesh, truths: FloatArray) ->
 
 def _few(points: FloatArray) -> FloatArray:
     return points[:: max(1, -(-len(points) // MAX_PROBES))]
-
-
-def _diagonal(target: PointCloud | Mesh) -> float:
-    return target.diagonal if isinstance(target, Mesh) else float(np.linalg.norm(np.ptp(target.points, axis=0)))
-
-
-def _spacing(cloud: PointCloud) -> float:
-    return measure_spacing(NeighbourTree(cloud.points), cloud.points)
 
 
 def _key(name: str, task: Task) -> str:

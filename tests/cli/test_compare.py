@@ -14,7 +14,7 @@ from dqreg.compare import Protocol
 from dqreg.compare import plan as plan_room
 from dqreg.synth import demo_case, load_case
 
-ENGINES = Path(__file__).parents[1] / "compare" / "contestants.py"
+ENGINES = Path(__file__).parents[1] / "compare" / "toy_engines.py"
 CASE = load_case(demo_case())
 
 

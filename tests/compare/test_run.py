@@ -20,7 +20,7 @@ from dqreg.compare.sweep_file import parse_sweep
 from dqreg.errors import InputError
 from dqreg.synth import demo_case, load_case
 
-FILE = Path(__file__).with_name("contestants.py")
+FILE = Path(__file__).with_name("toy_engines.py")
 CASE = load_case(demo_case())
 SMALL = Loop(source_points=500, target_points=2_000)
 ONCE = Protocol(settings=("manual",), repeats=1, isolate=False)

@@ -14,7 +14,7 @@ from dqreg.synth import demo_case, load_case
 TRUTH = load_case(demo_case()).T_target_source
 
 
-class Contestant:
+class ToyEngine:
     needs = ()
     needs_initial_pose = False
     settings = ("manual", "same-loop")
@@ -62,13 +62,13 @@ def _counts(task):
     return TRUTH
 
 
-perfect = Contestant("perfect", lambda task: TRUTH)
-wrong = Contestant("wrong", _wrong)
-identity = Contestant("identity", lambda task: np.eye(4))
-mirrored = Contestant("mirrored", lambda task: TRUTH @ np.diag([1.0, 1.0, -1.0, 1.0]))
-nothing = Contestant("nothing", lambda task: np.full((4, 4), np.nan))
-raising = Contestant("raising", _raise)
-hanging = Contestant("hanging", _hang)
-crashing = Contestant("crashing", _crash)
-greedy = Contestant("greedy", _greedy)
-counting = Contestant("counting", _counts)
+perfect = ToyEngine("perfect", lambda task: TRUTH)
+wrong = ToyEngine("wrong", _wrong)
+identity = ToyEngine("identity", lambda task: np.eye(4))
+mirrored = ToyEngine("mirrored", lambda task: TRUTH @ np.diag([1.0, 1.0, -1.0, 1.0]))
+nothing = ToyEngine("nothing", lambda task: np.full((4, 4), np.nan))
+raising = ToyEngine("raising", _raise)
+hanging = ToyEngine("hanging", _hang)
+crashing = ToyEngine("crashing", _crash)
+greedy = ToyEngine("greedy", _greedy)
+counting = ToyEngine("counting", _counts)
