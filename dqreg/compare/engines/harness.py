@@ -16,7 +16,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._open3d import load_open3d
-from dqreg.compare.engines.protocol import Engine, EngineOutput, Task
+from dqreg.compare.engines.protocol import Engine, EngineOutput, Step, Task
 from dqreg.errors import InputError
 
 # Same loop: the iteration cap and not the stopping rule decides.
@@ -122,6 +122,17 @@ def require_fit(engine: Engine, task: Task) -> None:
 def initial_pose(task: Task) -> FloatArray:
     """Initial pose of a task; the identity where it has none."""
     return np.eye(4) if task.start is None else np.array(task.start, dtype=np.float64)
+
+
+def replay(run: Any, start: FloatArray, most: int, end: FloatArray) -> tuple[Step, ...]:
+    """Intermediate poses: an ICP run one iteration at a time, up to the pose where the timed run ended."""
+    T, steps = start, []
+    for number in range(1, most + 1):
+        T = np.array(run(T, 1).transformation)
+        steps.append(Step(number, np.nan, T))
+        if np.allclose(T, end, rtol=1e-12, atol=1e-12 * max(1.0, np.abs(end).max())):
+            break
+    return tuple(steps)
 
 
 @contextlib.contextmanager

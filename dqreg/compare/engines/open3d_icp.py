@@ -15,8 +15,8 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg._open3d import load_open3d
 from dqreg.compare.engines.clouds import MAX_DISTANCE, open3d_cloud, source_cloud, target_cloud, task_size, with_normals
-from dqreg.compare.engines.harness import SAME_LOOP_TOLERANCE, RunClock, initial_pose, no_pose, timed
-from dqreg.compare.engines.protocol import EngineOutput, Setting, Step, Task
+from dqreg.compare.engines.harness import SAME_LOOP_TOLERANCE, RunClock, initial_pose, no_pose, replay, timed
+from dqreg.compare.engines.protocol import EngineOutput, Setting, Task
 from dqreg.errors import MissingDependencyError
 
 Method = Literal["point-to-point", "point-to-plane", "symmetric", "generalized"]
@@ -163,14 +163,3 @@ def max_distance(task: Task, size: float) -> float:
 def fitness_words(result: Any) -> str:
     """What Open3D reports about its own success."""
     return f"fitness {float(result.fitness):.4f}, inlier rmse {float(result.inlier_rmse):.4g}"
-
-
-def replay(run: Any, start: FloatArray, most: int, end: FloatArray) -> tuple[Step, ...]:
-    """Poses of an ICP that is run one iteration at a time, up to the pose where the timed run ended."""
-    T, steps = start, []
-    for number in range(1, most + 1):
-        T = np.array(run(T, 1).transformation)
-        steps.append(Step(number, np.nan, T))
-        if np.allclose(T, end, rtol=1e-12, atol=1e-12 * max(1.0, np.abs(end).max())):
-            break
-    return tuple(steps)

@@ -13,8 +13,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.compare.engines.clouds import source_cloud, subsampled, target_cloud, task_size
-from dqreg.compare.engines.harness import RunClock, initial_pose, silent, timed
-from dqreg.compare.engines.open3d_icp import replay
+from dqreg.compare.engines.harness import RunClock, initial_pose, replay, silent, timed
 from dqreg.compare.engines.protocol import EngineOutput, Setting, Task
 from dqreg.errors import InputError, load_package
 from dqreg.geometry import Mesh
