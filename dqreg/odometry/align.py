@@ -12,7 +12,7 @@ from dqreg.icp import ESTIMATORS, InlierMixture, Level, Plan, Run, Schedule, Sto
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import candidates, screen
-from dqreg.odometry.verdicts import fits
+from dqreg.trust.verdict import fraction_fits
 
 # Points of the coarse level.
 COARSE = 400
@@ -38,8 +38,8 @@ class Aligned:
         return not self.run.ended_early and bool(self.run.history)
 
     @property
-    def on_map(self) -> float:
-        """Mean probability of the frame's points to lie on the map; 0 where no pose was found."""
+    def inlier_fraction(self) -> float:
+        """Mean probability of the frame's points to be inliers; 0 where no pose was found."""
         return float(self.run.weights.mean()) if self.found else 0.0
 
 
@@ -82,26 +82,30 @@ RESCUE_STARTS = 6
 
 
 @dataclasses.dataclass(frozen=True)
-class Seeker:
-    """Finds frames in the map."""
+class FrameSearch:
+    """Searches the pose of a frame in the map."""
 
     surface: MapSurface  # The map
     lengths: Resolved  # Lengths of the sequence
     settings: OdometrySettings  # Method and largest turn
-    usual: float  # Usual share of points on the map; NaN where unknown
+    usual: float  # Fraction of inliers in the frames before; NaN where there are none
     anchors: list[tuple[FloatArray, FloatArray]]  # Poses (4, 4) around which is searched, the likeliest first
 
     def find(self, scan: Scan, *, trust_motion: bool) -> Aligned:
         """The pose of a frame."""
         if trust_motion:
             aligned = self._try(scan, self.anchors[0][1][None], 1)
-            if fits(aligned.on_map, self.usual):
+            if self.fits(aligned):
                 return aligned
         aligned = self._try(scan, self._lattice(min(EVERYDAY_DEG, self.settings.search_deg), STEP_DEG), 1)
-        if fits(aligned.on_map, self.usual):
+        if self.fits(aligned):
             return aligned
         rescued = self._try(scan, self._lattice(self.settings.search_deg, RESCUE_STEP_DEG), RESCUE_STARTS)
-        return rescued if rescued.on_map > aligned.on_map else aligned
+        return rescued if rescued.inlier_fraction > aligned.inlier_fraction else aligned
+
+    def fits(self, aligned: Aligned) -> bool:
+        """Whether the fraction of inliers is that of a right pose."""
+        return fraction_fits(aligned.inlier_fraction, self.usual)
 
     def refine(self, scan: Scan, T_map_frame: FloatArray) -> Aligned:
         """The pose of a frame near a known one, (4, 4)."""

@@ -1,4 +1,4 @@
-"""One frame of a sequence: checked, cleaned of what is no measurement, thinned, with normals."""
+"""One frame of a sequence: checked, cleaned of what is no measurement, downsampled, with normals."""
 
 from __future__ import annotations
 
@@ -62,16 +62,16 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
 
 
 @dataclasses.dataclass(frozen=True)
-class Keypoints:
-    """A frame thinned twice."""
+class DownsampledFrame:
+    """A frame downsampled twice."""
 
     dense: FloatArray  # (n, 3): What enters the map
     scan: Scan  # What the pose is found from, with normals fitted among the dense points
     reach: float  # Distance of the farthest point from the sensor
 
 
-def thin_frame(points: FloatArray, voxel_size: float) -> Keypoints | None:
-    """Thin a frame and fit its normals."""
+def downsample_frame(points: FloatArray, voxel_size: float) -> DownsampledFrame | None:
+    """Downsample a frame and fit its normals."""
     dense = thin(points, DENSE * voxel_size) if len(points) else points
     sparse = thin(dense, SPARSE * voxel_size) if len(points) else points
     if len(sparse) < 3:
@@ -93,4 +93,4 @@ def thin_frame(points: FloatArray, voxel_size: float) -> Keypoints | None:
         noise=float(np.median(fits.residuals[known])) if known.any() else 0.0,
         total=len(dense),
     )
-    return Keypoints(dense, scan, float(np.linalg.norm(sparse, axis=1).max()))
+    return DownsampledFrame(dense, scan, float(np.linalg.norm(sparse, axis=1).max()))

@@ -12,22 +12,22 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_pose
 from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
-from dqreg.odometry.align import Seeker
-from dqreg.odometry.answer import frame_result
-from dqreg.odometry.deskew import Undone
-from dqreg.odometry.frame import Keypoints, RawFrame, read_frame, thin_frame
+from dqreg.odometry.align import FrameSearch
+from dqreg.odometry.assess import first_frame, frame_result, without_pose
+from dqreg.odometry.deskew import Deskewed
+from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame, read_frame
 from dqreg.odometry.kiss import KissParts, load_kiss, rigid
 from dqreg.odometry.map_surface import MapSurface, surface_within
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
-from dqreg.odometry.verdicts import first_frame, fits, without_pose
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
-from dqreg.trust.records import Reason, Verdict
+from dqreg.trust.records import Reason
+from dqreg.trust.verdict import fraction_fits
 
-# Places without which a frame is not worth a pose, and cannot begin a map.
-FEWEST_PLACES = 30
-# Frames over which the usual share of points on the map is taken.
+# Points below which a frame gets no pose, and cannot begin a map.
+FEWEST_POINTS = 30
+# Frames over which the usual fraction of inliers is taken.
 MEMORY = 10
 
 
@@ -122,11 +122,11 @@ class Odometry:
             If the shapes are wrong.
         """
         began = clock.perf_counter()
-        frame = read_frame(points, timestamps)
+        raw = read_frame(points, timestamps)
         ratio, doubt = self._time_ratio(stamp)
-        result = self._place(frame, ratio)
-        if doubt is not None and result.verdict.level != "failed":
-            result = dataclasses.replace(result, verdict=Verdict("suspect", (doubt, *result.verdict.reasons)))
+        result = self._place(raw, ratio)
+        if doubt is not None:
+            result = dataclasses.replace(result, verdict=result.verdict.doubted(doubt))
         self._poses.append(result.T_target_source)
         return dataclasses.replace(result, timings={"total": clock.perf_counter() - began})
 
@@ -149,44 +149,44 @@ class Odometry:
         # Beyond a few steps constant velocity is a guess like any other.
         return (float(np.clip(self._gap / self._pace, 0.0, 5.0)) if self._pace else steps), None
 
-    def _place(self, frame: RawFrame, ratio: float) -> Registration:
-        if not len(frame.points):
-            return self._failed("the frame holds no finite point", frame, "no points")
-        lengths = self._lengths or self.settings.resolve(frame.points)
+    def _place(self, raw: RawFrame, ratio: float) -> Registration:
+        if not len(raw.points):
+            return self._failed("the frame holds no finite point", raw, "no points")
+        lengths = self._lengths or self.settings.resolve(raw.points)
         kiss = self._kiss or KissParts(lengths)
-        inside = kiss.compensate(frame.points, frame.times, self._motion)
-        keys = thin_frame(inside, lengths.voxel_size)
-        if keys is None or len(keys.scan) < FEWEST_PLACES:
+        inside = kiss.compensate(raw.points, raw.times, self._motion)
+        frame = downsample_frame(inside, lengths.voxel_size)
+        if frame is None or len(frame.scan) < FEWEST_POINTS:
             why = (
-                f"downsampling leaves {0 if keys is None else len(keys.scan)} of {len(frame.points)} points (within "
-                f"{lengths.max_range:.4g}, voxels of {lengths.voxel_size:.4g}); {FEWEST_PLACES} are needed"
+                f"downsampling leaves {0 if frame is None else len(frame.scan)} of {len(raw.points)} points (within "
+                f"{lengths.max_range:.4g}, voxels of {lengths.voxel_size:.4g}); {FEWEST_POINTS} are needed"
             )
-            return self._failed(why, frame, "too few points")
+            return self._failed(why, raw, "too few points")
         if self._kiss is None:
             self._lengths, self._kiss = lengths, kiss
-            self._merge(kiss, keys)
-            return first_frame(self._T_last, frame.notes, self._words(keys))
-        return self._register(kiss, lengths, keys, frame, ratio)
+            self._merge(kiss, frame)
+            return first_frame(self._T_last, raw.notes, self._words(frame))
+        return self._register(kiss, lengths, frame, raw, ratio)
 
-    def _failed(self, why: str, frame: RawFrame, status: str) -> Registration:
+    def _failed(self, why: str, raw: RawFrame, status: str) -> Registration:
         self._missed += 1
-        return without_pose((Reason(why, "too_few_points"), *frame.notes), status, {})
+        return without_pose((Reason(why, "too_few_points"), *raw.notes), status, {})
 
     def _register(
-        self, kiss: KissParts, lengths: Resolved, keys: Keypoints, frame: RawFrame, ratio: float
+        self, kiss: KissParts, lengths: Resolved, frame: DownsampledFrame, raw: RawFrame, ratio: float
     ) -> Registration:
         T_predicted = rigid(predict(self._T_last, self._motion, ratio))
         # Points beyond the frame's farthest, wherever it may have turned to, cannot be met.
-        surface = self._surface or surface_within(kiss.points(), self._T_last[:3, 3], keys.reach + lengths.reach)
+        surface = self._surface or surface_within(kiss.points(), self._T_last[:3, 3], frame.reach + lengths.reach)
         self._surface = surface
-        seek = Seeker(surface, lengths, self.settings, self._usual_share, self._anchors(T_predicted))
-        aligned, notes = seek.find(keys.scan, trust_motion=kiss.deviation <= lengths.voxel_size), frame.notes
-        if frame.times is not None and self.settings.deskew:
-            undone = Undone(kiss, frame, lengths.voxel_size, keys, aligned, self._motion)
-            undone = undone.repeated(seek, self._T_last, ratio)
-            keys, aligned, notes = undone.keys, undone.aligned, notes + undone.notes
-        result = frame_result(aligned, surface, keys, self._usual_share, notes, self._words(keys))
-        self._learn(kiss, keys, result, T_predicted, ratio)
+        search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(T_predicted))
+        aligned, notes = search.find(frame.scan, trust_motion=kiss.deviation <= lengths.voxel_size), raw.notes
+        if raw.times is not None and self.settings.deskew:
+            deskewed = Deskewed(kiss, raw, lengths.voxel_size, frame, aligned, self._motion)
+            deskewed = deskewed.repeated(search, self._T_last, ratio)
+            frame, aligned, notes = deskewed.frame, deskewed.aligned, notes + deskewed.notes
+        result = frame_result(aligned, surface, frame, self._usual_fraction, notes, self._words(frame))
+        self._learn(kiss, frame, result, T_predicted, ratio)
         return result
 
     def _anchors(self, T_predicted: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
@@ -195,13 +195,18 @@ class Odometry:
         return anchors if self._T_doubtful is None else [*anchors, (self._T_doubtful, self._T_doubtful)]
 
     def _learn(
-        self, kiss: KissParts, keys: Keypoints, result: Registration, T_predicted: FloatArray, ratio: float
+        self,
+        kiss: KissParts,
+        frame: DownsampledFrame,
+        result: Registration,
+        T_predicted: FloatArray,
+        ratio: float,
     ) -> None:
         if result.verdict.level == "failed":
             self._missed += 1
             return
         T = result.T_target_source
-        if not fits(result.inlier_fraction, self._usual_share) and self._kept_out < self.settings.patience:
+        if not fraction_fits(result.inlier_fraction, self._usual_fraction) and self._kept_out < self.settings.patience:
             # Reported, not absorbed: neither the map nor the motion learns from it.
             self._kept_out += 1
             self._missed += 1
@@ -214,22 +219,22 @@ class Odometry:
         self._pace, self._gap, self._missed = self._gap / steps, 0.0, 0
         self._T_last = T
         self._usual.append(result.inlier_fraction)
-        self._merge(kiss, keys)
+        self._merge(kiss, frame)
 
     @property
-    def _usual_share(self) -> float:
+    def _usual_fraction(self) -> float:
         return float(np.median(self._usual)) if self._usual else np.nan
 
-    def _merge(self, kiss: KissParts, keys: Keypoints) -> None:
-        kiss.insert(keys.dense, self._T_last)
+    def _merge(self, kiss: KissParts, frame: DownsampledFrame) -> None:
+        kiss.insert(frame.dense, self._T_last)
         self._surface, self._kept_out, self._T_doubtful = None, 0, None
 
-    def _words(self, keys: Keypoints) -> dict[str, Any]:
+    def _words(self, frame: DownsampledFrame) -> dict[str, Any]:
         return {
             **({} if self._lengths is None else dataclasses.asdict(self._lengths)),
             "method": self.settings.method,
             "centre": self._T_last[:3, 3].tolist(),
-            "used_points": len(keys.scan),
-            "source_points": len(keys.dense),
+            "used_points": len(frame.scan),
+            "source_points": len(frame.dense),
             "source_scale": 1.0,
         }

@@ -8,8 +8,9 @@ from __future__ import annotations
 import importlib
 
 from dqreg.trust.covariance import covariance_of, observe_directions, without_free_motion
+from dqreg.trust.evidence import Evidence
 from dqreg.trust.information import Information, information_of
-from dqreg.trust.verdict import Evidence, judge
+from dqreg.trust.verdict import judge
 
 # Names that moved to `dqreg.inspection`, a layer above: resolved at their first use, so that no file here imports it.
 _MOVED = ("Band", "Bands", "Deviations", "Place", "Summary", "colours_of", "measure_deviations", "why_unsigned")

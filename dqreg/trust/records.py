@@ -80,6 +80,12 @@ class Verdict:
         """Code of each reason."""
         return tuple(reason.code for reason in self.reasons)
 
+    def doubted(self, doubt: Reason) -> Verdict:
+        """The verdict with one more doubt, before the others; one that failed stays as it is."""
+        if self.level == "failed":
+            return self
+        return Verdict("suspect", (doubt, *(reason for reason in self.reasons if reason.code != "accepted")))
+
 
 @dataclasses.dataclass(frozen=True)
 class Direction:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterator
 
 from dqreg.solvers.motion_words import direction_words
 from dqreg.solvers.status import Status
-from dqreg.trust.records import Alternative, Code, Direction, Level, Reason, Verdict
+from dqreg.trust.evidence import Evidence
+from dqreg.trust.records import Code, Level, Reason, Verdict
 
 # Inliers below this fraction of the points near the target: a local minimum, another part, or much clutter.
 FEW_INLIERS = 0.7
+# The same where all points count (odometry), and against the frames before.
+FEW_OF_ALL, FALL = 0.5, 0.75
 # Fewer inliers determine a pose of six unknowns with nothing left to check it.
 FEWEST_INLIERS = 30
 # Fewer fix no pose at all.
@@ -32,83 +34,6 @@ ADVICE: dict[Status, str] = {
     "iteration limit": "; raise max_iterations, or give a closer initial pose",
     "stalled": "; the step size stopped decreasing: check the pose, or give a closer initial pose",
 }
-
-
-@dataclasses.dataclass(frozen=True)
-class Evidence:
-    """What the tests of the verdict look at.
-
-    Attributes
-    ----------
-    status : str
-        How the loop ended, see `dqreg.solvers.status`.
-    found : bool
-        Whether there is a pose at all.
-    inliers : float
-        Sum of the inlier probabilities.
-    share_near, near : float
-        Fraction of inliers among the points within the distance ``near`` of the target.
-    patches, patches_off : int, float
-        Patches of neighbouring points within ``near``, and the fraction of them that deviate as a whole.
-    strays : float
-        Fraction of all points that lie neither on the target nor on any other surface.
-    normals_apart : float
-        Fraction of the inliers whose normal disagrees with the target's.
-    width, expected : float
-        Standard deviation of the inliers' distances from the target's tangent planes, and the scan's own noise.
-    max_distance : float
-        Largest distance of a correspondence.
-    directions : tuple of Direction
-        The six motions, the weakest first.
-    alternatives : tuple of Alternative
-        Other poses that are equally likely.
-    search : str
-        The last stage that the global search finished: "judged" is all; "" where there was none.
-    has_border : bool
-        Whether the target has a boundary: a cloud, an open mesh.
-    units : str or None
-        Of all lengths, where known.
-    mirror_gain : float
-        Mean log-likelihood that the scan gains when it is mirrored; minus infinity where that was not tested.
-    stretch, stretched_along : float, tuple of 3 floats
-        Strain of the scan against the target along an axis, see `stretch_of`; below 0 where it is shorter.
-    """
-
-    status: Status
-    found: bool
-    inliers: float
-    share_near: float
-    near: float
-    patches: int
-    patches_off: float
-    strays: float
-    normals_apart: float
-    width: float
-    expected: float
-    max_distance: float
-    directions: tuple[Direction, ...]
-    alternatives: tuple[Alternative, ...]
-    search: str = ""
-    has_border: bool = False
-    units: str | None = None
-    stretch: float = 0.0
-    stretched_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    mirror_gain: float = -math.inf
-
-    def length(self, value: float) -> str:
-        """A length in words, with its unit where that is known.
-
-        Parameters
-        ----------
-        value : float
-            The length.
-
-        Returns
-        -------
-        str
-            Three digits.
-        """
-        return f"{value:.3g}" + (f" {self.units}" if self.units else "")
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -153,11 +78,22 @@ def _why_nothing(evidence: Evidence) -> Reason:
     return Reason(f"no pose: ICP ended with the status {evidence.status!r}", "no_pose")
 
 
+def _counts_all(evidence: Evidence) -> bool:
+    # As of a frame of a sequence.
+    return math.isinf(evidence.near)
+
+
+def _counted(evidence: Evidence) -> str:
+    # The points that the fraction of inliers is of.
+    return (
+        "the points" if _counts_all(evidence) else f"the points within {evidence.length(evidence.near)} of the target"
+    )
+
+
 def _summary(evidence: Evidence) -> str:
     words = (
         f"{evidence.inliers:.0f} inliers with residuals of {evidence.length(evidence.width)} (one sigma), "
-        f"{100 * evidence.share_near:.0f} % of the points within {evidence.length(evidence.near)} of the target; "
-        "all degrees of freedom are constrained"
+        f"{100 * evidence.share_near:.0f} % of {_counted(evidence)}; all degrees of freedom are constrained"
     )
     same = sorted({alternative.symmetry for alternative in evidence.alternatives if alternative.symmetry})
     return words + "".join(f"; {sentence}, so the pose is one of several equivalent ones" for sentence in same)
@@ -173,11 +109,31 @@ def _few_inliers(evidence: Evidence) -> Iterator[str]:
 
 
 def _low_inlier_fraction(evidence: Evidence) -> Iterator[str]:
-    if not evidence.share_near >= FEW_INLIERS:
+    if not evidence.share_near >= (FEW_OF_ALL if _counts_all(evidence) else FEW_INLIERS):
+        if _counts_all(evidence):
+            cause = "the pose may have slipped"
+        else:
+            cause = "a local minimum, another part, or much clutter"
         yield (
-            f"only {100 * evidence.share_near:.0f} % of the points within {evidence.length(evidence.near)} of the "
-            f"target are inliers (residuals of {evidence.length(evidence.width)}, one sigma): a local minimum, another "
-            "part, or much clutter"
+            f"only {100 * evidence.share_near:.0f} % of {_counted(evidence)} are inliers (residuals of "
+            f"{evidence.length(evidence.width)}, one sigma): {cause}"
+        )
+
+
+def fraction_fits(fraction: float, usual: float) -> bool:
+    """Whether neither test of the fraction of inliers speaks against a frame.
+
+    >>> fraction_fits(0.6, 0.7), fraction_fits(0.6, 0.9), fraction_fits(0.4, math.nan)
+    (True, False, False)
+    """
+    return fraction >= FEW_OF_ALL and not fraction < FALL * usual
+
+
+def _falling_inlier_fraction(evidence: Evidence) -> Iterator[str]:
+    if evidence.share_near < FALL * evidence.usual:
+        yield (
+            f"{100 * evidence.share_near:.0f} % of {_counted(evidence)} are inliers, after "
+            f"{100 * evidence.usual:.0f} % in the frames before: the pose may have slipped, or the view is new"
         )
 
 
@@ -250,13 +206,15 @@ def _search_time_limit(evidence: Evidence) -> Iterator[str]:
 
 def _not_converged(evidence: Evidence) -> Iterator[str]:
     if evidence.status != "converged":
-        yield f"ICP did not converge: {evidence.status}{ADVICE.get(evidence.status, '')}"
+        advice = "" if _counts_all(evidence) else ADVICE.get(evidence.status, "")
+        yield f"ICP did not converge: {evidence.status}{advice}"
 
 
 # In the order in which a verdict names them.
 DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("few_inliers", _few_inliers),
     ("low_inlier_fraction", _low_inlier_fraction),
+    ("falling_inlier_fraction", _falling_inlier_fraction),
     ("mirrored", _mirrored),
     ("deviating_patches", _deviating_patches),
     ("disagreeing_normals", _disagreeing_normals),

@@ -34,3 +34,11 @@ def test_plain_sentences_become_reasons_without_a_code() -> None:
 def test_a_motion_without_a_sigma_is_free() -> None:
     assert Direction(0.0, float("nan"), "free").is_free
     assert not Direction(0.0, 0.0, "held").is_free
+
+
+def test_a_further_doubt_stands_first_and_saves_no_failed_pose() -> None:
+    doubt, note = Reason("late", "time_stamp"), Reason("2 of 3 left out", "dropped_points")
+    assert Verdict("accepted", (Reason("fine", "accepted"), note)).doubted(doubt) == Verdict("suspect", (doubt, note))
+    assert Verdict("suspect", (note,)).doubted(doubt) == Verdict("suspect", (doubt, note))
+    failed = Verdict("failed", (Reason("nothing", "no_pose"),))
+    assert failed.doubted(doubt) is failed

@@ -10,7 +10,9 @@ from dqreg.registration.result import Alternative, Direction
 from dqreg.trust import Evidence, judge
 from dqreg.trust.verdict import (
     DOUBTS,
+    FALL,
     FEW_INLIERS,
+    FEW_OF_ALL,
     FEWEST_INLIERS,
     NORMALS_APART,
     OFF_PER_STRAY,
@@ -20,7 +22,7 @@ from dqreg.trust.verdict import (
     STRAYS,
 )
 
-NAN = float("nan")
+NAN, INF = float("nan"), float("inf")
 HELD = Direction(0.1, 0.01, "translation along (1.00, 0.00, 0.00)")
 FREE = Direction(0.0, NAN, "unconstrained: translation along (0.00, 0.00, 1.00)")
 GOOD = Evidence(
@@ -81,6 +83,16 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "the scan is about 3 % too long along (1.00, 0.00, 0.00)",
         "stretched",
     ),
+    "few of all": (
+        {"share_near": FEW_OF_ALL - 0.01, "near": INF},
+        "only 49 % of the points are inliers",
+        "low_inlier_fraction",
+    ),
+    "fewer than before": (
+        {"share_near": 0.6, "near": INF, "usual": 0.9},
+        "60 % of the points are inliers, after 90 % in the frames before",
+        "falling_inlier_fraction",
+    ),
     "mirrored": ({"mirror_gain": 0.1}, "the scan fits better when mirrored", "mirrored"),
     "too short": (
         {"stretch": -0.1, "stretched_along": (0.0, 0.0, 1.0)},
@@ -128,6 +140,8 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
     [
         {"inliers": float(FEWEST_INLIERS)},
         {"share_near": FEW_INLIERS},
+        {"share_near": FEW_OF_ALL, "near": INF},
+        {"share_near": FALL * 0.9, "near": INF, "usual": 0.9},
         {"width": 0.99 * ROUGH * 0.01},
         {"patches_off": PATCHES_OFF_BORDER, "has_border": True},
         {"patches_off": PATCHES_OFF, "strays": 0.0},
@@ -182,3 +196,11 @@ def test_nothing_found_is_failed_whatever_else_is_known(status: str, sentence: s
 def test_a_loop_that_ended_with_nothing_is_failed(inliers: float, code: str) -> None:
     verdict = judge(dataclasses.replace(GOOD, found=False, inliers=inliers, status="stopped by observer"))
     assert (verdict.level, verdict.codes) == ("failed", (code,))
+
+
+def test_a_frame_gets_no_advice_on_options_that_a_sequence_has_not() -> None:
+    ended = dataclasses.replace(GOOD, status="iteration limit", near=INF)
+    assert judge(ended).reasons == ("ICP did not converge: iteration limit",)
+    assert judge(dataclasses.replace(GOOD, near=INF)).reasons == (
+        "1000 inliers with residuals of 0.01 (one sigma), 95 % of the points; all degrees of freedom are constrained",
+    )

@@ -1,0 +1,147 @@
+"""What is said of a frame: information from its last correspondences, covariance, verdict."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.icp import Run
+from dqreg.odometry.align import Aligned
+from dqreg.odometry.frame import DownsampledFrame
+from dqreg.odometry.kiss import rigid
+from dqreg.odometry.map_surface import MapSurface
+from dqreg.registration.result import Registration
+from dqreg.rigid import pose
+from dqreg.trust import Evidence, Information, covariance_of, information_of, judge, observe_directions
+from dqreg.trust.records import Reason, Verdict
+
+# Fraction of inliers below which there is no pose to speak of: a frame of another place reaches 0.3.
+LOST = 1.0 / 3.0
+# Information below so many times what the noise of the normals alone would give constrains nothing: on real frames all
+# six motions reach 15, the one along a corridor 1.
+SPURIOUS = 3.0
+
+
+def frame_result(
+    aligned: Aligned,
+    surface: MapSurface,
+    frame: DownsampledFrame,
+    usual: float,
+    notes: tuple[Reason, ...],
+    settings: dict[str, Any],
+) -> Registration:
+    """The answer for one frame."""
+    run, scale = aligned.run, aligned.mixture.scale
+    if aligned.found and not aligned.inlier_fraction >= LOST:
+        words = f"no pose: only {100 * aligned.inlier_fraction:.0f} % of the points are inliers at the best one"
+        return without_pose((Reason(words, "lost"), *notes), run.status, settings)
+    information = information_at(run, surface, frame.reach) if aligned.found else None
+    directions = observe_directions(information) if information else ()
+    evidence = Evidence(
+        status=run.status,
+        found=aligned.found,
+        inliers=float(run.weights.sum()),
+        share_near=aligned.inlier_fraction,
+        near=np.inf,
+        usual=usual,
+        width=scale,
+        max_distance=settings["near"],
+        directions=directions,
+        # Not measured: a map has no smooth patches, and a scene no shape that a frame could depart from.
+        patches=0,
+        patches_off=0.0,
+        strays=0.0,
+        normals_apart=0.0,
+        expected=0.0,
+        alternatives=(),
+    )
+    verdict = judge(evidence)
+    reasons = (*verdict.reasons, *notes)
+    if information is None:
+        return without_pose(reasons, run.status, settings)
+    T = rigid(run.T_target_source)
+    return Registration(
+        T_target_source=T,
+        verdict=Verdict(verdict.level, reasons),
+        status=run.status,
+        covariance=covariance_of(information),
+        observability=directions,
+        alternatives=(),
+        history=run.history,
+        rms=float(np.sqrt(run.weights @ run.pairs.squares / run.weights.sum())),
+        inlier_fraction=aligned.inlier_fraction,
+        timings={},
+        settings={**settings, "centre": T[:3, 3].tolist(), "width": scale},
+    )
+
+
+def information_at(run: Run, surface: MapSurface, reach: float) -> Information:
+    """Information of the six motions about the sensor.
+
+    A wall that lies two centimetres off in the map shifts all of its points the same way; taken as independent, they
+    would promise a tenth of a millimetre. So the scatter is estimated from patch to patch.
+    """
+    T, pairs = run.T_target_source, run.pairs
+    points, normals = pose.apply(T, pairs.scan.points), pairs.closest.normals
+    along = np.einsum("ij,ij->i", points - pairs.closest.points, normals)
+    weights = np.where(normals.any(axis=1), run.weights, 0.0)
+    centre = T[:3, 3]
+    matches = points, normals, along, weights, reach, centre
+    noise = weights * np.minimum(surface.normal_variances(pairs.closest.elements), 1.0)
+    information = _without_spurious(information_of(*matches), (points - centre) / reach, normals, noise)
+    twists = information.vectors[:, ~information.free] / np.r_[[reach] * 3, [1.0] * 3][:, None]
+    if not twists.shape[1]:
+        return information
+    scatter = information_of(*matches, patchwise=True, allowed=twists).scatter
+    return dataclasses.replace(information, scatter=scatter)
+
+
+def _without_spurious(
+    information: Information, arms: FloatArray, normals: FloatArray, noise: FloatArray
+) -> Information:
+    """Information with the motions free that only the noise of the normals constrains."""
+    moved = information.vectors[3:].T[:, None] + np.cross(information.vectors[:3].T[:, None], arms)
+    across = np.sum(moved**2, axis=2) - np.einsum("kij,ij->ki", moved, normals) ** 2
+    spurious = across @ (0.5 * noise) / max(information.weight, np.finfo(float).tiny)
+    values = np.where(information.values < SPURIOUS * spurious, 0.0, information.values)
+    order = np.argsort(values, kind="stable")
+    return dataclasses.replace(
+        information,
+        values=values[order],
+        vectors=information.vectors[:, order],
+        carriers=information.carriers[order],
+    )
+
+
+def without_pose(reasons: tuple[Reason, ...], status: str, settings: dict[str, Any]) -> Registration:
+    """Result of a frame that cannot be placed.
+
+    >>> without_pose((Reason("it is empty", "too_few_points"),), "no points", {}).verdict.level
+    'failed'
+    """
+    return _bare(np.full((4, 4), np.nan), Verdict("failed", reasons), status, np.nan, settings)
+
+
+def first_frame(T_map_frame: FloatArray, notes: tuple[Reason, ...], settings: dict[str, Any]) -> Registration:
+    """Result of the frame that the map begins with."""
+    reason = Reason("the first frame: its pose defines the frame of the map", "first_frame")
+    return _bare(T_map_frame, Verdict("accepted", (reason, *notes)), "first frame", 0.0, settings)
+
+
+def _bare(T: FloatArray, verdict: Verdict, status: str, variance: float, settings: dict[str, Any]) -> Registration:
+    return Registration(
+        T_target_source=T,
+        verdict=verdict,
+        status=status,
+        covariance=np.full((6, 6), variance),
+        observability=(),
+        alternatives=(),
+        history=(),
+        rms=np.nan,
+        inlier_fraction=np.nan,
+        timings={},
+        settings=settings,
+    )

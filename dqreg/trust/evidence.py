@@ -1,0 +1,89 @@
+"""The numbers that the verdict is made of."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from dqreg.solvers.status import Status
+from dqreg.trust.records import Alternative, Direction
+
+
+@dataclasses.dataclass(frozen=True)
+class Evidence:
+    """What the tests of the verdict look at.
+
+    Attributes
+    ----------
+    status : str
+        How the loop ended, see `dqreg.solvers.status`.
+    found : bool
+        Whether there is a pose at all.
+    inliers : float
+        Sum of the inlier probabilities.
+    share_near, near : float
+        Fraction of inliers among the points within the distance ``near`` of the target; infinite counts all points.
+    patches, patches_off : int, float
+        Patches of neighbouring points within ``near``, and the fraction of them that deviate as a whole.
+    strays : float
+        Fraction of all points that lie neither on the target nor on any other surface.
+    normals_apart : float
+        Fraction of the inliers whose normal disagrees with the target's.
+    width, expected : float
+        Standard deviation of the inliers' distances from the target's tangent planes, and the scan's own noise.
+    max_distance : float
+        Largest distance of a correspondence.
+    directions : tuple of Direction
+        The six motions, the weakest first.
+    alternatives : tuple of Alternative
+        Other poses that are equally likely.
+    search : str
+        The last stage that the global search finished: "judged" is all; "" where there was none.
+    has_border : bool
+        Whether the target has a boundary: a cloud, an open mesh.
+    units : str or None
+        Of all lengths, where known.
+    mirror_gain : float
+        Mean log-likelihood that the scan gains when it is mirrored; minus infinity where that was not tested.
+    stretch, stretched_along : float, tuple of 3 floats
+        Strain of the scan against the target along an axis, see `stretch_of`; below 0 where it is shorter.
+    usual : float
+        Fraction of inliers in the frames before, of a sequence; NaN where there are none.
+    """
+
+    status: Status
+    found: bool
+    inliers: float
+    share_near: float
+    near: float
+    patches: int
+    patches_off: float
+    strays: float
+    normals_apart: float
+    width: float
+    expected: float
+    max_distance: float
+    directions: tuple[Direction, ...]
+    alternatives: tuple[Alternative, ...]
+    search: str = ""
+    has_border: bool = False
+    units: str | None = None
+    stretch: float = 0.0
+    stretched_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mirror_gain: float = -math.inf
+    usual: float = math.nan
+
+    def length(self, value: float) -> str:
+        """A length in words, with its unit where that is known.
+
+        Parameters
+        ----------
+        value : float
+            The length.
+
+        Returns
+        -------
+        str
+            Three digits.
+        """
+        return f"{value:.3g}" + (f" {self.units}" if self.units else "")
