@@ -118,7 +118,7 @@ def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray]) -> FloatAr
     points = sample_mesh(mesh, CHECKED, np.random.default_rng(0)).points
     rotations = [axes @ turn @ axes.T for turn in turns]
     maps = [pose.from_parts(R, centre - R @ centre) for R in rotations]
-    # Few points of all turns in one question; most turns move most of the part far away.
+    # Few points of all rotations in one query; most rotations move most of the part far away.
     few = np.concatenate([pose.apply(T, points[:: CHECKED // SCREENED]) for T in maps])
     fractions = (surface.closest(few).distances <= NEARLY * surface.diagonal).reshape(len(maps), -1).mean(axis=1)
     found = []

@@ -19,7 +19,7 @@ from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.pairs import PairTable
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
-from dqreg.search.scoring import PoseScores, score_poses, symmetric_scores
+from dqreg.search.scoring import TRUNCATED, PoseScores, score_poses, symmetric_scores
 
 # A scan so many times larger than the target is a scene with the part in it.
 SCENE = 1.3
@@ -91,7 +91,7 @@ class SearchProblem:
     @property
     def limit(self) -> float:
         """Distance beyond which a point is an outlier."""
-        return 0.25 * self.plan.max_distance
+        return TRUNCATED * self.plan.max_distance
 
     def order(self, poses: Poses, count: int, reach: float) -> IntArray:
         """Rows by falling gain on the grids, for so many scan points and this reach in sizes."""

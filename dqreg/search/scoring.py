@@ -11,6 +11,8 @@ from dqreg.geometry import Surface
 from dqreg.icp import InlierMixture
 from dqreg.search.poses import Poses
 
+# Points farther from the target than this fraction of the largest distance of a correspondence are outliers to a score.
+TRUNCATED = 0.25
 # Poses for which a width is estimated.
 ESTIMATED = 6
 # Kernel scale that their fit starts at, in units of the limit: the poses are refined ones.

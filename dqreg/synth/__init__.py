@@ -1,11 +1,12 @@
-"""Virtual scans with known truth: parts, scanners, error measures and the cases made of them.
+"""Virtual scans with known truth: parts, scanners, error models and the cases made of them.
 
-- `dqreg.synth.parts`: mechanical parts as closed meshes, and their symmetries. - `dqreg.synth.cameras`,
-`dqreg.synth.patterns`, `dqreg.synth.tactile`: cameras, structured light and LiDAR, tactile probes. -
-`dqreg.synth.scene`, `dqreg.synth.motion`, `dqreg.synth.noise`: what lies around the part, how it moves, what goes
-wrong. - `dqreg.synth.scanner`: the scan. - `dqreg.synth.coverage`: the share of the surface that is seen. -
-`dqreg.synth.truth`, `dqreg.synth.cramer_rao`: known motions, distances from the truth, the best accuracy there is. -
-`dqreg.synth.recipe`, `dqreg.synth.cases`: a case as a text file, and as a folder.
+- `dqreg.synth.parts`: mechanical parts as closed meshes, and their symmetries.
+- `dqreg.synth.cameras`, `dqreg.synth.patterns`, `dqreg.synth.tactile`: cameras, structured light and LiDAR, probes.
+- `dqreg.synth.scene`, `dqreg.synth.motion`, `dqreg.synth.noise`: surroundings, motion and errors.
+- `dqreg.synth.raycast`, `dqreg.synth.scanner`: what rays meet, and the scan.
+- `dqreg.synth.coverage`: the fraction of the surface that is seen.
+- `dqreg.synth.truth`, `dqreg.synth.cramer_rao`: known motions, pose errors, and the least error there is.
+- `dqreg.synth.recipe`, `dqreg.synth.cases`: a case as a text file, and as a folder.
 """
 
 from dqreg.synth.cameras import Scanner

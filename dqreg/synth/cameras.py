@@ -38,11 +38,7 @@ MOST_RAYS = 20_000_000
 
 
 def check_views(views: object, stand_off: object) -> FloatArray:
-    """Return the checked directions from the part to its sensors.
-
-    >>> check_views([(0, 0, 1)], 1.5).tolist()
-    [[0.0, 0.0, 1.0]]
-    """
+    """Return the checked directions from the part to its sensors."""
     directions = as_vectors(views, "views")
     if not len(directions) or not np.linalg.norm(directions, axis=1).all():
         raise InputError(f"views must be one or more directions that are not zero; got {views!r}")
@@ -55,10 +51,7 @@ def check_views(views: object, stand_off: object) -> FloatArray:
 
 
 def require_rays(views: int, **counts: object) -> None:
-    """Raise unless the sides of an image are whole numbers and all images have a sane number of rays.
-
-    >>> require_rays(2, rings=16, azimuths=360)
-    """
+    """Raise unless the sides of an image are whole numbers and all images have a sane number of rays."""
     total = views
     for name, count in counts.items():
         if isinstance(count, bool) or not isinstance(count, int) or count < 1:
@@ -81,11 +74,7 @@ def unit(vectors: FloatArray) -> FloatArray:
 
 
 def is_within(value: object, low: float, high: float) -> bool:
-    """Whether a value is a number strictly between two others.
-
-    >>> is_within(1, 0.5, 2.0), is_within("1", 0.5, 2.0)
-    (True, False)
-    """
+    """Whether a value is a number strictly between two others."""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and low < value < high
 
 
@@ -187,7 +176,7 @@ class Scanner:
         Returns
         -------
         ndarray, (k, pixels, pixels)
-            Shares of the sweep, above 0 and below 1.
+            Fractions of the sweep, above 0 and below 1.
 
         Examples
         --------
@@ -228,20 +217,12 @@ class Scanner:
 def sensors_around(
     views: tuple[tuple[float, float, float], ...], stand_off: float, centre: FloatArray, diagonal: float
 ) -> FloatArray:
-    """Return where sensors stand that look at a part, all from the same distance.
-
-    >>> sensors_around(((0, 0, 2),), 1.5, np.zeros(3), 10.0).tolist()
-    [[0.0, 0.0, 15.0]]
-    """
+    """Return where sensors stand that look at a part, all from the same distance."""
     return centre + stand_off * diagonal * unit(as_vectors(views, "views"))
 
 
 def camera_axes(views: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the axes of cameras that look at a part.
-
-    >>> [axis[0].tolist() for axis in camera_axes(np.array([[-2.0, 0.0, 0.0]]))]
-    [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]
-    """
+    """Return the axes of cameras that look at a part."""
     forward = -views
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
     up = np.where(np.abs(forward[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[0.0, 1.0, 0.0]])

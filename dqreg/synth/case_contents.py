@@ -100,7 +100,7 @@ def _keys(settings: Scene | Noise | AnyScanner) -> list[str]:
 
 
 def _seen(recipe: Recipe, part: Mesh, surroundings: Mesh | None) -> float | None:
-    """Share of the surface that is seen; None for a probe, which sees nothing."""
+    """Fraction of the surface that is seen; None for a probe, which sees nothing."""
     if isinstance(recipe.scanner, TactileProbe):
         return None
     limit = recipe.noise.max_incidence_rad
@@ -129,11 +129,7 @@ def scan_bytes(
     normals: NDArray[np.floating] | None = None,
     times: FloatArray | None = None,
 ) -> bytes:
-    """Binary PLY of points, in the precision that they have.
-
-    >>> scan_bytes(np.zeros((2, 3)), ["units mm"]).splitlines()[2].decode()
-    'comment units mm'
-    """
+    """Binary PLY of points, in the precision that they have."""
     columns = dict(zip("xyz", points.T, strict=True))
     if normals is not None:
         columns |= zip(("nx", "ny", "nz"), normals.T, strict=True)
@@ -143,12 +139,7 @@ def scan_bytes(
 
 
 def stl_bytes(vertices: FloatArray, faces: IntArray) -> bytes:
-    """Binary STL of a mesh.
-
-    >>> from dqreg.synth.parts import box
-    >>> len(stl_bytes(*box())) == 84 + 12 * 50
-    True
-    """
+    """Binary STL of a mesh."""
     import trimesh
 
     content: bytes = trimesh.exchange.stl.export_stl(trimesh.Trimesh(vertices, faces, process=False))
@@ -156,7 +147,7 @@ def stl_bytes(vertices: FloatArray, faces: IntArray) -> bytes:
 
 
 def symmetry_record(symmetry: Symmetry | None, T_target_source: FloatArray) -> dict[str, Any]:
-    """Say which other poses are true."""
+    """Which other poses are true."""
     if symmetry is None:
         return {"symmetric_truths": None, "near_symmetric_truths": None, "symmetry_axis": None}
     axis = symmetry.axis
@@ -168,11 +159,7 @@ def symmetry_record(symmetry: Symmetry | None, T_target_source: FloatArray) -> d
 
 
 def motion_record(motion: Motion | None, centre: FloatArray, diagonal: float, T: FloatArray) -> dict[str, Any] | None:
-    """Say how the part moved, in the frame of the scan.
-
-    >>> motion_record(Motion(shift=(0.0, 0.0, 0.1)), np.zeros(3), 10.0, np.eye(4))["twist"]
-    [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
-    """
+    """How the part moved, in the frame of the scan."""
     if motion is None:
         return None
     twist = pose.adjoint(T) @ motion.twist(centre, diagonal)
@@ -185,7 +172,7 @@ def motion_record(motion: Motion | None, centre: FloatArray, diagonal: float, T:
 
 
 def settings_record(recipe: Recipe) -> dict[str, Any]:
-    """What the scan was taken with and what went wrong, defaults filled in.
+    """Scanner and error model, defaults filled in.
 
     Keys are those of the recipe; angles are in degrees, no scene is None.
     """
@@ -197,16 +184,7 @@ def settings_record(recipe: Recipe) -> dict[str, Any]:
 
 
 def json_text(record: Mapping[str, Any]) -> str:
-    """JSON for people too: one line a key, and one a row of a matrix.
-
-    >>> print(json_text({"T": [[1, 0], [0, 1]]}), end="")
-    {
-      "T": [
-        [1, 0],
-        [0, 1]
-      ]
-    }
-    """
+    """JSON for people too: one line a key, and one a row of a matrix."""
     text = json.dumps(record, indent=2, allow_nan=False)
     rows = re.compile(r"\[\s+([^][{}\"]*?)\s+\]")  # lists of numbers; the only text with brackets is quoted
     return rows.sub(lambda row: "[" + re.sub(r"\s+", " ", row[1]) + "]", text) + "\n"

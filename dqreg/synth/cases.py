@@ -36,7 +36,7 @@ class Case:
     T_target_source : ndarray, (4, 4)
         Truth: maps the scan's coordinates to the part's.
     T_start : ndarray, (4, 4)
-        Start pose, of the same kind, a known step away from the truth.
+        Initial pose, of the same kind, a known disturbance away from the truth.
     units : str
         Unit of every length: "mm", "cm", "m" or "in".
     part_diagonal : float
@@ -47,7 +47,7 @@ class Case:
         Seed with which the case was made.
     symmetric_truths : ndarray, (k, 4, 4)
         Every pose that puts the scan on the part as well, the truth first; a round part may be turned besides, see
-        ``truth["symmetry_axis"]``. The truth alone where nobody looked for others.
+        ``truth["symmetry_axis"]``. The truth alone where no others are known.
     truth : mapping
         All of ``truth.json``.
     """
@@ -160,7 +160,7 @@ def write_case(
     ...     write_case(Path(temporary) / "box", recipe).truth["faces"]
     12
     """
-    folder = Path(folder).resolve()  # "." has no name to give away, and a link would lose its goal
+    folder = Path(folder).resolve()  # "." has no name that can be moved, and a link would lose its target
     _require_replaceable(folder)
     recipe = recipe if isinstance(recipe, Recipe) else read_recipe(recipe)
     recipe = recipe if seed is None else recipe.with_seed(seed)
@@ -215,13 +215,13 @@ def _require_replaceable(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(f"cannot write the case {folder}: it is a file; give the name of a folder")
     if folder.is_dir() and any(folder.iterdir()):
-        strangers = sorted({p.name for p in folder.iterdir()} - {SCAN, PART, TRUTH, RECIPE})
-        if strangers:
-            raise InputError(f"cannot write the case {folder}: it holds {strangers[0]!r}; give a new folder")
+        foreign = sorted({p.name for p in folder.iterdir()} - {SCAN, PART, TRUTH, RECIPE})
+        if foreign:
+            raise InputError(f"cannot write the case {folder}: it holds {foreign[0]!r}; give a new folder")
 
 
 def _put_in_place(partial: Path, folder: Path) -> None:
-    """Give a finished folder its name; an older case steps aside and comes back if that fails."""
+    """Give a finished folder its name; an older case is moved aside and restored if that fails."""
     if not folder.exists():
         partial.rename(folder)
         return

@@ -1,4 +1,4 @@
-"""How much of a part a virtual scanner sees."""
+"""Fraction of a part's surface that a virtual scanner sees."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def visible_share(
     samples: int = 20_000,
     surroundings: Mesh | None = None,
 ) -> float:
-    """Share of a part's surface that at least one view sees.
+    """Fraction of a part's surface that at least one view sees.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def visible_share(
     max_incidence_rad : float
         Beyond this incidence angle a point does not count as seen.
     samples : int
-        Number of random points on the surface; the share is good to about 0.5 / sqrt(samples).
+        Number of random points on the surface; the fraction is good to about 0.5 / sqrt(samples).
     surroundings : (vertices (w, 3), faces (g, 3)), optional
         What else can hide the part.
 

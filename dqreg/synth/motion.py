@@ -16,7 +16,7 @@ class Motion:
     """Constant twist during the sweep.
 
     A point that is at ``p`` on the part at the reference time is at ``M(t) p`` when it is read, with
-    ``M(t) = exp((t - reference) twist)``. Time counts in sweeps: 0 at the begin, 1 at the end.
+    ``M(t) = exp((t - reference) twist)``. Time counts in sweeps: 0 at its start, 1 at its end.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class Motion:
     shift : (float, float, float)
         Translation part of the whole sweep, in diagonals of the part.
     reference : float
-        Time at which the part is where the truth says, from 0 to 1.
+        Time of the pose that the truth gives, from 0 to 1.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def moved_each(T: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def turned_each(T: FloatArray, directions: FloatArray) -> FloatArray:
-    """Turn each direction by a pose of its own.
+    """Rotate each direction by a pose of its own.
 
     Shapes: T (n, 4, 4).
 

@@ -1,4 +1,4 @@
-"""What goes wrong in a scan: range noise, lost returns, strays and mixed pixels."""
+"""Errors of a scan: range noise, dropouts, outliers and mixed pixels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dqreg.errors import InputError
 
 @dataclass(frozen=True)
 class Noise:
-    """Error model of a virtual scanner; nothing goes wrong by default.
+    """Error model of a virtual scanner; by default there are no errors.
 
     Attributes
     ----------
@@ -22,17 +22,17 @@ class Noise:
         How fast it grows with the incidence angle i: sigma = range_sigma (1 + grazing_growth (1 / cos i -
         1)).
     dropout : float
-        Share of returns lost at the most grazing incidence: a return is lost with probability dropout (1 -
+        Fraction of returns lost at the most grazing incidence: a return is lost with probability dropout (1 -
         cos i).
     max_incidence_rad : float
         Beyond this incidence angle nothing returns; less than pi / 2.
     outlier_share : float
-        Share of the returns that become strays, uniform in an enlarged bounding box of the part and its
+        Fraction of the returns that become outliers, uniform in an enlarged bounding box of the part and its
         surroundings.
     outlier_box : float
         Size of that box over the size of the bounding box.
     mixed_share : float
-        Share of the returns at a depth step that become mixed pixels: somewhere between their own range and
+        Fraction of the returns at a depth step that become mixed pixels: somewhere between their own range and
         that of the next pixel in the row.
     mixed_step : float
         Least difference of ranges that is a depth step, in diagonals of the part.
@@ -72,7 +72,7 @@ class Noise:
                 raise InputError(f"{field.name} must be a number that is not negative; got {value!r}")
         for name in ("dropout", "outlier_share", "mixed_share"):
             if getattr(self, name) > 1.0:
-                raise InputError(f"{name} is a share and must not be above 1; got {getattr(self, name)!r}")
+                raise InputError(f"{name} is a fraction and must not be above 1; got {getattr(self, name)!r}")
         if not 0.0 < self.max_incidence_rad < 0.5 * np.pi:
             raise InputError(
                 f"max_incidence_rad must lie between 0 and a right angle; got {self.max_incidence_rad!r} rad"
@@ -129,20 +129,20 @@ class Noise:
         [True, True, True, True]
         """
         gauss = rng.standard_normal(ranges.size)
-        lost, stray, mixed = rng.random((3, ranges.size))
+        lost, outlier, mixed = rng.random((3, ranges.size))
         in_box = rng.uniform(-0.5, 0.5, (ranges.size, 3))
         cosine = cosines.ravel()
         is_kept = (cosine > np.cos(self.max_incidence_rad)) & (lost >= self.dropout * (1.0 - cosine))
         safe_cosine = np.where(is_kept, cosine, 1.0)
         sigma = self.range_sigma * (1.0 + self.grazing_growth * (1.0 / safe_cosine - 1.0))
         step = _step_to_next(ranges)
-        is_stray = stray < self.outlier_share
-        is_mixed = (np.abs(step) > self.mixed_step * diagonal) & (mixed < self.mixed_share) & ~is_stray
-        # Below its threshold the number that chose the pixel is itself uniform: it also says how far to go.
+        is_outlier = outlier < self.outlier_share
+        is_mixed = (np.abs(step) > self.mixed_step * diagonal) & (mixed < self.mixed_share) & ~is_outlier
+        # Below its threshold the number that chose the pixel is itself uniform: it also places the point in the step.
         towards_next = np.where(is_mixed, mixed, 0.0) / (self.mixed_share or 1.0) * step
         return Errors(
             is_kept=is_kept,
-            is_stray=is_stray,
+            is_outlier=is_outlier,
             is_mixed=is_mixed,
             sigma=sigma,
             range_error=np.where(is_mixed, towards_next, sigma * gauss),
@@ -155,12 +155,12 @@ class Errors:
     """Errors of all pixels of a scan, as `Noise.draw` gives them."""
 
     is_kept: BoolArray  # (n,): Whether the pixel brings a point back
-    # is_stray, is_mixed: (n,): Whether that point is a stray or a mixed pixel
-    is_stray: BoolArray
+    # is_outlier, is_mixed: (n,): Whether that point is an outlier or a mixed pixel
+    is_outlier: BoolArray
     is_mixed: BoolArray
     sigma: FloatArray  # (n,): Standard deviation of the range noise
     range_error: FloatArray  # (n,): What to add to the range
-    in_box: FloatArray  # (n, 3): Place of the stray from the part's centre, in sizes of its bounding box
+    in_box: FloatArray  # (n, 3): Position of the outlier about the part's centre, in sizes of its bounding box
 
 
 def _step_to_next(ranges: FloatArray) -> FloatArray:

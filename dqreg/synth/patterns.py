@@ -175,7 +175,7 @@ class Lidar:
         Returns
         -------
         ndarray, (k, rings, azimuths)
-            Shares of the sweep, above 0 and below 1; the same for all rings.
+            Fractions of the sweep, above 0 and below 1; the same for all rings.
 
         Examples
         --------
@@ -192,7 +192,7 @@ class Lidar:
         Parameters
         ----------
         shift : ndarray, (k, rings, azimuths, 2), optional
-            How far beside its place each beam goes, in steps: of azimuth, and of elevation.
+            Offset of each beam, in steps: of azimuth, and of elevation.
 
         Returns
         -------

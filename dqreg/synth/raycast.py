@@ -24,12 +24,12 @@ def check_mesh(vertices: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, IntAr
     if not F.size or F.min() < 0 or F.max() >= len(V):
         raise InputError(f"faces must hold at least one row, and indices from 0 to {len(V) - 1}")
     if not np.ptp(V, axis=0).any():
-        raise InputError("the mesh has no extent: all vertices are at one place")
+        raise InputError("the mesh has no extent: all vertices are at one point")
     return V, F.astype(np.int64)
 
 
 def centre_and_diagonal(vertices: FloatArray) -> tuple[FloatArray, float]:
-    """Centre and diagonal of the bounding box, which stand for the place and the size of a part."""
+    """Centre and diagonal of the bounding box, as the position and the size of a part."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     return 0.5 * (low + high), float(np.linalg.norm(high - low))
 
@@ -110,13 +110,7 @@ def cast(scene: Mesh, origins: FloatArray, rays: FloatArray, poses: FloatArray |
 
 
 def is_lit(scene: Mesh, hits: Hits, projectors: FloatArray, max_incidence_rad: float) -> BoolArray:
-    """Whether each point is seen from a second place as well.
-
-    >>> from dqreg.synth.parts import box
-    >>> hits = cast(box(), np.array([[0.0, 0, 9]]), np.array([[0.0, 0, -1]]), None)
-    >>> [bool(is_lit(box(), hits, np.array([[3.0, 0, z]]), 1.5)[0]) for z in (9.0, -9.0)]
-    [True, False]
-    """
+    """Whether each point is seen from a second position as well."""
     met = np.flatnonzero(hits.face_index >= 0)
     ways = hits.points[met] - projectors[met]
     length = np.linalg.norm(ways, axis=1)

@@ -31,7 +31,7 @@ from dqreg.synth.recipe_tables import (
 from dqreg.synth.scene import Scene
 
 _TOP = ("name", "seed", "units", "coordinates", "part", "scene", "scanner", "noise", "motion", "frame", "start")
-# Farther than this, in diagonals of the part, a start or a frame is a slip of the pen.
+# Farther than this, in diagonals of the part, an initial pose or a frame is a typing error.
 _FAR = 1e6
 
 
@@ -58,15 +58,15 @@ class Recipe:
     scanner : Scanner, StructuredLight, Lidar or TactileProbe
         What scans the part.
     noise : Noise
-        What goes wrong.
+        Error model.
     motion : Motion, optional
         How the part moves meanwhile; None at rest.
     frame_offset : float
         How far the part's centre is moved when the scan gets its own frame, in diagonals of the part.
     start_angle_rad : float
-        Turn between the start pose and the truth.
+        Rotation between the initial pose and the truth.
     start_offset : float
-        Shift of the part's centre between the start pose and the truth, in diagonals of the part.
+        Translation of the part's centre between the initial pose and the truth, in diagonals of the part.
     text : str
         The recipe as it was written.
     folder : Path
@@ -142,7 +142,7 @@ class Recipe:
     def streams(self) -> tuple[np.random.Generator, np.random.Generator, np.random.Generator]:
         r"""Return a generator each for the scan, the poses and the surroundings.
 
-        More pixels so do not change where the case starts.
+        More pixels so do not change the initial pose of the case.
 
         Returns
         -------
@@ -164,7 +164,7 @@ class Recipe:
         Returns
         -------
         Symmetry or None
-            None for a part from a file: nobody looked.
+            None for a part from a file: it is not searched for.
 
         Examples
         --------

@@ -15,10 +15,7 @@ from dqreg.errors import InputError
 
 
 def require_known(table: Mapping[str, Any], known: Iterable[str], prefix: str) -> None:
-    """Raise if a table holds a key that means nothing.
-
-    >>> require_known({"seed": 1}, ["seed", "units"], "")
-    """
+    """Raise if a table holds a key that means nothing."""
     known = list(known)
     for key in table:
         if key not in known:
@@ -28,11 +25,7 @@ def require_known(table: Mapping[str, Any], known: Iterable[str], prefix: str) -
 
 
 def get_table(data: Mapping[str, Any], name: str, known: Iterable[str] | None) -> dict[str, Any]:
-    """Return one table of the recipe.
-
-    >>> get_table({"start": {"offset": 0.1}}, "start", ["offset"])
-    {'offset': 0.1}
-    """
+    """Return one table of the recipe."""
     table = data.get(name, {})
     if not isinstance(table, dict):
         raise InputError(f"recipe: {name} must be a table, [{name}]; got {table!r}")
@@ -42,11 +35,7 @@ def get_table(data: Mapping[str, Any], name: str, known: Iterable[str] | None) -
 
 
 def get_number(table: Mapping[str, Any], name: str, default: float, *, most: float = np.inf) -> float:
-    """Return a number that is not negative.
-
-    >>> get_number({"offset": 2}, "start.offset", 0.1)
-    2.0
-    """
+    """Return a number that is not negative."""
     value = table.get(name.rpartition(".")[2], default)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value < np.inf:
         raise InputError(f"recipe: {name} must be a number that is not negative; got {value!r}")
@@ -56,11 +45,7 @@ def get_number(table: Mapping[str, Any], name: str, default: float, *, most: flo
 
 
 def get_text(table: Mapping[str, Any], name: str, default: str, choices: Iterable[str] = ()) -> str:
-    """Return a text, one of a few if these are given.
-
-    >>> get_text({}, "units", "mm", ["mm", "m"])
-    'mm'
-    """
+    """Return a text, one of a few if these are given."""
     value, choices = table.get(name.rpartition(".")[2], default), list(choices)
     if not isinstance(value, str) or not value or (choices and value not in choices):
         expected = f"one of {', '.join(choices)}" if choices else "a text"
@@ -69,11 +54,7 @@ def get_text(table: Mapping[str, Any], name: str, default: str, choices: Iterabl
 
 
 def check_name(value: Any) -> str:
-    """Return the name of a case, which can be the name of its folder.
-
-    >>> check_name("gear_lidar")
-    'gear_lidar'
-    """
+    """Return the name of a case, which can be the name of its folder."""
     if not isinstance(value, str) or not re.fullmatch(r"\w[\w.-]{0,99}", value):
         raise InputError(
             f"recipe: name must be letters, digits, '_', '-' and '.', at most 100, as for a folder; got {value!r}"
@@ -82,11 +63,7 @@ def check_name(value: Any) -> str:
 
 
 def check_seed(value: Any) -> int:
-    """Return a seed, a whole number that is not negative.
-
-    >>> check_seed(7)
-    7
-    """
+    """Return a seed, a whole number that is not negative."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         given = "it is missing" if value is None else f"got {value!r}"
         raise InputError(f"recipe: seed must be a whole number that is not negative; {given}")
@@ -109,11 +86,7 @@ def build(kind: Callable[..., Made], name: str, table: Mapping[str, Any]) -> Mad
 
 
 def keywords_of(kind: Callable[..., Any], name: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    """Make keywords for a callable from a table, angles turned from degrees to radians.
-
-    >>> keywords_of(lambda width=1.0, turn_rad=0.0: width, "part", {"turn_deg": 180})["turn_rad"] == np.pi
-    True
-    """
+    """Make keywords for a callable from a table, angles turned from degrees to radians."""
     keywords = inspect.signature(kind).parameters
     require_known(table, [_in_degrees(key) for key in keywords], f"{name}.")
     values = {key: table[_in_degrees(key)] for key in keywords if _in_degrees(key) in table}

@@ -29,11 +29,7 @@ SCANNERS: Mapping[str, Callable[..., AnyScanner]] = {
 
 
 def check_part(part: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the table ``[part]`` with its kind or file checked; dimensions are checked as the part is made.
-
-    >>> check_part({"kind": "gear", "teeth": 12})
-    {'kind': 'gear', 'teeth': 12}
-    """
+    """Return the table ``[part]`` with its kind or file checked; dimensions are checked as the part is made."""
     if "file" in part:
         require_known(part, ("file",), "part.")
         get_text(part, "part.file", "")
@@ -69,11 +65,7 @@ def find_symmetry(part: Mapping[str, Any]) -> parts.Symmetry | None:
 
 
 def make_scanner(table: Mapping[str, Any]) -> tuple[str, AnyScanner]:
-    """Make the scanner of the table ``[scanner]``.
-
-    >>> make_scanner({"kind": "tactile", "points": 30})[1].points
-    30
-    """
+    """Make the scanner of the table ``[scanner]``."""
     kind = get_text(table, "scanner.kind", "camera", SCANNERS)
     if "views" not in table and kind != "tactile":
         raise InputError("recipe: scanner.views is missing; give directions [x, y, z] from part to sensor")
@@ -83,11 +75,7 @@ def make_scanner(table: Mapping[str, Any]) -> tuple[str, AnyScanner]:
 
 
 def make_noise(table: Mapping[str, Any], scanner_kind: str) -> Noise:
-    """Make the error model of the table ``[noise]``.
-
-    >>> make_noise({"range_sigma": 0.1}, "tactile").range_sigma
-    0.1
-    """
+    """Make the error model of the table ``[noise]``."""
     noise = build(Noise, "noise", table)
     foreign = sorted(set(table) - {"range_sigma"})
     if scanner_kind == "tactile" and foreign:
@@ -99,11 +87,7 @@ def make_noise(table: Mapping[str, Any], scanner_kind: str) -> Noise:
 
 
 def make_motion(table: Mapping[str, Any], scanner_kind: str) -> Motion | None:
-    """Make the motion of the table ``[motion]``.
-
-    >>> make_motion({"turn_deg": [0, 0, 180]}, "lidar").turn_rad[2] == np.pi
-    True
-    """
+    """Make the motion of the table ``[motion]``."""
     if not table:
         return None
     if scanner_kind == "tactile":

@@ -28,9 +28,9 @@ class Scan:
     view_index : ndarray, (n,)
         Which view saw the point; indexes ``sensor_positions``.
     sensor_positions : ndarray, (k, 3)
-        Sensor of each view; of a tactile probe where each stroke began.
+        Sensor of each view; of a tactile probe the start of each stroke.
     is_outlier : ndarray, (n,)
-        True for strays and mixed pixels.
+        True for outliers and mixed pixels.
     on_part : ndarray, (n,)
         True for points of the part: neither outliers nor points of its surroundings.
     face_index : ndarray, (n,)
@@ -41,7 +41,7 @@ class Scan:
         Standard deviation along the ray that takes a point as far off its face as range noise and lateral noise do
         together; NaN for an outlier.
     times : ndarray, (n,)
-        When each point was read, in sweeps: 0 at the begin of the sweep, 1 at its end.
+        When each point was read, in sweeps: 0 at the start of the sweep, 1 at its end.
     """
 
     points: FloatArray

@@ -1,4 +1,4 @@
-"""Virtual scanner: views of a mesh, with the noise, losses and strays of a real one."""
+"""Virtual scanner: views of a mesh, with the noise, dropouts and outliers of a real one."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def scan_mesh(
     scanner : Scanner, StructuredLight or Lidar
         Where it is seen from and how finely.
     noise : Noise, optional
-        What goes wrong; nothing by default, and then every point lies on the mesh to 1e-12 of its size.
+        Error model; by default there are no errors, and every point lies on the mesh to 1e-12 of its size.
     rng : numpy.random.Generator
         Source of all randomness.
     motion : Motion, optional
@@ -82,14 +82,14 @@ def scan_mesh(
     if noise.lateral_sigma:  # the last of all draws: without it nothing more is taken from the generator
         beside = scanner.ray_directions(noise.lateral_sigma * rng.standard_normal((*swept.image, 2)))
     seen = joined(part, surroundings)[0]
-    strays = centre_and_diagonal(seen)[0] + errors.in_box * np.ptp(seen, axis=0)
-    points, rays = _readings(swept, errors, strays, beside)
+    outliers = centre_and_diagonal(seen)[0] + errors.in_box * np.ptp(seen, axis=0)
+    points, rays = _readings(swept, errors, outliers, beside)
     if noise.quantisation:
         points = quantised(points, swept.origins, noise.quantisation)
     kept = errors.is_kept & swept.is_lit
     if not kept.any():
         raise InputError("no ray brought a point back; check views, field_of_view_rad and max_incidence_rad")
-    is_outlier = (errors.is_stray | errors.is_mixed)[kept]
+    is_outlier = (errors.is_outlier | errors.is_mixed)[kept]
     on_part = ~is_outlier & (swept.face_index[kept] < len(part[1]))
     total = np.hypot(errors.sigma, _lateral_sigma(swept, scanner, noise.lateral_sigma))
     return Scan(
@@ -116,16 +116,16 @@ def quantised(points: FloatArray, origins: FloatArray, step: float) -> FloatArra
 
 
 def _readings(
-    swept: Sweep, errors: Errors, strays: FloatArray, beside: FloatArray | None
+    swept: Sweep, errors: Errors, outliers: FloatArray, beside: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Points as they are read and their rays; ``beside``: rays that take the place of the true ones."""
+    """Points as they are read and their rays; ``beside``: rays instead of the true ones."""
     points, rays = swept.points + errors.range_error[:, None] * swept.rays, swept.rays
     if beside is not None:
         rays = beside.reshape(-1, 3)
         points = swept.origins + (swept.ranges + errors.range_error)[:, None] * rays
-    is_stray = errors.is_stray[:, None]
-    points = np.where(is_stray, strays, points)
-    return points, np.where(is_stray, unit(points - swept.origins), rays)
+    is_outlier = errors.is_outlier[:, None]
+    points = np.where(is_outlier, outliers, points)
+    return points, np.where(is_outlier, unit(points - swept.origins), rays)
 
 
 def _lateral_sigma(swept: Sweep, scanner: Pattern, lateral_sigma: float) -> FloatArray:

@@ -18,7 +18,7 @@ from dqreg.synth.raycast import centre_and_diagonal, joined
 KINDS = ("none", "table", "bin")
 # What clutter is made of, each at its default size before it is scaled; the rest of the part's shelf-mates.
 _CLUTTER = ("angle", "block", "bracket", "cylinder", "flange", "prism")
-# Thickness of table and walls in diagonals of the part; places tried for each thing; the most things.
+# Thickness of table and walls in diagonals of the part; positions tried for each object; the most objects.
 _SHEET, _TRIES, _MOST = 0.03, 2_000, 200
 
 

@@ -18,7 +18,7 @@ from dqreg.synth.raycast import centre_and_diagonal, check_mesh, first_hits
 from dqreg.synth.scan import Scan
 
 _ALL_SIDES = ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
-# Places tried for each point that is asked for, and the most points one may ask for.
+# Positions tried for each point, and the most points of a scan.
 _TRIES, _MOST = 50, 10_000
 # Length of the last, straight part of the way to the surface, in diagonals of the part.
 _STROKE = 1.0 / 32.0
@@ -79,7 +79,7 @@ class TactileProbe:
 def touch_mesh(
     vertices: ArrayLike, faces: ArrayLike, probe: TactileProbe, sigma: float = 0.0, *, rng: np.random.Generator
 ) -> Scan:
-    """Touch a mesh at random places, uniform over the surface that the probe can reach.
+    """Touch a mesh at random points, uniform over the surface that the probe can reach.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def touch_mesh(
 
     Notes
     -----
-    A place counts as reached if its normal is within ``max_tilt_rad`` of a direction of approach, nothing lies on
+    A position counts as reached if its normal is within ``max_tilt_rad`` of a direction of approach, nothing lies on
     the normal within the stroke, and the ball that touches there meets no other face. So bores are touched too;
     whether a stylus of some length gets there is not asked.
 
@@ -132,7 +132,7 @@ def touch_mesh(
     reached = np.flatnonzero(_is_reached(part, probe, contacts, normals, stroke))[: probe.points]
     if len(reached) < probe.points:
         raise InputError(
-            f"points is too large: the probe reaches only {len(reached)} of {len(contacts)} places tried, "
+            f"points is too large: the probe reaches only {len(reached)} of {len(contacts)} positions tried, "
             f"{probe.points} are asked for; add views, or give a smaller probe_radius"
         )
     contacts, normals = contacts[reached], normals[reached]
@@ -156,7 +156,7 @@ def touch_mesh(
 def _is_reached(part: Mesh, probe: TactileProbe, contacts: FloatArray, normals: FloatArray, stroke: float) -> BoolArray:
     towards = (normals @ unit(as_vectors(probe.views, "views")).T).max(axis=1)
     reached: BoolArray = towards >= np.cos(probe.max_tilt_rad)
-    # The way out begins a little off the face, or the ray would meet the face itself.
+    # The way out starts a little off the face, or the ray would meet the face itself.
     _, blocks = first_hits(*part, contacts + 1e-5 * stroke * normals, normals)
     reached &= ~(np.linalg.norm(blocks - contacts, axis=1) < stroke)  # NaN where nothing is in the way
     if probe.probe_radius:

@@ -16,13 +16,13 @@ def disturbance(rng: np.random.Generator, angle_rad: float, offset: float, centr
     Parameters
     ----------
     rng : numpy.random.Generator
-        Draws the axis of the turn and the direction of the shift, both uniform on the sphere.
+        Draws the axis of the rotation and the direction of the translation, both uniform on the sphere.
     angle_rad : float
-        Angle of the turn.
+        Angle of the rotation.
     offset : float
-        Length of the shift of the centre.
+        Length of the translation of the centre.
     centre : array_like, (3,)
-        Point about which the turn is made, usually the centre of the part.
+        Point about which the rotation is made, usually the centre of the part.
 
     Returns
     -------
@@ -46,16 +46,16 @@ def disturbance(rng: np.random.Generator, angle_rad: float, offset: float, centr
 
 
 def random_pose(rng: np.random.Generator, offset: float, centre: ArrayLike) -> FloatArray:
-    """Rigid motion with a uniformly random turn about a point and a shift of known length.
+    """Rigid motion with a uniformly random rotation about a point and a translation of known length.
 
     Parameters
     ----------
     rng : numpy.random.Generator
-        Draws the turn (uniform over all rotations) and the direction of the shift.
+        Draws the rotation (uniform over all) and the direction of the translation.
     offset : float
-        Length of the shift of the centre.
+        Length of the translation of the centre.
     centre : array_like, (3,)
-        Point about which the turn is made.
+        Point about which the rotation is made.
 
     Returns
     -------
@@ -150,8 +150,8 @@ def nearest_truth(
     vertices : array_like, (v, 3)
         Vertices of the part, in its own (target) frame.
     axis : (array_like (3,), array_like (3,)), optional
-        A point on the axis of a round part and the axis's direction, in the part's frame: any turn about it, after
-        one of the poses, is true as well. The turn with the least mean square displacement is taken.
+        A point on the axis of a round part and the axis's direction, in the part's frame: any rotation about it, after
+        one of the poses, is true as well. The rotation with the least mean square displacement is taken.
 
     Returns
     -------

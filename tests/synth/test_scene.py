@@ -66,7 +66,7 @@ def test_most_points_are_not_the_part_and_the_part_s_are():
     assert off.max() < 1e-11 * 1000
 
 
-def test_strays_fill_the_whole_scene():
+def test_outliers_fill_the_whole_scene():
     vertices, faces = bracket()
     around = SCENE.surroundings(vertices, np.random.default_rng(2))
     noise = Noise(outlier_share=0.3)

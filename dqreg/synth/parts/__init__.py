@@ -2,7 +2,7 @@
 
 Every part is a pair ``vertices (v, 3) float64, faces (f, 3) int64``. It is watertight, its normals
 (right-hand rule) point outwards, and round features are inscribed polygons. `dqreg.synth.parts.kinds` holds
-them by name, with the turns that put each onto itself.
+them by name, with the symmetries of each.
 """
 
 from dqreg.rigid.symmetry import Symmetry

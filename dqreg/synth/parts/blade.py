@@ -87,7 +87,7 @@ def _underside(middle: FloatArray, above: FloatArray, below: FloatArray) -> Floa
 
 
 def _placed(root: FloatArray, share: float, taper: float, twist_rad: float, z: float) -> FloatArray:
-    """The root's section scaled, turned and lifted to a share of the height."""
+    """The root's section scaled, rotated and lifted to a fraction of the height."""
     c, s = np.cos(twist_rad * share), np.sin(twist_rad * share)
     turned = (1.0 - (1.0 - taper) * share) * root @ np.array([[c, s], [-s, c]])
     return np.column_stack([turned, np.full(len(root), z)])

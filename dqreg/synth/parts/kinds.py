@@ -73,7 +73,7 @@ def _exact(poses: FloatArray, axes: tuple[Axis, ...] = ()) -> Symmetry:
 
 def _of_plate(given: Mapping[str, Any]) -> Symmetry:
     poses = of_box(given["size"], [0.5 * s for s in given["size"]])
-    # Turns that lift z off z are of a cube; the holes run along z.
+    # Rotations that move z off z are of a cube; the holes run along z.
     poses = poses[np.abs(poses[:, 2, 2]) == 1.0]
     if given["large_hole"] == given["small_hole"]:
         return _exact(poses)

@@ -16,15 +16,12 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
 
-# More facets than this in one round are a slip of the pen, not a part.
+# More facets than this in one circle are a typing error, not a part.
 MOST = 2_000
 
 
 def require_count(name: str, value: Any, least: int, *, most: int = MOST, multiple: int = 1) -> None:
-    """Raise unless a count is a whole number within reason.
-
-    >>> require_count("teeth", 18, 6)
-    """
+    """Raise unless a count is a whole number within reason."""
     whole = isinstance(value, int) and not isinstance(value, bool)
     if not whole or not least <= value <= most or value % multiple:
         of = f", a multiple of {multiple}" if multiple > 1 else ""
@@ -32,10 +29,7 @@ def require_count(name: str, value: Any, least: int, *, most: int = MOST, multip
 
 
 def require_order(**lengths: float) -> None:
-    """Raise unless each length is smaller than the next.
-
-    >>> require_order(bore_diameter=1.0, hub_diameter=2.0)
-    """
+    """Raise unless each length is smaller than the next."""
     names = list(lengths)
     for small, large in itertools.pairwise(names):
         if not lengths[small] < lengths[large]:
@@ -94,9 +88,6 @@ def annulus(outer: FloatArray, inner: FloatArray) -> FloatArray:
     """Flat band between two polygons with the same number of corners.
 
     Shapes: outer, inner (k, 2), returns (2 k, 3, 2).
-
-    >>> annulus(circle((0, 0), 2.0, 8), circle((0, 0), 1.0, 8)).shape
-    (16, 3, 2)
     """
     a, b, c, d = inner, outer, np.roll(outer, -1, axis=0), np.roll(inner, -1, axis=0)
     return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
@@ -142,9 +133,6 @@ def ladder(left: FloatArray, right: FloatArray) -> FloatArray:
     """Strip between two lines with the same number of corners.
 
     Shapes: left, right (k, 2), returns (2 k - 2, 3, 2).
-
-    >>> ladder(np.array([[0.0, 1.0], [1.0, 1.0]]), np.array([[0.0, 0.0], [1.0, 0.0]])).shape
-    (2, 3, 2)
     """
     a, b, c, d = left[:-1], right[:-1], right[1:], left[1:]
     return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
@@ -157,10 +145,6 @@ def collar(outer: FloatArray, hole: FloatArray) -> FloatArray:
 
     Both loops are walked side by side, in the order of the angle at the middle of the hole, and each step adds the
     triangle between the corner left, the corner reached and the corner waiting on the other side.
-
-    >>> square = np.array([[2.0, -2], [2, 2], [-2, 2], [-2, -2]])
-    >>> len(collar(square, 0.5 * square))
-    8
     """
     middle = hole.mean(axis=0)
     P, outer_rad = _by_angle(outer, middle)
@@ -181,10 +165,6 @@ def loft(sections: FloatArray) -> FloatArray:
     """Side faces through closed sections that lie one above the other.
 
     Shapes: sections (m, k, 3).
-
-    >>> square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    >>> loft(np.stack([square, square + [0.0, 0.0, 2.0]])).shape
-    (8, 3, 3)
     """
     following = np.roll(sections, -1, axis=1)
     a, b = sections[:-1].reshape(-1, 3), following[:-1].reshape(-1, 3)

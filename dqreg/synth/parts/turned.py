@@ -1,4 +1,4 @@
-"""Parts about an axis: flange with bolt holes and gear, both alike after a turn by one bolt or tooth."""
+"""Parts about an axis: flange with bolt holes and gear, both symmetric under rotations by one bolt or tooth."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def polar(radius: ArrayLike, angle_rad: ArrayLike) -> FloatArray:
 
 
 def _sector(half_cell: float, step: float, segments: int) -> tuple[FloatArray, int]:
-    """Angles of one bolt's share of the circles, first the cell around the hole; and the facets of that cell."""
+    """Angles of one bolt's section of the circles, first the cell around the hole; and the facets of that cell."""
     facets = max(_CELL_FACETS, round(2.0 * half_cell * segments / (2.0 * np.pi)))
     rest = step - 2.0 * half_cell
     count = max(1, round(rest * segments / (2.0 * np.pi)), round(rest / (2.0 * half_cell / facets)))
