@@ -6,6 +6,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from types import ModuleType
 
 
@@ -41,3 +42,20 @@ def load_package(module: str, distribution: str, user: str = "this engine") -> M
         else:
             message = f"{distribution} cannot load: {error}; run: pip install --force-reinstall {distribution}"
         raise MissingDependencyError(message) from error
+
+
+def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:
+    """The end of a message about a word that is not known: the nearest one that is, or nothing.
+
+    >>> did_you_mean("nose", ["noise", "points"]), did_you_mean("x", ["noise"])
+    ('; did you mean noise?', '')
+    """
+    found = nearest(word, known)
+    return f"; did you mean {prefix}{found[0]}?" if found else ""
+
+
+def nearest(word: str, known: Iterable[str], count: int = 1) -> list[str]:
+    """The known words that are most like a word, if any are."""
+    import difflib
+
+    return difflib.get_close_matches(word.lower(), list(known), n=count)

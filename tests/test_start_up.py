@@ -40,7 +40,7 @@ def loaded_by(code: str) -> set[str]:
         ("import dqreg; dir(dqreg)", HEAVY),
         ("import dqreg; dqreg.InputError", HEAVY),
         ("import dqreg; dqreg.solve", ("open3d", "trimesh", "matplotlib", "rich", "jinja2")),
-        ("import dqreg.cli.console, dqreg.cli.main", HEAVY),
+        ("import dqreg.cli.main, dqreg.cli.lazy_group", HEAVY),
     ],
 )
 def test_nothing_is_loaded_before_it_is_used(code, light):
@@ -49,7 +49,7 @@ def test_nothing_is_loaded_before_it_is_used(code, light):
 
 @pytest.mark.parametrize("words", [["--help"], ["register", "--help"], ["show", "-h"], ["batch", "-h"], ["demo", "-h"]])
 def test_help_loads_nothing_heavy(words):
-    code = f"from dqreg.cli.main import cli; cli.main({words!r}, standalone_mode=False)"
+    code = f"from dqreg.cli.lazy_group import cli; cli.main({words!r}, standalone_mode=False)"
     assert loaded_by(code) & set(HEAVY) == set()
 
 
@@ -97,7 +97,7 @@ def scene(tmp_path_factory):
 def test_a_signal_while_it_loads_is_one_line_and_the_code(scene, tmp_path, number):
     rng, token, out = np.random.default_rng(int(number)), secrets.token_hex(8), tmp_path / "r.json"
     # The entry tells when it stands; from there on nothing may come out but the line.
-    code = CODE.replace("main()", "print('begun', flush=True); main()")
+    code = CODE.replace("console()", "print('begun', flush=True); console()")
     assert code != CODE
     words = command("register", scene.folder / "scan0.npy", scene.folder / "bracket.off", "--start", "identity",
                     "--effort", "fast", "--quiet", "--out", out)  # fmt: skip

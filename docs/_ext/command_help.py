@@ -18,7 +18,7 @@ class CommandHelp(Directive):
 
     def run(self) -> list[nodes.Node]:
         """The help as a literal block."""
-        from dqreg.cli.main import cli
+        from dqreg.cli.lazy_group import cli
 
         settings = {"terminal_width": WIDTH, "max_content_width": WIDTH, "help_option_names": ["-h", "--help"]}
         context = click.Context(cli, info_name="dqreg", **settings)

@@ -5,17 +5,14 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-import signal
 import sys
-import threading
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any, Self
 
 import click
 
-from dqreg.cli.leaving import loading
 from dqreg.cli.outputs import as_json_option, consoles, print_json
+from dqreg.cli.signals import PoliteSignals
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -71,11 +68,10 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
 
     Exit codes: 0 every row accepted, 1 some were not, 2 bad input, 130 or 143 stopped by a signal.
     """
-    with loading():
-        from dqreg.registration.batch import Crew, Defaults, read_manifest, run_batch
+    from dqreg.registration.batch import Crew, Defaults, read_manifest, run_batch
 
     console, shown = consoles(quiet=quiet, as_json=as_json)
-    with _Stop() as stop:
+    with PoliteSignals() as stop:
         crew = Crew(*(options[name] for name in ("workers", "scheduler", "threads", "timeout")))
         shared = {name: options[name] for name in SHARED if options[name] is not None}
         rows = read_manifest(manifest, Defaults(target, options["start"], shared))
@@ -99,7 +95,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
         print_json({"rows": to_records(found.lines), "files": [str(path) for path in found.files]})
     if found.stopped:
         click.echo(f"dqreg: stopped; the rows done so far are in {place}: go on with --resume", err=True)
-        return 128 + stop.signal
+        return 128 + stop.number
     return 0 if found.accepted else 1
 
 
@@ -138,46 +134,6 @@ def thumbnail(result: Registration) -> bytes | None:
 
 def _some(points: FloatArray) -> FloatArray:
     return points[:: max(1, len(points) // DOTS)]
-
-
-class _Stop:
-    """What Ctrl-C and SIGTERM mean: once politely, twice at once; before the work begins, at once."""
-
-    def __init__(self) -> None:
-        self.signal = 0
-        self.polite = False
-        self._before: dict[int, Any] = {}
-
-    def __enter__(self) -> Self:
-        # Python lets only the main thread listen to signals.
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
-                # What the caller has had ignored (nohup, a job in the background) stays ignored.
-                if signal.getsignal(number) is not signal.SIG_IGN:
-                    self._before[number] = signal.signal(number, self._note)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def asked(self) -> bool:
-        """Whether to end."""
-        return self.signal != 0
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        if self.signal or not self.polite:
-            said = "stopped at once" if self.signal else "stopped; nothing was written"
-            self._say(f"{said}\n")
-            self.signal = number
-            raise SystemExit(128 + number)
-        self.signal = number
-        self._say("stopping: what is done is kept; once more to stop at once\n")
-
-    def _say(self, words: str) -> None:
-        with contextlib.suppress(OSError):
-            # Not through a stream: the signal may have come in the middle of its write.
-            os.write(2, f"dqreg: {words}".encode())
 
 
 class _Observer:

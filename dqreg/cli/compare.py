@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.leaving import loading
 from dqreg.cli.outputs import as_json_option, consoles, print_json
 
 if TYPE_CHECKING:
@@ -67,21 +66,20 @@ def compare(inputs: tuple[Path, ...], show: bool, as_json: bool, quiet: bool, **
     """
     console, shown = consoles(quiet=quiet, as_json=as_json, width=PIPE_WIDTH)
     if show:
-        with loading():
-            from dqreg.compare.engines.registry import engine_specs
+        from dqreg.compare.engines.registry import engine_specs
+
         _list(console, engine_specs(_engines(options)), as_json=as_json)
         return 0
     return _run(console, shown, inputs, options, as_json=as_json)
 
 
 def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: dict[str, Any], *, as_json: bool) -> int:
-    with loading():
-        from dqreg.compare import Protocol
-        from dqreg.compare import compare as run
-        from dqreg.compare.output import Goals, to_json, write
-        from dqreg.compare.showing import footer, print_tables
-        from dqreg.compare.tables import tables
-        from dqreg.errors import InputError
+    from dqreg.compare import Protocol
+    from dqreg.compare import compare as run
+    from dqreg.compare.output import Goals, to_json, write
+    from dqreg.compare.showing import footer, print_tables
+    from dqreg.compare.tables import tables
+    from dqreg.errors import InputError
 
     sweep = options["sweep"]
     if options["out"] is None and sweep is not None:

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dqreg.cli.interrupt import Interrupts
-from dqreg.cli.leaving import loading
 from dqreg.cli.outputs import consoles, say, write_outputs
 
 if TYPE_CHECKING:
@@ -32,12 +30,11 @@ def demo(out: Path, quiet: bool) -> int:
     The scan is virtual: three views that see 58 % of the surface, 0.05 mm of noise, 2 % outliers. Its true pose is
     known, so the error can be printed.
     """
-    with loading():
-        from dqreg._open3d import load_open3d
-        from dqreg.files.atomic import require_writable
-        from dqreg.registration.register import register
-        from dqreg.report import make_progress, print_summary
-        from dqreg.synth import demo_case, load_case
+    from dqreg._open3d import load_open3d
+    from dqreg.files.atomic import require_writable
+    from dqreg.registration.register import register
+    from dqreg.report import make_progress, print_summary
+    from dqreg.synth import demo_case, load_case
 
     out.mkdir(parents=True, exist_ok=True)
     result_path, aligned_path, report_path = (
@@ -50,18 +47,17 @@ def demo(out: Path, quiet: bool) -> int:
         f"scan {case.scan.name} to {case.part.name} ({case.units}), start {case.truth['start_angle_deg']:g} degrees "
         f"and {case.truth['start_offset']:.3g} {case.units} off",
     )
-    with Interrupts() as interrupts, make_progress(console, quiet=quiet, unit=case.units) as progress:
-        with interrupts.held():
-            load_open3d()
+    with make_progress(console, quiet=quiet, unit=case.units) as progress:
+        load_open3d()
         result = register(
             case.scan,
             case.part,
             case.T_start,
             source_units=case.units,
             target_units=case.units,
-            observe=interrupts.checked(progress),
+            observe=progress,
             # A start that leaves the scan unexplained is followed by a search.
-            observe_search=interrupts.checked(progress.search),
+            observe_search=progress.search,
         )
     print_summary(console, result)
     if math.isfinite(result.rms):

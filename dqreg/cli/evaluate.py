@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.leaving import loading
 from dqreg.cli.outputs import as_json_option, consoles, say
 
 if TYPE_CHECKING:
@@ -49,10 +48,9 @@ def evaluate(
     A symmetric part: "symmetries" in truth.json lists the 4x4 poses that map the part onto itself, "axis" a point and
     the direction of an axis of revolution.
     """
-    with loading():
-        from dqreg.compare import judge, read_pose
-        from dqreg.files.atomic import require_writable, write_atomically
-        from dqreg.files.strict_json import plain
+    from dqreg.compare import judge, read_pose
+    from dqreg.files.atomic import require_writable, write_atomically
+    from dqreg.files.strict_json import plain
 
     if out is not None:
         require_writable(out)

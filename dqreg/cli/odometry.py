@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.leaving import loading
 from dqreg.cli.outputs import as_json_option, consoles, print_json
 from dqreg.cli.outputs import say as _say
 
@@ -63,10 +62,9 @@ def odometry_command(scans: Path, **options: Any) -> int:
 
     Exit codes: 0 every frame accepted, 1 some were not (they are named), 2 bad input.
     """
-    with loading():
-        from dqreg.files.atomic import require_writable
-        from dqreg.odometry.scans import open_scans
-        from dqreg.odometry.settings import OdometrySettings
+    from dqreg.files.atomic import require_writable
+    from dqreg.odometry.scans import open_scans
+    from dqreg.odometry.settings import OdometrySettings
 
     names = ("voxel_size", "max_range", "min_range", "deskew", "search_deg", "method")
     settings = OdometrySettings(**{name: options[name] for name in names})

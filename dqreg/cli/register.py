@@ -7,10 +7,7 @@ from typing import Any
 
 import click
 
-from dqreg.cli.choice import Choice
-from dqreg.cli.grouping import SectionedCommand
-from dqreg.cli.interrupt import Interrupts
-from dqreg.cli.leaving import loading
+from dqreg.cli.lazy_group import Choice, SectionedCommand
 from dqreg.cli.outputs import consoles, print_json, tell_deviations, tell_report, write_outputs
 from dqreg.cli.scale_type import ScaleType
 from dqreg.errors import InputError
@@ -97,25 +94,22 @@ def register_command(
 
     Exit codes: 0 verdict accepted, 1 ran but not accepted, 2 bad input (one line on standard error).
     """
-    with loading():
-        from dqreg._open3d import load_open3d
-        from dqreg.files.poses import read_start
-        from dqreg.registration.register import register
-        from dqreg.report import make_progress, print_summary
+    from dqreg._open3d import load_open3d
+    from dqreg.files.poses import read_start
+    from dqreg.registration.register import register
+    from dqreg.report import make_progress, print_summary
 
     # Asked before the work starts, so that no result is lost after it.
     _check(out, aligned, deviations, report, {"--tolerance": tolerance, "--reach": reach})
     console, shown = consoles(quiet=quiet, as_json=as_json)
     began = read_start(start)
     shows = make_progress(shown, quiet=shown.quiet, unit=options["target_units"], searching=began is None)
-    with Interrupts() as interrupts, shows as progress:
+    options["viewpoint"] = options["viewpoint"] or None
+    with shows as progress:
         # A file that is not there is said at once, without the second that Open3D takes to load.
         if scan.exists() and target.exists():
-            with interrupts.held():
-                load_open3d()
-        observe, observe_search = interrupts.checked(progress), interrupts.checked(progress.search)
-        options["viewpoint"] = options["viewpoint"] or None
-        result = register(scan, target, began, observe=observe, observe_search=observe_search, **options)
+            load_open3d()
+        result = register(scan, target, began, observe=progress, observe_search=progress.search, **options)
     print_summary(console, result)
     write_outputs(result, out, aligned, console)
     measured = None

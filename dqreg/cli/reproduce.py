@@ -7,8 +7,6 @@ from pathlib import Path
 
 import click
 
-from dqreg.cli.leaving import loading
-
 
 @click.command()
 @click.argument("paper", type=click.Choice(["walker1991", "jia2020"]))
@@ -23,11 +21,10 @@ def reproduce(paper: str, out: Path | None, seed: int, quick: bool, quiet: bool)
     walker1991   Walker, Shao and Volz: dual quaternions from points and directions
     jia2020      Jia's notes on quaternions
     """
-    with loading():
-        from rich.console import Console
+    from rich.console import Console
 
-        from dqreg.papers import PAPERS, prepare_folder, print_section, write_report
-        from dqreg.papers import reproduce as answer
+    from dqreg.papers import PAPERS, prepare_folder, print_section, write_report
+    from dqreg.papers import reproduce as answer
 
     folder = out or Path(f"dqreg-{paper}")
     prepare_folder(folder, PAPERS[paper].figures)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.leaving import loading
 from dqreg.cli.outputs import as_json_option, consoles, deviation_record, print_json, say
 from dqreg.errors import InputError
 
@@ -54,13 +53,12 @@ def show(
     dqreg show result.json --json                   verdict, pose and deviations; opens no window
     dqreg show result.json                          a window, where there is a display
     """
-    with loading():
-        from dqreg.files.atomic import require_writable, write_atomically
-        from dqreg.registration.result import Registration
-        from dqreg.report.page import to_html
-        from dqreg.report.pictures import parse_panels, picture_path, save_picture
-        from dqreg.report.story import tell
-        from dqreg.report.window import open_window, require_display
+    from dqreg.files.atomic import require_writable, write_atomically
+    from dqreg.registration.result import Registration
+    from dqreg.report.page import to_html
+    from dqreg.report.pictures import parse_panels, picture_path, save_picture
+    from dqreg.report.story import tell
+    from dqreg.report.window import open_window, require_display
 
     # Everything that can be refused is asked before the work.
     panels = parse_panels(views)

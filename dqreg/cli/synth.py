@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dqreg.cli.leaving import loading
 from dqreg.cli.outputs import as_json_option, consoles, print_json, say
 
 if TYPE_CHECKING:
@@ -30,8 +29,7 @@ def synth(recipe: Path, out: Path | None, seed: int | None, as_json: bool, quiet
     dqreg synth datasets_synth/bracket/recipe.toml --out my_bracket --seed 7
     dqreg synth datasets_synth/recipes/gear.toml
     """
-    with loading():
-        from dqreg.synth import read_recipe, write_case
+    from dqreg.synth import read_recipe, write_case
 
     console, shown = consoles(quiet=quiet, as_json=as_json)
     what = read_recipe(recipe)

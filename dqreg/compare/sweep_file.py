@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import importlib.resources
 import os
 import tomllib
@@ -12,7 +11,7 @@ from typing import Any, get_args
 
 from dqreg.compare.engines.protocol import Setting
 from dqreg.compare.sweep import FRAMES, Axis, AxisName, Cell, Sweep
-from dqreg.errors import InputError
+from dqreg.errors import InputError, did_you_mean
 from dqreg.synth.parts import KINDS
 
 SHIPPED = ("standard", "quick")
@@ -99,9 +98,8 @@ def _names(value: Any, where: str) -> tuple[str, ...]:
 def _known(table: Any, known: Any, prefix: str) -> None:
     for key in table:
         if key not in known:
-            near = difflib.get_close_matches(key, list(known), 1)
-            hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(sorted(known))}"
-            raise InputError(f"{prefix}{key} is not known; {hint}")
+            hint = did_you_mean(key, known) or f"; known here: {', '.join(sorted(known))}"
+            raise InputError(f"{prefix}{key} is not known{hint}")
 
 
 def _table(data: Any, key: str, name: str) -> dict[str, Any]:

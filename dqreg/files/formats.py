@@ -6,11 +6,11 @@ its vertices sit where a mesher put them, dense in fillets and absent from flats
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Callable
 from pathlib import Path
 
+from dqreg.errors import did_you_mean
 from dqreg.files.cloud_data import CloudData
 from dqreg.files.mesh_data import MeshData
 from dqreg.files.meshes import read_mesh_file
@@ -153,7 +153,5 @@ def _unknown(extension: str) -> tuple[str, str]:
     if extension in FOREIGN:
         found, _, remedy = FOREIGN[extension].partition("; ")
         return f"{extension}: {found}", f"one of {known}; {remedy}"
-    near = difflib.get_close_matches(extension, READERS, n=1, cutoff=0.5)
-    hint = f"; did you mean {near[0]}?" if near else ""
     found = f"the extension {extension!r}" if extension else "a name without extension"
-    return found, f"one of {known}{hint}"
+    return found, f"one of {known}{did_you_mean(extension, READERS)}"

@@ -6,7 +6,6 @@ thousand times their size; 3MF may build objects of objects, each level doubling
 
 from __future__ import annotations
 
-import difflib
 import json
 import os
 import struct
@@ -18,7 +17,7 @@ from typing import Any
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
-from dqreg.errors import InputError
+from dqreg.errors import InputError, nearest
 
 # How known files begin, what to call them, and the extensions under which they may stand.
 SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
@@ -93,7 +92,7 @@ def _near_names(path: Path) -> str:
         names = [entry.name for entry in path.parent.iterdir()]
     except OSError:
         return f"the path of a scan or part; the folder {path.parent} cannot be listed"
-    near = difflib.get_close_matches(path.name, names, n=2)
+    near = nearest(path.name, names, 2)
     return f"perhaps {' or '.join(near)} in the same folder" if near else "the path of a scan or part"
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -11,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dqreg.errors import InputError
+from dqreg.errors import InputError, did_you_mean
 
 
 def require_known(table: Mapping[str, Any], known: Iterable[str], prefix: str) -> None:
@@ -19,9 +18,8 @@ def require_known(table: Mapping[str, Any], known: Iterable[str], prefix: str) -
     known = list(known)
     for key in table:
         if key not in known:
-            near = difflib.get_close_matches(key, known, 1)
-            hint = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(known)}"
-            raise InputError(f"recipe: {prefix}{key} is not known; {hint}")
+            hint = did_you_mean(key, known, prefix) or f"; known here: {', '.join(known)}"
+            raise InputError(f"recipe: {prefix}{key} is not known{hint}")
 
 
 def get_table(data: Mapping[str, Any], name: str, known: Iterable[str] | None) -> dict[str, Any]:

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from dqreg.cli import register as room
-from dqreg.cli.interrupt import Interrupts
 from dqreg.cli.main import main
 from dqreg.files import READERS, read_cloud, read_geometry, write_cloud
 from dqreg.icp import ESTIMATORS
@@ -89,11 +88,11 @@ def test_units_are_checked_unless_told_not_to(tmp_path, case, capsys):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--method", "plan"], "Did you mean plane?"),
-        (["--effort", "norml"], "Did you mean normal?"),
+        (["--method", "plan"], "did you mean plane?"),
+        (["--effort", "norml"], "did you mean normal?"),
         (["--tolerence", "1"], "--tolerance"),
-        (["--units", "chek"], "Did you mean check?"),
-        (["--source-units", "inches"], "Did you mean inch?"),
+        (["--units", "chek"], "did you mean check?"),
+        (["--source-units", "inches"], "did you mean inch?"),
     ],
 )
 def test_what_was_probably_meant(arguments, said, capsys):
@@ -130,58 +129,6 @@ def test_ctrl_c_leaves_one_line_and_no_file(after, tmp_path, case):
     assert process.returncode == 130
     assert error.strip() == "dqreg: error: stopped by the user; no file is left half-written"
     assert list(tmp_path.iterdir()) == []
-
-
-def swallowed(seen: list[str]) -> None:
-    with Interrupts() as interrupts:
-        try:
-            signal.raise_signal(signal.SIGINT)
-        except KeyboardInterrupt:
-            seen.append("swallowed, as compiled modules do")
-        try:
-            interrupts.checked(seen.append)("an iteration")
-        except KeyboardInterrupt:
-            seen.append("said again")
-        raise ValueError("and another error in its place")
-
-
-@pytest.fixture
-def listening():
-    # Jobs in the background are started with Ctrl-C ignored, and so may be this run of the tests.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-def test_what_the_caller_has_had_ignored_stays_ignored(listening):
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with Interrupts() as interrupts:
-        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-        signal.raise_signal(signal.SIGINT)
-        interrupts.check()
-    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-
-
-def test_an_interrupt_that_was_swallowed_is_kept(listening):
-    seen: list[str] = []
-    before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt):
-        swallowed(seen)
-    assert seen == ["swallowed, as compiled modules do", "said again"]
-    assert signal.getsignal(signal.SIGINT) is before
-
-
-def held(seen: list[str]) -> None:
-    with Interrupts() as interrupts, interrupts.held():
-        signal.raise_signal(signal.SIGINT)
-        seen.append("still here")
-
-
-def test_a_held_interrupt_waits_for_the_end(listening):
-    seen: list[str] = []
-    with pytest.raises(KeyboardInterrupt):
-        held(seen)
-    assert seen == ["still here"]
 
 
 @pytest.fixture

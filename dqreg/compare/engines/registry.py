@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import importlib.util
 import os
 import pickle
@@ -24,7 +23,7 @@ from dqreg.compare.engines.simpleicp import SimpleIcp
 from dqreg.compare.engines.small_gicp import SmallGicp
 from dqreg.compare.engines.trimesh import TrimeshIcp, TrimeshMeshOther
 from dqreg.compare.environment import installed_versions
-from dqreg.errors import InputError
+from dqreg.errors import InputError, did_you_mean
 
 _ALL: tuple[Engine, ...] = (
     Dqreg(),
@@ -111,9 +110,8 @@ def engine(name: str | Engine) -> Engine:
         raise InputError(f"not an engine: {name!r}; an engine has a name and a method register(task)")
     if name in ENGINES:
         return ENGINES[name]
-    near = difflib.get_close_matches(name.lower(), list(ENGINES), n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(ENGINES)}"
-    raise InputError(f"there is no engine {name!r}; {hint}")
+    hint = did_you_mean(name, ENGINES) or f"; known are {', '.join(ENGINES)}"
+    raise InputError(f"there is no engine {name!r}{hint}")
 
 
 def engine_specs(engines: Iterable[Any] | None) -> list[EngineSpec]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import difflib
 import inspect
 import io
 import os
@@ -14,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, overload
 
-from dqreg.errors import DqregError, InputError
+from dqreg.errors import DqregError, InputError, did_you_mean
 from dqreg.files.poses import START_WORDS, read_start
 from dqreg.registration.batch.row import Row
 
@@ -171,9 +170,8 @@ def _columns(path: Path, head: list[str]) -> list[str]:
         if found is None and word in RENAMED:
             raise InputError(f"{path}, line 1: the column {word} is no more: {RENAMED[word]}")
         if found is None:
-            near = difflib.get_close_matches(name.strip().lower(), known, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
-            raise InputError(f"{path}, line 1: unknown column {name.strip()!r}; {hint}")
+            hint = did_you_mean(word, known) or f"; known are {', '.join(known)}"
+            raise InputError(f"{path}, line 1: unknown column {name.strip()!r}{hint}")
         if columns.count(found) > 1:
             raise InputError(f"{path}, line 1: the column {found} is there twice")
     if "scan" not in columns:

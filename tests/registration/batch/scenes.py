@@ -27,7 +27,7 @@ TOKEN = "DQREG_TEST_TOKEN"
 # A shell that runs tests in the background has its children ignore Ctrl-C.
 CODE = (
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-    "from dqreg.cli.console import main; main()"
+    "from dqreg.cli.main import console; console()"
 )
 
 

@@ -13,7 +13,7 @@ from dqreg.registration.batch.worker import safe_environment, safe_path
 from tests.registration.batch.scenes import CODE, ROOT, make_scene, summary
 
 # Like the console script: a file elsewhere, so that the parent itself never looks into the working folder.
-PROGRAM = CODE.replace("; main()", "\nif __name__ == '__main__':\n    main()")
+PROGRAM = CODE.replace("; console()", "\nif __name__ == '__main__':\n    console()")
 # A scheduler, and a worker under its nanny as `dqreg batch` says to start one.
 CLUSTER = f"""
 import subprocess, sys
@@ -26,7 +26,7 @@ if __name__ == "__main__":
         worker = subprocess.Popen(words, stderr=subprocess.DEVNULL)
         sys.argv += ["--scheduler", address]
         try:
-            main()
+            console()
         finally:
             worker.terminate()
             worker.wait()

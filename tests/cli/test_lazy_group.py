@@ -7,7 +7,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from dqreg.cli.main import ENTRIES, cli, main
+from dqreg.cli.lazy_group import ENTRIES, cli
+from dqreg.cli.main import main
 from dqreg.cli.register import register_command
 
 
@@ -42,7 +43,7 @@ def test_a_misspelt_command_is_guessed(word, meant, capsys):
     with pytest.raises(SystemExit) as stop:
         main([word])
     assert stop.value.code == 2
-    assert f"Did you mean {meant}?" in capsys.readouterr().err
+    assert f"did you mean {meant}?" in capsys.readouterr().err
 
 
 def test_tab_completes_commands_options_and_words():
