@@ -58,13 +58,8 @@ class Open3dGlobal:
             with_normals(target, settings, "target")
         source = open3d_cloud(source_cloud(task))
         viewpoint = None if source.has_normals() else task.source.viewpoint
-        settings["source_normals"] = (
-            "given"
-            if source.has_normals()
-            else "estimated, signs arbitrary"
-            if viewpoint is None
-            else "towards viewpoint"
-        )
+        estimated = "estimated, signs arbitrary" if viewpoint is None else "towards viewpoint"
+        settings["source_normals"] = "given" if source.has_normals() else estimated
         source_down, source_features = features(source, settings, viewpoint)
         open3d.utility.random.seed(task.seed)
         coarse = (ransac if self.method == "ransac" else fgr)(
@@ -72,25 +67,7 @@ class Open3dGlobal:
         )
         if coarse.fitness == 0.0:
             return no_pose(f"{self.method}: fitness 0")
-        # "This time we use a strict distance threshold", on the original clouds, with default criteria.
-        refinement = {
-            "max_correspondence_distance": 0.4 * settings["voxel_size"],
-            "relative_fitness": RELATIVE_FITNESS,
-            "relative_rmse": RELATIVE_RMSE * size,
-            "max_iteration": 30,
-        }
-        settings["refinement"] = refinement
-        registration = open3d.pipelines.registration
-        fine = registration.registration_icp(
-            source,
-            target,
-            refinement["max_correspondence_distance"],
-            coarse.transformation,
-            registration.TransformationEstimationPointToPlane(),
-            registration.ICPConvergenceCriteria(
-                refinement["relative_fitness"], refinement["relative_rmse"], int(refinement["max_iteration"])
-            ),
-        )
+        fine = refined(source, target, coarse.transformation, size, settings)
         if fine.fitness == 0.0:
             return no_pose("refinement: no correspondences (fitness 0)")
         self_report = f"{fitness_words(fine)} ({self.method} alone: {fitness_words(coarse)})"
@@ -150,4 +127,26 @@ def fgr(source: Any, target: Any, source_features: Any, target_features: Any, se
     settings["fgr"] = {name: getattr(option, name) for name in FGR_NAMES if hasattr(option, name)}
     return registration.registration_fgr_based_on_feature_matching(
         source, target, source_features, target_features, option
+    )
+
+
+def refined(source: Any, target: Any, T: FloatArray, size: float, settings: dict[str, Any]) -> Any:
+    """Point-to-plane ICP on the original clouds: "This time we use a strict distance threshold", default criteria."""
+    registration = load_open3d().pipelines.registration
+    used = {
+        "max_correspondence_distance": 0.4 * settings["voxel_size"],
+        "relative_fitness": RELATIVE_FITNESS,
+        "relative_rmse": RELATIVE_RMSE * size,
+        "max_iteration": 30,
+    }
+    settings["refinement"] = used
+    return registration.registration_icp(
+        source,
+        target,
+        used["max_correspondence_distance"],
+        T,
+        registration.TransformationEstimationPointToPlane(),
+        registration.ICPConvergenceCriteria(
+            used["relative_fitness"], used["relative_rmse"], int(used["max_iteration"])
+        ),
     )
