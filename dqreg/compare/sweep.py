@@ -9,11 +9,11 @@ from dqreg.compare.engines.protocol import Setting
 
 AxisName = Literal["start_angle_deg", "start_offset", "noise", "outliers", "overlap", "points", "frame", "nothing"]
 
-# Unit and origin of the coordinates: factor from millimetres, and an offset added after it.
-FRAMES: dict[str, tuple[float, tuple[float, float, float]]] = {
-    "mm": (1.0, (0.0, 0.0, 0.0)),
-    "m": (1e-3, (0.0, 0.0, 0.0)),
-    "m, UTM": (1e-3, (389_000.0, 5_819_000.0, 40.0)),
+# Unit and origin of the coordinates: the unit, its factor from millimetres, and an offset added after it.
+FRAMES: dict[str, tuple[str, float, tuple[float, float, float]]] = {
+    "mm": ("mm", 1.0, (0.0, 0.0, 0.0)),
+    "m": ("m", 1e-3, (0.0, 0.0, 0.0)),
+    "m, UTM": ("m", 1e-3, (389_000.0, 5_819_000.0, 40.0)),
 }
 
 

@@ -56,7 +56,7 @@ def build(cell: Cell, **options: Any) -> BenchmarkCase:
         truth,
         setting=cell.setting,
         noise=cell.noise * part.diagonal * frame.scale,
-        units=cell.frame.partition(",")[0],
+        units=frame.units,
         axis=cell.axis,
         value=cell.value,
         trial=cell.trial,
@@ -69,14 +69,15 @@ def build(cell: Cell, **options: Any) -> BenchmarkCase:
 class Frame:
     """Unit and origin of coordinates: p' = scale p + offset, for source and target alike."""
 
+    units: str
     scale: float  # From millimetres
     offset: FloatArray  # (3,): Position of the old origin
 
     @staticmethod
     def named(name: str) -> Frame:
         """Frame of a sweep."""
-        scale, offset = FRAMES[name]
-        return Frame(scale, np.array(offset))
+        units, scale, offset = FRAMES[name]
+        return Frame(units, scale, np.array(offset))
 
     def move(self, points: FloatArray) -> FloatArray:
         """Points in this frame.

@@ -122,7 +122,7 @@ def _shown(story: Story | None) -> dict[str, Any]:
     if story is None:
         return {"deviations": None, "worst": [], "scene": "", "scale": None, "regions": None, "iterations": 0}
     scene = scene_of(story)
-    poses = [pose | {"short": _short(pose)} for pose in scene["poses"] if pose["kind"] != "iteration"]
+    poses = [{"short": pose["name"], **pose} for pose in scene["poses"] if pose["kind"] != "iteration"]
     checked = "after" if story.found else "before"
     for pose in poses:
         pose["checked"] = pose["kind"] == checked
@@ -150,13 +150,6 @@ def panels_of(story: Story) -> list[Panel]:
     behind = next(name for name, angles in VIEWS.items() if angles == ((yaw + 180.0) % 360.0, pitch))
     first = Panel("before", "best") if story.T_before is not None else Panel("after", "best")
     return [first, Panel("deviation", "best"), Panel("deviation", behind), Panel("deviation", "top")]
-
-
-def _short(pose: dict[str, Any]) -> str:
-    # The long name is in the title and below the view.
-    if pose["kind"] == "before":
-        return "Before" if pose["name"].startswith("Before") else str(pose["name"])
-    return str(pose["name"])
 
 
 def _ellipsoid_words(story: Story) -> str:

@@ -152,7 +152,7 @@ def _corners(size: float, story: Story) -> FloatArray:
 
 
 def _title(story: Story, panel: Panel) -> tuple[str, str]:
-    before = story.before_name.lower() or "scan as it came"
+    before = ", ".join(story.before_words).lower() or "scan as it came"
     count = f"{len(story.points):,} points"
     if panel.state == "before" or not story.found:
         return f"{before}: {count}", SOURCE

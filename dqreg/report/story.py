@@ -35,7 +35,7 @@ class Story:
     # (n, 3): The scan as it is drawn, about the origin: under the pose, or where it was before if there is none
     points: FloatArray
     T_before: FloatArray | None  # Pose before the registration, (4, 4); None where it is not known
-    before_name: str  # What that pose is
+    before_words: tuple[str, ...]  # What that pose is: its short name first
     tolerance: float | None  # Largest deviation allowed, target units
     # deviations, scale: Deviations and their colours; None where no pose was found
     deviations: Deviations | None
@@ -69,7 +69,7 @@ def tell(
     """Work out what a report shows."""
     tolerance = checked_tolerance(tolerance)
     found = bool(np.isfinite(result.T_target_source).all())
-    T_before, before_name = _before(result, T_start)
+    T_before, before_words = _before(result, T_start)
     surface = inputs.target.surface
     drawn = result.T_target_source if found else T_before
     if found and deviations is None:
@@ -85,7 +85,7 @@ def tell(
         found=found,
         points=deviations.points - origin if deviations else placed(inputs, np.eye(4) if drawn is None else drawn),
         T_before=T_before,
-        before_name=before_name,
+        before_words=before_words,
         tolerance=tolerance,
         deviations=deviations,
         scale=scale_of(deviations, result) if deviations else None,
@@ -111,13 +111,13 @@ def checked_tolerance(tolerance: float | None) -> float | None:
     return float(tolerance)
 
 
-def _before(result: RegistrationResult, T_start: ArrayLike | None) -> tuple[FloatArray | None, str]:
+def _before(result: RegistrationResult, T_start: ArrayLike | None) -> tuple[FloatArray | None, tuple[str, ...]]:
     if T_start is None:
         T_start = result.settings.get("T_start")
     if T_start is not None:
-        return as_pose(T_start, "T_start"), "Before, at the start pose"
+        return as_pose(T_start, "T_start"), ("Before", "at the initial pose")
     if result.settings.get("start") != "given":
-        return np.eye(4), "Before, as scanned"
+        return np.eye(4), ("Before", "as scanned")
     if result.history:
-        return result.history[0].T_target_source, "After the first step"
-    return None, ""
+        return result.history[0].T_target_source, ("After the first step",)
+    return None, ()

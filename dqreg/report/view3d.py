@@ -125,7 +125,8 @@ def _poses(story: Story) -> list[dict[str, Any]]:
     drawn = story.result.T_target_source if story.found else story.T_before
     poses: list[dict[str, Any]] = []
     if story.T_before is not None:
-        poses.append({"kind": "before", "name": story.before_name, "T": story.T_before})
+        short, name = story.before_words[0], ", ".join(story.before_words)
+        poses.append({"kind": "before", "name": name, "short": short, "T": story.T_before})
     if story.found:
         poses.append({"kind": "after", "name": "After", "T": story.result.T_target_source})
     for number, other in enumerate(story.result.alternatives[:ALTERNATIVES], 1):

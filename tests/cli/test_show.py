@@ -45,7 +45,7 @@ def saved(tmp_path_factory, case, small_pictures) -> Path:
 def test_register_writes_a_report(saved):
     text = (saved.parent / "report.html").read_text(encoding="utf-8")
     assert "ACCEPTED" in text
-    assert "Before, at the start pose" in text
+    assert "Before, at the initial pose" in text
     assert "✓ PASS" in text
 
 
