@@ -1,7 +1,7 @@
 """Anderson acceleration of the loop's fixed-point iteration, on screw coordinates, guarded by the energy.
 
 Closed-form steps with closest points converge linearly: tangential sliding shrinks by a constant factor an
-iteration. The last few steps tell where the sequence is heading (Anderson 1965; for ICP Pavlov et al. 2018).
+iteration. The last few steps extrapolate to the limit (Anderson 1965; for ICP Pavlov et al. 2018).
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ WINDOW = 5
 CUTOFF = 1e-6
 # Rounding of the energy, not a rise.
 SLACK = 1e-12
-# Normals pull the fixed point a little off the lowest distances; up to this share the energy may rise, as long as the
-# steps get shorter. Without it, half of the extrapolations near the end are taken back for nothing.
+# Normals bias the fixed point a little off the lowest distances; up to this fraction the energy may rise, as long as
+# the steps get shorter. Without it, half of the extrapolations near the end are rejected for nothing.
 TOLERATED = 1e-3
 
 
 class Anderson:
     """Extrapolates poses; one instance serves one run.
 
-    Poses are written as twists relative to a reference, with the turn about the middle of the moved points and the
-    shift in units of their size, so that both parts of the six numbers are of one kind.
+    Poses are written as twists relative to a reference, with the rotation about the middle of the moved points and the
+    translation in units of their size, so that all six numbers are of one kind.
     """
 
     def __init__(self, reference: FloatArray, centre: FloatArray, size: float) -> None:
@@ -43,7 +43,7 @@ class Anderson:
         self._energy = np.inf
 
     def propose(self, T: FloatArray, T_next: FloatArray, energy: float) -> tuple[FloatArray, bool]:
-        """Where to go from T, given that the plain iteration would go to T_next."""
+        """Next pose from T, given that of the plain iteration; False where the last extrapolation is rejected."""
         position, target = self._coordinates(T), self._coordinates(T_next)
         if self._plain is not None:
             shorter = np.linalg.norm(target - position) < np.linalg.norm(self._steps[-1])

@@ -7,14 +7,11 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.icp.correspondences import Pairs
-from dqreg.icp.estimators import Estimator
+from dqreg.icp.estimators import Estimator, direction_weights, tangent_planes
 from dqreg.solvers import Fit, Freedom, PoseCost
 from dqreg.solvers.minimise import FREE, minimise
 from dqreg.solvers.newton import FLAT
-from dqreg.solvers.quadratic import QuadraticForm, direction_form, plane_form, point_form
-
-# Pairs with known normals from which on planes are used: fewer fix less than the six motions.
-FEWEST_PLANES = 6
+from dqreg.solvers.quadratic import QuadraticForm, direction_form, point_form
 
 
 def constrained(
@@ -32,7 +29,7 @@ def constrained(
     def estimate(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
         if not weights.any():
             raise DegenerateGeometryError("no pair carries weight, so nothing says where the source belongs")
-        data = _planes(pairs, weights) if planes else None
+        data = tangent_planes(pairs, weights) if planes else None
         data = data or _points(pairs, weights, noise)
         form = data if prior is None else data + (prior * _variance(pairs, weights, noise)).form
         T = minimise(form, pairs.T_target_source, freedom, reference, flat, escape=False).T_target_source
@@ -42,24 +39,11 @@ def constrained(
     return estimate
 
 
-def _planes(pairs: Pairs, weights: FloatArray) -> QuadraticForm | None:
-    used = (weights > 0.0) & pairs.closest.normals.any(axis=1)
-    if np.count_nonzero(used) < FEWEST_PLANES:
-        return None
-    p, q, n, w = pairs.scan.points[used], pairs.closest.points[used], pairs.closest.normals[used], weights[used]
-    origins = (w @ p / w.sum(), w @ q / w.sum())
-    return QuadraticForm(plane_form(p, q, n, w, origins), *origins)
-
-
 def _points(pairs: Pairs, weights: FloatArray, noise: float) -> QuadraticForm:
     used = weights > 0.0
-    scan = pairs.scan
-    p, q, w = scan.points[used], pairs.closest.points[used], weights[used]
+    p, q, w = pairs.scan.points[used], pairs.closest.points[used], weights[used]
     origins = (w @ p / w.sum(), w @ q / w.sum())
-    # The variances of points and normals, as in `points_and_normals`.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        trust = np.minimum((noise / scan.residuals) ** 2, 1.0)
-    alpha = np.where(scan.levers > 0.0, weights * scan.levers * trust, 0.0)
+    alpha = direction_weights(pairs, weights, noise)
     known = (alpha > 0.0) & pairs.closest.normals.any(axis=1)
     directions = direction_form(pairs.source_directions[known], pairs.closest.normals[known], alpha[known])
     return QuadraticForm(point_form(p, q, w, origins) + directions, *origins)

@@ -1,4 +1,4 @@
-"""What one iteration compares: moved source points and their closest places on the target."""
+"""Correspondences of one iteration: moved source points and their closest points on the target."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ class Pairs:
     """Correspondences of a scan at one pose."""
 
     scan: Scan  # The source, untouched, in its own frame
-    T_target_source: FloatArray  # (4, 4): The pose at which the target was asked
-    closest: Closest  # Closest place on the target for each scan point, in the target frame
+    T_target_source: FloatArray  # (4, 4): The pose of the search
+    closest: Closest  # Closest point on the target for each scan point, in the target frame
     same_sign: bool  # Whether both sides' normals have known signs, so that they may be compared as they are
 
     @property
     def distances(self) -> FloatArray:
-        """Distance of each pair, (n,)."""
+        """Distances, (n,)."""
         return self.closest.distances
 
     @property
     def squares(self) -> FloatArray:
-        """Mean squared distance of the points that each pair stands for, (n,)."""
+        """Mean squared distances of the points that each row represents, (n,)."""
         squares: FloatArray = self.closest.distances**2 + self.scan.scatter
         return squares
 
@@ -61,7 +61,7 @@ class Pairs:
 
 
 def correspond(scan: Scan, surface: Surface, T_target_source: FloatArray, before: Pairs | None = None) -> Pairs:
-    """Ask the surface for the closest place of every scan point."""
+    """Closest point on the surface for every scan point."""
     if before is not None and before.scan is scan and np.array_equal(before.T_target_source, T_target_source):
         return before
     moved = pose.apply(T_target_source, scan.points)
@@ -70,7 +70,7 @@ def correspond(scan: Scan, surface: Surface, T_target_source: FloatArray, before
 
 
 def carried(pairs: Pairs, T_target_source: FloatArray) -> Pairs:
-    """Pairs at a pose nearby, without asking the surface again: each match slides with its point on its tangent plane.
+    """Correspondences at a nearby pose without another search: each target point slides on its tangent plane.
 
     On a face that is what it does, and between the points of a cloud it leaves the gaps as wide as they were.
     """

@@ -1,4 +1,4 @@
-"""Which points the last level asks about: those that say most about what is known least."""
+"""Points of the last level, sampled by their information gain: those that reduce the uncertainty of the pose most."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.icp.correspondences import Pairs
 from dqreg.solvers.quadratic import plane_rows
 
-# Every place keeps this share of an even choice: what is not looked at cannot object.
+# Every part of the scan keeps this fraction of an even choice: a misfit there must show.
 EVEN = 0.25
-# Information below this share of the largest counts as that much: a free motion must not draw all points to itself.
+# Information below this fraction of the largest counts as that much: an unconstrained motion must not draw all points.
 WEAKEST = 1e-6
-# Values below this share of the largest are none.
+# Gains below this fraction of the largest are none.
 NOTHING = 1e-9
 
 
 def value_of(pairs: Pairs, weights: FloatArray) -> FloatArray:
-    """How much each pair would lower the mean squared displacement of the part, were there more like it.
+    """Decrease of the mean squared displacement of the part by one more correspondence like each, (n,); mean one.
 
-    With rows ``J`` of a plane feature, scaled so that turns and shifts are displacements, the mean squared displacement
-    is ``tr(M^-1)``, ``M = sum w J^T J``; one more pair like i lowers it by ``w J_i M^-2 J_i^T``.
+    With point-to-plane rows ``J``, scaled so that rotations and translations are displacements, it is ``tr(M^-1)``,
+    ``M = sum w J^T J``; one more like i lowers it by ``w J_i M^-2 J_i^T``.
     """
     points, normals = pairs.moved, pairs.closest.normals
     centre = points.mean(axis=0)
@@ -37,7 +37,7 @@ def value_of(pairs: Pairs, weights: FloatArray) -> FloatArray:
 
 
 def favoured_rows(values: FloatArray, places: IntArray, total: int, count: int) -> IntArray:
-    """Rows to take, more of them where the value is high.
+    """Rows to take, more of them where the gain is high.
 
     Shapes: values (m,), places (m,).
     """
@@ -47,7 +47,7 @@ def favoured_rows(values: FloatArray, places: IntArray, total: int, count: int) 
 
 
 def favoured_of(values: FloatArray, lengths: IntArray, count: int) -> IntArray:
-    """Rows to take out of groups that follow each other, more of them where the value is high.
+    """Rows to take out of consecutive runs, more of them where the gain is high.
 
     Shapes: values (m,), lengths (m,).
     """
@@ -55,7 +55,7 @@ def favoured_of(values: FloatArray, lengths: IntArray, count: int) -> IntArray:
     if count >= total or not count:
         return np.arange(min(count, total))
     even = count / total
-    # A pair that is surely no inlier has a weight of 1e-300, and numbers that small do not divide.
+    # A sure outlier has a weight of 1e-300, and numbers that small do not divide.
     values = np.where(values > NOTHING * values.max(), values, 0.0)
     rates = _filled(values, lengths, (1.0 - EVEN) * count) + EVEN * even
     # Systematic sampling: a row is taken where the running sum of the rates passes a whole number.

@@ -1,4 +1,4 @@
-"""Weights of pairs: each is a small callable from `Pairs` to (n,) factors; factors multiply, zero rejects."""
+"""Rejectors and weights: small callables from `Pairs` to (n,) factors; factors multiply, zero rejects."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Weight = Callable[[Pairs], FloatArray]
 
 @dataclasses.dataclass(frozen=True)
 class WithinDistance:
-    """Rejects pairs farther apart than the limit, a length in the target's unit."""
+    """Rejects correspondences farther apart than the limit, a length in the target's unit."""
 
     limit: float
 
@@ -31,7 +31,7 @@ class WithinDistance:
 
 @dataclasses.dataclass(frozen=True)
 class NormalAngle:
-    """Rejects pairs whose normals differ by more than the limit; pairs without a normal on either side pass.
+    """Rejects correspondences whose normals differ by more than the limit; without a normal on either side they pass.
 
     Where the sign of either normal is unknown, the angle between the lines counts, 0 to 90 degrees.
     """
@@ -39,7 +39,7 @@ class NormalAngle:
     limit_rad: float
 
     def __call__(self, pairs: Pairs) -> FloatArray:
-        """1 within the limit or where there is nothing to compare, else 0."""
+        """1 within the limit or without normals, else 0."""
         rows = np.flatnonzero(pairs.scan.directed)
         factors = np.ones(len(pairs.distances))
         cosines = pairs.normal_cosines[rows] if pairs.same_sign else np.abs(pairs.normal_cosines[rows])
@@ -50,7 +50,7 @@ class NormalAngle:
 
 @dataclasses.dataclass(frozen=True)
 class Robust:
-    """Weighs pairs by a robust kernel of their distance."""
+    """Weights by a robust kernel of the distance."""
 
     kernel: Kernel
 
@@ -61,12 +61,12 @@ class Robust:
 
 @dataclasses.dataclass(frozen=True)
 class Trimmed:
-    """Keeps the given share of the pairs, the closest ones (Chetverikov et al. 2002)."""
+    """Keeps the given fraction of the correspondences, the closest ones (Chetverikov et al. 2002)."""
 
     share: float
 
     def __call__(self, pairs: Pairs) -> FloatArray:
-        """1 for the closest pairs, else 0."""
+        """1 for the closest, else 0."""
         keep = int(np.ceil(self.share * len(pairs.distances)))
         weights = np.zeros(len(pairs.distances))
         weights[np.argsort(pairs.distances, kind="stable")[:keep]] = 1.0
@@ -74,55 +74,56 @@ class Trimmed:
 
 
 def product(weights: Sequence[Weight], pairs: Pairs) -> FloatArray:
-    """Product of all factors for each pair."""
+    """Product of all factors, (n,)."""
     total = np.ones(len(pairs.distances))
     for weight in weights:
         total *= weight(pairs)
     return total
 
 
-# Widths from a free edge within which noise alone decides whether the closest place is on it.
+# Kernel scales from a boundary edge within which noise alone decides whether the closest point is on it.
 STRIP = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Inland:
-    """Rejects pairs whose closest place lies on a free edge of a mesh, or nearer to one than the margin.
+class RejectMeshBoundary:
+    """Rejects correspondences whose target point lies within a margin of the boundary of an open mesh.
 
-    A scan goes on where an open mesh ends, and what lies beyond its edge is all on one side: it would pull. The strip
-    goes by places on the target alone, never by distances from it, so that leaving it out favours no side.
+    A scan continues where an open mesh ends, and its points beyond the edge lie all on one side: they would bias the
+    pose. The strip depends on target points alone, never on distances from the target, so that rejecting it adds no
+    bias.
     """
 
     borders: MeshBoundary
     margin: float
 
     def __call__(self, pairs: Pairs) -> FloatArray:
-        """0 at a border, else 1."""
+        """0 at the boundary, else 1."""
         return np.where(self.borders.near(pairs.closest.points, self.margin), 0.0, 1.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class OffRim:
-    """Rejects pairs whose match is a rim point of a cloud."""
+class RejectCloudBoundary:
+    """Rejects correspondences to boundary points of a cloud."""
 
     surface: CloudSurface
 
     def __call__(self, pairs: Pairs) -> FloatArray:
-        """0 on the rim, else 1."""
+        """0 at the boundary, else 1."""
         return np.where(self.surface.on_rim(pairs.closest), 0.0, 1.0)
 
 
-def inland(surface: Surface, width: float) -> tuple[Inland | OffRim, ...]:
-    """The gate for a target that ends somewhere."""
+def inland(surface: Surface, width: float) -> tuple[RejectMeshBoundary | RejectCloudBoundary, ...]:
+    """The rejector for an open target."""
     if isinstance(surface, CloudSurface):
-        return (OffRim(surface),)
+        return (RejectCloudBoundary(surface),)
     borders = surface.borders if isinstance(surface, MeshSurface) else None
-    return () if borders is None else (Inland(borders, STRIP * width),)
+    return () if borders is None else (RejectMeshBoundary(borders, STRIP * width),)
 
 
 def beyond_border(pairs: Pairs, surface: Surface, width: float, reach: float) -> BoolArray:
-    """Which pairs were left out because they end at a border of the target, (n,)."""
+    """Correspondences within reach that the boundary rejectors reject, (n,)."""
     out = np.zeros(len(pairs.distances), dtype=bool)
-    for gate in inland(surface, width):
-        out |= (gate(pairs) == 0.0) & (pairs.distances <= reach)
+    for rejects in inland(surface, width):
+        out |= (rejects(pairs) == 0.0) & (pairs.distances <= reach)
     return out

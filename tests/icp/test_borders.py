@@ -95,4 +95,4 @@ def test_far_stages_keep_what_they_can_get(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_the_rim_gate_is_for_clouds() -> None:
     (gate,) = inland(CloudSurface(sample_mesh(OPEN, 500, np.random.default_rng(0))), 1.0)
-    assert type(gate).__name__ == "OffRim"
+    assert type(gate).__name__ == "RejectCloudBoundary"
