@@ -111,14 +111,13 @@ def thumbnail(result: Registration) -> bytes | None:
     from dqreg.geometry import Mesh
     from dqreg.report.cameras import VIEWS, best_corner
     from dqreg.report.colours import ALIGNED, TARGET, rgb
-    from dqreg.report.measure import placed
     from dqreg.report.raster import Dots, PartScene, frame_of
 
     if result.inputs is None or not np.isfinite(result.T_target_source).all():
         return None
     target = result.inputs.target
     size = target.surface.diagonal
-    scan = _some(placed(result.inputs, result.T_target_source)) / size
+    scan = _some(result.inputs.placed(result.T_target_source)) / size
     geometry, layers = target.geometry, [Dots(scan, np.array(rgb(ALIGNED), np.uint8), 0.004)]
     if isinstance(geometry, Mesh):
         mesh, part = geometry, geometry.vertices / size

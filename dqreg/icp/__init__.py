@@ -1,17 +1,18 @@
 """The ICP loop and its parts.
 
-`Icp` is the loop at one width of its robust kernel; `run_graduated` takes it from a rough start to the last digit.
+`Icp` is the loop at one scale of its robust kernel; `align_coarse_to_fine` runs it from a rough initial pose to the
+last digit.
 Estimators, kernels, weights and stopping rules are values that can be exchanged.
 """
 
 from __future__ import annotations
 
-from dqreg.icp.coarse_to_fine import COARSE, find_basin, run_graduated, width_floor
+from dqreg.icp.coarse_to_fine import COARSE, align_coarse_to_fine, find_basin, width_floor
 from dqreg.icp.constrained import constrained
 from dqreg.icp.correspondences import Pairs, carried, correspond
 from dqreg.icp.estimators import ESTIMATORS, Estimator, points_and_normals, points_only, points_to_planes, svd_points
 from dqreg.icp.level import Level, Plan, Schedule
-from dqreg.icp.loop import Icp, Observer, Run
+from dqreg.icp.loop import Alignment, Icp, Observer, Run
 from dqreg.icp.rejectors import NormalAngle, Robust, Trimmed, WithinDistance
 from dqreg.icp.stopping import Stopping
 from dqreg.solvers.robust import Huber, InlierMixture, LeastSquares, Tukey, Welsch
@@ -21,6 +22,7 @@ __all__ = [
     "COARSE",
     "ESTIMATORS",
     "NO_POSE",
+    "Alignment",
     "Estimator",
     "Huber",
     "Icp",
@@ -39,6 +41,7 @@ __all__ = [
     "Tukey",
     "Welsch",
     "WithinDistance",
+    "align_coarse_to_fine",
     "carried",
     "constrained",
     "correspond",
@@ -46,7 +49,6 @@ __all__ = [
     "points_and_normals",
     "points_only",
     "points_to_planes",
-    "run_graduated",
     "svd_points",
     "width_floor",
 ]

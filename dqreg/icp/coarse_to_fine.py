@@ -26,7 +26,7 @@ from dqreg.geometry.surface import Surface
 from dqreg.icp.correspondences import Pairs, correspond
 from dqreg.icp.full_resolution import FINE, MIDDLE, finish
 from dqreg.icp.level import EXPLAINED, Level, Plan, Schedule
-from dqreg.icp.loop import Observer, Run
+from dqreg.icp.loop import Alignment, Observer, Run
 from dqreg.solvers.robust import InlierMixture
 
 # Points of the coarse level, where the basin is decided.
@@ -47,18 +47,18 @@ QUICK = Schedule("quick", stages=150, iterations=1, rounds=1)
 TRACKING = Schedule(FINE.name, stages=30, iterations=1, rounds=30)
 
 
-def run_graduated(
-    scan: Scan, surface: Surface, start: FloatArray, plan: Plan, observe: Observer | None = None
-) -> tuple[Run, InlierMixture]:
-    """Run the loop from coarse to fine."""
+def align_coarse_to_fine(
+    scan: Scan, surface: Surface, start: FloatArray, plan: Plan, observe: Observer | None = None, first: int = 1
+) -> Alignment:
+    """Run the loop from coarse to fine; iterations are numbered from the first on."""
     finest = min(plan.finest or len(scan), len(scan))
     counts = [count for count in (COARSE, MIDDLE) if 2 * count <= finest] + [finest]
     level = Level(scan.thinned(counts[0]), surface, plan, width_floor(scan, surface), last=len(counts) == 1)
-    run, mixture, level = _placed(level, start, observe)
-    return finish(level, scan, counts[1:], run, mixture, observe)
+    run, level = _placed(level, start, observe, first)
+    return finish(level, scan, counts[1:], run, observe)
 
 
-def _placed(level: Level, start: FloatArray, observe: Observer | None) -> tuple[Run, InlierMixture, Level]:
+def _placed(level: Level, start: FloatArray, observe: Observer | None, first: int) -> tuple[Alignment, Level]:
     """End of the coarse level, with the fine estimator where there is one, and that level as the finer ones go on."""
     # Where the start is near, there is no basin to decide on any more.
     few = dataclasses.replace(level, scan=level.scan.thinned(NEAR))
@@ -66,23 +66,21 @@ def _placed(level: Level, start: FloatArray, observe: Observer | None) -> tuple[
     if mixture is not None:
         if level.last:
             few, seen = level, None
-        run, mixture = _near(few, None).descend(mixture, start, TRACKING, observe, 1, before=seen)
-        return run, mixture, _near(few, run)
+        run = _near(few, None).descend(mixture, start, TRACKING, observe, first, before=seen)
+        return run, _near(few, run)
     if level.plan.fine is None:
-        run, mixture = find_basin(level, start, observe)
-        return run, mixture, _near(level, run)
-    run, mixture = find_basin(level, start, observe, hasty=True)
-    run, mixture, near = _refined(level, run, mixture, observe)
-    if run.ended_early or near.explains(run, mixture):
-        return run, mixture, near
+        run = find_basin(level, start, observe, first)
+        return run, _near(level, run)
+    run, near = _refined(level, find_basin(level, start, observe, first, hasty=True), observe)
+    if run.ended_early or near.explains(run, run.mixture):
+        return run, near
     # It looked near at a wide kernel, and at a narrow one much of the scan is left over: a wrong basin, or strays.
-    slow, slow_mixture = find_basin(level, start, observe, first=len(run.history) + 1)
-    slow, slow_mixture, slow_near = _refined(level, slow, slow_mixture, observe, len(run.history))
+    slow, slow_near = _refined(level, find_basin(level, start, observe, run.next_number), observe)
     history = run.history + slow.history
-    if not slow.ended_early and slow_near.surprise(slow_mixture, slow) < near.surprise(mixture, run):
-        run, mixture, near = slow, slow_mixture, slow_near
+    if not slow.ended_early and slow_near.mean_nll(slow) < near.mean_nll(run):
+        run, near = slow, slow_near
     status = slow.status if slow.status == "stopped by observer" else run.status
-    return dataclasses.replace(run, history=history, status=status), mixture, near
+    return dataclasses.replace(run, history=history, status=status), near
 
 
 def _first_look(level: Level, start: FloatArray) -> tuple[InlierMixture | None, Pairs | None]:
@@ -110,15 +108,12 @@ def _is_near(level: Level, mixture: InlierMixture) -> bool:
     return mixture.scale <= NEAR_WIDTH * level.surface.diagonal
 
 
-def _refined(
-    level: Level, run: Run, mixture: InlierMixture, observe: Observer | None, before: int = 0
-) -> tuple[Run, InlierMixture, Level]:
+def _refined(level: Level, run: Alignment, observe: Observer | None) -> tuple[Alignment, Level]:
     # The coarse points are gone over again where a new estimator takes over: it is the cheapest place to do so.
     near = _near(level, run)
     if run.ended_early:
-        return run, mixture, near
-    finer, mixture = near.descend(mixture, run.T_target_source, FINE, observe, before + len(run.history) + 1)
-    return dataclasses.replace(finer, history=run.history + finer.history), mixture, near
+        return run, near
+    return near.descend(run.mixture, run.T_target_source, FINE, observe, run.next_number).after(run), near
 
 
 def _near(level: Level, run: Run | None) -> Level:
@@ -143,7 +138,7 @@ def width_floor(scan: Scan, surface: Surface) -> float:
 
 def find_basin(
     level: Level, start: FloatArray, observe: Observer | None = None, first: int = 1, *, hasty: bool = False
-) -> tuple[Run, InlierMixture]:
+) -> Alignment:
     """The better of both schedules on one level."""
     mixture = _widest(level)
 
@@ -151,15 +146,12 @@ def find_basin(
         return _is_near(level, mixture) and level.explains(run, mixture)
 
     enough = found if hasty else None
-    patient, patient_mixture = level.descend(mixture, start, PATIENT, observe, first, enough)
-    if patient.status == "stopped by observer" or (hasty and found(patient, patient_mixture)):
-        return patient, patient_mixture
-    quick, quick_mixture = level.descend(mixture, start, QUICK, observe, first + len(patient.history), enough)
-    better, learned = patient, patient_mixture
-    if not quick.ended_early and (
-        patient.ended_early or level.surprise(quick_mixture, quick) < level.surprise(patient_mixture, patient)
-    ):
-        better, learned = quick, quick_mixture
-    if quick.status == "stopped by observer":
-        better = dataclasses.replace(better, status=quick.status)
-    return dataclasses.replace(better, history=patient.history + quick.history), learned
+    patient = level.descend(mixture, start, PATIENT, observe, first, enough)
+    if patient.status == "stopped by observer" or (hasty and found(patient, patient.mixture)):
+        return patient
+    quick = level.descend(mixture, start, QUICK, observe, first + len(patient.history), enough)
+    better = patient
+    if not quick.ended_early and (patient.ended_early or level.mean_nll(quick) < level.mean_nll(patient)):
+        better = quick
+    status = quick.status if quick.status == "stopped by observer" else better.status
+    return dataclasses.replace(better, status=status, history=patient.history + quick.history)

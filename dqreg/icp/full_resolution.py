@@ -24,9 +24,8 @@ from dqreg.geometry.surface import Closest
 from dqreg.icp.correspondences import Pairs, correspond
 from dqreg.icp.informative_sampling import favoured_of, favoured_rows, value_of
 from dqreg.icp.level import Level, Schedule
-from dqreg.icp.loop import Observer, Run
+from dqreg.icp.loop import Alignment, Observer, Run
 from dqreg.rigid import pose
-from dqreg.solvers.robust import InlierMixture
 
 # A point belongs to its run's face if it is so many widths inside each side of it and off it by less than so many.
 INSIDE, OFF = 3.0, 4.0
@@ -125,52 +124,43 @@ MIDDLE = 10_000
 RUNS, ALONE, SHORTEST = 6, 4, 4
 
 
-def finish(
-    level: Level, scan: Scan, counts: list[int], run: Run, mixture: InlierMixture, observe: Observer | None
-) -> tuple[Run, InlierMixture]:
+def finish(level: Level, scan: Scan, counts: list[int], run: Alignment, observe: Observer | None) -> Alignment:
     """Go on from the coarse level to the last."""
     surface, finest = level.surface, level.plan.finest
     planes = level.plan.fine is not None and bool(run.history) and run.history[-1].stage == FINE.name
     # Where all points are asked for, each gets an answer of its own.
     long = finest is not None and len(scan) >= SHORTEST * (finest // RUNS)
     if counts and planes and long and finest is not None and isinstance(surface, MeshSurface):
-        return _together(level, scan, surface, finest, run, mixture, observe)
+        return _together(level, scan, surface, finest, run, observe)
     for count in counts:
         if run.ended_early:
             break
         level = _drawn(level, scan, count, last=count == counts[-1], so_far=run)
-        run, mixture = _continued(level, run, mixture, observe)
-    return run, mixture
+        run = _continued(level, run, observe)
+    return run
 
 
 def _together(
-    level: Level,
-    scan: Scan,
-    surface: MeshSurface,
-    finest: int,
-    run: Run,
-    mixture: InlierMixture,
-    observe: Observer | None,
-) -> tuple[Run, InlierMixture]:
+    level: Level, scan: Scan, surface: MeshSurface, finest: int, run: Alignment, observe: Observer | None
+) -> Alignment:
     """All points: those on the face of their run of neighbours together, and a choice of the others one by one."""
     if run.ended_early:
-        return run, mixture
+        return run
     level = _after(level, run, scan.taken(run_centres(len(scan), finest // RUNS)[0]))
-    run, mixture = _continued(level, run, mixture, observe)
+    run = _continued(level, run, observe)
     if run.ended_early:
-        return run, mixture
-    pairs = gather(scan, surface, run.pairs, run.weights, run.T_target_source, mixture.scale, finest // ALONE)
+        return run
+    pairs = gather(scan, surface, run.pairs, run.weights, run.T_target_source, run.mixture.scale, finest // ALONE)
     level = dataclasses.replace(_after(level, run, pairs.scan), last=True)
-    return _joined(run, level.once(mixture, FINE, observe, len(run.history) + 1, pairs)), mixture
+    return _joined(run, level.once(run.mixture, FINE, observe, run.next_number, pairs))
 
 
-def _continued(level: Level, run: Run, mixture: InlierMixture, observe: Observer | None) -> tuple[Run, InlierMixture]:
-    finer, mixture = level.descend(mixture, run.T_target_source, FINE, observe, len(run.history) + 1)
-    return _joined(run, finer), mixture
+def _continued(level: Level, run: Alignment, observe: Observer | None) -> Alignment:
+    return _joined(run, level.descend(run.mixture, run.T_target_source, FINE, observe, run.next_number))
 
 
-def _joined(run: Run, finer: Run) -> Run:
-    return dataclasses.replace(finer, history=run.history + finer.history, earlier=(*run.earlier, run.pairs))
+def _joined(run: Alignment, finer: Alignment) -> Alignment:
+    return dataclasses.replace(finer.after(run), earlier=(*run.earlier, run.pairs))
 
 
 def _after(level: Level, run: Run, scan: Scan) -> Level:

@@ -13,7 +13,7 @@ from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
 from dqreg.icp.correspondences import Pairs, carried
 from dqreg.icp.estimators import Estimator
-from dqreg.icp.loop import Icp, Observer, Run
+from dqreg.icp.loop import Alignment, Icp, Observer, Run
 from dqreg.icp.rejectors import NormalAngle, WithinDistance, inland
 from dqreg.icp.stopping import Stopping
 from dqreg.solvers.robust import InlierMixture
@@ -88,7 +88,7 @@ class Level:
         first: int,
         enough: Callable[[Run, InlierMixture], bool] | None = None,
         before: Pairs | None = None,
-    ) -> tuple[Run, InlierMixture]:
+    ) -> Alignment:
         """Run at falling widths until the width settles."""
         run = self._run(mixture, start, schedule, observe, first, before)
         history = run.history
@@ -112,22 +112,22 @@ class Level:
                 break
             run = self._run(mixture, run.T_target_source, schedule, observe, first + len(history), run.pairs)
             history += run.history
-        return dataclasses.replace(run, history=history), mixture
+        return Alignment.of(dataclasses.replace(run, history=history), mixture)
 
     def once(
         self, mixture: InlierMixture, schedule: Schedule, observe: Observer | None, first: int, pairs: Pairs
-    ) -> Run:
+    ) -> Alignment:
         """Run at one width from pairs of this level's points, without learning another width."""
-        return self._run(mixture, pairs.T_target_source, schedule, observe, first, pairs)
+        return Alignment.of(self._run(mixture, pairs.T_target_source, schedule, observe, first, pairs), mixture)
 
     def explains(self, run: Run, mixture: InlierMixture) -> bool:
         """Whether nearly all points of a run belong to the inliers of a mixture."""
         return bool(mixture.share * np.count_nonzero(run.weights) >= EXPLAINED * len(run.weights))
 
-    def surprise(self, mixture: InlierMixture, run: Run) -> float:
+    def mean_nll(self, run: Alignment) -> float:
         """Mean negative log-likelihood of the distances at the end of a run: the lower, the better it explains them."""
         near = run.weights > 0.0
-        learned = mixture.fit(run.pairs.distances[near], floor=self.floor, rounds=100)
+        learned = run.mixture.fit(run.pairs.distances[near], floor=self.floor, rounds=100)
         return learned.mean_nll(run.pairs.distances[near], rejected=int(np.count_nonzero(~near)))
 
     def _run(

@@ -19,8 +19,8 @@ from dqreg.icp.history import Iteration
 from dqreg.icp.rejectors import Robust, Weight, product
 from dqreg.icp.stopping import Stopping
 from dqreg.rigid import pose
-from dqreg.solvers.robust import Kernel, LeastSquares
-from dqreg.solvers.status import NO_POSE, Status
+from dqreg.solvers.robust import InlierMixture, Kernel, LeastSquares
+from dqreg.solvers.status import INTERRUPTED, NO_POSE, Status
 
 Observer = Callable[[Iteration], object]
 
@@ -51,7 +51,29 @@ class Run:
     @property
     def ended_early(self) -> bool:
         """Whether there is no point in going on from here."""
-        return self.status in NO_POSE or self.status == "stopped by observer"
+        return self.status in NO_POSE or self.status in INTERRUPTED
+
+    @property
+    def next_number(self) -> int:
+        """Number of the iteration that would follow."""
+        return self.history[-1].number + 1 if self.history else 1
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Alignment(Run):
+    """Where runs at several kernel scales ended, with the history of all, and the mixture learned from the last."""
+
+    mixture: InlierMixture
+
+    @staticmethod
+    def of(run: Run, mixture: InlierMixture) -> Alignment:
+        """A run with what was learned from it."""
+        parts = run.T_target_source, run.status, run.history, run.pairs, run.weights, run.earlier
+        return Alignment(*parts, mixture=mixture)
+
+    def after(self, before: Run) -> Alignment:
+        """The same with the history of the runs before it."""
+        return dataclasses.replace(self, history=before.history + self.history)
 
 
 @dataclasses.dataclass(frozen=True)

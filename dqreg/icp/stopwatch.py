@@ -1,40 +1,54 @@
-"""A time limit that the loop hears of through its observer."""
+"""Time of a registration: seconds per stage, and a limit that the loop hears of through its observer."""
 
 from __future__ import annotations
 
-import dataclasses
+import contextlib
 import time
+from collections.abc import Iterator
 
-from dqreg.icp import Observer
 from dqreg.icp.history import Iteration
+from dqreg.icp.loop import Observer
 from dqreg.solvers.status import Status
 
 
-@dataclasses.dataclass(frozen=True)
-class Deadline:
-    """When to end."""
+class Stopwatch:
+    """Runs from when it is made."""
 
-    began: float  # Reading of `time.perf_counter` at the beginning
-    limit: float | None  # Seconds from then on; None never ends
+    def __init__(self, limit: float | None = None) -> None:
+        self._began = time.perf_counter()
+        self._limit = limit
+        self.seconds: dict[str, float] = {}  # Of each stage that has ended
+
+    @contextlib.contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Times what is done inside."""
+        began = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - began
+
+    @property
+    def total(self) -> float:
+        """Seconds so far."""
+        return time.perf_counter() - self._began
 
     @property
     def left(self) -> float | None:
-        """Seconds left, at least a moment; None without a limit."""
-        return None if self.limit is None else max(self.began + self.limit - time.perf_counter(), 1e-9)
+        """Seconds up to the limit, at least a moment; None without a limit."""
+        return None if self._limit is None else max(self._limit - self.total, 1e-9)
 
     @property
     def is_over(self) -> bool:
         """Whether the time is up."""
-        return self.limit is not None and time.perf_counter() > self.began + self.limit
+        return self._limit is not None and self.total > self._limit
 
     def watching(self, observe: Observer | None) -> Observer | None:
         """The observer, which also ends the loop when the time is up."""
-        if self.limit is None:
+        if self._limit is None:
             return observe
 
         def watch(record: Iteration) -> object:
-            told = None if observe is None else observe(record)
-            return False if self.is_over else told
+            answer = None if observe is None else observe(record)
+            return False if self.is_over else answer
 
         return watch
 

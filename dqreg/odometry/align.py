@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Scan
-from dqreg.icp import ESTIMATORS, InlierMixture, Level, Plan, Run, Schedule, Stopping, width_floor
+from dqreg.icp import ESTIMATORS, Alignment, InlierMixture, Level, Plan, Run, Schedule, Stopping, width_floor
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import candidates, screen
@@ -51,28 +51,26 @@ def align(scan: Scan, surface: MapSurface, poses: FloatArray, settings: Resolved
     plan = Plan(ESTIMATORS[method], settings.reach)
     floor = width_floor(scan, surface)
     coarse = Level(scan.thinned(COARSE), surface, plan, floor, last=False)
-    best: tuple[float, Run, InlierMixture] | None = None
+    best: tuple[float, Alignment] | None = None
     starts = screen(surface, scan.points, poses, 0.5 * settings.reach, keep) if len(poses) > 1 else poses
     wide = InlierMixture.starting(WIDE * plan.max_distance, plan.max_distance)
     for start in starts:
-        run, mixture = coarse.descend(wide, start, QUICK, None, 1)
-        surprise = np.inf if run.ended_early else coarse.surprise(mixture, run)
-        if best is None or surprise < best[0]:
-            best = (surprise, run, mixture)
+        run = coarse.descend(wide, start, QUICK, None, 1)
+        misfit = np.inf if run.ended_early else coarse.mean_nll(run)
+        if best is None or misfit < best[0]:
+            best = (misfit, run)
     assert best is not None
-    _, run, mixture = best
-    return Aligned(run, mixture) if run.ended_early else _finish(scan, surface, run, mixture, plan, floor, settings)
+    run = best[1]
+    return Aligned(run, run.mixture) if run.ended_early else _finish(scan, surface, run, plan, floor, settings)
 
 
-def _finish(
-    scan: Scan, surface: MapSurface, run: Run, mixture: InlierMixture, plan: Plan, floor: float, settings: Resolved
-) -> Aligned:
+def _finish(scan: Scan, surface: MapSurface, run: Alignment, plan: Plan, floor: float, settings: Resolved) -> Aligned:
     stopping = Stopping(TOLERANCE, ITERATIONS)
     fine = dataclasses.replace(plan, max_distance=settings.near, stopping=stopping)
     level = Level(scan, surface, fine, floor, last=True)
-    narrow = InlierMixture(min(mixture.scale, 0.5 * settings.near), mixture.share, settings.near)
-    finer, learned = level.descend(narrow, run.T_target_source, FINE, None, len(run.history) + 1)
-    return Aligned(dataclasses.replace(finer, history=run.history + finer.history), learned)
+    narrow = InlierMixture(min(run.mixture.scale, 0.5 * settings.near), run.mixture.share, settings.near)
+    finer = level.descend(narrow, run.T_target_source, FINE, None, run.next_number).after(run)
+    return Aligned(finer, finer.mixture)
 
 
 # Lattices of turns: the everyday one, and the one for a frame that fits badly, whose limit is in the settings.

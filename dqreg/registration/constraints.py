@@ -1,4 +1,4 @@
-"""What the caller knows beforehand: motions that are locked, and a pose with its covariance."""
+"""Constraints on the pose: locked motions, and a pose known beforehand with its covariance."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dqreg.solvers import Freedom, PoseCost
 
 
 @dataclasses.dataclass(frozen=True)
-class Known:
+class PoseConstraints:
     """Locked motions and a prior, between the centred frames."""
 
     freedom: Freedom | None = None  # Motions that are allowed; None allows all
@@ -24,17 +24,17 @@ class Known:
     prior: PoseCost | None = None  # Pose known beforehand
 
     @staticmethod
-    def of(
-        dof: str | Freedom | None,
+    def centred(
+        freedom: Freedom | None,
         prior: Any,
         reference: FloatArray,
         origin_source: FloatArray,
         origin_target: FloatArray,
-    ) -> Known:
-        """What was said in the caller's frames, brought to the centred ones."""
-        freedom = None if dof is None else Freedom.parse(dof).recentred(origin_target)
+    ) -> PoseConstraints:
+        """What was given in the caller's frames, between the centred ones; the reference is given there already."""
+        freedom = None if freedom is None else freedom.recentred(origin_target)
         if prior is None:
-            return Known(freedom, reference)
+            return PoseConstraints(freedom, reference)
         try:
             T, covariance = prior
             if isinstance(prior, str):
@@ -43,15 +43,17 @@ class Known:
             raise InputError(f"prior must be (pose, covariance), a 4x4 and a 6x6; got {prior!r:.80}") from None
         # Turned about the middle of the target, as the covariance of a `Registration` is.
         middle = pose.from_parts(np.eye(3), origin_target)
-        return Known(freedom, reference, PoseCost.prior(T, covariance, middle).recentred(origin_source, origin_target))
+        return PoseConstraints(
+            freedom, reference, PoseCost.prior(T, covariance, middle).recentred(origin_source, origin_target)
+        )
 
     @property
-    def anything(self) -> bool:
-        """Whether there is something to hold the pose to."""
+    def any(self) -> bool:
+        """Whether there are any."""
         return self.freedom is not None or self.prior is not None
 
     def estimator(self, *, planes: bool, weighed: bool = False) -> Estimator:
-        """Estimator that holds the pose to it, see `constrained`; with faces weighed by their scatter, if so asked."""
+        """Estimator that keeps them, see `constrained`; with faces weighed by their scatter, if so asked."""
         if self.reference is None:
             raise InputError("locked motions and priors need a start to hold the pose to")
         held = constrained(self.freedom or Freedom.parse("all"), self.reference, self.prior, planes=planes)
@@ -59,7 +61,7 @@ class Known:
             return held
         return lambda pairs, weights, noise: held(pairs, weighed_by_faces(pairs, weights, noise), noise)
 
-    def held(self, T: FloatArray) -> FloatArray:
+    def project(self, T: FloatArray) -> FloatArray:
         """The pose with its locked motions exactly as they were: an early end may hold an extrapolated one."""
         if self.freedom is None or self.reference is None:
             return T

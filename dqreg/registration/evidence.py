@@ -1,4 +1,4 @@
-"""What the verdict is made of, gathered on points that nobody chose for their usefulness."""
+"""How well scan and target agree at a pose, measured on an unbiased sample of the scan."""
 
 from __future__ import annotations
 
@@ -9,11 +9,9 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan, Surface
 from dqreg.geometry.normals import sample_rows
-from dqreg.icp import NO_POSE, InlierMixture, Pairs, Plan, Run, carried, correspond, width_floor
+from dqreg.icp import NO_POSE, Alignment, Pairs, Run, carried, correspond, width_floor
 from dqreg.rigid import pose
-from dqreg.trust import Evidence
 from dqreg.trust.patch_tests import ON, patches_off, stretch_of
-from dqreg.trust.records import Alternative, Direction
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
 # has a say there; on denser scans clutter makes patterns of its own, and the noise is known.
@@ -37,20 +35,28 @@ MORE_THAN_USUAL = 2.5
 APART_RAD = np.deg2rad(35.0)
 
 
-def gather_evidence(
-    run: Run,
-    mixture: InlierMixture,
-    scan: Scan,
-    surface: Surface,
-    plan: Plan,
-    directions: tuple[Direction, ...],
-    alternatives: tuple[Alternative, ...],
-    searched: str = "",
-    *,
-    has_border: bool = False,
-) -> Evidence:
-    """Look at a run's end."""
-    near = NEAR * plan.max_distance
+@dataclasses.dataclass(frozen=True)
+class Agreement:
+    """How well scan and target agree at a pose; the fields are those of `dqreg.trust.Evidence`."""
+
+    share_near: float
+    near: float
+    patches: int
+    patches_off: float
+    strays: float
+    normals_apart: float
+    width: float
+    expected: float
+    stretch: float
+    stretched_along: tuple[float, float, float]
+
+
+def agreement_of(
+    run: Alignment, scan: Scan, surface: Surface, max_distance: float, *, has_border: bool = False
+) -> Agreement:
+    """Measure it at the end of a run."""
+    mixture = run.mixture
+    near = NEAR * max_distance
     width = min(ON * mixture.scale, near)
     pairs = _pairs(run, scan, surface, mixture.scale)
     on = pairs.distances <= width
@@ -68,10 +74,7 @@ def gather_evidence(
         flat = close & pairs.closest.normals.any(axis=1)
         # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
         stretch, along = stretch_of(pairs.closest.points[flat], pairs.closest.normals[flat], pairs.aside[flat])
-    return Evidence(
-        status=run.status,
-        found=has_pose(run),
-        inliers=float(run.weights.sum()),
+    return Agreement(
         share_near=_share(on, close),
         near=near,
         patches=patches,
@@ -81,11 +84,6 @@ def gather_evidence(
         width=float(np.sqrt(np.mean(aside**2))) if len(aside) else mixture.scale,
         # From cloud to cloud the tangent planes are guesses between points that stand apart.
         expected=max(min(local.noise, scan.noise), scan.spacing if has_border else width_floor(scan, surface)),
-        has_border=has_border,
-        max_distance=plan.max_distance,
-        directions=directions,
-        alternatives=alternatives,
-        search=searched,
         stretch=stretch,
         stretched_along=(float(along[0]), float(along[1]), float(along[2])),
     )

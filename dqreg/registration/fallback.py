@@ -1,104 +1,88 @@
-"""Doubts about where a given start has led: another pose from a search, and the flips and mirrorings of a part."""
+"""What else may explain the scan: a pose from a global search where the fit is in doubt, near-symmetries, a mirror."""
 
 from __future__ import annotations
-
-import dataclasses
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry.normals import sample_rows
-from dqreg.icp import run_graduated, width_floor
-from dqreg.icp.loop import Observer
-from dqreg.icp.stopwatch import Deadline
-from dqreg.registration.assess import Outcome, from_work
-from dqreg.registration.initial_pose import Searching
-from dqreg.registration.target_index import TargetIndex
+from dqreg.registration.fit import Fit
+from dqreg.registration.initial_pose import GlobalSearch
 from dqreg.rigid import pose
 from dqreg.search.near_symmetry import flipped, gain_of_mirror
 from dqreg.search.poses import Poses
 from dqreg.search.scoring import score_poses
 from dqreg.trust.records import Alternative
 
-# Patches of points off the target, or points that face another way, beyond which the pose is doubted enough to look
-# for another one.
+# Patches of points off the target, or points with another normal, beyond which the pose is doubted enough to search for
+# another one.
 DOUBT, DOUBT_BORDER = 0.1, 0.3
-# And widths of the distances, in the scan's own noise.
+# And standard deviations of the distances, in the scan's own noise.
 MISFIT = 10.0
-# A pose that explains the scan better by so much mean log-likelihood is taken, if it is within this turn and this
-# share of the target's size of the start that was given: a start is rough, but it is meant.
+# A pose that explains the scan better by so much mean log-likelihood is taken, if it is within this rotation and this
+# share of the target's size of the initial pose that was given: that one is rough, but it is meant.
 BETTER = 0.02
 MEANT_RAD, MEANT = np.deg2rad(40.0), 0.25
 JUDGES = 10_000
+# Share of the largest distance at which the distances of two poses are truncated before they are compared.
+TRUNCATED = 0.25
 
 
-def try_again(
-    first: Outcome,
-    T_start: FloatArray,
-    searching: Searching,
-    observe: Observer | None,
-    deadline: Deadline,
-) -> tuple[Outcome, tuple[Alternative, ...]]:
-    """The better of a first outcome and of what a search from nothing finds, where the first is in doubt."""
-    evidence = first.evidence
-    # Two scans of one scene always differ somewhere, and their normals are guesses.
-    doubt = DOUBT_BORDER if evidence.has_border else DOUBT
-    doubted = (
-        evidence.patches_off > doubt + evidence.strays
-        or evidence.normals_apart > doubt
-        or evidence.width > MISFIT * evidence.expected > 0.0
+def is_doubtful(fit: Fit) -> bool:
+    """Whether so much speaks against a pose that another one is worth searching for."""
+    found = fit.agreement
+    # Two scans of one scene always differ somewhere, and their normals are estimates.
+    doubt = DOUBT_BORDER if fit.has_border else DOUBT
+    return (
+        found.patches_off > doubt + found.strays
+        or found.normals_apart > doubt
+        or found.width > MISFIT * found.expected > 0.0
     )
-    if not first.found or not doubted or deadline.is_over:
-        return first, ()
-    found = searching.candidates()
-    if not found:
-        return first, ()
-    plan = dataclasses.replace(first.plan, first_width=searching.width)
-    run, mixture = run_graduated(first.scan, first.surface, found[0].T_target_source, plan, deadline.watching(observe))
-    history = first.run.history + tuple(
-        dataclasses.replace(record, number=record.number + len(first.run.history)) for record in run.history
-    )
-    run = dataclasses.replace(run, history=history, status=deadline.status(run.status))
-    second = dataclasses.replace(first, run=run, mixture=mixture)
-    if not second.found:
-        return first, ()
-    gain, rms = _gain(first, second)
-    if gain <= BETTER:
-        return first, ()
-    T = run.T_target_source
-    turn = pose.angle_between(T, T_start)
-    shift = pose.offset_between(T, T_start, at=np.zeros(3))
-    if turn <= MEANT_RAD and shift <= MEANT * first.surface.diagonal:
-        return second, ()
-    return first, (Alternative(from_work(T, first.target.origin, first.source.origin), rms),)
 
 
-def flips_of(outcome: Outcome, flips: FloatArray) -> tuple[Alternative, ...]:
-    """Poses flipped by a turn that leaves most of the part in place, where they explain the scan about as well.
+def retry_from_search(fit: Fit, start: FloatArray, search: GlobalSearch) -> tuple[Fit, tuple[Alternative, ...]]:
+    """The better of a doubtful fit and of what a global search finds, which is reported where it is far from the start.
 
-    Shapes: flips (k, 4, 4).
+    Shapes: start (4, 4).
     """
-    surface = outcome.surface
-    limit, floor = 0.25 * outcome.plan.max_distance, width_floor(outcome.scan, surface)
-    found = flipped(outcome.run.T_target_source, flips, outcome.scan, surface, limit, floor)
-    return tuple(Alternative(from_work(T, outcome.target.origin, outcome.source.origin), rms) for T, rms in found)
+    if not is_doubtful(fit) or fit.problem.watch.is_over:
+        return fit, ()
+    found = search.candidates()
+    if not found:
+        return fit, ()
+    other = fit.resumed(found[0].T_target_source, search.kernel_scale)
+    if not other.found:
+        return fit, ()
+    gain, rms = _gain(fit, other)
+    if gain <= BETTER:
+        return fit, ()
+    T = other.T_target_source
+    rotation, shift = pose.angle_between(T, start), pose.offset_between(T, start, at=np.zeros(3))
+    if rotation <= MEANT_RAD and shift <= MEANT * fit.prepared.surface.diagonal:
+        return other, ()
+    return fit, (Alternative(fit.problem.to_caller(T), rms),)
 
 
-def mirror_gain(outcome: Outcome, target: TargetIndex) -> float:
-    """Mean log-likelihood that the scan gains when it is mirrored; asked only where some of it lies off the target."""
-    if outcome.target.kind == "cloud" or not outcome.found or not outcome.evidence.patches_off > 0.0:
+def near_symmetric_poses(fit: Fit) -> tuple[Alternative, ...]:
+    """The pose after rotations that leave most of the part in place, where they explain the scan about as well."""
+    limit, rotations = TRUNCATED * fit.settings.max_distance, fit.problem.target.near_rotations
+    found = flipped(fit.T_target_source, rotations, fit.prepared.scan, fit.prepared.surface, limit, fit.floor)
+    return tuple(Alternative(fit.problem.to_caller(T), rms) for T, rms in found)
+
+
+def mirror_gain(fit: Fit) -> float:
+    """Mean log-likelihood that the scan gains when it is mirrored; asked only where some of it lies off a part."""
+    target = fit.problem.target
+    if target.kind == "cloud" or not fit.found or not fit.agreement.patches_off > 0.0:
         return -np.inf
-    surface = outcome.target.surface
-    limit, floor = 0.25 * outcome.plan.max_distance, width_floor(outcome.scan, surface)
-    return gain_of_mirror(outcome.run.T_target_source, target.near_reflections, outcome.scan, surface, limit, floor)
+    limit, reflections = TRUNCATED * fit.settings.max_distance, target.near_reflections
+    return gain_of_mirror(fit.T_target_source, reflections, fit.prepared.scan, target.surface, limit, fit.floor)
 
 
-def _gain(first: Outcome, second: Outcome) -> tuple[float, float]:
-    # Mean log-likelihood that the second pose gains, and its truncated distance.
-    poses = np.stack([first.run.T_target_source, second.run.T_target_source])
-    points = first.scan.points[sample_rows(len(first.scan), JUDGES)]
-    surface = first.surface
-    floor = width_floor(first.scan, surface)
-    scores = score_poses(Poses.of(poses), points, surface, 0.25 * first.plan.max_distance, floor)
-    means = scores.means
-    return float(means[1] - means[0]), float(np.sqrt((scores.distances[1] ** 2).mean()))
+def _gain(fit: Fit, other: Fit) -> tuple[float, float]:
+    # Mean log-likelihood that the other pose gains, and its truncated distance.
+    poses = Poses.of(np.stack([fit.T_target_source, other.T_target_source]))
+    scan, surface = fit.prepared.scan, fit.prepared.surface
+    points = scan.points[sample_rows(len(scan), JUDGES)]
+    scores = score_poses(poses, points, surface, TRUNCATED * fit.settings.max_distance, fit.floor)
+    return float(scores.means[1] - scores.means[0]), float(np.sqrt((scores.distances[1] ** 2).mean()))

@@ -1,100 +1,86 @@
-"""Where a registration begins: at the start that was given, or at what the search finds."""
+"""The initial pose: the one that was given, or what global registration finds."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_pose
-from dqreg.errors import InputError
+from dqreg._arrays import FloatArray
 from dqreg.geometry import Scan
-from dqreg.icp.stopwatch import Deadline
-from dqreg.registration.assess import from_work, to_work
-from dqreg.registration.constraints import Known
+from dqreg.icp.stopwatch import Stopwatch
+from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.options import Options
+from dqreg.registration.problem import Prepared, Problem
 from dqreg.registration.target_index import TargetIndex
-from dqreg.search import Candidate, Stage, search, symmetry_words
+from dqreg.search import Candidate, search, symmetry_words
 from dqreg.trust.records import Alternative
 
-# How near the search for a start comes, in diagonals of the target.
+# How near the global search comes to the pose, in diagonals of the target.
 FOUND = 5e-3
 
 
 @dataclasses.dataclass(frozen=True)
-class Beginning:
-    """Where to begin, between the centred frames, and what the search for it knows."""
-
-    T_work: FloatArray  # (4, 4): Pose to begin at
-    width: float | None = None  # Width of the kernel to begin with; None where the loop finds it
-    alternatives: tuple[Alternative, ...] = ()  # Other poses that the search found as good, in the caller's frames
-    searched: str = ""  # Stage in which the search ended; empty where there was none
-
-
-@dataclasses.dataclass(frozen=True)
-class Searching:
-    """A search for a start that is ready to run, and runs only if it is asked to."""
+class GlobalSearch:
+    """A global search that is ready to run, and runs only if it is asked to."""
 
     scan: Scan
     target: TargetIndex
     options: Options
-    reach: float
-    deadline: Deadline
-    observe: Callable[[Stage], object] | None = None
+    max_distance: float
+    watch: Stopwatch
+
+    @staticmethod
+    def of(problem: Problem, prepared: Prepared) -> GlobalSearch:
+        """The search for the initial pose of a problem."""
+        max_distance = problem.max_distance(prepared)
+        return GlobalSearch(prepared.scan, problem.target, problem.options, max_distance, problem.watch)
 
     @property
-    def width(self) -> float:
-        """Width of the kernel with which to go on from what was found."""
+    def kernel_scale(self) -> float:
+        """Scale of the kernel with which to go on from what was found."""
         return FOUND * self.target.surface.diagonal
 
     def candidates(self) -> tuple[Candidate, ...]:
-        """Start poses between the centred frames, the best first."""
-        indexed = self.target
+        """Poses between the centred frames, the best first."""
+        target = self.target
         return search(
             self.scan,
-            indexed.surface,
-            indexed.geometry,
-            self.options.plan(self.reach, Known()),
-            lambda: self.target.pairs,
+            target.surface,
+            target.geometry,
+            self.options.icp_settings(self.max_distance, PoseConstraints()),
+            lambda: target.pairs,
             np.random.default_rng(self.options.seed),
-            time_limit=self.deadline.left,
-            observe=self.observe,
+            time_limit=self.watch.left,
+            observe=self.options.observe_search,
         )
 
 
-def begin(T_start: FloatArray | None, searching: Searching, origin_source: FloatArray) -> Beginning:
-    """Begin at the start that was given, else search for one."""
-    origin = searching.target.origin
-    if T_start is not None:
-        return Beginning(to_work(T_start, origin, origin_source))
-    found = searching.candidates()
+@dataclasses.dataclass(frozen=True)
+class InitialPose:
+    """Where the loop starts, and what the search for it knows."""
+
+    T_target_source: FloatArray  # (4, 4): Between the centred frames
+    kernel_scale: float | None = None  # Scale of the kernel to start with; None where the loop finds it
+    alternatives: tuple[Alternative, ...] = ()  # Other poses that explain the scan as well, in the caller's frames
+    search: str = ""  # Stage in which the search ended; empty where there was none
+
+
+def initial_pose(problem: Problem, global_search: GlobalSearch) -> InitialPose:
+    """The initial pose that was given, else the best that the search finds."""
+    if problem.start is not None:
+        return InitialPose(problem.to_centred(problem.start))
+    found = global_search.candidates()
     if not found:
-        return Beginning(np.eye(4), searched="judged")
+        return InitialPose(np.eye(4), search="judged")
     others = tuple(
         Alternative(
-            from_work(c.T_target_source, origin, origin_source),
+            problem.to_caller(c.T_target_source),
             c.rms,
-            symmetry_words(c.symmetry.moved(origin)) if c.symmetry else "",
+            symmetry_words(c.symmetry.moved(problem.target.origin)) if c.symmetry else "",
         )
         for c in found[1:]
     )
-    # The search has looked at the whole of both sides: what is left is to come near.
-    width = searching.width if found[0].stage == "judged" else None
-    return Beginning(found[0].T_target_source, width, others, found[0].stage)
-
-
-def read_start(start: Any, prior: Any, dof: Any) -> FloatArray | None:
-    """The pose to begin at, as a caller may give it."""
-    if start is None and isinstance(prior, tuple) and len(prior) == 2:
-        return as_pose(prior[0], "prior[0]")
-    if start is None:
-        if dof is not None:
-            raise InputError(f"dof={str(dof)!r} locks motions of a start, and there is none: give start, or a prior")
-        return None
-    if isinstance(start, str):
-        if start != "identity":
-            raise InputError(f'start must be None, "identity" or a 4x4 pose T_target_source; got {start!r}')
-        return np.eye(4)
-    return as_pose(start, "start")
+    # The search has compared all of the scan with all of the target: the basin is decided.
+    kernel_scale = global_search.kernel_scale if found[0].stage == "judged" else None
+    return InitialPose(found[0].T_target_source, kernel_scale, others, found[0].stage)

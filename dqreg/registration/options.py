@@ -1,9 +1,10 @@
-"""Options of a registration, checked, and the plan that follows from them."""
+"""Options of a registration, checked, and the settings of the loop that follow from them."""
 
 from __future__ import annotations
 
 import dataclasses
 import numbers
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,11 @@ import numpy as np
 from dqreg._arrays import LARGEST
 from dqreg.errors import InputError
 from dqreg.icp import COARSE, ESTIMATORS, Estimator, Plan, Stopping
+from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import points_to_weighed_planes
-from dqreg.registration.constraints import Known
+from dqreg.registration.constraints import PoseConstraints
+from dqreg.search import Stage
+from dqreg.solvers import Freedom
 
 # Points of the last level.
 EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 60_000, "best": None}
@@ -22,9 +26,25 @@ CONVERGENCE = 1e-7
 CELLS: dict[str, int | None] = {"fast": 6_000, "normal": 10_000, "best": None}
 
 
-@dataclasses.dataclass(frozen=True)
+# Options that a result repeats as they were given.
+RECORDED = (
+    "method",
+    "max_distance",
+    "max_angle_deg",
+    "effort",
+    "seed",
+    "accelerate",
+    "max_iterations",
+    "convergence",
+    "units",
+    "time_limit",
+    "scale",
+)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class Options:
-    """Checked options of one registration."""
+    """Checked options of one registration, see `dqreg.register`."""
 
     method: str
     max_distance: float | None
@@ -37,6 +57,14 @@ class Options:
     units: str = "check"
     time_limit: float | None = None
     scale: float | str = 1.0
+    source_units: str | None = None
+    target_units: str | None = None
+    dof: str | Freedom | None = None
+    prior: Any = None
+    viewpoint: Any = None
+    observe: Callable[[Iteration], object] | None = None
+    observe_search: Callable[[Stage], object] | None = None
+    keep_inputs: bool = True
 
     def __post_init__(self) -> None:
         known = ("auto", *ESTIMATORS)
@@ -72,6 +100,20 @@ class Options:
             raise InputError(
                 f"convergence is a share of the target's size, above 0 and below 1; got {self.convergence!r}"
             )
+        for name in ("observe", "observe_search"):
+            observer = getattr(self, name)
+            if observer is not None and not callable(observer):
+                raise InputError(f"{name} must be a function of one record, or None; got {observer!r:.80}")
+
+    @property
+    def recorded(self) -> dict[str, Any]:
+        """What a result repeats of them."""
+        return {name: getattr(self, name) for name in RECORDED}
+
+    @property
+    def freedom(self) -> Freedom | None:
+        """Motions that are allowed; None allows all."""
+        return None if self.dof is None else Freedom.parse(self.dof)
 
     @property
     def cells(self) -> int | None:
@@ -90,38 +132,33 @@ class Options:
             return None
         return COARSE if self.method == "auto" else EFFORTS[self.effort]
 
-    def plan(self, reach: float, known: Known, first_width: float | None = None, *, clouds: bool = False) -> Plan:
-        """Parts of the loop."""
+    def icp_settings(
+        self,
+        max_distance: float,
+        constraints: PoseConstraints,
+        kernel_scale: float | None = None,
+        *,
+        even: bool = False,
+    ) -> Plan:
+        """Parts of the loop; between clouds that are downsampled evenly, planes are fitted at every point."""
         auto = self.method == "auto"
         coarse: Estimator = ESTIMATORS["dq" if auto else self.method]
         fine: Estimator | None = points_to_weighed_planes if auto else None
-        if auto and clouds:
+        if auto and even:
             fine = ESTIMATORS["generalised"]
-        if known.anything:
-            coarse, fine = (
-                known.estimator(planes=self.method == "plane"),
-                known.estimator(planes=True, weighed=True) if auto else None,
-            )
+        if constraints.any:
+            coarse = constraints.estimator(planes=self.method == "plane")
+            fine = constraints.estimator(planes=True, weighed=True) if auto else None
         return Plan(
             estimator=coarse,
             fine=fine,
-            max_distance=reach,
+            max_distance=max_distance,
             finest=EFFORTS[self.effort],
-            first_width=first_width if auto else None,
+            first_width=kernel_scale if auto else None,
             max_angle_rad=float(np.deg2rad(self.max_angle_deg)),
             accelerate=self.accelerate,
             stopping=Stopping(convergence=self.convergence, iterations=self.max_iterations),
         )
-
-
-def require_callable(**observers: Any) -> None:
-    """Raise unless every observer is a function or None.
-
-    >>> require_callable(observe=print, observe_search=None)
-    """
-    for name, observer in observers.items():
-        if observer is not None and not callable(observer):
-            raise InputError(f"{name} must be a function of one record, or None; got {observer!r:.80}")
 
 
 def _require_scale(scale: object) -> None:

@@ -2,39 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, renamed
-from dqreg.icp import Observer, run_graduated
 from dqreg.icp.history import Iteration
-from dqreg.icp.stopwatch import Deadline
-from dqreg.registration.all_points import all_points_say_more, go_on
-from dqreg.registration.assess import Outcome
-from dqreg.registration.both import Both
-from dqreg.registration.constraints import Known
-from dqreg.registration.downsampling import Sides
-from dqreg.registration.fallback import flips_of, mirror_gain, try_again
-from dqreg.registration.initial_pose import Beginning, Searching, begin, read_start
-from dqreg.registration.options import CONVERGENCE, Options, require_callable
+from dqreg.icp.stopwatch import Stopwatch
+from dqreg.registration.options import CONVERGENCE, Options
+from dqreg.registration.pipeline import align
+from dqreg.registration.problem import Problem
 from dqreg.registration.result import Registration
-from dqreg.registration.scale import register_scaled
+from dqreg.registration.scale import align_with_scale
 from dqreg.registration.target_file import bytes_of, load_target, save_target
 from dqreg.registration.target_index import TargetIndex, index_target
-from dqreg.registration.visibility import look_again
-from dqreg.registration.visible_target import as_viewpoints
 from dqreg.search import PairTable, Stage
 from dqreg.solvers import Freedom
-
-# Largest distance of a pair, in diagonals of the smaller of source and target.
-REACH = 0.2
 
 
 def register(
@@ -152,81 +140,32 @@ def register(
     >>> result.verdict.level, result.T_target_source[:3, 3].round(6).tolist()
     ('accepted', [-1.0, 2.0, -0.5])
     """
-    convergence = renamed("tolerance", tolerance, "convergence", convergence, CONVERGENCE)
-    del tolerance
+    watch = Stopwatch(time_limit)
+    options = Options(
+        method=method,
+        max_distance=max_distance,
+        max_angle_deg=max_angle_deg,
+        effort=effort,
+        seed=seed,
+        accelerate=accelerate,
+        max_iterations=max_iterations,
+        convergence=renamed("tolerance", tolerance, "convergence", convergence, CONVERGENCE),
+        units=units,
+        time_limit=time_limit,
+        scale=scale,
+        source_units=source_units,
+        target_units=target_units,
+        dof=dof,
+        prior=prior,
+        viewpoint=viewpoint,
+        observe=observe,
+        observe_search=observe_search,
+        keep_inputs=keep_inputs,
+    )
     target = target.indexed if isinstance(target, Target) else target
-    arguments, began = dict(locals()), time.perf_counter()
-    options = Options(**{field.name: arguments[field.name] for field in dataclasses.fields(Options)})
-    require_callable(observe=observe, observe_search=observe_search)
     if options.solves_scale:
-        return register_scaled(register, arguments)
-    T_start, viewpoints = read_start(start, prior, dof), as_viewpoints(viewpoint)
-    timings: dict[str, float] = {}
-    with _timed(timings, "read"):
-        both = Both.read(source, target, options, source_units, target_units, viewpoints)
-    with _timed(timings, "prepare"):
-        sides = both.sides(options, started=T_start is not None)
-        reach = max_distance or REACH * min(sides.surface.diagonal, sides.scan.diagonal)
-    deadline = Deadline(began, time_limit)
-    searching = Searching(sides.scan, both.target, options, reach, deadline, observe_search)
-    with _timed(timings, "start"):
-        begun = begin(T_start, searching, both.source.origin)
-    watch = both.observer(observe)
-    with _timed(timings, "register"):
-        known = Known.of(dof, prior, begun.T_work, both.source.origin, both.target.origin)
-        outcome = _run(both, sides, begun, known, options, reach, deadline, watch)
-    alternatives = begun.alternatives
-    if T_start is not None and outcome.found:
-        with _timed(timings, "second try"):
-            if method == "auto" and not known.anything:
-                outcome, alternatives = try_again(outcome, begun.T_work, searching, watch, deadline)
-            outcome = outcome.with_free_motions_of(begun.T_work)
-            alternatives += flips_of(outcome, both.target.near_rotations)
-    mirrored = mirror_gain(outcome, both.target)
-    if viewpoints is not None:
-        with _timed(timings, "viewpoint"):
-            outcome = look_again(outcome, viewpoints, watch, deadline)
-    settings = {
-        **dataclasses.asdict(options),
-        **both.settings(),
-        "start": "search" if T_start is None else start if isinstance(start, str) else "given",
-        "T_start": None if T_start is None else T_start.tolist(),
-        "dof": None if dof is None else str(Freedom.parse(dof)),
-        "prior": prior is not None,
-        "viewpoint": None if viewpoints is None else viewpoints.tolist(),
-        # Zero where all points have said more.
-        "cell_size": sides.cell if outcome.scan is sides.scan else 0.0,
-    }
-    timings["total"] = time.perf_counter() - began
-    return outcome.registration(alternatives, timings, settings, keep_inputs, mirrored)
-
-
-def _run(
-    both: Both,
-    sides: Sides,
-    begun: Beginning,
-    known: Known,
-    options: Options,
-    reach: float,
-    deadline: Deadline,
-    watch: Observer | None,
-) -> Outcome:
-    """The loop, on cells of dense clouds first and on all points where they say more."""
-    plan = options.plan(reach, known, begun.width, clouds=sides.even)
-    run, mixture = run_graduated(sides.scan, sides.surface, begun.T_work, plan, deadline.watching(watch))
-    if all_points_say_more(sides, run):
-        sides, plan = both.whole(options), options.plan(reach, known)
-        run, mixture = go_on(sides, plan, run, mixture, deadline.watching(watch))
-    T, status = known.held(run.T_target_source), deadline.status(run.status)
-    run = dataclasses.replace(run, T_target_source=T, status=status)
-    return Outcome(run, mixture, sides.scan, sides.surface, both.source, both.target, plan, known, begun.searched)
-
-
-@contextlib.contextmanager
-def _timed(timings: dict[str, float], name: str) -> Iterator[None]:
-    began = time.perf_counter()
-    yield
-    timings[name] = time.perf_counter() - began
+        return align_with_scale(source, target, start, options)
+    return align(Problem.of(source, target, start, options, watch))
 
 
 @dataclasses.dataclass(frozen=True)

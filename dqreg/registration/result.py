@@ -18,10 +18,9 @@ from dqreg.files.atomic import write_atomically
 from dqreg.files.strict_json import fields_from, plain
 from dqreg.icp.history import Iteration
 from dqreg.inspection import Deviations, measure_deviations, why_unsigned
-from dqreg.registration.inputs import Inputs
 from dqreg.registration.invariants import broken_promise
+from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.result_json import CHECKS, plain_direction, plain_iteration, plain_verdict
-from dqreg.registration.visible_target import seen_target
 from dqreg.rigid import DualQuaternion, pose
 from dqreg.trust.records import Alternative, Direction, Reason, Verdict
 
@@ -65,7 +64,7 @@ class Registration:
         Seconds per stage.
     settings : dict
         Every setting as resolved, lengths in target units.
-    inputs : Inputs or None
+    inputs : SourceAndTarget or None
         Both sides, for deviations, pictures and reports; not saved, and None where ``keep_inputs=False`` asked so.
         `attached` brings them back.
     """
@@ -81,7 +80,7 @@ class Registration:
     inlier_fraction: float
     timings: dict[str, float]
     settings: dict[str, Any]
-    inputs: Inputs | None = dataclasses.field(default=None, repr=False)
+    inputs: SourceAndTarget | None = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         broken = _broken(vars(self))
@@ -120,11 +119,11 @@ class Registration:
         """
         known = self.settings
         units = known.get("source_units"), known.get("target_units")
-        inputs = Inputs.read(source, target, *units, known.get("seed", 0), known.get("scale", 1.0))
-        viewpoint = known.get("viewpoint")
-        if viewpoint is not None and np.isfinite(self.T_target_source).all():
-            seen = self.apply(viewpoint) - inputs.target.origin
-            inputs = dataclasses.replace(inputs, target=seen_target(inputs.target, seen))
+        inputs = SourceAndTarget.read(source, target, *units, known.get("seed", 0), known.get("scale", 1.0))
+        viewpoints = known.get("viewpoint")
+        if viewpoints is not None and np.isfinite(self.T_target_source).all():
+            T, places = inputs.to_centred(self.T_target_source), inputs.source.centred(np.array(viewpoints))
+            inputs = dataclasses.replace(inputs, target=inputs.target.visible_from(pose.apply(T, places)))
         return dataclasses.replace(self, inputs=inputs)
 
     @property
@@ -215,15 +214,12 @@ class Registration:
                 "this result does not hold its two sides (it was loaded, or made with keep_inputs=False); "
                 "call result.attached(source, target).deviations()"
             )
-        source, target = self.inputs.source, self.inputs.target
+        target = self.inputs.target
         unsigned = why_unsigned(target.geometry)
         if unsigned:
             warnings.warn(unsigned, UserWarning, stacklevel=2)
-        R, t = T[:3, :3], T[:3, 3]
-        # The origins go into the shift first: large numbers cancel here once, not once a point.
-        T_work = pose.from_parts(R, R @ source.origin + t - target.origin)
         return measure_deviations(
-            pose.apply(T_work, source.cloud.points),
+            self.inputs.placed(T),
             target.geometry,
             target.surface,
             origin=target.origin,

@@ -22,8 +22,8 @@ from dqreg.files.units import RATIOS
 from dqreg.geometry import Mesh, Surface
 from dqreg.geometry.scan import Scan
 from dqreg.icp import COARSE, InlierMixture, Pairs, correspond, width_floor
-from dqreg.registration.assess import to_work
-from dqreg.registration.initial_pose import Searching
+from dqreg.registration.initial_pose import GlobalSearch
+from dqreg.registration.problem import SourceAndTarget
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GemanMcClure
 from dqreg.solvers.scale import ScaleStep, SurfaceMatches, scale_step
@@ -38,8 +38,8 @@ class ScaleCandidate:
     """A scale, its pose, and how badly both explain the scan."""
 
     scale: float  # What the source, in the unit it is worked with, is multiplied with
-    T_work: FloatArray  # (4, 4): Pose of the scaled source between the centred frames
-    surprise: float  # Mean negative log-likelihood of the distances in source units; the lower the better
+    T_centred: FloatArray  # (4, 4): Pose of the scaled source between the centred frames
+    mean_nll: float  # Mean negative log-likelihood of the distances in source units; the lower the better
     held: bool  # Whether the matches fix the scale
     width: float = np.inf  # Width of the inliers' distances, source units
     share: float = 0.0  # Share of inliers among all points
@@ -61,25 +61,27 @@ def joint_step(
     scan: Scan,
     surface: Surface,
     scale: float,
-    T_work: FloatArray,
+    T_centred: FloatArray,
     weigh: Callable[[Pairs], FloatArray],
     *,
     hold: bool = False,
 ) -> ScaleStep:
     """One step of scale and pose together, from the closest places of a scaled scan."""
-    pairs = correspond(scaled(scan, scale), surface, T_work)
+    pairs = correspond(scaled(scan, scale), surface, T_centred)
     matches = SurfaceMatches(pairs.moved, pairs.closest.points, pairs.closest.normals, weigh(pairs))
     return scale_step(matches, hold=hold)
 
 
-def refine_scale(searching: Searching, scale: float, T_work: FloatArray, *, hold: bool = False) -> ScaleCandidate:
+def refine_scale(search: GlobalSearch, scale: float, T_centred: FloatArray, *, hold: bool = False) -> ScaleCandidate:
     """Scale and pose together, on a few thousand points."""
-    surface = searching.target.surface
-    few = searching.scan.thinned(COARSE)
+    surface = search.target.surface
+    few = search.scan.thinned(COARSE)
     floor, held = width_floor(few, surface), True
     for _ in range(STEPS):
         try:
-            step = joint_step(few, surface, scale, T_work, partial(_robust, floor=scale * floor), hold=hold or not held)
+            step = joint_step(
+                few, surface, scale, T_centred, partial(_robust, floor=scale * floor), hold=hold or not held
+            )
         except DegenerateGeometryError:
             if not held:
                 break
@@ -87,27 +89,29 @@ def refine_scale(searching: Searching, scale: float, T_work: FloatArray, *, hold
             continue
         if not 1.0 / LARGEST <= step.factor <= LARGEST:
             step = dataclasses.replace(step, factor=float(np.clip(step.factor, 1.0 / LARGEST, LARGEST)))
-        before, T_work, scale = T_work, step.moved(T_work), scale * step.factor
-        moved = float(pose.offset_between(before, T_work)) + float(pose.angle_between(before, T_work)) * few.diagonal
+        before, T_centred, scale = T_centred, step.moved(T_centred), scale * step.factor
+        moved = (
+            float(pose.offset_between(before, T_centred)) + float(pose.angle_between(before, T_centred)) * few.diagonal
+        )
         if abs(np.log(step.factor)) <= STILL and moved <= STILL * surface.diagonal:
             break
-    return _judged(searching, few, ScaleCandidate(scale, T_work, np.inf, held and not hold), floor)
+    return _judged(search, few, ScaleCandidate(scale, T_centred, np.inf, held and not hold), floor)
 
 
 def _robust(pairs: Pairs, floor: float) -> FloatArray:
     return GemanMcClure.of_median(pairs.distances, floor).weight(pairs.distances)
 
 
-def _judged(searching: Searching, few: Scan, found: ScaleCandidate, floor: float) -> ScaleCandidate:
-    surface, limit = searching.target.surface, searching.reach
-    distances = correspond(scaled(few, found.scale), surface, found.T_work).distances / found.scale
+def _judged(search: GlobalSearch, few: Scan, found: ScaleCandidate, floor: float) -> ScaleCandidate:
+    surface, limit = search.target.surface, search.max_distance
+    distances = correspond(scaled(few, found.scale), surface, found.T_centred).distances / found.scale
     near = distances[distances <= limit]
     if not len(near):
         return found
     mixture = InlierMixture.widest(limit, floor).fit(near, floor=floor, rounds=100)
-    surprise = mixture.mean_nll(near, rejected=len(distances) - len(near))
+    mean_nll = mixture.mean_nll(near, rejected=len(distances) - len(near))
     return dataclasses.replace(
-        found, surprise=surprise, width=mixture.scale, share=mixture.share * len(near) / len(distances)
+        found, mean_nll=mean_nll, width=mixture.scale, share=mixture.share * len(near) / len(distances)
     )
 
 
@@ -143,68 +147,67 @@ def scale_starts(ratio: float, *, searched: bool) -> tuple[list[float], list[flo
 
 
 def try_scale(
-    searching: Searching, scale: float, T_start: FloatArray | None, origin_source: FloatArray
+    search: GlobalSearch, scale: float, T_start: FloatArray | None, frames: Callable[[float], SourceAndTarget]
 ) -> tuple[ScaleCandidate, ...]:
-    """Where a scale leads to, from the start that was given or from what the search finds."""
-    origin = searching.target.origin
+    """Where a scale leads to, from the initial pose that was given or from what the search finds."""
     if T_start is None:
-        again = dataclasses.replace(searching, scan=scaled(searching.scan, scale), reach=scale * searching.reach)
+        again = dataclasses.replace(search, scan=scaled(search.scan, scale), max_distance=scale * search.max_distance)
         starts = [c.T_target_source for c in again.candidates()[:FOLLOWED]]
     else:
         # A start may be meant for the scaled source, or be known from elsewhere for the source as it is.
-        meant, as_it_is = (to_work(T_start, origin, s * origin_source) for s in (scale, 1.0))
-        same = float(np.abs(meant - as_it_is).max()) <= STILL * searching.target.surface.diagonal
+        meant, as_it_is = (frames(s).to_centred(T_start) for s in (scale, 1.0))
+        same = float(np.abs(meant - as_it_is).max()) <= STILL * search.target.surface.diagonal
         starts = [meant] if same else [meant, as_it_is]
-    return tuple(refine_scale(searching, scale, T) for T in starts)
+    return tuple(refine_scale(search, scale, T) for T in starts)
 
 
-def explained(searching: Searching, candidates: list[ScaleCandidate]) -> bool:
+def explained(search: GlobalSearch, candidates: list[ScaleCandidate]) -> bool:
     """Whether the best of some candidates leaves little of the scan over, so that no others need to be tried."""
-    return fits(searching, candidates) and _likeliest(candidates).share >= EXPLAINED
+    return fits(search, candidates) and _likeliest(candidates).share >= EXPLAINED
 
 
-def fits(searching: Searching, candidates: list[ScaleCandidate]) -> bool:
+def fits(search: GlobalSearch, candidates: list[ScaleCandidate]) -> bool:
     """Whether the best of some candidates lies on the target as closely as the scan's own noise allows."""
     if not candidates:
         return False
-    scan, best, surface = searching.scan, _likeliest(candidates), searching.target.surface
+    scan, best, surface = search.scan, _likeliest(candidates), search.target.surface
     # From cloud to cloud the closest point is a spacing away.
-    usual = scan.noise if isinstance(searching.target.geometry, Mesh) else scan.noise + scan.spacing
+    usual = scan.noise if isinstance(search.target.geometry, Mesh) else scan.noise + scan.spacing
     return best.width <= max(FITS * usual, EXACT * surface.diagonal / best.scale)
 
 
 def _likeliest(candidates: list[ScaleCandidate]) -> ScaleCandidate:
-    return min(candidates, key=lambda c: c.surprise)
+    return min(candidates, key=lambda c: c.mean_nll)
 
 
 def distinct_scales(candidates: list[ScaleCandidate]) -> list[ScaleCandidate]:
     """The best candidate of each scale, the best first."""
     kept: list[ScaleCandidate] = []
-    for candidate in sorted(candidates, key=lambda c: c.surprise):
+    for candidate in sorted(candidates, key=lambda c: c.mean_nll):
         if all(abs(np.log(candidate.scale / other.scale)) > SAME for other in kept):
             kept.append(candidate)
     return kept
 
 
-def why_not_fixed(searching: Searching, found: list[ScaleCandidate]) -> Reason | None:
+def why_not_fixed(search: GlobalSearch, found: list[ScaleCandidate]) -> Reason | None:
     """Why the data do not fix the scale; None where they do."""
     best = found[0]
     free = "the scale is unobservable: planes, cones and corners look alike at any scale; give the scale"
     if not best.held:
         return Reason(free, "scale_unobservable")
-    if not fits(searching, found):
+    if not fits(search, found):
         return Reason(
             f"no scale that was tried fits (best at {best.scale:.6g}); give the scale, or an initial pose",
             "scale_misfit",
         )
     for factor in (1.0 - ASIDE, 1.0 + ASIDE):
-        aside = refine_scale(searching, factor * best.scale, best.T_work, hold=True)
-        if aside.surprise <= best.surprise + AS_GOOD:
+        aside = refine_scale(search, factor * best.scale, best.T_centred, hold=True)
+        if aside.mean_nll <= best.mean_nll + AS_GOOD:
             return Reason(
                 f"{free} (at {factor * best.scale:.6g} the scan fits as well as at {best.scale:.6g})",
                 "scale_unobservable",
             )
-    others = [c.scale for c in found[1:] if c.surprise <= best.surprise + AS_GOOD]
+    others = [c.scale for c in found[1:] if c.mean_nll <= best.mean_nll + AS_GOOD]
     if others:
         return Reason(
             f"the scan fits at another scale as well: {', '.join(f'{s:.6g}' for s in others)}; give the scale",

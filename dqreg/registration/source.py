@@ -33,6 +33,17 @@ class CentredSource:
     scale: float  # Factor from source units to target units, and what else was asked for
     mesh: Mesh | None = None  # The mesh that the points were drawn from, as it was given
 
+    def centred(self, points: FloatArray) -> FloatArray:
+        """Points of the caller's frame in this one, (n, 3)."""
+        return self.scale * points - self.origin
+
+    def oriented_from(self, viewpoints: FloatArray) -> CentredSource:
+        """The same with the signs of estimated normals from where the scanner stood, where that is one place."""
+        if len(viewpoints) > 1 or self.cloud.normals is not None:
+            return self
+        place = self.centred(viewpoints)[0]
+        return dataclasses.replace(self, cloud=dataclasses.replace(self.cloud, viewpoint=place))
+
     def as_given(self) -> tuple[FloatArray, FloatArray | None]:
         """Points, or the vertices of a mesh, and normals as they were given, to the rounding of the coordinates."""
         if self.mesh is not None:

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, bounds
+from dqreg._arrays import BoolArray, FloatArray, bounds
 from dqreg.errors import InputError
 from dqreg.geometry import Closest, CloudSurface, Mesh, MeshSurface, PointCloud, Surface
 from dqreg.geometry.mesh_normals import SmoothNormals
 from dqreg.geometry.opening import describe, read_any
 from dqreg.geometry.unit_check import principal_spreads
+from dqreg.geometry.visibility import VisibleSurface, visible_faces
 from dqreg.geometry.voxels import EvenCloud, even_size
 from dqreg.registration.source import moved, require_spread
 from dqreg.search import PairTable
@@ -34,6 +35,7 @@ class TargetIndex:
     name: str = ""  # What the caller gave, see `describe`
     # (m, 4): Normals and variances of a cloud's surface where they were fitted before
     fitted: FloatArray | None = dataclasses.field(default=None, repr=False)
+    visible: BoolArray | None = dataclasses.field(default=None, repr=False)  # (n,): Faces to ask; None asks all
     _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
     _evened: dict[int, EvenCloud] = dataclasses.field(default_factory=dict, repr=False, compare=False)
 
@@ -46,7 +48,8 @@ class TargetIndex:
                 return built
             surface: Surface
             if isinstance(self.geometry, Mesh):
-                surface = MeshSurface(self.geometry)
+                seen = self.visible
+                surface = MeshSurface(self.geometry) if seen is None else VisibleSurface(self.geometry, seen)
             else:
                 surface = CloudSurface(self.geometry, self.fitted)
             surface.closest(np.zeros((1, 3)))  # builds what is built lazily, while only one thread is here
@@ -82,6 +85,19 @@ class TargetIndex:
             if count not in self._evened:
                 self._evened[count] = EvenCloud.of(self.geometry, even_size(self.geometry.points, count))
             return self._evened[count]
+
+    def visible_from(self, viewpoints: FloatArray) -> TargetIndex:
+        """The target with a surface of those faces alone that can be seen from some viewpoints, (k, 3)."""
+        visible = visible_faces(require_mesh(self.geometry), viewpoints)
+        if visible.all():
+            return self
+        if not visible.any():
+            raise InputError(
+                f"no face of the target can be seen from viewpoint at the pose found (it would be at "
+                f"{(viewpoints + self.origin).round(6).tolist()} in target coordinates); is it in source coordinates "
+                "and source units?"
+            )
+        return dataclasses.replace(self, visible=visible)
 
     @cached_property
     def spreads(self) -> FloatArray:
@@ -120,6 +136,16 @@ class TargetIndex:
     def kind(self) -> str:
         """What the target is: "mesh" or "cloud"."""
         return "mesh" if isinstance(self.geometry, Mesh) else "cloud"
+
+
+def require_mesh(geometry: PointCloud | Mesh) -> Mesh:
+    """The mesh; raise where faces cannot be hidden because there are none."""
+    if isinstance(geometry, Mesh):
+        return geometry
+    raise InputError(
+        "viewpoint leaves out faces of a mesh that the scanner cannot have seen, and this target is a cloud; "
+        "leave viewpoint out, or give the target as a mesh"
+    )
 
 
 def index_target(target: Any) -> TargetIndex:

@@ -11,19 +11,10 @@ from dqreg.geometry import Mesh
 from dqreg.inspection import Deviations
 from dqreg.report.colours import Scale, nice_above
 from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
-from dqreg.rigid import pose
 
 # The scale of the colours reaches that share of the points on the part, at least the first and at most the second
 # number of widths of the inliers: much clutter near the part must not wash out its colours.
 SHOWN, LEAST, MOST = 0.98, 3.0, 12.0
-
-
-def placed(inputs: RegisteredPair, T_target_source: FloatArray) -> FloatArray:
-    """The scan under a pose, about the target's origin."""
-    R, t = T_target_source[:3, :3], T_target_source[:3, 3]
-    # The shift is put together first: large numbers cancel here once, not once a point.
-    shift = R @ inputs.source.origin + t - inputs.target.origin
-    return pose.apply(pose.from_parts(R, shift), inputs.source.cloud.points)
 
 
 def quiet_deviations(result: RegistrationResult, tolerance: float | None, reach: float | None = None) -> Deviations:

@@ -15,7 +15,6 @@ from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.geometry import Mesh
 from dqreg.report.cameras import BEST, VIEWS, require_view
 from dqreg.report.colours import ALIGNED, OFF_PART, SOURCE, TARGET, ByteArray, rgb
-from dqreg.report.measure import placed
 from dqreg.report.picture_marks import INK, PER_INCH, as_jpeg, as_png, draw_legend, draw_scale_bar, draw_text
 from dqreg.report.raster import Dots, PartScene, frame_of
 from dqreg.report.story import Story
@@ -135,7 +134,7 @@ def _target_cloud(story: Story) -> list[Dots]:
 def _at_start(story: Story, points: FloatArray) -> FloatArray:
     if not story.found or story.T_before is None:
         return points
-    return placed(story.inputs, story.T_before) / story.size
+    return story.inputs.placed(story.T_before) / story.size
 
 
 def _bulk(points: FloatArray) -> FloatArray:

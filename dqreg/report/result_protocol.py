@@ -50,6 +50,9 @@ class RegisteredPair(Protocol):
     def target(self) -> RegisteredTarget:
         """The part or the other scan."""
 
+    def placed(self, T_target_source: FloatArray) -> FloatArray:
+        """Points of the scan under a pose, about the target's origin, (n, 3)."""
+
 
 class RegistrationResult(Protocol):
     """A registration, see `dqreg.Registration`."""

@@ -12,7 +12,7 @@ from dqreg.errors import InputError
 from dqreg.inspection import Deviations, Place
 from dqreg.report.cameras import best_corner
 from dqreg.report.colours import Scale
-from dqreg.report.measure import normals_at, placed, quiet_deviations, scale_of, unit_of
+from dqreg.report.measure import normals_at, quiet_deviations, scale_of, unit_of
 from dqreg.report.regions import Region, regions_of
 from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
 
@@ -83,7 +83,7 @@ def tell(
         size=surface.diagonal,
         origin=origin,
         found=found,
-        points=deviations.points - origin if deviations else placed(inputs, np.eye(4) if drawn is None else drawn),
+        points=deviations.points - origin if deviations else inputs.placed(np.eye(4) if drawn is None else drawn),
         T_before=T_before,
         before_words=before_words,
         tolerance=tolerance,

@@ -5,7 +5,7 @@ import pytest
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, prepare_scan, sample_mesh
-from dqreg.icp import Plan, run_graduated
+from dqreg.icp import Plan, align_coarse_to_fine
 from dqreg.icp import level as stage
 from dqreg.icp.estimators import ESTIMATORS
 from dqreg.icp.rejectors import beyond_border, inland
@@ -74,7 +74,8 @@ def test_a_closed_mesh_has_no_gate_and_loses_no_pair() -> None:
 def test_what_was_left_out_is_what_lies_near_but_beyond() -> None:
     surface = MeshSurface(OPEN)
     scan = prepare_scan(sample_mesh(WHOLE, 4000, np.random.default_rng(5)))
-    run, mixture = run_graduated(scan, surface, np.eye(4), Plan(ESTIMATORS["plane"], 0.2 * SIZE))
+    run = align_coarse_to_fine(scan, surface, np.eye(4), Plan(ESTIMATORS["plane"], 0.2 * SIZE))
+    mixture = run.mixture
     out = beyond_border(run.pairs, surface, mixture.scale, 0.2 * SIZE)
     moved = pose.apply(run.T_target_source, scan.points)
     beyond = (moved <= OPEN.bounds[1] - 1e-6).all(axis=1) & (run.pairs.distances <= 0.2 * SIZE)
@@ -88,7 +89,9 @@ def test_far_stages_keep_what_they_can_get(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(stage, "inland", lambda surface, width: asked.append(width) or kept(surface, width))
     scan = prepare_scan(sample_mesh(OPEN, 4000, np.random.default_rng(6)))
     plan = Plan(ESTIMATORS["dq"], 0.2 * SIZE, fine=ESTIMATORS["plane"])
-    run_graduated(scan, MeshSurface(OPEN), disturbance(np.random.default_rng(7), 0.15, 0.03 * SIZE, OPEN.centre), plan)
+    align_coarse_to_fine(
+        scan, MeshSurface(OPEN), disturbance(np.random.default_rng(7), 0.15, 0.03 * SIZE, OPEN.centre), plan
+    )
     assert asked
     assert max(asked) < 0.02 * SIZE
 

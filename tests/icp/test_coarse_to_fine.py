@@ -12,9 +12,9 @@ from dqreg.icp import (
     Plan,
     Run,
     Stopping,
+    align_coarse_to_fine,
     points_and_normals,
     points_to_planes,
-    run_graduated,
     width_floor,
 )
 from dqreg.icp.history import Iteration
@@ -52,7 +52,8 @@ def test_two_noisy_views_land_on_the_part_to_the_last_digit(surface: MeshSurface
     # A tenth of what point-to-point ICP reaches on 100,000 samples of a CAD part (2e-4 of its size).
     scan = prepare_scan(PointCloud(bracket_points(300, seed)))
     assert 60_000 < len(scan) < 80_000
-    run, mixture = run_graduated(scan, surface, start_of(seed), PLAN)
+    run = align_coarse_to_fine(scan, surface, start_of(seed), PLAN)
+    mixture = run.mixture
     assert run.status == "converged"
     assert error(run) <= 2e-5
     # The width is the noise along the normal: less than along the ray, and no less than half of it.
@@ -62,7 +63,7 @@ def test_two_noisy_views_land_on_the_part_to_the_last_digit(surface: MeshSurface
 
 @pytest.mark.parametrize("method", ESTIMATORS)
 def test_each_estimator_gets_there(surface: MeshSurface, small: Scan, method: str) -> None:
-    run, _ = run_graduated(small, surface, start_of(5), Plan(ESTIMATORS[method], PLAN.max_distance))
+    run = align_coarse_to_fine(small, surface, start_of(5), Plan(ESTIMATORS[method], PLAN.max_distance))
     assert error(run) <= 1e-4
 
 
@@ -78,7 +79,8 @@ def test_half_strays_and_a_table_do_not_move_the_part(surface: MeshSurface, seed
     table = np.column_stack([sheet, rng.normal(low[2], NOISE * SIZE, len(sheet))])
     strays = rng.uniform(3 * low, 3 * high, (len(on_part) + len(table), 3))
     scan = prepare_scan(PointCloud(np.concatenate([on_part, table, strays])))
-    run, mixture = run_graduated(scan, surface, start_of(seed), PLAN)
+    run = align_coarse_to_fine(scan, surface, start_of(seed), PLAN)
+    mixture = run.mixture
     assert run.status == "converged"
     assert error(run) <= 5e-5
     # Strays must not widen the kernel.
@@ -93,7 +95,8 @@ def test_half_strays_and_a_table_do_not_move_the_part(surface: MeshSurface, seed
 
 def test_an_exact_scan_is_found_to_the_floor_of_the_width(surface: MeshSurface) -> None:
     scan = prepare_scan(PointCloud(bracket_points(150, seed=0, sigma=0.0)))
-    run, mixture = run_graduated(scan, surface, start_of(1), PLAN)
+    run = align_coarse_to_fine(scan, surface, start_of(1), PLAN)
+    mixture = run.mixture
     assert error(run) <= 1e-6
     assert mixture.scale >= width_floor(scan, surface)
 
@@ -107,7 +110,7 @@ def test_the_floor_follows_the_noise_or_the_spacing_or_the_size(surface: MeshSur
 def test_records_run_through_all_stages_in_order(surface: MeshSurface, small: Scan) -> None:
     seen: list[Iteration] = []
     plan = dataclasses.replace(PLAN, fine=None)
-    run, _ = run_graduated(small, surface, start_of(0), plan, observe=seen.append)
+    run = align_coarse_to_fine(small, surface, start_of(0), plan, observe=seen.append)
     assert [record.number for record in seen] == list(range(1, len(seen) + 1))
     assert seen == list(run.history)
     stages = [record.stage for record in seen]
@@ -122,7 +125,8 @@ def test_records_run_through_all_stages_in_order(surface: MeshSurface, small: Sc
 
 
 def test_an_explained_scan_needs_no_second_schedule(surface: MeshSurface, small: Scan) -> None:
-    run, mixture = run_graduated(small, surface, start_of(0), PLAN)
+    run = align_coarse_to_fine(small, surface, start_of(0), PLAN)
+    mixture = run.mixture
     levels = list(dict.fromkeys((record.stage, record.points) for record in run.history))
     # Few points find the basin and are gone over again with planes; the last level is the favoured share or all.
     assert levels == [("patient", 2_000), ("fine", 2_000), ("fine", len(small))]
@@ -134,7 +138,7 @@ def test_an_explained_scan_needs_no_second_schedule(surface: MeshSurface, small:
 def test_the_last_level_takes_as_many_points_as_the_plan_says() -> None:
     scan = prepare_scan(PointCloud(bracket_points(300, seed=0)), fitted=2_000)
     cloud = CloudSurface(sample_mesh(PART, 20_000, np.random.default_rng(0)))
-    run, _ = run_graduated(scan, cloud, start_of(0), dataclasses.replace(PLAN, finest=25_000))
+    run = align_coarse_to_fine(scan, cloud, start_of(0), dataclasses.replace(PLAN, finest=25_000))
     assert run.history[-1].points == pytest.approx(25_000, rel=0.03)
 
 
@@ -142,8 +146,8 @@ def test_the_last_level_takes_as_many_points_as_the_plan_says() -> None:
 def test_on_a_mesh_all_points_have_their_say_for_few_questions(surface: MeshSurface, finest: int) -> None:
     scan = prepare_scan(PointCloud(bracket_points(300, seed=0)), fitted=2_000)
     assert 60_000 < len(scan) < 80_000
-    run, _ = run_graduated(scan, surface, start_of(0), dataclasses.replace(PLAN, finest=finest))
-    everything, _ = run_graduated(scan, surface, start_of(0), PLAN)
+    run = align_coarse_to_fine(scan, surface, start_of(0), dataclasses.replace(PLAN, finest=finest))
+    everything = align_coarse_to_fine(scan, surface, start_of(0), PLAN)
     assert run.history[-1].points == len(run.pairs.scan) <= 0.45 * finest
     assert run.pairs.scan.represented >= 0.6 * len(scan)
     assert run.weights.sum() == pytest.approx(run.history[-1].inlier_fraction * run.pairs.scan.represented, rel=1e-12)
@@ -155,30 +159,30 @@ def test_on_a_mesh_all_points_have_their_say_for_few_questions(surface: MeshSurf
 @pytest.mark.parametrize("last", ["patient", "quick", "fine"])
 def test_the_observer_ends_all_stages_at_once(surface: MeshSurface, small: Scan, last: str) -> None:
     plan = dataclasses.replace(PLAN, fine=None)
-    full, _ = run_graduated(small, surface, start_of(0), plan)
+    full = align_coarse_to_fine(small, surface, start_of(0), plan)
     number = next(record.number for record in full.history if record.stage == last) + 1
-    run, _ = run_graduated(small, surface, start_of(0), plan, observe=lambda record: record.number < number)
+    run = align_coarse_to_fine(small, surface, start_of(0), plan, observe=lambda record: record.number < number)
     assert run.status == "stopped by observer"
     assert len(run.history) == number
     assert np.isfinite(run.T_target_source).all()
 
 
 def test_out_of_reach_is_no_correspondences(surface: MeshSurface, small: Scan) -> None:
-    run, _ = run_graduated(small, surface, pose.from_parts(np.eye(3), [5 * SIZE, 0.0, 0.0]), PLAN)
+    run = align_coarse_to_fine(small, surface, pose.from_parts(np.eye(3), [5 * SIZE, 0.0, 0.0]), PLAN)
     assert run.status == "no correspondences"
     assert run.history == ()
 
 
 def test_one_iteration_at_each_width_is_respected(surface: MeshSurface, small: Scan) -> None:
     plan = dataclasses.replace(PLAN, fine=None, stopping=Stopping(iterations=1))
-    run, _ = run_graduated(small, surface, start_of(0), plan)
+    run = align_coarse_to_fine(small, surface, start_of(0), plan)
     widths = [record.kernel_scale for record in run.history if record.stage == "patient"]
     assert len(set(widths)) == len(widths)
 
 
 def test_a_scan_too_small_to_be_thinned_has_one_level(surface: MeshSurface) -> None:
     scan = prepare_scan(PointCloud(bracket_points(100, seed=0))).thinned(3_000)
-    run, _ = run_graduated(scan, surface, start_of(0), PLAN)
+    run = align_coarse_to_fine(scan, surface, start_of(0), PLAN)
     assert {record.points for record in run.history} == {3_000}
     assert error(run) <= 2e-4
 
@@ -189,10 +193,12 @@ def test_tracking_takes_few_steps_and_ends_where_patience_does(surface: MeshSurf
     # Scans in the part's frame; the few points are those of one level, so that the first look's level is the last.
     scan = prepare_scan(PointCloud(bracket_points(points, seed)))
     near = disturbance(np.random.default_rng(seed), np.deg2rad(0.5), 2e-3 * SIZE, PART.centre)
-    run, mixture = run_graduated(scan, surface, near, PLAN)
+    run = align_coarse_to_fine(scan, surface, near, PLAN)
+    mixture = run.mixture
     assert run.status == "converged"
     assert len(run.history) <= 3
-    again, settled = run_graduated(scan, surface, run.T_target_source, PLAN)
+    again = align_coarse_to_fine(scan, surface, run.T_target_source, PLAN)
+    settled = again.mixture
     # Another run from the answer finds nothing to mend beyond a part of what so many points leave open.
     left = worst_vertex_displacement(again.T_target_source, run.T_target_source, PART.vertices)
     assert left <= 2.0 * mixture.scale / np.sqrt(len(scan))

@@ -7,7 +7,7 @@ import pytest
 
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan
-from dqreg.icp import Icp, InlierMixture, Plan, points_and_normals, points_to_planes, run_graduated
+from dqreg.icp import Icp, InlierMixture, Plan, align_coarse_to_fine, points_and_normals, points_to_planes
 from dqreg.icp.constrained import constrained
 from dqreg.icp.correspondences import Pairs
 from dqreg.rigid import pose
@@ -104,7 +104,7 @@ def test_a_levelled_scan_comes_home_with_its_level_kept() -> None:
         fine=constrained(freedom, start),
         max_distance=0.2 * part.diagonal,
     )
-    run, _ = run_graduated(scan, surface, start, plan)
+    run = align_coarse_to_fine(scan, surface, start, plan)
     assert run.status == "converged"
     six = freedom.coordinates(run.T_target_source, start)
     np.testing.assert_allclose(six[:2], 0.0, atol=1e-12)
@@ -140,7 +140,7 @@ def test_a_prior_decides_what_the_shape_leaves_free() -> None:
         fine=constrained(ALL, start, about_z),
         max_distance=1.2,
     )
-    run, _ = run_graduated(scan, surface, start, plan)
+    run = align_coarse_to_fine(scan, surface, start, plan)
     turn, shift = np.split(pose.log(run.T_target_source), 2)
     assert turn[2] == pytest.approx(0.2, abs=0.03)
     # The rest is held by the shape: 0.003 / sqrt(1500) is 1e-4, and the lever of a tilt is longer than one.

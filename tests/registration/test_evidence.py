@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan
-from dqreg.icp import InlierMixture, Plan, correspond, points_and_normals
-from dqreg.icp.loop import Run
-from dqreg.registration.evidence import gather_evidence
+from dqreg.icp import Alignment, InlierMixture, correspond
+from dqreg.registration.evidence import Agreement, agreement_of
 from dqreg.rigid import pose
-from dqreg.trust import Evidence
 from tests.icp.scenes import bracket_mesh, bracket_points
 
 PART = bracket_mesh()
@@ -18,17 +16,17 @@ SIZE = PART.diagonal
 SURFACE = MeshSurface(PART)
 # Of the virtual scans, along the ray.
 NOISE = 3e-4 * SIZE
-PLAN = Plan(points_and_normals, 0.2 * SIZE)
+MAX_DISTANCE = 0.2 * SIZE
 POINTS = bracket_points(150, seed=0)
 
 
-def evidence_of(points: np.ndarray, T: np.ndarray | None = None, width: float = NOISE) -> Evidence:
-    """Evidence at a pose; the scan is made in the part's frame, so the identity is the truth."""
+def agreement(points: np.ndarray, T: np.ndarray | None = None, width: float = NOISE) -> Agreement:
+    """Agreement at a pose; the scan is made in the part's frame, so the identity is the truth."""
     scan = prepare_scan(PointCloud(points), 2_000)
     pairs = correspond(scan, SURFACE, np.eye(4) if T is None else T)
-    mixture = InlierMixture(width, 0.9, PLAN.max_distance)
-    run = Run(pairs.T_target_source, "converged", (), pairs, mixture.weight(pairs.distances))
-    return gather_evidence(run, mixture, scan, SURFACE, PLAN, (), ())
+    mixture = InlierMixture(width, 0.9, MAX_DISTANCE)
+    run = Alignment(pairs.T_target_source, "converged", (), pairs, mixture.weight(pairs.distances), mixture=mixture)
+    return agreement_of(run, scan, SURFACE, MAX_DISTANCE)
 
 
 def with_strays(points: np.ndarray, share: float) -> np.ndarray:
@@ -39,7 +37,7 @@ def with_strays(points: np.ndarray, share: float) -> np.ndarray:
 
 
 def test_the_truth_has_nothing_against_it() -> None:
-    found = evidence_of(POINTS)
+    found = agreement(POINTS)
     assert found.share_near >= 0.999
     assert found.patches >= 200
     assert found.patches_off == 0.0
@@ -52,7 +50,7 @@ def test_the_truth_has_nothing_against_it() -> None:
 
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.6])
 def test_strays_are_counted_and_move_few_patches(share: float) -> None:
-    found = evidence_of(with_strays(POINTS, share))
+    found = agreement(with_strays(POINTS, share))
     assert found.strays == pytest.approx(share, abs=0.06)
     assert found.patches_off <= 0.1
     # Strays near the part may hide among its points; hardly one in ten does.
@@ -65,23 +63,23 @@ def test_a_table_is_no_stray() -> None:
     around = rng.uniform(low[:2] - SIZE, high[:2] + SIZE, (len(POINTS), 2))
     sheet = np.column_stack([around, np.full(len(POINTS), low[2])])
     sheet[:, 2] += 0.3 * NOISE * rng.normal(size=len(sheet)) - 0.06 * SIZE
-    found = evidence_of(np.vstack([POINTS, sheet]))
+    found = agreement(np.vstack([POINTS, sheet]))
     assert found.strays <= 0.05
     # It stands farther off than a point of the part could: it has no say about the patches.
     assert found.patches_off <= 0.03
 
 
 def test_a_shifted_pose_moves_whole_patches() -> None:
-    found = evidence_of(POINTS, pose.from_parts(np.eye(3), [0.0, 0.0, 10.0 * NOISE]))
+    found = agreement(POINTS, pose.from_parts(np.eye(3), [0.0, 0.0, 10.0 * NOISE]))
     assert found.patches_off >= 0.2
 
 
 def test_a_turned_pose_has_other_normals_where_faces_cross() -> None:
     tilt = pose.from_parts(np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]), np.zeros(3))
     tilted = pose.about(tilt, PART.centre)
-    assert evidence_of(POINTS, tilted).patches_off >= 0.3
+    assert agreement(POINTS, tilted).patches_off >= 0.3
     # At a width that calls nearly everything an inlier, the normals still tell.
-    wide = evidence_of(POINTS, tilted, width=0.03 * SIZE)
+    wide = agreement(POINTS, tilted, width=0.03 * SIZE)
     assert wide.patches_off <= 0.02
     assert wide.normals_apart >= 0.5
 
@@ -94,25 +92,21 @@ def test_points_beside_a_target_with_a_border_say_nothing() -> None:
     surface, scan = MeshSurface(plate), prepare_scan(PointCloud(points))
     pairs = correspond(scan, surface, np.eye(4))
     mixture = InlierMixture(1e-3, 0.9, 4.0)
-    run = Run(np.eye(4), "converged", (), pairs, mixture.weight(pairs.distances))
-    closed, open_ = (
-        gather_evidence(run, mixture, scan, surface, Plan(points_and_normals, 40.0), (), (), has_border=border)
-        for border in (False, True)
-    )
+    run = Alignment(np.eye(4), "converged", (), pairs, mixture.weight(pairs.distances), mixture=mixture)
+    closed, open_ = (agreement_of(run, scan, surface, 40.0, has_border=border) for border in (False, True))
     assert closed.patches_off >= 0.2
     assert open_.patches_off <= 0.02
     assert open_.share_near >= 0.99
 
 
 def test_lengths_follow_the_unit_and_shares_do_not() -> None:
-    plain = evidence_of(POINTS)
+    plain = agreement(POINTS)
     scan = prepare_scan(PointCloud(1e3 * POINTS), 2_000)
     surface = MeshSurface(dataclasses.replace(PART, vertices=1e3 * PART.vertices))
     pairs = correspond(scan, surface, np.eye(4))
-    mixture = InlierMixture(1e3 * NOISE, 0.9, 1e3 * PLAN.max_distance)
-    run = Run(np.eye(4), "converged", (), pairs, mixture.weight(pairs.distances))
-    plan = dataclasses.replace(PLAN, max_distance=1e3 * PLAN.max_distance)
-    scaled = gather_evidence(run, mixture, scan, surface, plan, (), ())
+    mixture = InlierMixture(1e3 * NOISE, 0.9, 1e3 * MAX_DISTANCE)
+    run = Alignment(np.eye(4), "converged", (), pairs, mixture.weight(pairs.distances), mixture=mixture)
+    scaled = agreement_of(run, scan, surface, 1e3 * MAX_DISTANCE)
     for name in ("share_near", "patches", "patches_off", "strays", "normals_apart"):
         assert getattr(scaled, name) == pytest.approx(getattr(plain, name), abs=1e-3)
     for name in ("width", "expected", "near"):

@@ -160,12 +160,11 @@ def test_sharp_edges_of_a_box_are_its_twelve():
 
 
 def test_placed_matches_the_pose_far_away():
-    from dqreg.report.measure import placed
 
     result = bumpy()
     direct = result.apply(result.inputs.source.cloud.points + result.inputs.source.origin)
     np.testing.assert_allclose(
-        placed(result.inputs, result.T_target_source), direct - result.inputs.target.origin, atol=1e-11
+        result.inputs.placed(result.T_target_source), direct - result.inputs.target.origin, atol=1e-11
     )
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from dqreg.errors import InputError
-from dqreg.report.measure import placed
 from dqreg.report.page import to_html
 from dqreg.trust.records import Alternative, Verdict
 from tests.report.scenes import T_START, bumpy, failed, story_of
@@ -141,6 +140,6 @@ def test_before_pose_moves_the_drawn_points_to_where_they_were():
     T = np.array(scene["poses"][0]["T"]).reshape(3, 4)
     before = drawn @ T[:, :3].T + T[:, 3]
     assert story.deviations is not None
-    expected = placed(story.inputs, T_START)[story.deviations.counted] / story.size
+    expected = story.inputs.placed(T_START)[story.deviations.counted] / story.size
     # Steps of 16 bits along at most 1.2 sizes.
     np.testing.assert_allclose(before, expected, atol=2e-5)

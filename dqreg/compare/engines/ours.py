@@ -13,7 +13,7 @@ from dqreg.compare.engines.protocol import EngineOutput, Setting, Step, Task
 from dqreg.geometry import PointCloud, prepare_scan
 from dqreg.icp import ESTIMATORS, NO_POSE, Icp, Stopping, WithinDistance
 from dqreg.icp.history import Iteration
-from dqreg.registration.assess import from_work, to_work
+from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.register import prepare_target, register
 from dqreg.registration.source import centre_source
 from dqreg.registration.target_index import index_target
@@ -64,6 +64,7 @@ class DqregLoop:
             target = index_target(PointCloud(np.asarray(task.target_points), task.target_normals))
             surface = target.surface
         source = centre_source(PointCloud(np.asarray(task.source_points)), None, None, np.random.default_rng(task.seed))
+        sides = SourceAndTarget(source, target)
         settings.update(
             method=self.method,
             accelerate=self.accelerate,
@@ -81,15 +82,13 @@ class DqregLoop:
         steps: list[Step] = []
 
         def observe(record: Iteration) -> None:
-            T = from_work(record.T_target_source, target.origin, source.origin)
+            T = sides.to_caller(record.T_target_source)
             steps.append(Step(record.number, clock.seconds, T))
 
-        run = loop.run(
-            prepare_scan(source.cloud), surface, to_work(initial_pose(task), target.origin, source.origin), observe
-        )
+        run = loop.run(prepare_scan(source.cloud), surface, sides.to_centred(initial_pose(task)), observe)
         if run.status in NO_POSE or not steps:
             return no_pose(run.status)
-        T = from_work(run.T_target_source, target.origin, source.origin)
+        T = sides.to_caller(run.T_target_source)
         return EngineOutput(T, run.status, len(run.history), tuple(steps))
 
 

@@ -3,14 +3,13 @@ from __future__ import annotations
 import numpy as np
 
 import dqreg
-from dqreg.icp import ESTIMATORS, Plan, run_graduated
 from dqreg.icp.history import Iteration
-from dqreg.registration.all_points import all_points_say_more
-from dqreg.registration.downsampling import Sides
-from dqreg.registration.source import centre_source
-from dqreg.registration.target_index import index_target
+from dqreg.registration.fit import coarse_to_fine
+from dqreg.registration.pipeline import all_points_say_more
+from dqreg.registration.problem import Prepared
 from dqreg.rigid import pose, twist
 from tests.icp.scenes import bumpy_cloud
+from tests.registration.scenes import problem_of
 
 # Truth: drawn here.
 T = twist.exp(np.array([0.02, -0.03, 0.01, 0.01, 0.02, -0.01]))
@@ -53,15 +52,13 @@ def test_best_takes_all_points_at_once() -> None:
     assert result.history[-1].points == 35_000
 
 
-def test_nothing_thinned_or_nothing_found_needs_no_more() -> None:
-    few = centre_source(moved_back(DENSE[:2_000]), None, None, rng := np.random.default_rng(0))
-    stands = index_target(DENSE[:2_000])
-    whole = Sides.evened(few, stands, 1_000)
-    run, _ = run_graduated(whole.scan, whole.surface, np.eye(4), Plan(ESTIMATORS["plane"], 0.2))
-    assert not all_points_say_more(whole, run)
-    dense, far = centre_source(DENSE, None, None, rng), index_target(DENSE)
-    cells = Sides.evened(dense, far, 1_000)
-    away = pose.from_parts(np.eye(3), [50.0, 0.0, 0.0])
-    lost, _ = run_graduated(cells.scan, cells.surface, away, Plan(ESTIMATORS["plane"], 0.2))
-    assert lost.status == "no correspondences"
-    assert not all_points_say_more(cells, lost)
+def test_nothing_downsampled_or_nothing_found_needs_no_more() -> None:
+    sparse = problem_of(moved_back(DENSE[:2_000]), DENSE[:2_000], "identity")
+    dense = problem_of(DENSE, DENSE, pose.from_parts(np.eye(3), [50.0, 0.0, 0.0]))
+    for problem, status in ((sparse, "converged"), (dense, "no correspondences")):
+        prepared, constraints = Prepared.downsampled(problem, 1_000), problem.constraints(np.eye(4))
+        settings = problem.options.icp_settings(0.2, constraints, even=prepared.even)
+        assert problem.start is not None
+        fit = coarse_to_fine(problem, prepared, problem.to_centred(problem.start), settings, constraints)
+        assert fit.run.status == status
+        assert not all_points_say_more(fit)

@@ -1,0 +1,146 @@
+"""Where a registration is: a `Fit`, and the one function that runs the loop and goes on from a fit."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry import Mesh
+from dqreg.icp import ESTIMATORS, Alignment, Plan, align_coarse_to_fine, width_floor
+from dqreg.icp.history import Iteration
+from dqreg.icp.noise_by_face import weighed_by_faces
+from dqreg.registration.constraints import PoseConstraints
+from dqreg.registration.evidence import Agreement, agreement_of, has_pose
+from dqreg.registration.problem import Prepared, Problem
+from dqreg.registration.target_index import TargetIndex
+from dqreg.rigid import pose
+from dqreg.trust import Information, information_of
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+    """A pose between the centred frames, how the loop came there, and what it was held to."""
+
+    problem: Problem
+    prepared: Prepared  # Scan and surface that the loop compares
+    target: TargetIndex  # The problem's; of a part, with those faces alone that could be seen
+    settings: Plan
+    constraints: PoseConstraints
+    run: Alignment  # Pose, last correspondences and weights, mixture, history of all runs, status
+
+    @property
+    def T_target_source(self) -> FloatArray:
+        """The pose, (4, 4)."""
+        return self.run.T_target_source
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a pose to speak of."""
+        return has_pose(self.run)
+
+    @property
+    def floor(self) -> float:
+        """Smallest scale of the kernel, a length."""
+        return width_floor(self.prepared.scan, self.prepared.surface)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance of the inliers; NaN where no pose was found."""
+        weights = self.run.weights
+        return float(np.sqrt(weights @ self.run.pairs.squares / weights.sum())) if self.found else np.nan
+
+    @property
+    def inlier_fraction(self) -> float:
+        """Mean probability of a point to be an inlier; 0 where no pose was found."""
+        return float(self.run.weights.sum() / self.run.pairs.scan.represented) if self.found else 0.0
+
+    @property
+    def has_border(self) -> bool:
+        """Whether the target ends somewhere: a cloud, an open mesh."""
+        geometry = self.target.geometry
+        return not (isinstance(geometry, Mesh) and geometry.is_closed)
+
+    @cached_property
+    def agreement(self) -> Agreement:
+        """How well scan and target agree at the pose."""
+        prepared = self.prepared
+        return agreement_of(
+            self.run, prepared.scan, prepared.surface, self.settings.max_distance, has_border=self.has_border
+        )
+
+    @cached_property
+    def information(self) -> Information:
+        """Information of the six motions from the last correspondences, the constraints and the prior."""
+        T, pairs, weights = self.T_target_source, self.run.pairs, self.run.weights
+        points, normals = pose.apply(T, pairs.scan.points), pairs.closest.normals
+        along = np.einsum("ij,ij->i", points - pairs.closest.points, normals)
+        if self.settings.fine is not None and self.settings.fine is not ESTIMATORS["generalised"]:
+            weights = weighed_by_faces(pairs, weights, self.run.mixture.scale)
+        information = information_of(
+            points,
+            normals,
+            along,
+            weights,
+            0.5 * self.prepared.surface.diagonal,
+            np.zeros(3),
+            self.problem.target.smooth_normals(pairs.closest),
+            patchwise=True,
+            counts=pairs.scan.counts,
+            scattered=pairs.scan.scatter,
+            allowed=self.constraints.allowed(T),
+            prior=self.constraints.information(T),
+        )
+        # What is said of the motions names points in the caller's frame.
+        return dataclasses.replace(information, centre=self.target.origin)
+
+    def resumed(
+        self,
+        start: FloatArray,
+        kernel_scale: float | None,
+        *,
+        prepared: Prepared | None = None,
+        target: TargetIndex | None = None,
+        settings: Plan | None = None,
+    ) -> Fit:
+        """The fit to which the loop comes from a pose, with this one's constraints and history.
+
+        The basin is decided anew where no scale of the kernel is given to start with.
+        """
+        return coarse_to_fine(
+            self.problem,
+            prepared or self.prepared,
+            start,
+            dataclasses.replace(settings or self.settings, first_width=kernel_scale),
+            self.constraints,
+            target=target or self.target,
+            before=self.run.history,
+        )
+
+
+def coarse_to_fine(
+    problem: Problem,
+    prepared: Prepared,
+    start: FloatArray,
+    settings: Plan,
+    constraints: PoseConstraints,
+    *,
+    target: TargetIndex | None = None,
+    before: tuple[Iteration, ...] = (),
+) -> Fit:
+    """Run the loop from a pose between the centred frames: the only place that does.
+
+    Numbers and records of iterations go on from those before; the constraints hold exactly; a status names the time
+    limit where that ended the loop.
+    """
+    observe = problem.watch.watching(problem.observer(problem.options.observe))
+    run = align_coarse_to_fine(prepared.scan, prepared.surface, start, settings, observe, first=len(before) + 1)
+    run = dataclasses.replace(
+        run,
+        T_target_source=constraints.project(run.T_target_source),
+        status=problem.watch.status(run.status),
+        history=before + run.history,
+    )
+    return Fit(problem, prepared, target or problem.target, settings, constraints, run)

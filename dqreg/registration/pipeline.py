@@ -1,0 +1,116 @@
+"""The stages of a registration in their order: from a `Problem` by way of a `Fit` to a `Registration`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dqreg.icp.rejectors import beyond_border
+from dqreg.registration.assess import Uncertainty, evidence_of, uncertainty_of, without_drift
+from dqreg.registration.fallback import mirror_gain, near_symmetric_poses, retry_from_search
+from dqreg.registration.fit import Fit, coarse_to_fine
+from dqreg.registration.initial_pose import GlobalSearch, initial_pose
+from dqreg.registration.problem import Problem, SourceAndTarget
+from dqreg.registration.result import Registration
+from dqreg.registration.visibility import on_visible_faces
+from dqreg.trust import judge
+from dqreg.trust.records import Alternative, Verdict
+
+# Distances from the planes below this share of the spacing of all points: the points then stand nearer to the surface
+# than to each other, and the mean of a cell hides something. Scans of one body came to 0.16 to 0.23, range scans from a
+# bench included, LiDAR and depth cameras to 0.7 and more, where all points gained nothing over their cells.
+WELL_BELOW = 0.4
+
+
+def align(problem: Problem) -> Registration:
+    """Pose, uncertainty and verdict of a problem."""
+    watch, options = problem.watch, problem.options
+    with watch.stage("prepare"):
+        prepared = problem.prepare()
+    search = GlobalSearch.of(problem, prepared)
+    with watch.stage("start"):
+        start = initial_pose(problem, search)
+    with watch.stage("register"):
+        constraints = problem.constraints(start.T_target_source)
+        settings = options.icp_settings(search.max_distance, constraints, start.kernel_scale, even=prepared.even)
+        fit = coarse_to_fine(problem, prepared, start.T_target_source, settings, constraints)
+        if all_points_say_more(fit):
+            fit = on_all_points(fit)
+    alternatives = start.alternatives
+    if problem.start is not None and fit.found:
+        with watch.stage("second try"):
+            if options.method == "auto" and not constraints.any:
+                fit, alternatives = retry_from_search(fit, start.T_target_source, search)
+            fit = without_drift(fit, start.T_target_source)
+            alternatives += near_symmetric_poses(fit)
+    gain = mirror_gain(fit)
+    if problem.viewpoints is not None:
+        with watch.stage("viewpoint"):
+            fit = on_visible_faces(fit, problem.viewpoints)
+    watch.seconds["total"] = watch.total
+    uncertainty = uncertainty_of(fit)
+    verdict = judge(evidence_of(fit, uncertainty, alternatives, search=start.search, mirror_gain=gain))
+    return registration_of(fit, uncertainty, verdict, alternatives)
+
+
+def all_points_say_more(fit: Fit) -> bool:
+    """Whether a fit to the means of cells is worth going on with on all points."""
+    prepared, run = fit.prepared, fit.run
+    if not prepared.cell_size or run.ended_early or not run.weights.any():
+        return False
+    # Of a surface: that many points in as many cells, each the square of its edge.
+    spacing = prepared.cell_size * np.sqrt(len(prepared.scan) / prepared.scan.total)
+    aside = np.sqrt(np.average(run.pairs.aside**2, weights=run.weights))
+    return bool(aside < WELL_BELOW * spacing)
+
+
+def on_all_points(fit: Fit) -> Fit:
+    """The fit resumed on all points of both clouds."""
+    problem = fit.problem
+    settings = problem.options.icp_settings(fit.settings.max_distance, fit.constraints)
+    return fit.resumed(fit.T_target_source, fit.run.mixture.scale, prepared=problem.prepare_whole(), settings=settings)
+
+
+def registration_of(
+    fit: Fit, uncertainty: Uncertainty, verdict: Verdict, alternatives: tuple[Alternative, ...]
+) -> Registration:
+    """The answer, in the caller's frames."""
+    problem = fit.problem
+    return Registration(
+        T_target_source=problem.to_caller(fit.T_target_source) if fit.found else np.full((4, 4), np.nan),
+        verdict=verdict,
+        status=fit.run.status,
+        covariance=uncertainty.covariance,
+        observability=uncertainty.directions,
+        alternatives=alternatives,
+        history=tuple(problem.in_caller_frames(record) for record in fit.run.history),
+        rms=fit.rms,
+        inlier_fraction=fit.inlier_fraction,
+        timings=problem.watch.seconds,
+        settings={**problem.asked, "cell_size": fit.prepared.cell_size, **resolved(fit)},
+        inputs=SourceAndTarget(problem.source, fit.target) if problem.options.keep_inputs else None,
+    )
+
+
+def resolved(fit: Fit) -> dict[str, Any]:
+    """Lengths, counts and kinds that followed from the data."""
+    source, target, scan, pairs = fit.problem.source, fit.target, fit.prepared.scan, fit.run.pairs
+    max_distance, width = fit.settings.max_distance, fit.run.mixture.scale
+    beyond = beyond_border(pairs, fit.prepared.surface, width, max_distance) if fit.found else np.zeros(0)
+    return {
+        "max_distance": max_distance,
+        "width": width,
+        "source_noise": scan.noise,
+        "source_spacing": scan.spacing,
+        "source_points": scan.total,
+        "source_dropped": source.cloud.dropped,
+        "source_scale": source.scale,
+        "used_points": round(pairs.scan.represented),
+        "beyond_border": int(np.count_nonzero(beyond)),
+        "normals_oriented": pairs.same_sign,
+        "target_kind": target.kind,
+        "target_dropped": target.geometry.dropped,
+        "diagonal": fit.prepared.surface.diagonal,
+        "centre": target.origin.tolist(),
+    }

@@ -1,0 +1,210 @@
+"""What a registration was asked: source and target, read, in one unit, each centred once; and the way back."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, as_float, as_pose, require_workable
+from dqreg.errors import InputError
+from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
+from dqreg.geometry.opening import describe
+from dqreg.geometry.unit_check import require_same_units
+from dqreg.geometry.voxels import WHOLE, EvenCloud, cell_size, even_size, evened
+from dqreg.icp.history import Iteration
+from dqreg.icp.stopwatch import Stopwatch
+from dqreg.registration.constraints import PoseConstraints
+from dqreg.registration.options import Options
+from dqreg.registration.source import CentredSource, centre_source
+from dqreg.registration.target_index import TargetIndex, index_target, require_mesh
+from dqreg.rigid import pose
+
+# Largest distance of a correspondence, in diagonals of the smaller of source and target.
+REACH = 0.2
+# A source that fills less than this share of the cells wanted is small beside the target, and asks for smaller ones.
+SMALL = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class SourceAndTarget:
+    """Source and target, each centred, and poses between their frames and the caller's."""
+
+    source: CentredSource  # The scan, in target units
+    target: TargetIndex  # What it is registered to
+
+    @staticmethod
+    def read(
+        source: Any,
+        target: Any,
+        source_units: str | None = None,
+        target_units: str | None = None,
+        seed: int = 0,
+        scale: float = 1.0,
+    ) -> SourceAndTarget:
+        """Both from whatever `dqreg.register` takes."""
+        index = index_target(target)
+        units = source_units, target_units or index.units
+        return SourceAndTarget(centre_source(source, *units, np.random.default_rng(seed), scale), index)
+
+    def to_centred(self, T_target_source: FloatArray) -> FloatArray:
+        """Pose between the centred frames, from one between the caller's."""
+        R, t = T_target_source[:3, :3], T_target_source[:3, 3]
+        # The origins go into the translation first: large numbers cancel here once, not once a point.
+        return pose.from_parts(R, R @ self.source.origin + t - self.target.origin)
+
+    def to_caller(self, T_centred: FloatArray) -> FloatArray:
+        """Inverse of `to_centred`."""
+        R, t = T_centred[:3, :3], T_centred[:3, 3]
+        return pose.from_parts(R, t + self.target.origin - R @ self.source.origin)
+
+    def in_caller_frames(self, record: Iteration) -> Iteration:
+        """A record of the loop with its pose between the caller's frames."""
+        return dataclasses.replace(record, T_target_source=self.to_caller(record.T_target_source))
+
+    def observer(self, observe: Callable[[Iteration], object] | None) -> Callable[[Iteration], object] | None:
+        """The caller's observer as one of the loop."""
+        return None if observe is None else lambda record: observe(self.in_caller_frames(record))
+
+    def placed(self, T_target_source: FloatArray) -> FloatArray:
+        """Points of the source under a pose between the caller's frames, in the centred target frame, (n, 3)."""
+        return pose.apply(self.to_centred(T_target_source), self.source.cloud.points)
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """Source and target as the loop compares them: points to move, and a surface to ask."""
+
+    scan: Scan
+    surface: Surface
+    cell_size: float = 0.0  # Edge of the cells by whose means dense clouds stand, target units; 0 where there are none
+    even: bool = False  # Whether both are clouds with a plane fitted at every point that is left
+
+    @staticmethod
+    def whole(sides: SourceAndTarget, fitted: int | None) -> Prepared:
+        """Both as they are, with planes fitted at some points of the source."""
+        return Prepared(prepare_scan(sides.source.cloud, fitted), sides.target.surface)
+
+    @staticmethod
+    def downsampled(sides: SourceAndTarget, count: int) -> Prepared:
+        """Two clouds, thinned to one point a cell where they are denser, with planes fitted at all that are left.
+
+        LiDARs crowd their points near the sensor, where they constrain a rotation least, and depth cameras give many
+        times what noise lets them tell apart. Cells are equal on both sides, so that neither is finer than the other.
+        """
+        target, cloud = sides.target, sides.source.cloud
+        stands = target.evened(count)
+        size = stands.size or even_size(cloud.points, count)
+        moves = evened(cloud, size)
+        if stands.size and len(moves) < SMALL * count and isinstance(target.geometry, PointCloud):
+            size = min(size, cell_size(cloud.points, min(count, int(WHOLE * len(cloud.points)))))
+            stands, moves = EvenCloud.of(target.geometry, size), evened(cloud, size)
+        thinned = stands.surface is not None or moves is not cloud
+        scan = dataclasses.replace(prepare_scan(moves), total=len(cloud))
+        return Prepared(scan, stands.surface or target.surface, size if thinned else 0.0, even=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem(SourceAndTarget):
+    """What was asked, read and checked."""
+
+    options: Options
+    start: FloatArray | None  # (4, 4): Initial pose that was given, between the caller's frames
+    viewpoints: FloatArray | None  # (k, 3): Where the scanner stood, in the caller's source frame
+    units: tuple[str | None, str | None]  # Length units of source and target, where they are known
+    asked: dict[str, Any]  # What a result repeats of it
+    watch: Stopwatch
+    _building: threading.Thread | None = dataclasses.field(default=None, repr=False, compare=False)
+
+    @staticmethod
+    def of(source: Any, target: Any, start: Any, options: Options, watch: Stopwatch) -> Problem:
+        """Read source and target; a target that is not indexed is being built from here on."""
+        T_start, viewpoints = read_start(start, options.prior, options.dof), as_viewpoints(options.viewpoint)
+        with watch.stage("read"):
+            index = index_target(target)
+            building = None if index is target else index.build_beside()
+            unit, rng = options.target_units or index.units, np.random.default_rng(options.seed)
+            centred = centre_source(source, options.source_units, unit, rng, float(options.scale))
+            if viewpoints is not None:
+                require_mesh(index.geometry)
+                centred = centred.oriented_from(viewpoints)
+            units = options.source_units or centred.cloud.units, unit
+            if options.units == "check" and None in units:
+                require_same_units(centred.cloud, index.geometry, *units, index.spreads)
+        asked = {
+            **options.recorded,
+            "source": describe(source),
+            "target": index.name,
+            "source_units": units[0],
+            "target_units": units[1],
+            "start": "search" if T_start is None else start if isinstance(start, str) else "given",
+            "T_start": None if T_start is None else T_start.tolist(),
+            "dof": None if options.dof is None else str(options.freedom),
+            "prior": options.prior is not None,
+            "viewpoint": None if viewpoints is None else viewpoints.tolist(),
+        }
+        return Problem(centred, index, options, T_start, viewpoints, units, asked, watch, building)
+
+    def prepare(self) -> Prepared:
+        """Scan with normals and surface to ask; where an initial pose was given, two dense clouds are downsampled."""
+        if self.options.cells is not None and self.start is not None and self.target.kind == "cloud":
+            prepared = Prepared.downsampled(self, self.options.cells)
+        else:
+            prepared = self.prepare_whole()
+        if self._building is not None:
+            self._building.join()
+        return prepared
+
+    def prepare_whole(self) -> Prepared:
+        """The same with all points."""
+        return Prepared.whole(self, self.options.fitted)
+
+    def max_distance(self, prepared: Prepared) -> float:
+        """Largest distance of a correspondence, target units."""
+        return self.options.max_distance or REACH * min(prepared.surface.diagonal, prepared.scan.diagonal)
+
+    def constraints(self, T_reference: FloatArray) -> PoseConstraints:
+        """What was asked of the pose, between the centred frames; locked motions stay as they are in a reference."""
+        options = self.options
+        return PoseConstraints.centred(
+            options.freedom, options.prior, T_reference, self.source.origin, self.target.origin
+        )
+
+
+def read_start(start: Any, prior: Any, dof: Any) -> FloatArray | None:
+    """The initial pose, as a caller may give it."""
+    if start is None and isinstance(prior, tuple) and len(prior) == 2:
+        return as_pose(prior[0], "prior[0]")
+    if start is None:
+        if dof is not None:
+            raise InputError(f"dof={str(dof)!r} locks motions of a start, and there is none: give start, or a prior")
+        return None
+    if isinstance(start, str):
+        if start != "identity":
+            raise InputError(f'start must be None, "identity" or a 4x4 pose T_target_source; got {start!r}')
+        return np.eye(4)
+    return as_pose(start, "start")
+
+
+def as_viewpoints(value: Any) -> FloatArray | None:
+    """Viewpoints of the scanner, checked.
+
+    >>> as_viewpoints([0, 0, 500]).tolist()
+    [[0.0, 0.0, 500.0]]
+    """
+    if value is None:
+        return None
+    places = as_float(value, "viewpoint")
+    if places.ndim not in (1, 2) or places.shape[-1] != 3 or not places.size:
+        raise InputError(
+            f"viewpoint must be the place of the scanner in source coordinates, (3,), or several, (k, 3); got shape "
+            f"{places.shape}"
+        )
+    if not np.isfinite(places).all():
+        raise InputError(f"viewpoint must hold finite numbers; got {places.tolist()}")
+    places = np.atleast_2d(places)
+    require_workable(np.vstack([places, np.zeros(3)]), "the coordinates of the viewpoint")
+    return places

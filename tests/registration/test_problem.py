@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import InputError
+from dqreg.geometry import CloudSurface, Mesh, PointCloud
+from dqreg.registration.problem import Prepared, SourceAndTarget
+from dqreg.registration.source import CentredSource, centre_source
+from dqreg.registration.target_index import TargetIndex, index_target
+from dqreg.rigid import pose
+from dqreg.synth.parts import bracket
+from tests.registration.scenes import problem_of
+from tests.strategies import poses, translations
+
+SHEET = np.column_stack([np.random.default_rng(0).uniform(-1.0, 1.0, size=(40_000, 2)), np.zeros(40_000)])
+
+
+def source(points: np.ndarray) -> CentredSource:
+    return centre_source(points, None, None, np.random.default_rng(0))
+
+
+def target(points: np.ndarray) -> TargetIndex:
+    return index_target(points)
+
+
+def downsampled(points: np.ndarray, stands: TargetIndex) -> Prepared:
+    return Prepared.downsampled(SourceAndTarget(source(points), stands), 1_000)
+
+
+@settings(deadline=None, max_examples=100)
+@given(poses(), translations(), translations())
+def test_a_pose_between_the_centred_frames_is_the_same_motion(
+    T: FloatArray, origin_target: FloatArray, origin_source: FloatArray
+) -> None:
+    cloud = PointCloud(np.eye(3))
+    sides = SourceAndTarget(CentredSource(cloud, origin_source, 1.0), TargetIndex(cloud, origin_target))
+    centred = sides.to_centred(T)
+    size = 1.0 + np.abs(T[:3, 3]).max() + np.abs(origin_target).max() + np.abs(origin_source).max()
+    point = np.array([1.0, -2.0, 3.0])
+    # A source point, by the caller's frames and by the centred ones.
+    np.testing.assert_allclose(
+        pose.apply(centred, point - origin_source) + origin_target, pose.apply(T, point), atol=1e-14 * size, rtol=0.0
+    )
+    np.testing.assert_allclose(sides.to_caller(centred), T, atol=1e-14 * size, rtol=0.0)
+
+
+def test_points_are_placed_in_the_centred_target_frame() -> None:
+    T = pose.from_parts(np.eye(3), [3.0, 0.0, 0.0])
+    problem = problem_of(SHEET[:500] + 7.0, Mesh(*bracket()), T, units="ignore")
+    # The caller's own frames are the truth.
+    expected = pose.apply(T, SHEET[:500] + 7.0) - problem.target.origin
+    np.testing.assert_allclose(problem.placed(T), expected, atol=1e-12)
+
+
+def test_dense_clouds_become_equal_cells_with_a_plane_at_each() -> None:
+    sides = downsampled(SHEET, target(SHEET))
+    assert 800 <= len(sides.scan) <= 1_250
+    assert sides.scan.directed.all()
+    assert sides.scan.total == 40_000
+    # A sheet of two by two in a thousand squares.
+    assert sides.cell_size == pytest.approx(2.0 / np.sqrt(1_000), rel=0.1)
+    assert isinstance(sides.surface, CloudSurface)
+    assert len(sides.surface.normals) == pytest.approx(1_000, rel=0.25)
+
+
+def test_sparse_clouds_and_meshes_stay_whole() -> None:
+    few = SHEET[:2_900]
+    stands = target(few)
+    sides = downsampled(few, stands)
+    assert sides.cell_size == 0.0
+    assert len(sides.scan) == 2_900
+    assert sides.surface is stands.surface
+    with pytest.raises(InputError, match="mesh"):
+        downsampled(few, index_target(Mesh(*bracket())))
+
+
+def test_a_small_source_asks_for_cells_of_its_own_size() -> None:
+    # A thousandth of the target's area: cells of the target would leave it one point.
+    piece = SHEET[(np.abs(SHEET[:, :2]) < 0.1).all(axis=1)]
+    sides = downsampled(piece, target(SHEET))
+    assert len(sides.scan) >= len(piece) / 2
+    dense = np.column_stack([np.random.default_rng(1).uniform(-0.1, 0.1, size=(30_000, 2)), np.zeros(30_000)])
+    sides = downsampled(dense, target(SHEET))
+    assert 500 <= len(sides.scan) <= 1_500
+
+
+def test_a_dense_source_is_thinned_though_its_target_is_sparse() -> None:
+    stands = target(SHEET[:2_900])
+    sides = downsampled(SHEET, stands)
+    assert 800 <= len(sides.scan) <= 1_250
+    assert sides.surface is stands.surface
+
+
+def test_the_cells_of_a_target_are_built_once() -> None:
+    stands = target(SHEET)
+    assert stands.evened(1_000) is stands.evened(1_000)
+    assert downsampled(SHEET, stands).surface is stands.evened(1_000).surface
