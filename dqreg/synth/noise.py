@@ -102,7 +102,7 @@ class Noise:
                     f"{getattr(self, name):g}. Is it in the unit of the part?"
                 )
 
-    def draw(self, ranges: FloatArray, cosines: FloatArray, diagonal: float, rng: np.random.Generator) -> Errors:
+    def draw(self, ranges: FloatArray, cosines: FloatArray, diagonal: float, rng: np.random.Generator) -> PixelErrors:
         """Draw the errors of all pixels.
 
         Parameters
@@ -119,7 +119,7 @@ class Noise:
 
         Returns
         -------
-        Errors
+        PixelErrors
             One entry a pixel, in the order of ``ranges.ravel()``.
 
         Examples
@@ -140,7 +140,7 @@ class Noise:
         is_mixed = (np.abs(step) > self.mixed_step * diagonal) & (mixed < self.mixed_share) & ~is_outlier
         # Below its threshold the number that chose the pixel is itself uniform: it also places the point in the step.
         towards_next = np.where(is_mixed, mixed, 0.0) / (self.mixed_share or 1.0) * step
-        return Errors(
+        return PixelErrors(
             is_kept=is_kept,
             is_outlier=is_outlier,
             is_mixed=is_mixed,
@@ -151,7 +151,7 @@ class Noise:
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
+class PixelErrors:
     """Errors of all pixels of a scan, as `Noise.draw` gives them."""
 
     is_kept: BoolArray  # (n,): Whether the pixel brings a point back

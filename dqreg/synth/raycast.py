@@ -124,7 +124,7 @@ def is_lit(scene: Mesh, hits: Hits, projectors: FloatArray, max_incidence_rad: f
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
+class SweepHits:
     """What each ray of a sweep meets, in the sensors' frame at the time of the ray."""
 
     image: tuple[int, int, int]  # Views, rows and columns; their product is n
@@ -150,9 +150,9 @@ class Sweep:
         return self.sensors[self.view_index]
 
 
-def sweep(
+def cast_sweep(
     part: Mesh, scanner: Pattern, max_incidence_rad: float, *, motion: Motion | None, surroundings: Mesh | None
-) -> Sweep:
+) -> SweepHits:
     """Cast all rays of a scanner."""
     centre, diagonal = centre_and_diagonal(part[0])
     sensors, times = scanner.sensor_positions(centre, diagonal), scanner.times()
@@ -168,7 +168,7 @@ def sweep(
     lit = np.ones(len(rays), dtype=bool)
     if projectors is not None:
         lit = is_lit(scene, hits, projectors[view_index], max_incidence_rad)
-    return Sweep(
+    return SweepHits(
         image=(times.shape[0], times.shape[1], times.shape[2]),
         centre=centre,
         diagonal=diagonal,

@@ -22,11 +22,11 @@ from dqreg.synth.recipe_keys import build, check_name, check_seed, get_number, g
 from dqreg.synth.recipe_tables import (
     AnyScanner,
     check_part,
-    find_symmetry,
     make_mesh,
     make_motion,
     make_noise,
     make_scanner,
+    symmetry_of_part,
 )
 from dqreg.synth.scene import Scene
 
@@ -172,7 +172,7 @@ class Recipe:
         >>> len(recipe.symmetry().poses)
         24
         """
-        return find_symmetry(self.part)
+        return symmetry_of_part(self.part)
 
 
 def read_recipe(path: str | os.PathLike[str]) -> Recipe:

@@ -56,7 +56,7 @@ def make_mesh(part: Mapping[str, Any], folder: Path) -> parts.Mesh:
     return rounded, faces
 
 
-def find_symmetry(part: Mapping[str, Any]) -> parts.Symmetry | None:
+def symmetry_of_part(part: Mapping[str, Any]) -> parts.Symmetry | None:
     """Find the motions that put the part onto itself."""
     if "file" in part:
         return None

@@ -9,9 +9,9 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.synth.cameras import Pattern, unit
 from dqreg.synth.motion import Motion
-from dqreg.synth.noise import Errors, Noise
+from dqreg.synth.noise import Noise, PixelErrors
 from dqreg.synth.parts.plain import Mesh
-from dqreg.synth.raycast import Sweep, centre_and_diagonal, check_mesh, joined, sweep
+from dqreg.synth.raycast import SweepHits, cast_sweep, centre_and_diagonal, check_mesh, joined
 from dqreg.synth.scan import Scan
 
 
@@ -75,7 +75,7 @@ def scan_mesh(
     part, noise = check_mesh(vertices, faces), noise or Noise()
     if surroundings is not None:
         surroundings = check_mesh(*surroundings)
-    swept = sweep(part, scanner, noise.max_incidence_rad, motion=motion, surroundings=surroundings)
+    swept = cast_sweep(part, scanner, noise.max_incidence_rad, motion=motion, surroundings=surroundings)
     noise.require_fit(swept.diagonal)
     errors = noise.draw(swept.ranges.reshape(swept.image), swept.cosines.reshape(swept.image), swept.diagonal, rng)
     beside = None
@@ -116,7 +116,7 @@ def quantised(points: FloatArray, origins: FloatArray, step: float) -> FloatArra
 
 
 def _readings(
-    swept: Sweep, errors: Errors, outliers: FloatArray, beside: FloatArray | None
+    swept: SweepHits, errors: PixelErrors, outliers: FloatArray, beside: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
     """Points as they are read and their rays; ``beside``: rays instead of the true ones."""
     points, rays = swept.points + errors.range_error[:, None] * swept.rays, swept.rays
@@ -128,7 +128,7 @@ def _readings(
     return points, np.where(is_outlier, unit(points - swept.origins), rays)
 
 
-def _lateral_sigma(swept: Sweep, scanner: Pattern, lateral_sigma: float) -> FloatArray:
+def _lateral_sigma(swept: SweepHits, scanner: Pattern, lateral_sigma: float) -> FloatArray:
     """Range noise that would take each point as far off its face as lateral noise does, (n,)."""
     if not lateral_sigma:
         return np.zeros(len(swept.ranges))
