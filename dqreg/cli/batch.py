@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import os
-import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.outputs import as_json_option, consoles, print_json
+from dqreg.cli.outputs import as_json_option, consoles, print_json, say
 from dqreg.cli.signals import PoliteSignals
 
 if TYPE_CHECKING:
@@ -20,6 +18,7 @@ if TYPE_CHECKING:
     from dqreg._arrays import FloatArray
     from dqreg.registration.batch import Batch, Progress
     from dqreg.registration.result import Registration
+    from dqreg.report.work_bar import WorkBar
 
 FILE = click.Path(path_type=Path)
 # Rows that are named one by one on the screen; all of them are in the summary.
@@ -69,6 +68,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
     Exit codes: 0 every row accepted, 1 some were not, 2 bad input, 130 or 143 stopped by a signal.
     """
     from dqreg.registration.batch import Crew, Defaults, read_manifest, run_batch
+    from dqreg.report.work_bar import WorkBar
 
     console, shown = consoles(quiet=quiet, as_json=as_json)
     with PoliteSignals() as stop:
@@ -77,7 +77,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
         rows = read_manifest(manifest, Defaults(target, options["start"], shared))
         place = out or Path(f"{manifest.absolute().name if manifest.is_dir() else manifest.stem}-results")
         stop.polite = True
-        with _Observer(shown) as observe:
+        with WorkBar(shown) as bar:
             found = run_batch(
                 rows,
                 place,
@@ -85,7 +85,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
                 resume=options["resume"],
                 title=manifest.absolute().name,
                 thumbnail=thumbnail if options["thumbnails"] else None,
-                observe=observe,
+                observe=_told(bar, shown),
                 stop=stop.asked,
             )
     _show(console, found)
@@ -135,51 +135,23 @@ def _some(points: FloatArray) -> FloatArray:
     return points[:: max(1, len(points) // DOTS)]
 
 
-class _Observer:
-    """Shows progress: a bar with the time left on a terminal, one line a row in a pipe, nothing when quiet."""
+def _told(bar: WorkBar, console: Console) -> Callable[[Progress], None]:
+    """Shows how far a batch is."""
+    from dqreg.report.progress import left_words
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._bar: Any = None
+    def tell(progress: Progress) -> None:
+        row, left = progress.line, progress.seconds_left
+        if row is None:
+            words, line = "", f"{progress.done} of {progress.total} rows are done already" if progress.done else ""
+        else:
+            words = f"{row.row.name}: {row.verdict}"
+            took = "" if math.isnan(row.seconds) else f"{row.seconds:.1f} s"
+            rest = left_words(left) if progress.done < progress.total else ""
+            line = ", ".join(filter(None, (f"{progress.done}/{progress.total}  {words}", took, rest)))
+        if not bar.show(progress.done, progress.total, left, words) and line:
+            say(console, line)
 
-    def __enter__(self) -> Self:
-        if self._console.is_terminal and not self._console.quiet:
-            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-            from rich.progress import Progress as Bar
-
-            self._bar = Bar(
-                BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
-                TextColumn("{task.description}", markup=False), console=self._console, transient=True,
-            )  # fmt: skip
-            self._bar.start()
-            self._task = self._bar.add_task("", total=None, left="")
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-
-    def __call__(self, progress: Progress) -> None:
-        line = progress.line
-        words = "" if line is None else f"{line.row.name}: {line.verdict}"
-        if self._bar is not None:
-            self._bar.update(self._task, completed=progress.done, total=progress.total, description=words,
-                             left=_left(progress.seconds_left))  # fmt: skip
-            return
-        if line is None:
-            if progress.done:
-                _say(self._console, f"{progress.done} of {progress.total} rows are done already")
-            return
-        took = "" if math.isnan(line.seconds) else f", {line.seconds:.1f} s"
-        left = _left(progress.seconds_left) if progress.done < progress.total else ""
-        _say(self._console, f"{progress.done}/{progress.total}  {words}{took}{left and ', ' + left}")
-
-
-def _left(seconds: float) -> str:
-    if math.isnan(seconds):
-        return ""
-    minutes, rest = divmod(round(seconds), 60)
-    return f"about {minutes} min left" if minutes else f"about {rest} s left"
+    return tell
 
 
 def _show(console: Console, found: Batch) -> None:
@@ -187,23 +159,9 @@ def _show(console: Console, found: Batch) -> None:
 
     bad = [line for line in found.lines if line.verdict not in ("accepted", "not run")]
     for line in bad[:NAMED]:
-        _say(console, f"  {line.row.name}: {line.verdict.upper()}: {'; '.join(line.reasons)}")
+        say(console, f"  {line.row.name}: {line.verdict.upper()}: {'; '.join(line.reasons)}")
     if len(bad) > NAMED:
-        _say(console, f"  and {len(bad) - NAMED} more: see the summary")
-    _say(console, ", ".join(f"{count} {verdict}" for verdict, count in counts(found.lines).items()))
+        say(console, f"  and {len(bad) - NAMED} more: see the summary")
+    say(console, ", ".join(f"{count} {verdict}" for verdict, count in counts(found.lines).items()))
     for path in found.files:
-        _say(console, f"wrote {path}")
-
-
-def _say(console: Console, text: str) -> None:
-    from dqreg.errors import InputError
-
-    try:
-        console.print(text, markup=False, soft_wrap=True)
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        # What is left in the stream would fail once more when Python ends.
-        with contextlib.suppress(OSError, ValueError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise InputError(f"cannot write to the standard output: {error.strerror or error}; add --quiet") from error
+        say(console, f"wrote {path}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 import sys
 from collections.abc import Callable, Sequence
@@ -11,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.outputs import as_json_option, consoles, print_json
+from dqreg.cli.outputs import as_json_option, consoles, print_json, say
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg.compare import Progress
     from dqreg.compare.engines.registry import EngineSpec
+    from dqreg.report.work_bar import WorkBar
 
 FILE = click.Path(path_type=Path)
 # A pipe has no width of its own; the tables need more than the usual 80.
@@ -80,6 +80,7 @@ def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: di
     from dqreg.compare.showing import footer, print_tables
     from dqreg.compare.tables import tables
     from dqreg.errors import InputError
+    from dqreg.report.work_bar import WorkBar
 
     sweep = options["sweep"]
     if options["out"] is None and sweep is not None:
@@ -99,8 +100,8 @@ def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: di
         raise InputError("give a case, a recipe, SCAN TARGET or --sweep; see dqreg compare --help")
     goals.check()
     try:
-        with _Observer(shown) as observe:
-            found = run(tasks, _engines(options), protocol=protocol, out=goals.lines, observe=observe)
+        with WorkBar(shown, counted=False) as bar:
+            found = run(tasks, _engines(options), protocol=protocol, out=goals.lines, observe=_told(bar, shown))
     except KeyboardInterrupt:
         kept = f"; the runs so far are in {goals.lines}: the same command goes on from there" if goals.lines else ""
         click.echo(f"dqreg: stopped by the user{kept}", err=True)
@@ -110,7 +111,7 @@ def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: di
     console.print()
     console.print(note, style="dim", markup=False, soft_wrap=True)
     for path in write(found, made, goals, note, _command()):
-        console.print(f"wrote {path}", markup=False, soft_wrap=True)
+        say(console, f"wrote {path}")
     if as_json:
         click.echo(to_json(found), nl=False)
     return 0
@@ -192,62 +193,25 @@ def _list(console: Console, found: Sequence[EngineSpec], *, as_json: bool) -> No
         state = f"missing: pip install {' '.join(missing(spec))}" if missing(spec) else "ready"
         start = "needs a start" if spec.needs_initial_pose else "with or without start"
         line = f"{spec.name:<34} {start:<22} {', '.join(spec.settings):<20} {state}"
-        console.print(line, markup=False, soft_wrap=True)
+        say(console, line)
 
 
-class _Observer:
-    """Shows progress: a bar with the time left on a terminal, one line a run in a pipe, nothing when quiet."""
+def _told(bar: WorkBar, console: Console) -> Callable[[Progress], None]:
+    """Shows where a comparison is."""
+    from dqreg.compare.tables import number
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._bar: Any = None
+    def tell(progress: Progress) -> None:
+        run, line = progress.run, ""
+        if run is not None:
+            found = f"{number(run.worst / run.size)} S, {number(run.seconds)} s"
+            result = found if run.status == "ran" else run.message
+            mark = {True: "found", False: "not found", None: "done"}[run.success]
+            line = f"{100 * progress.done / progress.total:3.0f} %  {progress.words}: {mark}, {result}"
+        drawn = bar.show(progress.done, progress.total, progress.seconds_left, progress.words)
+        if line and not drawn:
+            say(console, line)
 
-    def __enter__(self) -> Callable[[Progress], None]:
-        if self._console.quiet:
-            return lambda progress: None
-        if not self._console.is_terminal:
-            return self._line
-        from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
-        from rich.progress import Progress as Bar
-
-        self._bar = Bar(
-            BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
-            TextColumn("{task.description}", markup=False), console=self._console, transient=True,
-        )  # fmt: skip
-        self._bar.start()
-        self._task = self._bar.add_task("", total=None, left="")
-        return self._move
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-
-    def _move(self, progress: Progress) -> None:
-        self._bar.update(
-            self._task,
-            completed=progress.done,
-            total=progress.total,
-            description=progress.words,
-            left=_left(progress.seconds_left),
-        )
-
-    def _line(self, progress: Progress) -> None:
-        run = progress.run
-        if run is None:
-            return
-        from dqreg.compare.tables import number
-
-        result = run.message if run.status != "ran" else f"{number(run.worst / run.size)} S, {number(run.seconds)} s"
-        mark = {True: "found", False: "not found", None: "done"}[run.success]
-        share = f"{100 * progress.done / progress.total:3.0f} %"
-        self._console.print(f"{share}  {progress.words}: {mark}, {result}", markup=False, soft_wrap=True)
-
-
-def _left(seconds: float) -> str:
-    if math.isnan(seconds):
-        return ""
-    minutes, rest = divmod(round(seconds), 60)
-    return f"about {minutes} min left" if minutes else f"about {rest} s left"
+    return tell
 
 
 def _command() -> str:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.outputs import as_json_option, consoles, print_json
-from dqreg.cli.outputs import say as _say
+from dqreg.cli.outputs import as_json_option, consoles, print_json, say
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -114,23 +111,12 @@ def _truth(file: Path | None, scans: Scans) -> FloatArray | None:
     return match_truth(poses, times, scans.times, len(scans))
 
 
-@contextmanager
-def _bar(console: Console, name: str, total: int) -> Iterator[Any]:
-    """A progress bar on a terminal; nothing in a pipe."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(
-        *columns, console=console, transient=True, disable=console.quiet or not console.is_terminal
-    ) as progress:
-        task = progress.add_task(name, total=total)
-        yield lambda *_: progress.advance(task)
-
-
 def _run(console: Console, engine: str, scans: Scans, settings: Any) -> Trip:
     from dqreg.odometry.engines import KissEngine, run_engine, run_ours
+    from dqreg.report.work_bar import WorkBar
 
-    with _bar(console, engine, len(scans)) as step:
+    with WorkBar(console) as bar:
+        step = bar.steps(len(scans), engine)
         if engine == "dq":
             return run_ours(scans, settings, step)
         kiss = KissEngine(settings.max_range or 100.0, settings.voxel_size, settings.deskew)
@@ -141,16 +127,17 @@ def _compare(console: Console, scans: Scans, settings: Any) -> list[Trip]:
     from dqreg.errors import MissingDependencyError
     from dqreg.odometry.engines import peers, run_engine
     from dqreg.odometry.frame import read_frame
+    from dqreg.report.work_bar import WorkBar
 
     trips = []
     for name, make in peers(settings, read_frame(scans[0].points, None).points):
         try:
             engine = make()
         except MissingDependencyError as error:
-            _say(console, f"{name}: not run: {error}")
+            say(console, f"{name}: not run: {error}")
             continue
-        with _bar(console, name, len(scans)) as step:
-            trips.append(run_engine(name, engine, scans, step))
+        with WorkBar(console) as bar:
+            trips.append(run_engine(name, engine, scans, bar.steps(len(scans), name)))
     return [*trips, _run(console, "dq", scans, settings)]
 
 
@@ -165,20 +152,20 @@ def _show(console: Console, trips: list[Trip], truth: FloatArray | None) -> None
     for trip in trips:
         table.add_row(*row(trip, truth))
     if truth is not None:
-        _say(console, "errors of the motion over one and over ten frames: median / worst; lengths in the scans' unit")
+        say(console, "errors of the motion over one and over ten frames: median / worst; lengths in the scans' unit")
     console.print(table)
     results = trips[-1].results
     if not results:
         return
     if truth is not None:
-        _say(console, trust_words(trips[-1], truth))
+        say(console, trust_words(trips[-1], truth))
     levels = [result.verdict.level for result in results]
-    _say(console, ", ".join(f"{levels.count(level)} {level}" for level in ("accepted", "suspect", "failed")))
+    say(console, ", ".join(f"{levels.count(level)} {level}" for level in ("accepted", "suspect", "failed")))
     bad = [(number, result) for number, result in enumerate(results) if result.verdict.level != "accepted"]
     for number, result in bad[:NAMED]:
-        _say(console, f"  frame {number}: {result.verdict.level.upper()}: {'; '.join(result.verdict.reasons)}")
+        say(console, f"  frame {number}: {result.verdict.level.upper()}: {'; '.join(result.verdict.reasons)}")
     if len(bad) > NAMED:
-        _say(console, f"  and {len(bad) - NAMED} more: see --frames FILE")
+        say(console, f"  and {len(bad) - NAMED} more: see --frames FILE")
 
 
 def _write(console: Console, trip: Trip, scans: Scans, truth: FloatArray | None, options: dict[str, Any]) -> None:
@@ -191,10 +178,10 @@ def _write(console: Console, trip: Trip, scans: Scans, truth: FloatArray | None,
         missing = bridge_gaps(trip.poses)[1].tolist()
         done = "bridged" if form == "kitti" else "left out"
         gaps = f"; frames without a pose are {done}: {', '.join(map(str, missing))}" if missing else ""
-        _say(console, f"wrote {options['out']} ({form.upper()}{gaps})")
+        say(console, f"wrote {options['out']} ({form.upper()}{gaps})")
     if options["frames"] is not None:
         write_frames(options["frames"], trip, scans)
-        _say(console, f"wrote {options['frames']}")
+        say(console, f"wrote {options['frames']}")
     if options["plot"] is not None:
         plot_trip(options["plot"], trip, truth)
-        _say(console, f"wrote {options['plot']}")
+        say(console, f"wrote {options['plot']}")

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+import os
+import sys
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from dqreg.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -18,6 +23,9 @@ if TYPE_CHECKING:
 
 as_json_option = click.option("--json", "as_json", is_flag=True, help="The answer as JSON on standard output, and "
                               "nothing else there.")  # fmt: skip
+
+# Places of deviations that are worth a line on the screen; the file holds them all.
+PLACES = 5
 
 
 def consoles(*, quiet: bool, as_json: bool, width: int | None = None) -> tuple[Console, Console]:
@@ -81,8 +89,6 @@ def tell_deviations(
     if not math.isfinite(result.rms):
         say(console, f"not written: {path} (no pose was found)" if path else "no deviations: no pose was found")
         return None
-    from dqreg.cli.deviation_lines import deviation_lines
-
     with warnings.catch_warnings(), console.status("measuring deviations") as status:
 
         def show(done: int, total: int) -> None:
@@ -99,11 +105,61 @@ def tell_deviations(
     return deviations
 
 
+def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
+    """Names and values to print.
+
+    >>> import numpy as np
+    >>> from dqreg.inspection import Deviations
+    >>> points, faces = np.zeros((1000, 3)), np.zeros(1000, dtype=np.int64)
+    >>> values = np.full(1000, 0.02)
+    >>> found = Deviations(values, points, points, faces, True, "positive outside", "mm", tolerance=0.05, apart=2.0)
+    >>> for name, text in deviation_lines(found):
+    ...     print(f"{name}: {text}")
+    deviations: 1000 points; positive outside
+    deviation: p50 0.02 mm, p95 0.02 mm, max 0.02 mm; mean +0.02 mm, rms 0.02 mm
+    tolerance: +-0.05 mm: 100.00 % within, 0.00 % below, 0.00 % above
+    worst: +0.02 mm at (0, 0, 0) mm, 1000 points around it
+    """
+    unit = deviations.units or "target units"
+    summary = deviations.summary()
+    counted = f"{summary.count} points"
+    if summary.beyond:
+        total = summary.count + summary.beyond
+        counted = (
+            f"{summary.count} of {total} points; the others are farther off than {deviations.reach:.4g} {unit} "
+            "and taken for something else (--reach)"
+        )
+    sign = "+" if deviations.signed else ""
+    lines = [("deviations", f"{counted}; {deviations.reason}")]
+    if not summary.count:
+        return lines
+    lines.append(
+        (
+            "deviation",
+            f"p50 {summary.p50:.4g} {unit}, p95 {summary.p95:.4g} {unit}, max {summary.max:.4g} {unit}; "
+            f"mean {summary.mean:{sign}.4g} {unit}, rms {summary.rms:.4g} {unit}",
+        )
+    )
+    if deviations.tolerance is not None:
+        bands = deviations.bands()
+        below = f"{100 * bands.below:.2f} % below, " if deviations.signed else ""
+        mark = "+-" if deviations.signed else ""
+        lines.append(
+            (
+                "tolerance",
+                f"{mark}{bands.tolerance:g} {unit}: {100 * bands.within:.2f} % within, {below}"
+                f"{100 * bands.above:.2f} % above",
+            )
+        )
+    for place in deviations.worst(PLACES):
+        where = ", ".join(f"{x:.7g}" for x in place.position)
+        lines.append(("worst", f"{place.value:{sign}.4g} {unit} at ({where}) {unit}, {place.points} points around it"))
+    return lines
+
+
 def deviation_record(deviations: Deviations) -> dict[str, Any]:
     """The figures of `tell_deviations` as plain values."""
     import dataclasses
-
-    from dqreg.cli.deviation_lines import PLACES
 
     return {
         "units": deviations.units,
@@ -138,4 +194,12 @@ def tell_report(
 
 def say(console: Console, text: str) -> None:
     """Print a line as it is: no markup, no colours, no breaks."""
-    console.print(text, highlight=False, markup=False, soft_wrap=True)
+    try:
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        # What is left in the stream would fail once more when Python ends.
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise InputError(f"cannot write to the standard output: {error.strerror or error}; add --quiet") from error

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from dqreg.cli.lazy_group import Choice, SectionedCommand
 from dqreg.cli.outputs import consoles, print_json, tell_deviations, tell_report, write_outputs
-from dqreg.cli.scale_type import ScaleType
 from dqreg.errors import InputError
 
 # The same words as in the library, which a test compares: importing them would load the solvers for `--help`.
@@ -24,6 +23,32 @@ SECTIONS = {
     "Judging the part": ("tolerance", "reach"),
     "How hard to try": ("effort", "time_limit", "max_distance", "max_angle_deg", "method", "accelerate", "seed"),
 }
+
+
+if TYPE_CHECKING:
+    Base = click.ParamType[float | str]
+else:
+    # The types of an older click take no brackets when the program runs.
+    Base = click.ParamType
+
+
+class ScaleType(Base):
+    """A factor above 0, or "solve".
+
+    >>> ScaleType().convert("solve", None, None), ScaleType().convert("25.4", None, None)
+    ('solve', 25.4)
+    """
+
+    name = "scale"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | str:
+        """The number or the word that a text means."""
+        if value == "solve":
+            return "solve"
+        try:
+            return float(value)
+        except ValueError:
+            self.fail(f"{value!r} is neither solve nor a number", param, ctx)
 
 
 @click.command("register", cls=SectionedCommand, sections=SECTIONS)

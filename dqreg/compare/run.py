@@ -13,7 +13,7 @@ from dqreg.compare.case import BenchmarkCase
 from dqreg.compare.engines.harness import no_pose
 from dqreg.compare.engines.protocol import Task
 from dqreg.compare.engines.registry import EngineSpec, engine_specs, missing
-from dqreg.compare.environment import TimeLeft, session
+from dqreg.compare.environment import session
 from dqreg.compare.judge import judge, worst_along
 from dqreg.compare.plan import PlannedRun, Protocol, plan
 from dqreg.compare.records import RunRecord
@@ -107,6 +107,8 @@ def _work(
     protocol: Protocol,
     observe: Callable[[Progress], None],
 ) -> None:
+    from dqreg.report.work_bar import TimeLeft
+
     jobs = _open_jobs(items, able, store)
     total = sum(item.weight * item.repeats for item in items for spec in able if item.takes(spec))
     done = total - sum(item.weight * count for item, _, count in jobs)

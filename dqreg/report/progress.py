@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable
 from types import TracebackType
@@ -105,11 +106,13 @@ class Steps:
 
 
 def left_words(seconds: float) -> str:
-    """A time left as one says it.
+    """A time left as one says it; nothing for NaN.
 
     >>> left_words(0.2), left_words(7.6), left_words(150.0)
     ('a moment left', 'about 8 s left', 'about 2 min left')
     """
+    if math.isnan(seconds):
+        return ""
     if seconds < 1.0:
         return "a moment left"
     return f"about {seconds:.0f} s left" if seconds < 99.5 else f"about {seconds / 60.0:.0f} min left"

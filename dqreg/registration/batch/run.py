@@ -99,15 +99,15 @@ def run_batch(
         files = tuple(require_writable(folder.path / name) for name in (SUMMARY_CSV, SUMMARY_HTML))
         lines = _kept(folder, rows) if resume else {}
         todo = [row for row in rows if row.name not in lines]
-        clock = _Clock(len(rows), len(lines))
-        tell(clock.progress())
+        progress = _watched(len(rows), len(lines))
+        tell(progress())
         try:
             # Closed before the summary is written: nothing of ours may run on behind it.
             with contextlib.closing(crew.answers(todo, thumbnail, stop)) as answers:  # type: ignore[type-var]
                 for row, done in answers:
                     folder.save(row, done)
                     lines[row.name] = line_of(row, done)
-                    tell(clock.progress(lines[row.name]))
+                    tell(progress(lines[row.name]))
         except DqregError:
             with contextlib.suppress(DqregError):
                 _write(folder, _in_order(rows, lines), title)
@@ -132,16 +132,17 @@ def _write(folder: Folder, lines: Sequence[Line], title: str) -> None:
     write_atomically(folder.path / SUMMARY_HTML, page)
 
 
-class _Clock:
-    """Counts rows and learns how long one takes."""
+def _watched(rows: int, kept: int) -> Callable[..., Progress]:
+    """What to call with the line of each row that has ended; its first call, without one, begins."""
+    from dqreg.report.work_bar import TimeLeft
 
-    def __init__(self, total: int, kept: int) -> None:
-        self._total, self._kept, self._done = total, kept, kept
-        self._began = time.monotonic()
+    left, now, done = TimeLeft([("", rows - kept)]), time.monotonic(), kept
 
-    def progress(self, line: Line | None = None) -> Progress:
-        self._done += line is not None
-        here = self._done - self._kept
-        spent = time.monotonic() - self._began
-        left = spent / here * (self._total - self._done) if here else math.nan
-        return Progress(self._done, self._total, left, line)
+    def progress(line: Line | None = None) -> Progress:
+        nonlocal now, done
+        if line is not None:
+            before, now, done = now, time.monotonic(), done + 1
+            left.done("", 1.0, now - before)
+        return Progress(done, rows, left.seconds, line)
+
+    return progress

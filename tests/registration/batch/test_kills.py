@@ -94,7 +94,7 @@ def test_a_signal_ends_politely_and_resume_goes_on(scene, undisturbed, tmp_path,
             if rounds < max(1, KILLS // 3):
                 # Once the work has begun: before that there is nothing to be polite about.
                 first = run.stdout.readline()
-                if "about" in first or "done already" in first:
+                if " left" in first or "done already" in first:
                     time.sleep(rng.uniform(0.0, 0.03))
                     run.send_signal(number)
             rest, errors = run.communicate(timeout=60.0)
