@@ -5,11 +5,10 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.files.strict_json import plain
@@ -46,7 +45,6 @@ def case_contents(recipe: Recipe) -> dict[str, bytes]:
     T_target_source = pose.inverse(T_source_target)
     moved = scan.moved(T_source_target)
     step = disturbance(pose_rng, recipe.start_angle_rad, recipe.start_offset * S, centre)
-    is_tactile = isinstance(recipe.scanner, TactileProbe)
     truth = {  # poses first: this is what a reader looks for
         "T_target_source": plain(T_target_source),
         "T_start": plain(step @ T_target_source),
@@ -69,17 +67,10 @@ def case_contents(recipe: Recipe) -> dict[str, bytes]:
         "motion": motion_record(recipe.motion, centre, S, T_source_target),
         **settings_record(recipe),
     }
-    comments = [f"units {recipe.units}"]
-    comments += ["time in sweeps; the motion is in truth.json"] if recipe.motion else []
     # The folder shall make itself again, also where the part came from a file that lies elsewhere.
     text = re.sub(r"(?m)^file\s*=.*$", f'file = "{PART}"', recipe.text)
     return {
-        SCAN: scan_bytes(
-            moved.points.astype(recipe.coordinates),
-            comments,
-            normals=moved.normals.astype(recipe.coordinates) if is_tactile else None,
-            times=moved.times if recipe.motion else None,
-        ),
+        SCAN: _scan_bytes(recipe, moved),
         PART: stl_bytes(vertices, faces),
         TRUTH: json_text(truth).encode(),
         RECIPE: text.encode(),
@@ -93,6 +84,18 @@ def _scan(recipe: Recipe, part: Mesh, surroundings: Mesh | None, rng: np.random.
         if isinstance(recipe.scanner, TactileProbe):
             return touch_mesh(*part, recipe.scanner, recipe.noise.range_sigma, rng=rng)
         return scan_mesh(*part, recipe.scanner, recipe.noise, rng=rng, motion=recipe.motion, surroundings=surroundings)
+
+
+def _scan_bytes(recipe: Recipe, scan: Scan) -> bytes:
+    """Binary PLY of a scan in the precision of the recipe, with the normals of a probe and the times of a motion."""
+    columns = dict(zip("xyz", scan.points.astype(recipe.coordinates).T, strict=True))
+    comments = [f"units {recipe.units}"]
+    if isinstance(recipe.scanner, TactileProbe):
+        columns |= zip(("nx", "ny", "nz"), scan.normals.astype(recipe.coordinates).T, strict=True)
+    if recipe.motion:
+        columns["time"] = scan.times
+        comments += ["time in sweeps; the motion is in truth.json"]
+    return ply_bytes({name: (values, f"f{values.itemsize}") for name, values in columns.items()}, comments)
 
 
 def _keys(settings: Scene | Noise | AnyScanner) -> list[str]:
@@ -120,22 +123,6 @@ def _bound(recipe: Recipe, scan: Scan, vertices: FloatArray) -> float:
         scan.points[good], scan.ray_directions[good], scan.normals[good], scan.total_sigma[good], vertices
     )
     return float(f"{bound:.6g}")
-
-
-def scan_bytes(
-    points: NDArray[np.floating],
-    comments: Sequence[str],
-    *,
-    normals: NDArray[np.floating] | None = None,
-    times: FloatArray | None = None,
-) -> bytes:
-    """Binary PLY of points, in the precision that they have."""
-    columns = dict(zip("xyz", points.T, strict=True))
-    if normals is not None:
-        columns |= zip(("nx", "ny", "nz"), normals.T, strict=True)
-    if times is not None:
-        columns["time"] = times
-    return ply_bytes({name: (values, f"f{values.itemsize}") for name, values in columns.items()}, comments)
 
 
 def stl_bytes(vertices: FloatArray, faces: IntArray) -> bytes:
