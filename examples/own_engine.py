@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 
 import dqreg
 from dqreg.compare import Comparison, Protocol, compare
-from dqreg.compare.showing import print_tables
 from dqreg.compare.tables import tables
+from dqreg.report.table import print_tables
 from dqreg.rigid import pose
 from dqreg.synth import demo_case
 

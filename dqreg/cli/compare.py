@@ -77,9 +77,9 @@ def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: di
     from dqreg.compare import Protocol
     from dqreg.compare import compare as run
     from dqreg.compare.output import Goals, to_json, write
-    from dqreg.compare.showing import footer, print_tables
-    from dqreg.compare.tables import tables
+    from dqreg.compare.tables import footer, tables
     from dqreg.errors import InputError
+    from dqreg.report.table import print_tables
     from dqreg.report.work_bar import WorkBar
 
     sweep = options["sweep"]

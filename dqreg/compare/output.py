@@ -2,34 +2,26 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-import importlib.resources
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from dqreg.compare.plots import Plot, plots
 from dqreg.compare.run import Comparison
-from dqreg.compare.showing import markdown, to_csv
 from dqreg.compare.store import FORMAT
-from dqreg.compare.summary import summarise
-from dqreg.compare.tables import Table
+from dqreg.compare.summary import SummaryRow, summarise
 from dqreg.errors import InputError
 from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.files.strict_json import plain
+from dqreg.report.html import data_uri, render
+from dqreg.report.table import Table, to_csv, to_markdown
 
 
 def to_html(title: str, made: Sequence[Table], pictures: Sequence[Plot], note: str, command: str = "") -> str:
     """Page of a comparison."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    source = importlib.resources.files("dqreg.compare").joinpath("page.html").read_text(encoding="utf-8")
-    shown = [(plot, base64.b64encode(plot.png).decode("ascii")) for plot in pictures]
-    return environment.from_string(source).render(title=title, tables=made, plots=shown, note=note, command=command)
+    shown = [(plot, data_uri(plot.png)) for plot in pictures]
+    return render("compare.html", title=title, tables=made, plots=shown, note=note, command=command)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,9 +61,9 @@ def write(found: Comparison, made: Sequence[Table], goals: Goals, note: str, com
     if goals.out is not None:
         contents[goals.out] = to_json(found)
     if goals.markdown is not None:
-        contents[goals.markdown] = markdown(made, note)
+        contents[goals.markdown] = to_markdown(made, note)
     if goals.csv is not None:
-        contents[goals.csv] = to_csv(summarise(found.runs))
+        contents[goals.csv] = summary_csv(summarise(found.runs))
     if goals.report is not None:
         contents[goals.report] = to_html(found.title, made, pictures, note, command)
     if goals.plots is not None:
@@ -93,3 +85,16 @@ def to_json(found: Comparison) -> str:
         "runs": found.runs,
     }
     return json.dumps(plain(values), allow_nan=False) + "\n"
+
+
+def summary_csv(lines: Sequence[SummaryRow]) -> str:
+    """Every line of the summary at full precision."""
+    places = ("case", "axis", "value", "setting", "from_nothing")
+    numbers = [
+        field.name for field in dataclasses.fields(SummaryRow) if field.name not in ("engine", "place", "timed_out")
+    ]
+    rows = (
+        (line.engine, *(getattr(line.place, name) for name in places), *(getattr(line, name) for name in numbers))
+        for line in lines
+    )
+    return to_csv(("engine", *places, *numbers), rows)

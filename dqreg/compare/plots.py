@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -12,13 +11,12 @@ from dqreg.compare.records import RunRecord
 from dqreg.compare.run import Comparison
 from dqreg.compare.summary import SummaryRow, summarise
 from dqreg.compare.tables import AXES
+from dqreg.report.figure import PALETTE, encode, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Okabe and Ito (2008), without the yellow, which is too pale for lines. With more engines than colours, line and
-# marker change too, so that no two look alike.
-PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#555555")
+# With more engines than colours, line and marker change too, so that no two look alike.
 LINES, MARKERS = ("-", "--", ":", "-."), ("o", "s", "^", "D", "v", "P", "X")
 INCHES, DOTS = (8.4, 4.2), 150
 # What is drawn as zero on a logarithmic axis.
@@ -197,19 +195,13 @@ def _styles(engines: Sequence[str]) -> dict[str, Style]:
 
 
 def _png(title: str, panels: Sequence[Callable[[Axes], None]]) -> bytes:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     width, height = INCHES
-    canvas = Figure(figsize=(width, height * len(panels) + 0.3), dpi=DOTS, layout="constrained")
-    FigureCanvasAgg(canvas)
+    canvas = new_figure(width, height * len(panels) + 0.3, DOTS)
     rows = canvas.subplots(len(panels), 1, squeeze=False)[:, 0]
     for axes, draw in zip(rows, panels, strict=True):
         draw(axes)
-        axes.grid(visible=True, which="major", color="#dddddd", linewidth=0.7)
-        axes.set_axisbelow(True)
+        style_axes(axes)
         _readable_ticks(axes)
-        axes.spines[["top", "right"]].set_visible(False)
     canvas.suptitle(title, fontsize="large", x=0.01, ha="left")
     named: dict[str, Any] = {}
     for axes in rows:
@@ -219,9 +211,7 @@ def _png(title: str, panels: Sequence[Callable[[Axes], None]]) -> bytes:
         # Beside the axes, where it hides no curve.
         canvas.legend(named.values(), named.keys(), loc="outside right upper", frameon=False, fontsize="small",
                       handlelength=3.0)  # fmt: skip
-    buffer = io.BytesIO()
-    canvas.savefig(buffer, format="png")
-    return buffer.getvalue()
+    return encode(canvas)
 
 
 def _readable_ticks(axes: Axes) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any
 
 from dqreg.compare.run import Comparison
 from dqreg.compare.summary import SummaryRow, largest_reliable, median, summarise, summary_key, time_exponent
+from dqreg.report.table import Column, Table
 
 MISSING, REMARK = "-", "remark"
 AXES = {
@@ -22,15 +22,11 @@ AXES = {
 }
 
 
-@dataclasses.dataclass(frozen=True)
-class Table:
-    """A table as text."""
-
-    key: str  # Names it in files
-    title: str  # What it shows
-    head: tuple[str, ...]  # Columns; the first is the engine
-    rows: tuple[tuple[str, ...], ...]  # Cells
-    note: str = ""  # What a reader must know to read it
+def _columns(*heads: str) -> tuple[Column, ...]:
+    """The engine to the left, then numbers as text, and remarks that may wrap."""
+    words = Column(REMARK, align="left", wraps=True)
+    numbers = (words if head == REMARK else Column(head, align="right") for head in heads[1:])
+    return Column(heads[0], align="left"), *numbers
 
 
 def tables(found: Comparison) -> list[Table]:
@@ -72,7 +68,7 @@ def _case(found: Comparison, lines: list[SummaryRow]) -> Table:
     note = ("Worst vertex: median over all runs of the greatest displacement of a point of the part. On surface: rms "
             "distance of scan points that no engine was given, of those that lie on the target; overlap: their share. "
             "Peak MB: growth of the process above its inputs.")  # fmt: skip
-    return Table(f"case-{place.case}-{place.setting}", title, head, tuple(rows), note)
+    return Table(f"case-{place.case}-{place.setting}", title, _columns(*head), tuple(rows), note)
 
 
 def _answers(found: Comparison, lines: list[SummaryRow]) -> Table:
@@ -98,7 +94,7 @@ def _answers(found: Comparison, lines: list[SummaryRow]) -> Table:
     note = ("Turn to overlap: the farthest value up to which every single run was brought home, in the setting as its "
             "manual says; '-' if not even the first. Worst vertex and seconds: medians near the start (5 and 10 "
             "degrees). Growth: exponent of time over points, 1 is linear.")  # fmt: skip
-    return Table("answers", "In short", head, tuple(rows), note)
+    return Table("answers", "In short", _columns(*head), tuple(rows), note)
 
 
 def _axis(found: Comparison, axis: str, setting: str, lines: list[SummaryRow]) -> list[Table]:
@@ -110,7 +106,9 @@ def _axis(found: Comparison, axis: str, setting: str, lines: list[SummaryRow]) -
 
     def grid(key: str, what: str, cell: Any, note: str) -> Table:
         rows = tuple((name, *(cell(by.get((name, value))) for value in values)) for name in names)
-        return Table(f"{axis}-{setting}-{key}", f"{title} ({_words(setting)}): {what} by {label}", heads, rows, note)
+        return Table(
+            f"{axis}-{setting}-{key}", f"{title} ({_words(setting)}): {what} by {label}", _columns(*heads), rows, note
+        )
 
     home = "Found: runs that brought the scan home, of all runs"
     worst = "Worst vertex [S]: median of those that were found."
@@ -190,3 +188,22 @@ def _value(value: str | float | None) -> str:
     if isinstance(value, (int, float)):
         return f"{value / 1e6:g}M" if value >= 1e6 else f"{value / 1e3:g}k" if value >= 1e4 else f"{value:g}"
     return str(value)
+
+
+def footer(found: Comparison, home: float) -> str:
+    """Protocol and machine in a few sentences, to stand under the tables."""
+    machines = list(dict.fromkeys(str(session.get("machine", "")) for session in found.sessions))
+    threads = sorted({str(session.get("threads", "")) for session in found.sessions})
+    versions: dict[str, str] = {}
+    for one in found.sessions:
+        versions |= one.get("versions", {})
+    named = ", ".join(f"{name} {version}" for name, version in versions.items())
+    text = [
+        f"Found: no point of the part farther than {home:g} S from its true place.",
+        f"{'Machine' if len(machines) == 1 else 'Machines'}: {'; '.join(machines)}; threads: {', '.join(threads)}.",
+        f"{named}.",
+    ]
+    if found.missing:
+        missing = "; ".join(f"{name} (pip install {' '.join(needs)})" for name, needs in found.missing.items())
+        text.append(f"Not installed: {missing}.")
+    return " ".join(text)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +13,9 @@ from dqreg.files.atomic import write_atomically
 from dqreg.odometry.engines import Trip
 from dqreg.odometry.evaluation import relative_errors
 from dqreg.odometry.trajectory import bridge_gaps
+from dqreg.report.figure import PALETTE, encode, new_figure
 
-# Okabe and Ito's colours, which the colour-blind tell apart.
-BLUE, ORANGE, GREY, RED = "#0072B2", "#E69F00", "#888888", "#D55E00"
+BLUE, RED, ORANGE, GREY = PALETTE[0], PALETTE[1], PALETTE[4], "#888888"
 
 
 def plot_trip(path: str | Path, trip: Trip, truth: FloatArray | None = None) -> None:
@@ -24,22 +23,18 @@ def plot_trip(path: str | Path, trip: Trip, truth: FloatArray | None = None) -> 
 
     Shapes: truth (n, 4, 4).
     """
-    from matplotlib.figure import Figure
-
     path = Path(path)
     kind = path.suffix.lower().lstrip(".") or "png"
     if kind not in ("png", "svg", "pdf"):
         raise InputError(f"cannot draw {path}: expected a name that ends in .png, .svg or .pdf")
     poses, _ = bridge_gaps(trip.poses)
-    figure = Figure(figsize=(9.0, 9.0), layout="constrained")
+    figure = new_figure(9.0, 9.0, 120)
     grid = figure.add_gridspec(3, 1, height_ratios=[2.2, 1.0, 1.0])
     _draw_path(figure.add_subplot(grid[0]), poses, trip, truth)
     numbers = figure.add_subplot(grid[1])
     _draw_errors(numbers, poses, trip, truth)
     _draw_trust(figure.add_subplot(grid[2], sharex=numbers), trip)
-    stream = io.BytesIO()
-    figure.savefig(stream, format=kind, dpi=120)
-    write_atomically(path, stream.getvalue())
+    write_atomically(path, encode(figure, kind))
 
 
 def _plane(places: FloatArray) -> tuple[int, int]:

@@ -7,10 +7,10 @@
 
 from __future__ import annotations
 
-from dqreg.papers.document import Estimate, Figure, Report, Section, Table
-from dqreg.papers.output import prepare_folder, write_report
+from dqreg.papers.document import Figure, Report, Section
+from dqreg.papers.output import prepare_folder, print_section, write_report
 from dqreg.papers.reproduce import PAPERS, reproduce
-from dqreg.papers.screen import print_section
+from dqreg.report.table import Estimate, Table
 
 __all__ = [
     "PAPERS",

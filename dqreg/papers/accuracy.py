@@ -13,9 +13,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
-from dqreg.papers.cells import short_number
-from dqreg.papers.document import Cell, Column, Section, Table
+from dqreg.papers.document import Section
 from dqreg.papers.trials import rotation_errors
+from dqreg.report.table import Cell, Column, Table, short_number
 from dqreg.rigid import pose
 from dqreg.solvers import Fit, horn, solve, svd, walker1991
 

@@ -10,8 +10,8 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, PointCloud, Scan, Surface, prepare_scan
 from dqreg.icp import Icp, Pairs, Stopping, points_and_normals, points_only
 from dqreg.icp.estimators import Estimator
-from dqreg.papers.cells import short_number
-from dqreg.papers.document import Column, Curve, Figure, Panel, Section, Table, floats
+from dqreg.papers.document import Curve, Figure, Panel, Section, floats
+from dqreg.report.table import Column, Table, short_number
 from dqreg.rigid import pose, quaternion
 from dqreg.solvers import Fit, horn
 

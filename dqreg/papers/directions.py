@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dqreg.papers.document import Column, Curve, Estimate, Figure, Panel, Section, Table
+from dqreg.papers.document import Curve, Figure, Panel, Section
 from dqreg.papers.simulation import Accuracy, SetUp
 from dqreg.papers.trials import SIGMA
+from dqreg.report.table import Column, Estimate, Table
 from dqreg.solvers import likelihood_weights
 from dqreg.synth.parts.blocks import FEEDER_DIAGONAL
 

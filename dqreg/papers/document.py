@@ -8,48 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """A simulated number with its Monte-Carlo standard error."""
-
-    value: float  # The estimate
-    error: float  # One standard error, in the same unit
-
-
-Cell: TypeAlias = float | int | str | Estimate | None
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """Head of a column."""
-
-    name: str  # What stands below
-    unit: str = ""  # Unit of the numbers; empty for counts, ratios and words
-    spec: str = ".3g"  # Format of plain floats, as in `format`
-
-    @property
-    def head(self) -> str:
-        """Name and unit."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """Rows of numbers and words."""
-
-    key: str  # Name in the JSON
-    title: str  # What the table shows
-    columns: tuple[Column, ...]  # Heads
-    rows: tuple[tuple[Cell, ...], ...]  # One cell a column; None is an empty cell
-    note: str = ""  # What a reader must know to read it
-
-    def __post_init__(self) -> None:
-        for row in self.rows:
-            if len(row) != len(self.columns):
-                raise ValueError(f"table {self.key}: a row has {len(row)} cells, the head {len(self.columns)}")
+from dqreg.report.table import Table
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING
 
 from dqreg.papers.document import Figure, Panel
+from dqreg.report.figure import PALETTE, encode, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Okabe and Ito (2008): told apart by all kinds of colour vision; the yellow of the set is too pale for lines.
-PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#555555")
 PANEL_INCHES = (6.4, 3.6)
 LEGEND_ROW_INCHES = 0.22
 LEGEND_COLUMNS = 2
@@ -20,19 +18,13 @@ DOTS_PER_INCH = 160
 
 def draw_png(figure: Figure) -> bytes:
     """Draw a figure as a PNG file, panels below each other."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure as Canvas
-
     width, height = PANEL_INCHES
     heights = [height + LEGEND_ROW_INCHES * _legend_rows(panel) for panel in figure.panels]
-    canvas = Canvas(figsize=(width, sum(heights)), dpi=DOTS_PER_INCH, layout="constrained")
-    FigureCanvasAgg(canvas)
+    canvas = new_figure(width, sum(heights), DOTS_PER_INCH)
     rows = canvas.subplots(len(figure.panels), 1, squeeze=False, height_ratios=heights)
     for axes, panel in zip(rows[:, 0], figure.panels, strict=True):
         _draw_panel(axes, panel)
-    buffer = io.BytesIO()
-    canvas.savefig(buffer, format="png")
-    return buffer.getvalue()
+    return encode(canvas)
 
 
 def _draw_panel(axes: Axes, panel: Panel) -> None:
@@ -52,9 +44,7 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
     axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)
     axes.set_title(panel.title, fontsize="medium", loc="left")
-    axes.grid(visible=True, which="major", color="#dddddd", linewidth=0.7)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    style_axes(axes)
     if panel.log_x:
         axes.set_xscale("log")
     if panel.log_y:

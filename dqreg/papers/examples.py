@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
-from dqreg.papers.document import Column, Section, Table
+from dqreg.papers.document import Section
+from dqreg.report.table import Column, Table
 from dqreg.rigid import quaternion
 
 # Angles of example 3, which the notes leave as letters.

@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.papers.document import Column, Curve, Figure, Panel, Section, Table, floats
+from dqreg.papers.document import Curve, Figure, Panel, Section, floats
+from dqreg.report.table import Column, Table
 from dqreg.rigid import quaternion
 
 METHODS: dict[Literal["euler", "rk4"], tuple[str, int]] = {

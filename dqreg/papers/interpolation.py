@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.papers.document import Column, Curve, Figure, Panel, Section, Table, floats
+from dqreg.papers.document import Curve, Figure, Panel, Section, floats
+from dqreg.report.table import Column, Table
 from dqreg.rigid import quaternion
 
 FIRST = ((1.0, 0.0, 0.2), 40.0)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.papers.cells import short_number
-from dqreg.papers.document import Column, Section, Table
+from dqreg.papers.document import Section
+from dqreg.report.table import Column, Table, short_number
 from dqreg.rigid import quaternion as quat
 
 STEP = 1e-5

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dqreg.errors import InputError
 from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.files.strict_json import plain
-from dqreg.papers.document import Report
+from dqreg.papers.document import Report, Section
+from dqreg.report.html import data_uri, render
+from dqreg.report.table import print_tables
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 RESULTS, PAGE = "results.json", "report.html"
 
@@ -27,7 +33,6 @@ def prepare_folder(folder: Path, figure_keys: Sequence[str]) -> None:
 def write_report(report: Report, folder: Path) -> list[Path]:
     """Write the numbers, the figures and the page."""
     from dqreg.papers.drawing import draw_png
-    from dqreg.papers.page import to_html
 
     pictures = {figure.key: draw_png(figure) for figure in report.figures}
     contents: dict[str, bytes | str] = {RESULTS: to_json(report)}
@@ -37,6 +42,21 @@ def write_report(report: Report, folder: Path) -> list[Path]:
     for path, content in zip(paths, contents.values(), strict=True):
         write_atomically(path, content)
     return paths
+
+
+def to_html(report: Report, pictures: Mapping[str, bytes]) -> str:
+    """Page of a report, with its figures inside."""
+    return render("papers.html", report=report, pictures={key: data_uri(png) for key, png in pictures.items()})
+
+
+def print_section(console: Console, section: Section) -> None:
+    """Print the finding, then the tables."""
+    from rich.text import Text
+
+    console.print()
+    console.print(Text(section.title, style="bold"))
+    console.print(Text(section.finding))
+    print_tables(console, section.tables)
 
 
 def to_json(report: Report) -> str:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dqreg.papers.document import Column, Estimate, Section, Table
+from dqreg.papers.document import Section
 from dqreg.papers.trials import position_errors, rms_estimate, rotation_errors
+from dqreg.report.table import Column, Estimate, Table
 from dqreg.rigid import pose
 from dqreg.solvers import horn
 from dqreg.synth.cramer_rao import cramer_rao, rms_of

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.papers.document import Estimate
 from dqreg.papers.trials import (
     choose_directions,
     choose_points,
@@ -17,6 +16,7 @@ from dqreg.papers.trials import (
     rotation_errors,
     tilt,
 )
+from dqreg.report.table import Estimate
 from dqreg.rigid import pose
 from dqreg.solvers import solve_many
 from dqreg.synth.cramer_rao import covariance_of_weights, cramer_rao, rms_of

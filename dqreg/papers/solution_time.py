@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.papers.document import Column, Curve, Figure, Panel, Section, Table, floats
+from dqreg.papers.document import Curve, Figure, Panel, Section, floats
 from dqreg.papers.trials import paper_pose
+from dqreg.report.table import Column, Table
 from dqreg.rigid import pose
 from dqreg.solvers import solve, walker1991
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.papers.cells import short_number
-from dqreg.papers.document import Cell, Column, Section, Table, floats
+from dqreg.papers.document import Section, floats
 from dqreg.papers.trials import AXIS, SIGMA, paper_pose, rotation_errors
+from dqreg.report.table import Cell, Column, Table, short_number
 from dqreg.rigid import pose
 from dqreg.solvers import solve, svd, walker1991
 from dqreg.synth.cramer_rao import cramer_rao

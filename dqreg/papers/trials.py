@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.papers.document import Estimate
+from dqreg.report.table import Estimate
 from dqreg.rigid import pose, quaternion
 from dqreg.synth.parts.blocks import FEEDER_DIAGONAL, feeder_vertices
 

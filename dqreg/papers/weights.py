@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dqreg.papers.directions import PAPER_WEIGHTS
-from dqreg.papers.document import Column, Curve, Estimate, Figure, Panel, Section, Table, floats
+from dqreg.papers.document import Curve, Figure, Panel, Section, floats
 from dqreg.papers.simulation import SetUp
+from dqreg.report.table import Column, Estimate, Table
 from dqreg.solvers import likelihood_weights
 from dqreg.synth.parts.blocks import FEEDER_DIAGONAL
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import base64
 from html import escape
 
 from dqreg.report.colours import LEVELS
 from dqreg.report.facts import motions_of
+from dqreg.report.figure import encode
+from dqreg.report.html import data_uri
 from dqreg.report.measure import unit_of
 from dqreg.report.page_tables import ADVICE, SIGNS, tiles_of
-from dqreg.report.picture_marks import as_jpeg
 from dqreg.report.pictures import Panel, draw
 from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.story import Story, tell
@@ -39,6 +39,5 @@ def notebook_html(result: RegistrationResult) -> str:
 
 def _picture(story: Story) -> str:
     states = ("before", "deviation") if story.found and story.T_before is not None else ("deviation",)
-    jpeg = as_jpeg(draw(story, [Panel(state, "best") for state in states], WIDTH, HEIGHT))
-    encoded = base64.b64encode(jpeg).decode("ascii")
-    return f'<img alt="part and scan" style="max-width:100%" src="data:image/jpeg;base64,{encoded}">'
+    jpeg = encode(draw(story, [Panel(state, "best") for state in states], WIDTH, HEIGHT), "jpeg")
+    return f'<img alt="part and scan" style="max-width:100%" src="{data_uri(jpeg, "jpeg")}">'

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import importlib.resources
 import json
 import time
 from pathlib import Path
@@ -19,9 +17,10 @@ from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
 from dqreg.report.charts import NARROW, WIDE, convergence
 from dqreg.report.facts import facts_of, hints_of
+from dqreg.report.figure import encode
+from dqreg.report.html import data_uri, render
 from dqreg.report.measure import unit_of
 from dqreg.report.numbers_text import text_of
-from dqreg.report.picture_marks import as_jpeg
 from dqreg.report.pictures import Panel, draw
 from dqreg.report.pose_forms import pose_forms
 from dqreg.report.result_protocol import RegistrationResult
@@ -55,16 +54,8 @@ def write_report(
 
 def to_html(result: RegistrationResult, story: Story | None) -> str:
     """The page of a result."""
-    import jinja2
     from markupsafe import Markup
 
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("dqreg.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     unit = unit_of(result)
     values = _words(result, story, unit) | _evidence(result, unit) | _shown(story)
     # Made by this package from numbers and escaped words.
@@ -72,7 +63,7 @@ def to_html(result: RegistrationResult, story: Story | None) -> str:
         values[name] = Markup(values[name])
     if values["deviations"] is not None:
         values["deviations"]["chart"] = Markup(values["deviations"]["chart"])
-    return environment.get_template("report.html").render(values, css=_asset("report.css"), js=_asset("viewer.js"))
+    return render("report.html", **values)
 
 
 def _words(result: RegistrationResult, story: Story | None, unit: str) -> dict[str, Any]:
@@ -136,7 +127,7 @@ def _shown(story: Story | None) -> dict[str, Any]:
         "off_shown": scene["off"]["count"] > 0,
         "drawn": tables.drawn_words(story, scene),
         "ellipsoid_words": _ellipsoid_words(story),
-        "picture": base64.b64encode(as_jpeg(draw(story, panels_of(story), PANEL_WIDTH, PANEL_HEIGHT))).decode(),
+        "picture": data_uri(encode(draw(story, panels_of(story), PANEL_WIDTH, PANEL_HEIGHT), "jpeg"), "jpeg"),
         "picture_alt": "Part and scan before and after, and the deviations in colours, from several sides",
         "scene": _json(scene),
     }
@@ -173,13 +164,6 @@ def _json(scene: dict[str, Any]) -> str:
     # Inside a script element nothing is unescaped but "</script": no "<" is let through.
     text = json.dumps(plain(scene), allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def _asset(name: str) -> Any:
-    from markupsafe import Markup
-
-    text = importlib.resources.files("dqreg.report").joinpath("templates", name).read_text(encoding="utf-8")
-    return Markup(text)
 
 
 __all__ = ["panels_of", "to_html", "write_report"]

@@ -1,8 +1,7 @@
-"""What stands on a picture besides part and scan: legend, scale bar, words; and the figure as a file."""
+"""What stands on a picture besides part and scan: legend, scale bar, words."""
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,23 +16,6 @@ if TYPE_CHECKING:
 
 PER_INCH = 100
 INK, PENCIL = "#1a1c20", "#5a5f68"
-
-
-def as_png(figure: Figure) -> bytes:
-    """A figure as a PNG file."""
-    return _saved(figure, "png")
-
-
-def as_jpeg(figure: Figure) -> bytes:
-    """A figure as a JPEG file: scans are noise, which PNG cannot pack."""
-    return _saved(figure, "jpeg")
-
-
-def _saved(figure: Figure, kind: str) -> bytes:
-    buffer = io.BytesIO()
-    options = {"quality": 86, "optimize": True} if kind == "jpeg" else None
-    figure.savefig(buffer, format=kind, dpi=PER_INCH, pil_kwargs=options)
-    return buffer.getvalue()
 
 
 def draw_legend(figure: Figure, story: Story, width: int) -> None:

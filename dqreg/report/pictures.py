@@ -15,7 +15,8 @@ from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.geometry import Mesh
 from dqreg.report.cameras import BEST, VIEWS, require_view
 from dqreg.report.colours import ALIGNED, OFF_PART, SOURCE, TARGET, ByteArray, rgb
-from dqreg.report.picture_marks import INK, PER_INCH, as_jpeg, as_png, draw_legend, draw_scale_bar, draw_text
+from dqreg.report.figure import encode, new_figure
+from dqreg.report.picture_marks import INK, PER_INCH, draw_legend, draw_scale_bar, draw_text
 from dqreg.report.raster import Dots, PartScene, frame_of
 from dqreg.report.story import Story
 
@@ -50,15 +51,12 @@ def parse_panels(text: str) -> tuple[Panel, ...]:
 
 def draw(story: Story, panels: Sequence[Panel], width: int = 900, height: int = 640, columns: int = 2) -> Figure:
     """A picture of several panels."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
     coloured = story.scale is not None and any(panel.state == "deviation" for panel in panels)
     full = (columns * width + 2 * MARGIN, rows * (height + TITLE) + (LEGEND if coloured else MARGIN))
-    figure = Figure(figsize=(full[0] / PER_INCH, full[1] / PER_INCH), dpi=PER_INCH, facecolor=PAPER)
-    FigureCanvasAgg(figure)
+    figure = new_figure(full[0] / PER_INCH, full[1] / PER_INCH, PER_INCH, layout=None)
+    figure.set_facecolor(PAPER)
     geometry = story.inputs.target.geometry
     scene = PartScene(geometry if isinstance(geometry, Mesh) else None, story.size)
     for number, panel in enumerate(panels):
@@ -74,7 +72,7 @@ def save_picture(story: Story, path: str | Path, panels: Sequence[Panel], width:
     """Write a picture, whole or not at all."""
     goal = picture_path(path)
     figure = draw(story, panels, width, height)
-    write_atomically(goal, as_png(figure) if goal.suffix.lower() == ".png" else as_jpeg(figure))
+    write_atomically(goal, encode(figure, "png" if goal.suffix.lower() == ".png" else "jpeg"))
 
 
 def picture_path(path: str | Path) -> Path:

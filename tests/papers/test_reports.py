@@ -11,11 +11,10 @@ from rich.console import Console
 
 from dqreg.errors import InputError
 from dqreg.papers import PAPERS, Report, Section, Table, prepare_folder, print_section, reproduce, write_report
-from dqreg.papers.cells import cell_text
-from dqreg.papers.document import Column, Curve, Estimate, Figure, Panel
+from dqreg.papers.document import Curve, Figure, Panel
 from dqreg.papers.drawing import draw_png
-from dqreg.papers.output import to_json
-from dqreg.papers.page import to_html
+from dqreg.papers.output import to_html, to_json
+from dqreg.report.table import Column, Estimate, cell_text
 
 NASTY = "<script>alert('x & y')</script>"
 

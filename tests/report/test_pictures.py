@@ -10,8 +10,8 @@ from dqreg.errors import InputError
 from dqreg.geometry import Mesh
 from dqreg.report.cameras import VIEWS, camera
 from dqreg.report.colours import SOURCE, TARGET, rgb
+from dqreg.report.figure import encode
 from dqreg.report.notebook import notebook_html
-from dqreg.report.picture_marks import as_jpeg, as_png
 from dqreg.report.pictures import draw, parse_panels, save_picture
 from dqreg.report.raster import FILL, Dots, PartScene, frame_of
 from dqreg.report.window import require_display, shapes_of
@@ -76,10 +76,10 @@ def test_nearer_points_hide_farther_ones():
 
 def test_a_picture_shows_start_deviation_and_bump(tmp_path):
     story = story_of(bumpy(), 0.2)
-    before = np.asarray(Image.open(io.BytesIO(as_png(draw(story, parse_panels("before:iso"), 300, 220)))))[..., :3]
+    before = np.asarray(Image.open(io.BytesIO(encode(draw(story, parse_panels("before:iso"), 300, 220)))))[..., :3]
     orange = np.abs(before.astype(int) - rgb(SOURCE)).max(axis=2) < 30
     assert orange.mean() > 0.01
-    after = np.asarray(Image.open(io.BytesIO(as_png(draw(story, parse_panels("top"), 300, 220)))))[..., :3]
+    after = np.asarray(Image.open(io.BytesIO(encode(draw(story, parse_panels("top"), 300, 220)))))[..., :3]
     # A bump of four tolerances has the colour of what is above the scale.
     assert story.scale is not None
     beyond = (np.abs(after.astype(int) - story.scale.table()[255]).max(axis=2) < 40).sum()
@@ -92,7 +92,7 @@ def test_a_picture_shows_start_deviation_and_bump(tmp_path):
 
 
 def test_a_failure_is_drawn_where_it_lay():
-    image = Image.open(io.BytesIO(as_jpeg(draw(story_of(failed()), parse_panels("best"), 160, 120))))
+    image = Image.open(io.BytesIO(encode(draw(story_of(failed()), parse_panels("best"), 160, 120), "jpeg")))
     assert image.size[0] == 160 + 28
 
 

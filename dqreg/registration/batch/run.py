@@ -15,7 +15,7 @@ from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.registration.batch.pool import Answer, Stop, on_this_machine
 from dqreg.registration.batch.resume import THUMBNAILS, Folder, open_folder
 from dqreg.registration.batch.row import Done, Row, Thumbnail
-from dqreg.registration.batch.summary import Line, line_of, to_csv, to_html
+from dqreg.registration.batch.summary import Line, line_of, summary_csv, to_html
 
 SUMMARY_CSV, SUMMARY_HTML = "summary.csv", "summary.html"
 TIMEOUT = 600.0
@@ -127,7 +127,7 @@ def _in_order(rows: Sequence[Row], lines: dict[str, Line]) -> tuple[Line, ...]:
 
 
 def _write(folder: Folder, lines: Sequence[Line], title: str) -> None:
-    write_atomically(folder.path / SUMMARY_CSV, to_csv(lines))
+    write_atomically(folder.path / SUMMARY_CSV, summary_csv(lines))
     page = to_html(title or folder.path.absolute().name, lines, folder.path / THUMBNAILS)
     write_atomically(folder.path / SUMMARY_HTML, page)
 

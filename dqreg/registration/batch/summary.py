@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-import csv
 import dataclasses
-import importlib.resources
-import io
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -14,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from dqreg.registration.batch.row import BATCH, Done, Row
+from dqreg.report.html import data_uri, render
+from dqreg.report.table import to_csv
 
 # From the one that needs a look first to the one that needs none.
 VERDICTS = ("crashed", "timeout", "memory", "error", "not run", "failed", "suspect", "accepted")
@@ -59,18 +57,17 @@ def line_of(row: Row, done: Done, *, kept: bool = False) -> Line:
     )
 
 
-def to_csv(lines: Sequence[Line]) -> str:
+def summary_csv(lines: Sequence[Line]) -> str:
     """The summary as CSV, numbers at full precision."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for line in lines:
-        numbers = (line.rms, line.inlier_fraction, line.seconds, *line.pose)
-        shown = ["" if math.isnan(number) else repr(number) for number in numbers]
-        result = f"results/{line.row.name}.json" if line.ran else ""
-        about = [line.row.name, line.verdict, "; ".join(line.reasons)]
-        writer.writerow([*about, *shown, line.row.scan, line.row.target, result, line.row.line])
-    return buffer.getvalue()
+    return to_csv(COLUMNS, map(_csv_row, lines))
+
+
+def _csv_row(line: Line) -> tuple[object, ...]:
+    numbers = (line.rms, line.inlier_fraction, line.seconds, *line.pose)
+    shown = ["" if math.isnan(number) else repr(number) for number in numbers]
+    result = f"results/{line.row.name}.json" if line.ran else ""
+    about = (line.row.name, line.verdict, "; ".join(line.reasons))
+    return (*about, *shown, line.row.scan, line.row.target, result, line.row.line)
 
 
 def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
@@ -101,15 +98,15 @@ def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
 
 def to_html(title: str, lines: Sequence[Line], thumbnails: Path | None = None) -> str:
     """The summary as a page that loads nothing; a click on a head sorts."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    return render(
+        "batch.html",
+        title=title,
+        lines=lines,
+        counts=counts(lines),
+        short=_short,
+        rank=VERDICTS.index,
+        picture=lambda name: _picture(thumbnails, name),
     )
-    environment.filters["short"] = _short
-    environment.globals.update(rank=VERDICTS.index, picture=lambda name: _picture(thumbnails, name))
-    source = importlib.resources.files("dqreg.registration.batch").joinpath("page.html").read_text(encoding="utf-8")
-    return environment.from_string(source).render(title=title, lines=lines, counts=counts(lines))
 
 
 def counts(lines: Sequence[Line]) -> dict[str, int]:
@@ -137,6 +134,6 @@ def _picture(folder: Path | None, name: str) -> str:
     if folder is None:
         return ""
     try:
-        return base64.b64encode((folder / f"{name}.jpg").read_bytes()).decode("ascii")
+        return data_uri((folder / f"{name}.jpg").read_bytes(), "jpeg")
     except OSError:
         return ""
