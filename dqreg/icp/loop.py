@@ -26,6 +26,8 @@ Observer = Callable[[Iteration], object]
 
 # A pose has six unknowns and a pair of points fixes at most one of them for good: its distance along the normal.
 FEWEST_PAIRS = 6
+# Inliers that fix a pose at least.
+FEWEST_INLIERS = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +66,22 @@ class Alignment(Run):
     """Where runs at several kernel scales ended, with the history of all, and the mixture learned from the last."""
 
     mixture: InlierMixture
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a pose to speak of: fewer inliers than fix one are none."""
+        return self.status not in NO_POSE and bool(self.history) and float(self.weights.sum()) >= FEWEST_INLIERS
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance of the inliers; NaN where no pose was found."""
+        weights = self.weights
+        return float(np.sqrt(weights @ self.pairs.squares / weights.sum())) if self.found else np.nan
+
+    @property
+    def inlier_fraction(self) -> float:
+        """Mean probability of a point to be an inlier; 0 where no pose was found."""
+        return float(self.weights.sum() / self.pairs.scan.represented) if self.found else 0.0
 
     @staticmethod
     def of(run: Run, mixture: InlierMixture) -> Alignment:

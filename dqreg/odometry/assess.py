@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.icp import Run
-from dqreg.odometry.align import Aligned
+from dqreg.icp import NO_POSE, Alignment
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.map_surface import MapSurface
+from dqreg.registration.assess import Uncertainty
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
-from dqreg.trust import Evidence, Information, covariance_of, information_of, judge, observe_directions
+from dqreg.trust import Evidence, Information, information_of, judge
 from dqreg.trust.records import Reason, Verdict
 
 # Fraction of inliers below which there is no pose to speak of: a frame of another place reaches 0.3.
@@ -26,7 +26,7 @@ SPURIOUS = 3.0
 
 
 def frame_result(
-    aligned: Aligned,
+    run: Alignment,
     surface: MapSurface,
     frame: DownsampledFrame,
     usual: float,
@@ -34,22 +34,20 @@ def frame_result(
     settings: dict[str, Any],
 ) -> Registration:
     """The answer for one frame."""
-    run, scale = aligned.run, aligned.mixture.scale
-    if aligned.found and not aligned.inlier_fraction >= LOST:
-        words = f"no pose: only {100 * aligned.inlier_fraction:.0f} % of the points are inliers at the best one"
+    if run.status not in NO_POSE and not run.inlier_fraction >= LOST:
+        words = f"no pose: only {100 * run.inlier_fraction:.0f} % of the points are inliers at the best one"
         return without_pose((Reason(words, "lost"), *notes), run.status, settings)
-    information = information_at(run, surface, frame.reach) if aligned.found else None
-    directions = observe_directions(information) if information else ()
+    uncertainty = Uncertainty.of(information_at(run, surface, frame.reach)) if run.found else None
     evidence = Evidence(
         status=run.status,
-        found=aligned.found,
+        found=run.found,
         inliers=float(run.weights.sum()),
-        share_near=aligned.inlier_fraction,
+        share_near=run.inlier_fraction,
         near=np.inf,
         usual=usual,
-        width=scale,
+        width=run.mixture.scale,
         max_distance=settings["near"],
-        directions=directions,
+        directions=uncertainty.directions if uncertainty else (),
         # Not measured: a map has no smooth patches, and a scene no shape that a frame could depart from.
         patches=0,
         patches_off=0.0,
@@ -60,25 +58,25 @@ def frame_result(
     )
     verdict = judge(evidence)
     reasons = (*verdict.reasons, *notes)
-    if information is None:
+    if uncertainty is None:
         return without_pose(reasons, run.status, settings)
     T = rigid(run.T_target_source)
     return Registration(
         T_target_source=T,
         verdict=Verdict(verdict.level, reasons),
         status=run.status,
-        covariance=covariance_of(information),
-        observability=directions,
+        covariance=uncertainty.covariance,
+        observability=uncertainty.directions,
         alternatives=(),
         history=run.history,
-        rms=float(np.sqrt(run.weights @ run.pairs.squares / run.weights.sum())),
-        inlier_fraction=aligned.inlier_fraction,
+        rms=run.rms,
+        inlier_fraction=run.inlier_fraction,
         timings={},
-        settings={**settings, "centre": T[:3, 3].tolist(), "width": scale},
+        settings={**settings, "centre": T[:3, 3].tolist(), "width": run.mixture.scale},
     )
 
 
-def information_at(run: Run, surface: MapSurface, reach: float) -> Information:
+def information_at(run: Alignment, surface: MapSurface, reach: float) -> Information:
     """Information of the six motions about the sensor.
 
     A wall that lies two centimetres off in the map shifts all of its points the same way; taken as independent, they

@@ -11,7 +11,8 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.odometry.align import Aligned, FrameSearch
+from dqreg.icp import Alignment
+from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.starts import predict
@@ -29,11 +30,11 @@ WORSE = 0.02
 class Deskewed:
     """A frame without the motion during its sweep, and where it was placed."""
 
-    kiss: KissParts
+    kiss: KissParts  # Removes motions
     raw: RawFrame  # The frame, with times
     voxel_size: float  # Edge of a voxel of the map
     frame: DownsampledFrame  # The frame without the motion
-    aligned: Aligned  # Where it was placed
+    aligned: Alignment  # Where it was placed
     motion: FloatArray  # (4, 4): The motion that was undone
     notes: tuple[Reason, ...] = ()
 
@@ -49,7 +50,7 @@ class Deskewed:
         for _ in range(ROUNDS):
             if not best.aligned.found:
                 break
-            T = best.aligned.run.T_target_source
+            T = best.aligned.T_target_source
             motion = rigid(predict(np.eye(4), rigid(pose.inverse(T_last) @ T), 1.0 / max(ratio, 1.0)))
             change = pose.inverse(best.motion) @ motion
             off = best.frame.reach * float(pose.angle_between(np.eye(4), change)) + float(np.linalg.norm(change[:3, 3]))

@@ -9,15 +9,13 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan, Surface
 from dqreg.geometry.normals import sample_rows
-from dqreg.icp import NO_POSE, Alignment, Pairs, Run, carried, correspond, width_floor
+from dqreg.icp import Alignment, Pairs, Run, carried, correspond, width_floor
 from dqreg.rigid import pose
 from dqreg.trust.patch_tests import ON, patches_off, stretch_of
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
 # has a say there; on denser scans clutter makes patterns of its own, and the noise is known.
 SPARSE = 1_000
-# Inliers without which there is no pose.
-FEWEST_POINTS = 3
 # Points that are looked at, evenly over the scan; where the loop has asked about enough of them, those, and of those
 # with a normal of their own.
 LOOKED_AT, ENOUGH, ENOUGH_FITTED = 10_000, 3_000, 1_000
@@ -114,11 +112,6 @@ def _fitted_pairs(run: Run, scan: Scan, fitted: IntArray, surface: Surface, widt
         if asked.scan.fitted is not None and len(asked.scan) == len(asked.scan.fitted) >= least:
             return _again(asked, surface, run.T_target_source, width)
     return correspond(scan.taken(fitted).thinned(LOOKED_AT), surface, run.T_target_source)
-
-
-def has_pose(run: Run) -> bool:
-    """Whether a run ended with a pose to speak of: fewer points on the target than fix one are none."""
-    return run.status not in NO_POSE and bool(run.history) and float(run.weights.sum()) >= FEWEST_POINTS
 
 
 def _share(part: BoolArray, whole: BoolArray) -> float:

@@ -13,7 +13,7 @@ from dqreg.icp import ESTIMATORS, Alignment, Plan, align_coarse_to_fine, width_f
 from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import weighed_by_faces
 from dqreg.registration.constraints import PoseConstraints
-from dqreg.registration.evidence import Agreement, agreement_of, has_pose
+from dqreg.registration.evidence import Agreement, agreement_of
 from dqreg.registration.problem import Prepared, Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
@@ -39,23 +39,12 @@ class Fit:
     @property
     def found(self) -> bool:
         """Whether there is a pose to speak of."""
-        return has_pose(self.run)
+        return self.run.found
 
     @property
     def floor(self) -> float:
         """Smallest scale of the kernel, a length."""
         return width_floor(self.prepared.scan, self.prepared.surface)
-
-    @property
-    def rms(self) -> float:
-        """Root mean square distance of the inliers; NaN where no pose was found."""
-        weights = self.run.weights
-        return float(np.sqrt(weights @ self.run.pairs.squares / weights.sum())) if self.found else np.nan
-
-    @property
-    def inlier_fraction(self) -> float:
-        """Mean probability of a point to be an inlier; 0 where no pose was found."""
-        return float(self.run.weights.sum() / self.run.pairs.scan.represented) if self.found else 0.0
 
     @property
     def has_border(self) -> bool:

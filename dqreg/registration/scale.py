@@ -39,7 +39,7 @@ from dqreg.registration.source import MESH_SAMPLES
 from dqreg.registration.target_index import index_target
 from dqreg.solvers.scale import ScaleStep
 from dqreg.solvers.status import INTERRUPTED
-from dqreg.trust.records import Reason, Verdict
+from dqreg.trust.records import Reason
 
 # Registrations at the end at most; and the share of its standard deviation to which the scale is followed.
 MAX_ALTERNATIONS, FOLLOWED, STILL = 6, 0.05, 1e-9
@@ -171,10 +171,6 @@ def _with_scale(result: Registration, step: ScaleStep | None, doubt: Reason | No
         origin = result.T_target_source[:3, :3] @ task.frames(total / task.problem.source.scale).source.origin
         along[3:] -= origin
         covariance = covariance + sigma**2 * np.outer(along, along)
-    verdict = result.verdict
-    if doubt and verdict.level != "failed":
-        kept = verdict.reasons if verdict.level == "suspect" else ()
-        verdict = Verdict("suspect", (doubt, *kept))
     settings = {
         **result.settings,
         "source": task.name,
@@ -187,7 +183,7 @@ def _with_scale(result: Registration, step: ScaleStep | None, doubt: Reason | No
     }
     return dataclasses.replace(
         result,
-        verdict=verdict,
+        verdict=result.verdict.doubted(doubt) if doubt else result.verdict,
         covariance=covariance,
         settings=settings,
         timings={**result.timings, **task.problem.watch.seconds},

@@ -79,6 +79,12 @@ def test_a_frame_of_another_place_is_reported_and_not_absorbed(jerky):
     frames = [*jerky.frames[:4], foreign, *jerky.frames[4:6]]
     odometry, results = run(frames)
     assert [r.verdict.level for r in results] == ["accepted"] * 4 + ["failed"] + ["accepted"] * 2
+    assert [r.verdict.codes for r in results] == [
+        ("first_frame",),
+        *[("accepted",)] * 3,
+        ("lost",),
+        *[("accepted",)] * 2,
+    ]
     assert np.isnan(odometry.poses[4]).all()
     placed = np.delete(odometry.poses, 4, axis=0)
     turn, shift = relative_errors(placed, jerky.truth[:6], 1)

@@ -72,5 +72,5 @@ def test_nothing_found_has_no_figures(status: str) -> None:
     nothing = dataclasses.replace(fit, run=dataclasses.replace(fit.run, status=status))
     assert fit.found
     assert not nothing.found
-    assert np.isnan(nothing.rms)
-    assert nothing.inlier_fraction == 0.0
+    assert np.isnan(nothing.run.rms)
+    assert nothing.run.inlier_fraction == 0.0
