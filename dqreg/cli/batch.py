@@ -30,40 +30,44 @@ WIDTH, HEIGHT, DOTS = 240, 180, 20_000
 
 @click.command()
 @click.argument("manifest", type=FILE)
-@click.option("--target", type=FILE, help="Part of every row that names none; needed where MANIFEST is a folder.")
+@click.option("--target", type=FILE, help="Target of the rows that name none; required if MANIFEST is a folder.")
 @click.option("--out", type=FILE, help="Folder for results and summary  [default: NAME-results].")
-@click.option("--workers", type=int, help="Processes on this machine  [default: one a core].")
+@click.option("--workers", type=int, help="Worker processes on this machine  [default: one for each core].")
 @click.option("--scheduler", metavar="ADDRESS", help="Work on a Dask cluster instead, such as tcp://host:8786.")
-@click.option("--resume", is_flag=True, help="Go on in a folder that holds results: what is done and unchanged stays.")
-@click.option("--timeout", type=float, default=600.0, show_default=True, help="Seconds for one row.")
-@click.option("--threads", type=int, help="Threads of each process  [default: the cores shared out].")
-@click.option("--start", default="none", show_default=True, metavar="none|identity|FILE", help="Where rows begin that "
-              "say nothing themselves.")  # fmt: skip
-@click.option("--method", help="As in dqreg register; so are the next six.")
-@click.option("--effort")
-@click.option("--max-distance", type=float)
-@click.option("--max-angle", "max_angle_deg", type=float)
-@click.option("--source-units")
-@click.option("--target-units")
-@click.option("--seed", type=int)
+@click.option(
+    "--resume", is_flag=True, help="Resume in a folder that holds results: rows that are done and unchanged are kept."
+)
+@click.option("--timeout", type=float, default=600.0, show_default=True, help="Time limit for each row, seconds.")
+@click.option("--threads", type=int, help="Threads of each process  [default: cores divided by workers].")
+@click.option("--start", default="none", show_default=True, metavar="none|identity|FILE", help="Default initial pose, "
+              "for rows that name none.")  # fmt: skip
+@click.option("--method", help="Estimator: auto, dq, dq-points, svd, plane or generalised  [default: auto].")
+@click.option("--effort", help="Points in the final refinement: fast, normal or best  [default: normal].")
+@click.option("--max-distance", type=float, help="Maximum correspondence distance, target units.")
+@click.option("--max-angle", "max_angle_deg", type=float, help="Maximum angle between the normals of a correspondence, "
+              "degrees  [default: 60].")  # fmt: skip
+@click.option("--source-units", help="Length unit of the scans, where their files do not say.")
+@click.option("--target-units", help="Length unit of the targets, where their files do not say.")
+@click.option("--seed", type=int, help="Seed of all random draws  [default: 0].")
 @click.option("--no-thumbnails", "thumbnails", flag_value=False, default=True, help="No pictures in the summary.")
 @as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, quiet: bool, **options: Any) -> int:
-    """Register every row of MANIFEST; a crash or a hang costs one row.
+    """Register every row of MANIFEST, each in a worker process: a crash or a time-out affects one row.
 
-    MANIFEST is a CSV file with the columns scan and target, and if wanted name, start, and any option of dqreg register
-    (effort, max_distance, source_units ...); paths are relative to it. Or it is a folder of scans, with --target.
+    MANIFEST is a CSV file with the columns scan and target; optional columns are name, start and any option of dqreg
+    register (effort, max_distance, source_units ...). Paths are relative to it. It may also be a folder of scans, with
+    --target. Options given here are the defaults of all rows.
 
     \b
     dqreg batch parts.csv
     dqreg batch my_scans --target part.stl --effort fast --out on_part
-    dqreg batch parts.csv --resume                 after a kill, a crash or a correction: only what is missing
+    dqreg batch parts.csv --resume                 after an interruption or a correction: only what is missing
     dqreg batch parts.csv --scheduler tcp://host:8786
     dqreg batch parts.csv --json | jq '.rows[] | select(.verdict != "accepted")'
 
-    Written are results/NAME.json a row, summary.csv, and summary.html to look at. Ctrl-C keeps the rows that are done
-    and writes the summary; a second one stops at once.
+    Writes results/NAME.json for each row, summary.csv and summary.html. Ctrl-C keeps the rows that are done and writes
+    the summary; a second one stops at once.
 
     Exit codes: 0 every row accepted, 1 some were not, 2 bad input, 130 or 143 stopped by a signal.
     """
@@ -94,7 +98,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
 
         print_json({"rows": to_records(found.lines), "files": [str(path) for path in found.files]})
     if found.stopped:
-        click.echo(f"dqreg: stopped; the rows done so far are in {place}: go on with --resume", err=True)
+        click.echo(f"dqreg: stopped; the rows done so far are in {place}: resume with --resume", err=True)
         return 128 + stop.number
     return 0 if found.accepted else 1
 

@@ -27,41 +27,41 @@ STOPPED = 130
 
 @click.command()
 @click.argument("inputs", nargs=-1, type=FILE, metavar="CASE... | SCAN TARGET")
-@click.option("--sweep", metavar="standard|quick|FILE", help="Vary start, noise, outliers, overlap and size on virtual "
-              "scans, as a TOML file says.")  # fmt: skip
+@click.option("--sweep", metavar="standard|quick|FILE", help="Vary initial pose, noise, outliers, overlap and size on "
+              "virtual scans, as a TOML file says.")  # fmt: skip
 @click.option("--engine", "-e", "engines", multiple=True, help="Only this engine; may be repeated  [default: all].")
 @click.option("--engine-file", "files", multiple=True, type=FILE, help="Python file with your own engine; may be "
               "repeated.")  # fmt: skip
 @click.option("--setting", type=click.Choice(["manual", "same-loop", "both"]), default="both", show_default=True,
-              help="Raw data and each engine as its manual says; or the same points, distance limit and iteration cap "
-              "for all.")  # fmt: skip
-@click.option("--start", metavar="none|identity|FILE", help="Where to begin: for cases their own start or none, for "
-              "SCAN TARGET identity, unless said here.")  # fmt: skip
+              help="manual: raw data, each engine as its manual recommends; same-loop: the same points, maximum "
+              "distance and iteration limit for all.")  # fmt: skip
+@click.option("--start", metavar="none|identity|FILE", help="Initial pose  [default: that of the case; identity for "
+              "SCAN TARGET].")  # fmt: skip
 @click.option("--truth", type=FILE, help="True pose of SCAN TARGET: truth.json, result.json or 4x4 text.")
 @click.option("--source-units", help="Length unit of SCAN.")
 @click.option("--target-units", help="Length unit of TARGET.")
 @click.option("--repeats", type=click.IntRange(min=1), default=3, show_default=True, help="Timed runs after a warm-up.")
 @click.option("--threads", type=click.IntRange(min=1), default=2, show_default=True, help="Threads of every engine.")
-@click.option("--timeout", type=float, help="Seconds for one run  [default: 300, or what the sweep says].")
-@click.option("--home", type=float, default=0.01, show_default=True, help="A pose counts as found if no point of the "
-              "part is farther from its place than this share of the part's diagonal.")  # fmt: skip
-@click.option("--out", type=FILE, help="JSON with every run; the same command again goes on where it stopped  "
+@click.option("--timeout", type=float, help="Time limit for each run, seconds  [default: 300, or that of the sweep].")
+@click.option("--home", type=float, default=0.01, show_default=True, help="A run succeeds if no point of the "
+              "part is displaced by more than this fraction of the part's diagonal.")  # fmt: skip
+@click.option("--out", type=FILE, help="JSON with every run; the same command resumes where it stopped  "
               "[default for sweeps: dqreg-compare-NAME.json].")  # fmt: skip
 @click.option("--report", type=FILE, help="One HTML page with tables and plots.")
 @click.option("--markdown", type=FILE, help="Tables as Markdown.")
 @click.option("--csv", type=FILE, help="Summary at full precision.")
 @click.option("--plots", type=FILE, help="Folder for the plots as PNG.")
-@click.option("--list", "show", is_flag=True, help="List the engines and leave.")
+@click.option("--list", "show", is_flag=True, help="List the engines and exit.")
 @as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def compare(inputs: tuple[Path, ...], show: bool, as_json: bool, quiet: bool, **options: Any) -> int:
-    """Run every engine, ours and our peers', on the same tasks: pose error, time and memory side by side.
+    """Run every engine, dqreg's and its peers', on the same tasks: success rate, pose error, time and memory.
 
     \b
     dqreg compare my_case --report report.html           a case: scan.ply, part.stl and truth.json
     dqreg compare recipe.toml other_case                 a recipe is made into a case first
     dqreg compare scan.ply part.stl --start nominal.txt --truth truth.txt
-    dqreg compare --sweep standard --report report.html  from how far, how exact, how fast: half an hour, resumable
+    dqreg compare --sweep standard --report report.html  convergence basin, accuracy, speed: half an hour, resumable
     dqreg compare my_case --engine-file my_engine.py     your own method against all others
     """
     console, shown = consoles(quiet=quiet, as_json=as_json, width=PIPE_WIDTH)
@@ -103,7 +103,7 @@ def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: di
         with WorkBar(shown, counted=False) as bar:
             found = run(tasks, _engines(options), protocol=protocol, out=goals.lines, observe=_told(bar, shown))
     except KeyboardInterrupt:
-        kept = f"; the runs so far are in {goals.lines}: the same command goes on from there" if goals.lines else ""
+        kept = f"; the runs so far are in {goals.lines}: the same command resumes from there" if goals.lines else ""
         click.echo(f"dqreg: stopped by the user{kept}", err=True)
         return STOPPED
     made, note = tables(found), footer(found, protocol.success_threshold)

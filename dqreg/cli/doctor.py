@@ -48,7 +48,7 @@ def examine() -> list[Check]:
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on standard output.")
 @click.pass_context
 def doctor(context: click.Context, as_json: bool) -> None:
-    """Show what is installed, what is missing and the command that mends it.
+    """Show what is installed, what is missing and the command that installs it.
 
     \b
     dqreg doctor                                    a table; in a pipe one line a part, with tabs

@@ -20,11 +20,11 @@ FILE = click.Path(path_type=Path)
 @click.command()
 @click.argument("result", type=FILE)
 @click.option("--truth", type=FILE, required=True, help="truth.json of a case, a result.json, or a 4x4 text.")
-@click.option("--target", type=FILE, help="Part or cloud whose points are measured  [default: part.stl beside the "
-              "truth].")  # fmt: skip
+@click.option("--target", type=FILE, help="Part or cloud whose displacement is measured  [default: part.stl beside "
+              "the truth].")  # fmt: skip
 @click.option("--scan", type=FILE, help="Scan, to measure its distance from the target too.")
-@click.option("--within", type=float, metavar="LENGTH", help="Exit with 1 if a point of the target is farther off than "
-              "this, target units.")  # fmt: skip
+@click.option("--within", type=float, metavar="LENGTH", help="Exit with 1 if a point of the target is displaced by "
+              "more than this, target units.")  # fmt: skip
 @click.option("--out", type=FILE, help="Write the figures as JSON.")
 @as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
@@ -38,7 +38,7 @@ def evaluate(
     as_json: bool,
     quiet: bool,
 ) -> int:
-    """Judge a pose: RESULT is a result.json of dqreg register, or 4x4 numbers as text from any program.
+    """Measure the error of a pose: RESULT is a result.json of dqreg register, or 4x4 numbers as text from any program.
 
     \b
     dqreg evaluate result.json --truth my_case/truth.json

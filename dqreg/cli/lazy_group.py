@@ -26,12 +26,12 @@ ENTRIES = {
     "register": Entry("dqreg.cli.register:register_command", "the pose of a scan on a part or another scan", USE),
     "batch": Entry("dqreg.cli.batch:batch", "many registrations: one result each, a summary table", USE),
     "odometry": Entry("dqreg.cli.odometry:odometry_command", "a LiDAR sequence to a trajectory", USE),
-    "show": Entry("dqreg.cli.show:show", "pictures, window or report of a saved result", USE),
+    "show": Entry("dqreg.cli.show:show", "picture, window or report of a saved result", USE),
     "evaluate": Entry("dqreg.cli.evaluate:evaluate", "errors of a pose against the truth", STUDY),
-    "compare": Entry("dqreg.cli.compare:compare", "dqreg and its peers on the same tasks, one judge", STUDY),
+    "compare": Entry("dqreg.cli.compare:compare", "dqreg and its peers on the same tasks", STUDY),
     "synth": Entry("dqreg.cli.synth:synth", "virtual scans with known truth from a recipe", STUDY),
-    "reproduce": Entry("dqreg.cli.reproduce:reproduce", "tables and figures of the papers, ours beside theirs", STUDY),
-    "doctor": Entry("dqreg.cli.doctor:doctor", "what is installed, what is missing, how to mend it", CARE),
+    "reproduce": Entry("dqreg.cli.reproduce:reproduce", "tables and figures of the papers, reproduced", STUDY),
+    "doctor": Entry("dqreg.cli.doctor:doctor", "what is installed, what is missing, how to install it", CARE),
     "completion": Entry("dqreg.cli.lazy_group:completion", "Tab completion for bash, zsh and fish", CARE),
 }
 
@@ -112,16 +112,16 @@ class Choice(click.Choice[str]):
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(package_name="dqreg")
 def cli() -> None:
-    """Puts a scan on its CAD part, or on another scan, and says how sure it is.
+    """Register a scan to its CAD part or to another scan, with the uncertainty of the pose.
 
     \b
     dqreg demo                                              see it work
-    dqreg register scan.ply part.stl --report report.html   no start needed
+    dqreg register scan.ply part.stl --report report.html   no initial pose needed
     dqreg register scan.ply part.stl --start nominal.txt --out result.json
     dqreg register scan.ply part.stl --json | jq .verdict   for scripts
     dqreg show result.json --save view.png                  needs no display
 
-    Every command explains itself: dqreg COMMAND --help.
+    Help of a command: dqreg COMMAND --help.
     Exit codes: 0 verdict accepted, 1 ran but not accepted, 2 bad input.
     """
 

@@ -27,26 +27,29 @@ WIDTH = 120
 @click.argument("scans", type=FILE)
 @click.option("--out", type=FILE, help="Write the trajectory (KITTI; TUM for names ending in .tum or _tum.txt).")
 @click.option("--format", "form", type=click.Choice(["kitti", "tum"]), help="Format of --out, whatever its name.")
-@click.option("--engine", type=click.Choice(["dq", "kiss-icp"]), default="dq", show_default=True)
-@click.option("--truth", type=FILE, help="True trajectory (KITTI or TUM): errors are shown.")
+@click.option("--engine", type=click.Choice(["dq", "kiss-icp"]), default="dq", show_default=True,
+              help="Odometry engine.")  # fmt: skip
+@click.option("--truth", type=FILE, help="True trajectory (KITTI or TUM), to print the errors.")
 @click.option("--compare", is_flag=True, help="Run KISS-ICP and small_gicp on the same frames: one table.")
-@click.option("--frames", type=FILE, help="Write a CSV: verdict, one-sigmas, reasons of every frame.")
-@click.option("--plot", type=FILE, help="Draw path, errors and trust (.png, .svg, .pdf).")
-@click.option("--times", type=FILE, help="Time of each frame, one a line  [default: times.txt beside the scans].")
+@click.option("--frames", type=FILE, help="Write a CSV: verdict, standard deviations and reasons of every frame.")
+@click.option("--plot", type=FILE, help="Plot the path, the errors and the uncertainty (.png, .svg, .pdf).")
+@click.option("--times", type=FILE, help="Timestamps, one line for each frame  [default: times.txt beside the scans].")
 @click.option("--loader", help="One of KISS-ICP's data loaders: kitti, mulran, ncd, rosbag, ...")
-@click.option("--sequence", help="Sequence that the loader is to read.")
+@click.option("--sequence", help="Sequence for the loader.")
 @click.option("--first", type=int, metavar="N", help="Run the first N frames only.")
-@click.option("--voxel-size", type=float, help="Edge of a voxel of the map  [default: 0.05 of the median range].")
-@click.option("--max-range", type=float, help="Farthest point used  [default: twice the farthest of the first frame].")
-@click.option("--min-range", type=float, default=0.0, show_default=True, help="Nearest point used.")
-@click.option("--no-deskew", "deskew", flag_value=False, default=True, help="Do not undo the motion during a sweep.")
-@click.option("--search", "search_deg", type=float, default=60.0, show_default=True, help="Largest turn between two "
-              "frames that is searched, degrees.")  # fmt: skip
-@click.option("--method", default="plane", show_default=True, help="Pose step: plane, dq or dq-points.")
+@click.option("--voxel-size", type=float, help="Voxel size of the map  [default: 0.05 of the median range].")
+@click.option(
+    "--max-range", type=float, help="Maximum range of points  [default: twice the farthest of the first frame]."
+)
+@click.option("--min-range", type=float, default=0.0, show_default=True, help="Minimum range of points.")
+@click.option("--no-deskew", "deskew", flag_value=False, default=True, help="No motion compensation within a sweep.")
+@click.option("--search", "search_deg", type=float, default=60.0, show_default=True, help="Largest rotation between "
+              "two frames that is searched, degrees.")  # fmt: skip
+@click.option("--method", default="plane", show_default=True, help="Estimator: plane, dq or dq-points.")
 @as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def odometry_command(scans: Path, **options: Any) -> int:
-    """Turn a LiDAR sequence into a trajectory.
+    """Estimate the trajectory of a LiDAR sequence, with a verdict for every frame.
 
     SCANS is a folder of PLY, PCD, BIN (KITTI) or NPZ files, or one .npz with points and offsets.
 

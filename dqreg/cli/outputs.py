@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from dqreg.inspection import Deviations
     from dqreg.registration.result import Registration
 
-as_json_option = click.option("--json", "as_json", is_flag=True, help="The answer as JSON on standard output, and "
+as_json_option = click.option("--json", "as_json", is_flag=True, help="The result as JSON on standard output, and "
                               "nothing else there.")  # fmt: skip
 
 # Places of deviations that are worth a line on the screen; the file holds them all.
@@ -127,7 +127,7 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
         total = summary.count + summary.beyond
         counted = (
             f"{summary.count} of {total} points; the others are farther off than {deviations.reach:.4g} {unit} "
-            "and taken for something else (--reach)"
+            "and taken for other objects (--reach)"
         )
     sign = "+" if deviations.signed else ""
     lines = [("deviations", f"{counted}; {deviations.reason}")]

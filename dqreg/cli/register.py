@@ -17,11 +17,11 @@ EFFORTS = ("fast", "normal", "best")
 UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
 FILE = click.Path(path_type=Path)
 SECTIONS = {
-    "What is written": ("out", "report", "aligned", "deviations", "as_json"),
-    "Where to begin": ("start", "dof", "viewpoint"),
+    "Output": ("out", "report", "aligned", "deviations", "as_json"),
+    "Initial pose": ("start", "dof", "viewpoint"),
     "Units": ("source_units", "target_units", "units", "scale"),
-    "Judging the part": ("tolerance", "reach"),
-    "How hard to try": ("effort", "time_limit", "max_distance", "max_angle_deg", "method", "accelerate", "seed"),
+    "Deviations of the part": ("tolerance", "reach"),
+    "Registration": ("effort", "time_limit", "max_distance", "max_angle_deg", "method", "accelerate", "seed"),
 }
 
 
@@ -54,41 +54,41 @@ class ScaleType(Base):
 @click.command("register", cls=SectionedCommand, sections=SECTIONS)
 @click.argument("scan", type=FILE)
 @click.argument("target", type=FILE)
-@click.option("--start", default="none", show_default=True, metavar="none|identity|FILE", help="none finds the pose "
-              "from nothing; FILE holds a 4x4 T_target_source as text or is a result.json.")  # fmt: skip
-@click.option("--dof", metavar="MOTIONS", help="Motions that may change the start, such as 'rz tx ty'; all others are "
-              "locked exactly.")  # fmt: skip
+@click.option("--start", default="none", show_default=True, metavar="none|identity|FILE", help="Initial pose: "
+              "none: global registration; FILE: 4x4 T_target_source as text, or a result.json.")  # fmt: skip
+@click.option("--dof", metavar="MOTIONS", help="Degrees of freedom in which the pose may differ from the initial pose, "
+              "such as 'rz tx ty'; all others are locked.")  # fmt: skip
 @click.option("--viewpoint", type=float, nargs=3, multiple=True, metavar="X Y Z", help="Where the scanner stood, in "
-              "SCAN's coordinates; may be given again. Faces that it cannot have seen do not attract.")  # fmt: skip
+              "SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored.")  # fmt: skip
 @click.option("--out", type=FILE, help="The result as JSON.")
 @click.option("--report", type=FILE, help="One HTML page: verdict, view, deviations; with --tolerance, pass or fail.")
 @click.option("--aligned", type=FILE, help="The scan in the target's frame as PLY.")
 @click.option("--deviations", type=FILE, help="Every point with its signed deviation: coloured .ply, .csv or .npy.")
 @click.option("--json", "as_json", is_flag=True, help="The result as JSON on standard output, and nothing else there.")
 @click.option("--tolerance", type=float, metavar="LENGTH", help="Largest deviation allowed, target units: print the "
-              "share within, and end the colours there.")  # fmt: skip
-@click.option("--reach", type=float, metavar="LENGTH", help="Points farther off than this belong to something else and "
-              "enter no figures, target units  [default: a quarter of --max-distance].")  # fmt: skip
-@click.option("--effort", type=Choice(EFFORTS), default="normal", show_default=True, help="How many places of the "
-              "target decide the last digits: 8,000, 25,000, or one for every point.")  # fmt: skip
-@click.option("--time-limit", type=float, metavar="SECONDS", help="Then the best pose so far, and a verdict that says "
-              "so.")  # fmt: skip
-@click.option("--max-distance", type=float, metavar="LENGTH", help="Largest distance of a pair, target units  "
-              "[default: 0.2 sizes of the smaller side].")  # fmt: skip
+              "fraction of points within it, and end the colour scale there.")  # fmt: skip
+@click.option("--reach", type=float, metavar="LENGTH", help="Points farther from the target than this are taken for "
+              "other objects and left out, target units  [default: a quarter of --max-distance].")  # fmt: skip
+@click.option("--effort", type=Choice(EFFORTS), default="normal", show_default=True, help="Points in the final "
+              "refinement: 8,000, 25,000, or all.")  # fmt: skip
+@click.option("--time-limit", type=float, metavar="SECONDS", help="Time limit; returns the best pose so far, and a "
+              "verdict that says so.")  # fmt: skip
+@click.option("--max-distance", type=float, metavar="LENGTH", help="Maximum correspondence distance, target "
+              "units  [default: 0.2 of the smaller diagonal of the two].")  # fmt: skip
 @click.option("--max-angle", "max_angle_deg", type=float, metavar="DEGREES", default=60.0, show_default=True,
-              help="Largest angle between the normals of a pair.")  # fmt: skip
-@click.option("--method", type=Choice(METHODS), default="auto", show_default=True, help="Pose step: the dual-"
-              "quaternion closed form with normals (dq) or without, Arun's SVD, or points to planes; auto takes dq "
-              "first and plane for the last digits.")  # fmt: skip
-@click.option("--no-acceleration", "accelerate", flag_value=False, default=True, help="Plain steps, no extrapolation.")
-@click.option("--seed", type=int, metavar="N", default=0, show_default=True, help="Of whatever is drawn: the same seed "
-              "gives the same pose.")  # fmt: skip
+              help="Maximum angle between the normals of a correspondence.")  # fmt: skip
+@click.option("--method", type=Choice(METHODS), default="auto", show_default=True, help="Estimator: the dual-"
+              "quaternion closed form with normals (dq) or without (dq-points), Arun's SVD, point-to-plane, or plane-"
+              "to-plane (generalised); auto starts with dq and refines with plane.")  # fmt: skip
+@click.option("--no-acceleration", "accelerate", flag_value=False, default=True, help="No Anderson acceleration.")
+@click.option("--seed", type=int, metavar="N", default=0, show_default=True, help="Seed of all random draws: the same "
+              "seed gives the same pose.")  # fmt: skip
 @click.option("--source-units", type=UNITS, help="Length unit of SCAN, where its file does not say.")
 @click.option("--target-units", type=UNITS, help="Length unit of TARGET, where its file does not say.")
-@click.option("--units", type=Choice(["check", "ignore"]), default="check", show_default=True, help="Whether sizes "
-              "that differ like mm and inches are refused.")  # fmt: skip
-@click.option("--scale", type=ScaleType(), default="1", show_default=True, metavar="solve|FACTOR", help="What SCAN's "
-              "lengths are multiplied with beside units; solve finds it, and says how sure it is.")  # fmt: skip
+@click.option("--units", type=Choice(["check", "ignore"]), default="check", show_default=True, help="Whether scans "
+              "and parts whose sizes differ as mm and inches do are refused.")  # fmt: skip
+@click.option("--scale", type=ScaleType(), default="1", show_default=True, metavar="solve|FACTOR", help="Scale factor "
+              "of SCAN besides its unit; solve estimates it with its uncertainty.")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def register_command(
     scan: Path,
@@ -104,10 +104,10 @@ def register_command(
     as_json: bool,
     **options: Any,
 ) -> int:
-    """Find the pose that puts SCAN on TARGET (a CAD mesh or another scan).
+    """Register SCAN to TARGET, a CAD mesh or another scan: find the pose of the scan in the target's frame.
 
     \b
-    dqreg register scan.ply part.stl                                   no start needed
+    dqreg register scan.ply part.stl                                   no initial pose needed
     dqreg register scan.ply part.stl --report report.html --tolerance 0.05
     dqreg register scan.pcd part.stl --start nominal.txt --out result.json
     dqreg register moved.ply fixed.ply --start identity --aligned moved_on_fixed.ply

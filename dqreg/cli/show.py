@@ -23,13 +23,13 @@ VIEWS = "best"
 @click.option("--source", type=FILE, help="The scan  [default: the file that the result names].")
 @click.option("--target", type=FILE, help="The part or other scan  [default: the file that the result names].")
 @click.option("--save", type=FILE, help="Write a picture, .png or .jpg; needs no display.")
-@click.option("--views", default=VIEWS, show_default=True, metavar="LIST", help="Panels between commas: best, iso, "
-              "iso-back, front, back, left, right, top, bottom ...; before: or after: ahead of a view shows the scan "
-              "there, else its deviations. Example: before:iso,iso,top.")  # fmt: skip
+@click.option("--views", default=VIEWS, show_default=True, metavar="LIST", help="Views between commas: best, iso, "
+              "iso-back, front, back, left, right, top, bottom ...; the prefix before: or after: shows the scan at its "
+              "initial or final pose, else its deviations. Example: before:iso,iso,top.")  # fmt: skip
 @click.option("--report", type=FILE, help="Write the HTML report.")
-@click.option("--tolerance", type=float, metavar="LENGTH", help="Largest deviation allowed, target units: the colours "
-              "end there.")  # fmt: skip
-@click.option("--start", type=FILE, help="The 4x4 pose at which the registration began, for before: views.")
+@click.option("--tolerance", type=float, metavar="LENGTH", help="Largest deviation allowed, target units: the end "
+              "of the colour scale.")  # fmt: skip
+@click.option("--start", type=FILE, help="Initial pose of the registration (4x4), for before: views.")
 @as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def show(
@@ -44,7 +44,7 @@ def show(
     as_json: bool,
     quiet: bool,
 ) -> int:
-    """Look at RESULT, the JSON that dqreg register --out wrote.
+    """Show RESULT, the JSON that dqreg register --out wrote.
 
     \b
     dqreg show result.json --save view.png

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("recipe", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the case  [default: the recipe's name].")
-@click.option("--seed", type=int, help="Instead of the recipe's own seed.")
+@click.option("--seed", type=int, help="Seed, instead of that of the recipe.")
 @as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def synth(recipe: Path, out: Path | None, seed: int | None, as_json: bool, quiet: bool) -> int:
@@ -55,6 +55,6 @@ def _summary(case: Case) -> list[str]:
         f"{case.units} rms on average (Cramer-Rao)",
     ]
     if len(case.symmetric_truths) > 1 or truth["symmetry_axis"]:
-        round_too = " besides any turn about its axis" if truth["symmetry_axis"] else ""
+        round_too = " besides any rotation about its axis" if truth["symmetry_axis"] else ""
         lines.append(f"the part is symmetric: {len(case.symmetric_truths)} poses are true{round_too}")
     return lines

@@ -30,7 +30,7 @@ def test_says_that_a_round_part_may_be_turned(tmp_path, capsys):
     text = TEXT.replace('"prism"', '"cylinder"')
     (tmp_path / "r.toml").write_text(text)
     assert run(tmp_path / "r.toml", "--out", tmp_path / "case") == 0
-    assert "2 poses are true besides any turn about its axis" in capsys.readouterr().out
+    assert "2 poses are true besides any rotation about its axis" in capsys.readouterr().out
 
 
 def test_the_default_folder_has_the_recipe_s_name(tmp_path, monkeypatch, capsys):

@@ -1,8 +1,8 @@
-"""Rows on a Dask cluster: each is a task, and each task has its row done in a process of its own.
+"""Rows on a Dask cluster: each is a task, and each task has its row registered in a process of its own.
 
-A worker's task hands its row to a `Worker`, as the pool of one machine does: a crash or a hang in a registration ends
-that child, not the Dask worker with whatever else it holds. A Dask worker that dies is Dask's to notice; its tasks go
-to another one. Results come back to here, and only this process writes.
+A task hands its row to a `Worker`, as the pool of one machine does: a crash or a hang in a registration ends that
+child, not the Dask worker. The tasks of a Dask worker that dies go to another one. Results come back to this process,
+which alone writes.
 """
 
 from __future__ import annotations
@@ -177,13 +177,13 @@ class _Flight:
             count = slots(self._client)
         except OSError as error:
             raise InputError(
-                f"the Dask scheduler at {self._address} is gone; rows done so far are kept: go on with --resume"
+                f"the Dask scheduler at {self._address} is gone; rows done so far are kept: resume with --resume"
             ) from error
         now = time.monotonic()
         self._peopled = now if count else self._peopled
         if now - self._peopled > DESERTED_SECONDS:
             raise InputError(
-                f"the Dask cluster at {self._address} has no workers any more; rows done so far are kept: go on with "
+                f"the Dask cluster at {self._address} has no workers any more; rows done so far are kept: resume with "
                 f"--resume"
             )
         return count

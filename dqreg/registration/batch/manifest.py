@@ -94,7 +94,7 @@ NAME = re.compile(r"\w[\w.+-]{0,120}")
 
 @dataclasses.dataclass(frozen=True)
 class Defaults:
-    """What a row takes where it says nothing itself."""
+    """Values of the cells that a row leaves empty."""
 
     target: Path | None = None  # The part
     start: str = "none"  # As in `Row`

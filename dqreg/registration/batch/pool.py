@@ -43,7 +43,7 @@ def on_this_machine(
 
 
 class Backlog:
-    """Rows that wait, given out so that a worker goes on with a part that it has prepared."""
+    """Rows that wait; a worker gets those of a target that it has prepared first."""
 
     def __init__(self, rows: Sequence[Row]) -> None:
         self._by_target: OrderedDict[Path, deque[Row]] = OrderedDict()
@@ -59,7 +59,7 @@ class Backlog:
                 target = next(iter(self._by_target), None)
                 if target is None:
                     return None
-                # The next worker without a part begins with another one, where there is one.
+                # The next worker without a target starts with another one, where there is one.
                 self._by_target.move_to_end(target)
             row = self._by_target[target].popleft()
             if not self._by_target[target]:

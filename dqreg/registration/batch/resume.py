@@ -1,4 +1,4 @@
-"""The folder of a batch: one result file a row, from which a killed batch goes on.
+"""The folder of a batch: one result file a row, from which an interrupted batch is resumed.
 
 A row is done once its result file has its name, which it takes in one step; nothing else is kept about it. Files are
 written by the one process that holds the folder's lock, never by workers: a worker that outlives its parent for a
@@ -97,7 +97,7 @@ def _refuse(place: Path, *, resume: bool) -> None:
     held = sum(1 for _ in (place / RESULTS).glob("*.json"))
     if held:
         results = "a result" if held == 1 else f"{held} results"
-        raise InputError(f"the folder {place} holds {results} already; add --resume to go on, or give another --out")
+        raise InputError(f"the folder {place} holds {results} already; add --resume to resume, or give another --out")
 
 
 def _lock(stream: IO[bytes], place: Path) -> None:

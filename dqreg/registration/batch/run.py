@@ -1,4 +1,4 @@
-"""A batch: many registrations, one result file each, one summary; gone on from after a kill at any moment."""
+"""A batch: many registrations, one result file each, one summary; resumed after an interruption at any moment."""
 
 from __future__ import annotations
 
