@@ -96,7 +96,7 @@ def _first_look(level: Level, start: FloatArray) -> tuple[InlierMixture | None, 
     if len(within) < EXPLAINED * len(distances):
         return None, None
     learned = _widest(level).fit(within, floor=level.floor, rounds=PATIENT.rounds)
-    explained = learned.share * len(within) >= EXPLAINED * len(distances)
+    explained = learned.inlier_fraction * len(within) >= EXPLAINED * len(distances)
     return learned if explained and _is_near(level, learned) else None, pairs
 
 

@@ -39,10 +39,10 @@ class Pairs:
         return pose.apply(self.T_target_source, self.scan.points)
 
     @cached_property
-    def aside(self) -> FloatArray:
+    def point_to_plane(self) -> FloatArray:
         """Distance of each moved point from the target's tangent plane, positive on the normal's side, (n,)."""
-        aside: FloatArray = np.einsum("ij,ij->i", self.moved - self.closest.points, self.closest.normals)
-        return aside
+        offsets: FloatArray = np.einsum("ij,ij->i", self.moved - self.closest.points, self.closest.normals)
+        return offsets
 
     @cached_property
     def normal_cosines(self) -> FloatArray:

@@ -122,7 +122,7 @@ class Level:
 
     def explains(self, run: Run, mixture: InlierMixture) -> bool:
         """Whether nearly all points of a run belong to the inliers of a mixture."""
-        return bool(mixture.share * np.count_nonzero(run.weights) >= EXPLAINED * len(run.weights))
+        return bool(mixture.inlier_fraction * np.count_nonzero(run.weights) >= EXPLAINED * len(run.weights))
 
     def mean_nll(self, run: Alignment) -> float:
         """Mean negative log-likelihood of the distances at the end of a run: the lower, the better it explains them."""
@@ -171,7 +171,7 @@ class Level:
         if len(self.scan) > FEW:
             return PLACED * placed
         planes = self.near and self.plan.fine is not None
-        return (WITHIN if planes and mixture.share >= EXPLAINED else STAGE_TOLERANCE) * width
+        return (WITHIN if planes and mixture.inlier_fraction >= EXPLAINED else STAGE_TOLERANCE) * width
 
     def _learned(self, mixture: InlierMixture, run: Run, schedule: Schedule) -> InlierMixture:
         # Near the answer the last step is all that is wrong with the distances.

@@ -46,7 +46,7 @@ def weighed_by_faces(pairs: Pairs, weights: FloatArray, noise: float) -> FloatAr
     """Weights times the precision of each orientation; unchanged while the misfit is larger than the noise."""
     if noise > MISFIT * pairs.scan.noise:
         return weights
-    residuals = np.sqrt(pairs.aside**2 + pairs.scan.scatter)
+    residuals = np.sqrt(pairs.point_to_plane**2 + pairs.scan.scatter)
     return weights * relative_precisions(pairs.closest.normals, residuals, weights)
 
 

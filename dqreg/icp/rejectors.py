@@ -17,6 +17,9 @@ from dqreg.solvers.robust import Kernel
 
 Weight = Callable[[Pairs], FloatArray]
 
+# Kernel scales from a boundary edge within which noise alone decides whether the closest point is on it.
+STRIP = 3.0
+
 
 @dataclasses.dataclass(frozen=True)
 class WithinDistance:
@@ -63,11 +66,11 @@ class Robust:
 class Trimmed:
     """Keeps the given fraction of the correspondences, the closest ones (Chetverikov et al. 2002)."""
 
-    share: float
+    fraction: float
 
     def __call__(self, pairs: Pairs) -> FloatArray:
         """1 for the closest, else 0."""
-        keep = int(np.ceil(self.share * len(pairs.distances)))
+        keep = int(np.ceil(self.fraction * len(pairs.distances)))
         weights = np.zeros(len(pairs.distances))
         weights[np.argsort(pairs.distances, kind="stable")[:keep]] = 1.0
         return weights
@@ -79,10 +82,6 @@ def product(weights: Sequence[Weight], pairs: Pairs) -> FloatArray:
     for weight in weights:
         total *= weight(pairs)
     return total
-
-
-# Kernel scales from a boundary edge within which noise alone decides whether the closest point is on it.
-STRIP = 3.0
 
 
 @dataclasses.dataclass(frozen=True)

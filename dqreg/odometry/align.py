@@ -75,5 +75,5 @@ class FrameSearch:
             return run
         fine = dataclasses.replace(plan, max_distance=lengths.near, stopping=Stopping(TOLERANCE, ITERATIONS))
         level = dataclasses.replace(coarse, scan=scan, plan=fine, last=True)
-        narrow = InlierMixture(min(run.mixture.scale, 0.5 * lengths.near), run.mixture.share, lengths.near)
+        narrow = InlierMixture(min(run.mixture.scale, 0.5 * lengths.near), run.mixture.inlier_fraction, lengths.near)
         return level.descend(narrow, run.T_target_source, FINE, None, run.next_number).after(run)

@@ -58,11 +58,11 @@ def agreement_of(
     width = min(ON * mixture.scale, near)
     pairs = _pairs(run, scan, surface, mixture.scale)
     on = pairs.distances <= width
-    aside = pairs.aside[on]
+    aside = pairs.point_to_plane[on]
     close = pairs.distances <= near
     if has_border:
-        close &= on | (np.abs(pairs.aside) > width)
-    patches, off = patches_off(pairs.scan.points, pairs.distances, pairs.aside, close, mixture.scale)
+        close &= on | (np.abs(pairs.point_to_plane) > width)
+    patches, off = patches_off(pairs.scan.points, pairs.distances, pairs.point_to_plane, close, mixture.scale)
     if scan.fitted is not None and len(pairs.scan) < len(scan):
         local = _Local.of(_fitted_pairs(run, scan, scan.fitted, surface, mixture.scale), width)
     else:
@@ -71,7 +71,7 @@ def agreement_of(
     if not has_border and len(scan) < SPARSE:
         flat = close & pairs.closest.normals.any(axis=1)
         # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
-        stretch, along = stretch_of(pairs.closest.points[flat], pairs.closest.normals[flat], pairs.aside[flat])
+        stretch, along = stretch_of(pairs.closest.points[flat], pairs.closest.normals[flat], pairs.point_to_plane[flat])
     return Agreement(
         share_near=_share(on, close),
         near=near,

@@ -61,7 +61,7 @@ def all_points_say_more(fit: Fit) -> bool:
         return False
     # Of a surface: that many points in as many cells, each the square of its edge.
     spacing = prepared.cell_size * np.sqrt(len(prepared.scan) / prepared.scan.total)
-    aside = np.sqrt(np.average(run.pairs.aside**2, weights=run.weights))
+    aside = np.sqrt(np.average(run.pairs.point_to_plane**2, weights=run.weights))
     return bool(aside < WELL_BELOW * spacing)
 
 

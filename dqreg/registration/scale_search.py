@@ -111,7 +111,7 @@ def _judged(search: GlobalSearch, few: Scan, found: ScaleCandidate, floor: float
     mixture = InlierMixture.widest(limit, floor).fit(near, floor=floor, rounds=100)
     mean_nll = mixture.mean_nll(near, rejected=len(distances) - len(near))
     return dataclasses.replace(
-        found, mean_nll=mean_nll, width=mixture.scale, share=mixture.share * len(near) / len(distances)
+        found, mean_nll=mean_nll, width=mixture.scale, share=mixture.inlier_fraction * len(near) / len(distances)
     )
 
 

@@ -17,8 +17,8 @@ import numpy as np
 from dqreg._arrays import FloatArray
 
 # Keeps both populations of the mixture alive, so that the weight of a correspondence can always come back.
-LEAST_SHARE = 1e-3
-# An EM round that changes scale and share by less is the last: rounding, far below what either is good to.
+LEAST_FRACTION = 1e-3
+# An EM round that changes scale and inlier fraction by less is the last: rounding, far below what either is good to.
 STILL = 1e-10
 # Where a fit starts: half of the points inliers, and a scale at which no distance within the limit is given up yet (at
 # the limit the Gaussian is exp(-2) of its peak), so that EM only has to narrow it.
@@ -137,12 +137,12 @@ class InlierMixture:
     """Inliers with Gaussian distances among outliers that are uniform up to a limit.
 
     The cost is ``-2 sigma^2 log(density)`` up to a constant, so its weights are the probabilities that a
-    correspondence is an inlier, and re-weighting is the EM algorithm. Scale and share are fitted to the distances
-    themselves: a scan in which three quarters of the points belong to the table needs no threshold set by hand.
+    correspondence is an inlier, and re-weighting is the EM algorithm. Scale and inlier fraction are fitted to the
+    distances: a scan in which three quarters of the points belong to the table needs no threshold set by hand.
     """
 
     scale: float  # Standard deviation sigma of the inliers' distances
-    share: float  # Fraction of inliers among the correspondences within the limit
+    inlier_fraction: float  # Of inliers among the correspondences within the limit
     limit: float  # Largest distance of a correspondence
 
     @classmethod
@@ -158,7 +158,7 @@ class InlierMixture:
     @property
     def _odds(self) -> float:
         # Density of outliers over that of an inlier at distance zero (a half-normal).
-        return (1.0 - self.share) / self.limit * self.scale * math.sqrt(math.pi / 2.0) / self.share
+        return (1.0 - self.inlier_fraction) / self.limit * self.scale * math.sqrt(math.pi / 2.0) / self.inlier_fraction
 
     def weight(self, distances: FloatArray) -> FloatArray:
         """Probability of an inlier."""
@@ -175,13 +175,13 @@ class InlierMixture:
     def mean_nll(self, distances: FloatArray, rejected: int) -> float:
         """Mean negative log-likelihood of distances within the limit and of so many beyond it; lower is better."""
         total = len(distances) + rejected
-        share = self.share * len(distances) / total
-        outlier = (1.0 - share) / self.limit
-        inlier = np.sqrt(2.0 / np.pi) / self.scale * share * np.exp(-0.5 * (distances / self.scale) ** 2)
+        fraction = self.inlier_fraction * len(distances) / total
+        outlier = (1.0 - fraction) / self.limit
+        inlier = np.sqrt(2.0 / np.pi) / self.scale * fraction * np.exp(-0.5 * (distances / self.scale) ** 2)
         return float(-(np.log(inlier + outlier).sum() + rejected * np.log(outlier)) / total)
 
     def fit(self, distances: FloatArray, *, floor: float = 0.0, rounds: int = 1) -> InlierMixture:
-        """Scale and share after EM rounds on distances within the limit."""
+        """Scale and inlier fraction after EM rounds on distances within the limit."""
         mixture = self
         for _ in range(rounds):
             weights = mixture.weight(distances)
@@ -189,20 +189,23 @@ class InlierMixture:
             if total == 0.0:
                 break
             scale = max(float(np.sqrt(weights @ distances**2 / total)), floor, np.finfo(float).tiny)
-            share = min(max(total / len(distances), LEAST_SHARE), 1.0 - LEAST_SHARE)
-            settled = abs(scale - mixture.scale) <= STILL * scale and abs(share - mixture.share) <= STILL * share
-            mixture = InlierMixture(scale, share, self.limit)
+            fraction = min(max(total / len(distances), LEAST_FRACTION), 1.0 - LEAST_FRACTION)
+            settled = (
+                abs(scale - mixture.scale) <= STILL * scale
+                and abs(fraction - mixture.inlier_fraction) <= STILL * fraction
+            )
+            mixture = InlierMixture(scale, fraction, self.limit)
             if settled:
                 break
         return mixture
 
     def log_likelihoods(self, distances: FloatArray, *, rounds: int) -> FloatArray:
-        """Of each distance, beyond the limit too, at this scale and the share that EM rounds fit to them."""
+        """Of each distance, beyond the limit too, at this scale and the inlier fraction that EM rounds fit to them."""
         inlier = np.sqrt(2.0 / np.pi) / self.scale * np.exp(-0.5 * (distances / self.scale) ** 2)
         inlier = inlier * (distances < self.limit)
-        share = self.share
+        fraction = self.inlier_fraction
         for _ in range(rounds):
-            weights = share * inlier / (share * inlier + (1.0 - share) / self.limit)
-            share = float(np.clip(weights.mean(), LEAST_SHARE, 1.0 - LEAST_SHARE))
-        likelihoods: FloatArray = np.log(share * inlier + (1.0 - share) / self.limit)
+            weights = fraction * inlier / (fraction * inlier + (1.0 - fraction) / self.limit)
+            fraction = float(np.clip(weights.mean(), LEAST_FRACTION, 1.0 - LEAST_FRACTION))
+        likelihoods: FloatArray = np.log(fraction * inlier + (1.0 - fraction) / self.limit)
         return likelihoods

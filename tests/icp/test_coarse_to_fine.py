@@ -58,7 +58,7 @@ def test_two_noisy_views_land_on_the_part_to_the_last_digit(surface: MeshSurface
     assert error(run) <= 2e-5
     # The width is the noise along the normal: less than along the ray, and no less than half of it.
     assert 0.5 * NOISE <= mixture.scale / SIZE <= NOISE
-    assert mixture.share >= 0.99
+    assert mixture.inlier_fraction >= 0.99
 
 
 @pytest.mark.parametrize("method", ESTIMATORS)
@@ -88,7 +88,7 @@ def test_half_strays_and_a_table_do_not_move_the_part(surface: MeshSurface, seed
     # Every point is known to be of the part or not, so the share of inliers among those looked at is known.
     known = {tuple(point) for point in on_part}
     is_part = np.array([tuple(point) in known for point in scan.points])
-    assert mixture.share == pytest.approx(is_part[run.weights > 0.0].mean(), abs=0.03)
+    assert mixture.inlier_fraction == pytest.approx(is_part[run.weights > 0.0].mean(), abs=0.03)
     assert run.weights[is_part].mean() >= 0.9
     assert run.weights[~is_part].mean() <= 0.02
 
@@ -130,7 +130,7 @@ def test_an_explained_scan_needs_no_second_schedule(surface: MeshSurface, small:
     levels = list(dict.fromkeys((record.stage, record.points) for record in run.history))
     # Few points find the basin and are gone over again with planes; the last level is the favoured share or all.
     assert levels == [("patient", 2_000), ("fine", 2_000), ("fine", len(small))]
-    assert mixture.share >= 0.99
+    assert mixture.inlier_fraction >= 0.99
     # At most one look at all points, and one to confirm it.
     assert sum(record.points == len(small) for record in run.history) <= 2
 

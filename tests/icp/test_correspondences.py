@@ -77,5 +77,7 @@ def test_carried_pairs_of_a_cloud_keep_the_gaps_between_its_points() -> None:
     )
     aside, up = (carried(pairs, pose.from_parts(np.eye(3), shift)) for shift in ([0.005, 0.0, 0.0], [0.0, 0.0, 0.003]))
     np.testing.assert_allclose(aside.distances, pairs.distances, rtol=1e-12)
-    np.testing.assert_allclose(up.aside, pairs.aside + 0.003, atol=1e-14)
-    np.testing.assert_allclose(up.distances**2 - up.aside**2, pairs.distances**2 - pairs.aside**2, atol=1e-14)
+    np.testing.assert_allclose(up.point_to_plane, pairs.point_to_plane + 0.003, atol=1e-14)
+    np.testing.assert_allclose(
+        up.distances**2 - up.point_to_plane**2, pairs.distances**2 - pairs.point_to_plane**2, atol=1e-14
+    )

@@ -75,7 +75,7 @@ def test_the_information_is_that_of_all_points(scan: Scan) -> None:
         counts = pairs.scan.counts
         weights = np.ones(len(pairs.scan)) if counts is None else counts
         return information_of(
-            pairs.moved, pairs.closest.normals, pairs.aside, weights, 0.5 * SIZE, PART.centre,
+            pairs.moved, pairs.closest.normals, pairs.point_to_plane, weights, 0.5 * SIZE, PART.centre,
             counts=counts, scattered=pairs.scan.scatter,
         )  # fmt: skip
 

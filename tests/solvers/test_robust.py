@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.solvers.robust import LEAST_SHARE, GemanMcClure, Huber, InlierMixture, Kernel, LeastSquares, Tukey, Welsch
+from dqreg.solvers.robust import LEAST_FRACTION, GemanMcClure, Huber, InlierMixture, Kernel, LeastSquares, Tukey, Welsch
 
 SCALES = st.floats(1e-3, 1e3)
 SHARES = st.floats(0.01, 0.99)
@@ -36,7 +36,7 @@ def slope(kernel: Kernel, d: np.ndarray) -> np.ndarray:
 def density(mixture: InlierMixture, d: np.ndarray) -> np.ndarray:
     """Half-normal inliers among even outliers, written out."""
     inlier = 2.0 / np.sqrt(2.0 * np.pi) / mixture.scale * np.exp(-0.5 * (d / mixture.scale) ** 2)
-    return mixture.share * inlier + (1.0 - mixture.share) / mixture.limit
+    return mixture.inlier_fraction * inlier + (1.0 - mixture.inlier_fraction) / mixture.limit
 
 
 def drawn(rng: np.random.Generator, count: int, scale: float, share: float, limit: float) -> np.ndarray:
@@ -129,8 +129,8 @@ def test_rejected_pairs_count_as_outliers_of_the_same_scan() -> None:
     mixture = InlierMixture(0.1, 0.8, 2.0)
     d = np.array([0.0, 0.1, 0.5, 1.9])
     # Two of six pairs are refused: the share among all is 0.8 * 4 / 6, and a refused pair has the density of outliers.
-    among_all = dataclasses.replace(mixture, share=0.8 * 4 / 6)
-    outlier = (1.0 - among_all.share) / mixture.limit
+    among_all = dataclasses.replace(mixture, inlier_fraction=0.8 * 4 / 6)
+    outlier = (1.0 - among_all.inlier_fraction) / mixture.limit
     expected = -(np.log(density(among_all, d)).sum() + 2 * np.log(outlier)) / 6
     assert mixture.mean_nll(d, rejected=2) == pytest.approx(expected, rel=1e-14)
 
@@ -158,24 +158,24 @@ def test_scale_and_share_of_drawn_data_come_back_within_their_standard_errors(sc
     truth = InlierMixture(scale, share, 1.0)
     # Fisher information from the scores of the draws at the truth; its inverse bounds the variance of both.
     scores = []
-    for name in ("scale", "share"):
+    for name in ("scale", "inlier_fraction"):
         value = getattr(truth, name)
         up, down = (density(dataclasses.replace(truth, **{name: value * k}), d) for k in (1 + 1e-6, 1 - 1e-6))
         scores.append((np.log(up) - np.log(down)) / (2e-6 * value))
     sigmas = np.sqrt(np.diag(np.linalg.inv(np.array(scores) @ np.array(scores).T)))
     assert abs(learned.scale - scale) <= 4.0 * sigmas[0]
-    assert abs(learned.share - share) <= 4.0 * sigmas[1]
+    assert abs(learned.inlier_fraction - share) <= 4.0 * sigmas[1]
 
 
 def test_learning_stays_above_the_floor_and_keeps_both_populations_alive() -> None:
     exact = np.zeros(50)
     learned = InlierMixture(0.5, 0.5, 1.0).fit(exact, floor=1e-4, rounds=20)
     assert learned.scale == 1e-4
-    assert learned.share == 1.0 - LEAST_SHARE
+    assert learned.inlier_fraction == 1.0 - LEAST_FRACTION
     # One exact pair among outliers would take it all with a width of nothing; the floor holds it.
     lone = InlierMixture(0.01, 0.01, 1.0).fit(np.r_[0.0, np.linspace(0.5, 1.0, 9_999)], floor=1e-4, rounds=200)
     assert lone.scale >= 1e-4
-    assert lone.share >= LEAST_SHARE
+    assert lone.inlier_fraction >= LEAST_FRACTION
 
 
 def test_pairs_that_are_all_beyond_hope_leave_the_mixture_as_it_was() -> None:
@@ -189,7 +189,7 @@ def test_millimetres_and_metres_learn_the_same(seed: int, share: float) -> None:
     d = drawn(np.random.default_rng(seed), 200, 0.02, share, 1.0)
     metres = InlierMixture(0.3, 0.5, 1.0).fit(d, floor=1e-3, rounds=20)
     millimetres = InlierMixture(300.0, 0.5, 1000.0).fit(1000.0 * d, floor=1.0, rounds=20)
-    assert millimetres.share == pytest.approx(metres.share, rel=1e-9)
+    assert millimetres.inlier_fraction == pytest.approx(metres.inlier_fraction, rel=1e-9)
     assert millimetres.scale == pytest.approx(1000.0 * metres.scale, rel=1e-9)
     # A density per millimetre is a thousandth of that per metre.
     scaled = dataclasses.replace(metres, scale=1000.0 * metres.scale, limit=1000.0)
@@ -209,7 +209,7 @@ def test_log_likelihoods_at_a_fixed_scale_take_the_likeliest_share(share: float)
     ]
     assert found.sum() >= max(others)
     fitted = InlierMixture(0.02, 1.0 - np.exp(found[0]), 1.0)
-    expected = np.where(d < 1.0, density(fitted, within), 1.0 - fitted.share)
+    expected = np.where(d < 1.0, density(fitted, within), 1.0 - fitted.inlier_fraction)
     np.testing.assert_allclose(found, np.log(expected), rtol=1e-9)
 
 
