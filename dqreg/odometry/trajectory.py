@@ -209,6 +209,7 @@ def to_records(trip: Trip, scans: Scans) -> list[dict[str, Any]]:
                 "rms": None if result is None else result.rms,
                 "seconds": float(trip.seconds[number]),
                 "reasons": [] if result is None else list(result.verdict.reasons),
+                "codes": [] if result is None else list(result.verdict.codes),
             }
         )
     return records

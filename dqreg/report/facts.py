@@ -1,4 +1,4 @@
-"""What a report says of the run itself: how firmly the pose is held, the two sides, settings, iterations, versions."""
+"""What a report says of the run itself: uncertainty, the two sides, settings, iterations, versions."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def motions_of(result: RegistrationResult) -> list[dict[str, str]]:
             "words": direction.words,
             "percent": f"{100.0 * min(max(direction.strength, 0.0), 1.0):.0f}",
             "strength": text_of(direction.strength, 2),
-            "sigma": text_of(direction.sigma, 2) if np.isfinite(direction.sigma) else "free",
+            "sigma": text_of(direction.sigma, 2) if np.isfinite(direction.sigma) else "unconstrained",
         }
         for direction in result.observability
     ]
@@ -50,7 +50,7 @@ def motions_of(result: RegistrationResult) -> list[dict[str, str]]:
 def _sigmas(result: RegistrationResult, unit: str) -> dict[str, Any]:
     """Standard deviations of the six numbers of the pose: columns, one row, and what they mean."""
     sigma = np.sqrt(np.diag(result.covariance))
-    row = [text_of(s, 2) if np.isfinite(s) else "free" for s in [*np.rad2deg(sigma[:3]), *sigma[3:]]]
+    row = [text_of(s, 2) if np.isfinite(s) else "unconstrained" for s in [*np.rad2deg(sigma[:3]), *sigma[3:]]]
     columns = [(f"rotation about {axis}", "degrees", True) for axis in "xyz"]
     columns += [(f"translation along {axis}", unit, True) for axis in "xyz"]
     words = (

@@ -24,7 +24,7 @@ def notebook_html(result: RegistrationResult) -> str:
     level, unit = result.verdict.level, unit_of(result)
     reasons = "".join(f"<li>{escape(reason)}</li>" for reason in result.verdict.reasons)
     rows = [(name, f"{value} ({more})") for name, value, more in tiles_of(result, story, unit)]
-    rows += [("Least held motion", motion["words"]) for motion in motions_of(result)[:1]]
+    rows += [("Weakest motion", motion["words"]) for motion in motions_of(result)[:1]]
     rows += [("Other poses as good", str(len(result.alternatives)))] if result.alternatives else []
     cells = "".join(
         f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{escape(value)}</td></tr>'

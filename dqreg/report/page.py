@@ -93,8 +93,7 @@ def _evidence(result: RegistrationResult, unit: str) -> dict[str, Any]:
     ran = f"{result.status} after {steps} iteration{'' if steps == 1 else 's'}"
     return {
         **facts_of(result, unit),
-        "sure_words": "Six independent motions of the part, the least held first: how far the part could still move "
-        "along each without the scan telling.",
+        "sure_words": "Six independent motions of the part, the weakest first, with the standard deviation along each.",
         "forms": pose_forms(result.T_target_source, unit) if found else [],
         "alternatives": [
             {
@@ -146,7 +145,7 @@ def panels_of(story: Story) -> list[Panel]:
 def _ellipsoid_words(story: Story) -> str:
     axes = story.ellipsoid
     if axes is None:
-        return "No ellipsoid is drawn: some motion is free."
+        return "No ellipsoid is drawn: some motion is unconstrained."
     lengths = np.sort(np.linalg.norm(axes, axis=1))[::-1]
     larger = ELLIPSOID * story.size / lengths[0]
     words = ", ".join(text_of(length, 2) for length in lengths)

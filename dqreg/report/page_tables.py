@@ -41,7 +41,7 @@ def tiles_of(result: RegistrationResult, story: Story | None, unit: str) -> list
         tiles.append(("Points used", f"{settings.get('used_points', 0):,}", f"of {settings.get('source_points', 0):,}"))
     if result.observability:
         weakest = result.observability[0]
-        known = f"{text_of(weakest.sigma, 2)} {unit}" if np.isfinite(weakest.sigma) else "not held"
+        known = f"{text_of(weakest.sigma, 2)} {unit}" if np.isfinite(weakest.sigma) else "unconstrained"
         tiles.append(("Pose, weakest motion", known, "one sigma on the part"))
     return tiles
 
