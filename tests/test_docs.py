@@ -42,7 +42,7 @@ def commands() -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize(("page", "line"), commands())
 def test_commands_on_a_page_parse(page, line):
-    from dqreg.cli.main import cli
+    from dqreg.cli.lazy_group import cli
 
     words = shlex.split(line)
     context = click.Context(cli)
@@ -75,7 +75,7 @@ def test_every_public_name_is_documented():
 
 
 def test_every_command_has_its_help():
-    from dqreg.cli.main import ENTRIES
+    from dqreg.cli.lazy_group import ENTRIES
 
     page = (DOCS / "command_line.md").read_text(encoding="utf-8")
     assert re.findall(r"\{command-help\} (\w+)", page) == list(ENTRIES)

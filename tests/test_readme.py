@@ -37,7 +37,7 @@ def test_command_lines_parse(line):
     # The files in these lines are the reader's; what is tested is that every command and option exists.
     import click
 
-    from dqreg.cli.main import cli
+    from dqreg.cli.lazy_group import cli
 
     words = shlex.split(line)
     assert words[0] == "dqreg"
