@@ -42,7 +42,7 @@ def plots(found: Comparison) -> list[Plot]:
     made: list[Plot] = []
     for place in dict.fromkeys(line.place for line in lines if line.place.axis == "case"):
         chosen = [line for line in lines if line.place == place]
-        name = f"{place.case}, {place.setting}{', from nothing' if place.from_nothing else ''}"
+        name = f"{place.case}, {place.setting}{', no initial pose' if place.from_nothing else ''}"
         slug = f"{_slug(place.case)}-{place.setting}"
         made += _error_and_time(chosen, styles, f"error-time-{slug}", f"Error against time: {name}")
     for axis in ("start_angle_deg", "start_offset", "outliers", "overlap"):
@@ -103,7 +103,7 @@ def _along(
                 axes.set(yscale="log", ylabel="worst vertex error [S]")
                 axes.set_xscale("symlog", linthresh=1e-4)
             else:
-                axes.set(ylabel="share of runs brought home", ylim=(-0.1, 1.1))
+                axes.set(ylabel="success rate", ylim=(-0.1, 1.1))
 
         return draw
 

@@ -11,14 +11,14 @@ from dqreg.report.table import Column, Table
 
 MISSING, REMARK = "-", "remark"
 AXES = {
-    "start_angle_deg": ("start angle [deg]", "From how far away? Turn of the start"),
-    "start_offset": ("start offset [S]", "From how far away? Shift of the start"),
-    "noise": ("noise [S]", "What does noise do?"),
-    "outliers": ("share of outliers", "What do outliers do?"),
-    "overlap": ("overlap", "Scan on scan: how little overlap will do?"),
-    "points": ("scan points", "How does time grow with the scan?"),
-    "nothing": ("part", "With no start at all"),
-    "frame": ("coordinates", "The same task in other units and far away"),
+    "start_angle_deg": ("initial rotation [deg]", "Convergence basin: rotation of the initial pose"),
+    "start_offset": ("initial translation [S]", "Convergence basin: translation of the initial pose"),
+    "noise": ("noise [S]", "Sensitivity to noise"),
+    "outliers": ("outlier fraction", "Sensitivity to outliers"),
+    "overlap": ("overlap", "Scan to scan: smallest overlap"),
+    "points": ("scan points", "Run time by scan points"),
+    "nothing": ("part", "Global registration: no initial pose"),
+    "frame": ("coordinates", "The same task in other units and far from the origin"),
 }
 
 
@@ -45,7 +45,7 @@ def tables(found: Comparison) -> list[Table]:
 
 def _case(found: Comparison, lines: list[SummaryRow]) -> Table:
     place, unit = lines[0].place, lines[0].units or "target units"
-    start = "from nothing" if place.from_nothing else "from the given start"
+    start = "no initial pose" if place.from_nothing else "from the given initial pose"
     title = f"{place.case}, {_words(place.setting)}, {start}: {lines[0].points} points, S = {lines[0].size:.4g} {unit}"
     head = ("engine", "found", "worst vertex [S]", f"rms [{unit}]", "angle [deg]", f"on surface [{unit}]", "overlap",
             "seconds", "range", "peak MB", REMARK)  # fmt: skip
@@ -72,8 +72,8 @@ def _case(found: Comparison, lines: list[SummaryRow]) -> Table:
 
 
 def _answers(found: Comparison, lines: list[SummaryRow]) -> Table:
-    head = ("engine", "turn [deg]", "shift [S]", "noise [S]", "outliers", "overlap", "no start", "worst vertex [S]",
-            "seconds", "at 1M points", "growth")  # fmt: skip
+    head = ("engine", "rotation [deg]", "translation [S]", "noise [S]", "outliers", "overlap", "no initial pose",
+            "worst vertex [S]", "seconds", "at 1M points", "growth")  # fmt: skip
     rows = []
     for engine in found.engines:
         mine = [line for line in lines if line.engine == engine and line.place.setting == "manual"]
@@ -91,10 +91,10 @@ def _answers(found: Comparison, lines: list[SummaryRow]) -> Table:
             number(million[0].seconds) if million else MISSING,
             number(time_exponent(mine, engine)),
         ))  # fmt: skip
-    note = ("Turn to overlap: the farthest value up to which every single run was brought home, in the setting as its "
-            "manual says; '-' if not even the first. Worst vertex and seconds: medians near the start (5 and 10 "
-            "degrees). Growth: exponent of time over points, 1 is linear.")  # fmt: skip
-    return Table("answers", "In short", _columns(*head), tuple(rows), note)
+    note = ("Rotation to overlap: the largest value up to which all runs succeeded, in the setting as its "
+            "manual says; '-' if not even the first. Worst vertex and seconds: medians at initial poses 5 and 10 "
+            "degrees off. Growth: exponent of time over points, 1 is linear.")  # fmt: skip
+    return Table("answers", "Summary", _columns(*head), tuple(rows), note)
 
 
 def _axis(found: Comparison, axis: str, setting: str, lines: list[SummaryRow]) -> list[Table]:
@@ -110,20 +110,20 @@ def _axis(found: Comparison, axis: str, setting: str, lines: list[SummaryRow]) -
             f"{axis}-{setting}-{key}", f"{title} ({_words(setting)}): {what} by {label}", _columns(*heads), rows, note
         )
 
-    home = "Found: runs that brought the scan home, of all runs"
+    found_of = "Found: successful runs of all runs"
     worst = "Worst vertex [S]: median of those that were found."
     if axis == "points":
         return [
             grid("seconds", "seconds", _seconds, "From raw points to pose; '>' : not within the time limit."),
             grid("memory", "peak MB", _memory, "Growth of the process above its inputs."),
-            grid("worst", "found, worst vertex [S]", _found_and_worst, f"{home}. {worst}"),
+            grid("worst", "found, worst vertex [S]", _found_and_worst, f"{found_of}. {worst}"),
         ]
     if axis == "frame":
         note = "All three are the same task: a method that knows no absolute lengths gives three times the same number."
-        return [grid("worst", "found, worst vertex [S]", _found_and_worst, f"{home}. {worst} {note}")]
+        return [grid("worst", "found, worst vertex [S]", _found_and_worst, f"{found_of}. {worst} {note}")]
     if axis == "nothing":
-        return [grid("found", "found, worst vertex [S], seconds", _found_worst_seconds, f"{home}. {worst}")]
-    return [grid("found", "found, worst vertex [S]", _found_and_worst, f"{home}. {worst}")]
+        return [grid("found", "found, worst vertex [S], seconds", _found_worst_seconds, f"{found_of}. {worst}")]
+    return [grid("found", "found, worst vertex [S]", _found_and_worst, f"{found_of}. {worst}")]
 
 
 def _found_and_worst(line: SummaryRow | None) -> str:

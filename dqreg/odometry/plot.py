@@ -66,10 +66,10 @@ def _draw_errors(axes: Any, poses: FloatArray, trip: Trip, truth: FloatArray | N
     if truth is not None and len(poses) > 1:
         turn, shift = relative_errors(poses, truth, 1)
         axes.semilogy(
-            frames, np.maximum(shift, 1e-12), color=ORANGE, marker=".", linewidth=0.8, label="error of the shift"
+            frames, np.maximum(shift, 1e-12), color=ORANGE, marker=".", linewidth=0.8, label="translation error"
         )
         axes.semilogy(
-            frames, np.maximum(turn, 1e-12), color=BLUE, marker=".", linewidth=0.8, label="error of the turn [deg]"
+            frames, np.maximum(turn, 1e-12), color=BLUE, marker=".", linewidth=0.8, label="rotation error [deg]"
         )
         axes.set_ylabel("step against truth")
     else:
@@ -88,9 +88,9 @@ def _draw_trust(axes: Any, trip: Trip) -> None:
         return
     sigma = np.array([np.sqrt(np.trace(result.covariance[3:, 3:])) for result in trip.results])
     axes.plot(np.where(sigma > 0.0, sigma, np.nan), color=ORANGE, marker=".", linewidth=0.8)
-    axes.set_ylabel("one sigma of the place", color=ORANGE)
+    axes.set_ylabel("one sigma of the translation", color=ORANGE)
     axes.grid(alpha=0.3)
     share = axes.twinx()
     share.plot([result.inlier_fraction for result in trip.results], color=BLUE, linewidth=1.0)
     share.set_ylim(0.0, 1.0)
-    share.set_ylabel("share of points on the map", color=BLUE)
+    share.set_ylabel("inlier fraction", color=BLUE)

@@ -12,10 +12,10 @@ from dqreg.odometry.evaluation import CHI2_HIGH, evaluate, nees
 # Columns of the table: median / worst error of the motions over one and ten frames; frames lost; the path's error.
 COLUMNS = (
     "engine",
-    "turn [deg]\n1 frame",
-    "shift [scan unit]\n1 frame",
-    "turn [deg]\n10 frames",
-    "shift [scan unit]\n10 frames",
+    "rotation [deg]\n1 frame",
+    "translation [scan unit]\n1 frame",
+    "rotation [deg]\n10 frames",
+    "translation [scan unit]\n10 frames",
     "lost",
     "path rms\n[scan unit]",
     "frames\na second",
@@ -69,10 +69,10 @@ def trust_words(trip: Trip, truth: FloatArray) -> str:
     values = nees(trip.poses, covariances, truth)
     known = values[np.isfinite(values)]
     if not len(known):
-        return "covariances: no step has one (free motions or missing poses)"
+        return "covariances: no step has one (unconstrained motions or missing poses)"
     inside = 100 * np.mean(known <= CHI2_HIGH)
     free = len(values) - len(known)
-    rest = f"; {free} steps without one (a motion was free, or a pose is missing)" if free else ""
+    rest = f"; {free} steps without one (a motion was unconstrained, or a pose is missing)" if free else ""
     return (
         f"covariances against the truth: NEES {np.median(known):.1f} median, {known.mean():.1f} mean (6 expected, with "
         f"an exact truth), {inside:.0f} % of {len(known)} steps below {CHI2_HIGH:.1f} (97.5 % expected){rest}"

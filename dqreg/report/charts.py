@@ -63,7 +63,7 @@ def histogram(
     for share, left, right, colour in zip(shares, edges, edges[1:], colours, strict=False):
         body.append(_bar(axes, left, right, share, colour))
     body.append(_x_axis(axes, f"deviation [{unit}]" if scale.signed else f"distance [{unit}]"))
-    body.append(_y_axis(axes, "share of the points [%]"))
+    body.append(_y_axis(axes, "fraction of the points [%]"))
     body.append(_beyond(axes, below, above, scale.signed))
     return _svg("Histogram of the deviations", axes, body)
 

@@ -54,9 +54,10 @@ def _sigmas(result: RegistrationResult, unit: str) -> dict[str, Any]:
     columns = [(f"rotation about {axis}", "degrees", True) for axis in "xyz"]
     columns += [(f"translation along {axis}", unit, True) for axis in "xyz"]
     words = (
-        f"One sigma, with the target's axes, about its middle {place_text(np.array(result.settings['centre']))}. "
-        "Estimated from how the residuals scatter from patch to patch of the surface; where the pairs are too few for "
-        "that, as if all were independent. Errors common to the whole scan, such as calibration, are not included."
+        f"One sigma, with the target's axes, about its centre {place_text(np.array(result.settings['centre']))}. "
+        "Estimated from how the residuals scatter from patch to patch of the surface; where correspondences are too "
+        "few for that, as if all were independent. Errors common to the whole scan, such as calibration, are not "
+        "included."
     )
     return {"columns": columns, "row": row, "words": words}
 
@@ -66,7 +67,7 @@ def _sides(result: RegistrationResult, unit: str) -> Rows:
     get = result.settings.get
     rows = [
         ("Scan", str(get("source", "not known"))),
-        ("Its points", f"{get('source_points', 0):,}, of which {get('used_points', 0):,} were used"),
+        ("Scan points", f"{get('source_points', 0):,}, of which {get('used_points', 0):,} were used"),
         ("Dropped", f"{get('source_dropped', 0):,} points that were not finite"),
         ("Spacing of the scan", f"{text_of(get('source_spacing'))} {unit}"),
         ("Noise of the scan", f"{text_of(get('source_noise'))} {unit}, one sigma, estimated"),
@@ -90,8 +91,8 @@ def _converted(result: RegistrationResult) -> str:
 
 def _history(result: RegistrationResult, unit: str) -> dict[str, Any]:
     """All iterations: columns and rows."""
-    units = {"No.": "", "Stage": "", "Points": "", "Inliers": "%", "Rms": unit, "Kernel": unit, "Turn": "degrees",
-             "Motion": "sizes"}  # fmt: skip
+    units = {"No.": "", "Stage": "", "Points": "", "Inliers": "%", "Rms": unit, "Kernel scale": unit,
+             "Rotation": "degrees", "Step": "diagonals"}  # fmt: skip
     columns = [(name, of, True) for name, of in units.items()]
     rows = [
         (
@@ -102,7 +103,7 @@ def _history(result: RegistrationResult, unit: str) -> dict[str, Any]:
             text_of(record.rms),
             text_of(record.kernel_scale),
             text_of(float(np.rad2deg(record.turn_rad)), 2),
-            "taken back" if np.isinf(record.motion) else text_of(record.motion, 2),
+            "rejected" if np.isinf(record.motion) else text_of(record.motion, 2),
         )
         for record in result.history
     ]
@@ -135,11 +136,11 @@ def hints_of(result: RegistrationResult, story: Story | None) -> list[str]:
         hints += _distance_hint(story) if level == "failed" else []
     if result.alternatives:
         hints.append("Choose among the alternatives below, in the view and in the list, by a feature that tells them "
-                     "apart; then register again with that pose as the start.")  # fmt: skip
+                     "apart; then register again with that pose as the initial pose.")  # fmt: skip
     if level == "failed":
-        hints.append("Give a start pose from which part and scan overlap (--start FILE), or none, to search for one.")
+        hints.append("Give an initial pose at which part and scan overlap (--start FILE), or none for a global search.")
         reach = text_of(result.settings.get("max_distance"), 4)
-        hints.append(f"Raise --max-distance: pairs farther apart than {reach} were not looked at.")
+        hints.append(f"Raise --max-distance: correspondences farther apart than {reach} are rejected.")
         hints.append("See below where the scan lay before: the wrong part, a mirrored one or much clutter show there.")
     return hints
 
@@ -152,9 +153,7 @@ def _size_hint(story: Story) -> list[str]:
     sizes = f"The scan is {text_of(scan, 4)} across, the target {text_of(part, 4)} ({text_of(ratio, 3)} to 1)"
     near = [f"{coarse} and {fine}" for coarse, fine in MIXED if 0.6 < ratio / factor(coarse, fine) < 1.7]
     if near:
-        return [
-            f"{sizes}, which is about what lies between {near[0]}: name the units (--source-units, --target-units)."
-        ]
+        return [f"{sizes}, close to the ratio of {near[0]}: name the units (--source-units, --target-units)."]
     return [f"{sizes}: cut the scan to the part, or check the units."]
 
 
@@ -164,4 +163,7 @@ def _distance_hint(story: Story) -> list[str]:
     if apart <= story.size:
         return []
     far = f"{text_of(apart, 4)} {story.unit}"
-    return [f"Before, the middle of the scan lay {far} from the target's, which is {text_of(story.size, 4)} across."]
+    return [
+        f"Before, the centre of the scan lay {far} from the target's centre; the target is "
+        f"{text_of(story.size, 4)} across."
+    ]

@@ -19,7 +19,7 @@ WIDTH, HEIGHT = 520, 380
 
 
 def notebook_html(result: RegistrationResult) -> str:
-    """Verdict, numbers and, with both sides, a picture."""
+    """Verdict, numbers and, with source and target, a picture."""
     story = None if result.inputs is None else tell(result, result.inputs)
     level, unit = result.verdict.level, unit_of(result)
     reasons = "".join(f"<li>{escape(reason)}</li>" for reason in result.verdict.reasons)

@@ -108,7 +108,7 @@ def _evidence(result: RegistrationResult, unit: str) -> dict[str, Any]:
 
 
 def _shown(story: Story | None) -> dict[str, Any]:
-    """What only a result with both sides can show."""
+    """What only a result with source and target can show."""
     if story is None:
         return {"deviations": None, "worst": [], "scene": "", "scale": None, "regions": None, "iterations": 0}
     scene = scene_of(story)
@@ -150,7 +150,7 @@ def _ellipsoid_words(story: Story) -> str:
     larger = ELLIPSOID * story.size / lengths[0]
     words = ", ".join(text_of(length, 2) for length in lengths)
     return (
-        f"The ellipsoid is where the middle of the part may be, one sigma, drawn {larger:,.0f} times its size: its "
+        f"The ellipsoid is where the centre of the part may be, one sigma, drawn {larger:,.0f} times its size: its "
         f"semi-axes are {words} {story.unit}."
     )
 

@@ -54,10 +54,10 @@ def deviations_of(story: Story) -> dict[str, Any] | None:
     summary, unit = found.summary(), story.unit
     figures = [
         ("Points counted", f"{summary.count:,}"),
-        (f"Farther off than {text_of(found.reach, 4)} {unit}", f"{summary.beyond:,}, not counted: not the part's"),
+        (f"Farther off than {text_of(found.reach, 4)} {unit}", f"{summary.beyond:,}, not counted as the part's"),
         ("Mean", f"{text_of(summary.mean, sign=found.signed)} {unit}"),
         ("Root mean square", f"{text_of(summary.rms)} {unit}"),
-        ("Half of the points within", f"{text_of(summary.p50)} {unit}"),
+        ("Median, absolute", f"{text_of(summary.p50)} {unit}"),
         ("95 % within", f"{text_of(summary.p95)} {unit}"),
         ("99 % within", f"{text_of(summary.p99)} {unit}"),
         ("Largest", f"{text_of(summary.max)} {unit}"),

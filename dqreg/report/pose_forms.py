@@ -36,9 +36,9 @@ def pose_forms(T_target_source: FloatArray, unit: str) -> list[PoseForm]:
                  f"{_row(q)}\n{_row(T[:3, 3])}"),
         PoseForm("Dual quaternion", f"real part w x y z, then dual part w x y z = ½ t · real, lengths in {unit}",
                  f"{_row(dq.real)}\n{_row(dq.dual)}"),
-        PoseForm("Screw", f"axis direction; a point on the axis [{unit}]; turn [degrees]; shift along it [{unit}]",
-                 f"axis  {_row(screw.axis)}\npoint {_row(screw.point)}\nturn  {_short(np.rad2deg(screw.angle_rad))}\n"
-                 f"shift {_short(screw.distance)}"),
+        PoseForm("Screw", f"axis direction; a point on the axis [{unit}]; rotation [degrees]; translation along it "
+                 f"[{unit}]", f"axis {_row(screw.axis)}\npoint {_row(screw.point)}\n"
+                 f"rotation {_short(np.rad2deg(screw.angle_rad))}\ntranslation {_short(screw.distance)}"),
         PoseForm("Rotation vector", f"axis times angle [radians], then translation x y z [{unit}]",
                  f"{_row(vector)}\n{_row(T[:3, 3])}"),
         _euler(T, _fixed_axes(T), "Euler angles, fixed axes", "rx ry rz in degrees: rotation by rx about the "

@@ -120,16 +120,16 @@ def left_words(seconds: float) -> str:
 
 # Rows shown at once: the latest ones; a whole history would scroll away what matters.
 ROWS = 12
-COLUMNS = ("iteration", "stage", "points", "inliers", "rms", "width", "turn [deg]", "motion [size]")
+COLUMNS = ("iteration", "stage", "points", "inliers", "rms", "width", "rotation [deg]", "step [size]")
 # Columns of lengths, which carry the target's unit.
 LENGTHS = ("rms", "width")
-READING = "reading and measuring both sides"
+READING = "reading and measuring source and target"
 # What the search does after each of its stages.
 NEXT = {
     "proposed": "screening {} poses",
     "screened": "refining {} poses roughly",
     "refined roughly": "refining {} poses",
-    "refined": "turning {} poses to where the part looks alike",
+    "refined": "trying {} symmetric poses",
     "turned": "refining {} poses finely",
     "refined finely": "comparing {} poses",
 }

@@ -27,7 +27,7 @@ FEWEST, ROWS = 30, 14
 # A region is flat where its normals agree to that much.
 FLAT = 0.9998
 FACES = "The part's faces that were scanned, cut where its surface turns sharply or a plane ends."
-BOXES = "Eight boxes about the middle of the target, as it has no sharp edges to be cut at."
+BOXES = "Eight boxes about the centre of the target, as it has no sharp edges to be cut at."
 
 
 @dataclasses.dataclass(frozen=True)

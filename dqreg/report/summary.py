@@ -28,7 +28,7 @@ def summary_rows(result: RegistrationResult) -> list[tuple[str, str]]:
         (
             "target",
             f"{settings['target_kind']}, size {settings['diagonal']:.5g} {unit}; "
-            f"pairs up to {settings['max_distance']:.4g} {unit}",
+            f"correspondences up to {settings['max_distance']:.4g} {unit}",
         ),
     ]
     if words := scale_words(result):

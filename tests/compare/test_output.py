@@ -96,7 +96,7 @@ def test_all_tables_and_plots_of_a_sweep():
     runs += sweep_of("nothing", {"bracket": [True]}, from_nothing=True)
     found = of(*runs)
     made = tables(found)
-    assert made[0].title == "In short"
+    assert made[0].title == "Summary"
     assert all(len(row) == len(table.head) for table in made for row in table.rows)
     pictures = plots(found)
     assert {plot.key for plot in pictures} >= {

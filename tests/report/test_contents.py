@@ -40,7 +40,9 @@ def test_every_form_is_the_same_pose(v):
     np.testing.assert_array_equal(numbers(t)[0], T[:3, 3])
     np.testing.assert_allclose(DualQuaternion(*numbers(forms["Dual quaternion"])).as_matrix(), T, atol=1e-12)
     words = {line.split()[0]: [float(x) for x in line.split()[1:]] for line in forms["Screw"].splitlines()}
-    screw = DualQuaternion.from_screw(words["axis"], np.deg2rad(words["turn"][0]), words["shift"][0], words["point"])
+    screw = DualQuaternion.from_screw(
+        words["axis"], np.deg2rad(words["rotation"][0]), words["translation"][0], words["point"]
+    )
     np.testing.assert_allclose(screw.as_matrix(), T, atol=1e-9)
     # Euler angles against the orders that the words promise, by elementary turns.
     (x, y, z), _ = np.deg2rad(numbers(forms["Euler angles, fixed axes"]))

@@ -68,7 +68,7 @@ def test_units_stand_in_the_head_of_the_table():
         text = io.StringIO()
         with make_progress(Console(file=text, force_terminal=terminal, width=200), quiet=False, unit="mm") as progress:
             progress(iteration(1))
-        for name in ("rms [mm]", "width [mm]", "turn [deg]", "motion [size]"):
+        for name in ("rms [mm]", "width [mm]", "rotation [deg]", "step [size]"):
             assert name in text.getvalue()
 
 
@@ -82,7 +82,7 @@ def test_the_bar_moves_with_the_stages_and_says_how_long():
             live.search(Stage(name, 12, after))
         live._live.refresh()
     shown = visible(text.getvalue())
-    assert "turning 12 poses" in shown
+    assert "trying 12 symmetric poses" in shown
     # 46 % are usually gone when this stage ends: 4.6 of 10 seconds.
     assert "about 5 s left" in shown
 
