@@ -92,10 +92,10 @@ def main(folder: Path | None = None) -> dict[str, tuple[str, str]]:
 
 def picture(result: dqreg.Registration, path: Path) -> None:
     from dqreg.report.pictures import parse_panels, save_picture
-    from dqreg.report.story import tell
+    from dqreg.report.report_data import collect
 
     if result.verdict.level != "failed":
-        save_picture(tell(result, result.inputs, None, None), path, parse_panels("best"))
+        save_picture(collect(result, result.inputs, None, None), path, parse_panels("best"))
 
 
 if __name__ == "__main__":

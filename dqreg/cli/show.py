@@ -12,7 +12,7 @@ from dqreg.errors import InputError
 
 if TYPE_CHECKING:
     from dqreg.registration.result import Registration
-    from dqreg.report.story import Story
+    from dqreg.report.report_data import ReportData
 
 FILE = click.Path(path_type=Path)
 VIEWS = "best"
@@ -57,7 +57,7 @@ def show(
     from dqreg.registration.result import Registration
     from dqreg.report.page import to_html
     from dqreg.report.pictures import parse_panels, picture_path, save_picture
-    from dqreg.report.story import tell
+    from dqreg.report.report_data import collect
     from dqreg.report.window import open_window, require_display
 
     # Everything that can be refused is asked before the work.
@@ -73,7 +73,7 @@ def show(
     attached = attach(Registration.load(result), source, target)
     assert attached.inputs is not None
     console, _ = consoles(quiet=quiet, as_json=as_json)
-    story = tell(attached, attached.inputs, tolerance, began)
+    story = collect(attached, attached.inputs, tolerance, began)
     if report is not None:
         write_atomically(report, to_html(attached, story))
         say(console, f"wrote {report}")
@@ -87,7 +87,7 @@ def show(
     return 0
 
 
-def _record(result: Registration, story: Story, files: list[Path]) -> dict[str, Any]:
+def _record(result: Registration, story: ReportData, files: list[Path]) -> dict[str, Any]:
     """What a picture shows, for programs."""
     return {
         "verdict": result.verdict,

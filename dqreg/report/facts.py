@@ -10,8 +10,8 @@ import numpy as np
 
 from dqreg.files.units import MIXED, factor
 from dqreg.report.numbers_text import percent, place_text, setting_text, text_of
+from dqreg.report.report_data import ReportData
 from dqreg.report.result_protocol import RegistrationResult
-from dqreg.report.story import Story
 from dqreg.report.summary import scale_words
 
 Rows = list[tuple[str, str]]
@@ -125,7 +125,7 @@ def versions_of() -> dict[str, str]:
     return found | {"Machine": f"{platform.system()} {platform.machine()}"}
 
 
-def hints_of(result: RegistrationResult, story: Story | None) -> list[str]:
+def hints_of(result: RegistrationResult, story: ReportData | None) -> list[str]:
     """What to try where a pose was not accepted."""
     level = result.verdict.level
     hints: list[str] = []
@@ -145,7 +145,7 @@ def hints_of(result: RegistrationResult, story: Story | None) -> list[str]:
     return hints
 
 
-def _size_hint(story: Story) -> list[str]:
+def _size_hint(story: ReportData) -> list[str]:
     scan, part = float(np.linalg.norm(np.ptp(story.points, axis=0))), story.size
     ratio = max(scan, part) / max(min(scan, part), np.finfo(float).tiny)
     if ratio < 5.0:
@@ -157,7 +157,7 @@ def _size_hint(story: Story) -> list[str]:
     return [f"{sizes}: cut the scan to the part, or check the units."]
 
 
-def _distance_hint(story: Story) -> list[str]:
+def _distance_hint(story: ReportData) -> list[str]:
     middle = 0.5 * (story.points.min(axis=0) + story.points.max(axis=0))
     apart = float(np.linalg.norm(middle))
     if apart <= story.size:

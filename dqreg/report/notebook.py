@@ -8,11 +8,10 @@ from dqreg.report.colours import LEVELS
 from dqreg.report.facts import motions_of
 from dqreg.report.figure import encode
 from dqreg.report.html import data_uri
-from dqreg.report.measure import unit_of
 from dqreg.report.page_tables import ADVICE, SIGNS, tiles_of
 from dqreg.report.pictures import Panel, draw
+from dqreg.report.report_data import ReportData, collect, unit_of
 from dqreg.report.result_protocol import RegistrationResult
-from dqreg.report.story import Story, tell
 
 # Pixels of the picture's one or two panels.
 WIDTH, HEIGHT = 520, 380
@@ -20,7 +19,7 @@ WIDTH, HEIGHT = 520, 380
 
 def notebook_html(result: RegistrationResult) -> str:
     """Verdict, numbers and, with source and target, a picture."""
-    story = None if result.inputs is None else tell(result, result.inputs)
+    story = None if result.inputs is None else collect(result, result.inputs)
     level, unit = result.verdict.level, unit_of(result)
     reasons = "".join(f"<li>{escape(reason)}</li>" for reason in result.verdict.reasons)
     rows = [(name, f"{value} ({more})") for name, value, more in tiles_of(result, story, unit)]
@@ -37,7 +36,7 @@ def notebook_html(result: RegistrationResult) -> str:
     )
 
 
-def _picture(story: Story) -> str:
+def _picture(story: ReportData) -> str:
     states = ("before", "deviation") if story.found and story.T_before is not None else ("deviation",)
     jpeg = encode(draw(story, [Panel(state, "best") for state in states], WIDTH, HEIGHT), "jpeg")
     return f'<img alt="part and scan" style="max-width:100%" src="{data_uri(jpeg, "jpeg")}">'

@@ -19,12 +19,11 @@ from dqreg.report.charts import NARROW, WIDE, convergence
 from dqreg.report.facts import facts_of, hints_of
 from dqreg.report.figure import encode
 from dqreg.report.html import data_uri, render
-from dqreg.report.measure import unit_of
 from dqreg.report.numbers_text import text_of
 from dqreg.report.pictures import Panel, draw
 from dqreg.report.pose_forms import pose_forms
+from dqreg.report.report_data import ReportData, checked_tolerance, collect, unit_of
 from dqreg.report.result_protocol import RegistrationResult
-from dqreg.report.story import Story, checked_tolerance, tell
 from dqreg.report.view3d import ELLIPSOID, scene_of
 
 # Pixels of one panel of the picture for print.
@@ -47,12 +46,12 @@ def write_report(
     """Write the report of a registration, whole or not at all."""
     goal = require_writable(path)
     checked_tolerance(tolerance)
-    story = None if result.inputs is None else tell(result, result.inputs, tolerance, start, reach, deviations)
+    story = None if result.inputs is None else collect(result, result.inputs, tolerance, start, reach, deviations)
     write_atomically(goal, to_html(result, story))
     return goal
 
 
-def to_html(result: RegistrationResult, story: Story | None) -> str:
+def to_html(result: RegistrationResult, story: ReportData | None) -> str:
     """The page of a result."""
     from markupsafe import Markup
 
@@ -66,7 +65,7 @@ def to_html(result: RegistrationResult, story: Story | None) -> str:
     return render("report.html", **values)
 
 
-def _words(result: RegistrationResult, story: Story | None, unit: str) -> dict[str, Any]:
+def _words(result: RegistrationResult, story: ReportData | None, unit: str) -> dict[str, Any]:
     level = result.verdict.level
     settings = result.settings
     return {
@@ -107,7 +106,7 @@ def _evidence(result: RegistrationResult, unit: str) -> dict[str, Any]:
     }
 
 
-def _shown(story: Story | None) -> dict[str, Any]:
+def _shown(story: ReportData | None) -> dict[str, Any]:
     """What only a result with source and target can show."""
     if story is None:
         return {"deviations": None, "worst": [], "scene": "", "scale": None, "regions": None, "iterations": 0}
@@ -132,7 +131,7 @@ def _shown(story: Story | None) -> dict[str, Any]:
     }
 
 
-def panels_of(story: Story) -> list[Panel]:
+def panels_of(story: ReportData) -> list[Panel]:
     """The panels of the picture for print: before, and the deviations from three sides."""
     if not story.found:
         return [Panel("before", "best"), Panel("before", "top")]
@@ -142,7 +141,7 @@ def panels_of(story: Story) -> list[Panel]:
     return [first, Panel("deviation", "best"), Panel("deviation", behind), Panel("deviation", "top")]
 
 
-def _ellipsoid_words(story: Story) -> str:
+def _ellipsoid_words(story: ReportData) -> str:
     axes = story.ellipsoid
     if axes is None:
         return "No ellipsoid is drawn: some motion is unconstrained."

@@ -10,8 +10,8 @@ from dqreg._arrays import FloatArray
 from dqreg.inspection import Band
 from dqreg.report.charts import NARROW, WIDE, histogram
 from dqreg.report.numbers_text import percent, place_text, text_of
+from dqreg.report.report_data import REQUIRED_SHARE, ReportData
 from dqreg.report.result_protocol import RegistrationResult
-from dqreg.report.story import REQUIRED_SHARE, Story
 
 ADVICE = {
     "accepted": "The pose can be used.",
@@ -21,7 +21,7 @@ ADVICE = {
 SIGNS = {"accepted": "✓", "suspect": "!", "failed": "✗"}
 
 
-def tiles_of(result: RegistrationResult, story: Story | None, unit: str) -> list[tuple[str, str, str]]:
+def tiles_of(result: RegistrationResult, story: ReportData | None, unit: str) -> list[tuple[str, str, str]]:
     """The few numbers that matter most: name, value, remark."""
     if not np.isfinite(result.rms):
         return []
@@ -46,7 +46,7 @@ def tiles_of(result: RegistrationResult, story: Story | None, unit: str) -> list
     return tiles
 
 
-def deviations_of(story: Story) -> dict[str, Any] | None:
+def deviations_of(story: ReportData) -> dict[str, Any] | None:
     """Histogram, figures and bands."""
     found, scale = story.deviations, story.scale
     if found is None or scale is None:
@@ -72,7 +72,7 @@ def deviations_of(story: Story) -> dict[str, Any] | None:
     }
 
 
-def _bands(story: Story) -> dict[str, Any]:
+def _bands(story: ReportData) -> dict[str, Any]:
     assert story.deviations is not None
     bands = story.deviations.bands(required_share=REQUIRED_SHARE)
     rows = [
@@ -97,7 +97,7 @@ def _range(band: Band) -> str:
     return f"{text_of(band.low, 4)} to {text_of(band.high, 4)}"
 
 
-def scale_words(story: Story) -> dict[str, Any] | None:
+def scale_words(story: ReportData) -> dict[str, Any] | None:
     """The legend of the view."""
     if story.scale is None or story.deviations is None:
         return None
@@ -117,7 +117,7 @@ def scale_words(story: Story) -> dict[str, Any] | None:
     }
 
 
-def worst_of(story: Story) -> list[dict[str, Any]]:
+def worst_of(story: ReportData) -> list[dict[str, Any]]:
     """Rows of the worst places."""
     signed = story.deviations is not None and story.deviations.signed
     return [
@@ -131,7 +131,7 @@ def worst_of(story: Story) -> list[dict[str, Any]]:
     ]
 
 
-def regions_table(story: Story) -> dict[str, Any]:
+def regions_table(story: ReportData) -> dict[str, Any]:
     """Rows of the regions."""
     toleranced, unit = story.tolerance is not None, story.unit
     signed = story.deviations is not None and story.deviations.signed
@@ -169,7 +169,7 @@ def _goto(centred: FloatArray, size: float) -> str:
     return "[" + ",".join(f"{x:.5f}" for x in centred / size) + "]"
 
 
-def drawn_words(story: Story, scene: dict[str, Any]) -> str:
+def drawn_words(story: ReportData, scene: dict[str, Any]) -> str:
     """How much of the data the view draws."""
     points, total = scene["on"]["count"] + scene["off"]["count"], len(story.points)
     words = [f"Drawn: {points:,} of {total:,} scan points; all of them are in the numbers."]

@@ -9,7 +9,7 @@ import numpy as np
 from dqreg.report.charts import ticks
 from dqreg.report.colours import nice_above, rgb
 from dqreg.report.raster import Frame
-from dqreg.report.story import Story
+from dqreg.report.report_data import ReportData
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,7 +18,7 @@ PER_INCH = 100
 INK, PENCIL = "#1a1c20", "#5a5f68"
 
 
-def draw_legend(figure: Figure, story: Story, width: int) -> None:
+def draw_legend(figure: Figure, story: ReportData, width: int) -> None:
     """Draw the bar of colours with numbers and unit at the bottom of a picture."""
     assert story.scale is not None
     scale, length, thickness, bottom = story.scale, max(80, min(520, width - 180)), 16, 44
@@ -39,7 +39,7 @@ def draw_legend(figure: Figure, story: Story, width: int) -> None:
     draw_text(figure, left + 0.5 * length, 9, f"{meaning} [{story.unit}]{tolerance}", size=10)
 
 
-def draw_scale_bar(figure: Figure, story: Story, frame: Frame, left: int, bottom: int) -> None:
+def draw_scale_bar(figure: Figure, story: ReportData, frame: Frame, left: int, bottom: int) -> None:
     """Draw a bar of a round length with that length."""
     per_pixel = frame.pixel * story.size
     goal = nice_above(0.12 * frame.width * per_pixel)

@@ -18,7 +18,7 @@ from dqreg.report.colours import ALIGNED, OFF_PART, SOURCE, TARGET, ByteArray, r
 from dqreg.report.figure import encode, new_figure
 from dqreg.report.picture_marks import INK, PER_INCH, draw_legend, draw_scale_bar, draw_text
 from dqreg.report.raster import Dots, PartScene, frame_of
-from dqreg.report.story import Story
+from dqreg.report.report_data import ReportData
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,7 +49,7 @@ def parse_panels(text: str) -> tuple[Panel, ...]:
     return tuple(panels)
 
 
-def draw(story: Story, panels: Sequence[Panel], width: int = 900, height: int = 640, columns: int = 2) -> Figure:
+def draw(story: ReportData, panels: Sequence[Panel], width: int = 900, height: int = 640, columns: int = 2) -> Figure:
     """A picture of several panels."""
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
@@ -68,7 +68,9 @@ def draw(story: Story, panels: Sequence[Panel], width: int = 900, height: int = 
     return figure
 
 
-def save_picture(story: Story, path: str | Path, panels: Sequence[Panel], width: int = 900, height: int = 640) -> None:
+def save_picture(
+    story: ReportData, path: str | Path, panels: Sequence[Panel], width: int = 900, height: int = 640
+) -> None:
     """Write a picture, whole or not at all."""
     goal = picture_path(path)
     figure = draw(story, panels, width, height)
@@ -87,7 +89,7 @@ def picture_path(path: str | Path) -> Path:
     return goal
 
 
-def _panel(figure: Figure, story: Story, scene: PartScene, panel: Panel, place: tuple[int, int, int, int]) -> None:
+def _panel(figure: Figure, story: ReportData, scene: PartScene, panel: Panel, place: tuple[int, int, int, int]) -> None:
     left, bottom, width, height = place
     angles = VIEWS[story.view if panel.view == BEST else panel.view]
     layers = _layers(story, panel.state)
@@ -103,7 +105,7 @@ def _panel(figure: Figure, story: Story, scene: PartScene, panel: Panel, place: 
     draw_scale_bar(figure, story, frame, left + 18, bottom + 14)
 
 
-def _layers(story: Story, state: str) -> list[Dots]:
+def _layers(story: ReportData, state: str) -> list[Dots]:
     points = story.points / story.size
     # Discs that just cover the gaps between them.
     radius = 0.62 * float(story.result.settings.get("source_spacing") or 0.0) / story.size
@@ -122,14 +124,14 @@ def _layers(story: Story, state: str) -> list[Dots]:
     ]
 
 
-def _target_cloud(story: Story) -> list[Dots]:
+def _target_cloud(story: ReportData) -> list[Dots]:
     geometry = story.inputs.target.geometry
     if isinstance(geometry, Mesh):
         return []
     return [Dots(geometry.points[_some(np.arange(len(geometry.points)))] / story.size, _colour(TARGET), 0.0)]
 
 
-def _at_start(story: Story, points: FloatArray) -> FloatArray:
+def _at_start(story: ReportData, points: FloatArray) -> FloatArray:
     if not story.found or story.T_before is None:
         return points
     return story.inputs.placed(story.T_before) / story.size
@@ -141,14 +143,14 @@ def _bulk(points: FloatArray) -> FloatArray:
     return kept
 
 
-def _corners(size: float, story: Story) -> FloatArray:
+def _corners(size: float, story: ReportData) -> FloatArray:
     geometry = story.inputs.target.geometry
     points = geometry.vertices if isinstance(geometry, Mesh) else geometry.points
     shown: FloatArray = points / size
     return shown
 
 
-def _title(story: Story, panel: Panel) -> tuple[str, str]:
+def _title(story: ReportData, panel: Panel) -> tuple[str, str]:
     before = ", ".join(story.before_words).lower() or "scan as it came"
     count = f"{len(story.points):,} points"
     if panel.state == "before" or not story.found:

@@ -10,8 +10,8 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh
 from dqreg.inspection import Bands, Deviations
 from dqreg.inspection.statistics import bands_of
-from dqreg.report.measure import normals_at
 from dqreg.report.part_mesh import weld_edges
+from dqreg.report.report_data import normals_at
 from dqreg.report.result_protocol import RegisteredPair
 
 # Neighbouring triangles that turn by more than this are two faces of the part.

@@ -18,7 +18,7 @@ from dqreg.geometry.morton import morton_order
 from dqreg.inspection import measure_deviations
 from dqreg.report.cameras import VIEWS
 from dqreg.report.part_mesh import fewer_triangles, sharp_edges
-from dqreg.report.story import Story
+from dqreg.report.report_data import ReportData
 from dqreg.rigid import pose
 
 # What is drawn at most; about 10 bytes a point and 18 a triangle in the file.
@@ -31,7 +31,7 @@ STEPS = 65535
 ELLIPSOID = 0.12
 
 
-def scene_of(story: Story) -> dict[str, Any]:
+def scene_of(story: ReportData) -> dict[str, Any]:
     """Everything that the viewer draws, as plain JSON values; arrays as base64."""
     on, off = _parts_of_scan(story)
     scene: dict[str, Any] = {
@@ -65,7 +65,7 @@ def scene_of(story: Story) -> dict[str, Any]:
     return scene
 
 
-def _parts_of_scan(story: Story) -> tuple[IntArray, IntArray]:
+def _parts_of_scan(story: ReportData) -> tuple[IntArray, IntArray]:
     """Rows of the scan that are drawn: on the part, and off it."""
     if story.deviations is None:
         return _thinned(story.points, np.arange(len(story.points)), POINTS_ON), np.zeros(0, dtype=np.int64)
@@ -86,7 +86,7 @@ def _thinned(points: FloatArray, rows: IntArray, most: int) -> IntArray:
     return kept
 
 
-def _cloud(story: Story, rows: IntArray, *, with_values: bool) -> dict[str, Any]:
+def _cloud(story: ReportData, rows: IntArray, *, with_values: bool) -> dict[str, Any]:
     cloud = _quantised(story.points[rows] / story.size)
     if with_values and story.deviations is not None and story.scale is not None:
         values = story.deviations.values[rows]
@@ -104,7 +104,7 @@ def _quantised(points: FloatArray) -> dict[str, Any]:
     return {"low": low.tolist(), "extent": extent.tolist(), "count": len(points), "points": _encoded(steps)}
 
 
-def _target(story: Story) -> dict[str, Any]:
+def _target(story: ReportData) -> dict[str, Any]:
     geometry = story.inputs.target.geometry
     if not isinstance(geometry, Mesh):
         rows = _thinned(geometry.points, np.arange(len(geometry.points)), POINTS_TARGET)
@@ -120,7 +120,7 @@ def _target(story: Story) -> dict[str, Any]:
     }
 
 
-def _poses(story: Story) -> list[dict[str, Any]]:
+def _poses(story: ReportData) -> list[dict[str, Any]]:
     """Before, after, alternatives and iterations, each as the motion from the points that are drawn."""
     drawn = story.result.T_target_source if story.found else story.T_before
     poses: list[dict[str, Any]] = []
@@ -140,14 +140,14 @@ def _poses(story: Story) -> list[dict[str, Any]]:
     return [entry | {"T": _relative(entry["T"], drawn, story)} for entry in poses if np.isfinite(entry["T"]).all()]
 
 
-def _relative(T: FloatArray, drawn: FloatArray | None, story: Story) -> list[float]:
+def _relative(T: FloatArray, drawn: FloatArray | None, story: ReportData) -> list[float]:
     base = np.eye(4) if drawn is None else drawn
     motion = pose.about(T @ pose.inverse(base), -story.origin)
     motion[:3, 3] /= story.size
     return [float(x) for x in motion[:3].ravel()]
 
 
-def _alternative(story: Story, rows: IntArray, number: int) -> dict[str, Any]:
+def _alternative(story: ReportData, rows: IntArray, number: int) -> dict[str, Any]:
     """Colours of the drawn points under another pose."""
     assert story.deviations is not None
     assert story.scale is not None
@@ -160,7 +160,7 @@ def _alternative(story: Story, rows: IntArray, number: int) -> dict[str, Any]:
     return {"codes": _encoded(story.scale.codes(found.values))}
 
 
-def _motions(story: Story) -> list[dict[str, Any]]:
+def _motions(story: ReportData) -> list[dict[str, Any]]:
     motions = []
     for number, direction in enumerate(story.result.observability, 1):
         # A file of old has the words only.
@@ -178,7 +178,7 @@ def _motions(story: Story) -> list[dict[str, Any]]:
     return motions
 
 
-def _ellipsoid(story: Story) -> list[list[float]] | None:
+def _ellipsoid(story: ReportData) -> list[list[float]] | None:
     """Semi-axes of one sigma of the translation, one a row, scaled to `ELLIPSOID` sizes."""
     if story.ellipsoid is None:
         return None

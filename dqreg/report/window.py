@@ -17,7 +17,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import Mesh
 from dqreg.report.cameras import VIEWS, camera
 from dqreg.report.colours import OFF_PART, SOURCE, TARGET, rgb
-from dqreg.report.story import Story
+from dqreg.report.report_data import ReportData
 
 INSTEAD = "give --save view.png for a picture or --report report.html for an interactive page"
 # Between two pictures, so that an idle window takes no core for itself.
@@ -54,7 +54,7 @@ def _x_answers() -> bool:
     return bool(display)
 
 
-def open_window(story: Story) -> None:
+def open_window(story: ReportData) -> None:
     """Show part and scan with its deviations in a window until it is closed."""
     open3d = load_open3d()
     window = open3d.visualization.Visualizer()
@@ -76,7 +76,7 @@ def open_window(story: Story) -> None:
     window.destroy_window()
 
 
-def title_of(story: Story) -> str:
+def title_of(story: ReportData) -> str:
     """What stands above the window: the verdict, and what the colours mean."""
     level = f"dqreg: {story.result.verdict.level}"
     if story.deviations is None or story.scale is None:
@@ -86,7 +86,7 @@ def title_of(story: Story) -> str:
     return f"{level}; deviations from blue, -{story.scale.limit:.3g} {story.unit}, to orange, +{story.scale.limit:.3g}"
 
 
-def shapes_of(story: Story) -> list[Any]:
+def shapes_of(story: ReportData) -> list[Any]:
     """Open3D geometries of part and scan, about the middle of the part."""
     open3d = load_open3d()
     geometry = story.inputs.target.geometry

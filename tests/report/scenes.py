@@ -9,7 +9,7 @@ import numpy as np
 from dqreg import Mesh, register
 from dqreg.geometry import sample_mesh
 from dqreg.registration.result import Registration
-from dqreg.report.story import Story, tell
+from dqreg.report.report_data import ReportData, collect
 from dqreg.rigid import pose, twist
 from dqreg.synth.parts import bracket
 
@@ -41,6 +41,6 @@ def failed() -> Registration:
     return register(cloud, cloud + 1e4, "identity")
 
 
-def story_of(result: Registration, tolerance: float | None = None) -> Story:
+def story_of(result: Registration, tolerance: float | None = None) -> ReportData:
     assert result.inputs is not None
-    return tell(result, result.inputs, tolerance, T_START)
+    return collect(result, result.inputs, tolerance, T_START)

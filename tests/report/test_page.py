@@ -118,7 +118,7 @@ def test_unwritable_is_told_before_the_work(tmp_path, monkeypatch):
     def work(*_, **__):
         raise AssertionError("began to work")
 
-    monkeypatch.setattr("dqreg.report.page.tell", work)
+    monkeypatch.setattr("dqreg.report.page.collect", work)
     with pytest.raises(InputError, match="does not exist"):
         bumpy().report(tmp_path / "nowhere" / "report.html")
 

@@ -1,18 +1,19 @@
-"""What a report tells, worked out once: the page, the interactive view and the pictures all draw from it."""
+"""What a report shows, collected once: the page, the interactive view and the pictures all draw from it."""
 
 from __future__ import annotations
 
 import dataclasses
+import warnings
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
+from dqreg.geometry import Mesh
 from dqreg.inspection import Deviations, Place
 from dqreg.report.cameras import best_corner
-from dqreg.report.colours import Scale
-from dqreg.report.measure import normals_at, quiet_deviations, scale_of, unit_of
+from dqreg.report.colours import Scale, nice_above
 from dqreg.report.regions import Region, regions_of
 from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
 
@@ -23,7 +24,7 @@ REQUIRED_SHARE = 0.95
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Story:
+class ReportData:
     """A result with everything that is shown of it."""
 
     result: RegistrationResult  # The answer
@@ -58,15 +59,15 @@ class Story:
         return axes
 
 
-def tell(
+def collect(
     result: RegistrationResult,
     inputs: RegisteredPair,
     tolerance: float | None = None,
     T_start: ArrayLike | None = None,
     reach: float | None = None,
     deviations: Deviations | None = None,
-) -> Story:
-    """Work out what a report shows."""
+) -> ReportData:
+    """Everything that a report shows."""
     tolerance = checked_tolerance(tolerance)
     found = bool(np.isfinite(result.T_target_source).all())
     T_before, before_words = _before(result, T_start)
@@ -76,7 +77,7 @@ def tell(
         deviations = quiet_deviations(result, tolerance, reach)
     regions, how = regions_of(deviations, inputs, REQUIRED_SHARE) if deviations else ([], "")
     origin = inputs.target.origin
-    return Story(
+    return ReportData(
         result=result,
         inputs=inputs,
         unit=unit_of(result),
@@ -121,3 +122,39 @@ def _before(result: RegistrationResult, T_start: ArrayLike | None) -> tuple[Floa
     if result.history:
         return result.history[0].T_target_source, ("After the first step",)
     return None, ()
+
+
+# The scale of the colours reaches that share of the points on the part, at least the first and at most the second
+# number of widths of the inliers: much clutter near the part must not wash out its colours.
+SHOWN, LEAST, MOST = 0.98, 3.0, 12.0
+
+
+def quiet_deviations(result: RegistrationResult, tolerance: float | None, reach: float | None = None) -> Deviations:
+    """Deviations of a result; that they have no sign is said on the page, not as a warning."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return result.deviations(tolerance, reach=reach)
+
+
+def normals_at(deviations: Deviations, inputs: RegisteredPair) -> FloatArray:
+    """Normal of the target at the closest place of each point."""
+    geometry = inputs.target.geometry
+    if isinstance(geometry, Mesh):
+        return geometry.face_normals[deviations.faces]
+    return np.zeros((len(deviations), 3))
+
+
+def scale_of(deviations: Deviations, result: RegistrationResult) -> Scale:
+    """Scale of the colours: the tolerance where one is given, else what shows nearly all points on the part."""
+    if deviations.tolerance is not None:
+        return Scale(deviations.tolerance, deviations.signed)
+    sizes = np.abs(deviations.values[deviations.counted])
+    width = float(result.settings.get("width") or 0.0)
+    shown = float(np.quantile(sizes, SHOWN)) if len(sizes) else 0.0
+    reach = min(max(LEAST * width, shown), MOST * width) if width > 0.0 else shown
+    return Scale(nice_above(reach), deviations.signed)
+
+
+def unit_of(result: RegistrationResult) -> str:
+    """Length unit of the target, in words."""
+    return str(result.settings.get("target_units") or "units of the target")
