@@ -145,18 +145,10 @@ def _compare(console: Console, scans: Scans, settings: Any) -> list[Trip]:
 
 
 def _show(console: Console, trips: list[Trip], truth: FloatArray | None) -> None:
-    from rich.table import Table
+    from dqreg.odometry.table import results_table, trust_words
+    from dqreg.report.table import print_tables
 
-    from dqreg.odometry.table import COLUMNS, row, trust_words
-
-    table = Table(box=None, pad_edge=False)
-    for name in COLUMNS:
-        table.add_column(name, justify="left" if name == "engine" else "right")
-    for trip in trips:
-        table.add_row(*row(trip, truth))
-    if truth is not None:
-        say(console, "errors of the motion over one and over ten frames: median / worst; lengths in the scans' unit")
-    console.print(table)
+    print_tables(console, [results_table(trips, truth)])
     results = trips[-1].results
     if not results:
         return

@@ -11,7 +11,7 @@ from dqreg.compare.records import RunRecord
 from dqreg.compare.run import Comparison
 from dqreg.compare.summary import SummaryRow, summarise
 from dqreg.compare.tables import AXES
-from dqreg.report.figure import PALETTE, encode, new_figure, style_axes
+from dqreg.report.figure import PALETTE, encode, stacked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -196,36 +196,17 @@ def _styles(engines: Sequence[str]) -> dict[str, Style]:
 
 def _png(title: str, panels: Sequence[Callable[[Axes], None]]) -> bytes:
     width, height = INCHES
-    canvas = new_figure(width, height * len(panels) + 0.3, DOTS)
-    rows = canvas.subplots(len(panels), 1, squeeze=False)[:, 0]
-    for axes, draw in zip(rows, panels, strict=True):
-        draw(axes)
-        style_axes(axes)
-        _readable_ticks(axes)
-    canvas.suptitle(title, fontsize="large", x=0.01, ha="left")
+    figure, rows = stacked(panels, width, [height] * len(panels), DOTS)
+    figure.suptitle(title, fontsize="large", x=0.01, ha="left")
     named: dict[str, Any] = {}
     for axes in rows:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             named.setdefault(label, handle)
     if named:
         # Beside the axes, where it hides no curve.
-        canvas.legend(named.values(), named.keys(), loc="outside right upper", frameon=False, fontsize="small",
+        figure.legend(named.values(), named.keys(), loc="outside right upper", frameon=False, fontsize="small",
                       handlelength=3.0)  # fmt: skip
-    return encode(canvas)
-
-
-def _readable_ticks(axes: Axes) -> None:
-    """On a logarithmic axis plain numbers at 1, 2 and 5, where powers of ten alone would be too few."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    for axis in (axes.xaxis, axes.yaxis):
-        if axis.get_scale() != "log":
-            continue
-        low, high = sorted(abs(value) for value in axis.get_view_interval())
-        if high <= 1e3 * low:
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(NullFormatter())
+    return encode(figure)
 
 
 def _slug(text: str) -> str:

@@ -15,7 +15,7 @@ from dqreg.odometry.evaluation import relative_errors
 from dqreg.odometry.trajectory import bridge_gaps
 from dqreg.report.figure import PALETTE, encode, new_figure
 
-BLUE, RED, ORANGE, GREY = PALETTE[0], PALETTE[1], PALETTE[4], "#888888"
+BLUE, RED, _, _, ORANGE, _, GREY = PALETTE
 
 
 def plot_trip(path: str | Path, trip: Trip, truth: FloatArray | None = None) -> None:

@@ -2,24 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.odometry.engines import Trip
 from dqreg.odometry.evaluation import CHI2_HIGH, evaluate, nees
+from dqreg.report.table import Column, Table
 
-# Columns of the table: median / worst error of the motions over one and ten frames; frames lost; the path's error.
+# Median / worst error of the motions over one and ten frames; frames lost; the path's error.
 COLUMNS = (
-    "engine",
-    "rotation [deg]\n1 frame",
-    "translation [scan unit]\n1 frame",
-    "rotation [deg]\n10 frames",
-    "translation [scan unit]\n10 frames",
-    "lost",
-    "path rms\n[scan unit]",
-    "frames\na second",
+    Column("engine", align="left"),
+    *(
+        Column(name, align="right")
+        for name in (
+            "1 frame:\nrotation [deg]",
+            "1 frame:\ntranslation",
+            "10 frames:\nrotation [deg]",
+            "10 frames:\ntranslation",
+            "lost",
+            "path rms",
+            "frames\na second",
+        )
+    ),
 )
+
+
+def results_table(trips: Sequence[Trip], truth: FloatArray | None) -> Table:
+    """One engine a row.
+
+    Shapes: truth (n, 4, 4).
+    """
+    title = "errors of the motion over one and over ten frames: median / worst; lengths in the scans' unit"
+    return Table("odometry", title if truth is not None else "", COLUMNS, tuple(_row(trip, truth) for trip in trips))
 
 
 def match_truth(truth: FloatArray, truth_times: FloatArray | None, times: FloatArray | None, count: int) -> FloatArray:
@@ -42,11 +59,7 @@ def match_truth(truth: FloatArray, truth_times: FloatArray | None, times: FloatA
     return matched
 
 
-def row(trip: Trip, truth: FloatArray | None) -> tuple[str, ...]:
-    """One engine's row, in the order of `COLUMNS`.
-
-    Shapes: truth (n, 4, 4).
-    """
+def _row(trip: Trip, truth: FloatArray | None) -> tuple[str, ...]:
     speed = f"{len(trip.seconds) / max(float(trip.seconds.sum()), 1e-9):.1f}"
     missing = int(np.count_nonzero(~np.isfinite(trip.poses).all(axis=(1, 2))))
     if truth is None or missing == len(trip.poses):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from dqreg.papers.document import Figure, Panel
-from dqreg.report.figure import PALETTE, encode, new_figure, style_axes
+from dqreg.report.figure import PALETTE, encode, stacked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,50 +18,42 @@ DOTS_PER_INCH = 160
 
 
 def draw_png(figure: Figure) -> bytes:
-    """Draw a figure as a PNG file, panels below each other."""
+    """Draw a figure as a PNG file, panels below each other, each with its legend below it, where it hides no curve."""
     width, height = PANEL_INCHES
     heights = [height + LEGEND_ROW_INCHES * _legend_rows(panel) for panel in figure.panels]
-    canvas = new_figure(width, sum(heights), DOTS_PER_INCH)
-    rows = canvas.subplots(len(figure.panels), 1, squeeze=False, height_ratios=heights)
-    for axes, panel in zip(rows[:, 0], figure.panels, strict=True):
-        _draw_panel(axes, panel)
+    canvas, rows = stacked([_painter(panel) for panel in figure.panels], width, heights, DOTS_PER_INCH)
+    for axes, panel in zip(rows, figure.panels, strict=True):
+        if _legend_rows(panel):
+            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=LEGEND_COLUMNS, fontsize="small",
+                        frameon=False, handlelength=3.2)  # fmt: skip
     return encode(canvas)
 
 
-def _draw_panel(axes: Axes, panel: Panel) -> None:
-    for curve in panel.curves:
-        axes.errorbar(
-            curve.x,
-            curve.y,
-            yerr=curve.errors or None,
-            label=curve.label or None,
-            color=PALETTE[curve.colour % len(PALETTE)],
-            linestyle=curve.line or "none",
-            marker=curve.marker or None,
-            markersize=5,
-            linewidth=1.6,
-            capsize=2,
-        )
-    axes.set_xlabel(panel.x_label)
-    axes.set_ylabel(panel.y_label)
-    axes.set_title(panel.title, fontsize="medium", loc="left")
-    style_axes(axes)
-    if panel.log_x:
-        axes.set_xscale("log")
-    if panel.log_y:
-        axes.set_yscale("log")
-    if panel.y_limits is not None:
-        axes.set_ylim(*panel.y_limits)
-    if _legend_rows(panel):
-        # Below the axes, where it hides no curve.
-        axes.legend(
-            loc="upper center",
-            bbox_to_anchor=(0.5, -0.16),
-            ncols=LEGEND_COLUMNS,
-            fontsize="small",
-            frameon=False,
-            handlelength=3.2,
-        )
+def _painter(panel: Panel) -> Callable[[Axes], None]:
+    def paint(axes: Axes) -> None:
+        for curve in panel.curves:
+            axes.errorbar(
+                curve.x,
+                curve.y,
+                yerr=curve.errors or None,
+                label=curve.label or None,
+                color=PALETTE[curve.colour % len(PALETTE)],
+                linestyle=curve.line or "none",
+                marker=curve.marker or None,
+                markersize=5,
+                linewidth=1.6,
+                capsize=2,
+            )
+        axes.set(xlabel=panel.x_label, ylabel=panel.y_label)
+        axes.set_title(panel.title, fontsize="medium", loc="left")
+        if panel.log_x:
+            axes.set_xscale("log")
+        if panel.log_y:
+            axes.set_yscale("log")
+        if panel.y_limits is not None:
+            axes.set_ylim(*panel.y_limits)
+
+    return paint
 
 
 def _legend_rows(panel: Panel) -> int:

@@ -1,4 +1,8 @@
-"""The charts of a report as SVG text: sharp in print, coloured by the page's style sheet, a few kilobytes each."""
+"""The charts of a report as SVG text: sharp in print, coloured by the page's style sheet, a few kilobytes each.
+
+Not Matplotlib's, whose SVG of the same histogram has five times the size (28 kB), takes 0.3 s or more instead of
+0.01 s, and has its own colours, which a dark page cannot change.
+"""
 
 from __future__ import annotations
 

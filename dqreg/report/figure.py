@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -29,12 +30,37 @@ def new_figure(width: float, height: float, dpi: float, layout: str | None = "co
 def encode(figure: Figure, kind: str = "png") -> bytes:
     """A figure as a file: png, jpeg, svg or pdf."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=kind, dpi=figure.dpi, pil_kwargs=JPEG if kind == "jpeg" else None)
+    # Only pictures of pixels take the option.
+    options: dict[str, Any] = {"pil_kwargs": JPEG} if kind == "jpeg" else {}
+    figure.savefig(buffer, format=kind, dpi=figure.dpi, **options)
     return buffer.getvalue()
 
 
-def style_axes(axes: Axes) -> None:
-    """A light grid below the data, and no frame where no scale stands."""
+def stacked(
+    painters: Sequence[Callable[[Axes], None]], width: float, heights: Sequence[float], dpi: float
+) -> tuple[Figure, list[Axes]]:
+    """Axes below each other, each painted and in the style of all figures; lengths in inches."""
+    figure = new_figure(width, sum(heights), dpi)
+    rows = list(figure.subplots(len(painters), 1, squeeze=False, height_ratios=list(heights))[:, 0])
+    for axes, paint in zip(rows, painters, strict=True):
+        paint(axes)
+        _style(axes)
+    return figure, rows
+
+
+def _style(axes: Axes) -> None:
+    """A light grid below the data, no frame where no scale stands, plain numbers on a short logarithmic axis."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     axes.grid(visible=True, which="major", color="#dddddd", linewidth=0.7)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() != "log":
+            continue
+        low, high = sorted(abs(value) for value in axis.get_view_interval())
+        if high <= 1e3 * low:
+            # Powers of ten alone would be too few.
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())

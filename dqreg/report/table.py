@@ -111,7 +111,8 @@ def short_number(value: float, spec: str = "g") -> str:
 def _estimate_text(cell: Estimate, column: Column) -> str:
     if not math.isfinite(cell.value):
         return EMPTY
-    if not (math.isfinite(cell.error) and cell.error > 0.0):
+    # An error below the digits of a float is none.
+    if not (math.isfinite(cell.error) and cell.error > 1e-15 * abs(cell.value)):
         return short_number(cell.value, column.spec)
     exponent = math.floor(math.log10(abs(cell.value))) if cell.value else 0
     # Numbers below a ten-thousandth are written with a power of ten.
@@ -127,7 +128,7 @@ def to_markdown(tables: Sequence[Table], note: str = "") -> str:
     parts = []
     for table in tables:
         rows = ["| " + " | ".join(_escaped(cell) for cell in row) + " |" for row in (table.head, *table.text)]
-        rule = "|---|" + "--:|" * (len(table.head) - 1)
+        rule = "|" + "".join("--:|" if table.is_right(index) else "---|" for index in range(len(table.head)))
         parts.append("\n".join([f"### {_escaped(table.title)}", "", rows[0], rule, *rows[1:], ""]))
         if table.note:
             parts.append(f"{table.note}\n")
@@ -152,11 +153,12 @@ def print_tables(console: Console, tables: Sequence[Table]) -> None:
     from rich.text import Text
 
     for table in tables:
-        console.print()
-        console.print(Text(table.title, style="bold"), soft_wrap=True)
+        if table.title:
+            console.print()
+            console.print(Text(table.title, style="bold"), soft_wrap=True)
         for columns in _that_fit(table, console.width):
             console.print(_shown(table, columns, terminal=console.is_terminal))
-        if table.note and console.is_terminal:
+        if table.note:
             console.print(Text(table.note, style="dim"))
 
 
@@ -176,7 +178,8 @@ def _shown(table: Table, columns: Sequence[int], *, terminal: bool) -> RichTable
 
 def _that_fit(table: Table, width: int) -> list[list[int]]:
     """Columns in groups that fit the screen, each with the first in front: a digit must never be cut off."""
-    widths = [max(len(row[index]) for row in (table.head, *table.text)) + 2 for index in range(len(table.head))]
+    rows = (table.head, *table.text)
+    widths = [max(len(line) for row in rows for line in row[index].split("\n")) + 2 for index in range(len(table.head))]
     groups: list[list[int]] = []
     used = width + 1
     for index in range(1, len(widths)):

@@ -1,11 +1,9 @@
 from __future__ import annotations
 
 import html.parser
-import io
 import json
 import math
 
-import numpy as np
 import pytest
 from rich.console import Console
 
@@ -14,7 +12,7 @@ from dqreg.papers import PAPERS, Report, Section, Table, prepare_folder, print_s
 from dqreg.papers.document import Curve, Figure, Panel
 from dqreg.papers.drawing import draw_png
 from dqreg.papers.output import to_html, to_json
-from dqreg.report.table import Column, Estimate, cell_text
+from dqreg.report.table import Column, Estimate
 
 NASTY = "<script>alert('x & y')</script>"
 
@@ -88,33 +86,6 @@ def test_screen_page_and_json_show_the_same_numbers(report, capsys):
         assert text in page
 
 
-@pytest.mark.parametrize(
-    ("cell", "text"),
-    [
-        (Estimate(0.123456, 0.00123), "0.1235(12)"),
-        (Estimate(4.2e-5, 3.1e-7), "4.200(31)e-5"),
-        (Estimate(7.847e-3, 2.4e-5), "0.007847(24)"),
-        (Estimate(386.2, 1.6), "386.2(1.6)"),
-        (Estimate(386.2, 16.4), "386(16)"),
-        (Estimate(2.0, 0.0), "2"),
-        (Estimate(math.nan, 1.0), "-"),
-        (math.nan, "-"),
-        (None, "-"),
-        (12345, "12345"),
-        (1e-5, "1e-5"),
-        (0.0, "0"),
-        ("refused", "refused"),
-    ],
-)
-def test_cells(cell, text):
-    assert cell_text(cell, Column("c")) == text
-
-
-def test_a_row_of_the_wrong_length_is_a_mistake():
-    with pytest.raises(ValueError, match="2 cells"):
-        Table("t", "T", (Column("a"),), ((1, 2),))
-
-
 def test_unknown_papers_and_seeds_are_named():
     with pytest.raises(InputError, match="walker1991"):
         reproduce("walker1992")
@@ -159,20 +130,3 @@ def test_the_seed_fixes_every_drawn_number(walker):
     # Another seed draws other numbers.
     rows = reproduce("jia2020", 1, quick=True).sections[1].tables[0].rows
     assert rows != reproduce("jia2020", 2, quick=True).sections[1].tables[0].rows
-
-
-def test_png_is_opaque_and_wide_enough_for_print(report):
-    from matplotlib.image import imread
-
-    picture = imread(io.BytesIO(draw_png(report.figures[0])))
-    assert picture.shape[1] >= 1000
-    assert np.all(picture[..., 3] == 1.0)
-
-
-def test_a_narrow_terminal_folds_numbers_and_cuts_none(capsys):
-    columns = tuple(Column(f"c{i}", spec=".12g") for i in range(6))
-    table = Table("t", "T", columns, (tuple(0.123456789012 for _ in columns),))
-    print_section(Console(width=40), Section("s", "S", "F", tables=(table,)))
-    shown = capsys.readouterr().out
-    assert "…" not in shown
-    assert sum(character.isdigit() for character in shown) >= 6 * 13
