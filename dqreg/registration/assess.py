@@ -71,6 +71,7 @@ def evidence_of(
         stretch=agreement.stretch,
         stretched_along=agreement.stretched_along,
         mirror_gain=mirror_gain,
+        random_ratio=agreement.random_ratio,
     )
 
 

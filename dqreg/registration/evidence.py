@@ -11,6 +11,7 @@ from dqreg.geometry import Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Alignment, Pairs, Run, carried, correspond, width_floor
 from dqreg.rigid import pose
+from dqreg.trust.chance import random_ratio
 from dqreg.trust.patch_tests import ON, patches_off, stretch_of
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
@@ -47,6 +48,7 @@ class Agreement:
     expected: float
     stretch: float
     stretched_along: tuple[float, float, float]
+    random_ratio: float
 
 
 def agreement_of(
@@ -84,7 +86,13 @@ def agreement_of(
         expected=max(min(local.noise, scan.noise), scan.spacing if has_border else width_floor(scan, surface)),
         stretch=stretch,
         stretched_along=(float(along[0]), float(along[1]), float(along[2])),
+        random_ratio=_random_ratio(pairs, on, surface),
     )
+
+
+def _random_ratio(pairs: Pairs, on: BoolArray, surface: Surface) -> float:
+    rms = float(np.sqrt(np.mean(pairs.distances[on] ** 2))) if on.any() else 0.0
+    return random_ratio(pairs.moved, float(np.mean(on)), rms, surface)
 
 
 def _pairs(run: Run, scan: Scan, surface: Surface, width: float) -> Pairs:

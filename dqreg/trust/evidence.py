@@ -49,6 +49,8 @@ class Evidence:
         Strain of the scan against the target along an axis, see `stretch_of`; below 0 where it is shorter.
     usual : float
         Fraction of inliers in the frames before, of a sequence; NaN where there are none.
+    random_ratio : float
+        Residuals over those at random poses near by; about 1 is chance, 0 far below it.
     """
 
     status: Status
@@ -72,6 +74,7 @@ class Evidence:
     stretched_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
     mirror_gain: float = -math.inf
     usual: float = math.nan
+    random_ratio: float = 0.0
 
     def length(self, value: float) -> str:
         """A length in words, with its unit where that is known.

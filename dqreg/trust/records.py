@@ -33,6 +33,7 @@ Code = Literal[
     "outliers",
     "large_residuals",
     "stretched",
+    "random_fit",
     "unconstrained",
     "alternative_poses",
     "search_time_limit",

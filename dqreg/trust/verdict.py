@@ -29,6 +29,8 @@ OFF_PER_STRAY = 0.25
 ROUGH = 5.0
 # Mean log-likelihood that mirroring the scan may gain: good scans lose 0.25 and more, mirrored ones gain as much.
 MIRRORED = 0.015
+# Residuals over those at random poses: scans come to 0.09 at most, noise that was accepted to 0.4 and more.
+CHANCE = 0.25
 # What to do about a loop that ended so.
 ADVICE: dict[Status, str] = {
     "iteration limit": "; raise max_iterations, or give a closer initial pose",
@@ -185,6 +187,14 @@ def _stretched(evidence: Evidence) -> Iterator[str]:
         )
 
 
+def _random_fit(evidence: Evidence) -> Iterator[str]:
+    if not evidence.random_ratio <= CHANCE:
+        yield (
+            f"the residuals are {100 * evidence.random_ratio:.0f} % of those at random poses: the scan does not show "
+            "the shape of the target"
+        )
+
+
 def _unconstrained(evidence: Evidence) -> Iterator[str]:
     return (direction.words for direction in evidence.directions if direction.is_free)
 
@@ -221,6 +231,7 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("outliers", _outliers),
     ("large_residuals", _large_residuals),
     ("stretched", _stretched),
+    ("random_fit", _random_fit),
     ("unconstrained", _unconstrained),
     ("alternative_poses", _alternative_poses),
     ("search_time_limit", _search_time_limit),

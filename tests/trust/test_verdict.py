@@ -9,6 +9,7 @@ import pytest
 from dqreg.registration.result import Alternative, Direction
 from dqreg.trust import Evidence, judge
 from dqreg.trust.verdict import (
+    CHANCE,
     DOUBTS,
     FALL,
     FEW_INLIERS,
@@ -93,6 +94,8 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "60 % of the points are inliers, after 90 % in the frames before",
         "falling_inlier_fraction",
     ),
+    "chance": ({"random_ratio": CHANCE + 0.01}, "the residuals are 26 % of those at random poses", "random_fit"),
+    "unknown chance": ({"random_ratio": NAN}, "of those at random poses", "random_fit"),
     "mirrored": ({"mirror_gain": 0.1}, "the scan fits better when mirrored", "mirrored"),
     "too short": (
         {"stretch": -0.1, "stretched_along": (0.0, 0.0, 1.0)},
@@ -150,6 +153,7 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
         {"search": "judged"},
         {"alternatives": (Alternative(np.eye(4), 0.1, "the part looks the same after a half-turn"),)},
         {"width": 0.0},
+        {"random_ratio": CHANCE},
         {"expected": 0.0},
     ],
 )

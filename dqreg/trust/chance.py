@@ -1,0 +1,38 @@
+"""The fit against chance: how far below the distances at random poses those at the pose are."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry import Surface
+
+# Points asked about, at so many random poses; and the quantile of those poses that the fit is compared with: an
+# optimised pose of noise is somewhat better than the usual random one.
+POINTS, POSES, QUANTILE = 400, 24, 0.1
+# Random poses: rotated by this much at least, and shifted by up to this share of the extent of the points.
+LEAST_RAD, SHIFT = np.deg2rad(30.0), 0.15
+# Residuals below this share of the extent of the points are never reached by chance.
+OVERWHELMING = 0.004
+
+
+def random_ratio(placed: FloatArray, inlying: float, rms: float, surface: Surface) -> float:
+    """The rms distance of the inliers over that of as many points at random poses near by; 0 where far below chance.
+
+    Shapes: placed (n, 3), the scan at the pose. About 1 is what noise reaches.
+    """
+    extent = float(np.linalg.norm(np.ptp(placed, axis=0))) if len(placed) else 0.0
+    if not rms > OVERWHELMING * extent:
+        return 0.0
+    points = placed[np.linspace(0, len(placed) - 1, min(POINTS, len(placed))).round().astype(np.int64)]
+    middle, count = points.mean(axis=0), max(round(inlying * len(points)), 1)
+    rng = np.random.default_rng(0)
+    axes = rng.normal(size=(POSES, 3))
+    angles = rng.uniform(LEAST_RAD, np.pi, (POSES, 1))
+    rotations = Rotation.from_rotvec(angles * axes / np.linalg.norm(axes, axis=1, keepdims=True)).as_matrix()
+    shifts = rng.uniform(-SHIFT, SHIFT, (POSES, 3)) * extent
+    moved = (points - middle) @ rotations.transpose(0, 2, 1) + (middle + shifts)[:, None, :]
+    squares = surface.closest(moved.reshape(-1, 3)).distances.reshape(POSES, -1) ** 2
+    trimmed = np.partition(squares, count - 1, axis=1)[:, :count].mean(axis=1)
+    return float(rms / max(np.sqrt(np.quantile(trimmed, QUANTILE)), np.finfo(float).tiny))

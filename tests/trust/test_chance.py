@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import dqreg
+from dqreg.geometry import Mesh, MeshSurface, sample_mesh
+from dqreg.synth.parts import box, bracket
+from dqreg.trust.chance import random_ratio
+from dqreg.trust.verdict import CHANCE
+
+PART = Mesh(*box((100.0, 60.0, 40.0)))
+SURFACE = MeshSurface(PART)
+
+
+def ratio(points: np.ndarray, inlying: float = 1.0) -> float:
+    distances = np.sort(SURFACE.closest(points).distances)[: round(inlying * len(points))]
+    return random_ratio(points, inlying, float(np.sqrt(np.mean(distances**2))), SURFACE)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.4, 1.0])
+def test_points_of_the_part_are_far_below_chance(noise: float) -> None:
+    rng = np.random.default_rng(0)
+    points = sample_mesh(PART, 300, rng).points
+    assert ratio(points + noise * rng.normal(size=points.shape)) <= 0.5 * CHANCE
+
+
+def test_points_that_follow_no_shape_are_near_chance() -> None:
+    points = np.random.default_rng(0).normal(size=(300, 3)) * 20 + PART.centre
+    assert ratio(points) >= 2.0 * CHANCE
+
+
+def test_it_is_the_same_in_any_unit_and_every_time() -> None:
+    points = sample_mesh(PART, 300, np.random.default_rng(1)).points + 0.5
+    again = random_ratio(1e3 * points, 1.0, 1e3 * 0.5, MeshSurface(Mesh(1e3 * PART.vertices, PART.faces)))
+    assert random_ratio(points, 1.0, 0.5, SURFACE) == pytest.approx(again, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["gauss", "ball", "shell"])
+@pytest.mark.parametrize("count", [120])
+@pytest.mark.parametrize("part", [PART, Mesh(*bracket())], ids=["box", "bracket"])
+def test_noise_is_not_accepted(part: Mesh, count: int, kind: str) -> None:
+    points = np.random.default_rng(count).normal(size=(count, 3))
+    if kind != "gauss":
+        points /= np.linalg.norm(points, axis=1, keepdims=True)
+    if kind == "ball":
+        points *= np.random.default_rng(1).random((count, 1)) ** (1 / 3)
+    points *= part.diagonal * (0.16 if kind == "gauss" else 0.3)
+    assert dqreg.register(points, part, "identity", effort="fast", units="ignore").verdict.level != "accepted"
