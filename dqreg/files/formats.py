@@ -15,6 +15,8 @@ from dqreg.files.cloud_data import CloudData
 from dqreg.files.mesh_data import MeshData
 from dqreg.files.meshes import read_mesh_file
 from dqreg.files.numpy_files import read_npy, read_npz
+from dqreg.files.obj import read_obj
+from dqreg.files.off import read_off
 from dqreg.files.pcd import read_pcd
 from dqreg.files.ply import read_ply
 from dqreg.files.tables import read_table
@@ -30,8 +32,8 @@ READERS: dict[str, Callable[[Path], CloudData | MeshData]] = {
     ".npy": read_npy,
     ".npz": read_npz,
     ".stl": read_mesh_file,
-    ".obj": read_mesh_file,
-    ".off": read_mesh_file,
+    ".obj": read_obj,
+    ".off": read_off,
     ".glb": read_mesh_file,
     ".gltf": read_mesh_file,
     ".3mf": read_mesh_file,

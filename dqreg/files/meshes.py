@@ -1,11 +1,9 @@
-"""Mesh files read with trimesh: STL, OBJ, OFF, glTF and 3MF."""
+"""Mesh files read with trimesh: STL, glTF and 3MF."""
 
 from __future__ import annotations
 
 import contextlib
-import itertools
 import logging
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,10 +13,8 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import MissingDependencyError
 from dqreg.files.mesh_data import MeshData, make_mesh
-from dqreg.files.units import UNIT_WORDS, unit_of_comment
+from dqreg.files.units import UNIT_WORDS
 from dqreg.files.untrusted import max_faces, require_safe_3mf, require_safe_gltf, unreadable
-
-VERTEX_ZERO = re.compile(rb"^f[^\n#]*[ \t]0+(?=[/\s]|$)", re.MULTILINE)
 
 
 def read_mesh_file(path: Path) -> MeshData:
@@ -32,13 +28,8 @@ def read_mesh_file(path: Path) -> MeshData:
         require_safe_3mf(path)
     loaded = _load(path)
     vertices, faces = _joined(path, _placed(path, loaded))
-    if extension == ".off":
-        _require_off_faces(path, len(faces))
-    # glTF is in metres by definition; 3MF states a unit; OBJ may in a comment. STL and OFF are silent.
+    # glTF is in metres by definition; 3MF states a unit; STL is silent.
     units = "m" if extension in (".glb", ".gltf") else None
-    if extension == ".obj":
-        _require_whole_obj(path)
-        units = _obj_units(path)
     if extension == ".3mf":
         units = UNIT_WORDS.get(str(loaded.units))
     return make_mesh(path, vertices, faces, units)
@@ -48,7 +39,7 @@ def _load(path: Path) -> Any:
     import trimesh
 
     # Materials are other files and pictures, which measure nothing and are not opened.
-    options: dict[str, Any] = {"skip_materials": True} if path.suffix.lower() in (".obj", ".glb", ".gltf") else {}
+    options: dict[str, Any] = {"skip_materials": True} if path.suffix.lower() in (".glb", ".gltf") else {}
     try:
         with _silent("trimesh"):
             return trimesh.load(path, process=False, **options)
@@ -134,33 +125,3 @@ def _require_whole_stl(path: Path) -> None:
         raise unreadable(path, found, "an STL mesh of 84 bytes and 50 for each triangle; was the file cut short?")
     if b"endsolid" not in tail.lower():
         raise unreadable(path, "a text STL without its endsolid line", "a whole file; was it cut short?")
-
-
-def _require_off_faces(path: Path, found: int) -> None:
-    # trimesh reads as many faces as there are, so a file that ends between two of them passes unnoticed.
-    with path.open(errors="replace") as stream:
-        words = (word for line in stream for word in line.split("#")[0].split())
-        counts = [int(word) for word in itertools.islice((word for word in words if word.isdecimal()), 2)]
-    if len(counts) == 2 and found < counts[1]:
-        raise unreadable(path, f"{found} triangles", f"at least the {counts[1]} faces of its header; was it cut short?")
-
-
-def _require_whole_obj(path: Path) -> None:
-    # OBJ has no count of anything; a last face with two corners is all that a cut leaves to see.
-    content = path.read_bytes()
-    last = content[-4096:].splitlines()[-1].split()
-    if last[:1] == [b"f"] and len(last) < 4:
-        raise unreadable(path, "a last face with fewer than three corners", "a whole file; was it cut short?")
-    # Vertices count from one, or back from the last with minus one; trimesh takes zero for the last.
-    if VERTEX_ZERO.search(content):
-        raise unreadable(path, "a face that names vertex 0", "vertices counted from 1")
-
-
-def _obj_units(path: Path) -> str | None:
-    # Exporters that state a unit do so in the comments before the first vertex.
-    with path.open(errors="replace") as stream:
-        comments = itertools.takewhile(
-            lambda line: not line.strip() or line.startswith("#"), itertools.islice(stream, 50)
-        )
-        units = {unit_of_comment(line.lstrip("# ")) for line in comments} - {None}
-    return units.pop() if len(units) == 1 else None

@@ -17,24 +17,13 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.files.cloud_data import CloudData, make_cloud
 from dqreg.files.mesh_data import MeshData, make_mesh
 from dqreg.files.ply_header import Element, PlyHeader, read_header
+from dqreg.files.polygons import triangles
 from dqreg.files.tables import find_columns, parse_rows, read_text, stack_columns
 from dqreg.files.untrusted import unreadable
 
 INDEX_NAMES = ("vertex_indices", "vertex_index")
 # struct's letters for the NumPy codes of PLY types.
 LETTERS = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}
-
-
-def triangles(lengths: IntArray, corners: IntArray) -> IntArray:
-    """Polygons as fans of triangles around their first corner.
-
-    Shapes: lengths (p,), corners (sum of lengths,).
-    """
-    pieces = np.maximum(lengths - 2, 0)
-    first = np.repeat(np.cumsum(lengths) - lengths, pieces)
-    step = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    fans: IntArray = corners[np.stack([first, first + step + 1, first + step + 2], axis=1)]
-    return fans
 
 
 def text_polygons(path: Path, face: Element, lines: list[str]) -> tuple[IntArray, IntArray]:
@@ -159,7 +148,7 @@ def read_ply(path: Path) -> CloudData | MeshData:
         lengths, corners = binary_polygons(path, header, face)
     else:
         lengths, corners = text_polygons(path, face, rest)
-    return make_mesh(path, points, triangles(lengths, corners), header.units)
+    return make_mesh(path, points, triangles(path, points, lengths, corners), header.units)
 
 
 def _vertex_table(path: Path, header: PlyHeader) -> Element:

@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from dqreg.errors import InputError
 from dqreg.files import CloudData, MeshData, read_cloud, read_geometry, read_mesh
-from dqreg.files.ply import triangles
+from dqreg.files.polygons import fans
 
 # Geodetic coordinates: float32 keeps half a metre of them.
 FAR = np.array([[4400000.123456, 5500000.654321, 1.0], [1.0, 2.0, 3.0]])
@@ -134,7 +134,7 @@ def test_fans_are_what_a_loop_gives(polygons: list[list[int]]) -> None:
     lengths = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
     corners = np.array([corner for polygon in polygons for corner in polygon], dtype=np.int64)
     expected = [[p[0], p[k], p[k + 1]] for p in polygons for k in range(1, len(p) - 1)]
-    assert triangles(lengths, corners).tolist() == expected
+    assert fans(lengths, corners).tolist() == expected
 
 
 @pytest.mark.parametrize(
