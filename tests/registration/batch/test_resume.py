@@ -100,7 +100,7 @@ def test_nothing_found_is_saved_as_such(done, tmp_path):
     row, answer = done
     failed = {"level": "failed", "reasons": ["no pose was found"]}
     record = {**answer.record, "verdict": failed, "status": "no correspondences", "inlier_fraction": 0.0}
-    nan = {**record, "T_target_source": [[None] * 4] * 4, "rms": None, "dual_quaternion": None}
+    none = {"T_target_source": [[None] * 4] * 4, "covariance": [[None] * 6] * 6, "rms": None, "dual_quaternion": None}
     with open_folder(tmp_path, resume=False) as folder:
-        folder.save(row, dataclasses.replace(answer, record=nan))
+        folder.save(row, dataclasses.replace(answer, record={**record, **none}))
         assert folder.finished(row)["rms"] is None
