@@ -124,7 +124,7 @@ def test_a_disk_that_fills_up_in_a_batch_keeps_what_was_done(scene, tmp_path, ca
             yield row, run_row(row, Targets())
             limit.enter_context(full_disk())
 
-    monkeypatch.setattr("dqreg.registration.batch.run.Crew.answers", answers)
+    monkeypatch.setattr("dqreg.registration.batch.run.Workers.answers", answers)
     out = tmp_path / "out"
     with limit:
         assert run_here("batch", scene.manifest, "--quiet", "--out", out) == 2
@@ -132,7 +132,7 @@ def test_a_disk_that_fills_up_in_a_batch_keeps_what_was_done(scene, tmp_path, ca
     assert said == f"dqreg: error: cannot write {out / 'results' / 'scan1.json'}: File too large\n"
     assert [path.name for path in (out / "results").iterdir()] == ["scan0.json"]
     assert left_over(out) == []
-    monkeypatch.setattr("dqreg.registration.batch.run.Crew.answers", lambda _, rows, *__: (
+    monkeypatch.setattr("dqreg.registration.batch.run.Workers.answers", lambda _, rows, *__: (
         (row, run_row(row, Targets())) for row in rows
     ))  # fmt: skip
     assert run_here("batch", scene.manifest, "--out", out, "--resume") == 0

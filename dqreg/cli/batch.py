@@ -71,12 +71,12 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
 
     Exit codes: 0 every row accepted, 1 some were not, 2 bad input, 130 or 143 stopped by a signal.
     """
-    from dqreg.registration.batch import Crew, Defaults, read_manifest, run_batch
+    from dqreg.registration.batch import Defaults, Workers, read_manifest, run_batch
     from dqreg.report.work_bar import WorkBar
 
     console, shown = consoles(quiet=quiet, as_json=as_json)
     with PoliteSignals() as stop:
-        crew = Crew(*(options[name] for name in ("workers", "scheduler", "threads", "timeout")))
+        workers = Workers(*(options[name] for name in ("workers", "scheduler", "threads", "timeout")))
         shared = {name: options[name] for name in SHARED if options[name] is not None}
         rows = read_manifest(manifest, Defaults(target, options["start"], shared))
         place = out or Path(f"{manifest.absolute().name if manifest.is_dir() else manifest.stem}-results")
@@ -85,7 +85,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
             found = run_batch(
                 rows,
                 place,
-                crew,
+                workers,
                 resume=options["resume"],
                 title=manifest.absolute().name,
                 thumbnail=thumbnail if options["thumbnails"] else None,

@@ -39,7 +39,7 @@ def here(monkeypatch):
                 return
             yield row, run_row(row, targets, thumbnail)
 
-    monkeypatch.setattr("dqreg.registration.batch.run.Crew.answers", answers)
+    monkeypatch.setattr("dqreg.registration.batch.run.Workers.answers", answers)
 
 
 def test_writes_what_it_says_and_resumes(scene, tmp_path, capsys, monkeypatch, here):

@@ -92,7 +92,7 @@ def test_show(scene, tmp_path, capsys, monkeypatch):
 
 
 def test_batch(scene, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("dqreg.registration.batch.run.Crew.answers", lambda _, rows, *__: (
+    monkeypatch.setattr("dqreg.registration.batch.run.Workers.answers", lambda _, rows, *__: (
         (row, run_row(row, Targets())) for row in rows
     ))  # fmt: skip
     assert run("batch", scene.manifest, "--out", tmp_path / "out", "--no-thumbnails", "--json") == 0

@@ -21,7 +21,7 @@ from typing import Any
 
 from dqreg.errors import DqregError, InputError, load_package
 from dqreg.registration.batch.pool import POLL_SECONDS, Answer, Stop
-from dqreg.registration.batch.row import Done, Row, Thumbnail, row_worker, run_isolated
+from dqreg.registration.batch.row import Row, RowResult, Thumbnail, row_worker, run_isolated
 from dqreg.registration.batch.worker import Worker
 
 CONNECT_SECONDS = 20
@@ -118,16 +118,16 @@ def on_cluster(
     if not rows:
         return
     with connected(address) as client:
-        flight = _Flight(client, address, rows, (threads, timeout, thumbnail))
+        tasks = _RowTasks(client, address, rows, (threads, timeout, thumbnail))
         try:
-            while flight.left and not stop():
-                yield from flight.landed(POLL_SECONDS)
-            yield from flight.landed()
+            while tasks.left and not stop():
+                yield from tasks.finished_rows(POLL_SECONDS)
+            yield from tasks.finished_rows()
         finally:
-            flight.drop()
+            tasks.drop()
 
 
-class _Flight:
+class _RowTasks:
     """Tasks on their way: as many as the cluster has threads, so that a worker's death touches few."""
 
     def __init__(self, client: Any, address: str, rows: Sequence[Row], order: tuple[Any, ...]) -> None:
@@ -135,20 +135,20 @@ class _Flight:
         self._token = secrets.token_hex(8)
         self._numbers = itertools.count()
         self._waiting = list(reversed(rows))
-        self._flying: dict[Any, Row] = {}
-        self._peopled = time.monotonic()
+        self._running: dict[Any, Row] = {}
+        self._last_seen = time.monotonic()
 
     @property
     def left(self) -> int:
-        return len(self._waiting) + len(self._flying)
+        return len(self._waiting) + len(self._running)
 
-    def landed(self, seconds: float = 0.0) -> Iterator[Answer]:
+    def finished_rows(self, seconds: float = 0.0) -> Iterator[Answer]:
         """Rows that get done within some seconds, with new ones started in the place of others."""
         if seconds:
             self._start()
             self._wait(seconds)
-        for future in [future for future in self._flying if future.done()]:
-            row = self._flying.pop(future)
+        for future in [future for future in self._running if future.done()]:
+            row = self._running.pop(future)
             if future.status in ("cancelled", "lost"):
                 self._waiting.append(row)  # the scheduler forgot it; nothing came of it yet
                 continue
@@ -156,19 +156,19 @@ class _Flight:
             future.release()
 
     def _start(self) -> None:
-        for _ in range(min(len(self._waiting), self._slots() - len(self._flying))):
+        for _ in range(min(len(self._waiting), self._slots() - len(self._running))):
             row = self._waiting.pop()
             key = f"dqreg-{self._token}-{next(self._numbers)}"
-            self._flying[self._client.submit(do_row, row, self._token, *self._order, pure=False, key=key)] = row
+            self._running[self._client.submit(do_row, row, self._token, *self._order, pure=False, key=key)] = row
 
     def _wait(self, seconds: float) -> None:
         from distributed import wait
 
-        if not self._flying:
+        if not self._running:
             time.sleep(seconds)
             return
         with self._client.as_current(), contextlib.suppress(TimeoutError, *CANCELLED):
-            wait(list(self._flying), timeout=seconds, return_when="FIRST_COMPLETED")  # type: ignore[no-untyped-call]
+            wait(list(self._running), timeout=seconds, return_when="FIRST_COMPLETED")  # type: ignore[no-untyped-call]
 
     def _slots(self) -> int:
         try:
@@ -180,8 +180,8 @@ class _Flight:
                 f"the Dask scheduler at {self._address} is gone; rows done so far are kept: resume with --resume"
             ) from error
         now = time.monotonic()
-        self._peopled = now if count else self._peopled
-        if now - self._peopled > DESERTED_SECONDS:
+        self._last_seen = now if count else self._last_seen
+        if now - self._last_seen > DESERTED_SECONDS:
             raise InputError(
                 f"the Dask cluster at {self._address} has no workers any more; rows done so far are kept: resume with "
                 f"--resume"
@@ -190,27 +190,27 @@ class _Flight:
 
     def drop(self) -> None:
         """Give up what is flying, and end the children that work on it."""
-        if not self._flying:
+        if not self._running:
             return
         with contextlib.suppress(Exception, *CANCELLED):
-            self._client.cancel(list(self._flying), force=True)
+            self._client.cancel(list(self._running), force=True)
             self._client.run(end_children, self._token)
 
 
-def _done(future: Any) -> Done:
+def _done(future: Any) -> RowResult:
     if future.status == "finished":
-        found: Done = future.result()
+        found: RowResult = future.result()
         return found
     error = future.exception()
     if isinstance(error, DqregError):
         raise error
     if type(error).__name__ == "KilledWorker":
         # Dask tries a task on several workers before it takes their deaths for its fault.
-        return Done("crashed", "every Dask worker that took it died")
-    return Done("crashed", f"{type(error).__name__}: {error}")
+        return RowResult("crashed", "every Dask worker that took it died")
+    return RowResult("crashed", f"{type(error).__name__}: {error}")
 
 
-def do_row(row: Row, batch: str, threads: int, timeout: float | None, thumbnail: Thumbnail | None) -> Done:
+def do_row(row: Row, batch: str, threads: int, timeout: float | None, thumbnail: Thumbnail | None) -> RowResult:
     """Have a row done by a child of this Dask worker; runs there."""
     with _lock:
         child = _idle.pop() if _idle else row_worker(threads, IDLE_SECONDS)

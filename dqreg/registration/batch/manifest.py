@@ -116,7 +116,7 @@ def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None
     else:
         cells = _of_csv(place)
         base = place.parent
-    rows, faults, seen = [], [], _Seen()
+    rows, faults, seen = [], [], _RowNames()
     for line, values in cells:
         try:
             row = _row(line, values, base, defaults)
@@ -238,7 +238,7 @@ def _file(text: str, base: Path, column: str) -> Path:
     return path
 
 
-class _Seen:
+class _RowNames:
     """Gives each row a name of its own that is a file name everywhere."""
 
     def __init__(self) -> None:

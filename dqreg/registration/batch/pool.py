@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from dqreg.errors import InputError
-from dqreg.registration.batch.row import TARGETS_KEPT, Done, Row, Thumbnail, row_worker, run_isolated
+from dqreg.registration.batch.row import TARGETS_KEPT, Row, RowResult, Thumbnail, row_worker, run_isolated
 from dqreg.registration.batch.worker import Worker
 
 POLL_SECONDS = 0.1
 
-Answer = tuple[Row, Done]
+Answer = tuple[Row, RowResult]
 Stop = Callable[[], bool]
 
 
@@ -35,11 +35,11 @@ def on_this_machine(
         raise InputError(f"workers must be 1 or more; got {workers}")
     workers = min(workers, len(rows))
     shared = max(1, cores // max(workers, 1)) if threads is None else threads
-    crew = _Crew(rows, [row_worker(shared) for _ in range(workers)], timeout, thumbnail)
+    pool = _Pool(rows, [row_worker(shared) for _ in range(workers)], timeout, thumbnail)
     try:
-        yield from crew.answers(stop)
+        yield from pool.answers(stop)
     finally:
-        crew.close()
+        pool.close()
 
 
 class Backlog:
@@ -67,7 +67,7 @@ class Backlog:
             return row
 
 
-class _Crew:
+class _Pool:
     """One thread a worker process: it waits for the process, and does nothing else."""
 
     def __init__(
@@ -79,7 +79,7 @@ class _Crew:
         self._timeout, self._thumbnail = timeout, thumbnail
         self._answers: queue.SimpleQueue[Answer | Exception] = queue.SimpleQueue()
         self._stopping = threading.Event()
-        self._threads = [threading.Thread(target=self._drive, args=(worker,), daemon=True) for worker in workers]
+        self._threads = [threading.Thread(target=self._serve_rows, args=(worker,), daemon=True) for worker in workers]
 
     def answers(self, stop: Stop) -> Iterator[Answer]:
         if stop():
@@ -111,7 +111,7 @@ class _Crew:
             if thread.is_alive():
                 thread.join()
 
-    def _drive(self, worker: Worker) -> None:
+    def _serve_rows(self, worker: Worker) -> None:
         prepared: deque[Path] = deque(maxlen=TARGETS_KEPT)
         try:
             while not self._stopping.is_set() and (row := self._backlog.take(prepared)) is not None:

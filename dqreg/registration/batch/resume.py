@@ -17,7 +17,7 @@ from typing import IO, Any
 
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
-from dqreg.registration.batch.row import BATCH, Done, Row, inputs_of
+from dqreg.registration.batch.row import BATCH, Row, RowResult, inputs_of
 from dqreg.registration.result import Registration
 
 RESULTS, THUMBNAILS, LOCK = "results", "thumbnails", ".lock"
@@ -52,7 +52,7 @@ class Folder:
         found: dict[str, Any] = record
         return found
 
-    def save(self, row: Row, done: Done) -> None:
+    def save(self, row: Row, done: RowResult) -> None:
         """Keep what came of a row; it is on the disk when this returns."""
         if done.record is None:
             for old in (self.result(row), self.thumbnail(row)):

@@ -42,7 +42,7 @@ class Row:
 
 
 @dataclasses.dataclass(frozen=True)
-class Done:
+class RowResult:
     """What came of a row."""
 
     status: Status  # Whether there is a result; if not, why not
@@ -90,25 +90,27 @@ class Targets:
         return self._prepared[mark]
 
 
-def run_row(row: Row, targets: Targets, thumbnail: Thumbnail | None = None) -> Done:
+def run_row(row: Row, targets: Targets, thumbnail: Thumbnail | None = None) -> RowResult:
     """Register one row."""
     began = time.perf_counter()
     try:
         before = inputs_of(row)
         result = _registered(row, targets, keep_inputs=thumbnail is not None)
         if inputs_of(row) != before:
-            return Done("error", "a file of this row changed while it was read; run it again once nothing writes to it")
+            return RowResult(
+                "error", "a file of this row changed while it was read; run it again once nothing writes to it"
+            )
     except DqregError as error:
-        return Done("error", str(error))
+        return RowResult("error", str(error))
     except MemoryError as error:
-        return Done("error", f"out of memory {error}".strip())
+        return RowResult("error", f"out of memory {error}".strip())
     except OSError as error:
-        return Done("error", f"cannot read {error.filename or 'a file'}: {error.strerror or error}")
+        return RowResult("error", f"cannot read {error.filename or 'a file'}: {error.strerror or error}")
     except Exception as error:
-        return Done("error", f"{type(error).__name__}: {error}")
+        return RowResult("error", f"{type(error).__name__}: {error}")
     picture = _picture(thumbnail, result)
     about = {"name": row.name, "inputs": before, "seconds": time.perf_counter() - began}
-    return Done("ran", "", {**result.to_dict(), BATCH: about}, picture)
+    return RowResult("ran", "", {**result.to_dict(), BATCH: about}, picture)
 
 
 def _registered(row: Row, targets: Targets, *, keep_inputs: bool) -> Registration:
@@ -133,10 +135,12 @@ def row_worker(threads: int, idle: float | None = None) -> Worker:
     return Worker(threads, prepare=_load_libraries, most=RECYCLED_AFTER, idle=idle)
 
 
-def run_isolated(worker: Worker, row: Row, timeout: float | None = None, thumbnail: Thumbnail | None = None) -> Done:
+def run_isolated(
+    worker: Worker, row: Row, timeout: float | None = None, thumbnail: Thumbnail | None = None
+) -> RowResult:
     """Register one row in a worker process."""
     answer = worker.call(partial(_run_here, row, thumbnail), timeout)
-    return Done(answer.kind, answer.message) if isinstance(answer, Failure) else answer
+    return RowResult(answer.kind, answer.message) if isinstance(answer, Failure) else answer
 
 
 def _load_libraries() -> None:
@@ -151,5 +155,5 @@ def _targets() -> Targets:
     return Targets()
 
 
-def _run_here(row: Row, thumbnail: Thumbnail | None) -> Done:
+def _run_here(row: Row, thumbnail: Thumbnail | None) -> RowResult:
     return run_row(row, _targets(), thumbnail)

@@ -14,7 +14,7 @@ from dqreg.errors import DqregError, InputError
 from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.registration.batch.pool import Answer, Stop, on_this_machine
 from dqreg.registration.batch.resume import THUMBNAILS, Folder, open_folder
-from dqreg.registration.batch.row import Done, Row, Thumbnail
+from dqreg.registration.batch.row import Row, RowResult, Thumbnail
 from dqreg.registration.batch.summary import Line, line_of, summary_csv, to_html
 
 SUMMARY_CSV, SUMMARY_HTML = "summary.csv", "summary.html"
@@ -22,8 +22,8 @@ TIMEOUT = 600.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Crew:
-    """Who does the work."""
+class Workers:
+    """The worker processes of a batch: here, or on a cluster."""
 
     workers: int | None = None  # Processes on this machine; None takes one a core
     scheduler: str | None = None  # Address of a Dask scheduler, to work on its cluster instead
@@ -81,7 +81,7 @@ class Progress:
 def run_batch(
     rows: Sequence[Row],
     out: str | os.PathLike[str],
-    crew: Crew | None = None,
+    workers: Workers | None = None,
     *,
     resume: bool = False,
     title: str = "",
@@ -94,7 +94,7 @@ def run_batch(
     With ``resume``, rows whose result is complete, and whose files and options have not changed since, are not done
     again. Once ``stop`` says True, running rows are dropped and the summary is written.
     """
-    crew, tell = crew or Crew(), observe or (lambda _: None)
+    workers, tell = workers or Workers(), observe or (lambda _: None)
     with open_folder(out, resume=resume) as folder:
         files = tuple(require_writable(folder.path / name) for name in (SUMMARY_CSV, SUMMARY_HTML))
         lines = _kept(folder, rows) if resume else {}
@@ -103,7 +103,7 @@ def run_batch(
         tell(progress())
         try:
             # Closed before the summary is written: nothing of ours may run on behind it.
-            with contextlib.closing(crew.answers(todo, thumbnail, stop)) as answers:  # type: ignore[type-var]
+            with contextlib.closing(workers.answers(todo, thumbnail, stop)) as answers:  # type: ignore[type-var]
                 for row, done in answers:
                     folder.save(row, done)
                     lines[row.name] = line_of(row, done)
@@ -119,7 +119,9 @@ def run_batch(
 
 def _kept(folder: Folder, rows: Sequence[Row]) -> dict[str, Line]:
     found = ((row, folder.finished(row)) for row in rows)
-    return {row.name: line_of(row, Done("ran", "", record), kept=True) for row, record in found if record is not None}
+    return {
+        row.name: line_of(row, RowResult("ran", "", record), kept=True) for row, record in found if record is not None
+    }
 
 
 def _in_order(rows: Sequence[Row], lines: dict[str, Line]) -> tuple[Line, ...]:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from dqreg.registration.batch.row import BATCH, Done, Row
+from dqreg.registration.batch.row import BATCH, Row, RowResult
 from dqreg.report.html import data_uri, render
 from dqreg.report.table import to_csv
 
@@ -40,7 +40,7 @@ class Line:
         return self.verdict in ("accepted", "suspect", "failed")
 
 
-def line_of(row: Row, done: Done, *, kept: bool = False) -> Line:
+def line_of(row: Row, done: RowResult, *, kept: bool = False) -> Line:
     """Line of a row."""
     record = done.record
     if record is None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dqreg.errors import InputError, MissingDependencyError
-from dqreg.registration.batch import Crew, read_manifest, run_batch
+from dqreg.registration.batch import Workers, read_manifest, run_batch
 from dqreg.registration.batch import dask_cluster as door
 from dqreg.registration.batch.row import Targets, run_row
 from tests.registration.batch.scenes import make_scene, results, without_times
@@ -59,8 +59,8 @@ def test_a_killed_worker_loses_nothing_and_results_are_those_of_one_machine(clus
         if sum(each.line is not None for each in told) == 1:
             kill_one(cluster)
 
-    crew = Crew(scheduler=cluster.scheduler_address, timeout=120.0)
-    found = run_batch(rows, tmp_path / "out", crew, observe=observe)
+    workers = Workers(scheduler=cluster.scheduler_address, timeout=120.0)
+    found = run_batch(rows, tmp_path / "out", workers, observe=observe)
     assert [(line.row.name, line.verdict) for line in found.lines] == [(row.name, "accepted") for row in rows]
     assert [progress.done for progress in told] == list(range(6))
     targets, made = Targets(), results(tmp_path / "out")

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.errors import InputError
-from dqreg.registration.batch import Crew, Row, read_manifest, run_batch
+from dqreg.registration.batch import Row, Workers, read_manifest, run_batch
 from dqreg.registration.batch.pool import Backlog
 from tests.registration.batch.hostile import thumbnail
 from tests.registration.batch.scenes import make_scene, results
@@ -43,7 +43,7 @@ def test_crash_and_bad_file_cost_one_row_each(scene, tmp_path):
         rows[number] = dataclasses.replace(rows[number], name=kind, scan=tmp_path / f"{kind}.npy")
     (tmp_path / "bad.npy").write_bytes(b"\x93NUMPY\x01")
     rows[2] = dataclasses.replace(rows[2], name="bad", scan=tmp_path / "bad.npy")
-    found = run_batch(rows, tmp_path / "out", Crew(workers=2, timeout=120.0, threads=1), thumbnail=thumbnail)
+    found = run_batch(rows, tmp_path / "out", Workers(workers=2, timeout=120.0, threads=1), thumbnail=thumbnail)
     by = {line.row.name: line for line in found.lines}
     assert [by[name].verdict for name in ("crash", "bad")] == ["crashed", "error"]
     assert f"signal {signal.SIGABRT.value}" in by["crash"].reasons[0]
@@ -65,4 +65,4 @@ def test_crash_and_bad_file_cost_one_row_each(scene, tmp_path):
                                  {"workers": 1, "scheduler": "tcp://x:1"}])  # fmt: skip
 def test_crews_are_checked(bad):
     with pytest.raises(InputError, match=next(iter(bad))):
-        Crew(**bad)
+        Workers(**bad)

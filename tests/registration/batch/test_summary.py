@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dqreg.registration.batch.row import Done, Row
+from dqreg.registration.batch.row import Row, RowResult
 from dqreg.registration.batch.summary import COLUMNS, VERDICTS, Line, counts, line_of, summary_csv, to_html
 
 NASTY = '<script>alert("1")</script>&\'\n;,"'
@@ -23,7 +23,10 @@ RECORD = {
     "dual_quaternion": {"real": [1.0, 0.0, 0.0, 0.0], "dual": [0.0, 3.5, 4.0, 4.5]},
     "batch": {"seconds": 2.5},
 }
-LINES = [line_of(ROW, Done("ran", "", RECORD)), line_of(dataclasses.replace(ROW, name="b"), Done("crashed", NASTY))]
+LINES = [
+    line_of(ROW, RowResult("ran", "", RECORD)),
+    line_of(dataclasses.replace(ROW, name="b"), RowResult("crashed", NASTY)),
+]
 
 
 class Tags(HTMLParser):
@@ -70,7 +73,7 @@ def test_page_without_pictures_or_rows():
 
 def test_nothing_found_is_nan():
     record = {**RECORD, "rms": None, "dual_quaternion": None, "verdict": {"level": "failed", "reasons": ["x"]}}
-    line = line_of(ROW, Done("ran", "", record))
+    line = line_of(ROW, RowResult("ran", "", record))
     assert math.isnan(line.rms)
     assert all(map(math.isnan, line.pose))
     assert line.verdict == "failed"
