@@ -16,12 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, as_pose
-from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg._arrays import FloatArray, IntArray, as_pose
+from dqreg.errors import InputError
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, as_geometry
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
-from dqreg.icp import ESTIMATORS, Pairs, correspond
+from dqreg.icp import ESTIMATORS, Icp, Pairs, Stopping, WithinDistance, correspond
+from dqreg.icp.history import Iteration
+from dqreg.solvers.status import NO_POSE
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,28 +175,38 @@ def registration_icp(
     criteria: Any = None,
 ) -> RegistrationResult:
     """ICP with the call, the stopping rule and the figures of ``open3d.pipelines.registration.registration_icp``."""
-    step = _step(estimation_method)
-    limits = _criteria(criteria)
-    reach = _reach(max_correspondence_distance)
+    step, limits, reach = _step(estimation_method), _criteria(criteria), _reach(max_correspondence_distance)
     T = np.eye(4) if init is None else as_pose(init, "init")
     sides = read_sides(source, target, with_normals=step == "dq")
-    estimate = ESTIMATORS[step]
-    pairs, near = _pairs(sides, T, reach)
-    result = _figures(sides, pairs, near)
-    for number in range(1, limits.max_iteration + 1):
-        if np.count_nonzero(near) < FEWEST_PAIRS:
-            return _nothing(result, number - 1)
-        try:
-            T = estimate(pairs, near.astype(np.float64), np.inf).T_target_source
-        except DegenerateGeometryError:
-            return _nothing(result, number - 1)
-        before = result
-        pairs, near = _pairs(sides, T, reach)
-        result = dataclasses.replace(_figures(sides, pairs, near), num_iterations=number)
-        fitness, rmse = abs(before.fitness - result.fitness), abs(before.inlier_rmse - result.inlier_rmse)
-        if fitness < limits.relative_fitness and rmse < limits.relative_rmse:
-            return dataclasses.replace(result, converged=True)
-    return result
+    records: list[Iteration] = []
+
+    def goes_on(record: Iteration) -> object:
+        # The figures of a record are those before its step.
+        records.append(record)
+        before = records[-2] if len(records) > 1 else None
+        met = (
+            before is not None
+            and abs(before.pairs - record.pairs) / sides.source_count < limits.relative_fitness
+            and abs(before.rms - record.rms) < limits.relative_rmse
+        )
+        return not met
+
+    # One iteration more than steps, for the figures after the last one; Open3D's criteria end it, and no other.
+    most = limits.max_iteration + 1
+    icp = Icp(
+        ESTIMATORS[step],
+        gates=(WithinDistance(reach),),
+        stopping=Stopping(convergence=-1.0, iterations=most, patience=most),
+        accelerate=False,
+        fewest=FEWEST_PAIRS,
+    )
+    run = icp.run(sides.scan, sides.surface, T, goes_on)
+    lost = run.status in NO_POSE
+    steps = len(run.history) - (0 if lost else 1)
+    result = dataclasses.replace(_figures(sides, run.pairs, reach), num_iterations=steps)
+    if lost and steps < limits.max_iteration:
+        return dataclasses.replace(result, transformation=np.full((4, 4), np.nan))
+    return dataclasses.replace(result, converged=run.status == "stopped by observer")
 
 
 def evaluate_registration(
@@ -204,16 +216,11 @@ def evaluate_registration(
     reach = _reach(max_correspondence_distance)
     T = np.eye(4) if transformation is None else as_pose(transformation, "transformation")
     sides = read_sides(source, target, with_normals=False)
-    return _figures(sides, *_pairs(sides, T, reach))
+    return _figures(sides, correspond(sides.scan, sides.surface, T), reach)
 
 
-def _pairs(sides: Sides, T: FloatArray, reach: float) -> tuple[Pairs, BoolArray]:
-    pairs = correspond(sides.scan, sides.surface, T)
-    near: BoolArray = pairs.distances <= reach
-    return pairs, near
-
-
-def _figures(sides: Sides, pairs: Pairs, near: BoolArray) -> RegistrationResult:
+def _figures(sides: Sides, pairs: Pairs, reach: float) -> RegistrationResult:
+    near = pairs.distances <= reach
     distances = pairs.distances[near]
     rows: IntArray = np.column_stack([sides.source_rows[near], sides.target_rows[pairs.closest.elements[near]]])
     return RegistrationResult(
@@ -222,10 +229,6 @@ def _figures(sides: Sides, pairs: Pairs, near: BoolArray) -> RegistrationResult:
         inlier_rmse=float(np.sqrt(np.mean(distances**2))) if len(distances) else np.nan,
         correspondence_set=rows.astype(np.int32).reshape(-1, 2),
     )
-
-
-def _nothing(result: RegistrationResult, iterations: int) -> RegistrationResult:
-    return dataclasses.replace(result, transformation=np.full((4, 4), np.nan), num_iterations=iterations)
 
 
 def _step(method: Any) -> str:

@@ -105,6 +105,7 @@ class Icp:
     stopping: Stopping = Stopping()  # When to end
     accelerate: bool = True  # Whether Anderson acceleration extrapolates the steps
     stage: str = "loop"  # Name of this run in the records
+    fewest: int = FEWEST_PAIRS  # Correspondences without which there is no pose
 
     def run(
         self,
@@ -128,7 +129,7 @@ class Icp:
             weights = gate * Robust(self.kernel)(pairs)
             if scan.counts is not None:
                 weights *= scan.counts
-            if np.count_nonzero(weights) < FEWEST_PAIRS:
+            if np.count_nonzero(weights) < self.fewest:
                 return Run(T, "no correspondences", tuple(history), pairs, weights)
             energy = self._energy(pairs, gate)
             try:

@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import Mesh
-from dqreg.icp import ESTIMATORS, Alignment, Plan, align_coarse_to_fine, width_floor
+from dqreg.geometry import Mesh, prepare_scan
+from dqreg.icp import ESTIMATORS, Alignment, Icp, Observer, Plan, Run, align_coarse_to_fine, width_floor
 from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import weighed_by_faces
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.evidence import Agreement, agreement_of
-from dqreg.registration.problem import Prepared, Problem
+from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
 from dqreg.trust import Information, information_of
@@ -133,3 +133,11 @@ def coarse_to_fine(
         history=before + run.history,
     )
     return Fit(problem, prepared, target or problem.target, settings, constraints, run)
+
+
+def run_icp(icp: Icp, sides: SourceAndTarget, start: FloatArray, observe: Observer | None = None) -> Run:
+    """One plain loop on all points, between centred frames; poses that go in and come out are the caller's."""
+    scan, T = prepare_scan(sides.source.cloud), sides.to_centred(start)
+    run = icp.run(scan, sides.target.surface, T, sides.observer(observe))
+    history = tuple(sides.in_caller_frames(record) for record in run.history)
+    return dataclasses.replace(run, T_target_source=sides.to_caller(run.T_target_source), history=history)

@@ -1,16 +1,18 @@
-"""What every result promises, looked at where it leaves the package: no pose that is none, no covariance that is none.
+"""What every result promises, checked where it leaves the package: no pose that is none, no covariance that is none.
 
-A broken promise is a fault of this package, not of the input. It must neither pass as a pose nor stop a night of
-registrations, so the result that broke it becomes a failed one that says so.
+A violated invariant is a fault of this package, not of the input. It must neither pass as a pose nor stop a night of
+registrations, so the result that violates it becomes a failed one that says so.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.trust.records import Reason, Verdict
 
 # Departure of R^T R from the identity: a hundred times what a product of rotations leaves.
 RIGID = 1e-12
@@ -18,22 +20,15 @@ RIGID = 1e-12
 SEMIDEFINITE = 1e-9
 
 
-def broken_promise(
-    T_target_source: FloatArray,
-    covariance: FloatArray,
-    level: str,
-    rms: float,
-    inlier_fraction: float,
-    alternatives: Iterable[FloatArray] = (),
-) -> str:
-    """What a result promises and does not keep.
-
-    Shapes: covariance (6, 6).
-    """
+def violated_invariant(fields: Mapping[str, Any]) -> str:
+    """What the fields of a `Registration` promise and do not keep; empty where they keep everything."""
+    T_target_source, covariance, level = fields["T_target_source"], fields["covariance"], fields["verdict"].level
+    rms, inlier_fraction = fields["rms"], fields["inlier_fraction"]
     nothing = bool(np.isnan(T_target_source).all())
     if nothing and level != "failed":
         return f"no pose, but the verdict {level}"
-    for name, T in (("pose", T_target_source), *(("alternative", other) for other in alternatives)):
+    alternatives = (("alternative", other.T_target_source) for other in fields["alternatives"])
+    for name, T in (("pose", T_target_source), *alternatives):
         wrong = "" if nothing and name == "pose" else _not_rigid(T)
         if wrong:
             return f"the {name} {wrong}"
@@ -46,6 +41,20 @@ def broken_promise(
     if measured and not -SEMIDEFINITE <= inlier_fraction <= 1.0 + SEMIDEFINITE:
         return f"a share of inliers of {inlier_fraction:g}"
     return _no_covariance(covariance)
+
+
+def as_failed(fields: Mapping[str, Any], why: str) -> dict[str, Any]:
+    """The fields that make a failed result of one that violates an invariant."""
+    sentence = f"no pose: an internal error of dqreg, please report it with the data: {why}"
+    return {
+        "T_target_source": np.full((4, 4), np.nan),
+        "verdict": Verdict("failed", (Reason(sentence, "internal_error"), *fields["verdict"].reasons)),
+        "covariance": np.full((6, 6), np.nan),
+        "observability": (),
+        "alternatives": (),
+        "rms": np.nan,
+        "inlier_fraction": 0.0,
+    }
 
 
 def _not_rigid(T: FloatArray) -> str:

@@ -69,6 +69,10 @@ class SourceAndTarget:
         """The caller's observer as one of the loop."""
         return None if observe is None else lambda record: observe(self.in_caller_frames(record))
 
+    def visible_from(self, viewpoints: FloatArray, T_centred: FloatArray) -> TargetIndex:
+        """The target with those faces alone that can be seen at a pose from viewpoints in the caller's source frame."""
+        return self.target.visible_from(pose.apply(T_centred, self.source.centred(viewpoints)))
+
     def placed(self, T_target_source: FloatArray) -> FloatArray:
         """Points of the source under a pose between the caller's frames, in the centred target frame, (n, 3)."""
         return pose.apply(self.to_centred(T_target_source), self.source.cloud.points)

@@ -60,59 +60,57 @@ def register(
     target : path, (n, 3) array, PointCloud, Mesh, Open3D or trimesh object, or Target
         The part or the other scan, which stands. A mesh is used as it is, never sampled.
     start : None, "identity" or (4, 4) array_like
-        None finds the pose from nothing. A matrix is ``T_target_source``, right to about 15 degrees and a tenth of
-        the part's size.
+        Initial pose. None finds it by a global search; a matrix is ``T_target_source``, right to about 15 degrees and
+        a tenth of the part's size.
     method : {"auto", "dq", "dq-points", "svd", "plane", "generalised"}
-        Pose step: the dual-quaternion closed form on points and normals, on points alone, Arun's SVD, points to
-        planes, or planes to planes. Auto takes "dq" until the basin is found and, for the last digits, "plane", or
-        "generalised" from a start between clouds.
+        Pose step: the dual-quaternion closed form on points and normals, on points alone, Arun's SVD, point-to-plane,
+        or plane-to-plane. Auto takes "dq" until the basin is found, then "plane", or "generalised" between clouds with
+        an initial pose.
     max_distance : float, optional
-        Largest distance of a pair, target units. Default: 0.2 of the smaller bounding-box diagonal.
+        Largest distance of a correspondence, target units. Default: 0.2 of the smaller bounding-box diagonal.
     max_angle_deg : float
-        Largest angle between normals of a pair once the pose is near.
+        Largest angle between the normals of a correspondence once the pose is near.
     source_units, target_units : {"mm", "cm", "m", "inch", "ft"}, optional
         Length units. Where both are known and differ, the source is converted to the target's unit.
     effort : {"fast", "normal", "best"}
-        How much a mesh is asked for the last digits: about 8,000 places, 25,000, or every point; of the first two, all
-        points on the face of a place that was asked count as well. From a start between clouds of more than 18,000 or
-        30,000 points, the means of about 6,000 or 10,000 cells stand for them
-        (``settings["cell_size"]``), unless the points lie so much nearer to the surface than to each other that all of
-        them say more; "best" has no cells.
+        Closest-point queries of the last stage on a mesh: about 8,000, 25,000, or one a point; points on the face of a
+        query enter the cost with it. With an initial pose, clouds of more than 18,000 or 30,000 points are downsampled
+        to the means of about 6,000 or 10,000 cells (``settings["cell_size"]``), unless they lie so near to the surface
+        that all points improve the pose; "best" has no cells.
     seed : int
         For whatever is drawn (samples of a mesh that is the source).
     accelerate : bool
         Whether Anderson acceleration extrapolates the steps.
     max_iterations : int
-        Iterations at one width of the kernel at most.
+        Iterations at one kernel scale at most.
     convergence : float
         The last level ends once a step moves the points by less than this share of the target's diagonal, or by less
         than a tenth of what noise and number of the points leave open.
     units : {"check", "ignore"}
         Whether sizes and spacings that differ like mm and inches are refused where a unit is not known.
     dof : str or Freedom, optional
-        Motions that the pose may take from the start, like ``"rz tx ty"``; all others are locked exactly. See
-        `Freedom.parse`. Needs a start or a prior.
+        Degrees of freedom from the initial pose, like ``"rz tx ty"``; all others are locked exactly. See
+        `Freedom.parse`. Needs ``start`` or ``prior``.
     prior : tuple of ((4, 4), (6, 6)), optional
         Pose known beforehand and its covariance, in the frame of `Registration.covariance` (about the middle of the
-        target's bounding box). It is the start where none is given.
+        target's bounding box). It is the initial pose where none is given.
     time_limit : float, optional
         Seconds after which the best pose so far is returned, with a verdict that says so.
     scale : float or "solve"
         What source lengths are multiplied with, beside the conversion of units; nothing is ever scaled unasked.
-        "solve" finds it: `Registration.scale` and `Registration.scale_sigma` then tell it and how sure it is. The
-        pose stays rigid and is that of the scaled source, ``p_target = R (scale p_source) + t``; so is a start,
-        but one for the source as it is will do. Not together with ``dof``, ``prior`` or ``viewpoint``.
+        "solve" estimates it, see `Registration.scale` and `Registration.scale_sigma`. The pose stays rigid and is that
+        of the scaled source, ``p_target = R (scale p_source) + t``; so is ``start``, but one for the unscaled source
+        will do. Not together with ``dof``, ``prior`` or ``viewpoint``.
     viewpoint : (3,) or (k, 3) array_like, optional
         Where the scanner stood, in source coordinates. Faces of a mesh that it cannot have seen (the inside of a thin
-        wall, a part behind another) do not attract then, and deviations are from the others. Of a single one the
-        signs of estimated normals are told too. What a file says of its viewpoint hides nothing unless given here.
+        wall, a part behind another) are ignored then, in deviations too. A single one also orients estimated normals.
+        A viewpoint in the file hides nothing unless it is given here.
     observe : callable, optional
         Called with each `Iteration`; returning False stops the run.
     observe_search : callable, optional
-        Called with each `Stage` of the search for a start; returning False ends it.
+        Called with each `Stage` of the global search; returning False ends it.
     keep_inputs : bool
-        Whether the result holds both sides, for `Registration.deviations`, pictures and reports. False where many
-        results are kept.
+        Whether the result holds source and target, for `Registration.deviations`, pictures and reports.
     tolerance : float, optional
         Old name of ``convergence``, deprecated: a tolerance is the largest deviation allowed.
 
@@ -126,7 +124,7 @@ def register(
     InputError
         If an argument or a file cannot be used; the message says what to do.
     DegenerateGeometryError
-        If all points of one side lie on a line.
+        If all points of source or target lie on a line.
     UnitsError
         If the sizes look like a mistake of units.
 
@@ -172,7 +170,7 @@ def register(
 class Target:
     """A target prepared once and registered to often; safe to share between threads.
 
-    Made by `prepare_target`, or read by `Target.load`.
+    Made by `prepare_target`, or read by `Target.load`; files that cannot be read or written are an `InputError`.
 
     Attributes
     ----------
@@ -212,7 +210,7 @@ class Target:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it takes, in bytes: its arrays, and an estimate for Open3D's trees, good to a fifth."""
+        """Memory in bytes: its arrays, and an estimate for Open3D's trees, good to a fifth."""
         return bytes_of(self.indexed)
 
     def save(self, path: str | Path) -> None:
@@ -222,11 +220,6 @@ class Target:
         ----------
         path : str or Path
             File to write, as it is named.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be written.
         """
         save_target(self.indexed, path)
 
@@ -243,11 +236,6 @@ class Target:
         -------
         Target
             Ready, with the trees built again.
-
-        Raises
-        ------
-        InputError
-            If the file is missing, damaged, or no prepared target.
         """
         began = time.perf_counter()
         return Target(load_target(path).build(), time.perf_counter() - began)
@@ -268,7 +256,7 @@ class Target:
         scan : path, array or object
             Source.
         start : None, "identity" or (4, 4) array_like
-            Where to begin. In tracking, the last pose: a start that explains the scan at once spares the coarse steps.
+            Initial pose. In tracking, the last pose: one that explains the scan at once spares the coarse steps.
         time_limit : float, optional
             Seconds after which the best pose so far is returned.
         max_time : float, optional
@@ -280,11 +268,6 @@ class Target:
         -------
         Registration
             The answer.
-
-        Raises
-        ------
-        InputError
-            If ``max_time`` and ``time_limit`` are both given, and where `register` does.
         """
         time_limit = renamed("max_time", max_time, "time_limit", time_limit, None)
         return register(scan, self, start, time_limit=time_limit, **options)
@@ -302,11 +285,6 @@ def prepare_target(target: Any) -> Target:
     -------
     Target
         Pass it to `register` as the target, or call its own ``register``.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or used.
 
     Examples
     --------

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +14,16 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, as_vectors
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
-from dqreg.files.strict_json import fields_from, plain
 from dqreg.icp.history import Iteration
 from dqreg.inspection import Deviations, measure_deviations, why_unsigned
-from dqreg.registration.invariants import broken_promise
+from dqreg.registration.invariants import as_failed, violated_invariant
 from dqreg.registration.problem import SourceAndTarget
-from dqreg.registration.result_json import CHECKS, plain_direction, plain_iteration, plain_verdict
+from dqreg.registration.result_json import as_text, read_fields, to_plain
 from dqreg.rigid import DualQuaternion, pose
-from dqreg.trust.records import Alternative, Direction, Reason, Verdict
+from dqreg.trust.records import Alternative, Direction, Verdict
 
 __all__ = ["Alternative", "Direction", "Iteration", "Registration", "Verdict"]
 
-FORMAT = "dqreg registration 1"
 # Share of the largest distance of a pair within which a point counts as the part's: farther off stands the table.
 NEAR = 0.25
 
@@ -36,7 +33,8 @@ class Registration:
     """Result of registering a source to a target.
 
     However it was made, its pose is rigid to 1e-12, or all NaN with the verdict "failed"; its covariance is symmetric
-    and positive semidefinite, or NaN. What would be neither becomes a failed result that says why.
+    and positive semidefinite, or NaN. What would be neither becomes a failed result that says why. Methods raise
+    `InputError` where they need a pose and none was found, and for files that cannot be read or written.
 
     Attributes
     ----------
@@ -83,20 +81,10 @@ class Registration:
     inputs: SourceAndTarget | None = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        broken = _broken(vars(self))
-        if broken:
-            sentence = f"no pose: an internal error of dqreg, please report it with the data: {broken}"
-            reason = Reason(sentence, "internal_error")
-            withdrawn = {
-                "T_target_source": np.full((4, 4), np.nan),
-                "verdict": Verdict("failed", (reason, *self.verdict.reasons)),
-                "covariance": np.full((6, 6), np.nan),
-                "observability": (),
-                "alternatives": (),
-                "rms": np.nan,
-                "inlier_fraction": 0.0,
-            }
-            for name, value in withdrawn.items():
+        violated = violated_invariant(vars(self))
+        if violated:
+            # It is still being built: a frozen value may be finished here, and nowhere later.
+            for name, value in as_failed(vars(self), violated).items():
                 object.__setattr__(self, name, value)
 
     def attached(self, source: Any, target: Any) -> Registration:
@@ -111,19 +99,14 @@ class Registration:
         -------
         Registration
             With ``inputs``.
-
-        Raises
-        ------
-        InputError
-            If either side cannot be read.
         """
         known = self.settings
         units = known.get("source_units"), known.get("target_units")
         inputs = SourceAndTarget.read(source, target, *units, known.get("seed", 0), known.get("scale", 1.0))
         viewpoints = known.get("viewpoint")
         if viewpoints is not None and np.isfinite(self.T_target_source).all():
-            T, places = inputs.to_centred(self.T_target_source), inputs.source.centred(np.array(viewpoints))
-            inputs = dataclasses.replace(inputs, target=inputs.target.visible_from(pose.apply(T, places)))
+            visible = inputs.visible_from(np.array(viewpoints), inputs.to_centred(self.T_target_source))
+            inputs = dataclasses.replace(inputs, target=visible)
         return dataclasses.replace(self, inputs=inputs)
 
     @property
@@ -154,11 +137,6 @@ class Registration:
         -------
         ndarray, (n, 3)
             Target coordinates, in the target's unit.
-
-        Raises
-        ------
-        InputError
-            If no pose was found.
         """
         checked = as_vectors(points, "points")
         return pose.apply(self._found(), checked * self.scale)
@@ -294,16 +272,7 @@ class Registration:
         dict
             What `save` writes.
         """
-        names = [field.name for field in dataclasses.fields(self) if field.name != "inputs"]
-        values = {name: plain(getattr(self, name)) for name in names}
-        found = bool(np.isfinite(self.T_target_source).all())
-        dq = self.dual_quaternion if found else None
-        values["dual_quaternion"] = {"real": plain(dq.real), "dual": plain(dq.dual)} if dq else None
-        values["verdict"] = plain_verdict(self.verdict)
-        values["observability"] = [plain_direction(direction) for direction in self.observability]
-        values["history"] = [plain_iteration(record) for record in self.history]
-        values |= {"scale": self.scale, "scale_sigma": plain(self.scale_sigma)}
-        return {"format": FORMAT, **values}
+        return to_plain(self)
 
     def save(self, path: str | Path) -> None:
         """Write the result as JSON, whole or not at all.
@@ -312,13 +281,8 @@ class Registration:
         ----------
         path : str or Path
             File to write.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be written.
         """
-        write_atomically(Path(path), json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        write_atomically(Path(path), as_text(self))
 
     @staticmethod
     def load(path: str | Path) -> Registration:
@@ -333,39 +297,5 @@ class Registration:
         -------
         Registration
             Equal to the saved one.
-
-        Raises
-        ------
-        InputError
-            If the file is missing, is not JSON, or is not a registration.
         """
-        try:
-            values = json.loads(Path(path).read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError) as error:
-            raise InputError(f"{path} is no readable result file: {error}") from error
-        if not isinstance(values, dict) or values.get("format") != FORMAT:
-            raise InputError(f'{path} is no dqreg result: expected the key "format" to be {FORMAT!r}')
-        try:
-            return _from_dict(values)
-        except (KeyError, TypeError, ValueError, ArithmeticError) as error:
-            raise InputError(f"{path} is a damaged dqreg result: {type(error).__name__} {error}") from error
-
-
-def _broken(fields: Mapping[str, Any]) -> str:
-    return broken_promise(
-        fields["T_target_source"],
-        fields["covariance"],
-        fields["verdict"].level,
-        fields["rms"],
-        fields["inlier_fraction"],
-        (other.T_target_source for other in fields["alternatives"]),
-    )
-
-
-def _from_dict(values: dict[str, Any]) -> Registration:
-    names = [field.name for field in dataclasses.fields(Registration) if field.name != "inputs"]
-    fields = fields_from(Registration, {name: values[name] for name in names}, CHECKS)
-    if broken := _broken(fields):
-        # What was saved keeps its promises: here somebody else wrote.
-        raise ValueError(broken)
-    return Registration(**fields)
+        return Registration(**read_fields(path, Registration))

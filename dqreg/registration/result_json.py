@@ -1,15 +1,63 @@
-"""What a result looks like in JSON: fields to plain values and, not trusting anybody, back."""
+"""A result as JSON: fields to plain values and back, every value of a file checked."""
 
 from __future__ import annotations
 
+import dataclasses
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose, require_finite
-from dqreg.files.strict_json import plain, record_from
+from dqreg.errors import InputError
+from dqreg.files.strict_json import fields_from, plain, record_from
 from dqreg.icp.history import Iteration
+from dqreg.registration.invariants import violated_invariant
 from dqreg.trust.records import Direction, Reason, Verdict
+
+FORMAT = "dqreg registration 1"
+
+
+def to_plain(result: Any) -> dict[str, Any]:
+    """Plain values of a `Registration` under its attribute names."""
+    values = {name: plain(getattr(result, name)) for name in _names(type(result))}
+    found = bool(np.isfinite(result.T_target_source).all())
+    dq = result.dual_quaternion if found else None
+    values["dual_quaternion"] = {"real": plain(dq.real), "dual": plain(dq.dual)} if dq else None
+    # The codes of the reasons beside them; readers of old look for the kernel scale of an iteration under ``scale``.
+    values["verdict"] = {**plain(result.verdict), "codes": list(result.verdict.codes)}
+    values["observability"] = [{**plain(each), "is_free": each.is_free} for each in result.observability]
+    values["history"] = [{**plain(record), "scale": plain(record.kernel_scale)} for record in result.history]
+    values |= {"scale": result.scale, "scale_sigma": plain(result.scale_sigma)}
+    return {"format": FORMAT, **values}
+
+
+def as_text(result: Any) -> str:
+    """The file of a `Registration`."""
+    return json.dumps(to_plain(result), indent=1, allow_nan=False) + "\n"
+
+
+def read_fields(path: str | Path, cls: type) -> dict[str, Any]:
+    """Fields of a `Registration`, which is the class, from a file."""
+    try:
+        values = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path} is no readable result file: {error}") from error
+    if not isinstance(values, dict) or values.get("format") != FORMAT:
+        raise InputError(f'{path} is no dqreg result: expected the key "format" to be {FORMAT!r}')
+    try:
+        fields = fields_from(cls, {name: values[name] for name in _names(cls)}, CHECKS)
+        if violated := violated_invariant(fields):
+            # What was saved keeps its promises: here somebody else wrote.
+            raise ValueError(violated)
+    except (KeyError, TypeError, ValueError, ArithmeticError) as error:
+        raise InputError(f"{path} is a damaged dqreg result: {type(error).__name__} {error}") from error
+    return fields
+
+
+def _names(cls: type) -> list[str]:
+    return [field.name for field in dataclasses.fields(cls) if field.name != "inputs"]
 
 
 def _settings(values: dict[str, Any]) -> dict[str, Any]:
@@ -41,18 +89,8 @@ def _verdict(values: Any) -> Verdict:
     return record_from(Verdict, values, {"reasons": lambda _: reasons})
 
 
-def plain_verdict(verdict: Verdict) -> dict[str, Any]:
-    """Plain values of a verdict, the codes of its reasons beside them."""
-    return {**plain(verdict), "codes": list(verdict.codes)}
-
-
 def _direction(values: Any) -> Direction:
     return record_from(Direction, {name: value for name, value in _of(dict, values).items() if name != "is_free"})
-
-
-def plain_direction(direction: Direction) -> dict[str, Any]:
-    """Plain values of a direction."""
-    return {**plain(direction), "is_free": direction.is_free}
 
 
 def _iteration(record: Any) -> Iteration:
@@ -60,11 +98,6 @@ def _iteration(record: Any) -> Iteration:
     # The only name of the kernel scale in a result of old.
     scale = values.pop("scale", None)
     return record_from(Iteration, {"kernel_scale": scale, **values}, CHECKS)
-
-
-def plain_iteration(record: Iteration) -> dict[str, Any]:
-    """Plain values of an iteration; readers of old look for the kernel scale under ``scale``."""
-    return {**plain(record), "scale": plain(record.kernel_scale)}
 
 
 def _of(kind: type | tuple[type, ...], value: Any) -> Any:

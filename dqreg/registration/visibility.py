@@ -9,7 +9,6 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.registration.fit import Fit
 from dqreg.registration.target_index import TargetIndex
-from dqreg.rigid import pose
 
 # Runs at most: each starts with what can be seen at the pose of the last one.
 RUNS = 3
@@ -23,11 +22,10 @@ def on_visible_faces(fit: Fit, viewpoints: FloatArray) -> Fit:
 
     Shapes: viewpoints (k, 3), in the caller's source frame.
     """
-    whole, places = fit.problem.target, fit.problem.source.centred(viewpoints)
     for _ in range(RUNS):
         if not fit.found or fit.problem.watch.is_over or fit.run.status == "stopped by observer":
             break
-        target = whole.visible_from(pose.apply(fit.T_target_source, places))
+        target = fit.problem.visible_from(viewpoints, fit.T_target_source)
         if _same_faces(target, fit.target):
             break
         kernel_scale = max(WIDER * fit.run.mixture.scale, WIDEST * target.surface.diagonal)

@@ -10,12 +10,12 @@ import numpy as np
 from dqreg._open3d import load_open3d
 from dqreg.compare.engines.harness import SAME_LOOP_TOLERANCE, RunClock, initial_pose, no_pose, timed
 from dqreg.compare.engines.protocol import EngineOutput, Setting, Step, Task
-from dqreg.geometry import PointCloud, prepare_scan
+from dqreg.geometry import PointCloud
 from dqreg.icp import ESTIMATORS, NO_POSE, Icp, Stopping, WithinDistance
 from dqreg.icp.history import Iteration
+from dqreg.registration.fit import run_icp
 from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.register import prepare_target, register
-from dqreg.registration.source import centre_source
 from dqreg.registration.target_index import index_target
 
 
@@ -62,9 +62,8 @@ class DqregLoop:
             return _register(task, clock, settings, method=self.method)
         with clock.preparing():
             target = index_target(PointCloud(np.asarray(task.target_points), task.target_normals))
-            surface = target.surface
-        source = centre_source(PointCloud(np.asarray(task.source_points)), None, None, np.random.default_rng(task.seed))
-        sides = SourceAndTarget(source, target)
+            _ = target.surface
+        sides = SourceAndTarget.read(PointCloud(np.asarray(task.source_points)), target, seed=task.seed)
         settings.update(
             method=self.method,
             accelerate=self.accelerate,
@@ -82,14 +81,12 @@ class DqregLoop:
         steps: list[Step] = []
 
         def observe(record: Iteration) -> None:
-            T = sides.to_caller(record.T_target_source)
-            steps.append(Step(record.number, clock.seconds, T))
+            steps.append(Step(record.number, clock.seconds, record.T_target_source))
 
-        run = loop.run(prepare_scan(source.cloud), surface, sides.to_centred(initial_pose(task)), observe)
+        run = run_icp(loop, sides, initial_pose(task), observe)
         if run.status in NO_POSE or not steps:
             return no_pose(run.status)
-        T = sides.to_caller(run.T_target_source)
-        return EngineOutput(T, run.status, len(run.history), tuple(steps))
+        return EngineOutput(run.T_target_source, run.status, len(run.history), tuple(steps))
 
 
 def _register(task: Task, clock: RunClock, settings: dict[str, Any], **options: Any) -> EngineOutput:
