@@ -11,7 +11,6 @@ from dqreg.geometry import Mesh
 from dqreg.inspection import Bands, Deviations
 from dqreg.inspection.statistics import bands_of
 from dqreg.report.part_mesh import weld_edges
-from dqreg.report.report_data import normals_at
 from dqreg.report.result_protocol import RegisteredPair
 
 # Neighbouring triangles that turn by more than this are two faces of the part.
@@ -43,6 +42,14 @@ class Region:
     spread: float
     within: float
     bands: Bands | None  # Shares in the tolerance, and whether it passes; None where no tolerance was given
+
+
+def normals_at(deviations: Deviations, inputs: RegisteredPair) -> FloatArray:
+    """Normal of the target at the closest place of each point."""
+    geometry = inputs.target.geometry
+    if isinstance(geometry, Mesh):
+        return geometry.face_normals[deviations.faces]
+    return np.zeros((len(deviations), 3))
 
 
 def regions_of(deviations: Deviations, inputs: RegisteredPair, required_share: float) -> tuple[list[Region], str]:

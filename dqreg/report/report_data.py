@@ -10,11 +10,10 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
-from dqreg.geometry import Mesh
 from dqreg.inspection import Deviations, Place
 from dqreg.report.cameras import best_corner
 from dqreg.report.colours import Scale, nice_above
-from dqreg.report.regions import Region, regions_of
+from dqreg.report.regions import Region, normals_at, regions_of
 from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
 
 # Worst places that are marked.
@@ -134,14 +133,6 @@ def quiet_deviations(result: RegistrationResult, tolerance: float | None, reach:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return result.deviations(tolerance, reach=reach)
-
-
-def normals_at(deviations: Deviations, inputs: RegisteredPair) -> FloatArray:
-    """Normal of the target at the closest place of each point."""
-    geometry = inputs.target.geometry
-    if isinstance(geometry, Mesh):
-        return geometry.face_normals[deviations.faces]
-    return np.zeros((len(deviations), 3))
 
 
 def scale_of(deviations: Deviations, result: RegistrationResult) -> Scale:
