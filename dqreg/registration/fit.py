@@ -55,10 +55,11 @@ class Fit:
     @cached_property
     def agreement(self) -> Agreement:
         """How well scan and target agree at the pose."""
-        prepared = self.prepared
-        return agreement_of(
-            self.run, prepared.scan, prepared.surface, self.settings.max_distance, has_border=self.has_border
-        )
+        prepared, reach = self.prepared, self.settings.max_distance
+        if self.problem.options.max_distance is not None:
+            # A shorter one hides the points that speak against a pose.
+            reach = self.problem.reach(prepared)
+        return agreement_of(self.run, prepared.scan, prepared.surface, reach, has_border=self.has_border)
 
     @cached_property
     def information(self) -> Information:

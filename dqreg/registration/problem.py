@@ -168,7 +168,11 @@ class Problem(SourceAndTarget):
 
     def max_distance(self, prepared: Prepared) -> float:
         """Largest distance of a correspondence, target units."""
-        return self.options.max_distance or REACH * min(prepared.surface.diagonal, prepared.scan.diagonal)
+        return self.options.max_distance or self.reach(prepared)
+
+    def reach(self, prepared: Prepared) -> float:
+        """The same where none was given."""
+        return REACH * min(prepared.surface.diagonal, prepared.scan.diagonal)
 
     def constraints(self, T_reference: FloatArray) -> PoseConstraints:
         """What was asked of the pose, between the centred frames; locked motions stay as they are in a reference."""

@@ -74,3 +74,10 @@ def test_nothing_found_has_no_figures(status: str) -> None:
     assert not nothing.found
     assert np.isnan(nothing.run.rms)
     assert nothing.run.inlier_fraction == 0.0
+
+
+@pytest.mark.parametrize("share", [0.01, 0.5])
+def test_a_largest_distance_that_was_given_hides_no_point_from_the_verdict(share: float) -> None:
+    plain = fit_of(problem_of(POINTS, PART, START, effort="fast")).agreement
+    given = fit_of(problem_of(POINTS, PART, START, effort="fast", max_distance=share * PART.diagonal)).agreement
+    assert given.near == pytest.approx(plain.near, rel=1e-12)
