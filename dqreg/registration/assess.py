@@ -72,6 +72,8 @@ def evidence_of(
         stretched_along=agreement.stretched_along,
         mirror_gain=mirror_gain,
         random_ratio=agreement.random_ratio,
+        size=fit.prepared.surface.diagonal,
+        carriers=tuple(fit.information.carriers.tolist()) if uncertainty.directions else (),
     )
 
 

@@ -51,6 +51,10 @@ class Evidence:
         Fraction of inliers in the frames before, of a sequence; NaN where there are none.
     random_ratio : float
         Residuals over those at random poses near by; about 1 is chance, 0 far below it.
+    size : float
+        Diagonal of the target; NaN where the uncertainty is not to be tested.
+    carriers : tuple of float
+        Number of points, about, that constrain each of the directions; empty where that was not counted.
     """
 
     status: Status
@@ -75,6 +79,8 @@ class Evidence:
     mirror_gain: float = -math.inf
     usual: float = math.nan
     random_ratio: float = 0.0
+    size: float = math.nan
+    carriers: tuple[float, ...] = ()
 
     def length(self, value: float) -> str:
         """A length in words, with its unit where that is known.

@@ -35,6 +35,8 @@ Code = Literal[
     "stretched",
     "random_fit",
     "unconstrained",
+    "large_uncertainty",
+    "weakly_constrained",
     "alternative_poses",
     "search_time_limit",
     "not_converged",

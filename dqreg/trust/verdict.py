@@ -31,6 +31,10 @@ ROUGH = 5.0
 MIRRORED = 0.015
 # Residuals over those at random poses: scans come to 0.09 at most, noise that was accepted to 0.4 and more.
 CHANCE = 0.25
+# Standard deviations of the pose beyond these are no answer: rotations, and translations in sizes of the target.
+UNCERTAIN_RAD, UNCERTAIN = math.radians(2.0), 0.02
+# A motion constrained by fewer points than this, and by this fraction of the inliers, depends on a detail or outliers.
+DETAIL, DETAIL_SHARE = 30.0, 0.02
 # What to do about a loop that ended so.
 ADVICE: dict[Status, str] = {
     "iteration limit": "; raise max_iterations, or give a closer initial pose",
@@ -199,6 +203,23 @@ def _unconstrained(evidence: Evidence) -> Iterator[str]:
     return (direction.words for direction in evidence.directions if direction.is_free)
 
 
+def _large_uncertainty(evidence: Evidence) -> Iterator[str]:
+    # A rotation by its displacement at half the diagonal.
+    limits = {"rotation": 0.5 * UNCERTAIN_RAD * evidence.size, "translation": UNCERTAIN * evidence.size}
+    for direction in evidence.directions:
+        if direction.kind in limits and direction.sigma > limits[direction.kind]:
+            yield (
+                f"the pose is uncertain by {evidence.length(direction.sigma)} (one sigma, "
+                f"{100 * direction.sigma / evidence.size:.0f} % of the size): {direction.words}"
+            )
+
+
+def _weakly_constrained(evidence: Evidence) -> Iterator[str]:
+    for direction, carriers in zip(evidence.directions, evidence.carriers, strict=False):
+        if not direction.is_free and carriers < min(DETAIL, DETAIL_SHARE * evidence.inliers):
+            yield f"one motion depends on about {carriers:.0f} points: {direction.words}"
+
+
 def _alternative_poses(evidence: Evidence) -> Iterator[str]:
     others = sum(not alternative.symmetry for alternative in evidence.alternatives)
     if others:
@@ -233,6 +254,8 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("stretched", _stretched),
     ("random_fit", _random_fit),
     ("unconstrained", _unconstrained),
+    ("large_uncertainty", _large_uncertainty),
+    ("weakly_constrained", _weakly_constrained),
     ("alternative_poses", _alternative_poses),
     ("search_time_limit", _search_time_limit),
     ("not_converged", _not_converged),

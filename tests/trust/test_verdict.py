@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ from dqreg.trust.verdict import (
 NAN, INF = float("nan"), float("inf")
 HELD = Direction(0.1, 0.01, "translation along (1.00, 0.00, 0.00)")
 FREE = Direction(0.0, NAN, "unconstrained: translation along (0.00, 0.00, 1.00)")
+ROTATION = Direction(0.1, 1.0, "rotation about z", "rotation")
+SHIFT = Direction(0.1, 1.0, "translation along z", "translation")
 GOOD = Evidence(
     status="converged",
     found=True,
@@ -96,6 +99,21 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
     ),
     "chance": ({"random_ratio": CHANCE + 0.01}, "the residuals are 26 % of those at random poses", "random_fit"),
     "unknown chance": ({"random_ratio": NAN}, "of those at random poses", "random_fit"),
+    "uncertain rotation": (
+        {"directions": (ROTATION, *(HELD,) * 5), "size": 1.99 * 1.0 / math.radians(2.0)},
+        "the pose is uncertain by 1 (one sigma, 2 % of the size): rotation about z",
+        "large_uncertainty",
+    ),
+    "uncertain translation": (
+        {"directions": (SHIFT, *(HELD,) * 5), "size": 49.0},
+        "the pose is uncertain by 1 (one sigma, 2 % of the size): translation along z",
+        "large_uncertainty",
+    ),
+    "held by a detail": (
+        {"directions": (HELD,) * 6, "carriers": (4.0, *(500.0,) * 5)},
+        "one motion depends on about 4 points: translation along (1.00, 0.00, 0.00)",
+        "weakly_constrained",
+    ),
     "mirrored": ({"mirror_gain": 0.1}, "the scan fits better when mirrored", "mirrored"),
     "too short": (
         {"stretch": -0.1, "stretched_along": (0.0, 0.0, 1.0)},
@@ -154,6 +172,11 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
         {"alternatives": (Alternative(np.eye(4), 0.1, "the part looks the same after a half-turn"),)},
         {"width": 0.0},
         {"random_ratio": CHANCE},
+        {"directions": (ROTATION,) * 6, "size": 2.01 / math.radians(2.0)},
+        {"directions": (SHIFT,) * 6, "size": 50.1},
+        # Few of few, as of a tactile scan, and few of many that are enough.
+        {"inliers": 60.0, "carriers": (4.0,) * 6},
+        {"inliers": 1e6, "carriers": (30.0,) * 6},
         {"expected": 0.0},
     ],
 )
