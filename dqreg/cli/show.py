@@ -73,27 +73,27 @@ def show(
     attached = attach(Registration.load(result), source, target)
     assert attached.inputs is not None
     console, _ = consoles(quiet=quiet, as_json=as_json)
-    story = collect(attached, attached.inputs, tolerance, began)
+    data = collect(attached, attached.inputs, tolerance, began)
     if report is not None:
-        write_atomically(report, to_html(attached, story))
+        write_atomically(report, to_html(attached, data))
         say(console, f"wrote {report}")
     if in_a_window:
-        open_window(story)
+        open_window(data)
     if save is not None:
-        save_picture(story, save, panels)
+        save_picture(data, save, panels)
         say(console, f"wrote {save}")
     if as_json:
-        print_json(_record(attached, story, [path for path in (report, save) if path is not None]))
+        print_json(_record(attached, data, [path for path in (report, save) if path is not None]))
     return 0
 
 
-def _record(result: Registration, story: ReportData, files: list[Path]) -> dict[str, Any]:
+def _record(result: Registration, data: ReportData, files: list[Path]) -> dict[str, Any]:
     """What a picture shows, for programs."""
     return {
         "verdict": result.verdict,
         "T_target_source": result.T_target_source,
         "units": result.settings.get("target_units"),
-        "deviations": None if story.deviations is None else deviation_record(story.deviations),
+        "deviations": None if data.deviations is None else deviation_record(data.deviations),
         "files": [str(path) for path in files],
     }
 

@@ -15,18 +15,13 @@ from dqreg.report.table import Column, Table
 # Median / worst error of the motions over one and ten frames; frames lost; the path's error.
 COLUMNS = (
     Column("engine", align="left"),
-    *(
-        Column(name, align="right")
-        for name in (
-            "1 frame:\nrotation [deg]",
-            "1 frame:\ntranslation",
-            "10 frames:\nrotation [deg]",
-            "10 frames:\ntranslation",
-            "lost",
-            "path rms",
-            "frames\na second",
-        )
-    ),
+    Column("1 frame:\nrotation", "deg", align="right"),
+    Column("1 frame:\ntranslation", align="right"),
+    Column("10 frames:\nrotation", "deg", align="right"),
+    Column("10 frames:\ntranslation", align="right"),
+    Column("lost", align="right"),
+    Column("path rms", align="right"),
+    Column("frames\na second", align="right"),
 )
 
 

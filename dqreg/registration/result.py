@@ -245,7 +245,7 @@ class Registration:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: verdict, numbers and, with both sides, a picture."""
-        from dqreg.report.notebook import notebook_html
+        from dqreg.report.page import notebook_html
 
         return notebook_html(self)
 

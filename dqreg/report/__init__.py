@@ -1,7 +1,7 @@
 """What a person sees of a registration: iterations and summary on a terminal, a page, pictures, a window, a notebook.
 
 Only the terminal's part is imported here; `dqreg.report.page`, `dqreg.report.pictures`, `dqreg.report.window` and
-`dqreg.report.notebook` are loaded by what needs them.
+`dqreg.report.page` are loaded by what needs them.
 """
 
 from __future__ import annotations

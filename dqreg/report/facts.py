@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from dqreg.files.units import MIXED, factor
-from dqreg.report.numbers_text import percent, place_text, setting_text, text_of
 from dqreg.report.report_data import ReportData
 from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.summary import scale_words
+from dqreg.report.text import percent, place_text, setting_text, text_of
 
 Rows = list[tuple[str, str]]
 
@@ -125,15 +125,15 @@ def versions_of() -> dict[str, str]:
     return found | {"Machine": f"{platform.system()} {platform.machine()}"}
 
 
-def hints_of(result: RegistrationResult, story: ReportData | None) -> list[str]:
+def hints_of(result: RegistrationResult, data: ReportData | None) -> list[str]:
     """What to try where a pose was not accepted."""
     level = result.verdict.level
     hints: list[str] = []
     if level == "accepted":
         return hints
-    if story is not None:
-        hints += _size_hint(story)
-        hints += _distance_hint(story) if level == "failed" else []
+    if data is not None:
+        hints += _size_hint(data)
+        hints += _distance_hint(data) if level == "failed" else []
     if result.alternatives:
         hints.append("Choose among the alternatives below, in the view and in the list, by a feature that tells them "
                      "apart; then register again with that pose as the initial pose.")  # fmt: skip
@@ -145,8 +145,8 @@ def hints_of(result: RegistrationResult, story: ReportData | None) -> list[str]:
     return hints
 
 
-def _size_hint(story: ReportData) -> list[str]:
-    scan, part = float(np.linalg.norm(np.ptp(story.points, axis=0))), story.size
+def _size_hint(data: ReportData) -> list[str]:
+    scan, part = float(np.linalg.norm(np.ptp(data.points, axis=0))), data.size
     ratio = max(scan, part) / max(min(scan, part), np.finfo(float).tiny)
     if ratio < 5.0:
         return []
@@ -157,13 +157,13 @@ def _size_hint(story: ReportData) -> list[str]:
     return [f"{sizes}: cut the scan to the part, or check the units."]
 
 
-def _distance_hint(story: ReportData) -> list[str]:
-    middle = 0.5 * (story.points.min(axis=0) + story.points.max(axis=0))
+def _distance_hint(data: ReportData) -> list[str]:
+    middle = 0.5 * (data.points.min(axis=0) + data.points.max(axis=0))
     apart = float(np.linalg.norm(middle))
-    if apart <= story.size:
+    if apart <= data.size:
         return []
-    far = f"{text_of(apart, 4)} {story.unit}"
+    far = f"{text_of(apart, 4)} {data.unit}"
     return [
         f"Before, the centre of the scan lay {far} from the target's centre; the target is "
-        f"{text_of(story.size, 4)} across."
+        f"{text_of(data.size, 4)} across."
     ]

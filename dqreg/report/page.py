@@ -16,18 +16,20 @@ from dqreg.inspection import Deviations
 from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
 from dqreg.report.charts import NARROW, WIDE, convergence
-from dqreg.report.facts import facts_of, hints_of
+from dqreg.report.colours import LEVELS
+from dqreg.report.facts import facts_of, hints_of, motions_of
 from dqreg.report.figure import encode
 from dqreg.report.html import data_uri, render
-from dqreg.report.numbers_text import text_of
 from dqreg.report.pictures import Panel, draw
-from dqreg.report.pose_forms import pose_forms
 from dqreg.report.report_data import ReportData, checked_tolerance, collect, unit_of
 from dqreg.report.result_protocol import RegistrationResult
+from dqreg.report.text import pose_forms, text_of
 from dqreg.report.view3d import ELLIPSOID, scene_of
 
 # Pixels of one panel of the picture for print.
 PANEL_WIDTH, PANEL_HEIGHT = 760, 540
+# The same of the one or two panels in a notebook.
+NOTEBOOK_WIDTH, NOTEBOOK_HEIGHT = 520, 380
 NO_SIDES = (
     "No view: this result does not hold the scan and the target. Attach them, result.attached(scan, target), before "
     "the report is written; dqreg show does so with --source and --target."
@@ -46,17 +48,17 @@ def write_report(
     """Write the report of a registration, whole or not at all."""
     goal = require_writable(path)
     checked_tolerance(tolerance)
-    story = None if result.inputs is None else collect(result, result.inputs, tolerance, start, reach, deviations)
-    write_atomically(goal, to_html(result, story))
+    data = None if result.inputs is None else collect(result, result.inputs, tolerance, start, reach, deviations)
+    write_atomically(goal, to_html(result, data))
     return goal
 
 
-def to_html(result: RegistrationResult, story: ReportData | None) -> str:
+def to_html(result: RegistrationResult, data: ReportData | None) -> str:
     """The page of a result."""
     from markupsafe import Markup
 
     unit = unit_of(result)
-    values = _words(result, story, unit) | _evidence(result, unit) | _shown(story)
+    values = _words(result, data, unit) | _evidence(result, unit) | _shown(data)
     # Made by this package from numbers and escaped words.
     for name in ("convergence", "scene"):
         values[name] = Markup(values[name])
@@ -65,7 +67,7 @@ def to_html(result: RegistrationResult, story: ReportData | None) -> str:
     return render("report.html", **values)
 
 
-def _words(result: RegistrationResult, story: ReportData | None, unit: str) -> dict[str, Any]:
+def _words(result: RegistrationResult, data: ReportData | None, unit: str) -> dict[str, Any]:
     level = result.verdict.level
     settings = result.settings
     return {
@@ -73,14 +75,14 @@ def _words(result: RegistrationResult, story: ReportData | None, unit: str) -> d
         "sign": tables.SIGNS[level],
         "advice": tables.ADVICE[level],
         "reasons": result.verdict.reasons,
-        "hints": hints_of(result, story),
+        "hints": hints_of(result, data),
         "source": _file_name(settings.get("source")),
         "target": _file_name(settings.get("target")),
         "written": time.strftime("%Y-%m-%d %H:%M"),
         "unit": unit,
         "unit_known": settings.get("target_units") is not None,
-        "tiles": tables.tiles_of(result, story, unit),
-        "story": story is not None,
+        "tiles": tables.tiles_of(result, data, unit),
+        "data": data is not None,
         "why_no_view": NO_SIDES,
     }
 
@@ -106,51 +108,51 @@ def _evidence(result: RegistrationResult, unit: str) -> dict[str, Any]:
     }
 
 
-def _shown(story: ReportData | None) -> dict[str, Any]:
+def _shown(data: ReportData | None) -> dict[str, Any]:
     """What only a result with source and target can show."""
-    if story is None:
+    if data is None:
         return {"deviations": None, "worst": [], "scene": "", "scale": None, "regions": None, "iterations": 0}
-    scene = scene_of(story)
+    scene = scene_of(data)
     poses = [{"short": pose["name"], **pose} for pose in scene["poses"] if pose["kind"] != "iteration"]
-    checked = "after" if story.found else "before"
+    checked = "after" if data.found else "before"
     for pose in poses:
         pose["checked"] = pose["kind"] == checked
     return {
-        "deviations": tables.deviations_of(story),
-        "regions": tables.regions_table(story),
-        "worst": tables.worst_of(story),
-        "scale": tables.scale_words(story),
+        "deviations": tables.deviations_of(data),
+        "regions": tables.regions_table(data),
+        "worst": tables.worst_of(data),
+        "scale": tables.scale_words(data),
         "poses": poses,
         "iterations": sum(pose["kind"] == "iteration" for pose in scene["poses"]),
         "off_shown": scene["off"]["count"] > 0,
-        "drawn": tables.drawn_words(story, scene),
-        "ellipsoid_words": _ellipsoid_words(story),
-        "picture": data_uri(encode(draw(story, panels_of(story), PANEL_WIDTH, PANEL_HEIGHT), "jpeg"), "jpeg"),
+        "drawn": tables.drawn_words(data, scene),
+        "ellipsoid_words": _ellipsoid_words(data),
+        "picture": data_uri(encode(draw(data, panels_of(data), PANEL_WIDTH, PANEL_HEIGHT), "jpeg"), "jpeg"),
         "picture_alt": "Part and scan before and after, and the deviations in colours, from several sides",
         "scene": _json(scene),
     }
 
 
-def panels_of(story: ReportData) -> list[Panel]:
+def panels_of(data: ReportData) -> list[Panel]:
     """The panels of the picture for print: before, and the deviations from three sides."""
-    if not story.found:
+    if not data.found:
         return [Panel("before", "best"), Panel("before", "top")]
-    yaw, pitch = VIEWS[story.view]
+    yaw, pitch = VIEWS[data.view]
     behind = next(name for name, angles in VIEWS.items() if angles == ((yaw + 180.0) % 360.0, pitch))
-    first = Panel("before", "best") if story.T_before is not None else Panel("after", "best")
+    first = Panel("before", "best") if data.T_before is not None else Panel("after", "best")
     return [first, Panel("deviation", "best"), Panel("deviation", behind), Panel("deviation", "top")]
 
 
-def _ellipsoid_words(story: ReportData) -> str:
-    axes = story.ellipsoid
+def _ellipsoid_words(data: ReportData) -> str:
+    axes = data.ellipsoid
     if axes is None:
         return "No ellipsoid is drawn: some motion is unconstrained."
     lengths = np.sort(np.linalg.norm(axes, axis=1))[::-1]
-    larger = ELLIPSOID * story.size / lengths[0]
+    larger = ELLIPSOID * data.size / lengths[0]
     words = ", ".join(text_of(length, 2) for length in lengths)
     return (
         f"The ellipsoid is where the centre of the part may be, one sigma, drawn {larger:,.0f} times its size: its "
-        f"semi-axes are {words} {story.unit}."
+        f"semi-axes are {words} {data.unit}."
     )
 
 
@@ -164,4 +166,17 @@ def _json(scene: dict[str, Any]) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-__all__ = ["panels_of", "to_html", "write_report"]
+def notebook_html(result: RegistrationResult) -> str:
+    """What a notebook shows: verdict, numbers and, with source and target, a picture."""
+    data = None if result.inputs is None else collect(result, result.inputs)
+    level = result.verdict.level
+    rows = [(name, f"{value} ({more})") for name, value, more in tables.tiles_of(result, data, unit_of(result))]
+    rows += [("Weakest motion", motion["words"]) for motion in motions_of(result)[:1]]
+    rows += [("Equally likely poses", str(len(result.alternatives)))] if result.alternatives else []
+    picture = None
+    if data is not None:
+        states = ("before", "deviation") if data.found and data.T_before is not None else ("deviation",)
+        drawn = draw(data, [Panel(state, "best") for state in states], NOTEBOOK_WIDTH, NOTEBOOK_HEIGHT)
+        picture = data_uri(encode(drawn, "jpeg"), "jpeg")
+    words = {"level": level, "colour": LEVELS[level], "sign": tables.SIGNS[level], "advice": tables.ADVICE[level]}
+    return render("notebook.html", **words, reasons=result.verdict.reasons, rows=rows, picture=picture)

@@ -9,9 +9,9 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.inspection import Band
 from dqreg.report.charts import NARROW, WIDE, histogram
-from dqreg.report.numbers_text import percent, place_text, text_of
 from dqreg.report.report_data import REQUIRED_SHARE, ReportData
 from dqreg.report.result_protocol import RegistrationResult
+from dqreg.report.text import percent, place_text, text_of
 
 ADVICE = {
     "accepted": "The pose can be used.",
@@ -21,19 +21,19 @@ ADVICE = {
 SIGNS = {"accepted": "✓", "suspect": "!", "failed": "✗"}
 
 
-def tiles_of(result: RegistrationResult, story: ReportData | None, unit: str) -> list[tuple[str, str, str]]:
+def tiles_of(result: RegistrationResult, data: ReportData | None, unit: str) -> list[tuple[str, str, str]]:
     """The few numbers that matter most: name, value, remark."""
     if not np.isfinite(result.rms):
         return []
     settings = result.settings
     tiles = [("Scan to target, rms", f"{text_of(result.rms)} {unit}", "distance of the inliers")]
-    if story is not None and story.deviations is not None:
-        summary = story.deviations.summary()
+    if data is not None and data.deviations is not None:
+        summary = data.deviations.summary()
         total = summary.count + summary.beyond
         tiles.append(("Near the part", f"{percent(summary.count / total)} %", f"{summary.count:,} of {total:,} points"))
         tiles.append(("95 % of them within", f"{text_of(summary.p95)} {unit}", "absolute deviation"))
         if summary.share_within is not None:
-            bands = story.deviations.bands(required_share=REQUIRED_SHARE)
+            bands = data.deviations.bands(required_share=REQUIRED_SHARE)
             word = "✓ PASS" if bands.passed else "✗ FAIL"
             words = f"{percent(bands.within)} % within ±{text_of(bands.tolerance)} {unit}"
             tiles.insert(0, ("Tolerance", word, words))
@@ -46,12 +46,12 @@ def tiles_of(result: RegistrationResult, story: ReportData | None, unit: str) ->
     return tiles
 
 
-def deviations_of(story: ReportData) -> dict[str, Any] | None:
+def deviations_of(data: ReportData) -> dict[str, Any] | None:
     """Histogram, figures and bands."""
-    found, scale = story.deviations, story.scale
+    found, scale = data.deviations, data.scale
     if found is None or scale is None:
         return None
-    summary, unit = found.summary(), story.unit
+    summary, unit = found.summary(), data.unit
     figures = [
         ("Points counted", f"{summary.count:,}"),
         (f"Farther off than {text_of(found.reach, 4)} {unit}", f"{summary.beyond:,}, not counted as the part's"),
@@ -65,16 +65,16 @@ def deviations_of(story: ReportData) -> dict[str, Any] | None:
     return {
         "words": f"Distance of every scan point from the closest place of the target; {found.reason}.",
         "chart": "".join(
-            histogram(found.values[found.counted], scale, unit, story.tolerance, size) for size in (WIDE, NARROW)
+            histogram(found.values[found.counted], scale, unit, data.tolerance, size) for size in (WIDE, NARROW)
         ),
         "figures": figures,
-        "bands": _bands(story) if story.tolerance is not None else None,
+        "bands": _bands(data) if data.tolerance is not None else None,
     }
 
 
-def _bands(story: ReportData) -> dict[str, Any]:
-    assert story.deviations is not None
-    bands = story.deviations.bands(required_share=REQUIRED_SHARE)
+def _bands(data: ReportData) -> dict[str, Any]:
+    assert data.deviations is not None
+    bands = data.deviations.bands(required_share=REQUIRED_SHARE)
     rows = [
         {
             "range": _range(band),
@@ -97,44 +97,44 @@ def _range(band: Band) -> str:
     return f"{text_of(band.low, 4)} to {text_of(band.high, 4)}"
 
 
-def scale_words(story: ReportData) -> dict[str, Any] | None:
+def scale_words(data: ReportData) -> dict[str, Any] | None:
     """The legend of the view."""
-    if story.scale is None or story.deviations is None:
+    if data.scale is None or data.deviations is None:
         return None
-    gradient, below, above = story.scale.css()
-    marks = np.linspace(story.scale.low, story.scale.limit, 5)
-    words = f"deviation [{story.unit}], + outside the part" if story.scale.signed else f"distance [{story.unit}]"
-    if story.tolerance is not None:
+    gradient, below, above = data.scale.css()
+    marks = np.linspace(data.scale.low, data.scale.limit, 5)
+    words = f"deviation [{data.unit}], + outside the part" if data.scale.signed else f"distance [{data.unit}]"
+    if data.tolerance is not None:
         words += "; the scale ends at the tolerance, dark ends are out of it"
     else:
         words += "; dark ends: beyond the scale"
     return {
         "gradient": gradient,
-        "below": below if story.scale.signed else "transparent",
+        "below": below if data.scale.signed else "transparent",
         "above": above,
-        "marks": [text_of(float(mark), sign=story.scale.signed) for mark in marks],
+        "marks": [text_of(float(mark), sign=data.scale.signed) for mark in marks],
         "words": words,
     }
 
 
-def worst_of(story: ReportData) -> list[dict[str, Any]]:
+def worst_of(data: ReportData) -> list[dict[str, Any]]:
     """Rows of the worst places."""
-    signed = story.deviations is not None and story.deviations.signed
+    signed = data.deviations is not None and data.deviations.signed
     return [
         {
             "value": text_of(place.value, sign=signed),
             "points": f"{place.points:,}",
-            "at": place_text(_rounded(place.position, story.size)),
-            "goto": _goto(place.position - story.origin, story.size),
+            "at": place_text(_rounded(place.position, data.size)),
+            "goto": _goto(place.position - data.origin, data.size),
         }
-        for place in story.worst
+        for place in data.worst
     ]
 
 
-def regions_table(story: ReportData) -> dict[str, Any]:
+def regions_table(data: ReportData) -> dict[str, Any]:
     """Rows of the regions."""
-    toleranced, unit = story.tolerance is not None, story.unit
-    signed = story.deviations is not None and story.deviations.signed
+    toleranced, unit = data.tolerance is not None, data.unit
+    signed = data.deviations is not None and data.deviations.signed
     columns = [("Region", "", False), ("Points", "", True), ("Median", unit, True), ("Spread, 1σ", unit, True),
                ("95 % within", unit, True)]  # fmt: skip
     columns += [("In tolerance", "%", True), ("", "", False)] if toleranced else []
@@ -148,13 +148,13 @@ def regions_table(story: ReportData) -> dict[str, Any]:
             "p95": text_of(region.within, 2),
             "within": None if region.bands is None else percent(region.bands.within),
             "passed": region.bands is not None and region.bands.passed,
-            "at": place_text(_rounded(region.centre + story.origin, story.size)),
-            "goto": _goto(region.centre, story.size),
+            "at": place_text(_rounded(region.centre + data.origin, data.size)),
+            "goto": _goto(region.centre, data.size),
         }
-        for region in story.regions
+        for region in data.regions
     ]
     rule = f"A region passes where {100.0 * REQUIRED_SHARE:g} % of its points are within the tolerance."
-    how = story.regions_how + (" The largest are shown." if len(rows) > 1 else "")
+    how = data.regions_how + (" The largest are shown." if len(rows) > 1 else "")
     return {"columns": columns, "rows": rows, "how": how, "rule": rule}
 
 
@@ -169,9 +169,9 @@ def _goto(centred: FloatArray, size: float) -> str:
     return "[" + ",".join(f"{x:.5f}" for x in centred / size) + "]"
 
 
-def drawn_words(story: ReportData, scene: dict[str, Any]) -> str:
+def drawn_words(data: ReportData, scene: dict[str, Any]) -> str:
     """How much of the data the view draws."""
-    points, total = scene["on"]["count"] + scene["off"]["count"], len(story.points)
+    points, total = scene["on"]["count"] + scene["off"]["count"], len(data.points)
     words = [f"Drawn: {points:,} of {total:,} scan points; all of them are in the numbers."]
     if points == total:
         words = [f"Drawn: all {total:,} scan points."]

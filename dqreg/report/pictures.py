@@ -14,10 +14,10 @@ from dqreg.errors import InputError
 from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.geometry import Mesh
 from dqreg.report.cameras import BEST, VIEWS, require_view
-from dqreg.report.colours import ALIGNED, OFF_PART, SOURCE, TARGET, ByteArray, rgb
+from dqreg.report.charts import ticks
+from dqreg.report.colours import ALIGNED, OFF_PART, SOURCE, TARGET, ByteArray, nice_above, rgb
 from dqreg.report.figure import encode, new_figure
-from dqreg.report.picture_marks import INK, PER_INCH, draw_legend, draw_scale_bar, draw_text
-from dqreg.report.raster import Dots, PartScene, frame_of
+from dqreg.report.raster import Dots, Frame, PartScene, frame_of
 from dqreg.report.report_data import ReportData
 
 if TYPE_CHECKING:
@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 STATES = ("deviation", "before", "after")
 # What is drawn at most; more only hides itself.
 MOST_POINTS = 400_000
-PAPER = "#ffffff"
+# Pixels of an inch, and the colours of paper and words.
+PER_INCH = 100
+PAPER, INK, PENCIL = "#ffffff", "#1a1c20", "#5a5f68"
 MARGIN, TITLE, LEGEND = 14, 44, 86
 
 
@@ -49,31 +51,31 @@ def parse_panels(text: str) -> tuple[Panel, ...]:
     return tuple(panels)
 
 
-def draw(story: ReportData, panels: Sequence[Panel], width: int = 900, height: int = 640, columns: int = 2) -> Figure:
+def draw(data: ReportData, panels: Sequence[Panel], width: int = 900, height: int = 640, columns: int = 2) -> Figure:
     """A picture of several panels."""
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
-    coloured = story.scale is not None and any(panel.state == "deviation" for panel in panels)
+    coloured = data.scale is not None and any(panel.state == "deviation" for panel in panels)
     full = (columns * width + 2 * MARGIN, rows * (height + TITLE) + (LEGEND if coloured else MARGIN))
     figure = new_figure(full[0] / PER_INCH, full[1] / PER_INCH, PER_INCH, layout=None)
     figure.set_facecolor(PAPER)
-    geometry = story.inputs.target.geometry
-    scene = PartScene(geometry if isinstance(geometry, Mesh) else None, story.size)
+    geometry = data.inputs.target.geometry
+    scene = PartScene(geometry if isinstance(geometry, Mesh) else None, data.size)
     for number, panel in enumerate(panels):
         left = MARGIN + (number % columns) * width
         bottom = full[1] - (number // columns + 1) * (height + TITLE)
-        _panel(figure, story, scene, panel, (left, bottom, width, height))
+        _panel(figure, data, scene, panel, (left, bottom, width, height))
     if coloured:
-        draw_legend(figure, story, full[0])
+        _draw_legend(figure, data, full[0])
     return figure
 
 
 def save_picture(
-    story: ReportData, path: str | Path, panels: Sequence[Panel], width: int = 900, height: int = 640
+    data: ReportData, path: str | Path, panels: Sequence[Panel], width: int = 900, height: int = 640
 ) -> None:
     """Write a picture, whole or not at all."""
     goal = picture_path(path)
-    figure = draw(story, panels, width, height)
+    figure = draw(data, panels, width, height)
     write_atomically(goal, encode(figure, "png" if goal.suffix.lower() == ".png" else "jpeg"))
 
 
@@ -89,30 +91,30 @@ def picture_path(path: str | Path) -> Path:
     return goal
 
 
-def _panel(figure: Figure, story: ReportData, scene: PartScene, panel: Panel, place: tuple[int, int, int, int]) -> None:
+def _panel(figure: Figure, data: ReportData, scene: PartScene, panel: Panel, place: tuple[int, int, int, int]) -> None:
     left, bottom, width, height = place
-    angles = VIEWS[story.view if panel.view == BEST else panel.view]
-    layers = _layers(story, panel.state)
-    corners = _corners(story.inputs.target.surface.diagonal, story)
+    angles = VIEWS[data.view if panel.view == BEST else panel.view]
+    layers = _layers(data, panel.state)
+    corners = _corners(data.inputs.target.surface.diagonal, data)
     # Clutter does not decide what is shown; where the scan was before does, but for strays.
     held = corners if panel.state != "before" else np.vstack([corners, _bulk(layers[-1].points)])
     frame = frame_of(held, angles, width, height)
     image = scene.render(frame, TARGET, PAPER, layers)
     figure.figimage(image, left, bottom, origin="upper")
-    title, colour = _title(story, panel)
+    title, colour = _title(data, panel)
     x, y = (left + 0.5 * width), bottom + height + 0.45 * TITLE
-    draw_text(figure, x, y, title, colour=colour, size=13)
-    draw_scale_bar(figure, story, frame, left + 18, bottom + 14)
+    _draw_text(figure, x, y, title, colour=colour, size=13)
+    _draw_scale_bar(figure, data, frame, left + 18, bottom + 14)
 
 
-def _layers(story: ReportData, state: str) -> list[Dots]:
-    points = story.points / story.size
+def _layers(data: ReportData, state: str) -> list[Dots]:
+    points = data.points / data.size
     # Discs that just cover the gaps between them.
-    radius = 0.62 * float(story.result.settings.get("source_spacing") or 0.0) / story.size
-    layers = _target_cloud(story)
-    deviations, scale = story.deviations, story.scale
+    radius = 0.62 * float(data.result.settings.get("source_spacing") or 0.0) / data.size
+    layers = _target_cloud(data)
+    deviations, scale = data.deviations, data.scale
     if deviations is None or scale is None or state == "before":
-        moved = _at_start(story, points)
+        moved = _at_start(data, points)
         rows = _some(np.arange(len(moved)))
         return [*layers, Dots(moved[rows], _colour(SOURCE), radius * _thinner(len(moved)))]
     on, off = _some(np.flatnonzero(deviations.counted)), _some(np.flatnonzero(~deviations.counted))
@@ -124,17 +126,17 @@ def _layers(story: ReportData, state: str) -> list[Dots]:
     ]
 
 
-def _target_cloud(story: ReportData) -> list[Dots]:
-    geometry = story.inputs.target.geometry
+def _target_cloud(data: ReportData) -> list[Dots]:
+    geometry = data.inputs.target.geometry
     if isinstance(geometry, Mesh):
         return []
-    return [Dots(geometry.points[_some(np.arange(len(geometry.points)))] / story.size, _colour(TARGET), 0.0)]
+    return [Dots(geometry.points[_some(np.arange(len(geometry.points)))] / data.size, _colour(TARGET), 0.0)]
 
 
-def _at_start(story: ReportData, points: FloatArray) -> FloatArray:
-    if not story.found or story.T_before is None:
+def _at_start(data: ReportData, points: FloatArray) -> FloatArray:
+    if not data.found or data.T_before is None:
         return points
-    return story.inputs.placed(story.T_before) / story.size
+    return data.inputs.placed(data.T_before) / data.size
 
 
 def _bulk(points: FloatArray) -> FloatArray:
@@ -143,21 +145,21 @@ def _bulk(points: FloatArray) -> FloatArray:
     return kept
 
 
-def _corners(size: float, story: ReportData) -> FloatArray:
-    geometry = story.inputs.target.geometry
+def _corners(size: float, data: ReportData) -> FloatArray:
+    geometry = data.inputs.target.geometry
     points = geometry.vertices if isinstance(geometry, Mesh) else geometry.points
     shown: FloatArray = points / size
     return shown
 
 
-def _title(story: ReportData, panel: Panel) -> tuple[str, str]:
-    before = ", ".join(story.before_words).lower() or "scan as it came"
-    count = f"{len(story.points):,} points"
-    if panel.state == "before" or not story.found:
+def _title(data: ReportData, panel: Panel) -> tuple[str, str]:
+    before = ", ".join(data.before_words).lower() or "scan as it came"
+    count = f"{len(data.points):,} points"
+    if panel.state == "before" or not data.found:
         return f"{before}: {count}", SOURCE
     if panel.state == "after":
         return f"scan in place: {count}", ALIGNED
-    view = story.view if panel.view == BEST else panel.view
+    view = data.view if panel.view == BEST else panel.view
     return f"deviation of the scan from the part, {view} view", INK
 
 
@@ -171,3 +173,43 @@ def _thinner(count: int) -> float:
 
 def _colour(text: str) -> ByteArray:
     return np.array(rgb(text), dtype=np.uint8)
+
+
+def _draw_legend(figure: Figure, data: ReportData, width: int) -> None:
+    """Draw the bar of colours with numbers and unit at the bottom of a picture."""
+    assert data.scale is not None
+    scale, length, thickness, bottom = data.scale, max(80, min(520, width - 180)), 16, 44
+    left = (width - length) // 2
+    table = scale.table()
+    bar = np.repeat(table[np.rint(np.linspace(1, 254, length)).astype(int)][None], thickness, axis=0)
+    figure.figimage(bar, left, bottom)
+    for code, x, words in ((0, left - 34, "below"), (255, left + length + 6, "beyond")):
+        if code or scale.signed:
+            figure.figimage(np.tile(table[code], (thickness, 28, 1)), x, bottom)
+            _draw_text(figure, x + 14, bottom + thickness + 9, words, size=9)
+    for value in ticks(scale.low, scale.limit, 6):
+        x = left + (value - scale.low) / (scale.limit - scale.low) * length
+        signed = f"{value:+g}" if scale.signed and value else f"{value:g}"
+        _draw_text(figure, x, bottom - 13, signed, size=10)
+    meaning = "deviation, + outside the part" if scale.signed else "distance"
+    tolerance = "" if data.tolerance is None else f"; the scale ends at the tolerance, ±{data.tolerance:g}"
+    _draw_text(figure, left + 0.5 * length, 9, f"{meaning} [{data.unit}]{tolerance}", size=10)
+
+
+def _draw_scale_bar(figure: Figure, data: ReportData, frame: Frame, left: int, bottom: int) -> None:
+    """Draw a bar of a round length with that length."""
+    per_pixel = frame.pixel * data.size
+    goal = nice_above(0.12 * frame.width * per_pixel)
+    length = round(goal / per_pixel)
+    figure.figimage(np.full((4, length, 3), rgb(PENCIL), dtype=np.uint8), left, bottom)
+    _draw_text(figure, left, bottom + 16, f"{goal:g} {data.unit}", size=10, align="left", colour=PENCIL)
+
+
+def _draw_text(
+    figure: Figure, x: float, y: float, text: str, *, size: float, colour: str = INK, align: str = "center"
+) -> None:
+    """Draw a word at a pixel."""
+    width, height = figure.get_size_inches() * PER_INCH
+    # A dollar sign would begin a formula.
+    safe = text.replace("$", r"\$")
+    figure.text(x / width, y / height, safe, fontsize=size * 0.92, color=colour, ha=align, va="center")

@@ -10,8 +10,7 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh
 from dqreg.inspection import Bands, Deviations
 from dqreg.inspection.statistics import bands_of
-from dqreg.report.part_mesh import weld_edges
-from dqreg.report.result_protocol import RegisteredPair
+from dqreg.report.result_protocol import RegisteredTarget
 
 # Neighbouring triangles that turn by more than this are two faces of the part.
 SHARP_DEG = 22.0
@@ -44,20 +43,17 @@ class Region:
     bands: Bands | None  # Shares in the tolerance, and whether it passes; None where no tolerance was given
 
 
-def normals_at(deviations: Deviations, inputs: RegisteredPair) -> FloatArray:
-    """Normal of the target at the closest place of each point."""
-    geometry = inputs.target.geometry
-    if isinstance(geometry, Mesh):
-        return geometry.face_normals[deviations.faces]
-    return np.zeros((len(deviations), 3))
+def regions_of(
+    deviations: Deviations, target: RegisteredTarget, normals: FloatArray, required_share: float
+) -> tuple[list[Region], str]:
+    """Regions with the most scan points, the largest first, and how they were cut.
 
-
-def regions_of(deviations: Deviations, inputs: RegisteredPair, required_share: float) -> tuple[list[Region], str]:
-    """Regions with the most scan points, the largest first, and how they were cut."""
+    Shapes: normals (n, 3), of the target at the closest place of each point.
+    """
     on = np.flatnonzero(deviations.counted)
     # Positions near the origin, where a mean keeps its digits.
-    points, normals = deviations.points[on] - deviations.origin, normals_at(deviations, inputs)[on]
-    labels, areas = _labels(deviations, inputs, on, points)
+    points, normals = deviations.points[on] - deviations.origin, normals[on]
+    labels, areas = _labels(deviations, target, on, points)
     by_face = areas is not None
     counts = np.bincount(labels) if len(labels) else np.zeros(0, dtype=np.int64)
     known = counts >= FEWEST
@@ -70,21 +66,21 @@ def regions_of(deviations: Deviations, inputs: RegisteredPair, required_share: f
     for label in chosen:
         rows = labels == label
         centre = points[rows].mean(axis=0)
-        name = _face_name(normals[rows]) if by_face else _box_name(centre - inputs.target.surface.centre)
+        name = _face_name(normals[rows]) if by_face else _box_name(centre - target.surface.centre)
         regions.append(_region(deviations, on[rows], name, centre, required_share))
     return regions, FACES if by_face else BOXES
 
 
 def _labels(
-    deviations: Deviations, inputs: RegisteredPair, on: IntArray, points: FloatArray
+    deviations: Deviations, target: RegisteredTarget, on: IntArray, points: FloatArray
 ) -> tuple[IntArray, FloatArray | None]:
     """Region of each point; and the areas of the regions, where they are faces of the part."""
-    geometry = inputs.target.geometry
+    geometry = target.geometry
     if isinstance(geometry, Mesh):
         count, of_face = faces_of(geometry)
         if count <= MOST_FACES:
             return of_face[deviations.faces[on]], areas_of(geometry, of_face)
-    boxes: IntArray = ((points > inputs.target.surface.centre) @ np.array([1, 2, 4])).astype(np.int64)
+    boxes: IntArray = ((points > target.surface.centre) @ np.array([1, 2, 4])).astype(np.int64)
     return boxes, None
 
 
@@ -113,6 +109,19 @@ def faces_of(mesh: Mesh) -> tuple[int, IntArray]:
     same = planes[links[:, 0]] == planes[links[:, 1]]
     smooth = turn > np.cos(np.deg2rad(SHARP_DEG))
     return _connected(links[np.where(apart, same, smooth)], len(mesh.faces))
+
+
+def weld_edges(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Sides of all triangles, sorted so that equal ones follow each other; equal corners count as one.
+
+    Shapes: ends (3 f, 2), owners (3 f,).
+    """
+    _, welded = np.unique(vertices, axis=0, return_inverse=True)
+    corners = welded.reshape(-1)[faces]
+    sides = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    owners = np.repeat(np.arange(len(faces)), 3)
+    order = np.lexsort((sides[:, 1], sides[:, 0]))
+    return sides[order], owners[order]
 
 
 def areas_of(mesh: Mesh, of_face: IntArray) -> FloatArray:

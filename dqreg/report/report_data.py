@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
+from dqreg.geometry import Mesh
 from dqreg.inspection import Deviations, Place
 from dqreg.report.cameras import best_corner
 from dqreg.report.colours import Scale, nice_above
-from dqreg.report.regions import Region, normals_at, regions_of
+from dqreg.report.regions import Region, regions_of
 from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
 
 # Worst places that are marked.
@@ -73,8 +74,13 @@ def collect(
     surface = inputs.target.surface
     drawn = result.T_target_source if found else T_before
     if found and deviations is None:
-        deviations = quiet_deviations(result, tolerance, reach)
-    regions, how = regions_of(deviations, inputs, REQUIRED_SHARE) if deviations else ([], "")
+        deviations = _quiet_deviations(result, tolerance, reach)
+    regions: list[Region] = []
+    how, view = "", "iso"
+    if deviations is not None:
+        normals = _normals_at(deviations, inputs)
+        regions, how = regions_of(deviations, inputs.target, normals, REQUIRED_SHARE)
+        view = best_corner(normals[deviations.counted])
     origin = inputs.target.origin
     return ReportData(
         result=result,
@@ -88,11 +94,11 @@ def collect(
         before_words=before_words,
         tolerance=tolerance,
         deviations=deviations,
-        scale=scale_of(deviations, result) if deviations else None,
+        scale=_scale_of(deviations, result) if deviations else None,
         worst=deviations.worst(PLACES) if deviations else (),
         regions=tuple(regions),
         regions_how=how,
-        view=best_corner(normals_at(deviations, inputs)[deviations.counted]) if deviations else "iso",
+        view=view,
     )
 
 
@@ -128,14 +134,22 @@ def _before(result: RegistrationResult, T_start: ArrayLike | None) -> tuple[Floa
 SHOWN, LEAST, MOST = 0.98, 3.0, 12.0
 
 
-def quiet_deviations(result: RegistrationResult, tolerance: float | None, reach: float | None = None) -> Deviations:
+def _quiet_deviations(result: RegistrationResult, tolerance: float | None, reach: float | None = None) -> Deviations:
     """Deviations of a result; that they have no sign is said on the page, not as a warning."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return result.deviations(tolerance, reach=reach)
 
 
-def scale_of(deviations: Deviations, result: RegistrationResult) -> Scale:
+def _normals_at(deviations: Deviations, inputs: RegisteredPair) -> FloatArray:
+    """Normal of the target at the closest place of each point."""
+    geometry = inputs.target.geometry
+    if isinstance(geometry, Mesh):
+        return geometry.face_normals[deviations.faces]
+    return np.zeros((len(deviations), 3))
+
+
+def _scale_of(deviations: Deviations, result: RegistrationResult) -> Scale:
     """Scale of the colours: the tolerance where one is given, else what shows nearly all points on the part."""
     if deviations.tolerance is not None:
         return Scale(deviations.tolerance, deviations.signed)

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg._open3d import load_open3d
 from dqreg.geometry import Mesh
 from dqreg.geometry.morton import morton_order
 from dqreg.inspection import measure_deviations
 from dqreg.report.cameras import VIEWS
-from dqreg.report.part_mesh import fewer_triangles, sharp_edges
+from dqreg.report.regions import weld_edges
 from dqreg.report.report_data import ReportData
 from dqreg.rigid import pose
 
@@ -29,51 +30,53 @@ FAR = 3.0
 STEPS = 65535
 # Longest semi-axis of the ellipsoid as it is drawn, in sizes of the target.
 ELLIPSOID = 0.12
+# Edges of the part are drawn where it turns by that much; a rough mesh, where a quarter of all are, shows none.
+EDGE_DEG, ROUGH = 25.0, 0.25
+# Cells that corners are put together in, in sizes of the mesh; larger ones follow until there are few enough.
+FIRST_CELL = 0.0025
 
 
-def scene_of(story: ReportData) -> dict[str, Any]:
+def scene_of(data: ReportData) -> dict[str, Any]:
     """Everything that the viewer draws, as plain JSON values; arrays as base64."""
-    on, off = _parts_of_scan(story)
+    on, off = _parts_of_scan(data)
     scene: dict[str, Any] = {
-        "unit": story.unit,
-        "size": story.size,
-        "origin": story.origin.tolist(),
-        "found": story.found,
-        "view": story.view,
+        "unit": data.unit,
+        "size": data.size,
+        "origin": data.origin.tolist(),
+        "found": data.found,
+        "view": data.view,
         "views": {name: list(angles) for name, angles in VIEWS.items()},
-        "onTotal": int(story.deviations.counted.sum()) if story.deviations else len(story.points),
-        "spacing": float(story.result.settings.get("source_spacing") or 0.0) / story.size,
-        "on": _cloud(story, on, with_values=True),
-        "off": _cloud(story, off, with_values=False),
-        "target": _target(story),
-        "poses": _poses(story),
-        "worst": [{"at": ((p.position - story.origin) / story.size).tolist(), "value": p.value} for p in story.worst],
-        "motions": _motions(story),
-        "ellipsoid": _ellipsoid(story),
+        "onTotal": int(data.deviations.counted.sum()) if data.deviations else len(data.points),
+        "spacing": float(data.result.settings.get("source_spacing") or 0.0) / data.size,
+        "on": _cloud(data, on, with_values=True),
+        "off": _cloud(data, off, with_values=False),
+        "target": _target(data),
+        "poses": _poses(data),
+        "worst": [{"at": ((p.position - data.origin) / data.size).tolist(), "value": p.value} for p in data.worst],
+        "motions": _motions(data),
+        "ellipsoid": _ellipsoid(data),
     }
-    if story.scale is not None:
+    if data.scale is not None:
         scene["scale"] = {
-            "low": story.scale.low,
-            "high": story.scale.limit,
-            "table": _encoded(story.scale.table()),
-            "signed": story.scale.signed,
+            "low": data.scale.low,
+            "high": data.scale.limit,
+            "table": _encoded(data.scale.table()),
+            "signed": data.scale.signed,
         }
-    if story.deviations is not None:
-        scene["alternatives"] = [
-            _alternative(story, on, k) for k in range(len(story.result.alternatives[:ALTERNATIVES]))
-        ]
+    if data.deviations is not None:
+        scene["alternatives"] = [_alternative(data, on, k) for k in range(len(data.result.alternatives[:ALTERNATIVES]))]
     return scene
 
 
-def _parts_of_scan(story: ReportData) -> tuple[IntArray, IntArray]:
+def _parts_of_scan(data: ReportData) -> tuple[IntArray, IntArray]:
     """Rows of the scan that are drawn: on the part, and off it."""
-    if story.deviations is None:
-        return _thinned(story.points, np.arange(len(story.points)), POINTS_ON), np.zeros(0, dtype=np.int64)
-    on = story.deviations.counted
-    near = np.linalg.norm(story.points, axis=1) <= FAR * story.size
+    if data.deviations is None:
+        return _thinned(data.points, np.arange(len(data.points)), POINTS_ON), np.zeros(0, dtype=np.int64)
+    on = data.deviations.counted
+    near = np.linalg.norm(data.points, axis=1) <= FAR * data.size
     return (
-        _thinned(story.points, np.flatnonzero(on), POINTS_ON),
-        _thinned(story.points, np.flatnonzero(~on & near), POINTS_OFF),
+        _thinned(data.points, np.flatnonzero(on), POINTS_ON),
+        _thinned(data.points, np.flatnonzero(~on & near), POINTS_OFF),
     )
 
 
@@ -86,12 +89,12 @@ def _thinned(points: FloatArray, rows: IntArray, most: int) -> IntArray:
     return kept
 
 
-def _cloud(story: ReportData, rows: IntArray, *, with_values: bool) -> dict[str, Any]:
-    cloud = _quantised(story.points[rows] / story.size)
-    if with_values and story.deviations is not None and story.scale is not None:
-        values = story.deviations.values[rows]
-        step = story.deviations.reach / 32767.0
-        cloud["codes"] = _encoded(story.scale.codes(values))
+def _cloud(data: ReportData, rows: IntArray, *, with_values: bool) -> dict[str, Any]:
+    cloud = _quantised(data.points[rows] / data.size)
+    if with_values and data.deviations is not None and data.scale is not None:
+        values = data.deviations.values[rows]
+        step = data.deviations.reach / 32767.0
+        cloud["codes"] = _encoded(data.scale.codes(values))
         cloud["values"] = _encoded(np.rint(values / step).astype("<i2"))
         cloud["step"] = step
     return cloud
@@ -104,12 +107,12 @@ def _quantised(points: FloatArray) -> dict[str, Any]:
     return {"low": low.tolist(), "extent": extent.tolist(), "count": len(points), "points": _encoded(steps)}
 
 
-def _target(story: ReportData) -> dict[str, Any]:
-    geometry = story.inputs.target.geometry
+def _target(data: ReportData) -> dict[str, Any]:
+    geometry = data.inputs.target.geometry
     if not isinstance(geometry, Mesh):
         rows = _thinned(geometry.points, np.arange(len(geometry.points)), POINTS_TARGET)
-        return _quantised(geometry.points[rows] / story.size) | {"total": len(geometry.points), "kind": "cloud"}
-    vertices, faces = fewer_triangles(geometry.vertices / story.size, geometry.faces, TRIANGLES)
+        return _quantised(geometry.points[rows] / data.size) | {"total": len(geometry.points), "kind": "cloud"}
+    vertices, faces = fewer_triangles(geometry.vertices / data.size, geometry.faces, TRIANGLES)
     quantised = _quantised(vertices)
     return quantised | {
         "kind": "mesh",
@@ -120,49 +123,49 @@ def _target(story: ReportData) -> dict[str, Any]:
     }
 
 
-def _poses(story: ReportData) -> list[dict[str, Any]]:
+def _poses(data: ReportData) -> list[dict[str, Any]]:
     """Before, after, alternatives and iterations, each as the motion from the points that are drawn."""
-    drawn = story.result.T_target_source if story.found else story.T_before
+    drawn = data.result.T_target_source if data.found else data.T_before
     poses: list[dict[str, Any]] = []
-    if story.T_before is not None:
-        short, name = story.before_words[0], ", ".join(story.before_words)
-        poses.append({"kind": "before", "name": name, "short": short, "T": story.T_before})
-    if story.found:
-        poses.append({"kind": "after", "name": "After", "T": story.result.T_target_source})
-    for number, other in enumerate(story.result.alternatives[:ALTERNATIVES], 1):
+    if data.T_before is not None:
+        short, name = data.before_words[0], ", ".join(data.before_words)
+        poses.append({"kind": "before", "name": name, "short": short, "T": data.T_before})
+    if data.found:
+        poses.append({"kind": "after", "name": "After", "T": data.result.T_target_source})
+    for number, other in enumerate(data.result.alternatives[:ALTERNATIVES], 1):
         name = f"Alternative {number}"
         poses.append({"kind": "alternative", "name": name, "score": other.score, "T": other.T_target_source})
-    history = story.result.history
+    history = data.result.history
     step = max(1, -(-len(history) // POSES))
     for record in history[::step]:
         name = f"iteration {record.number}, {record.stage}"
         poses.append({"kind": "iteration", "name": name, "rms": record.rms, "T": record.T_target_source})
-    return [entry | {"T": _relative(entry["T"], drawn, story)} for entry in poses if np.isfinite(entry["T"]).all()]
+    return [entry | {"T": _relative(entry["T"], drawn, data)} for entry in poses if np.isfinite(entry["T"]).all()]
 
 
-def _relative(T: FloatArray, drawn: FloatArray | None, story: ReportData) -> list[float]:
+def _relative(T: FloatArray, drawn: FloatArray | None, data: ReportData) -> list[float]:
     base = np.eye(4) if drawn is None else drawn
-    motion = pose.about(T @ pose.inverse(base), -story.origin)
-    motion[:3, 3] /= story.size
+    motion = pose.about(T @ pose.inverse(base), -data.origin)
+    motion[:3, 3] /= data.size
     return [float(x) for x in motion[:3].ravel()]
 
 
-def _alternative(story: ReportData, rows: IntArray, number: int) -> dict[str, Any]:
+def _alternative(data: ReportData, rows: IntArray, number: int) -> dict[str, Any]:
     """Colours of the drawn points under another pose."""
-    assert story.deviations is not None
-    assert story.scale is not None
-    other = story.result.alternatives[number].T_target_source
-    about = pose.about(other @ pose.inverse(story.result.T_target_source), -story.origin)
-    target = story.inputs.target
-    spacing = float(story.result.settings.get("source_spacing") or 0.0)
-    moved = pose.apply(about, story.points[rows])
+    assert data.deviations is not None
+    assert data.scale is not None
+    other = data.result.alternatives[number].T_target_source
+    about = pose.about(other @ pose.inverse(data.result.T_target_source), -data.origin)
+    target = data.inputs.target
+    spacing = float(data.result.settings.get("source_spacing") or 0.0)
+    moved = pose.apply(about, data.points[rows])
     found = measure_deviations(moved, target.geometry, target.surface, spacing=spacing)
-    return {"codes": _encoded(story.scale.codes(found.values))}
+    return {"codes": _encoded(data.scale.codes(found.values))}
 
 
-def _motions(story: ReportData) -> list[dict[str, Any]]:
+def _motions(data: ReportData) -> list[dict[str, Any]]:
     motions = []
-    for number, direction in enumerate(story.result.observability, 1):
+    for number, direction in enumerate(data.result.observability, 1):
         # A file of old has the words only.
         if direction.kind is not None:
             motions.append(
@@ -170,7 +173,7 @@ def _motions(story: ReportData) -> list[dict[str, Any]]:
                     "number": number,
                     "kind": direction.kind,
                     "axis": direction.axis,
-                    "through": ((direction.point - story.origin) / story.size).tolist(),
+                    "through": ((direction.point - data.origin) / data.size).tolist(),
                     "strength": direction.strength,
                     "free": direction.is_free,
                 }
@@ -178,14 +181,55 @@ def _motions(story: ReportData) -> list[dict[str, Any]]:
     return motions
 
 
-def _ellipsoid(story: ReportData) -> list[list[float]] | None:
+def _ellipsoid(data: ReportData) -> list[list[float]] | None:
     """Semi-axes of one sigma of the translation, one a row, scaled to `ELLIPSOID` sizes."""
-    if story.ellipsoid is None:
+    if data.ellipsoid is None:
         return None
-    axes = ELLIPSOID * story.ellipsoid / np.linalg.norm(story.ellipsoid, axis=1).max()
+    axes = ELLIPSOID * data.ellipsoid / np.linalg.norm(data.ellipsoid, axis=1).max()
     rows: list[list[float]] = axes.tolist()
     return rows
 
 
 def _encoded(array: NDArray[Any]) -> str:
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
+
+
+def fewer_triangles(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatArray, IntArray]:
+    """The mesh, simplified where it has too many triangles to be mailed."""
+    if len(faces) <= most:
+        used, numbers = np.unique(faces, return_inverse=True)
+        return vertices[used], numbers.reshape(-1, 3)
+    open3d = load_open3d()
+    mesh = open3d.geometry.TriangleMesh(
+        open3d.utility.Vector3dVector(vertices), open3d.utility.Vector3iVector(faces.astype(np.int32))
+    )
+    # Corners are put together cell by cell where their planes meet, which keeps edges sharp; collapsing edges one by
+    # one is finer, and takes a minute for a million triangles.
+    planes = open3d.geometry.SimplificationContraction.Quadric
+    cell = float(np.linalg.norm(np.ptp(vertices, axis=0))) * FIRST_CELL
+    simple = mesh.simplify_vertex_clustering(cell, planes)
+    while len(simple.triangles) > most:
+        cell *= 1.3
+        simple = mesh.simplify_vertex_clustering(cell, planes)
+    return np.asarray(simple.vertices).copy(), np.asarray(simple.triangles).astype(np.int64)
+
+
+def sharp_edges(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Both ends of each edge where the surface turns sharply or ends.
+
+    Shapes: returns (k, 2, 3).
+    """
+    ends, owners = weld_edges(vertices, faces)
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    starts = np.flatnonzero(np.r_[True, (ends[1:] != ends[:-1]).any(axis=1)])
+    counts = np.diff(np.r_[starts, len(ends)])
+    twin = np.minimum(starts + 1, len(ends) - 1)
+    turn = np.einsum("ij,ij->i", normals[owners[starts]], normals[owners[twin]])
+    sharp = starts[(counts != 2) | (turn < np.cos(np.deg2rad(EDGE_DEG)))]
+    if len(sharp) > ROUGH * len(starts) and len(starts) > 500:
+        return np.zeros((0, 2, 3))
+    places = np.unique(vertices, axis=0)
+    edges: FloatArray = places[ends[sharp]]
+    return edges

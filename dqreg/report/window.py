@@ -54,18 +54,18 @@ def _x_answers() -> bool:
     return bool(display)
 
 
-def open_window(story: ReportData) -> None:
+def open_window(data: ReportData) -> None:
     """Show part and scan with its deviations in a window until it is closed."""
     open3d = load_open3d()
     window = open3d.visualization.Visualizer()
-    if not window.create_window(window_name=title_of(story), width=1200, height=860):
+    if not window.create_window(window_name=title_of(data), width=1200, height=860):
         raise InputError(f"no window can be opened on this display; {INSTEAD}")
-    for geometry in shapes_of(story):
+    for geometry in shapes_of(data):
         window.add_geometry(geometry)
     options = window.get_render_option()
     options.point_size = 2.5
     options.background_color = np.full(3, 0.85)
-    _, up, towards = camera(*VIEWS[story.view])
+    _, up, towards = camera(*VIEWS[data.view])
     control = window.get_view_control()
     control.set_front(towards)
     control.set_up(up)
@@ -76,20 +76,20 @@ def open_window(story: ReportData) -> None:
     window.destroy_window()
 
 
-def title_of(story: ReportData) -> str:
+def title_of(data: ReportData) -> str:
     """What stands above the window: the verdict, and what the colours mean."""
-    level = f"dqreg: {story.result.verdict.level}"
-    if story.deviations is None or story.scale is None:
+    level = f"dqreg: {data.result.verdict.level}"
+    if data.deviations is None or data.scale is None:
         return level
-    if not story.scale.signed:
-        return f"{level}; deviations from 0 to {story.scale.limit:.3g} {story.unit}"
-    return f"{level}; deviations from blue, -{story.scale.limit:.3g} {story.unit}, to orange, +{story.scale.limit:.3g}"
+    if not data.scale.signed:
+        return f"{level}; deviations from 0 to {data.scale.limit:.3g} {data.unit}"
+    return f"{level}; deviations from blue, -{data.scale.limit:.3g} {data.unit}, to orange, +{data.scale.limit:.3g}"
 
 
-def shapes_of(story: ReportData) -> list[Any]:
+def shapes_of(data: ReportData) -> list[Any]:
     """Open3D geometries of part and scan, about the middle of the part."""
     open3d = load_open3d()
-    geometry = story.inputs.target.geometry
+    geometry = data.inputs.target.geometry
     colour = np.array(rgb(TARGET)) / 255.0
     vectors = open3d.utility.Vector3dVector
     target: Any
@@ -101,11 +101,11 @@ def shapes_of(story: ReportData) -> list[Any]:
     else:
         target = open3d.geometry.PointCloud(vectors(geometry.points))
     target.paint_uniform_color(colour)
-    scan = open3d.geometry.PointCloud(vectors(story.points))
-    if story.deviations is None or story.scale is None:
+    scan = open3d.geometry.PointCloud(vectors(data.points))
+    if data.deviations is None or data.scale is None:
         scan.paint_uniform_color(np.array(rgb(SOURCE)) / 255.0)
     else:
-        colours = story.scale.table()[story.scale.codes(story.deviations.values)]
-        colours[~story.deviations.counted] = rgb(OFF_PART)
+        colours = data.scale.table()[data.scale.codes(data.deviations.values)]
+        colours[~data.deviations.counted] = rgb(OFF_PART)
         scan.colors = vectors(colours / 255.0)
     return [target, scan]

@@ -10,8 +10,7 @@ from rich.console import Console
 from dqreg.errors import InputError
 from dqreg.papers import PAPERS, Report, Section, Table, prepare_folder, print_section, reproduce, write_report
 from dqreg.papers.document import Curve, Figure, Panel
-from dqreg.papers.drawing import draw_png
-from dqreg.papers.output import to_html, to_json
+from dqreg.papers.output import draw_png, to_html, to_json
 from dqreg.report.table import Column, Estimate
 
 NASTY = "<script>alert('x & y')</script>"

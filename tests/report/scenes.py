@@ -41,6 +41,6 @@ def failed() -> Registration:
     return register(cloud, cloud + 1e4, "identity")
 
 
-def story_of(result: Registration, tolerance: float | None = None) -> ReportData:
+def data_of(result: Registration, tolerance: float | None = None) -> ReportData:
     assert result.inputs is not None
     return collect(result, result.inputs, tolerance, T_START)

@@ -12,13 +12,12 @@ from dqreg.geometry import Mesh
 from dqreg.report.charts import NARROW, WIDE, convergence, histogram, ticks
 from dqreg.report.colours import Scale, nice_above
 from dqreg.report.facts import facts_of, hints_of
-from dqreg.report.part_mesh import fewer_triangles, sharp_edges
-from dqreg.report.pose_forms import pose_forms
 from dqreg.report.regions import areas_of, faces_of
-from dqreg.report.view3d import scene_of
+from dqreg.report.text import pose_forms
+from dqreg.report.view3d import fewer_triangles, scene_of, sharp_edges
 from dqreg.rigid import DualQuaternion, quaternion, twist
 from dqreg.synth.parts import box, bracket
-from tests.report.scenes import BUMP, NOISE, bumpy, failed, story_of
+from tests.report.scenes import BUMP, NOISE, bumpy, data_of, failed
 
 twists = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)
 
@@ -67,25 +66,25 @@ def test_unwelded_triangles_make_the_same_faces():
 
 def test_the_region_with_the_bump_fails_and_the_others_pass():
     # The plate from above, 80 x 120 mm, carries the bump; 0.2 mm are four sigma.
-    story = story_of(bumpy(), 4.0 * NOISE)
-    rows = {region.name + str(np.sign(region.centre[2])): region for region in story.regions}
-    plate = max((r for r in story.regions if r.name == "flat face towards +z"), key=lambda r: r.points)
+    data = data_of(bumpy(), 4.0 * NOISE)
+    rows = {region.name + str(np.sign(region.centre[2])): region for region in data.regions}
+    plate = max((r for r in data.regions if r.name == "flat face towards +z"), key=lambda r: r.points)
     assert plate.bands is not None
     assert plate.bands.above == pytest.approx(np.pi * 81.0 / 9600.0, rel=0.5)
     assert len(rows) > 3
-    for region in story.regions:
+    for region in data.regions:
         assert region.spread == pytest.approx(NOISE, rel=0.5)
         assert abs(region.median) < 0.02
 
 
 def test_the_worst_place_is_the_bump():
-    story = story_of(bumpy())
-    assert story.worst[0].value == pytest.approx(BUMP, abs=0.2)
-    np.testing.assert_allclose(story.worst[0].position[:2], [90.0, 30.0], atol=10.0)
+    data = data_of(bumpy())
+    assert data.worst[0].value == pytest.approx(BUMP, abs=0.2)
+    np.testing.assert_allclose(data.worst[0].position[:2], [90.0, 30.0], atol=10.0)
 
 
 def test_scale_ends_at_the_tolerance():
-    assert story_of(bumpy(), 0.37).scale == Scale(0.37, True)
+    assert data_of(bumpy(), 0.37).scale == Scale(0.37, True)
 
 
 def test_colour_codes_run_along_the_scale():
@@ -137,8 +136,8 @@ def test_hints_name_units_that_are_confused():
     points = bumpy().inputs.source.cloud.points[:2000]
     result = dqreg.register(points / 1000.0, bumpy().inputs.target.geometry, "identity", units="ignore")
     assert result.verdict.level != "accepted"
-    assert any("m and mm" in hint for hint in hints_of(result, story_of(result)))
-    assert hints_of(bumpy(), story_of(bumpy())) == []
+    assert any("m and mm" in hint for hint in hints_of(result, data_of(result)))
+    assert hints_of(bumpy(), data_of(bumpy())) == []
     assert hints_of(failed(), None)
 
 
@@ -180,9 +179,9 @@ def test_the_sigmas_say_what_they_are_estimated_from_and_what_they_leave_out():
 
 
 def test_motions_of_the_view_are_the_values_of_the_result():
-    story = story_of(bumpy())
-    drawn = scene_of(story)["motions"]
+    data = data_of(bumpy())
+    drawn = scene_of(data)["motions"]
     assert len(drawn) == 6
-    for motion, direction in zip(drawn, story.result.observability, strict=True):
+    for motion, direction in zip(drawn, data.result.observability, strict=True):
         assert (motion["kind"], motion["axis"], motion["free"]) == (direction.kind, direction.axis, direction.is_free)
-        np.testing.assert_allclose(motion["through"], (direction.point - story.origin) / story.size)
+        np.testing.assert_allclose(motion["through"], (direction.point - data.origin) / data.size)

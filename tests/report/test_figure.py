@@ -8,7 +8,7 @@ import pytest
 from matplotlib.image import imread
 
 from dqreg.papers.document import Curve, Figure, Panel
-from dqreg.papers.drawing import draw_png
+from dqreg.papers.output import draw_png
 from dqreg.report.figure import encode, new_figure, stacked
 
 FIGURE = Figure("f", "F", (Panel("x [mm]", "y [mm]", (Curve("a", (1.0, 2.0), (1.0, float("nan"))),)),))

@@ -11,7 +11,7 @@ import pytest
 from dqreg.errors import InputError
 from dqreg.report.page import to_html
 from dqreg.trust.records import Alternative, Verdict
-from tests.report.scenes import T_START, bumpy, failed, story_of
+from tests.report.scenes import T_START, bumpy, data_of, failed
 
 SCENE = re.compile(r'<script type="application/json" id="scene">(.*?)</script>', re.S)
 
@@ -27,7 +27,7 @@ def small_pictures():
 
 @pytest.fixture(scope="module")
 def page(small_pictures) -> str:
-    return to_html(bumpy(), story_of(bumpy(), 0.2))
+    return to_html(bumpy(), data_of(bumpy(), 0.2))
 
 
 def test_says_verdict_reasons_and_numbers_of_the_result(page):
@@ -61,14 +61,14 @@ def test_tolerance_table_counts_the_same_points_as_the_record(page):
 
 
 def test_no_tolerance_passes_nothing():
-    page = to_html(bumpy(), story_of(bumpy()))
+    page = to_html(bumpy(), data_of(bumpy()))
     assert "No tolerance was given" in page
     assert "PASS" not in page
     assert "✓ pass" not in page
 
 
 def test_a_failure_is_explained():
-    page = to_html(failed(), story_of(failed()))
+    page = to_html(failed(), data_of(failed()))
     assert "FAILED" in page
     assert all(reason in page for reason in failed().verdict.reasons)
     assert "What to try" in page
@@ -100,7 +100,7 @@ def test_escapes_every_string_from_outside():
         timings=result.timings | {evil: 1.0},
         observability=tuple(dataclasses.replace(d, words=evil) for d in result.observability),
     )
-    page = to_html(spoilt, story_of(spoilt))
+    page = to_html(spoilt, data_of(spoilt))
     assert "alert(" in page
     assert "<script>alert" not in page
     # The file's own two scripts and nothing else.
@@ -124,7 +124,7 @@ def test_unwritable_is_told_before_the_work(tmp_path, monkeypatch):
 
 
 def test_scene_is_thinned_but_keeps_the_numbers():
-    scene = json.loads(SCENE.search(to_html(bumpy(), story_of(bumpy()))).group(1))
+    scene = json.loads(SCENE.search(to_html(bumpy(), data_of(bumpy()))).group(1))
     assert [pose["kind"] for pose in scene["poses"][:2]] == ["before", "after"]
     np.testing.assert_allclose(scene["poses"][1]["T"], np.eye(4)[:3].ravel(), atol=1e-12)
     # The bump of 0.8 mm is the worst place; about half a mm is what noise and strays can change.
@@ -133,13 +133,13 @@ def test_scene_is_thinned_but_keeps_the_numbers():
 
 
 def test_before_pose_moves_the_drawn_points_to_where_they_were():
-    story = story_of(bumpy())
-    scene = json.loads(SCENE.search(to_html(bumpy(), story)).group(1))
+    data = data_of(bumpy())
+    scene = json.loads(SCENE.search(to_html(bumpy(), data)).group(1))
     steps = np.frombuffer(base64.b64decode(scene["on"]["points"]), dtype="<u2").reshape(-1, 3)
     drawn = np.array(scene["on"]["low"]) + steps / 65535.0 * np.array(scene["on"]["extent"])
     T = np.array(scene["poses"][0]["T"]).reshape(3, 4)
     before = drawn @ T[:, :3].T + T[:, 3]
-    assert story.deviations is not None
-    expected = story.inputs.placed(T_START)[story.deviations.counted] / story.size
+    assert data.deviations is not None
+    expected = data.inputs.placed(T_START)[data.deviations.counted] / data.size
     # Steps of 16 bits along at most 1.2 sizes.
     np.testing.assert_allclose(before, expected, atol=2e-5)

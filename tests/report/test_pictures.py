@@ -11,12 +11,12 @@ from dqreg.geometry import Mesh
 from dqreg.report.cameras import VIEWS, camera
 from dqreg.report.colours import SOURCE, TARGET, rgb
 from dqreg.report.figure import encode
-from dqreg.report.notebook import notebook_html
+from dqreg.report.page import notebook_html
 from dqreg.report.pictures import draw, parse_panels, save_picture
 from dqreg.report.raster import FILL, Dots, PartScene, frame_of
 from dqreg.report.window import require_display, shapes_of
 from dqreg.synth.parts import box
-from tests.report.scenes import BUMP, bumpy, failed, story_of
+from tests.report.scenes import BUMP, bumpy, data_of, failed
 
 RED = np.array([255, 0, 0], dtype=np.uint8)
 # A box of 0.6 x 0.4 x 0.2 about zero, as large as a part is to the renderer.
@@ -75,24 +75,24 @@ def test_nearer_points_hide_farther_ones():
 
 
 def test_a_picture_shows_start_deviation_and_bump(tmp_path):
-    story = story_of(bumpy(), 0.2)
-    before = np.asarray(Image.open(io.BytesIO(encode(draw(story, parse_panels("before:iso"), 300, 220)))))[..., :3]
+    data = data_of(bumpy(), 0.2)
+    before = np.asarray(Image.open(io.BytesIO(encode(draw(data, parse_panels("before:iso"), 300, 220)))))[..., :3]
     orange = np.abs(before.astype(int) - rgb(SOURCE)).max(axis=2) < 30
     assert orange.mean() > 0.01
-    after = np.asarray(Image.open(io.BytesIO(encode(draw(story, parse_panels("top"), 300, 220)))))[..., :3]
+    after = np.asarray(Image.open(io.BytesIO(encode(draw(data, parse_panels("top"), 300, 220)))))[..., :3]
     # A bump of four tolerances has the colour of what is above the scale.
-    assert story.scale is not None
-    beyond = (np.abs(after.astype(int) - story.scale.table()[255]).max(axis=2) < 40).sum()
-    assert story.scale.limit == pytest.approx(0.25 * BUMP)
+    assert data.scale is not None
+    beyond = (np.abs(after.astype(int) - data.scale.table()[255]).max(axis=2) < 40).sum()
+    assert data.scale.limit == pytest.approx(0.25 * BUMP)
     assert beyond > 30
-    save_picture(story, tmp_path / "view.jpg", parse_panels("best,front,top"), 160, 120)
+    save_picture(data, tmp_path / "view.jpg", parse_panels("best,front,top"), 160, 120)
     with Image.open(tmp_path / "view.jpg") as saved:
         # Rounded to whole pixels by Matplotlib, in its own way in each version.
         np.testing.assert_allclose(saved.size, (2 * 160 + 28, 2 * (120 + 44) + 86), atol=1)
 
 
 def test_a_failure_is_drawn_where_it_lay():
-    image = Image.open(io.BytesIO(encode(draw(story_of(failed()), parse_panels("best"), 160, 120), "jpeg")))
+    image = Image.open(io.BytesIO(encode(draw(data_of(failed()), parse_panels("best"), 160, 120), "jpeg")))
     assert image.size[0] == 160 + 28
 
 
@@ -123,11 +123,11 @@ def test_a_window_needs_a_display(monkeypatch):
 
 
 def test_a_window_shows_the_same_colours():
-    story = story_of(bumpy(), 0.2)
-    target, scan = shapes_of(story)
+    data = data_of(bumpy(), 0.2)
+    target, scan = shapes_of(data)
     assert len(target.vertices) == len(bumpy().inputs.target.geometry.vertices)
-    assert story.scale is not None
-    assert story.deviations is not None
-    on = story.deviations.counted
-    expected = story.scale.table()[story.scale.codes(story.deviations.values)] / 255.0
+    assert data.scale is not None
+    assert data.deviations is not None
+    on = data.deviations.counted
+    expected = data.scale.table()[data.scale.codes(data.deviations.values)] / 255.0
     np.testing.assert_allclose(np.asarray(scan.colors)[on], expected[on])
