@@ -20,6 +20,7 @@ from dqreg.files.off import read_off
 from dqreg.files.pcd import read_pcd
 from dqreg.files.ply import read_ply
 from dqreg.files.tables import read_table
+from dqreg.files.threemf import read_3mf
 from dqreg.files.untrusted import require_own_kind, require_readable, unreadable
 
 READERS: dict[str, Callable[[Path], CloudData | MeshData]] = {
@@ -36,7 +37,7 @@ READERS: dict[str, Callable[[Path], CloudData | MeshData]] = {
     ".off": read_off,
     ".glb": read_mesh_file,
     ".gltf": read_mesh_file,
-    ".3mf": read_mesh_file,
+    ".3mf": read_3mf,
 }
 
 _EXACT = "exact CAD surfaces; export the part as STL, PLY or OBJ from the CAD program"

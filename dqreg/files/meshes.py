@@ -1,4 +1,4 @@
-"""Mesh files read with trimesh: STL, glTF and 3MF."""
+"""Mesh files read with trimesh: STL and glTF."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.errors import MissingDependencyError
+from dqreg.files.gltf_guards import require_safe_gltf
 from dqreg.files.mesh_data import MeshData, make_mesh
-from dqreg.files.units import UNIT_WORDS
-from dqreg.files.untrusted import max_faces, require_safe_3mf, require_safe_gltf, unreadable
+from dqreg.files.untrusted import max_faces, unreadable
 
 
 def read_mesh_file(path: Path) -> MeshData:
@@ -24,14 +23,10 @@ def read_mesh_file(path: Path) -> MeshData:
         _require_whole_stl(path)
     elif extension in (".glb", ".gltf"):
         require_safe_gltf(path)
-    elif extension == ".3mf":
-        require_safe_3mf(path)
     loaded = _load(path)
     vertices, faces = _joined(path, _placed(path, loaded))
-    # glTF is in metres by definition; 3MF states a unit; STL is silent.
+    # glTF is in metres by definition; STL is silent.
     units = "m" if extension in (".glb", ".gltf") else None
-    if extension == ".3mf":
-        units = UNIT_WORDS.get(str(loaded.units))
     return make_mesh(path, vertices, faces, units)
 
 
@@ -43,11 +38,6 @@ def _load(path: Path) -> Any:
     try:
         with _silent("trimesh"):
             return trimesh.load(path, process=False, **options)
-    except ImportError as error:
-        # trimesh raises the error of a missing reader anew, without its name: the quoted word is the package.
-        package = error.name or str(error).strip("'").rpartition("'")[2]
-        need = f"trimesh needs the package {package!r} for {path.suffix}"
-        raise MissingDependencyError(f"cannot read {path}: {need}; run: pip install {package}") from error
     except Exception as error:
         # A damaged file may raise anything in the depths of a parser; each means the same to the user.
         reason = f"{type(error).__name__}: {error}"

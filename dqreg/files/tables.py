@@ -110,6 +110,10 @@ def read_table(path: Path) -> CloudData:
     return make_cloud(path, table[:, :3], table[:, 3:] if normals else None)
 
 
+# How far the length of a normal may be from 1 after rounding, and in how many of the rows.
+ROUNDED_NORMAL, MOST_ROWS = 0.02, 0.9
+
+
 def nameless_cloud(path: Path, table: FloatArray, *, trust_normals: bool = False) -> CloudData:
     """Cloud of a table whose columns have no names.
 
@@ -123,11 +127,11 @@ def nameless_cloud(path: Path, table: FloatArray, *, trust_normals: bool = False
         return make_cloud(path, table)
     lengths = np.linalg.norm(table[:, 3:], axis=1)
     lengths = lengths[np.isfinite(lengths) & (lengths > 0.0)]
-    typical = float(np.median(lengths)) if len(lengths) else 1.0
-    # Half and double leave room for rounded and averaged normals; colours of 0..255 are far outside.
-    if not trust_normals and not 0.5 < typical < 2.0:
-        found = f"columns 4 to 6 with a typical length of {typical:.3g}"
-        raise unreadable(path, found, "normals of length 1; name the columns in a first line")
+    # Colours of 0..1 have a typical length near 1 too, but no row has just that.
+    if not trust_normals and len(lengths) and np.mean(np.abs(lengths - 1.0) < ROUNDED_NORMAL) < MOST_ROWS:
+        low, typical, high = np.quantile(lengths, [0.05, 0.5, 0.95])
+        found = f"columns 4 to 6 with a typical length of {typical:.3g}, from {low:.3g} to {high:.3g}"
+        raise unreadable(path, found, "normals of length 1; name the columns (normals or colours) in a first line")
     return make_cloud(path, table[:, :3], table[:, 3:])
 
 

@@ -109,3 +109,10 @@ def test_numbers_keep_every_digit(tmp_path: Path) -> None:
     file = tmp_path / "a.csv"
     np.savetxt(file, points, fmt="%.17g", delimiter=",", header="x,y,z")
     np.testing.assert_array_equal(read_cloud(file).points, points)
+
+
+def test_colours_from_0_to_1_are_not_taken_for_normals(tmp_path: Path) -> None:
+    colours = np.random.default_rng(0).uniform(0.0, 1.0, (500, 6))
+    np.savetxt(tmp_path / "scan.xyz", colours)
+    with pytest.raises(InputError, match="normals of length 1"):
+        read_cloud(tmp_path / "scan.xyz")
