@@ -1,17 +1,17 @@
-"""From a rough start to the last digit: wide kernels and few points first, narrow kernels and many points last.
+"""From coarse to fine: few points and a wide kernel first, all points and a narrow kernel last.
 
-The basin is decided on a few thousand points by the patient schedule: at each width the loop runs to convergence.
-From 15 degrees and 5 % of the size off, on four CAD parts, 60 of 64 starts came home this way, about half of them
-where the width fell in every iteration. Where that leaves much of the scan unexplained, the quick schedule tries as
-well, and the better explanation of the distances is kept: in it the width falls in every iteration, so that a near
-start is not drawn to the table that three quarters of the points belong to.
+The coarse level, a few thousand points, decides the basin. Its first schedule ("patient") runs the loop to convergence
+at each kernel scale: from 15 degrees and 5 % of the size off, on four CAD parts, 60 of 64 initial poses converged to
+the true one, about half of them where the scale falls in every iteration. Where it leaves much of the scan
+unexplained, that other schedule ("quick") is tried as well, and the likelier explanation of the distances is kept: it
+keeps a near initial pose from being drawn to a table that holds three quarters of the points.
 
-On the finer levels the pose is near, and an estimator of the plan's choice may take over: with points to planes they
-need 1 to 3 iterations where the closed form with extrapolation needs 5 to 80, for the same pose. How fast the steps
-shrink is seen on a few points, so that the level of many needs no further iteration to prove that it has converged.
+On the finer levels another estimator may take over: point-to-plane steps need 1 to 3 iterations where the closed form
+with extrapolation needs 5 to 80, for the same pose. The convergence rate is estimated on few points, so that the level
+of many points needs no further iteration to prove that it has converged.
 
-Where the start explains nearly all of the scan to a narrow width already, as in tracking, the basin is found before
-the first step, and the run begins with the fine estimator.
+Where the initial pose explains nearly all of the scan at a small kernel scale already, as in tracking, the basin is
+found before the first step, and the run starts with the fine estimator.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ from dqreg.solvers.robust import InlierMixture
 
 # Points of the coarse level, where the basin is decided.
 COARSE = 2_000
-# Share of the scan's noise (or spacing, where that is smaller: lines of a LiDAR make poor planes) below which a width
-# would only separate lucky points from unlucky ones.
+# Fraction of the scan's noise (or spacing, where that is smaller: lines of a LiDAR make poor planes) below which a
+# kernel scale would only separate lucky points from unlucky ones.
 NOISE_FLOOR = 0.3
 # The same for exact data, in sizes of the part: float32 files round there.
 EXACT_FLOOR = 1e-7
-# The basin is found where the scan is explained to a width below that share of the target's size.
+# The basin is found where the scan is explained at a kernel scale below that fraction of the target's size.
 NEAR_WIDTH = 0.01
-# Points that tell at the start whether it is near already, and of the coarse level where it is.
+# Points on which it is checked whether the initial pose is near already, and of the coarse level where it is.
 NEAR = 1_000
 
 PATIENT = Schedule("patient", stages=30, iterations=None, rounds=30)
 QUICK = Schedule("quick", stages=150, iterations=1, rounds=1)
-# From a start that is near there is nothing to be patient about: the width is learned anew after each step.
+# From an initial pose that is near, the scale is learned anew after each step.
 TRACKING = Schedule(FINE.name, stages=30, iterations=1, rounds=30)
 
 

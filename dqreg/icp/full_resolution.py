@@ -1,14 +1,11 @@
-"""The finer levels, once the pose is near: the last digits, from as much of the scan as the plan has time for.
+"""The finer levels, once the pose is near: full resolution for few closest-point queries.
 
-On a mesh, with points to planes, all points have their say for the price of few questions (see `gather`). Else each
-level draws its points, and the last one draws those that say most.
+The point-to-plane cost is additive: points whose closest points lie inside one and the same face enter it through their
+number, mean and scatter. So one query a run of neighbouring points finds the face, arithmetic decides which points of
+the run lie on it, and only the others are queried individually. On five CAD parts 60 to 85 % of 300,000 points are
+settled by 10,000 queries, and the pose is as exact as with one query a point.
 
-All points of a scan for the price of few questions: what lies on one face is taken together.
-
-The cost of distances to planes is additive: points whose closest places are inside one and the same face enter it
-through their number and their mean. So one question a run of neighbouring points finds the face, arithmetic says which
-of the run's points lie on it, and only the others are asked about one by one. On five CAD parts 60 to 85 % of 300,000
-points are settled by 10,000 questions, and the pose is as exact as with all of them.
+On clouds, and for other estimators, each level draws its points, the last one those with the largest information gain.
 """
 
 from __future__ import annotations
@@ -125,7 +122,7 @@ RUNS, ALONE, SHORTEST = 6, 4, 4
 
 
 def finish(level: Level, scan: Scan, counts: list[int], run: Alignment, observe: Observer | None) -> Alignment:
-    """Go on from the coarse level to the last."""
+    """Resume on the finer levels."""
     surface, finest = level.surface, level.plan.finest
     planes = level.plan.fine is not None and bool(run.history) and run.history[-1].stage == FINE.name
     # Where all points are asked for, each gets an answer of its own.
@@ -143,7 +140,7 @@ def finish(level: Level, scan: Scan, counts: list[int], run: Alignment, observe:
 def _together(
     level: Level, scan: Scan, surface: MeshSurface, finest: int, run: Alignment, observe: Observer | None
 ) -> Alignment:
-    """All points: those on the face of their run of neighbours together, and a choice of the others one by one."""
+    """All points: those on the face of their run of neighbours together, and a choice of the others individually."""
     if run.ended_early:
         return run
     level = _after(level, run, scan.taken(run_centres(len(scan), finest // RUNS)[0]))

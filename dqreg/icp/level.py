@@ -1,4 +1,4 @@
-"""One level of points: run the loop at one width, learn the next width, until the width settles."""
+"""One level of points: run the loop at one kernel scale, learn the next scale, until it settles."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from dqreg.icp.rejectors import NormalAngle, WithinDistance, inland
 from dqreg.icp.stopping import Stopping
 from dqreg.solvers.robust import InlierMixture
 
-# A stage is converged when it moves less than this share of its own width; where planes take over near the answer and
-# nearly every point is explained, the next stage goes on from anywhere within the width.
+# A stage is converged when it moves less than this fraction of its own kernel scale; where planes take over near the
+# answer and nearly every point is explained, the next stage starts from anywhere within the scale.
 STAGE_TOLERANCE, WITHIN = 0.03, 0.3
-# The width is settled when learning changes it by less than this factor; near the answer the pose hardly feels it, and
-# another stage would ask about all points again.
+# The scale is settled when learning changes it by less than this factor; near the answer the pose hardly depends on it,
+# and another stage would query all points again.
 SETTLED, SETTLED_NEAR = 0.97, 0.9
-# The largest fall of the width from one stage to the next.
+# The largest fall of the scale from one stage to the next.
 STEEPEST = 0.5
-# Points from which on the sampling error, not the width, says how far a level is worth converging; and to which share
-# of that error.
+# Points from which on the sampling error, not the scale, limits how far a level is worth converging; and to which
+# fraction of that error.
 FEW = 2_000
 PLACED = 0.6
-# Share of the points beyond which a scan counts as explained.
+# Fraction of the points beyond which a scan counts as explained.
 EXPLAINED = 0.9
-# Distances from which width and share are learned: good to one per cent.
+# Distances from which scale and inlier fraction are learned: good to one per cent.
 LEARNED_FROM = 5_000
 # Stages that may end without having converged; after that, more of them only cost time.
 UNFINISHED = 1
@@ -42,7 +42,7 @@ NEAR_ANGLE_RAD = np.deg2rad(60.0)
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """What a graduated run needs to know beyond the data."""
+    """What an alignment from coarse to fine needs to know beyond the data."""
 
     estimator: Estimator  # From weighted pairs to a pose, where the basin is decided
     max_distance: float  # Largest distance of a pair, target units

@@ -18,7 +18,7 @@ from dqreg.trust import (
 )
 from dqreg.trust.records import Alternative, Direction
 
-# Share of the inliers that must remain where a drift along an unconstrained motion is taken back.
+# Fraction of the inliers that must remain where a drift along an unconstrained motion is taken back.
 STAYS = 0.99
 
 

@@ -23,7 +23,7 @@ LOOKED_AT, ENOUGH, ENOUGH_FITTED = 10_000, 3_000, 1_000
 # Where no point has moved by more than that many widths since it was asked about, nothing here can tell; by more than
 # so many, a point may be on another face.
 STILL, NEARBY = 0.1, 1.0
-# Share of the largest distance within which a point ought to lie on the target: farther off stands the table.
+# Fraction of the largest distance within which a point counts as the part's: farther off stands the table.
 NEAR = 0.25
 # Neighbourhoods flatter than this have a normal worth comparing; rougher than that they are no surface at all; both in
 # extents of the neighbourhood.

@@ -6,6 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry.normals import sample_rows
+from dqreg.registration.evidence import NEAR
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import GlobalSearch
 from dqreg.rigid import pose
@@ -20,12 +21,10 @@ DOUBT, DOUBT_BORDER = 0.1, 0.3
 # And standard deviations of the distances, in the scan's own noise.
 MISFIT = 10.0
 # A pose that explains the scan better by so much mean log-likelihood is taken, if it is within this rotation and this
-# share of the target's size of the initial pose that was given: that one is rough, but it is meant.
+# fraction of the target's size of the initial pose that was given: that one is rough, but it is meant.
 BETTER = 0.02
 MEANT_RAD, MEANT = np.deg2rad(40.0), 0.25
 JUDGES = 10_000
-# Share of the largest distance at which the distances of two poses are truncated before they are compared.
-TRUNCATED = 0.25
 
 
 def is_doubtful(fit: Fit) -> bool:
@@ -65,7 +64,7 @@ def retry_from_search(fit: Fit, start: FloatArray, search: GlobalSearch) -> tupl
 
 def near_symmetric_poses(fit: Fit) -> tuple[Alternative, ...]:
     """The pose after rotations that leave most of the part in place, where they explain the scan about as well."""
-    limit, rotations = TRUNCATED * fit.settings.max_distance, fit.problem.target.near_rotations
+    limit, rotations = NEAR * fit.settings.max_distance, fit.problem.target.near_rotations
     found = flipped(fit.T_target_source, rotations, fit.prepared.scan, fit.prepared.surface, limit, fit.floor)
     return tuple(Alternative(fit.problem.to_caller(T), rms) for T, rms in found)
 
@@ -75,7 +74,7 @@ def mirror_gain(fit: Fit) -> float:
     target = fit.problem.target
     if target.kind == "cloud" or not fit.found or not fit.agreement.patches_off > 0.0:
         return -np.inf
-    limit, reflections = TRUNCATED * fit.settings.max_distance, target.near_reflections
+    limit, reflections = NEAR * fit.settings.max_distance, target.near_reflections
     return gain_of_mirror(fit.T_target_source, reflections, fit.prepared.scan, target.surface, limit, fit.floor)
 
 
@@ -84,5 +83,5 @@ def _gain(fit: Fit, other: Fit) -> tuple[float, float]:
     poses = Poses.of(np.stack([fit.T_target_source, other.T_target_source]))
     scan, surface = fit.prepared.scan, fit.prepared.surface
     points = scan.points[sample_rows(len(scan), JUDGES)]
-    scores = score_poses(poses, points, surface, TRUNCATED * fit.settings.max_distance, fit.floor)
+    scores = score_poses(poses, points, surface, NEAR * fit.settings.max_distance, fit.floor)
     return float(scores.means[1] - scores.means[0]), float(np.sqrt((scores.distances[1] ** 2).mean()))

@@ -20,7 +20,7 @@ from dqreg.solvers import Freedom
 
 # Points of the last level.
 EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 60_000, "best": None}
-# Share of the target's diagonal: a step that moves the points by less ends the last level.
+# Fraction of the target's diagonal: a step that moves the points by less ends the last level.
 CONVERGENCE = 1e-7
 # Cells of a dense cloud: the mean of each stands for its points.
 CELLS: dict[str, int | None] = {"fast": 6_000, "normal": 10_000, "best": None}

@@ -16,6 +16,7 @@ from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.icp.history import Iteration
 from dqreg.inspection import Deviations, measure_deviations, why_unsigned
+from dqreg.registration.evidence import NEAR
 from dqreg.registration.invariants import as_failed, violated_invariant
 from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.result_json import as_text, read_fields, to_plain
@@ -23,9 +24,6 @@ from dqreg.rigid import DualQuaternion, pose
 from dqreg.trust.records import Alternative, Direction, Verdict
 
 __all__ = ["Alternative", "Direction", "Iteration", "Registration", "Verdict"]
-
-# Share of the largest distance of a pair within which a point counts as the part's: farther off stands the table.
-NEAR = 0.25
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -49,7 +49,7 @@ def read_fields(path: str | Path, cls: type) -> dict[str, Any]:
     try:
         fields = fields_from(cls, {name: values[name] for name in _names(cls)}, CHECKS)
         if violated := violated_invariant(fields):
-            # What was saved keeps its promises: here somebody else wrote.
+            # What this package saved keeps them: the file was written or changed elsewhere.
             raise ValueError(violated)
     except (KeyError, TypeError, ValueError, ArithmeticError) as error:
         raise InputError(f"{path} is a damaged dqreg result: {type(error).__name__} {error}") from error
@@ -61,7 +61,7 @@ def _names(cls: type) -> list[str]:
 
 
 def _settings(values: dict[str, Any]) -> dict[str, Any]:
-    # Only what methods of a result work with: the others are told, not used.
+    # Only what methods of a result compute with.
     for name in ("source_scale", "scale", "max_distance", "diagonal"):
         if name in values and not 0.0 < _of((int, float), values[name]) < np.inf:
             raise ValueError(f"{name} of {values[name]!r:.60}")

@@ -1,11 +1,8 @@
-"""Which scale a scan was made at: a few scales are tried, each from its own start, and the likeliest are told.
+"""Global search of the scale: a few scales are tried, each from its own initial pose, and the likeliest is kept.
 
-Every scale is refined together with its pose on a few thousand points, see `dqreg.registration.scale_search`.
-
-One scale followed to where it leads: refined together with its pose, and judged there by the likelihood.
-
-Distances are compared in the *source's* own unit, where the noise does not change with the scale: in the target's unit
-the smallest copy would always fit best.
+Each is refined together with its pose on a few thousand points, and ranked there by the likelihood of the distances in
+the *source's* own unit, where the noise does not change with the scale: in the target's unit the smallest copy would
+always fit best.
 """
 
 from __future__ import annotations
@@ -40,9 +37,9 @@ class ScaleCandidate:
     scale: float  # What the source, in the unit it is worked with, is multiplied with
     T_centred: FloatArray  # (4, 4): Pose of the scaled source between the centred frames
     mean_nll: float  # Mean negative log-likelihood of the distances in source units; the lower the better
-    held: bool  # Whether the matches fix the scale
-    width: float = np.inf  # Width of the inliers' distances, source units
-    share: float = 0.0  # Share of inliers among all points
+    held: bool  # Whether the correspondences constrain the scale
+    width: float = np.inf  # Standard deviation of the inliers' distances, source units
+    inlier_fraction: float = 0.0  # Of all points
 
 
 def scaled(scan: Scan, scale: float) -> Scan:
@@ -111,7 +108,10 @@ def _judged(search: GlobalSearch, few: Scan, found: ScaleCandidate, floor: float
     mixture = InlierMixture.widest(limit, floor).fit(near, floor=floor, rounds=100)
     mean_nll = mixture.mean_nll(near, rejected=len(distances) - len(near))
     return dataclasses.replace(
-        found, mean_nll=mean_nll, width=mixture.scale, share=mixture.inlier_fraction * len(near) / len(distances)
+        found,
+        mean_nll=mean_nll,
+        width=mixture.scale,
+        inlier_fraction=mixture.inlier_fraction * len(near) / len(distances),
     )
 
 
@@ -126,7 +126,7 @@ SEARCHED, GIVEN = (1.0, 0.95, 1.05, 0.9, 1.1), (1.0, 0.96, 1.04, 0.92, 1.08, 0.8
 BETWEEN = (0.975, 1.025, 0.925, 1.075, 0.875, 1.125)
 # Poses that are followed at each; and the distances of a fit, in the scan's own noise.
 FOLLOWED, FITS = 3, 4.0
-# Share of the points that must lie on the target for the other scales to be spared.
+# Fraction of the points that must lie on the target for the other scales to be spared.
 EXPLAINED = 0.95
 # Two scales that near to each other are one.
 SAME = 3e-3
@@ -154,7 +154,7 @@ def try_scale(
         again = dataclasses.replace(search, scan=scaled(search.scan, scale), max_distance=scale * search.max_distance)
         starts = [c.T_target_source for c in again.candidates()[:FOLLOWED]]
     else:
-        # A start may be meant for the scaled source, or be known from elsewhere for the source as it is.
+        # The pose may be that of the scaled source, or be known from elsewhere for the source as it is.
         meant, as_it_is = (frames(s).to_centred(T_start) for s in (scale, 1.0))
         same = float(np.abs(meant - as_it_is).max()) <= STILL * search.target.surface.diagonal
         starts = [meant] if same else [meant, as_it_is]
@@ -163,7 +163,7 @@ def try_scale(
 
 def explained(search: GlobalSearch, candidates: list[ScaleCandidate]) -> bool:
     """Whether the best of some candidates leaves little of the scan over, so that no others need to be tried."""
-    return fits(search, candidates) and _likeliest(candidates).share >= EXPLAINED
+    return fits(search, candidates) and _likeliest(candidates).inlier_fraction >= EXPLAINED
 
 
 def fits(search: GlobalSearch, candidates: list[ScaleCandidate]) -> bool:

@@ -74,11 +74,11 @@ def load_target(path: str | Path) -> TargetIndex:
         with np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as archive:
             arrays: dict[str, NDArray[Any]] = dict(archive)
         header = json.loads(arrays["header"].tobytes())
-        told, version = header["format"], header["version"]
+        found, version = header["format"], header["version"]
     except (OSError, EOFError, KeyError, ValueError, TypeError, AttributeError, zipfile.BadZipFile) as error:
         raise InputError(f"{path} is no readable prepared target (Target.save writes one): {error}") from error
-    if told != FORMAT:
-        raise InputError(f'{path} is no prepared target: its header says "format": {told!r}, expected {FORMAT!r}')
+    if found != FORMAT:
+        raise InputError(f'{path} is no prepared target: its header says "format": {found!r}, expected {FORMAT!r}')
     if version != VERSION:
         raise InputError(
             f"{path} is a prepared target of version {version}, this program reads {VERSION}: prepare and save it again"

@@ -155,3 +155,26 @@ def test_the_arrays_given_are_as_they_were() -> None:
     index_target(points)
     centred(points, "m", "mm")
     np.testing.assert_array_equal(points, CLOUD)
+
+
+def test_the_visible_faces_are_a_target_of_their_own_and_the_whole_stays_as_it_was() -> None:
+    target = index_target(Mesh(VERTICES, FACES))
+    above = target.visible_from(np.array([[0.0, 0.0, 10.0]]))
+    assert above.visible is not None
+    assert 0 < np.count_nonzero(above.visible) < len(FACES)
+    # The lower face is hidden: what is below the box is closest to the upper one, or to an edge of it.
+    below = np.array([[0.1, 0.2, -5.0]])
+    assert above.surface.closest(below).points[0, 2] > target.surface.closest(below).points[0, 2]
+    assert target.visible is None
+    around = np.vstack([10.0 * np.eye(3), -10.0 * np.eye(3)])
+    assert target.visible_from(around) is target
+    with pytest.raises(InputError, match="this target is a cloud"):
+        index_target(CLOUD).visible_from(around)
+
+
+def test_what_the_global_search_looks_up_is_built_once() -> None:
+    target = index_target(Mesh(VERTICES, FACES)).build()
+    assert target.pairs is target.pairs
+    assert target.near_rotations is target.near_rotations
+    assert index_target(CLOUD).near_rotations.shape == (0, 4, 4)
+    assert index_target(target) is target

@@ -1,0 +1,50 @@
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from dqreg.icp.history import Iteration
+from dqreg.icp.stopwatch import Stopwatch
+
+RECORD = Iteration(1, "fine", 10, 10, 1.0, 0.1, 0.1, 0.1, 0.0, 0.0, 0.0, np.eye(4))
+
+
+def test_the_stages_are_timed_in_their_order_and_are_no_more_than_the_whole() -> None:
+    watch = Stopwatch()
+    with watch.stage("read"):
+        time.sleep(0.01)
+    with watch.stage("register"):
+        pass
+    assert list(watch.seconds) == ["read", "register"]
+    assert watch.seconds["read"] >= 0.01
+    assert sum(watch.seconds.values()) <= watch.total
+
+
+def test_without_a_limit_nothing_ends_and_the_observer_is_itself() -> None:
+    watch = Stopwatch()
+    assert watch.left is None
+    assert not watch.is_over
+    assert watch.watching(None) is None
+    assert watch.watching(print) is print
+    assert watch.status("stopped by observer") == "stopped by observer"
+
+
+def test_an_observer_hears_every_record_and_the_limit_ends_the_loop() -> None:
+    seen: list[Iteration] = []
+    early, late = Stopwatch(1e3), Stopwatch(1e-9)
+    for watch, answer in ((early, None), (late, False)):
+        watching = watch.watching(seen.append)
+        assert watching is not None
+        assert watching(RECORD) is answer
+    assert seen == [RECORD, RECORD]
+    assert late.is_over
+    assert late.left == pytest.approx(1e-9)
+
+
+def test_only_a_stop_after_the_limit_is_one_of_time() -> None:
+    early, late = Stopwatch(1e3), Stopwatch(1e-9)
+    assert early.status("stopped by observer") == "stopped by observer"
+    assert late.status("stopped by observer") == "time limit"
+    assert late.status("converged") == "converged"
