@@ -53,7 +53,7 @@ def plots(found: Comparison) -> list[Plot]:
     for setting in dict.fromkeys(line.place.setting for line in base):
         chosen = [line for line in base if line.place.setting == setting and line.place.value == base[0].place.value]
         made += _error_and_time(
-            chosen, styles, f"error-time-{setting}", f"Error against time near the start, {setting}"
+            chosen, styles, f"error-time-{setting}", f"Error against time near the true pose, {setting}"
         )
     return made + _convergence(found, styles)
 

@@ -66,8 +66,8 @@ def _case(found: Comparison, lines: list[SummaryRow]) -> Table:
         for line in _in_order(found, lines)
     ]
     note = ("Worst vertex: median over all runs of the greatest displacement of a point of the part. On surface: rms "
-            "distance of scan points that no engine was given, of those that lie on the target; overlap: their share. "
-            "Peak MB: growth of the process above its inputs.")  # fmt: skip
+            "distance of scan points that no engine was given, of those that lie on the target; overlap: their "
+            "fraction. Peak MB: growth of the process above its inputs.")  # fmt: skip
     return Table(f"case-{place.case}-{place.setting}", title, _columns(*head), tuple(rows), note)
 
 

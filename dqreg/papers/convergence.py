@@ -108,8 +108,9 @@ def convergence_section(paths: tuple[Path, ...]) -> Section:
         (
             f"The target is a bumpy sheet of size 1; the source holds some of its points with noise {NOISE:g} of the "
             f"size on each coordinate, and starts {START_DEG:g} degrees and {100 * START_SHARE:g} % of the size off. A "
-            "run stops where a plain step moves the points by less than 1e-6 of the size. Plain: Horn on the pairs, as "
-            "in the notes. Extrapolated: the same cost with Anderson acceleration. With normals: the closed form of "
+            "run stops where a plain step moves the points by less than 1e-6 of the size. Plain: Horn on the "
+            "correspondences, as in the notes. Extrapolated: "
+            "the same cost with Anderson acceleration. With normals: the closed form of "
             "1991 on points and on normals fitted to the same clouds, extrapolated as well.",
         ),
         (_table(paths),),
@@ -124,9 +125,9 @@ def _table(paths: tuple[Path, ...]) -> Table:
     return Table(
         "icp",
         "ICP: distance of the points from their true places, root mean square over the size",
-        (*columns, *(Column(f"rms of pairs: {path.name}") for path in paths)),
+        (*columns, *(Column(f"rms of correspondences: {path.name}") for path in paths)),
         tuple((n, *(_at(path.errors, n) for path in paths), *(_at(path.rms, n) for path in paths)) for n in numbers),
-        "Empty: the run had ended. The rms of the pairs is that of the pose before the step.",
+        "Empty: the run had ended. The rms of the correspondences is that of the pose before the step.",
     )
 
 

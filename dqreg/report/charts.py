@@ -73,7 +73,7 @@ def histogram(
 
 
 def convergence(history: Sequence[Iteration], unit: str, size: tuple[int, int] = WIDE) -> str:
-    """Root mean square distance and width of the kernel over the iterations, on a logarithmic scale."""
+    """Root mean square distance and kernel scale over the iterations, on a logarithmic scale."""
     rms = np.array([record.rms for record in history])
     width = np.array([record.kernel_scale for record in history])
     seen = np.concatenate([rms, width])
@@ -82,7 +82,7 @@ def convergence(history: Sequence[Iteration], unit: str, size: tuple[int, int] =
     axes = Axes((0.5, len(history) + 0.5), (low - 0.15, max(high, low + 0.5) + 0.15), size)
     body = [_stages(axes, history), _curve(axes, width, "line two", "kernel"), _curve(axes, rms, "line one", "rms")]
     body += [_x_axis(axes, "iteration"), _log_axis(axes, f"length [{unit}]")]
-    return _svg("Convergence: rms distance and width of the kernel", axes, body)
+    return _svg("Convergence: rms distance and kernel scale", axes, body)
 
 
 def ticks(low: float, high: float, about: int = 6) -> FloatArray:

@@ -54,7 +54,7 @@ def deviations_of(data: ReportData) -> dict[str, Any] | None:
     summary, unit = found.summary(), data.unit
     figures = [
         ("Points counted", f"{summary.count:,}"),
-        (f"Farther off than {text_of(found.reach, 4)} {unit}", f"{summary.beyond:,}, not counted as the part's"),
+        (f"Beyond {text_of(found.reach, 4)} {unit}", f"{summary.beyond:,}, not counted as the part's"),
         ("Mean", f"{text_of(summary.mean, sign=found.signed)} {unit}"),
         ("Root mean square", f"{text_of(summary.rms)} {unit}"),
         ("Median, absolute", f"{text_of(summary.p50)} {unit}"),
@@ -63,7 +63,7 @@ def deviations_of(data: ReportData) -> dict[str, Any] | None:
         ("Largest", f"{text_of(summary.max)} {unit}"),
     ]
     return {
-        "words": f"Distance of every scan point from the closest place of the target; {found.reason}.",
+        "words": f"Distance of every scan point from the closest point of the target; {found.reason}.",
         "chart": "".join(
             histogram(found.values[found.counted], scale, unit, data.tolerance, size) for size in (WIDE, NARROW)
         ),
