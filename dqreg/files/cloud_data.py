@@ -36,8 +36,19 @@ class CloudData:
     dropped: int = 0
 
 
+@dataclasses.dataclass(frozen=True)
+class TimedCloudData(CloudData):
+    """A cloud of a PLY or PCD file with a column for the time of each point."""
+
+    times: FloatArray | None = None  # (n,): As in the file
+
+
 def make_cloud(
-    path: Path, points: FloatArray, normals: FloatArray | None = None, viewpoint: FloatArray | None = None
+    path: Path,
+    points: FloatArray,
+    normals: FloatArray | None = None,
+    viewpoint: FloatArray | None = None,
+    times: FloatArray | None = None,
 ) -> CloudData:
     """Cloud of a file, without the rows that are not usable.
 
@@ -54,12 +65,14 @@ def make_cloud(
         normals, keep = (normals, directed) if directed.any() else (None, keep)
     if not keep.all():
         points, normals = points[keep], None if normals is None else normals[keep]
-    return CloudData(
+        times = None if times is None else times[keep]
+    cloud = CloudData(
         points=np.ascontiguousarray(points, dtype=np.float64),
         normals=None if normals is None else np.ascontiguousarray(normals, dtype=np.float64),
         viewpoint=viewpoint,
         dropped=int(len(keep) - np.count_nonzero(keep)),
     )
+    return cloud if times is None else TimedCloudData(**vars(cloud), times=times)
 
 
 def _finite_rows(rows: FloatArray) -> BoolArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import zipfile
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
 
@@ -14,6 +15,8 @@ from dqreg._arrays import FloatArray
 from dqreg.files.cloud_data import CloudData, make_cloud
 from dqreg.files.tables import nameless_cloud
 from dqreg.files.untrusted import require_safe_archive, unreadable
+
+Array = np.ndarray[tuple[int, ...], np.dtype[np.generic]]
 
 # Arrays that change what `points` means: the file is then a packed sequence, its numbers no coordinates.
 PACKING_NAMES = ("offsets", "scale")
@@ -34,25 +37,31 @@ def read_npy(path: Path) -> CloudData:
 
 def read_npz(path: Path) -> CloudData:
     """Cloud of the arrays ``points`` (n, 3) and, if present, ``normals`` (n, 3)."""
-    require_safe_archive(path)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
-            if "points" not in names:
-                raise unreadable(path, f"the arrays {', '.join(names) or '(none)'}", "an array named points")
-            if set(PACKING_NAMES) & set(names):
-                raise unreadable(path, "a packed sequence of scans (offsets, scale)", "one cloud; unpack it first")
-            points = _member(path, archive, "points")
-            normals = _member(path, archive, "normals") if "normals" in names else None
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, RuntimeError) as error:
-        raise unreadable(path, f"a damaged archive ({error})", "arrays as numpy.savez writes them") from error
+    arrays = read_arrays(path, ("points", "normals"), refused=PACKING_NAMES)
+    points = _as_table(path, arrays["points"], "the array points")
+    normals = _as_table(path, arrays["normals"], "the array normals") if "normals" in arrays else None
     if points.shape[1] != 3 or (normals is not None and normals.shape != points.shape):
         found = f"points of shape {points.shape}" + ("" if normals is None else f", normals of shape {normals.shape}")
         raise unreadable(path, found, "shape (n, 3), the same for both")
     return make_cloud(path, points, normals)
 
 
-def _member(path: Path, archive: zipfile.ZipFile, name: str) -> FloatArray:
+def read_arrays(path: Path, wanted: Sequence[str], refused: Sequence[str] = ()) -> dict[str, Array]:
+    """Those of the wanted arrays that an archive holds; the first of them must be there."""
+    require_safe_archive(path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
+            if wanted[0] not in names:
+                raise unreadable(path, f"the arrays {', '.join(names) or '(none)'}", f"an array named {wanted[0]}")
+            if set(refused) & set(names):
+                raise unreadable(path, "a packed sequence of scans (offsets, scale)", "one cloud; unpack it first")
+            return {name: _member(path, archive, name) for name in wanted if name in names}
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, RuntimeError) as error:
+        raise unreadable(path, f"a damaged archive ({error})", "arrays as numpy.savez writes them") from error
+
+
+def _member(path: Path, archive: zipfile.ZipFile, name: str) -> Array:
     size = archive.getinfo(f"{name}.npy").file_size
     try:
         with archive.open(f"{name}.npy") as stream:
@@ -60,13 +69,25 @@ def _member(path: Path, archive: zipfile.ZipFile, name: str) -> FloatArray:
         if promised > size:
             raise ValueError(f"its header promises {promised} bytes, the file has {size}")
         with archive.open(f"{name}.npy") as stream:
-            array = np.lib.format.read_array(stream, allow_pickle=False)
+            array: Array = np.lib.format.read_array(stream, allow_pickle=False)
     except (zipfile.BadZipFile, zlib.error):
         raise
     except Exception as error:
         # As above: the header is parsed as Python.
         raise unreadable(path, f"no plain array {name} ({error})", "an array of numbers") from error
-    return _as_table(path, array, f"the array {name}")
+    return array
+
+
+def numbers(path: Path, array: Array, name: str, shape: tuple[int | None, ...]) -> FloatArray:
+    """Array of real numbers and of this shape, in float64; None stands for any length."""
+    fits = len(shape) == array.ndim and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
+    if not fits or array.dtype.kind not in "fiu":
+        words = str(tuple("n" if want is None else want for want in shape)).replace("'", "")
+        found = f"{name} of shape {array.shape} and type {array.dtype}"
+        raise unreadable(path, found, f"real numbers of shape {words}")
+    # The cast of a signalling NaN, or of a long double beyond float64, warns.
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.array(array, dtype=np.float64)
 
 
 def _promised_bytes(stream: IO[bytes]) -> int:
@@ -76,7 +97,7 @@ def _promised_bytes(stream: IO[bytes]) -> int:
     return math.prod(shape) * int(dtype.itemsize)
 
 
-def _as_table(path: Path, array: np.ndarray[tuple[int, ...], np.dtype[np.generic]], name: str) -> FloatArray:
+def _as_table(path: Path, array: Array, name: str) -> FloatArray:
     if array.ndim != 2 or array.dtype.kind not in "fiu":
         found = f"{name} of shape {array.shape} and type {array.dtype}"
         raise unreadable(path, found, "real numbers of shape (n, 3), or (n, 6) with normals")

@@ -15,7 +15,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg._open3d import load_open3d
 from dqreg.files.cloud_data import CloudData, make_cloud
-from dqreg.files.tables import find_columns, parse_rows, read_text, stack_columns
+from dqreg.files.tables import find_columns, find_times, parse_rows, read_text, stack_columns
 from dqreg.files.untrusted import unreadable
 
 KEYWORDS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
@@ -143,8 +143,10 @@ def read_pcd(path: Path) -> CloudData:
         columns = [rows[str(k)][:, 0] for k in range(len(header.fields))]
     else:
         return _compressed_cloud(path, header)
-    points = stack_columns(columns, positions)
-    return make_cloud(path, points, None if normals is None else stack_columns(columns, normals), header.viewpoint)
+    clock = find_times(header.fields)
+    times = None if clock is None else stack_columns(columns, [clock])[:, 0]
+    directions = None if normals is None else stack_columns(columns, normals)
+    return make_cloud(path, stack_columns(columns, positions), directions, header.viewpoint, times)
 
 
 def _require_length(path: Path, header: PcdHeader) -> None:
@@ -188,4 +190,9 @@ def _compressed_cloud(path: Path, header: PcdHeader) -> CloudData:
     with np.errstate(invalid="ignore"):
         points = cloud.point.positions.numpy().astype(np.float64)
         directions = cloud.point.normals.numpy().astype(np.float64) if "normals" in cloud.point else None
-    return make_cloud(path, points, directions, header.viewpoint)
+        clock = find_times(header.fields)
+        name = "" if clock is None else header.fields[clock]
+        times = cloud.point[name].numpy().astype(np.float64).ravel() if name in cloud.point else None
+    if times is not None and len(times) != len(points):
+        raise unreadable(path, f"{len(times)} times for {len(points)} points", "one time a point")
+    return make_cloud(path, points, directions, header.viewpoint, times)

@@ -18,7 +18,7 @@ from dqreg.files.cloud_data import CloudData, make_cloud
 from dqreg.files.mesh_data import MeshData, make_mesh
 from dqreg.files.ply_header import Element, PlyHeader, read_header
 from dqreg.files.polygons import triangles
-from dqreg.files.tables import find_columns, parse_rows, read_text, stack_columns
+from dqreg.files.tables import find_columns, find_times, parse_rows, read_text, stack_columns
 from dqreg.files.untrusted import unreadable
 
 INDEX_NAMES = ("vertex_indices", "vertex_index")
@@ -142,7 +142,10 @@ def read_ply(path: Path) -> CloudData | MeshData:
     columns = _binary_vertices(path, header, vertex) if table is None else list(table.T)
     points = stack_columns(columns, positions)
     if face is None or not face.count:
-        cloud = make_cloud(path, points, None if normals is None else stack_columns(columns, normals))
+        clock = find_times([column.name for column in vertex.properties])
+        times = None if clock is None else stack_columns(columns, [clock])[:, 0]
+        directions = None if normals is None else stack_columns(columns, normals)
+        cloud = make_cloud(path, points, directions, times=times)
         return dataclasses.replace(cloud, units=header.units)
     if header.byte_order:
         lengths, corners = binary_polygons(path, header, face)

@@ -73,6 +73,20 @@ def find_columns(path: Path, names: Sequence[str]) -> tuple[list[int], list[int]
     return positions, None
 
 
+# Names under which files and archives keep the time of each point.
+TIME_NAMES = ("t", "timestamp", "timestamps", "time", "times", "stamps")
+
+
+def find_times(names: Sequence[str]) -> int | None:
+    """Where the time of each point stands.
+
+    >>> find_times(["x", "y", "z", "Time"])
+    3
+    """
+    lower = [name.lower() for name in names]
+    return next((lower.index(name) for name in TIME_NAMES if name in lower), None)
+
+
 def stack_columns(columns: Sequence[FloatArray], wanted: Sequence[int]) -> FloatArray:
     """Some columns side by side, in float64.
 

@@ -13,16 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_vectors
-from dqreg._open3d import load_open3d
+from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.files import read_cloud
+from dqreg.files.cloud_data import TimedCloudData
+from dqreg.files.numpy_files import numbers, read_arrays
+from dqreg.files.tables import TIME_NAMES
+from dqreg.files.untrusted import require_readable, unreadable
 from dqreg.odometry.kiss import load_kiss
 
 # What a frame may be in a folder of them; text files beside the scans are poses and times.
 KINDS = (".bin", ".csv", ".npy", ".npz", ".pcd", ".ply", ".xyz")
-# Names under which files and archives keep the time of each point.
-TIME_FIELDS = ("t", "timestamp", "timestamps", "time", "times", "stamps")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,9 +84,12 @@ def open_scans(
 
 def _read_times(file: Path) -> FloatArray:
     try:
-        return np.loadtxt(file, ndmin=1, dtype=np.float64).reshape(-1)
+        times = np.loadtxt(require_readable(file), ndmin=1, dtype=np.float64).reshape(-1)
     except (OSError, ValueError) as error:
         raise InputError(f"cannot read the times {file}: {error}") from error
+    if not np.isfinite(times).all():
+        raise unreadable(file, "times that are NaN or infinite", "one finite number a line")
+    return times
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
@@ -108,64 +112,47 @@ def _from_folder(folder: Path) -> Scans:
 def _read_file(file: Path) -> FrameData:
     kind = file.suffix.lower()
     if kind == ".bin":
-        try:
-            raw = file.read_bytes()
-        except OSError as error:
-            raise InputError(f"cannot read {file}: {error}") from error
+        raw = require_readable(file).read_bytes()
         if len(raw) % 16:
             raise InputError(
                 f"{file} has {len(raw)} bytes; KITTI's frames are four float32 (x, y, z, intensity) a point"
             )
         return FrameData(np.frombuffer(raw, dtype="<f4").reshape(-1, 4)[:, :3].astype(np.float64))
     if kind == ".npz":
-        with _archive(file) as archive:
-            if "points" not in archive:
-                raise InputError(f"{file} holds {', '.join(archive) or 'nothing'}; expected an array named points")
-            times = next((archive[name] for name in TIME_FIELDS if name in archive), None)
-            return FrameData(as_vectors(archive["points"], "points", finite=False), _stamps(times))
-    if kind in (".ply", ".pcd") and _has_times(file):
-        cloud = load_open3d().t.io.read_point_cloud(str(file))
-        name = next((name for name in TIME_FIELDS if name in cloud.point), None)
-        if name is not None and "positions" in cloud.point:
-            return FrameData(cloud.point.positions.numpy().astype(np.float64), _stamps(cloud.point[name].numpy()))
-    return FrameData(read_cloud(file).points)
-
-
-def _has_times(file: Path) -> bool:
-    with file.open("rb") as stream:
-        head = stream.read(2048).lower()
-    return any(re.search(rb"\b" + name.encode() + rb"\b", head) for name in TIME_FIELDS)
+        arrays = read_arrays(require_readable(file), ("points", *TIME_NAMES))
+        points = numbers(file, arrays["points"], "points", (None, 3))
+        name = next((name for name in TIME_NAMES if name in arrays), None)
+        return FrameData(points, None if name is None else numbers(file, arrays[name], name, (len(points),)))
+    cloud = read_cloud(file)
+    return FrameData(cloud.points, cloud.times if isinstance(cloud, TimedCloudData) else None)
 
 
 def _stamps(times: Any) -> FloatArray | None:
     return None if times is None else np.asarray(times, dtype=np.float64).reshape(-1)
 
 
-def _archive(file: Path) -> Any:
-    try:
-        return np.load(file, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError(f"cannot read {file}: {error}") from error
-
-
 def _from_archive(file: Path) -> Scans:
-    with _archive(file) as archive:
-        if not {"points", "offsets"} <= set(archive):
-            raise InputError(f"{file} holds {', '.join(archive) or 'nothing'}; a sequence needs points and offsets")
-        points, offsets = archive["points"], np.asarray(archive["offsets"], dtype=np.int64).reshape(-1)
-        scale = float(archive["scale"]) if "scale" in archive else 1.0
-        stamps = np.asarray(archive["timestamps"], dtype=np.float64) if "timestamps" in archive else None
-        times = np.asarray(archive["times"], dtype=np.float64).reshape(-1) if "times" in archive else None
-    sound = len(offsets) > 1 and offsets[0] >= 0 and offsets[-1] <= len(points) and (np.diff(offsets) >= 0).all()
-    if not sound or points.ndim != 2 or points.shape[1] != 3:
-        raise InputError(f"{file}: offsets must rise from 0 to the number of points, and points be (n, 3)")
+    arrays = read_arrays(require_readable(file), ("points", "offsets", "scale", "timestamps", "times"))
+    if "offsets" not in arrays:
+        raise unreadable(file, f"the arrays {', '.join(arrays)}", "a sequence with points and offsets")
+    # Packed points are integers of a few bytes; they become float64 frame by frame.
+    points = arrays["points"]
+    numbers(file, points[:0], "points", (0, 3))
+    bounds = numbers(file, arrays["offsets"], "offsets", (None,))
+    scale = float(numbers(file, arrays["scale"], "scale", ())) if "scale" in arrays else 1.0
+    stamps = numbers(file, arrays["timestamps"], "timestamps", (len(points),)) if "timestamps" in arrays else None
+    sound = len(bounds) > 1 and bounds[0] >= 0 and bounds[-1] <= len(points) and (np.diff(bounds) >= 0).all()
+    if not sound or (bounds % 1.0 != 0.0).any():
+        raise InputError(f"{file}: offsets must be whole and rise from 0 to the number of points")
+    if not 0.0 < scale < np.inf:
+        raise unreadable(file, f"a scale of {scale:g}", "a positive length a step")
+    offsets = bounds.astype(np.int64)
+    times = numbers(file, arrays["times"], "times", (len(offsets) - 1,)) if "times" in arrays else None
 
     def read(number: int) -> FrameData:
         part = slice(offsets[number], offsets[number + 1])
         return FrameData(points[part].astype(np.float64) * scale, None if stamps is None else stamps[part])
 
-    if times is not None and len(times) != len(offsets) - 1:
-        raise InputError(f"{file} holds {len(times)} times for {len(offsets) - 1} frames")
     return Scans(tuple(f"{file.name}[{i}]" for i in range(len(offsets) - 1)), read, times)
 
 

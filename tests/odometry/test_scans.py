@@ -55,6 +55,65 @@ def test_times_of_points_in_ply(tmp_path, points):
     assert frame.points.tolist() == [[1, 2, 3], [4, 5, 6]]
 
 
+def test_times_of_points_in_pcd(tmp_path):
+    head = "VERSION .7\nFIELDS x y z time\nSIZE 4 4 4 8\nTYPE F F F F\nCOUNT 1 1 1 1\nWIDTH 3\nHEIGHT 1\nPOINTS 3\n"
+    rows = np.array([(1, 2, 3, 0.25), (np.nan, 0, 0, 0.3), (4, 5, 6, 0.5)], dtype="<f4,<f4,<f4,<f8")
+    (tmp_path / "a.pcd").write_bytes((head + "DATA binary\n").encode() + rows.tobytes())
+    frame = open_scans(tmp_path)[0]
+    # A point that is left out takes its time with it.
+    assert frame.timestamps.tolist() == [0.25, 0.5]
+    assert frame.points.tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+def test_a_frame_with_times_that_is_cut_short_is_refused(tmp_path, points):
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 500\n"
+    head += "".join(f"property double {name}\n" for name in ("x", "y", "z", "t")) + "end_header\n"
+    (tmp_path / "a.ply").write_bytes(head.encode() + np.column_stack([points, np.arange(50.0)]).tobytes())
+    frame = open_scans(tmp_path)[0]
+    assert len(frame.points) == 0
+    assert "cut short" in frame.problem
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"points": np.zeros((5, 4))}, "points of shape"),
+        ({"points": np.full((5, 3), "a")}, "type <U1"),
+        ({"points": np.zeros((5, 3)), "t": np.zeros(4)}, "t of shape"),
+        ({"points": np.zeros((5, 3)), "times": np.full(5, "a")}, "times of shape"),
+        ({"points": np.full((5, 3), None)}, "no plain array points"),
+        ({"other": np.zeros((5, 3))}, "an array named points"),
+        ({"points": np.zeros((3_000_000, 3))}, "that unpack to"),
+    ],
+)
+def test_a_bad_frame_in_an_archive_is_named(tmp_path, arrays, message):
+    for number in (0, 1):
+        np.savez_compressed(tmp_path / f"{number}.npz", **arrays)
+    frame = open_scans(tmp_path)[0]
+    assert len(frame.points) == 0
+    assert message in frame.problem
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"offsets": [0, 2.5, 5]}, "offsets must be whole"),
+        ({"offsets": [0, np.nan, 5]}, "offsets must be whole"),
+        ({"offsets": ["0", "5"]}, "offsets of shape"),
+        ({"scale": [1, 2]}, "scale of shape"),
+        ({"scale": np.nan}, "a scale of nan"),
+        ({"scale": 0}, "a scale of 0"),
+        ({"points": np.zeros((5, 3), dtype=complex)}, "complex128"),
+        ({"timestamps": np.zeros(4)}, "timestamps of shape"),
+        ({"times": [1.0]}, "times of shape"),
+    ],
+)
+def test_a_bad_sequence_in_an_archive_is_named(tmp_path, change, message):
+    np.savez(tmp_path / "a.npz", **{"points": np.zeros((5, 3)), "offsets": [0, 2, 5], **change})
+    with pytest.raises(InputError, match=message):
+        open_scans(tmp_path / "a.npz")
+
+
 def test_a_damaged_file_is_a_frame_that_failed(tmp_path, jerky):
     for i in (0, 2):
         write_cloud(tmp_path / f"{i}.ply", jerky.frames[i // 2])
