@@ -23,7 +23,7 @@ import numpy as np
 
 import dqreg
 from dqreg._open3d import load_open3d
-from dqreg.geometry.opening import read_any
+from dqreg.geometry.opening import open_geometry
 from dqreg.rigid import pose
 
 LIDAR, RGBD = 0.25, 0.02
@@ -75,7 +75,7 @@ SETS: dict[str, Callable[[Path], Iterator[Pair]]] = {"kitti": kitti, "car": car,
 
 def points(path: Path) -> np.ndarray:
     """Points of a file, (n, 3)."""
-    return read_any(path, path.name).points
+    return open_geometry(path, path.name).points
 
 
 def T(folder: Path, name: str) -> np.ndarray:

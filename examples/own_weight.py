@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 
 from dqreg.geometry import Mesh, MeshSurface, prepare_scan, sample_mesh
-from dqreg.icp import Icp, Pairs, Run, WithinDistance
+from dqreg.icp import Correspondences, Icp, Run, WithinDistance
 from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
 
@@ -21,7 +21,7 @@ class Above:
 
     height: float
 
-    def __call__(self, pairs: Pairs) -> np.ndarray:
+    def __call__(self, pairs: Correspondences) -> np.ndarray:
         return np.where(pairs.closest.points[:, 2] > self.height, 1.0, 0.0)
 
 
@@ -29,7 +29,7 @@ def main() -> Run:
     part = Mesh(*bracket())
     scan = prepare_scan(sample_mesh(part, 20_000, np.random.default_rng(0)))
     start = pose.exp([0.02, -0.01, 0.03, 0.5, -0.5, 0.3])
-    run = Icp(gates=(WithinDistance(10.0), Above(2.0))).run(scan, MeshSurface(part), start)
+    run = Icp(rejectors=(WithinDistance(10.0), Above(2.0))).run(scan, MeshSurface(part), start)
     print(run.status, f"{np.count_nonzero(run.weights)} of {len(scan)} points counted")
     print(run.T_target_source.round(9))
     return run

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg._arrays import FloatArray
-    from dqreg.odometry.engines import Trip
+    from dqreg.odometry.engines import TrajectoryRun
     from dqreg.odometry.scans import Scans
 
 FILE = click.Path(path_type=Path)
@@ -114,7 +114,7 @@ def _truth(file: Path | None, scans: Scans) -> FloatArray | None:
     return match_truth(poses, times, scans.times, len(scans))
 
 
-def _run(console: Console, engine: str, scans: Scans, settings: Any) -> Trip:
+def _run(console: Console, engine: str, scans: Scans, settings: Any) -> TrajectoryRun:
     from dqreg.odometry.engines import KissEngine, run_engine, run_ours
     from dqreg.report.work_bar import WorkBar
 
@@ -126,7 +126,7 @@ def _run(console: Console, engine: str, scans: Scans, settings: Any) -> Trip:
         return run_engine("KISS-ICP", kiss, scans, step)
 
 
-def _compare(console: Console, scans: Scans, settings: Any) -> list[Trip]:
+def _compare(console: Console, scans: Scans, settings: Any) -> list[TrajectoryRun]:
     from dqreg.errors import MissingDependencyError
     from dqreg.odometry.engines import peers, run_engine
     from dqreg.odometry.frame import read_frame
@@ -144,7 +144,7 @@ def _compare(console: Console, scans: Scans, settings: Any) -> list[Trip]:
     return [*trips, _run(console, "dq", scans, settings)]
 
 
-def _show(console: Console, trips: list[Trip], truth: FloatArray | None) -> None:
+def _show(console: Console, trips: list[TrajectoryRun], truth: FloatArray | None) -> None:
     from dqreg.odometry.table import results_table, trust_words
     from dqreg.report.table import print_tables
 
@@ -163,7 +163,9 @@ def _show(console: Console, trips: list[Trip], truth: FloatArray | None) -> None
         say(console, f"  and {len(bad) - NAMED} more: see --frames FILE")
 
 
-def _write(console: Console, trip: Trip, scans: Scans, truth: FloatArray | None, options: dict[str, Any]) -> None:
+def _write(
+    console: Console, trip: TrajectoryRun, scans: Scans, truth: FloatArray | None, options: dict[str, Any]
+) -> None:
     from dqreg.odometry.plot import plot_trip
     from dqreg.odometry.trajectory import bridge_gaps, write_frames, write_trajectory
 

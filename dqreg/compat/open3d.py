@@ -21,7 +21,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, as_geometry
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
-from dqreg.icp import ESTIMATORS, Icp, Pairs, Stopping, WithinDistance, correspond
+from dqreg.icp import ESTIMATORS, Correspondences, Icp, Stopping, WithinDistance, find_correspondences
 from dqreg.icp.history import Iteration
 from dqreg.solvers.status import NO_POSE
 
@@ -195,7 +195,7 @@ def registration_icp(
     most = limits.max_iteration + 1
     icp = Icp(
         ESTIMATORS[step],
-        gates=(WithinDistance(reach),),
+        rejectors=(WithinDistance(reach),),
         stopping=Stopping(convergence=-1.0, iterations=most, patience=most),
         accelerate=False,
         fewest=FEWEST_PAIRS,
@@ -216,10 +216,10 @@ def evaluate_registration(
     reach = _reach(max_correspondence_distance)
     T = np.eye(4) if transformation is None else as_pose(transformation, "transformation")
     sides = read_sides(source, target, with_normals=False)
-    return _figures(sides, correspond(sides.scan, sides.surface, T), reach)
+    return _figures(sides, find_correspondences(sides.scan, sides.surface, T), reach)
 
 
-def _figures(sides: Sides, pairs: Pairs, reach: float) -> RegistrationResult:
+def _figures(sides: Sides, pairs: Correspondences, reach: float) -> RegistrationResult:
     near = pairs.distances <= reach
     distances = pairs.distances[near]
     rows: IntArray = np.column_stack([sides.source_rows[near], sides.target_rows[pairs.closest.elements[near]]])

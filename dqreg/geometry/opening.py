@@ -14,7 +14,7 @@ from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 
 
-def read_any(value: Any, name: str) -> PointCloud | Mesh:
+def open_geometry(value: Any, name: str) -> PointCloud | Mesh:
     """Geometry of a path or an object."""
     if not isinstance(value, (str, os.PathLike)):
         return as_geometry(value, name)

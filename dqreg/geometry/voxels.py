@@ -17,7 +17,7 @@ DENSE = 3.0
 WHOLE = 2.0 / 3.0
 
 
-def even_size(points: FloatArray, count: int) -> float:
+def voxel_size(points: FloatArray, count: int) -> float:
     """Edge of the voxels that leave a dense cloud about so many points; 0 for one that is left as it is.
 
     >>> grid = np.stack(np.meshgrid(range(40), range(40), [0.0]), axis=-1).reshape(-1, 3)
@@ -28,7 +28,7 @@ def even_size(points: FloatArray, count: int) -> float:
 
 
 @dataclasses.dataclass(frozen=True)
-class EvenCloud:
+class VoxelCloud:
     """A cloud with one point a voxel."""
 
     size: float  # Edge of a voxel
@@ -37,15 +37,15 @@ class EvenCloud:
     surface: CloudSurface | None
 
     @staticmethod
-    def of(cloud: PointCloud, size: float) -> EvenCloud:
+    def of(cloud: PointCloud, size: float) -> VoxelCloud:
         """Downsample a cloud."""
-        even = evened(cloud, size)
-        return EvenCloud(size, even, None if even is cloud else CloudSurface(even))
+        even = voxel_downsample(cloud, size)
+        return VoxelCloud(size, even, None if even is cloud else CloudSurface(even))
 
 
-def evened(cloud: PointCloud, size: float) -> PointCloud:
+def voxel_downsample(cloud: PointCloud, size: float) -> PointCloud:
     """Means of the voxels of a cloud, or the cloud itself where it has hardly more points than these."""
-    even = cell_means(cloud, size)
+    even = voxel_means(cloud, size)
     return even if len(even) < WHOLE * len(cloud) else cloud
 
 
@@ -72,7 +72,7 @@ def cell_size(points: FloatArray, count: int) -> float:
     return float(extent / (2**BITS - 1) * 2.0 ** (level - 1 + part))
 
 
-def cell_means(cloud: PointCloud, size: float) -> PointCloud:
+def voxel_means(cloud: PointCloud, size: float) -> PointCloud:
     """One point for each cell that holds some: their mean, with the mean of their normals."""
     if not size > 0.0:
         return cloud

@@ -7,11 +7,11 @@ Estimators, kernels, weights and stopping rules are values that can be exchanged
 
 from __future__ import annotations
 
-from dqreg.icp.coarse_to_fine import COARSE, align_coarse_to_fine, find_basin, width_floor
+from dqreg.icp.coarse_to_fine import COARSE, align_coarse_to_fine, find_basin, smallest_kernel_scale
 from dqreg.icp.constrained import constrained
-from dqreg.icp.correspondences import Pairs, carried, correspond
+from dqreg.icp.correspondences import Correspondences, find_correspondences, propagate
 from dqreg.icp.estimators import ESTIMATORS, Estimator, points_and_normals, points_only, points_to_planes, svd_points
-from dqreg.icp.level import Level, Plan, Schedule
+from dqreg.icp.level import AnnealingSchedule, IcpSettings, Level
 from dqreg.icp.loop import Alignment, Icp, Observer, Run
 from dqreg.icp.rejectors import NormalAngle, Robust, Trimmed, WithinDistance
 from dqreg.icp.stopping import Stopping
@@ -23,32 +23,32 @@ __all__ = [
     "ESTIMATORS",
     "NO_POSE",
     "Alignment",
+    "AnnealingSchedule",
+    "Correspondences",
     "Estimator",
     "Huber",
     "Icp",
+    "IcpSettings",
     "InlierMixture",
     "LeastSquares",
     "Level",
     "NormalAngle",
     "Observer",
-    "Pairs",
-    "Plan",
     "Robust",
     "Run",
-    "Schedule",
     "Stopping",
     "Trimmed",
     "Tukey",
     "Welsch",
     "WithinDistance",
     "align_coarse_to_fine",
-    "carried",
     "constrained",
-    "correspond",
     "find_basin",
+    "find_correspondences",
     "points_and_normals",
     "points_only",
     "points_to_planes",
+    "propagate",
+    "smallest_kernel_scale",
     "svd_points",
-    "width_floor",
 ]

@@ -23,9 +23,9 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
-from dqreg.icp.correspondences import Pairs, correspond
+from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.full_resolution import FINE, MIDDLE, finish
-from dqreg.icp.level import EXPLAINED, Level, Plan, Schedule
+from dqreg.icp.level import EXPLAINED, AnnealingSchedule, IcpSettings, Level
 from dqreg.icp.loop import Alignment, Observer, Run
 from dqreg.solvers.robust import InlierMixture
 
@@ -41,19 +41,19 @@ NEAR_WIDTH = 0.01
 # Points on which it is checked whether the initial pose is near already, and of the coarse level where it is.
 NEAR = 1_000
 
-PATIENT = Schedule("patient", stages=30, iterations=None, rounds=30)
-QUICK = Schedule("quick", stages=150, iterations=1, rounds=1)
+PATIENT = AnnealingSchedule("patient", stages=30, iterations=None, rounds=30)
+QUICK = AnnealingSchedule("quick", stages=150, iterations=1, rounds=1)
 # From an initial pose that is near, the scale is learned anew after each step.
-TRACKING = Schedule(FINE.name, stages=30, iterations=1, rounds=30)
+TRACKING = AnnealingSchedule(FINE.name, stages=30, iterations=1, rounds=30)
 
 
 def align_coarse_to_fine(
-    scan: Scan, surface: Surface, start: FloatArray, plan: Plan, observe: Observer | None = None, first: int = 1
+    scan: Scan, surface: Surface, start: FloatArray, plan: IcpSettings, observe: Observer | None = None, first: int = 1
 ) -> Alignment:
     """Run the loop from coarse to fine; iterations are numbered from the first on."""
     finest = min(plan.finest or len(scan), len(scan))
     counts = [count for count in (COARSE, MIDDLE) if 2 * count <= finest] + [finest]
-    level = Level(scan.thinned(counts[0]), surface, plan, width_floor(scan, surface), last=len(counts) == 1)
+    level = Level(scan.thinned(counts[0]), surface, plan, smallest_kernel_scale(scan, surface), last=len(counts) == 1)
     run, level = _placed(level, start, observe, first)
     return finish(level, scan, counts[1:], run, observe)
 
@@ -83,14 +83,14 @@ def _placed(level: Level, start: FloatArray, observe: Observer | None, first: in
     return dataclasses.replace(run, history=history, status=status), near
 
 
-def _first_look(level: Level, start: FloatArray) -> tuple[InlierMixture | None, Pairs | None]:
+def _first_look(level: Level, start: FloatArray) -> tuple[InlierMixture | None, Correspondences | None]:
     """Width and share to go on with at once, where the start is known to be near or is seen to be; what was seen."""
     plan = level.plan
-    if plan.first_width is not None:
-        return InlierMixture.starting(max(plan.first_width, level.floor), plan.max_distance), None
+    if plan.first_kernel_scale is not None:
+        return InlierMixture.starting(max(plan.first_kernel_scale, level.floor), plan.max_distance), None
     if plan.fine is None:
         return None, None
-    pairs = correspond(level.scan, level.surface, start)
+    pairs = find_correspondences(level.scan, level.surface, start)
     distances = pairs.distances
     within = distances[distances <= plan.max_distance]
     if len(within) < EXPLAINED * len(distances):
@@ -121,7 +121,7 @@ def _near(level: Level, run: Run | None) -> Level:
     if plan.fine is not None:
         # Planes need so few steps that extrapolating them costs more than it saves.
         plan = dataclasses.replace(plan, estimator=plan.fine, accelerate=False)
-    floor = width_floor(_judged_by_inliers(level.scan, run) if run else level.scan, level.surface)
+    floor = smallest_kernel_scale(_judged_by_inliers(level.scan, run) if run else level.scan, level.surface)
     return dataclasses.replace(level, plan=plan, floor=floor, near=True)
 
 
@@ -131,7 +131,7 @@ def _judged_by_inliers(scan: Scan, run: Run) -> Scan:
     return dataclasses.replace(scan, noise=min(float(np.median(residuals)), scan.noise)) if len(residuals) else scan
 
 
-def width_floor(scan: Scan, surface: Surface) -> float:
+def smallest_kernel_scale(scan: Scan, surface: Surface) -> float:
     """Smallest width of the kernel for a scan on a target, a length."""
     return max(NOISE_FLOOR * min(scan.noise, scan.spacing), EXACT_FLOOR * surface.diagonal)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
-from dqreg.icp.correspondences import Pairs
+from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.estimators import Estimator, direction_weights, tangent_planes
 from dqreg.solvers import Fit, Freedom, PoseCost
 from dqreg.solvers.minimise import FREE, minimise
@@ -26,7 +26,7 @@ def constrained(
     # A prior is there for what the pairs hardly feel; without one that is left alone, as `points_to_planes` does.
     flat = FLAT if prior is None else FREE
 
-    def estimate(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+    def estimate(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
         if not weights.any():
             raise DegenerateGeometryError("no pair carries weight, so nothing says where the source belongs")
         data = tangent_planes(pairs, weights) if planes else None
@@ -39,7 +39,7 @@ def constrained(
     return estimate
 
 
-def _points(pairs: Pairs, weights: FloatArray, noise: float) -> QuadraticForm:
+def _points(pairs: Correspondences, weights: FloatArray, noise: float) -> QuadraticForm:
     used = weights > 0.0
     p, q, w = pairs.scan.points[used], pairs.closest.points[used], weights[used]
     origins = (w @ p / w.sum(), w @ q / w.sum())
@@ -49,6 +49,6 @@ def _points(pairs: Pairs, weights: FloatArray, noise: float) -> QuadraticForm:
     return QuadraticForm(point_form(p, q, w, origins) + directions, *origins)
 
 
-def _variance(pairs: Pairs, weights: FloatArray, noise: float) -> float:
+def _variance(pairs: Correspondences, weights: FloatArray, noise: float) -> float:
     """Of one distance: from the scale of the stage, or from the distances where it has none."""
     return float(noise**2 if np.isfinite(noise) else weights @ pairs.distances**2 / weights.sum())

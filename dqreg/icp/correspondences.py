@@ -14,7 +14,7 @@ from dqreg.rigid import pose
 
 
 @dataclasses.dataclass(frozen=True)
-class Pairs:
+class Correspondences:
     """Correspondences of a scan at one pose."""
 
     scan: Scan  # The source, untouched, in its own frame
@@ -60,16 +60,18 @@ class Pairs:
         return self.scan.normals * np.where(self.normal_cosines < 0.0, -1.0, 1.0)[:, None]
 
 
-def correspond(scan: Scan, surface: Surface, T_target_source: FloatArray, before: Pairs | None = None) -> Pairs:
+def find_correspondences(
+    scan: Scan, surface: Surface, T_target_source: FloatArray, before: Correspondences | None = None
+) -> Correspondences:
     """Closest point on the surface for every scan point."""
     if before is not None and before.scan is scan and np.array_equal(before.T_target_source, T_target_source):
         return before
     moved = pose.apply(T_target_source, scan.points)
     closest = surface.closest(moved, None if before is None else (before.moved, before.closest))
-    return Pairs(scan, T_target_source, closest, same_sign=scan.oriented and surface.oriented)
+    return Correspondences(scan, T_target_source, closest, same_sign=scan.oriented and surface.oriented)
 
 
-def carried(pairs: Pairs, T_target_source: FloatArray) -> Pairs:
+def propagate(pairs: Correspondences, T_target_source: FloatArray) -> Correspondences:
     """Correspondences at a nearby pose without another search: each target point slides on its tangent plane.
 
     On a face that is what it does, and between the points of a cloud it leaves the gaps as wide as they were.
@@ -81,4 +83,4 @@ def carried(pairs: Pairs, T_target_source: FloatArray) -> Pairs:
     gaps = moved - points
     distances = np.sqrt(np.einsum("ij,ij->i", gaps, gaps))
     found = dataclasses.replace(pairs.closest, points=points, distances=distances, others=None)
-    return Pairs(pairs.scan, T_target_source, found, pairs.same_sign)
+    return Correspondences(pairs.scan, T_target_source, found, pairs.same_sign)

@@ -8,12 +8,12 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry.normals import NEIGHBOURS
-from dqreg.icp.correspondences import Pairs
+from dqreg.icp.correspondences import Correspondences
 from dqreg.solvers import Fit, moments_of, solve_moments, svd
 from dqreg.solvers.newton import local_minimum
 from dqreg.solvers.quadratic import QuadraticForm, plane_form, point_form
 
-Estimator = Callable[[Pairs, FloatArray, float], Fit]
+Estimator = Callable[[Correspondences, FloatArray, float], Fit]
 
 # Correspondences with known normals from which on planes are used: fewer constrain less than six degrees of freedom.
 FEWEST_PLANES = 6
@@ -22,7 +22,7 @@ FEWEST_PLANES = 6
 BEND = 0.04
 
 
-def points_and_normals(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+def points_and_normals(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
     """Walker, Shao and Volz's closed form on points and normals."""
     alpha = direction_weights(pairs, weights, noise)
     used = (alpha > 0.0) & pairs.closest.normals.any(axis=1)
@@ -40,7 +40,7 @@ def points_and_normals(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
     return solve_moments(moments)
 
 
-def direction_weights(pairs: Pairs, weights: FloatArray, noise: float) -> FloatArray:
+def direction_weights(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:
     """Weights alpha of the normals, (n,), beside the weights beta of the points.
 
     With point variance ``noise^2`` and normals fitted to k neighbours (variance ``sigma_r^2 / (k lever)``), maximum
@@ -55,19 +55,19 @@ def direction_weights(pairs: Pairs, weights: FloatArray, noise: float) -> FloatA
     return alpha
 
 
-def points_only(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+def points_only(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
     """The same closed form on points alone."""
     kept = weights > 0.0
     return solve_moments(moments_of(pairs.scan.points[kept], pairs.closest.points[kept], weights[kept]))
 
 
-def svd_points(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+def svd_points(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
     """Arun's SVD on points alone, for comparison."""
     kept = weights > 0.0
     return svd(pairs.scan.points[kept], pairs.closest.points[kept], point_weights=weights[kept])
 
 
-def points_to_planes(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+def points_to_planes(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
     """Point-to-plane: the tangent planes of the target, by Newton's method from the last pose.
 
     Sliding along a face costs nothing, so the loop needs a handful of iterations where point steps need dozens. Far
@@ -77,7 +77,7 @@ def points_to_planes(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
     return points_only(pairs, weights, noise) if form is None else _newton_step(form, pairs, weights)
 
 
-def tangent_planes(pairs: Pairs, weights: FloatArray) -> QuadraticForm | None:
+def tangent_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm | None:
     """The point-to-plane cost; None for too few normals."""
     used = (weights > 0.0) & pairs.closest.normals.any(axis=1)
     if np.count_nonzero(used) < FEWEST_PLANES:
@@ -87,7 +87,7 @@ def tangent_planes(pairs: Pairs, weights: FloatArray) -> QuadraticForm | None:
     return QuadraticForm(plane_form(p, q, n, w, origins), *origins)
 
 
-def surfaces_to_surfaces(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+def surfaces_to_surfaces(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
     """Plane-to-plane, each correspondence weighted by the normals of both sides and their variances.
 
     Between two clouds, where either side's planes are guesses, it beats point-to-plane; on an exact mesh it does not.
@@ -98,7 +98,7 @@ def surfaces_to_surfaces(pairs: Pairs, weights: FloatArray, noise: float) -> Fit
     return _newton_step(both_planes(pairs, weights), pairs, weights)
 
 
-def both_planes(pairs: Pairs, weights: FloatArray) -> QuadraticForm:
+def both_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm:
     """The plane-to-plane cost, in units in which the distance between two sure and parallel planes counts once."""
     used = np.flatnonzero(weights > 0.0)
     w = weights[used]
@@ -153,7 +153,7 @@ def plane_to_plane_form(
     )
 
 
-def _newton_step(form: QuadraticForm, pairs: Pairs, weights: FloatArray) -> Fit:
+def _newton_step(form: QuadraticForm, pairs: Correspondences, weights: FloatArray) -> Fit:
     T = local_minimum(form, pairs.T_target_source)
     cost = max(form.value(T), 0.0)
     return Fit(T, cost, float(np.sqrt(cost / weights.sum())), np.nan)

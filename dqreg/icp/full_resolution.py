@@ -18,9 +18,9 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.mesh_surface import FaceSides, MeshSurface
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest
-from dqreg.icp.correspondences import Pairs, correspond
-from dqreg.icp.informative_sampling import favoured_of, favoured_rows, value_of
-from dqreg.icp.level import Level, Schedule
+from dqreg.icp.correspondences import Correspondences, find_correspondences
+from dqreg.icp.informative_sampling import information_gain, sample_by_gain, sample_runs_by_gain
+from dqreg.icp.level import AnnealingSchedule, Level
 from dqreg.icp.loop import Alignment, Observer, Run
 from dqreg.rigid import pose
 
@@ -42,8 +42,14 @@ def run_centres(total: int, runs: int) -> tuple[IntArray, int]:
 
 
 def gather(
-    scan: Scan, surface: MeshSurface, pairs: Pairs, weights: FloatArray, T: FloatArray, width: float, count: int
-) -> Pairs:
+    scan: Scan,
+    surface: MeshSurface,
+    pairs: Correspondences,
+    weights: FloatArray,
+    T: FloatArray,
+    width: float,
+    count: int,
+) -> Correspondences:
     """Pairs for all points that lie on the face of their run, one a run, and for a choice of the others.
 
     Shapes: weights (m,).
@@ -56,9 +62,9 @@ def gather(
     others = np.flatnonzero(np.r_[~on.ravel(), np.ones(len(scan) - on.size, dtype=bool)])
     lengths = length - counts
     lengths[-1] += len(scan) - on.size
-    asked = others[favoured_of(value_of(pairs, weights), lengths, count)]
+    asked = others[sample_runs_by_gain(information_gain(pairs, weights), lengths, count)]
     order = np.argsort(np.r_[gathered * length + length // 2, asked], kind="stable")
-    alone = correspond(scan.taken(asked), surface, T)
+    alone = find_correspondences(scan.taken(asked), surface, T)
     moved = pose.apply(T, means[gathered])
     normals = pairs.closest.normals[gathered]
     heights = np.einsum("ij,ij->i", moved - pairs.closest.points[gathered], normals)
@@ -80,11 +86,11 @@ def gather(
         counts=np.r_[counts[gathered], np.ones(len(asked))][order],
         within=np.r_[within[gathered], np.zeros(len(asked))][order],
     )
-    return Pairs(together, T, closest, pairs.same_sign)
+    return Correspondences(together, T, closest, pairs.same_sign)
 
 
 def _on_faces(
-    points: FloatArray, length: int, surface: MeshSurface, pairs: Pairs, T: FloatArray, width: float
+    points: FloatArray, length: int, surface: MeshSurface, pairs: Correspondences, T: FloatArray, width: float
 ) -> tuple[BoolArray, FloatArray, FloatArray]:
     """Which points of each run lie on its face, (m, k); their mean, (m, 3); how they scatter about it, (m,)."""
     closest, runs = pairs.closest, len(pairs.scan)
@@ -113,7 +119,7 @@ def _on_faces(
     return on, means, within
 
 
-FINE = Schedule("fine", stages=30, iterations=None, rounds=30)
+FINE = AnnealingSchedule("fine", stages=30, iterations=None, rounds=30)
 # Points of the level between the coarse and the last one.
 MIDDLE = 10_000
 # Where points are taken together, of the points that the plan has for its last level: one run of neighbours for so
@@ -171,6 +177,6 @@ def _drawn(level: Level, scan: Scan, count: int, *, last: bool, so_far: Run) -> 
         return dataclasses.replace(level, scan=scan.thinned(count), last=last)
     if level.plan.fine is not None and last and count < len(scan):
         places = scan.even_rows(len(level.scan))
-        rows = favoured_rows(value_of(so_far.pairs, so_far.weights), places, len(scan), count)
+        rows = sample_by_gain(information_gain(so_far.pairs, so_far.weights), places, len(scan), count)
         return dataclasses.replace(_after(level, so_far, scan.taken(rows)), last=last)
     return dataclasses.replace(_after(level, so_far, scan.thinned(count)), last=last)

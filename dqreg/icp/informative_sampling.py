@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.icp.correspondences import Pairs
+from dqreg.icp.correspondences import Correspondences
 from dqreg.solvers.quadratic import plane_rows
 
 # Every part of the scan keeps this fraction of an even choice: a misfit there must show.
@@ -16,7 +16,7 @@ WEAKEST = 1e-6
 NOTHING = 1e-9
 
 
-def value_of(pairs: Pairs, weights: FloatArray) -> FloatArray:
+def information_gain(pairs: Correspondences, weights: FloatArray) -> FloatArray:
     """Decrease of the mean squared displacement of the part by one more correspondence like each, (n,); mean one.
 
     With point-to-plane rows ``J``, scaled so that rotations and translations are displacements, it is ``tr(M^-1)``,
@@ -36,17 +36,17 @@ def value_of(pairs: Pairs, weights: FloatArray) -> FloatArray:
     return gain / mean if mean > 0.0 else np.ones(len(weights))
 
 
-def favoured_rows(values: FloatArray, places: IntArray, total: int, count: int) -> IntArray:
+def sample_by_gain(values: FloatArray, places: IntArray, total: int, count: int) -> IntArray:
     """Rows to take, more of them where the gain is high.
 
     Shapes: values (m,), places (m,).
     """
     if count >= total:
         return np.arange(total)
-    return favoured_of(values, np.diff(np.r_[0, (places[1:] + places[:-1] + 1) // 2, total]), count)
+    return sample_runs_by_gain(values, np.diff(np.r_[0, (places[1:] + places[:-1] + 1) // 2, total]), count)
 
 
-def favoured_of(values: FloatArray, lengths: IntArray, count: int) -> IntArray:
+def sample_runs_by_gain(values: FloatArray, lengths: IntArray, count: int) -> IntArray:
     """Rows to take out of consecutive runs, more of them where the gain is high.
 
     Shapes: values (m,), lengths (m,).

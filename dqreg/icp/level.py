@@ -11,10 +11,10 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
-from dqreg.icp.correspondences import Pairs, carried
+from dqreg.icp.correspondences import Correspondences, propagate
 from dqreg.icp.estimators import Estimator
 from dqreg.icp.loop import Alignment, Icp, Observer, Run
-from dqreg.icp.rejectors import NormalAngle, WithinDistance, inland
+from dqreg.icp.rejectors import NormalAngle, WithinDistance, boundary_rejectors
 from dqreg.icp.stopping import Stopping
 from dqreg.solvers.robust import InlierMixture
 
@@ -41,7 +41,7 @@ NEAR_ANGLE_RAD = np.deg2rad(60.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class Plan:
+class IcpSettings:
     """What an alignment from coarse to fine needs to know beyond the data."""
 
     estimator: Estimator  # From weighted pairs to a pose, where the basin is decided
@@ -50,7 +50,7 @@ class Plan:
     finest: int | None = None  # Points of the last level; None takes all
     # Width of the kernel to begin with, for a start that is known to be near; None begins at half of the largest
     # distance and decides the basin
-    first_width: float | None = None
+    first_kernel_scale: float | None = None
     # Largest angle between normals once the width is small; at the start it is 90 degrees
     max_angle_rad: float = NEAR_ANGLE_RAD
     accelerate: bool = True  # Whether the loop extrapolates
@@ -58,7 +58,7 @@ class Plan:
 
 
 @dataclasses.dataclass(frozen=True)
-class Schedule:
+class AnnealingSchedule:
     """How fast the width may fall."""
 
     name: str  # Shown with each iteration
@@ -73,7 +73,7 @@ class Level:
 
     scan: Scan  # The points
     surface: Surface  # The target
-    plan: Plan  # Parts and limits
+    plan: IcpSettings  # Parts and limits
     floor: float  # Smallest width
     last: bool  # Whether there is no finer level to come
     contraction: float = 1.0  # See `Stopping`
@@ -83,11 +83,11 @@ class Level:
         self,
         mixture: InlierMixture,
         start: FloatArray,
-        schedule: Schedule,
+        schedule: AnnealingSchedule,
         observe: Observer | None,
         first: int,
         enough: Callable[[Run, InlierMixture], bool] | None = None,
-        before: Pairs | None = None,
+        before: Correspondences | None = None,
     ) -> Alignment:
         """Run at falling widths until the width settles."""
         run = self._run(mixture, start, schedule, observe, first, before)
@@ -115,7 +115,12 @@ class Level:
         return Alignment.of(dataclasses.replace(run, history=history), mixture)
 
     def once(
-        self, mixture: InlierMixture, schedule: Schedule, observe: Observer | None, first: int, pairs: Pairs
+        self,
+        mixture: InlierMixture,
+        schedule: AnnealingSchedule,
+        observe: Observer | None,
+        first: int,
+        pairs: Correspondences,
     ) -> Alignment:
         """Run at one width from pairs of this level's points, without learning another width."""
         return Alignment.of(self._run(mixture, pairs.T_target_source, schedule, observe, first, pairs), mixture)
@@ -134,10 +139,10 @@ class Level:
         self,
         mixture: InlierMixture,
         start: FloatArray,
-        schedule: Schedule,
+        schedule: AnnealingSchedule,
         observe: Observer | None,
         first: int,
-        before: Pairs | None = None,
+        before: Correspondences | None = None,
     ) -> Run:
         plan = self.plan
         iterations = schedule.iterations or plan.stopping.iterations
@@ -146,10 +151,10 @@ class Level:
         icp = Icp(
             estimator=plan.estimator,
             kernel=mixture,
-            gates=(
+            rejectors=(
                 WithinDistance(plan.max_distance),
                 NormalAngle(float(angle)),
-                *(inland(self.surface, mixture.scale) if self.near else ()),
+                *(boundary_rejectors(self.surface, mixture.scale) if self.near else ()),
             ),
             stopping=dataclasses.replace(
                 plan.stopping,
@@ -173,9 +178,9 @@ class Level:
         planes = self.near and self.plan.fine is not None
         return (WITHIN if planes and mixture.inlier_fraction >= EXPLAINED else STAGE_TOLERANCE) * width
 
-    def _learned(self, mixture: InlierMixture, run: Run, schedule: Schedule) -> InlierMixture:
+    def _learned(self, mixture: InlierMixture, run: Run, schedule: AnnealingSchedule) -> InlierMixture:
         # Near the answer the last step is all that is wrong with the distances.
-        pairs = carried(run.pairs, run.T_target_source) if self.near else run.pairs
+        pairs = propagate(run.pairs, run.T_target_source) if self.near else run.pairs
         distances = pairs.distances[run.weights > 0.0]
         some = distances[sample_rows(len(distances), LEARNED_FROM)]
         return mixture.fit(some, floor=self.floor, rounds=schedule.rounds)

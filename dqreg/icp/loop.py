@@ -13,7 +13,7 @@ from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
 from dqreg.icp.acceleration import Anderson
-from dqreg.icp.correspondences import Pairs, correspond
+from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.estimators import Estimator, points_and_normals
 from dqreg.icp.history import Iteration
 from dqreg.icp.rejectors import Robust, Weight, product
@@ -37,9 +37,9 @@ class Run:
     T_target_source: FloatArray  # (4, 4): Last pose
     status: Status  # How it ended
     history: tuple[Iteration, ...]  # One record an iteration
-    pairs: Pairs  # Correspondences of the last iteration
+    pairs: Correspondences  # Correspondences of the last iteration
     weights: FloatArray  # (n,): Their weights; a pair that stands for many points has up to as many
-    earlier: tuple[Pairs, ...] = ()  # The last correspondences of coarser levels, evenly drawn from the scan
+    earlier: tuple[Correspondences, ...] = ()  # The last correspondences of coarser levels, evenly drawn from the scan
 
     @property
     def contraction(self) -> float | None:
@@ -101,7 +101,7 @@ class Icp:
     estimator: Estimator = points_and_normals  # From weighted pairs to an absolute pose
     # Robust kernel of the distances; held fixed during a run, so that the energy has one meaning
     kernel: Kernel = LeastSquares()
-    gates: tuple[Weight, ...] = ()  # Further factors of the weights: distance, normal angle, trimming
+    rejectors: tuple[Weight, ...] = ()  # Further factors of the weights: distance, normal angle, trimming
     stopping: Stopping = Stopping()  # When to end
     accelerate: bool = True  # Whether Anderson acceleration extrapolates the steps
     stage: str = "loop"  # Name of this run in the records
@@ -114,7 +114,7 @@ class Icp:
         start: FloatArray,
         observe: Observer | None = None,
         first: int = 1,
-        before: Pairs | None = None,
+        before: Correspondences | None = None,
     ) -> Run:
         """Alternate between closest points and closed form until nothing moves."""
         T = start
@@ -124,8 +124,8 @@ class Icp:
         anderson = Anderson(start, spread.mean, spread.size)
         while True:
             began = time.perf_counter()
-            pairs = before = correspond(scan, surface, T, before)
-            gate = product(self.gates, pairs)
+            pairs = before = find_correspondences(scan, surface, T, before)
+            gate = product(self.rejectors, pairs)
             weights = gate * Robust(self.kernel)(pairs)
             if scan.counts is not None:
                 weights *= scan.counts
@@ -148,16 +148,23 @@ class Icp:
                 return Run(T_next, status, tuple(history), pairs, weights)
             T = T_new
 
-    def _energy(self, pairs: Pairs, gate: FloatArray) -> float:
+    def _energy(self, pairs: Correspondences, gate: FloatArray) -> float:
         # A pair that a gate rejects costs as much as the farthest one that passes could: else losing pairs would pay.
         farthest = pairs.distances.max(where=gate > 0.0, initial=0.0)
-        limits = [w.limit for w in self.gates if hasattr(w, "limit")]
+        limits = [w.limit for w in self.rejectors if hasattr(w, "limit")]
         cap = min([*limits, np.inf]) if limits else farthest
         costs = self.kernel.cost(np.where(gate > 0.0, pairs.distances, cap))
         return float(np.average(costs, weights=pairs.scan.counts))
 
     def _record(
-        self, number: int, pairs: Pairs, weights: FloatArray, energy: float, T: FloatArray, motion: float, began: float
+        self,
+        number: int,
+        pairs: Correspondences,
+        weights: FloatArray,
+        energy: float,
+        T: FloatArray,
+        motion: float,
+        began: float,
     ) -> Iteration:
         total = float(weights.sum())
         return Iteration(

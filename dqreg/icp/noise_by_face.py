@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.icp.correspondences import Pairs
+from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.estimators import points_to_planes
 from dqreg.solvers import Fit
 
@@ -42,7 +42,7 @@ def relative_precisions(normals: FloatArray, residuals: FloatArray, weights: Flo
     return scaled
 
 
-def weighed_by_faces(pairs: Pairs, weights: FloatArray, noise: float) -> FloatArray:
+def weights_by_face(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:
     """Weights times the precision of each orientation; unchanged while the misfit is larger than the noise."""
     if noise > MISFIT * pairs.scan.noise:
         return weights
@@ -56,6 +56,6 @@ def _cells(normals: FloatArray) -> IntArray:
     return np.asarray((x.astype(np.int64) * side + y.astype(np.int64)) * side + z.astype(np.int64))
 
 
-def points_to_weighed_planes(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+def points_to_weighted_planes(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
     """Point-to-plane, each orientation weighted by its own scatter; near the answer only."""
-    return points_to_planes(pairs, weighed_by_faces(pairs, weights, noise), noise)
+    return points_to_planes(pairs, weights_by_face(pairs, weights, noise), noise)

@@ -1,4 +1,4 @@
-"""Rejectors and weights: small callables from `Pairs` to (n,) factors; factors multiply, zero rejects."""
+"""Rejectors and weights: small callables from `Correspondences` to (n,) factors; factors multiply, zero rejects."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.surface import Surface
-from dqreg.icp.correspondences import Pairs
+from dqreg.icp.correspondences import Correspondences
 from dqreg.solvers.robust import Kernel
 
-Weight = Callable[[Pairs], FloatArray]
+Weight = Callable[[Correspondences], FloatArray]
 
 # Kernel scales from a boundary edge within which noise alone decides whether the closest point is on it.
 STRIP = 3.0
@@ -27,7 +27,7 @@ class WithinDistance:
 
     limit: float
 
-    def __call__(self, pairs: Pairs) -> FloatArray:
+    def __call__(self, pairs: Correspondences) -> FloatArray:
         """1 within the limit, else 0."""
         return np.where(pairs.distances <= self.limit, 1.0, 0.0)
 
@@ -41,7 +41,7 @@ class NormalAngle:
 
     limit_rad: float
 
-    def __call__(self, pairs: Pairs) -> FloatArray:
+    def __call__(self, pairs: Correspondences) -> FloatArray:
         """1 within the limit or without normals, else 0."""
         rows = np.flatnonzero(pairs.scan.directed)
         factors = np.ones(len(pairs.distances))
@@ -57,7 +57,7 @@ class Robust:
 
     kernel: Kernel
 
-    def __call__(self, pairs: Pairs) -> FloatArray:
+    def __call__(self, pairs: Correspondences) -> FloatArray:
         """The kernel's weights."""
         return self.kernel.weight(pairs.distances)
 
@@ -68,7 +68,7 @@ class Trimmed:
 
     fraction: float
 
-    def __call__(self, pairs: Pairs) -> FloatArray:
+    def __call__(self, pairs: Correspondences) -> FloatArray:
         """1 for the closest, else 0."""
         keep = int(np.ceil(self.fraction * len(pairs.distances)))
         weights = np.zeros(len(pairs.distances))
@@ -76,7 +76,7 @@ class Trimmed:
         return weights
 
 
-def product(weights: Sequence[Weight], pairs: Pairs) -> FloatArray:
+def product(weights: Sequence[Weight], pairs: Correspondences) -> FloatArray:
     """Product of all factors, (n,)."""
     total = np.ones(len(pairs.distances))
     for weight in weights:
@@ -96,7 +96,7 @@ class RejectMeshBoundary:
     borders: MeshBoundary
     margin: float
 
-    def __call__(self, pairs: Pairs) -> FloatArray:
+    def __call__(self, pairs: Correspondences) -> FloatArray:
         """0 at the boundary, else 1."""
         return np.where(self.borders.near(pairs.closest.points, self.margin), 0.0, 1.0)
 
@@ -107,12 +107,12 @@ class RejectCloudBoundary:
 
     surface: CloudSurface
 
-    def __call__(self, pairs: Pairs) -> FloatArray:
+    def __call__(self, pairs: Correspondences) -> FloatArray:
         """0 at the boundary, else 1."""
         return np.where(self.surface.on_rim(pairs.closest), 0.0, 1.0)
 
 
-def inland(surface: Surface, width: float) -> tuple[RejectMeshBoundary | RejectCloudBoundary, ...]:
+def boundary_rejectors(surface: Surface, width: float) -> tuple[RejectMeshBoundary | RejectCloudBoundary, ...]:
     """The rejector for an open target."""
     if isinstance(surface, CloudSurface):
         return (RejectCloudBoundary(surface),)
@@ -120,9 +120,9 @@ def inland(surface: Surface, width: float) -> tuple[RejectMeshBoundary | RejectC
     return () if borders is None else (RejectMeshBoundary(borders, STRIP * width),)
 
 
-def beyond_border(pairs: Pairs, surface: Surface, width: float, reach: float) -> BoolArray:
+def beyond_boundary(pairs: Correspondences, surface: Surface, width: float, reach: float) -> BoolArray:
     """Correspondences within reach that the boundary rejectors reject, (n,)."""
     out = np.zeros(len(pairs.distances), dtype=bool)
-    for rejects in inland(surface, width):
+    for rejects in boundary_rejectors(surface, width):
         out |= (rejects(pairs) == 0.0) & (pairs.distances <= reach)
     return out

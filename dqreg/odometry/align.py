@@ -8,7 +8,16 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Scan
-from dqreg.icp import ESTIMATORS, Alignment, InlierMixture, Level, Plan, Schedule, Stopping, width_floor
+from dqreg.icp import (
+    ESTIMATORS,
+    Alignment,
+    AnnealingSchedule,
+    IcpSettings,
+    InlierMixture,
+    Level,
+    Stopping,
+    smallest_kernel_scale,
+)
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import candidates, screen
@@ -17,8 +26,8 @@ from dqreg.trust.verdict import fraction_fits
 # Points of the coarse level.
 COARSE = 400
 # The kernel scale falls with every iteration; few suffice from an initial pose that was chosen.
-QUICK = Schedule("quick", stages=25, iterations=1, rounds=1)
-FINE = Schedule("fine", stages=4, iterations=None, rounds=30)
+QUICK = AnnealingSchedule("quick", stages=25, iterations=1, rounds=1)
+FINE = AnnealingSchedule("fine", stages=4, iterations=None, rounds=30)
 # First kernel scale, over the largest distance.
 WIDE = 0.3
 # The last level ends once a step moves the points by less than this fraction of the map's diagonal.
@@ -65,8 +74,8 @@ class FrameSearch:
     def _align(self, scan: Scan, poses: FloatArray, keep: int) -> Alignment:
         """The best of several initial poses, (m, 4, 4), of which some are refined."""
         surface, lengths = self.surface, self.lengths
-        plan = Plan(ESTIMATORS[self.settings.method], lengths.reach)
-        coarse = Level(scan.thinned(COARSE), surface, plan, width_floor(scan, surface), last=False)
+        plan = IcpSettings(ESTIMATORS[self.settings.method], lengths.reach)
+        coarse = Level(scan.thinned(COARSE), surface, plan, smallest_kernel_scale(scan, surface), last=False)
         starts = screen(surface, scan.points, poses, 0.5 * lengths.reach, keep) if len(poses) > 1 else poses
         wide = InlierMixture.starting(WIDE * lengths.reach, lengths.reach)
         runs = [coarse.descend(wide, start, QUICK, None, 1) for start in starts]

@@ -78,7 +78,7 @@ class SmallGicpEngine:
 
 
 @dataclasses.dataclass(frozen=True)
-class Trip:
+class TrajectoryRun:
     """A sequence after it was run."""
 
     name: str  # What ran it
@@ -89,7 +89,7 @@ class Trip:
 
 def run_ours(
     scans: Scans, settings: OdometrySettings, tell: Callable[[int, Registration], object] | None = None
-) -> Trip:
+) -> TrajectoryRun:
     """Run our odometry over a sequence; a frame that cannot be read fails alone."""
     odometry = Odometry(settings)
     results: list[Registration] = []
@@ -100,7 +100,7 @@ def run_ours(
         results.append(result)
         if tell is not None:
             tell(number, result)
-    return Trip("dqreg", odometry.poses, tuple(results), np.array([r.timings["total"] for r in results]))
+    return TrajectoryRun("dqreg", odometry.poses, tuple(results), np.array([r.timings["total"] for r in results]))
 
 
 def _registered(odometry: Odometry, data: FrameData, stamp: float | None) -> Registration:
@@ -117,7 +117,7 @@ def _registered(odometry: Odometry, data: FrameData, stamp: float | None) -> Reg
     return dataclasses.replace(result, verdict=Verdict(result.verdict.level, reasons))
 
 
-def run_engine(name: str, engine: Engine, scans: Scans, tell: Callable[[int], object] | None = None) -> Trip:
+def run_engine(name: str, engine: Engine, scans: Scans, tell: Callable[[int], object] | None = None) -> TrajectoryRun:
     """Run another engine over a sequence."""
     poses, seconds = [], []
     for number in range(len(scans)):
@@ -127,7 +127,7 @@ def run_engine(name: str, engine: Engine, scans: Scans, tell: Callable[[int], ob
         seconds.append(time.perf_counter() - began)
         if tell is not None:
             tell(number)
-    return Trip(name, np.array(poses).reshape(-1, 4, 4), (), np.array(seconds))
+    return TrajectoryRun(name, np.array(poses).reshape(-1, 4, 4), (), np.array(seconds))
 
 
 def peers(settings: OdometrySettings, first: FloatArray) -> Iterable[tuple[str, Callable[[], Any]]]:

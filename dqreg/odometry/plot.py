@@ -10,7 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
-from dqreg.odometry.engines import Trip
+from dqreg.odometry.engines import TrajectoryRun
 from dqreg.odometry.evaluation import relative_errors
 from dqreg.odometry.trajectory import bridge_gaps
 from dqreg.report.figure import PALETTE, encode, new_figure
@@ -18,7 +18,7 @@ from dqreg.report.figure import PALETTE, encode, new_figure
 BLUE, RED, _, _, ORANGE, _, GREY = PALETTE
 
 
-def plot_trip(path: str | Path, trip: Trip, truth: FloatArray | None = None) -> None:
+def plot_trip(path: str | Path, trip: TrajectoryRun, truth: FloatArray | None = None) -> None:
     """Draw the path, and below it each frame's share on the map, one-sigma and error.
 
     Shapes: truth (n, 4, 4).
@@ -43,7 +43,7 @@ def _plane(places: FloatArray) -> tuple[int, int]:
     return first, second
 
 
-def _draw_path(axes: Any, poses: FloatArray, trip: Trip, truth: FloatArray | None) -> None:
+def _draw_path(axes: Any, poses: FloatArray, trip: TrajectoryRun, truth: FloatArray | None) -> None:
     places = poses[:, :3, 3]
     u, v = _plane(places)
     if truth is not None:
@@ -61,7 +61,7 @@ def _draw_path(axes: Any, poses: FloatArray, trip: Trip, truth: FloatArray | Non
     axes.legend(loc="best", frameon=False)
 
 
-def _draw_errors(axes: Any, poses: FloatArray, trip: Trip, truth: FloatArray | None) -> None:
+def _draw_errors(axes: Any, poses: FloatArray, trip: TrajectoryRun, truth: FloatArray | None) -> None:
     frames = np.arange(1, len(poses))
     if truth is not None and len(poses) > 1:
         turn, shift = relative_errors(poses, truth, 1)
@@ -80,7 +80,7 @@ def _draw_errors(axes: Any, poses: FloatArray, trip: Trip, truth: FloatArray | N
     axes.grid(alpha=0.3)
 
 
-def _draw_trust(axes: Any, trip: Trip) -> None:
+def _draw_trust(axes: Any, trip: TrajectoryRun) -> None:
     axes.set_xlabel("frame")
     if not trip.results:
         axes.plot(np.arange(len(trip.seconds)), trip.seconds, color=GREY, linewidth=0.8)

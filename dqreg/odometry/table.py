@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.odometry.engines import Trip
+from dqreg.odometry.engines import TrajectoryRun
 from dqreg.odometry.evaluation import CHI2_HIGH, evaluate, nees
 from dqreg.report.table import Column, Table
 
@@ -25,7 +25,7 @@ COLUMNS = (
 )
 
 
-def results_table(trips: Sequence[Trip], truth: FloatArray | None) -> Table:
+def results_table(trips: Sequence[TrajectoryRun], truth: FloatArray | None) -> Table:
     """One engine a row.
 
     Shapes: truth (n, 4, 4).
@@ -54,7 +54,7 @@ def match_truth(truth: FloatArray, truth_times: FloatArray | None, times: FloatA
     return matched
 
 
-def _row(trip: Trip, truth: FloatArray | None) -> tuple[str, ...]:
+def _row(trip: TrajectoryRun, truth: FloatArray | None) -> tuple[str, ...]:
     speed = f"{len(trip.seconds) / max(float(trip.seconds.sum()), 1e-9):.1f}"
     missing = int(np.count_nonzero(~np.isfinite(trip.poses).all(axis=(1, 2))))
     if truth is None or missing == len(trip.poses):
@@ -68,7 +68,7 @@ def _pair(values: FloatArray) -> str:
     return f"{np.median(values):.2g} / {values.max():.2g}" if len(values) else ""
 
 
-def trust_words(trip: Trip, truth: FloatArray) -> str:
+def trust_words(trip: TrajectoryRun, truth: FloatArray) -> str:
     """Whether the covariances keep their word, in a sentence.
 
     Shapes: truth (n, 4, 4).

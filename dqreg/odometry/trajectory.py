@@ -13,7 +13,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray, as_float
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
-from dqreg.odometry.engines import Trip
+from dqreg.odometry.engines import TrajectoryRun
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.scans import Scans
 from dqreg.registration.result import Registration
@@ -169,7 +169,7 @@ HEADER = (
 )
 
 
-def write_frames(path: str | Path, trip: Trip, scans: Scans) -> None:
+def write_frames(path: str | Path, trip: TrajectoryRun, scans: Scans) -> None:
     """Write verdict, place, one-sigmas and reasons of every frame as CSV."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -190,7 +190,7 @@ def write_frames(path: str | Path, trip: Trip, scans: Scans) -> None:
     write_atomically(Path(path), text.getvalue())
 
 
-def to_records(trip: Trip, scans: Scans) -> list[dict[str, Any]]:
+def to_records(trip: TrajectoryRun, scans: Scans) -> list[dict[str, Any]]:
     """The frames as plain values."""
     records = []
     for number, name in enumerate(scans.names):

@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, PointCloud, Scan, Surface, prepare_scan
-from dqreg.icp import Icp, Pairs, Stopping, points_and_normals, points_only
+from dqreg.icp import Correspondences, Icp, Stopping, points_and_normals, points_only
 from dqreg.icp.estimators import Estimator
 from dqreg.papers.document import Curve, Figure, Panel, Section, floats
 from dqreg.report.table import Column, Table, short_number
@@ -66,7 +66,7 @@ def surface_cloud(rng: np.random.Generator, count: int) -> FloatArray:
     return np.column_stack([x, y, z])
 
 
-def _notes_estimator(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+def _notes_estimator(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
     kept = weights > 0.0
     return horn(pairs.scan.points[kept], pairs.closest.points[kept])
 
@@ -83,7 +83,7 @@ def _follow(
     exact = pose.apply(T_truth, scan.points)
     errors: list[float] = []
 
-    def solve_and_compare(pairs: Pairs, weights: FloatArray, noise: float) -> Fit:
+    def solve_and_compare(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
         fit = estimator(pairs, weights, noise)
         away = pose.apply(fit.T_target_source, scan.points) - exact
         errors.append(float(np.sqrt(np.mean(np.sum(away**2, axis=1)))) / surface.diagonal)

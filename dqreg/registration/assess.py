@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.icp import correspond
+from dqreg.icp import find_correspondences
 from dqreg.registration.fit import Fit
 from dqreg.trust import (
     Evidence,
@@ -83,7 +83,7 @@ def without_drift(fit: Fit, start: FloatArray) -> Fit:
         return fit
     run = fit.run
     T = without_free_motion(run.T_target_source, start, fit.information)
-    pairs = correspond(run.pairs.scan, fit.prepared.surface, T)
+    pairs = find_correspondences(run.pairs.scan, fit.prepared.surface, T)
     weights = np.where(run.weights > 0.0, run.mixture.weight(pairs.distances), 0.0)
     if pairs.scan.counts is not None:
         weights *= pairs.scan.counts

@@ -10,7 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.icp import Estimator, constrained
-from dqreg.icp.noise_by_face import weighed_by_faces
+from dqreg.icp.noise_by_face import weights_by_face
 from dqreg.rigid import pose
 from dqreg.solvers import Freedom, PoseCost
 
@@ -59,7 +59,7 @@ class PoseConstraints:
         held = constrained(self.freedom or Freedom.parse("all"), self.reference, self.prior, planes=planes)
         if not weighed:
             return held
-        return lambda pairs, weights, noise: held(pairs, weighed_by_faces(pairs, weights, noise), noise)
+        return lambda pairs, weights, noise: held(pairs, weights_by_face(pairs, weights, noise), noise)
 
     def project(self, T: FloatArray) -> FloatArray:
         """The pose with its locked motions exactly as they were: an early end may hold an extrapolated one."""

@@ -9,7 +9,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan, Surface
 from dqreg.geometry.normals import sample_rows
-from dqreg.icp import Alignment, Pairs, Run, carried, correspond, width_floor
+from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
 from dqreg.rigid import pose
 from dqreg.trust.chance import random_ratio
 from dqreg.trust.patch_tests import ON, patches_off, stretch_of
@@ -83,43 +83,45 @@ def agreement_of(
         normals_apart=local.normals_apart,
         width=float(np.sqrt(np.mean(aside**2))) if len(aside) else mixture.scale,
         # From cloud to cloud the tangent planes are guesses between points that stand apart.
-        expected=max(min(local.noise, scan.noise), scan.spacing if has_border else width_floor(scan, surface)),
+        expected=max(
+            min(local.noise, scan.noise), scan.spacing if has_border else smallest_kernel_scale(scan, surface)
+        ),
         stretch=stretch,
         stretched_along=(float(along[0]), float(along[1]), float(along[2])),
         random_ratio=_random_ratio(pairs, on, surface),
     )
 
 
-def _random_ratio(pairs: Pairs, on: BoolArray, surface: Surface) -> float:
+def _random_ratio(pairs: Correspondences, on: BoolArray, surface: Surface) -> float:
     rms = float(np.sqrt(np.mean(pairs.distances[on] ** 2))) if on.any() else 0.0
     return random_ratio(pairs.moved, float(np.mean(on)), rms, surface)
 
 
-def _pairs(run: Run, scan: Scan, surface: Surface, width: float) -> Pairs:
+def _pairs(run: Run, scan: Scan, surface: Surface, width: float) -> Correspondences:
     for asked in (run.pairs, *run.earlier[::-1]):
         drawn_evenly = asked.scan.counts is None and (len(asked.scan) == len(scan) or asked is not run.pairs)
         if drawn_evenly and ENOUGH <= len(asked.scan) <= LOOKED_AT:
             return _again(asked, surface, run.T_target_source, width)
     # Thinning for the loop keeps the points with normals; here any will do.
-    return correspond(scan.taken(sample_rows(len(scan), LOOKED_AT)), surface, run.T_target_source)
+    return find_correspondences(scan.taken(sample_rows(len(scan), LOOKED_AT)), surface, run.T_target_source)
 
 
-def _again(asked: Pairs, surface: Surface, T: FloatArray, width: float) -> Pairs:
+def _again(asked: Correspondences, surface: Surface, T: FloatArray, width: float) -> Correspondences:
     # The last pose is no farther off than a step: most faces and points are still the closest.
     moved = pose.apply(T, asked.scan.points) - asked.moved
     farthest = float(np.sqrt(np.einsum("ij,ij->i", moved, moved).max(initial=0.0)))
     if farthest <= STILL * width:
         return asked
-    return carried(asked, T) if farthest <= NEARBY * width else correspond(asked.scan, surface, T, asked)
+    return propagate(asked, T) if farthest <= NEARBY * width else find_correspondences(asked.scan, surface, T, asked)
 
 
-def _fitted_pairs(run: Run, scan: Scan, fitted: IntArray, surface: Surface, width: float) -> Pairs:
+def _fitted_pairs(run: Run, scan: Scan, fitted: IntArray, surface: Surface, width: float) -> Correspondences:
     """Pairs of points that have a normal of their own."""
     least = min(ENOUGH_FITTED, len(fitted))
     for asked in run.earlier[::-1]:
         if asked.scan.fitted is not None and len(asked.scan) == len(asked.scan.fitted) >= least:
             return _again(asked, surface, run.T_target_source, width)
-    return correspond(scan.taken(fitted).thinned(LOOKED_AT), surface, run.T_target_source)
+    return find_correspondences(scan.taken(fitted).thinned(LOOKED_AT), surface, run.T_target_source)
 
 
 def _share(part: BoolArray, whole: BoolArray) -> float:
@@ -136,7 +138,7 @@ class _Local:
     noise: float
 
     @staticmethod
-    def of(pairs: Pairs, width: float) -> _Local:
+    def of(pairs: Correspondences, width: float) -> _Local:
         scan = pairs.scan
         on = pairs.distances <= width
         with np.errstate(divide="ignore", invalid="ignore"):

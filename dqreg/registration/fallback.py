@@ -10,7 +10,7 @@ from dqreg.registration.evidence import NEAR
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import GlobalSearch, alternatives_of
 from dqreg.rigid import pose
-from dqreg.search.near_symmetry import flipped, gain_of_mirror
+from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror
 from dqreg.search.poses import Poses
 from dqreg.search.scoring import score_poses
 from dqreg.trust.records import Alternative
@@ -71,7 +71,7 @@ def retry_from_search(fit: Fit, start: FloatArray, search: GlobalSearch) -> tupl
 def near_symmetric_poses(fit: Fit) -> tuple[Alternative, ...]:
     """The pose after rotations that leave most of the part in place, where they explain the scan about as well."""
     limit, rotations = NEAR * fit.settings.max_distance, fit.problem.target.near_rotations
-    found = flipped(fit.T_target_source, rotations, fit.prepared.scan, fit.prepared.surface, limit, fit.floor)
+    found = flipped_poses(fit.T_target_source, rotations, fit.prepared.scan, fit.prepared.surface, limit, fit.floor)
     return tuple(Alternative(fit.problem.to_caller(T), rms) for T, rms in found)
 
 

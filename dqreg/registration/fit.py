@@ -9,9 +9,18 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, prepare_scan
-from dqreg.icp import ESTIMATORS, Alignment, Icp, Observer, Plan, Run, align_coarse_to_fine, width_floor
+from dqreg.icp import (
+    ESTIMATORS,
+    Alignment,
+    Icp,
+    IcpSettings,
+    Observer,
+    Run,
+    align_coarse_to_fine,
+    smallest_kernel_scale,
+)
 from dqreg.icp.history import Iteration
-from dqreg.icp.noise_by_face import weighed_by_faces
+from dqreg.icp.noise_by_face import weights_by_face
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.evidence import Agreement, agreement_of
 from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
@@ -27,7 +36,7 @@ class Fit:
     problem: Problem
     prepared: Prepared  # Scan and surface that the loop compares
     target: TargetIndex  # The problem's; of a part, with those faces alone that could be seen
-    settings: Plan
+    settings: IcpSettings
     constraints: PoseConstraints
     run: Alignment  # Pose, last correspondences and weights, mixture, history of all runs, status
 
@@ -44,7 +53,7 @@ class Fit:
     @property
     def floor(self) -> float:
         """Smallest scale of the kernel, a length."""
-        return width_floor(self.prepared.scan, self.prepared.surface)
+        return smallest_kernel_scale(self.prepared.scan, self.prepared.surface)
 
     @property
     def has_border(self) -> bool:
@@ -68,7 +77,7 @@ class Fit:
         points, normals = pose.apply(T, pairs.scan.points), pairs.closest.normals
         along = np.einsum("ij,ij->i", points - pairs.closest.points, normals)
         if self.settings.fine is not None and self.settings.fine is not ESTIMATORS["generalised"]:
-            weights = weighed_by_faces(pairs, weights, self.run.mixture.scale)
+            weights = weights_by_face(pairs, weights, self.run.mixture.scale)
         information = information_of(
             points,
             normals,
@@ -93,7 +102,7 @@ class Fit:
         *,
         prepared: Prepared | None = None,
         target: TargetIndex | None = None,
-        settings: Plan | None = None,
+        settings: IcpSettings | None = None,
     ) -> Fit:
         """The fit to which the loop comes from a pose, with this one's constraints and history.
 
@@ -103,7 +112,7 @@ class Fit:
             self.problem,
             prepared or self.prepared,
             start,
-            dataclasses.replace(settings or self.settings, first_width=kernel_scale),
+            dataclasses.replace(settings or self.settings, first_kernel_scale=kernel_scale),
             self.constraints,
             target=target or self.target,
             before=self.run.history,
@@ -114,7 +123,7 @@ def coarse_to_fine(
     problem: Problem,
     prepared: Prepared,
     start: FloatArray,
-    settings: Plan,
+    settings: IcpSettings,
     constraints: PoseConstraints,
     *,
     target: TargetIndex | None = None,

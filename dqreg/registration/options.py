@@ -11,9 +11,9 @@ import numpy as np
 
 from dqreg._arrays import LARGEST
 from dqreg.errors import InputError
-from dqreg.icp import COARSE, ESTIMATORS, Estimator, Plan, Stopping
+from dqreg.icp import COARSE, ESTIMATORS, Estimator, IcpSettings, Stopping
 from dqreg.icp.history import Iteration
-from dqreg.icp.noise_by_face import points_to_weighed_planes
+from dqreg.icp.noise_by_face import points_to_weighted_planes
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.search import Stage
 from dqreg.solvers import Freedom
@@ -139,22 +139,22 @@ class Options:
         kernel_scale: float | None = None,
         *,
         even: bool = False,
-    ) -> Plan:
+    ) -> IcpSettings:
         """Parts of the loop; between clouds that are downsampled evenly, planes are fitted at every point."""
         auto = self.method == "auto"
         coarse: Estimator = ESTIMATORS["dq" if auto else self.method]
-        fine: Estimator | None = points_to_weighed_planes if auto else None
+        fine: Estimator | None = points_to_weighted_planes if auto else None
         if auto and even:
             fine = ESTIMATORS["generalised"]
         if constraints.any:
             coarse = constraints.estimator(planes=self.method == "plane")
             fine = constraints.estimator(planes=True, weighed=True) if auto else None
-        return Plan(
+        return IcpSettings(
             estimator=coarse,
             fine=fine,
             max_distance=max_distance,
             finest=EFFORTS[self.effort],
-            first_width=kernel_scale if auto else None,
+            first_kernel_scale=kernel_scale if auto else None,
             max_angle_rad=float(np.deg2rad(self.max_angle_deg)),
             accelerate=self.accelerate,
             stopping=Stopping(convergence=self.convergence, iterations=self.max_iterations),

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.icp.rejectors import beyond_border
+from dqreg.icp.rejectors import beyond_boundary
 from dqreg.registration.assess import Uncertainty, evidence_of, uncertainty_of, without_drift
 from dqreg.registration.fallback import mirror_gain, near_symmetric_poses, retry_from_search
 from dqreg.registration.fit import Fit, coarse_to_fine
@@ -97,7 +97,7 @@ def resolved(fit: Fit) -> dict[str, Any]:
     """Lengths, counts and kinds that followed from the data."""
     source, target, scan, pairs = fit.problem.source, fit.target, fit.prepared.scan, fit.run.pairs
     max_distance, width = fit.settings.max_distance, fit.run.mixture.scale
-    beyond = beyond_border(pairs, fit.prepared.surface, width, max_distance) if fit.found else np.zeros(0)
+    beyond = beyond_boundary(pairs, fit.prepared.surface, width, max_distance) if fit.found else np.zeros(0)
     return {
         "max_distance": max_distance,
         "width": width,

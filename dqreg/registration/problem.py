@@ -14,7 +14,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
 from dqreg.geometry.opening import describe
 from dqreg.geometry.unit_check import require_same_units
-from dqreg.geometry.voxels import WHOLE, EvenCloud, cell_size, even_size, evened
+from dqreg.geometry.voxels import WHOLE, VoxelCloud, cell_size, voxel_downsample, voxel_size
 from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.constraints import PoseConstraints
@@ -101,11 +101,11 @@ class Prepared:
         """
         target, cloud = sides.target, sides.source.cloud
         stands = target.evened(count)
-        size = stands.size or even_size(cloud.points, count)
-        moves = evened(cloud, size)
+        size = stands.size or voxel_size(cloud.points, count)
+        moves = voxel_downsample(cloud, size)
         if stands.size and len(moves) < SMALL * count and isinstance(target.geometry, PointCloud):
             size = min(size, cell_size(cloud.points, min(count, int(WHOLE * len(cloud.points)))))
-            stands, moves = EvenCloud.of(target.geometry, size), evened(cloud, size)
+            stands, moves = VoxelCloud.of(target.geometry, size), voxel_downsample(cloud, size)
         thinned = stands.surface is not None or moves is not cloud
         scan = dataclasses.replace(prepare_scan(moves), total=len(cloud))
         return Prepared(scan, stands.surface or target.surface, size if thinned else 0.0, even=True)

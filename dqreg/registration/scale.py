@@ -16,10 +16,10 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
-from dqreg.geometry.opening import describe, read_any
+from dqreg.geometry.opening import describe, open_geometry
 from dqreg.geometry.unit_check import principal_spreads
-from dqreg.icp import InlierMixture, Pairs
-from dqreg.icp.rejectors import inland
+from dqreg.icp import Correspondences, InlierMixture
+from dqreg.icp.rejectors import boundary_rejectors
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.initial_pose import GlobalSearch
 from dqreg.registration.options import EFFORTS, Options
@@ -79,7 +79,7 @@ class ScaleProblem:
                     f'scale="solve" cannot be combined with {name}=: solve the scale first, then register with '
                     f"scale=result.scale and {name}="
                 )
-        index, cloud = index_target(target), read_any(source, "source")
+        index, cloud = index_target(target), open_geometry(source, "source")
         if isinstance(cloud, Mesh):
             cloud = sample_mesh(cloud, MESH_SAMPLES, np.random.default_rng(options.seed))
         at_one = dataclasses.replace(options, scale=1.0, units="ignore")
@@ -145,9 +145,9 @@ def _last_step(task: ScaleProblem, result: Registration, scale: float) -> ScaleS
     share = min(max(result.inlier_fraction, 0.05), 0.999)
     mixture = InlierMixture(settings["width"], share, settings["max_distance"])
 
-    def weigh(pairs: Pairs) -> FloatArray:
+    def weigh(pairs: Correspondences) -> FloatArray:
         weights = mixture.weight(pairs.distances)
-        for gate in inland(surface, settings["width"]):
+        for gate in boundary_rejectors(surface, settings["width"]):
             weights = weights * gate(pairs)
         return weights
 

@@ -18,7 +18,7 @@ from dqreg.errors import DegenerateGeometryError
 from dqreg.files.units import RATIOS
 from dqreg.geometry import Mesh, Surface
 from dqreg.geometry.scan import Scan
-from dqreg.icp import COARSE, InlierMixture, Pairs, correspond, width_floor
+from dqreg.icp import COARSE, Correspondences, InlierMixture, find_correspondences, smallest_kernel_scale
 from dqreg.registration.initial_pose import GlobalSearch
 from dqreg.registration.problem import SourceAndTarget
 from dqreg.rigid import pose
@@ -59,12 +59,12 @@ def joint_step(
     surface: Surface,
     scale: float,
     T_centred: FloatArray,
-    weigh: Callable[[Pairs], FloatArray],
+    weigh: Callable[[Correspondences], FloatArray],
     *,
     hold: bool = False,
 ) -> ScaleStep:
     """One step of scale and pose together, from the closest places of a scaled scan."""
-    pairs = correspond(scaled(scan, scale), surface, T_centred)
+    pairs = find_correspondences(scaled(scan, scale), surface, T_centred)
     matches = SurfaceMatches(pairs.moved, pairs.closest.points, pairs.closest.normals, weigh(pairs))
     return scale_step(matches, hold=hold)
 
@@ -73,7 +73,7 @@ def refine_scale(search: GlobalSearch, scale: float, T_centred: FloatArray, *, h
     """Scale and pose together, on a few thousand points."""
     surface = search.target.surface
     few = search.scan.thinned(COARSE)
-    floor, held = width_floor(few, surface), True
+    floor, held = smallest_kernel_scale(few, surface), True
     for _ in range(STEPS):
         try:
             step = joint_step(
@@ -95,13 +95,13 @@ def refine_scale(search: GlobalSearch, scale: float, T_centred: FloatArray, *, h
     return _judged(search, few, ScaleCandidate(scale, T_centred, np.inf, held and not hold), floor)
 
 
-def _robust(pairs: Pairs, floor: float) -> FloatArray:
+def _robust(pairs: Correspondences, floor: float) -> FloatArray:
     return GemanMcClure.of_median(pairs.distances, floor).weight(pairs.distances)
 
 
 def _judged(search: GlobalSearch, few: Scan, found: ScaleCandidate, floor: float) -> ScaleCandidate:
     surface, limit = search.target.surface, search.max_distance
-    distances = correspond(scaled(few, found.scale), surface, found.T_centred).distances / found.scale
+    distances = find_correspondences(scaled(few, found.scale), surface, found.T_centred).distances / found.scale
     near = distances[distances <= limit]
     if not len(near):
         return found

@@ -12,7 +12,7 @@ from dqreg._arrays import FloatArray, bounds, shifted
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
-from dqreg.geometry.opening import read_any
+from dqreg.geometry.opening import open_geometry
 
 # Points drawn from a mesh that is the source.
 MESH_SAMPLES = 100_000
@@ -59,7 +59,7 @@ def centre_source(
     scale: float = 1.0,
 ) -> CentredSource:
     """Read a source, convert its unit, and move it to its own middle."""
-    geometry = read_any(source, "source")
+    geometry = open_geometry(source, "source")
     mesh = geometry if isinstance(geometry, Mesh) else None
     if isinstance(geometry, Mesh):
         geometry = sample_mesh(geometry, MESH_SAMPLES, rng)

@@ -14,10 +14,10 @@ from dqreg._arrays import BoolArray, FloatArray, bounds
 from dqreg.errors import InputError
 from dqreg.geometry import Closest, CloudSurface, Mesh, MeshSurface, PointCloud, Surface
 from dqreg.geometry.mesh_normals import SmoothNormals
-from dqreg.geometry.opening import describe, read_any
+from dqreg.geometry.opening import describe, open_geometry
 from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.visibility import VisibleSurface, visible_faces
-from dqreg.geometry.voxels import EvenCloud, even_size
+from dqreg.geometry.voxels import VoxelCloud, voxel_size
 from dqreg.registration.source import moved, require_spread
 from dqreg.search import PairTable
 from dqreg.search.near_symmetry import near_flips, near_mirrors
@@ -37,7 +37,7 @@ class TargetIndex:
     fitted: FloatArray | None = dataclasses.field(default=None, repr=False)
     visible: BoolArray | None = dataclasses.field(default=None, repr=False)  # (n,): Faces to ask; None asks all
     _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
-    _evened: dict[int, EvenCloud] = dataclasses.field(default_factory=dict, repr=False, compare=False)
+    _evened: dict[int, VoxelCloud] = dataclasses.field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def surface(self) -> Surface:
@@ -77,13 +77,13 @@ class TargetIndex:
             if isinstance(self.geometry, Mesh):
                 self.build()
 
-    def evened(self, count: int) -> EvenCloud:
+    def evened(self, count: int) -> VoxelCloud:
         """The cloud as the means of about so many cells, and their surface; built once and only read from then on."""
         if not isinstance(self.geometry, PointCloud):
             raise InputError("only a cloud has cells; the target is a mesh")
         with self._lock:
             if count not in self._evened:
-                self._evened[count] = EvenCloud.of(self.geometry, even_size(self.geometry.points, count))
+                self._evened[count] = VoxelCloud.of(self.geometry, voxel_size(self.geometry.points, count))
             return self._evened[count]
 
     def visible_from(self, viewpoints: FloatArray) -> TargetIndex:
@@ -152,7 +152,7 @@ def index_target(target: Any) -> TargetIndex:
     """Read a target and move it to its own middle; one that is indexed stays as it is."""
     if isinstance(target, TargetIndex):
         return target
-    geometry = read_any(target, "target")
+    geometry = open_geometry(target, "target")
     if isinstance(geometry, Mesh):
         origin = geometry.centre
         return TargetIndex(dataclasses.replace(geometry, vertices=geometry.vertices - origin), origin, describe(target))

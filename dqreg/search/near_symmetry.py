@@ -88,7 +88,7 @@ def ring_steps(mesh: Mesh, surface: Surface) -> list[FloatArray]:
     return [about_axis(axis, sign * steps[k]) for k in fits for sign in (1.0, -1.0)]
 
 
-def flipped(
+def flipped_poses(
     T_target_source: FloatArray, flips: FloatArray, scan: Scan, surface: Surface, limit: float, floor: float
 ) -> list[tuple[FloatArray, float]]:
     """Flips, (k, 4, 4), of a pose that explain the scan as well as it does, or better, each with its rms."""

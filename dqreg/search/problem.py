@@ -11,7 +11,7 @@ import numpy as np
 from dqreg._arrays import IntArray
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, Surface
 from dqreg.geometry.normals import sample_rows
-from dqreg.icp import Plan, width_floor
+from dqreg.icp import IcpSettings, smallest_kernel_scale
 from dqreg.search.axes import moments
 from dqreg.search.features import even_points, scan_features
 from dqreg.search.grids import OccupancyGrid
@@ -41,7 +41,7 @@ class SearchProblem:
     scan: Scan  # Source
     surface: Surface  # Target
     target: PointCloud | Mesh  # The same target
-    plan: Plan  # Parts of the ICP loop and its largest distance
+    plan: IcpSettings  # Parts of the ICP loop and its largest distance
     make_table: Callable[[], PairTable]  # Makes the target's pairs; called once, when they are first needed
     rng: np.random.Generator  # Draws the samples
 
@@ -131,7 +131,7 @@ class SearchProblem:
         Where much of the scan need not lie on the target, as many points of the target are scored the other way round:
         a face of the part on the table explains more of a scene than the correct pose, but less of the part.
         """
-        least = max(width_floor(self.scan, self.surface), floor * self.size)
+        least = max(smallest_kernel_scale(self.scan, self.surface), floor * self.size)
         width = max(2.0 * self.scan.noise, self.scan.spacing, least)
         if self.other_way is None:
             points = self.scan.points[sample_rows(len(self.scan), count)]

@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, Surface, prepare_scan
-from dqreg.icp import COARSE, Plan
+from dqreg.icp import COARSE, IcpSettings
 from dqreg.rigid import pose
 from dqreg.rigid.symmetry import Axis
 from dqreg.search.pairs import PairTable
@@ -51,7 +51,7 @@ def search(
     scan: Scan,
     surface: Surface,
     target: PointCloud | Mesh,
-    plan: Plan,
+    plan: IcpSettings,
     table: Callable[[], PairTable],
     rng: np.random.Generator,
     *,

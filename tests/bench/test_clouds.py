@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import dqreg
-from dqreg.geometry.opening import read_any
+from dqreg.geometry.opening import open_geometry
 from dqreg.rigid import pose
 from tests.bench.test_solve import report
 
@@ -48,7 +48,7 @@ def in_turns(runs: dict[str, Callable[[], object]], rounds: int) -> dict[str, tu
 @pytest.mark.parametrize("effort", ["fast", "normal"])
 def test_a_lidar_pair_beside_small_gicp(benchmark, capsys, real_data: Path, effort: str) -> None:
     folder = real_data / "small_gicp_kitti_pair"
-    source, target = (read_any(folder / f"{name}.ply", name).points for name in ("source", "target"))
+    source, target = (open_geometry(folder / f"{name}.ply", name).points for name in ("source", "target"))
     T_truth = np.loadtxt(folder / "T_target_source.txt")
 
     def ours() -> np.ndarray:

@@ -17,7 +17,7 @@ import pytest
 
 import dqreg
 from dqreg._open3d import load_open3d
-from dqreg.geometry.opening import read_any
+from dqreg.geometry.opening import open_geometry
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
 from dqreg.synth.parts import bracket
@@ -150,7 +150,7 @@ def test_a_scan_on_its_part_beside_peers(benchmark, capsys, part, case, effort):
 @pytest.mark.parametrize("effort", ["fast", "normal"])
 def test_a_lidar_pair_beside_small_gicp(benchmark, capsys, real_data: Path, effort):
     folder = real_data / "small_gicp_kitti_pair"
-    source, target = (read_any(folder / f"{name}.ply", name).points for name in ("source", "target"))
+    source, target = (open_geometry(folder / f"{name}.ply", name).points for name in ("source", "target"))
     expected = np.loadtxt(folder / "T_target_source.txt")
 
     def run() -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Closest, Mesh, PointCloud, Scan, prepare_scan
-from dqreg.icp import Pairs
+from dqreg.icp import Correspondences
 from dqreg.rigid import twist
 from dqreg.synth import Noise, Scanner, scan_mesh
 from dqreg.synth.parts import bracket
@@ -40,7 +40,7 @@ def bracket_points(pixels: int, seed: int, sigma: float = 3e-4, outliers: float 
     return scan_mesh(part.vertices, part.faces, scanner, noise, rng=np.random.default_rng(seed)).points
 
 
-def made_pairs(count: int = 40, seed: int = 0, same_sign: bool = False) -> Pairs:
+def made_pairs(count: int = 40, seed: int = 0, same_sign: bool = False) -> Correspondences:
     """Pairs at a known pose: points on a sheet, their true places with some noise, normals with random signs."""
     scan = prepare_scan(PointCloud(bumpy_cloud(count, seed)))
     rng = np.random.default_rng(seed + 1)
@@ -50,14 +50,14 @@ def made_pairs(count: int = 40, seed: int = 0, same_sign: bool = False) -> Pairs
     normals = scan.normals @ T[:3, :3].T + rng.normal(0.0, 0.1, moved.shape)
     normals *= rng.choice([-1.0, 1.0], (len(scan), 1)) / np.linalg.norm(normals, axis=1, keepdims=True)
     distances = np.linalg.norm(moved - targets, axis=1)
-    return Pairs(scan, T, Closest(targets, normals, distances, np.arange(len(scan))), same_sign)
+    return Correspondences(scan, T, Closest(targets, normals, distances, np.arange(len(scan))), same_sign)
 
 
-def pairs_at(distances: FloatArray) -> Pairs:
+def pairs_at(distances: FloatArray) -> Correspondences:
     """Pairs at given distances, without normals; all at the identity."""
     n = len(distances)
     points = np.column_stack([np.arange(n, dtype=float), np.zeros(n), np.zeros(n)])
     nothing = np.zeros((n, 3))
     scan = Scan(points, nothing, np.zeros(n), np.full(n, np.nan), oriented=False, spacing=1.0, noise=0.0, total=n)
     closest = Closest(points + distances[:, None] * [0.0, 0.0, 1.0], nothing, distances, np.arange(n))
-    return Pairs(scan, np.eye(4), closest, same_sign=False)
+    return Correspondences(scan, np.eye(4), closest, same_sign=False)

@@ -5,10 +5,10 @@ import pytest
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, prepare_scan, sample_mesh
-from dqreg.icp import Plan, align_coarse_to_fine
+from dqreg.icp import IcpSettings, align_coarse_to_fine
 from dqreg.icp import level as stage
 from dqreg.icp.estimators import ESTIMATORS
-from dqreg.icp.rejectors import beyond_border, inland
+from dqreg.icp.rejectors import beyond_boundary, boundary_rejectors
 from dqreg.registration.register import register
 from dqreg.rigid import pose, twist
 from dqreg.synth import disturbance
@@ -28,7 +28,7 @@ def errors(
 ) -> tuple[FloatArray, FloatArray]:
     """Twist from the found pose to the truth, and squared errors in units of the covariance, for some seeds."""
     if not drop:
-        monkeypatch.setattr(stage, "inland", lambda *_: ())
+        monkeypatch.setattr(stage, "boundary_rejectors", lambda *_: ())
     twists, squared = [], []
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
@@ -66,7 +66,7 @@ def test_the_same_beyond_the_rim_of_a_cloud(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_a_closed_mesh_has_no_gate_and_loses_no_pair() -> None:
     surface = MeshSurface(bracket_mesh())
-    assert inland(surface, 1.0) == ()
+    assert boundary_rejectors(surface, 1.0) == ()
     result = register(bracket_mesh(), bracket_mesh(), "identity", effort="fast")
     assert result.settings["beyond_border"] == 0
 
@@ -74,9 +74,9 @@ def test_a_closed_mesh_has_no_gate_and_loses_no_pair() -> None:
 def test_what_was_left_out_is_what_lies_near_but_beyond() -> None:
     surface = MeshSurface(OPEN)
     scan = prepare_scan(sample_mesh(WHOLE, 4000, np.random.default_rng(5)))
-    run = align_coarse_to_fine(scan, surface, np.eye(4), Plan(ESTIMATORS["plane"], 0.2 * SIZE))
+    run = align_coarse_to_fine(scan, surface, np.eye(4), IcpSettings(ESTIMATORS["plane"], 0.2 * SIZE))
     mixture = run.mixture
-    out = beyond_border(run.pairs, surface, mixture.scale, 0.2 * SIZE)
+    out = beyond_boundary(run.pairs, surface, mixture.scale, 0.2 * SIZE)
     moved = pose.apply(run.T_target_source, scan.points)
     beyond = (moved <= OPEN.bounds[1] - 1e-6).all(axis=1) & (run.pairs.distances <= 0.2 * SIZE)
     assert not run.weights[out].any()
@@ -85,10 +85,10 @@ def test_what_was_left_out_is_what_lies_near_but_beyond() -> None:
 
 def test_far_stages_keep_what_they_can_get(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[float] = []
-    kept = stage.inland
-    monkeypatch.setattr(stage, "inland", lambda surface, width: asked.append(width) or kept(surface, width))
+    kept = stage.boundary_rejectors
+    monkeypatch.setattr(stage, "boundary_rejectors", lambda surface, width: asked.append(width) or kept(surface, width))
     scan = prepare_scan(sample_mesh(OPEN, 4000, np.random.default_rng(6)))
-    plan = Plan(ESTIMATORS["dq"], 0.2 * SIZE, fine=ESTIMATORS["plane"])
+    plan = IcpSettings(ESTIMATORS["dq"], 0.2 * SIZE, fine=ESTIMATORS["plane"])
     align_coarse_to_fine(
         scan, MeshSurface(OPEN), disturbance(np.random.default_rng(7), 0.15, 0.03 * SIZE, OPEN.centre), plan
     )
@@ -97,5 +97,5 @@ def test_far_stages_keep_what_they_can_get(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_the_rim_gate_is_for_clouds() -> None:
-    (gate,) = inland(CloudSurface(sample_mesh(OPEN, 500, np.random.default_rng(0))), 1.0)
+    (gate,) = boundary_rejectors(CloudSurface(sample_mesh(OPEN, 500, np.random.default_rng(0))), 1.0)
     assert type(gate).__name__ == "RejectCloudBoundary"

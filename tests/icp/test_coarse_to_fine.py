@@ -9,13 +9,13 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, Scan, prepare_scan, sample_mesh
 from dqreg.icp import (
     ESTIMATORS,
-    Plan,
+    IcpSettings,
     Run,
     Stopping,
     align_coarse_to_fine,
     points_and_normals,
     points_to_planes,
-    width_floor,
+    smallest_kernel_scale,
 )
 from dqreg.icp.history import Iteration
 from dqreg.rigid import pose
@@ -24,7 +24,7 @@ from tests.icp.scenes import bracket_mesh, bracket_points
 
 PART = bracket_mesh()
 SIZE = PART.diagonal
-PLAN = Plan(points_and_normals, max_distance=0.2 * SIZE, fine=points_to_planes)
+PLAN = IcpSettings(points_and_normals, max_distance=0.2 * SIZE, fine=points_to_planes)
 NOISE = 3e-4
 
 
@@ -63,7 +63,7 @@ def test_two_noisy_views_land_on_the_part_to_the_last_digit(surface: MeshSurface
 
 @pytest.mark.parametrize("method", ESTIMATORS)
 def test_each_estimator_gets_there(surface: MeshSurface, small: Scan, method: str) -> None:
-    run = align_coarse_to_fine(small, surface, start_of(5), Plan(ESTIMATORS[method], PLAN.max_distance))
+    run = align_coarse_to_fine(small, surface, start_of(5), IcpSettings(ESTIMATORS[method], PLAN.max_distance))
     assert error(run) <= 1e-4
 
 
@@ -98,13 +98,13 @@ def test_an_exact_scan_is_found_to_the_floor_of_the_width(surface: MeshSurface) 
     run = align_coarse_to_fine(scan, surface, start_of(1), PLAN)
     mixture = run.mixture
     assert error(run) <= 1e-6
-    assert mixture.scale >= width_floor(scan, surface)
+    assert mixture.scale >= smallest_kernel_scale(scan, surface)
 
 
 def test_the_floor_follows_the_noise_or_the_spacing_or_the_size(surface: MeshSurface, small: Scan) -> None:
     for noise, spacing, expected in [(0.1, 1.0, 0.03), (2.0, 1.0, 0.3), (0.0, 1.0, 1e-7 * SIZE)]:
         scan = dataclasses.replace(small, noise=noise, spacing=spacing)
-        assert width_floor(scan, surface) == pytest.approx(expected, rel=1e-12)
+        assert smallest_kernel_scale(scan, surface) == pytest.approx(expected, rel=1e-12)
 
 
 def test_records_run_through_all_stages_in_order(surface: MeshSurface, small: Scan) -> None:

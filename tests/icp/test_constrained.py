@@ -7,9 +7,9 @@ import pytest
 
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan
-from dqreg.icp import Icp, InlierMixture, Plan, align_coarse_to_fine, points_and_normals, points_to_planes
+from dqreg.icp import Icp, IcpSettings, InlierMixture, align_coarse_to_fine, points_and_normals, points_to_planes
 from dqreg.icp.constrained import constrained
-from dqreg.icp.correspondences import Pairs
+from dqreg.icp.correspondences import Correspondences
 from dqreg.rigid import pose
 from dqreg.solvers import Freedom, PoseCost
 from tests.icp.scenes import bracket_mesh, bracket_points, made_pairs, motion
@@ -18,7 +18,7 @@ NOISE = 0.01
 ALL = Freedom.only("all")
 
 
-def some_weights(pairs: Pairs) -> np.ndarray:
+def some_weights(pairs: Correspondences) -> np.ndarray:
     weights = np.random.default_rng(5).uniform(0.1, 1.0, len(pairs.scan))
     weights[::4] = 0.0
     return weights
@@ -99,7 +99,7 @@ def test_a_levelled_scan_comes_home_with_its_level_kept() -> None:
     scan = prepare_scan(PointCloud(bracket_points(60, 1)))
     freedom = Freedom.only("rz", "t")
     start = pose.exp(np.r_[0, 0, np.deg2rad(8.0), 0.05 * part.diagonal * np.array([0.6, -0.64, 0.48])])
-    plan = Plan(
+    plan = IcpSettings(
         estimator=constrained(freedom, start, planes=False),
         fine=constrained(freedom, start),
         max_distance=0.2 * part.diagonal,
@@ -135,7 +135,7 @@ def test_a_prior_decides_what_the_shape_leaves_free() -> None:
     scan = prepare_scan(PointCloud(points + 0.003 * np.random.default_rng(0).normal(size=points.shape)))
     start = pose.exp([0.05, -0.04, 0.8, 0.1, 0.1, 0.2])
     about_z = PoseCost.prior(pose.exp([0, 0, 0.2, 0, 0, 0]), [np.inf, np.inf, 1e-4, np.inf, np.inf, np.inf])
-    plan = Plan(
+    plan = IcpSettings(
         estimator=constrained(ALL, start, about_z, planes=False),
         fine=constrained(ALL, start, about_z),
         max_distance=1.2,

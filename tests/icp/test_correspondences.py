@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, prepare_scan
-from dqreg.icp import Pairs, carried, correspond
+from dqreg.icp import Correspondences, find_correspondences, propagate
 from dqreg.rigid import pose
 from tests.icp.scenes import bracket_mesh, bracket_points, bumpy_cloud, made_pairs, motion
 
@@ -13,7 +13,7 @@ def test_correspond_asks_for_the_moved_points_and_leaves_the_scan_alone() -> Non
     source, target = bumpy_cloud(200, seed=1), bumpy_cloud(300, seed=2)
     scan, T = prepare_scan(PointCloud(source)), motion(0.2, 0.1)
     before = scan.points.copy()
-    pairs = correspond(scan, CloudSurface(PointCloud(target)), T)
+    pairs = find_correspondences(scan, CloudSurface(PointCloud(target)), T)
     # Brute force over all 60,000 distances.
     gaps = np.linalg.norm(pose.apply(T, scan.points)[:, None] - target[None], axis=2)
     np.testing.assert_allclose(pairs.distances, gaps.min(axis=1), rtol=1e-12)
@@ -43,20 +43,24 @@ def test_signs_count_only_if_both_sides_know_theirs(source: bool, target: bool) 
     up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
     scan = prepare_scan(PointCloud(points, up if source else None))
     surface = CloudSurface(PointCloud(points, up if target else None))
-    assert correspond(scan, surface, np.eye(4)).same_sign is (source and target)
+    assert find_correspondences(scan, surface, np.eye(4)).same_sign is (source and target)
 
 
-def tracked(step: float) -> tuple[Pairs, np.ndarray, MeshSurface]:
+def tracked(step: float) -> tuple[Correspondences, np.ndarray, MeshSurface]:
     """Pairs of a scan at its true pose, which is the identity, and a pose a step of the size away."""
     part = bracket_mesh()
     scan = prepare_scan(PointCloud(bracket_points(60, seed=0)))
-    return correspond(scan, MeshSurface(part), np.eye(4)), motion(step, step * part.diagonal), MeshSurface(part)
+    return (
+        find_correspondences(scan, MeshSurface(part), np.eye(4)),
+        motion(step, step * part.diagonal),
+        MeshSurface(part),
+    )
 
 
 @pytest.mark.parametrize("step", [1e-5, 1e-4])
 def test_carried_pairs_are_those_that_the_surface_would_name(step: float) -> None:
     pairs, T, surface = tracked(step)
-    there, asked = carried(pairs, T), correspond(pairs.scan, surface, T)
+    there, asked = propagate(pairs, T), find_correspondences(pairs.scan, surface, T)
     gone = np.linalg.norm(there.moved - pairs.moved, axis=1)
     off = np.abs(there.distances - asked.distances)
     # Exact inside the faces; and over an edge no point is wrong by more than it has moved.
@@ -70,12 +74,14 @@ def test_carried_pairs_are_those_that_the_surface_would_name(step: float) -> Non
 def test_carried_pairs_of_a_cloud_keep_the_gaps_between_its_points() -> None:
     points = bumpy_cloud(400, seed=3)
     normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))
-    pairs = correspond(
+    pairs = find_correspondences(
         prepare_scan(PointCloud(points + np.array([0.01, 0.0, 0.02]))),
         CloudSurface(PointCloud(points, normals)),
         np.eye(4),
     )
-    aside, up = (carried(pairs, pose.from_parts(np.eye(3), shift)) for shift in ([0.005, 0.0, 0.0], [0.0, 0.0, 0.003]))
+    aside, up = (
+        propagate(pairs, pose.from_parts(np.eye(3), shift)) for shift in ([0.005, 0.0, 0.0], [0.0, 0.0, 0.003])
+    )
     np.testing.assert_allclose(aside.distances, pairs.distances, rtol=1e-12)
     np.testing.assert_allclose(up.point_to_plane, pairs.point_to_plane + 0.003, atol=1e-14)
     np.testing.assert_allclose(

@@ -10,7 +10,16 @@ from hypothesis import given, settings
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry import CloudSurface, PointCloud, prepare_scan
 from dqreg.geometry.normals import NEIGHBOURS
-from dqreg.icp import ESTIMATORS, Icp, Pairs, correspond, points_and_normals, points_only, points_to_planes, svd_points
+from dqreg.icp import (
+    ESTIMATORS,
+    Correspondences,
+    Icp,
+    find_correspondences,
+    points_and_normals,
+    points_only,
+    points_to_planes,
+    svd_points,
+)
 from dqreg.icp.estimators import BEND, Estimator, both_planes, plane_to_plane_form
 from dqreg.rigid import pose, twist
 from dqreg.solvers import horn, solve
@@ -23,13 +32,13 @@ EACH_CLOSED_FORM = pytest.mark.parametrize("estimator", [ESTIMATORS[n] for n in 
 NOISE = 0.01
 
 
-def some_weights(pairs: Pairs) -> np.ndarray:
+def some_weights(pairs: Correspondences) -> np.ndarray:
     weights = np.random.default_rng(5).uniform(0.1, 1.0, len(pairs.scan))
     weights[::4] = 0.0
     return weights
 
 
-def with_parts(pairs: Pairs, scan: dict[str, np.ndarray], closest: dict[str, np.ndarray]) -> Pairs:
+def with_parts(pairs: Correspondences, scan: dict[str, np.ndarray], closest: dict[str, np.ndarray]) -> Correspondences:
     return dataclasses.replace(
         pairs, scan=dataclasses.replace(pairs.scan, **scan), closest=dataclasses.replace(pairs.closest, **closest)
     )
@@ -115,7 +124,7 @@ def test_the_pose_is_absolute_and_forgets_where_the_pairs_were_found(estimator: 
 def test_degenerate_pairs_are_refused(estimator: Estimator, shape: str) -> None:
     along = np.linspace(0.0, 1.0, 30)[:, None] * [1.0, 2.0, -0.5]
     scan = prepare_scan(PointCloud(along))
-    pairs = correspond(scan, CloudSurface(PointCloud(along)), np.eye(4))
+    pairs = find_correspondences(scan, CloudSurface(PointCloud(along)), np.eye(4))
     if shape == "place":
         same = np.tile(pairs.closest.points[:1], (len(scan), 1))
         pairs = with_parts(pairs, {"points": same}, {"points": same})
@@ -256,4 +265,4 @@ def test_the_loop_with_it_meets_the_pose_of_exact_clouds() -> None:
     scan = prepare_scan(PointCloud(pose.apply(pose.inverse(T), cloud)))
     run = Icp(ESTIMATORS["generalised"]).run(scan, CloudSurface(PointCloud(cloud)), np.eye(4))
     np.testing.assert_allclose(run.T_target_source, T, atol=1e-12)
-    assert correspond(scan, CloudSurface(PointCloud(cloud)), T).closest.variances is not None
+    assert find_correspondences(scan, CloudSurface(PointCloud(cloud)), T).closest.variances is not None

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, Scan, prepare_scan
-from dqreg.icp import Pairs, correspond, points_to_planes
+from dqreg.icp import Correspondences, find_correspondences, points_to_planes
 from dqreg.icp.full_resolution import gather, run_centres
 from dqreg.rigid import pose
 from dqreg.synth import disturbance, worst_vertex_displacement
@@ -28,8 +28,10 @@ def scan() -> Scan:
     return prepare_scan(PointCloud(bracket_points(300, seed=0)), fitted=2_000)
 
 
-def gathered(scan: Scan, surface: MeshSurface, T: np.ndarray, runs: int, count: int, width: float = NOISE) -> Pairs:
-    middles = correspond(scan.taken(run_centres(len(scan), runs)[0]), surface, T)
+def gathered(
+    scan: Scan, surface: MeshSurface, T: np.ndarray, runs: int, count: int, width: float = NOISE
+) -> Correspondences:
+    middles = find_correspondences(scan.taken(run_centres(len(scan), runs)[0]), surface, T)
     return gather(scan, surface, middles, np.ones(len(middles.scan)), T, width, count)
 
 
@@ -48,7 +50,7 @@ def test_all_points_are_there_at_their_exact_distances(scan: Scan, runs: int) ->
     # together with others must have had its closest place on the face that they share.
     T = disturbance(np.random.default_rng(1), 1e-5, 1e-5 * SIZE, PART.centre)
     pairs = gathered(scan, SURFACE, T, runs, count=len(scan))
-    alone = correspond(scan, SURFACE, T)
+    alone = find_correspondences(scan, SURFACE, T)
     counts = pairs.scan.counts
     assert counts is not None
     assert pairs.scan.represented == len(scan)
@@ -56,7 +58,7 @@ def test_all_points_are_there_at_their_exact_distances(scan: Scan, runs: int) ->
     assert counts @ pairs.squares == pytest.approx(float((alone.distances**2).sum()), rel=1e-9)
     np.testing.assert_allclose(counts @ pairs.scan.points, scan.points.sum(axis=0), atol=1e-9 * SIZE * len(scan))
     # Rows that are the mean of many lie on one face: the surface itself says the same.
-    again = correspond(pairs.scan, SURFACE, T)
+    again = find_correspondences(pairs.scan, SURFACE, T)
     np.testing.assert_allclose(pairs.distances, again.distances, atol=1e-12 * SIZE)
 
 
@@ -66,12 +68,12 @@ def test_the_pose_is_that_of_all_points(scan: Scan) -> None:
     T = disturbance(np.random.default_rng(2), 1e-4, 1e-4 * SIZE, PART.centre)
     pairs = gathered(scan, SURFACE, T, 5_000, count=len(scan))
     together = points_to_planes(pairs, pairs.scan.counts, NOISE).T_target_source
-    each = points_to_planes(correspond(scan, SURFACE, T), np.ones(len(scan)), NOISE).T_target_source
+    each = points_to_planes(find_correspondences(scan, SURFACE, T), np.ones(len(scan)), NOISE).T_target_source
     assert worst_vertex_displacement(together, each, PART.vertices) <= 3e-7 * SIZE
 
 
 def test_the_information_is_that_of_all_points(scan: Scan) -> None:
-    def information(pairs: Pairs):
+    def information(pairs: Correspondences):
         counts = pairs.scan.counts
         weights = np.ones(len(pairs.scan)) if counts is None else counts
         return information_of(
@@ -80,7 +82,7 @@ def test_the_information_is_that_of_all_points(scan: Scan) -> None:
         )  # fmt: skip
 
     together = information(gathered(scan, SURFACE, np.eye(4), 5_000, count=len(scan)))
-    each = information(correspond(scan, SURFACE, np.eye(4)))
+    each = information(find_correspondences(scan, SURFACE, np.eye(4)))
     np.testing.assert_allclose(together.values, each.values, rtol=2e-3)
     np.testing.assert_allclose(together.carriers, each.carriers, rtol=1e-2)
     assert together.sigma == pytest.approx(each.sigma, rel=2e-3)
@@ -112,7 +114,7 @@ def test_strays_in_a_run_are_left_out_of_its_mean(scan: Scan) -> None:
     rows = rng.choice(len(scan), len(scan) // 20, replace=False)
     spoilt[rows] += rng.normal(0.0, 0.05 * SIZE, (len(rows), 3))
     pairs = gathered(dataclasses.replace(scan, points=spoilt), SURFACE, np.eye(4), 2_000, count=0)
-    clean = correspond(scan, SURFACE, np.eye(4))
+    clean = find_correspondences(scan, SURFACE, np.eye(4))
     assert np.abs(pairs.distances).max() <= np.abs(clean.distances).max()
     T = points_to_planes(pairs, pairs.scan.counts, NOISE).T_target_source
     assert pose.angle_between(T, np.eye(4)) <= 1e-4

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.geometry import MeshSurface, PointCloud, prepare_scan
-from dqreg.icp import correspond
-from dqreg.icp.informative_sampling import favoured_rows, value_of
+from dqreg.icp import find_correspondences
+from dqreg.icp.informative_sampling import information_gain, sample_by_gain
 from dqreg.solvers.quadratic import plane_rows
 from tests.icp.scenes import bracket_mesh, bracket_points
 
@@ -24,9 +24,9 @@ def information(pairs, rows) -> np.ndarray:
 def test_the_value_of_a_pair_is_what_one_more_like_it_would_gain() -> None:
     # The derivative of tr(M^-1) by a pair's weight, against a finite difference, up to the common factor.
     scan = prepare_scan(PointCloud(bracket_points(60, seed=0)))
-    pairs = correspond(scan, MeshSurface(PART), np.eye(4))
+    pairs = find_correspondences(scan, MeshSurface(PART), np.eye(4))
     weights = np.random.default_rng(0).uniform(0.2, 1.0, len(scan))
-    values = value_of(pairs, weights)
+    values = information_gain(pairs, weights)
     centre = pairs.moved.mean(axis=0)
     lever = np.sqrt(((pairs.moved - centre) ** 2).sum(axis=1).mean())
     J = plane_rows(pairs.moved, pairs.closest.normals, centre, lever)
@@ -41,11 +41,11 @@ def test_the_value_of_a_pair_is_what_one_more_like_it_would_gain() -> None:
 
 def test_favoured_points_hold_the_part_better_than_an_even_choice() -> None:
     scan = prepare_scan(PointCloud(bracket_points(300, seed=0)))
-    pairs = correspond(scan, MeshSurface(PART), np.eye(4))
+    pairs = find_correspondences(scan, MeshSurface(PART), np.eye(4))
     places = scan.even_rows(5_000)
-    some = correspond(scan.taken(places), MeshSurface(PART), np.eye(4))
+    some = find_correspondences(scan.taken(places), MeshSurface(PART), np.eye(4))
     count = len(scan) // 5
-    favoured = favoured_rows(value_of(some, np.ones(len(places))), places, len(scan), count)
+    favoured = sample_by_gain(information_gain(some, np.ones(len(places))), places, len(scan), count)
     even = scan.even_rows(len(favoured))
     spread = [np.trace(np.linalg.inv(information(pairs, rows))) for rows in (favoured, even)]
     assert spread[0] < 0.8 * spread[1]
@@ -59,9 +59,9 @@ def test_a_small_feature_that_alone_fixes_a_turn_is_taken_whole() -> None:
     key = np.arange(9_000, 9_200)
     normals = np.tile([0.0, 0, 1], (20_000, 1))
     normals[key] = [0.6, 0.8, 0.0]
-    pairs = correspond(scan, MeshSurface(PART), np.eye(4))
+    pairs = find_correspondences(scan, MeshSurface(PART), np.eye(4))
     pairs = dataclasses.replace(pairs, closest=dataclasses.replace(pairs.closest, normals=normals))
-    rows = favoured_rows(value_of(pairs, np.ones(20_000)), np.arange(20_000), 20_000, 2_000)
+    rows = sample_by_gain(information_gain(pairs, np.ones(20_000)), np.arange(20_000), 20_000, 2_000)
     assert np.isin(key, rows).mean() >= 0.9
     assert len(rows) == pytest.approx(2_000, rel=0.02)
 
@@ -71,7 +71,7 @@ def test_a_small_feature_that_alone_fixes_a_turn_is_taken_whole() -> None:
 def test_rows_are_distinct_ascending_and_about_as_many_as_asked(total: int, count: int, seed: int, skew: float) -> None:
     rng = np.random.default_rng(seed)
     places = np.sort(rng.choice(total, rng.integers(1, total + 1), replace=False))
-    rows = favoured_rows(rng.exponential(size=len(places)) ** skew, places, total, count)
+    rows = sample_by_gain(rng.exponential(size=len(places)) ** skew, places, total, count)
     assert (np.diff(rows) > 0).all()
     assert 0 <= rows[0] <= rows[-1] < total if len(rows) else count < 4
     # The even share comes on top where the favoured rows are full already.
@@ -79,6 +79,6 @@ def test_rows_are_distinct_ascending_and_about_as_many_as_asked(total: int, coun
 
 
 def test_nothing_to_tell_is_an_even_choice() -> None:
-    rows = favoured_rows(np.ones(10), np.arange(0, 100, 10), 100, 20)
+    rows = sample_by_gain(np.ones(10), np.arange(0, 100, 10), 100, 20)
     assert len(rows) == 20
     assert np.diff(rows).max() <= 6

@@ -7,7 +7,7 @@ import pytest
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, Scan, Surface, prepare_scan
-from dqreg.icp import Huber, Icp, NormalAngle, Run, Stopping, Trimmed, WithinDistance, correspond, points_only
+from dqreg.icp import Huber, Icp, NormalAngle, Run, Stopping, Trimmed, WithinDistance, find_correspondences, points_only
 from dqreg.icp.history import Iteration
 from dqreg.icp.loop import Spread
 from dqreg.rigid import pose
@@ -39,7 +39,7 @@ def twins() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def energy_at(scan: Scan, surface: Surface, T: FloatArray) -> float:
-    return float(np.mean(correspond(scan, surface, T).distances ** 2))
+    return float(np.mean(find_correspondences(scan, surface, T).distances ** 2))
 
 
 def apart(T_a: FloatArray, T_b: FloatArray) -> float:
@@ -135,8 +135,8 @@ def test_the_same_task_twice_is_the_same_to_the_bit(mesh_task: tuple[Scan, Surfa
 def test_records_are_numbered_and_say_what_happened(cloud_task: tuple[Scan, Surface, FloatArray]) -> None:
     scan, surface, start = cloud_task
     seen: list[Iteration] = []
-    gates = (WithinDistance(0.02), NormalAngle(0.2))
-    icp = dataclasses.replace(PLAIN, gates=gates, kernel=Huber(0.01), stage="named")
+    rejectors = (WithinDistance(0.02), NormalAngle(0.2))
+    icp = dataclasses.replace(PLAIN, rejectors=rejectors, kernel=Huber(0.01), stage="named")
     run = icp.run(scan, surface, start, observe=seen.append)
     assert list(run.history) == seen
     assert [record.number for record in run.history] == list(range(1, len(run.history) + 1))
@@ -158,8 +158,8 @@ def test_records_are_numbered_and_say_what_happened(cloud_task: tuple[Scan, Surf
 def test_a_rejected_pair_costs_as_much_as_one_at_the_limit(cloud_task: tuple[Scan, Surface, FloatArray]) -> None:
     scan, surface, start = cloud_task
     limit = 0.04
-    run = dataclasses.replace(PLAIN, gates=(WithinDistance(limit),)).run(scan, surface, start)
-    d = correspond(scan, surface, start).distances
+    run = dataclasses.replace(PLAIN, rejectors=(WithinDistance(limit),)).run(scan, surface, start)
+    d = find_correspondences(scan, surface, start).distances
     assert (d > limit).any()
     assert run.history[0].energy == pytest.approx(np.mean(np.minimum(d, limit) ** 2), rel=1e-12)
 
@@ -193,7 +193,7 @@ def test_only_false_itself_ends_a_run(cloud_task: tuple[Scan, Surface, FloatArra
 def test_nothing_in_reach_is_no_correspondences(cloud_task: tuple[Scan, Surface, FloatArray]) -> None:
     scan, surface, _ = cloud_task
     far = pose.from_parts(np.eye(3), [10.0, 0.0, 0.0])
-    run = dataclasses.replace(PLAIN, gates=(WithinDistance(0.5),)).run(scan, surface, far)
+    run = dataclasses.replace(PLAIN, rejectors=(WithinDistance(0.5),)).run(scan, surface, far)
     assert run.status == "no correspondences"
     assert run.ended_early
     assert run.history == ()
@@ -203,8 +203,8 @@ def test_nothing_in_reach_is_no_correspondences(cloud_task: tuple[Scan, Surface,
 @pytest.mark.parametrize(("kept", "status"), [(5, "no correspondences"), (6, "converged")])
 def test_six_pairs_are_the_fewest(kept: int, status: str) -> None:
     cloud = PointCloud(bumpy_cloud(30))
-    gates = (Trimmed(kept / 30),)
-    run = dataclasses.replace(PLAIN, gates=gates).run(prepare_scan(cloud), CloudSurface(cloud), np.eye(4))
+    rejectors = (Trimmed(kept / 30),)
+    run = dataclasses.replace(PLAIN, rejectors=rejectors).run(prepare_scan(cloud), CloudSurface(cloud), np.eye(4))
     assert run.status == status
 
 

@@ -5,9 +5,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_mesh
-from dqreg.icp.correspondences import Pairs, correspond
+from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.estimators import points_to_planes
-from dqreg.icp.noise_by_face import LEAST, points_to_weighed_planes, relative_precisions
+from dqreg.icp.noise_by_face import LEAST, points_to_weighted_planes, relative_precisions
 from dqreg.rigid import pose
 from dqreg.synth.parts import box
 
@@ -44,8 +44,8 @@ def test_exact_data_weighs_alike_and_lucky_faces_have_a_limit() -> None:
     assert factors.max() / factors.min() <= 1.5 / LEAST
 
 
-def pairs_of(points: np.ndarray, part: Mesh) -> Pairs:
-    return correspond(prepare_scan(PointCloud(points), 200), MeshSurface(part), np.eye(4))
+def pairs_of(points: np.ndarray, part: Mesh) -> Correspondences:
+    return find_correspondences(prepare_scan(PointCloud(points), 200), MeshSurface(part), np.eye(4))
 
 
 def test_faces_that_scatter_less_place_the_part_better() -> None:
@@ -60,7 +60,7 @@ def test_faces_that_scatter_less_place_the_part_better() -> None:
         points = samples.points + (1e-3 * slant * rng.normal(size=4_000))[:, None] * samples.normals
         pairs = pairs_of(points, part)
         weights = np.ones(len(pairs.distances))
-        for name, estimator in (("weighed", points_to_weighed_planes), ("alike", points_to_planes)):
+        for name, estimator in (("weighed", points_to_weighted_planes), ("alike", points_to_planes)):
             T = estimator(pairs, weights, 1e-3).T_target_source
             errors[name].append(float(np.linalg.norm(pose.apply(T, part.vertices) - part.vertices)))
     assert np.sqrt(np.mean(np.square(errors["weighed"]))) < 0.4 * np.sqrt(np.mean(np.square(errors["alike"])))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.icp.correspondences import Pairs
+from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.rejectors import NormalAngle, Robust, Trimmed, WithinDistance, product
 from dqreg.solvers.robust import Huber, InlierMixture
 from tests.icp.scenes import pairs_at
@@ -15,7 +15,7 @@ from tests.icp.scenes import pairs_at
 DISTANCES = st.lists(st.floats(0.0, 100.0), min_size=1, max_size=30).map(np.array)
 
 
-def pairs_with_normals(source: np.ndarray, target: np.ndarray, same_sign: bool) -> Pairs:
+def pairs_with_normals(source: np.ndarray, target: np.ndarray, same_sign: bool) -> Correspondences:
     bare = pairs_at(np.zeros(len(source)))
     scan, closest = (dataclasses.replace(part, normals=n) for part, n in ((bare.scan, source), (bare.closest, target)))
     return dataclasses.replace(bare, scan=scan, closest=closest, same_sign=same_sign)

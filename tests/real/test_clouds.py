@@ -10,7 +10,7 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg._open3d import load_open3d
 from dqreg.geometry import PointCloud
-from dqreg.geometry.opening import read_any
+from dqreg.geometry.opening import open_geometry
 from dqreg.registration.register import register
 from dqreg.rigid import pose, twist
 
@@ -33,7 +33,7 @@ def assert_close(T: FloatArray, T_expected: FloatArray, at: FloatArray, angle_de
 
 
 def middle(path: Path) -> FloatArray:
-    cloud = read_any(path, "scan")
+    cloud = open_geometry(path, "scan")
     assert isinstance(cloud, PointCloud)
     return cloud.points.mean(axis=0)
 
@@ -84,7 +84,7 @@ def test_two_sweeps_of_a_lidar_in_a_yard_from_identity(real_data: Path) -> None:
     # The reference is "from visual inspection" and good to about 2 cm and 0.2 degrees, whose owners ask for 0.1 m and
     # 0.1 rad; identity is 15 degrees off. Measured: 0.135 degrees and 1 cm at the sensor.
     folder = real_data / "libpointmatcher_car"
-    target = read_any(folder / "car_cloud400.csv", "target")
+    target = open_geometry(folder / "car_cloud400.csv", "target")
     assert isinstance(target, PointCloud)
     result = register(folder / "car_cloud401.csv", target.points, "identity")
     assert result.verdict.level == "accepted"
@@ -122,7 +122,7 @@ def test_a_lidar_pair_is_no_worse_than_small_gicp_finds_it(real_data: Path) -> N
     # small_gicp with its manual's settings for this pair: 0.33 degrees, and 36 mm over all points; ours 0.09 and 15.
     gicp = pytest.importorskip("small_gicp")
     folder = real_data / "small_gicp_kitti_pair"
-    source, target = (read_any(folder / f"{side}.ply", side).points for side in ("source", "target"))
+    source, target = (open_geometry(folder / f"{side}.ply", side).points for side in ("source", "target"))
     fixed, tree = gicp.preprocess_points(target, downsampling_resolution=0.25)
     moving, _ = gicp.preprocess_points(source, downsampling_resolution=0.25)
     peer = gicp.align(fixed, moving, tree, registration_type="GICP", max_correspondence_distance=1.0).T_target_source

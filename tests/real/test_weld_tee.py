@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh
-from dqreg.geometry.opening import read_any
+from dqreg.geometry.opening import open_geometry
 from dqreg.registration.register import register
 from dqreg.rigid import pose
 from dqreg.synth import disturbance
@@ -29,7 +29,7 @@ def test_the_part_is_found_among_three_quarters_of_table(folder: Path, seed: int
     # the jig should be; "fit" is a robust point-to-mesh fit made for the data set, a reference and no truth: its
     # inliers have an rms of 1.16 mm over a part of 376 mm, and it shares the data. The bounds are the data set's own
     # expectation of a good ICP (1 mm, 0.3 degrees) with some air; nominal itself is 10 mm and 1.2 degrees from it.
-    part = read_any(folder / "tee_nominal.stl", "part")
+    part = open_geometry(folder / "tee_nominal.stl", "part")
     assert isinstance(part, Mesh)
     nominal, fit = (pose.inverse(np.loadtxt(folder / f"T_scan_part_{kind}_{NAME}.txt")) for kind in ("nominal", "fit"))
     start = nominal

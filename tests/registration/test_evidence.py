@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan
-from dqreg.icp import Alignment, InlierMixture, correspond
+from dqreg.icp import Alignment, InlierMixture, find_correspondences
 from dqreg.registration.evidence import Agreement, agreement_of
 from dqreg.rigid import pose
 from tests.icp.scenes import bracket_mesh, bracket_points
@@ -23,7 +23,7 @@ POINTS = bracket_points(150, seed=0)
 def agreement(points: np.ndarray, T: np.ndarray | None = None, width: float = NOISE) -> Agreement:
     """Agreement at a pose; the scan is made in the part's frame, so the identity is the truth."""
     scan = prepare_scan(PointCloud(points), 2_000)
-    pairs = correspond(scan, SURFACE, np.eye(4) if T is None else T)
+    pairs = find_correspondences(scan, SURFACE, np.eye(4) if T is None else T)
     mixture = InlierMixture(width, 0.9, MAX_DISTANCE)
     run = Alignment(pairs.T_target_source, "converged", (), pairs, mixture.weight(pairs.distances), mixture=mixture)
     return agreement_of(run, scan, SURFACE, MAX_DISTANCE)
@@ -90,7 +90,7 @@ def test_points_beside_a_target_with_a_border_say_nothing() -> None:
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(0, 12, (5_000, 2)), 1e-3 * rng.normal(size=5_000)])
     surface, scan = MeshSurface(plate), prepare_scan(PointCloud(points))
-    pairs = correspond(scan, surface, np.eye(4))
+    pairs = find_correspondences(scan, surface, np.eye(4))
     mixture = InlierMixture(1e-3, 0.9, 4.0)
     run = Alignment(np.eye(4), "converged", (), pairs, mixture.weight(pairs.distances), mixture=mixture)
     closed, open_ = (agreement_of(run, scan, surface, 40.0, has_border=border) for border in (False, True))
@@ -103,7 +103,7 @@ def test_lengths_follow_the_unit_and_shares_do_not() -> None:
     plain = agreement(POINTS)
     scan = prepare_scan(PointCloud(1e3 * POINTS), 2_000)
     surface = MeshSurface(dataclasses.replace(PART, vertices=1e3 * PART.vertices))
-    pairs = correspond(scan, surface, np.eye(4))
+    pairs = find_correspondences(scan, surface, np.eye(4))
     mixture = InlierMixture(1e3 * NOISE, 0.9, 1e3 * MAX_DISTANCE)
     run = Alignment(np.eye(4), "converged", (), pairs, mixture.weight(pairs.distances), mixture=mixture)
     scaled = agreement_of(run, scan, surface, 1e3 * MAX_DISTANCE)

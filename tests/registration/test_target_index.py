@@ -9,7 +9,7 @@ import pytest
 
 from dqreg.errors import DegenerateGeometryError, InputError, UnitsError
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud
-from dqreg.geometry.opening import read_any
+from dqreg.geometry.opening import open_geometry
 from dqreg.registration.source import MESH_SAMPLES, centre_source, require_spread
 from dqreg.registration.target_index import index_target
 from dqreg.synth.parts import box
@@ -145,9 +145,9 @@ def test_paths_are_read_and_named_in_messages(tmp_path: Path) -> None:
     path = tmp_path / "cloud.xyz"
     np.savetxt(path, CLOUD)
     for given in (path, str(path)):
-        np.testing.assert_array_equal(read_any(given, "source").points, CLOUD)
+        np.testing.assert_array_equal(open_geometry(given, "source").points, CLOUD)
     with pytest.raises(InputError, match=r"gone\.xyz"):
-        read_any(tmp_path / "gone.xyz", "target")
+        open_geometry(tmp_path / "gone.xyz", "target")
 
 
 def test_the_arrays_given_are_as_they_were() -> None:

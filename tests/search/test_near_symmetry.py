@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_mesh
-from dqreg.icp import width_floor
+from dqreg.icp import smallest_kernel_scale
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import about_axis, angle_of
-from dqreg.search.near_symmetry import flipped, gain_of_mirror, near_flips, near_mirrors, ring_steps
+from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror, near_flips, near_mirrors, ring_steps
 from dqreg.synth.parts import block, box, bracket, cylinder, gear
 from dqreg.trust.verdict import MIRRORED
 
@@ -28,7 +28,7 @@ def scan_of(points: np.ndarray):
 
 
 def others(T: np.ndarray, scan) -> list:
-    return flipped(T, FLIPS, scan, SURFACE, 0.05 * BLOCK.diagonal, width_floor(scan, SURFACE))
+    return flipped_poses(T, FLIPS, scan, SURFACE, 0.05 * BLOCK.diagonal, smallest_kernel_scale(scan, SURFACE))
 
 
 def test_a_nearly_symmetric_block_has_flips() -> None:
@@ -73,7 +73,7 @@ def test_a_scan_that_does_not_see_the_feature_leaves_both_poses() -> None:
 
 def test_no_flips_cost_nothing() -> None:
     scan = scan_of(sample_mesh(BLOCK, 3_000, np.random.default_rng(1)).points)
-    assert flipped(np.eye(4), FLIPS[:0], scan, SURFACE, 1.0, 1e-3) == []
+    assert flipped_poses(np.eye(4), FLIPS[:0], scan, SURFACE, 1.0, 1e-3) == []
 
 
 def gain(mesh: Mesh, seed: int) -> float:
@@ -87,7 +87,12 @@ def gain(mesh: Mesh, seed: int) -> float:
     scan = prepare_scan(PointCloud(points + 3e-4 * PART.diagonal * rng.normal(size=points.shape)))
     T = pose.from_parts(np.eye(3), 1e-4 * PART.diagonal * rng.normal(size=3))
     return gain_of_mirror(
-        T, near_mirrors(PART, PART_SURFACE), scan, PART_SURFACE, 0.05 * PART.diagonal, width_floor(scan, PART_SURFACE)
+        T,
+        near_mirrors(PART, PART_SURFACE),
+        scan,
+        PART_SURFACE,
+        0.05 * PART.diagonal,
+        smallest_kernel_scale(scan, PART_SURFACE),
     )
 
 
@@ -162,8 +167,8 @@ def test_a_pose_that_is_one_tooth_off_is_told() -> None:
     # The scan is made in the part's frame: the truth is the identity, and this is one tooth away from it.
     scan = prepare_scan(PointCloud(points + noise * rng.normal(size=points.shape)), 2_000)
     wrong = pose.from_parts(about_axis(UP, 2.0 * np.pi / 18), np.zeros(3))
-    flips, limit, floor = near_flips(part, surface), 0.05 * part.diagonal, width_floor(scan, surface)
-    found = flipped(wrong, flips, scan, surface, limit, floor)
+    flips, limit, floor = near_flips(part, surface), 0.05 * part.diagonal, smallest_kernel_scale(scan, surface)
+    found = flipped_poses(wrong, flips, scan, surface, limit, floor)
     assert min(pose.angle_between(T, np.eye(4)) for T, _ in found) <= 2e-3
     # And from the truth none of the others is as good.
-    assert flipped(np.eye(4), flips, scan, surface, limit, floor) == []
+    assert flipped_poses(np.eye(4), flips, scan, surface, limit, floor) == []

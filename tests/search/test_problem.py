@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, Surface, prepare_scan, sample_mesh
-from dqreg.icp import ESTIMATORS, Plan
+from dqreg.icp import ESTIMATORS, IcpSettings
 from dqreg.rigid import pose
 from dqreg.search.pairs import PairTable
 from dqreg.search.problem import SearchProblem
@@ -15,7 +15,7 @@ SURFACE: Surface = MeshSurface(PART)
 
 
 def problem_of(points: np.ndarray) -> SearchProblem:
-    plan = Plan(ESTIMATORS["dq"], 0.2 * PART.diagonal)
+    plan = IcpSettings(ESTIMATORS["dq"], 0.2 * PART.diagonal)
     scan = prepare_scan(PointCloud(points))
     return SearchProblem(scan, SURFACE, PART, plan, lambda: PairTable.of(PART, SURFACE), np.random.default_rng(0))
 
@@ -45,7 +45,7 @@ def test_the_table_of_pairs_is_made_when_it_is_first_needed_and_once():
         return PairTable.of(PART, SURFACE)
 
     scan = prepare_scan(PointCloud(sample_mesh(PART, 2_000, np.random.default_rng(0)).points))
-    problem = SearchProblem(scan, SURFACE, PART, Plan(ESTIMATORS["dq"], 1.0), make, np.random.default_rng(0))
+    problem = SearchProblem(scan, SURFACE, PART, IcpSettings(ESTIMATORS["dq"], 1.0), make, np.random.default_rng(0))
     assert problem.size == SURFACE.diagonal
     assert made == []
     assert problem.table is problem.table

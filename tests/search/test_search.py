@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, Scan, prepare_scan, sample_mesh
-from dqreg.icp import ESTIMATORS, Plan
+from dqreg.icp import ESTIMATORS, IcpSettings
 from dqreg.rigid import pose
 from dqreg.search import Candidate, PairTable, search
 from dqreg.synth import worst_vertex_displacement
@@ -27,7 +27,7 @@ class Searched:
         return prepare_scan(PointCloud(pose.apply(pose.inverse(T), sample))), T
 
     def search(self, scan: Scan, **options) -> tuple[Candidate, ...]:
-        plan = Plan(ESTIMATORS["dq"], 0.2 * self.mesh.diagonal)
+        plan = IcpSettings(ESTIMATORS["dq"], 0.2 * self.mesh.diagonal)
         return search(scan, self.surface, self.mesh, plan, lambda: self.table, np.random.default_rng(0), **options)
 
     def error(self, found: Candidate, T: np.ndarray) -> float:
@@ -98,7 +98,7 @@ def test_a_part_is_found_in_a_larger_cloud(part):
     wall = part.mesh.diagonal * np.column_stack([rng.uniform(-1.5, 1.5, size=(6_000, 2)), np.full(6_000, 1.2)])
     scene = PointCloud(np.concatenate([sample_mesh(part.mesh, 8_000, rng).points, wall]))
     surface = CloudSurface(scene)
-    plan = Plan(ESTIMATORS["dq"], 0.2 * part.mesh.diagonal)
+    plan = IcpSettings(ESTIMATORS["dq"], 0.2 * part.mesh.diagonal)
 
     def never() -> PairTable:
         raise AssertionError("the table of a scene in which a smaller scan is looked for is of no use")

@@ -74,7 +74,7 @@ class DqregLoop:
         cap = settings["max_iterations"]
         loop = Icp(
             estimator=ESTIMATORS[self.method],
-            gates=(WithinDistance(settings["max_distance"]),),
+            rejectors=(WithinDistance(settings["max_distance"]),),
             stopping=Stopping(convergence=SAME_LOOP_TOLERANCE, iterations=cap, patience=cap),
             accelerate=self.accelerate,
         )
