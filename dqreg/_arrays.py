@@ -27,10 +27,7 @@ WIDE = 256
 
 
 def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest coordinates of points, each (3,).
-
-    Along rows of three NumPy takes ten times as long.
-    """
+    """Lowest and highest coordinates of points, each (3,). Along rows of three NumPy takes ten times as long."""
     whole = len(points) - len(points) % WIDE
     rest = np.ascontiguousarray(points[whole:].T)
     if not whole:
@@ -82,10 +79,7 @@ def as_vectors(value: Any, name: str, *, finite: bool = True) -> FloatArray:
 
 
 def as_weights(value: Any, name: str, count: int) -> FloatArray:
-    """One finite weight >= 0 for each of ``count`` items.
-
-    Shapes: returns (count,).
-    """
+    """One finite weight >= 0 for each of ``count`` items. Shapes: returns (count,)."""
     array = as_float(value, name)
     if array.ndim == 0:
         array = np.full(count, float(array))

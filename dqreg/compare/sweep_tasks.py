@@ -80,10 +80,7 @@ class Frame:
         return Frame(units, scale, np.array(offset))
 
     def move(self, points: FloatArray) -> FloatArray:
-        """Points in this frame.
-
-        Shapes: points (..., 3), returns (..., 3).
-        """
+        """Points in this frame. Shapes: points (..., 3), returns (..., 3)."""
         moved: FloatArray = self.scale * points + self.offset
         return moved
 

@@ -27,10 +27,7 @@ LETTERS = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4
 
 
 def text_polygons(path: Path, face: Element, lines: list[str]) -> tuple[IntArray, IntArray]:
-    """Lengths and corners of the polygons of a text file.
-
-    Shapes: lengths (p,), corners (sum of lengths,).
-    """
+    """Lengths and corners of the polygons of a text file. Shapes: lengths (p,), corners (sum of lengths,)."""
     index = _index_column(path, face)
     if len(lines) < face.count:
         expected = f"the {face.count} of its header; was the file cut short?"
@@ -52,10 +49,7 @@ def text_polygons(path: Path, face: Element, lines: list[str]) -> tuple[IntArray
 
 
 def binary_polygons(path: Path, header: PlyHeader, face: Element) -> tuple[IntArray, IntArray]:
-    """Lengths and corners of the polygons of a binary file.
-
-    Shapes: lengths (p,), corners (sum of lengths,).
-    """
+    """Lengths and corners of the polygons of a binary file. Shapes: lengths (p,), corners (sum of lengths,)."""
     index = _index_column(path, face)
     before = header.elements[: header.elements.index(face)]
     if any(element.has_lists for element in before):

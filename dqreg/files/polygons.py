@@ -20,10 +20,7 @@ MAX_SEARCHES = 3
 
 
 def fans(lengths: IntArray, corners: IntArray, first: int = 0) -> IntArray:
-    """Polygons as fans of triangles around one of their corners.
-
-    Shapes: lengths (p,), corners (sum of lengths,).
-    """
+    """Polygons as fans of triangles around one of their corners. Shapes: lengths (p,), corners (sum of lengths,)."""
     owner, step = _pieces(lengths)
     start, size = (np.cumsum(lengths) - lengths)[owner], lengths[owner]
     places = [start + (first + turn) % size for turn in (np.zeros_like(step), step + 1, step + 2)]

@@ -43,10 +43,7 @@ def depth_points(
     stride: int = 1,
     normals: bool = True,
 ) -> DepthPoints:
-    """Points, and normals from the grid, of a depth image.
-
-    Shapes: depth (h, w), intrinsics (3, 3).
-    """
+    """Points, and normals from the grid, of a depth image. Shapes: depth (h, w), intrinsics (3, 3)."""
     image = np.asarray(depth)
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]

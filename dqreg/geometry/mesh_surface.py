@@ -24,10 +24,7 @@ class FaceSides:
 
     @staticmethod
     def of(corners: FloatArray, normals: FloatArray) -> FaceSides:
-        """Sides of faces.
-
-        Shapes: corners (n, 3, 3).
-        """
+        """Sides of faces. Shapes: corners (n, 3, 3)."""
         # By columns, (corner, axis, face): three numbers a row are too few for NumPy to be quick about.
         a = np.ascontiguousarray(corners.transpose(1, 2, 0))
         u, v, w = np.ascontiguousarray(normals.T)

@@ -29,10 +29,7 @@ class NeighbourTree:
         self._search.knn_index()
 
     def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
-        """Nearest points of each query, closest first.
-
-        Shapes: indices (m, k), distances (m, k).
-        """
+        """Nearest points of each query, closest first. Shapes: indices (m, k), distances (m, k)."""
         count = min(count, self.size)
         if not len(queries):
             return np.zeros((0, count), dtype=np.int64), np.zeros((0, count))

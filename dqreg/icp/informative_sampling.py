@@ -37,20 +37,14 @@ def information_gain(pairs: Correspondences, weights: FloatArray) -> FloatArray:
 
 
 def sample_by_gain(values: FloatArray, places: IntArray, total: int, count: int) -> IntArray:
-    """Rows to take, more of them where the gain is high.
-
-    Shapes: values (m,), places (m,).
-    """
+    """Rows to take, more of them where the gain is high. Shapes: values (m,), places (m,)."""
     if count >= total:
         return np.arange(total)
     return sample_runs_by_gain(values, np.diff(np.r_[0, (places[1:] + places[:-1] + 1) // 2, total]), count)
 
 
 def sample_runs_by_gain(values: FloatArray, lengths: IntArray, count: int) -> IntArray:
-    """Rows to take out of consecutive runs, more of them where the gain is high.
-
-    Shapes: values (m,), lengths (m,).
-    """
+    """Rows to take out of consecutive runs, more of them where the gain is high. Shapes: values (m,), lengths (m,)."""
     total = int(lengths.sum())
     if count >= total or not count:
         return np.arange(min(count, total))

@@ -86,10 +86,7 @@ def evaluate(poses: Any, truth: Any, steps: tuple[int, ...] = (1, 10)) -> Errors
 
 
 def relative_errors(poses: FloatArray, truth: FloatArray, step: int) -> tuple[FloatArray, FloatArray]:
-    """Errors of the motions over a number of frames.
-
-    Shapes: poses, truth (n, 4, 4), turn_deg, shift (n - step, 0).
-    """
+    """Errors of the motions over a number of frames. Shapes: poses, truth (n, 4, 4), turn_deg, shift (n - step, 0)."""
     left = pose.inverse(pose.inverse(truth[:-step]) @ truth[step:]) @ (pose.inverse(poses[:-step]) @ poses[step:])
     if not len(left):
         return np.zeros(0), np.zeros(0)

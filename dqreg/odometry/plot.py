@@ -19,10 +19,7 @@ BLUE, RED, _, _, ORANGE, _, GREY = PALETTE
 
 
 def plot_trip(path: str | Path, trip: TrajectoryRun, truth: FloatArray | None = None) -> None:
-    """Draw the path, and below it each frame's share on the map, one-sigma and error.
-
-    Shapes: truth (n, 4, 4).
-    """
+    """Draw the path, and below it each frame's share on the map, one-sigma and error. Shapes: truth (n, 4, 4)."""
     path = Path(path)
     kind = path.suffix.lower().lstrip(".") or "png"
     if kind not in ("png", "svg", "pdf"):

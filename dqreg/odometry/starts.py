@@ -20,10 +20,7 @@ JUDGES = 150
 
 @functools.cache
 def turns(limit_deg: float, step_deg: float) -> FloatArray:
-    """Rotations on a cubic lattice of rotation vectors, the smallest first.
-
-    Shapes: returns (m, 4, 4).
-    """
+    """Rotations on a cubic lattice of rotation vectors, the smallest first. Shapes: returns (m, 4, 4)."""
     count = int(np.floor(limit_deg / step_deg + 1e-9))
     steps = step_deg * np.arange(-count, count + 1)
     vectors = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -44,10 +41,7 @@ def candidates(T_last: FloatArray, T_predicted: FloatArray, limit_deg: float, st
 
 
 def screen(surface: MapSurface, points: FloatArray, poses: FloatArray, cap: float, keep: int) -> FloatArray:
-    """The poses under which the points lie nearest to the map.
-
-    Shapes: poses (m, 4, 4), returns (keep, m).
-    """
+    """The poses under which the points lie nearest to the map. Shapes: poses (m, 4, 4), returns (keep, m)."""
     judges = points[np.linspace(0, len(points) - 1, min(JUDGES, len(points))).round().astype(np.int64)]
     moved = np.matmul(judges, poses[:, :3, :3].transpose(0, 2, 1)) + poses[:, None, :3, 3]
     away = np.minimum(surface.distances(moved.reshape(-1, 3)), cap).reshape(len(poses), -1)

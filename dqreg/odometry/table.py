@@ -26,19 +26,13 @@ COLUMNS = (
 
 
 def results_table(trips: Sequence[TrajectoryRun], truth: FloatArray | None) -> Table:
-    """One engine a row.
-
-    Shapes: truth (n, 4, 4).
-    """
+    """One engine a row. Shapes: truth (n, 4, 4)."""
     title = "errors of the motion over one and over ten frames: median / worst; lengths in the scans' unit"
     return Table("odometry", title if truth is not None else "", COLUMNS, tuple(_row(trip, truth) for trip in trips))
 
 
 def match_truth(truth: FloatArray, truth_times: FloatArray | None, times: FloatArray | None, count: int) -> FloatArray:
-    """True pose of each frame.
-
-    Shapes: truth (m, 4, 4), returns (count, 4, 4).
-    """
+    """True pose of each frame. Shapes: truth (m, 4, 4), returns (count, 4, 4)."""
     if len(truth) == count:
         return truth
     if truth_times is None or times is None:
@@ -69,10 +63,7 @@ def _pair(values: FloatArray) -> str:
 
 
 def trust_words(trip: TrajectoryRun, truth: FloatArray) -> str:
-    """Whether the covariances keep their word, in a sentence.
-
-    Shapes: truth (n, 4, 4).
-    """
+    """Whether the covariances keep their word, in a sentence. Shapes: truth (n, 4, 4)."""
     covariances = np.stack([result.covariance for result in trip.results])
     values = nees(trip.poses, covariances, truth)
     known = values[np.isfinite(values)]

@@ -23,18 +23,12 @@ FORMATS = ("kitti", "tum")
 
 
 def found_rows(poses: FloatArray) -> BoolArray:
-    """Which poses were found, (n,).
-
-    Shapes: poses (n, 4, 4).
-    """
+    """Which poses were found, (n,). Shapes: poses (n, 4, 4)."""
     return np.asarray(np.isfinite(poses).all(axis=(1, 2)))
 
 
 def bridge_gaps(poses: Any) -> tuple[FloatArray, IntArray]:
-    """A trajectory without gaps, for formats that need a line a frame.
-
-    Shapes: poses (n, 4, 4), bridged (n, 4, 4).
-    """
+    """A trajectory without gaps, for formats that need a line a frame. Shapes: poses (n, 4, 4), bridged (n, 4, 4)."""
     poses = as_float(poses, "poses").reshape(-1, 4, 4)
     found = np.flatnonzero(found_rows(poses))
     if not len(found):

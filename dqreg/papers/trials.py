@@ -47,10 +47,7 @@ def choose_points(rng: np.random.Generator, choices: int, count: int) -> FloatAr
 
 
 def choose_directions(rng: np.random.Generator, choices: int, count: int) -> FloatArray:
-    """Unit directions drawn evenly over the sphere.
-
-    Shapes: returns (choices, count, 3).
-    """
+    """Unit directions drawn evenly over the sphere. Shapes: returns (choices, count, 3)."""
     drawn = rng.normal(size=(choices, count, 3))
     return np.asarray(drawn / np.linalg.norm(drawn, axis=-1, keepdims=True))
 

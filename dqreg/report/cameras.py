@@ -28,10 +28,7 @@ CORNERS = tuple(name for name in VIEWS if name.startswith("iso"))
 
 
 def camera(yaw_deg: float, pitch_deg: float) -> FloatArray:
-    """Axes of a view.
-
-    Shapes: returns (3, 3).
-    """
+    """Axes of a view. Shapes: returns (3, 3)."""
     yaw, pitch = np.deg2rad([yaw_deg, pitch_deg])
     right = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     towards = np.array([np.cos(pitch) * np.sin(yaw), -np.cos(pitch) * np.cos(yaw), np.sin(pitch)])

@@ -49,10 +49,7 @@ class Scale:
         return codes
 
     def table(self) -> ByteArray:
-        """Colour of each code.
-
-        Shapes: returns (256, 3).
-        """
+        """Colour of each code. Shapes: returns (256, 3)."""
         step = (self.limit - self.low) / (LAST - FIRST)
         values: FloatArray = self.low + step * (np.arange(256.0) - FIRST)
         values[[0, FIRST, LAST, 255]] = [-2.0 * self.limit, self.low, self.limit, 2.0 * self.limit]

@@ -80,10 +80,7 @@ class PartScene:
             self._scene = RayScene(geometry.vertices, geometry.faces, np.zeros(3), size)
 
     def render(self, frame: Frame, part_colour: str, paper: str, layers: list[Dots]) -> ByteArray:
-        """Image of the part with points on it.
-
-        Shapes: returns (height, width, 3).
-        """
+        """Image of the part with points on it. Shapes: returns (height, width, 3)."""
         fine = frame.finer()
         image, surface, edges = self._shaded(fine, part_colour, paper)
         height = np.full_like(surface, -np.inf)

@@ -91,10 +91,7 @@ def _weighted_median(values: FloatArray, weights: IntArray) -> float:
 
 
 def faces_of(mesh: Mesh) -> tuple[int, IntArray]:
-    """Faces of a part: triangles connected without a sharp turn.
-
-    Shapes: labels (f,).
-    """
+    """Faces of a part: triangles connected without a sharp turn. Shapes: labels (f,)."""
     ends, owners = weld_edges(mesh.vertices, mesh.faces)
     # Two triangles at an edge are neighbours; at an edge with one, three or more, the surface ends or branches.
     starts = np.flatnonzero(np.r_[True, (ends[1:] != ends[:-1]).any(axis=1)])
@@ -125,19 +122,13 @@ def weld_edges(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, IntArra
 
 
 def areas_of(mesh: Mesh, of_face: IntArray) -> FloatArray:
-    """Area of each face of a part.
-
-    Shapes: of_face (f,).
-    """
+    """Area of each face of a part. Shapes: of_face (f,)."""
     areas: FloatArray = np.bincount(of_face, weights=triangle_areas(mesh)).astype(np.float64)
     return areas
 
 
 def triangle_areas(mesh: Mesh) -> FloatArray:
-    """Area of each triangle.
-
-    Shapes: returns (f,).
-    """
+    """Area of each triangle. Shapes: returns (f,)."""
     a, b, c = np.moveaxis(mesh.corners, 1, 0)
     areas: FloatArray = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     return areas

@@ -215,10 +215,7 @@ def fewer_triangles(vertices: FloatArray, faces: IntArray, most: int) -> tuple[F
 
 
 def sharp_edges(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Both ends of each edge where the surface turns sharply or ends.
-
-    Shapes: returns (k, 2, 3).
-    """
+    """Both ends of each edge where the surface turns sharply or ends. Shapes: returns (k, 2, 3)."""
     ends, owners = weld_edges(vertices, faces)
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

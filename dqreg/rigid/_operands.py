@@ -13,10 +13,7 @@ from dqreg.errors import InputError
 
 
 def as_quaternions(value: ArrayLike, name: str) -> FloatArray:
-    """Quaternions, scalar first.
-
-    Shapes: value (..., 4), returns (..., 4).
-    """
+    """Quaternions, scalar first. Shapes: value (..., 4), returns (..., 4)."""
     return _with_last_axes(value, name, (4,), "quaternions w, x, y, z in the last axis")
 
 
@@ -37,10 +34,7 @@ def as_unit_quaternions(value: ArrayLike, name: str) -> FloatArray:
 
 
 def as_triples(value: ArrayLike, name: str) -> FloatArray:
-    """Vectors of three numbers.
-
-    Shapes: value (..., 3), returns (..., 3).
-    """
+    """Vectors of three numbers. Shapes: value (..., 3), returns (..., 3)."""
     return _with_last_axes(value, name, (3,), "x, y, z in the last axis")
 
 
@@ -59,10 +53,7 @@ def as_directions(value: ArrayLike, name: str) -> FloatArray:
 
 
 def as_rotations(value: ArrayLike, name: str) -> FloatArray:
-    """Rotation matrices, as given.
-
-    Shapes: value (..., 3, 3), returns (..., 3, 3).
-    """
+    """Rotation matrices, as given. Shapes: value (..., 3, 3), returns (..., 3, 3)."""
     R = _with_last_axes(value, name, (3, 3), "3x3 matrices in the last two axes")
     gap = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
     if not np.all(gap <= RIGID_TOLERANCE):

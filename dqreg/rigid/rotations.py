@@ -79,10 +79,7 @@ def left_jacobian(w: ArrayLike) -> FloatArray:
 
 
 def left_jacobian_inverse(w: ArrayLike) -> FloatArray:
-    """Inverse of `left_jacobian`.
-
-    Shapes: w (..., 3), returns (..., 3, 3).
-    """
+    """Inverse of `left_jacobian`. Shapes: w (..., 3), returns (..., 3, 3)."""
     angle_rad, skew, square = _cross_powers(as_triples(w, "w"))
     a2 = angle_rad**2
     series = 1 / 12 + a2 / 720 * (1 + a2 / 42 * (1 + a2 / 40))

@@ -34,10 +34,7 @@ def cube_rotations() -> list[FloatArray]:
 
 
 def principal_axes(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean and right-handed principal axes, one a column, of a distribution.
-
-    Shapes: covariance (3, 3), axes (3, 3).
-    """
+    """Mean and right-handed principal axes, one a column, of a distribution. Shapes: covariance (3, 3), axes (3, 3)."""
     _, axes = np.linalg.eigh(covariance)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     return mean, axes

@@ -31,10 +31,7 @@ class BatchSums:
 
 
 def sum_block(source: FloatArray, target: FloatArray, beta: FloatArray, directions: Sides | None) -> BatchSums:
-    """Sums of a block of problems.
-
-    Shapes: source, target (3, k, c), beta (k, c), directions (3, j, c).
-    """
+    """Sums of a block of problems. Shapes: source, target (3, k, c), beta (k, c), directions (3, j, c)."""
     weight = beta.sum(axis=0)
     share = beta / np.where(weight > 0.0, weight, 1.0)
     mean_source, p = _about_mean(source, share)

@@ -140,10 +140,7 @@ def quaternion_form(H: FloatArray) -> FloatArray:
 
 
 def pose_from_quaternion(r: FloatArray, moments: Moments) -> FloatArray:
-    """4x4 pose with the rotation of r that carries the source's mean to the target's.
-
-    Shapes: r (4,).
-    """
+    """4x4 pose with the rotation of r that carries the source's mean to the target's. Shapes: r (4,)."""
     w, x, y, z = r.tolist()
     px, py, pz = moments.mean_source.tolist()
     qx, qy, qz = moments.mean_target.tolist()

@@ -57,10 +57,7 @@ def compose(frame: FloatArray, motion: FrameMotion, T_reference: FloatArray) -> 
 
 
 def turned(q: FloatArray) -> FloatArray:
-    """``R(q) - I`` of unit quaternions, exact for small rotations.
-
-    Shapes: q (..., 4), returns (..., 3, 3).
-    """
+    """``R(q) - I`` of unit quaternions, exact for small rotations. Shapes: q (..., 4), returns (..., 3, 3)."""
     if q.ndim == 1:
         # Plain numbers: the loop calls this once a step, and arrays of one would cost ten times as much.
         return np.array(_entries(*q.tolist()))
@@ -76,10 +73,7 @@ def _entries(w: Any, x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], ...]
 
 
 def tangent(q: FloatArray, turns: Flags) -> FloatArray:
-    """Axes about which a further rotation stays among the allowed ones.
-
-    Shapes: q (4,), returns (3, k).
-    """
+    """Axes about which a further rotation stays among the allowed ones. Shapes: q (4,), returns (3, k)."""
     free = np.array(turns)
     if free.sum() != 2:
         # All axes, or the only one: rotations about one axis commute.

@@ -160,10 +160,7 @@ def weights_of(matches: Matches) -> tuple[FloatArray, FloatArray]:
 
 
 def fit_of_rotation(R: FloatArray, lambda_1: float, lambda_2: float, matches: Matches, centred: Centred) -> Fit:
-    """Fit with this rotation, the translation that belongs to it, and the cost of its residuals.
-
-    Shapes: R (3, 3).
-    """
+    """Fit with this rotation, the translation that belongs to it, and the cost of its residuals. Shapes: R (3, 3)."""
     gap = require_determined(lambda_1, lambda_2, centred.reach)
     T = np.eye(4)
     T[:3, :3] = R

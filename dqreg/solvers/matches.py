@@ -108,10 +108,7 @@ def refuse_bad_values(matches: Matches) -> None:
 
 
 def refuse_zero_directions(directions: FloatArray, name: str, weights: FloatArray | None = None) -> None:
-    """Raise if a row that carries weight holds three zeros, which points nowhere.
-
-    Shapes: weights (m,).
-    """
+    """Raise if a row that carries weight holds three zeros, which points nowhere. Shapes: weights (m,)."""
     empty = ~directions.any(axis=1)
     zero = np.flatnonzero(empty if weights is None else empty & (weights > 0.0))
     if zero.size:

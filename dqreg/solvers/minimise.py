@@ -179,10 +179,7 @@ def _apart(candidates: FloatArray, values: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def rotation_grid(turns: Flags) -> FloatArray:
-    """Evenly spread rotations, the identity first.
-
-    Shapes: returns (n, 4).
-    """
+    """Evenly spread rotations, the identity first. Shapes: returns (n, 4)."""
     count = GRID[sum(turns)]
     grid = np.zeros((count, 4))
     k = np.arange(count)

@@ -92,10 +92,7 @@ for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
 
 
 def prior_form(T: FloatArray, covariance: FloatArray, frame: FloatArray) -> QuadraticForm:
-    """Quadratic form of a prior.
-
-    Shapes: covariance (6, 6).
-    """
+    """Quadratic form of a prior. Shapes: covariance (6, 6)."""
     axes, R_0 = frame[:3, :3], T[:3, :3]
     known = np.isfinite(np.diag(covariance))
     r, t = known[:3], known[3:]

@@ -84,10 +84,7 @@ class QuadraticForm:
 
 
 def point_form(p: FloatArray, q: FloatArray, weights: FloatArray, origins: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Matrix of points p to points q, (n, 3) each, relative to the origins.
-
-    Shapes: returns (13, 13).
-    """
+    """Matrix of points p to points q, (n, 3) each, relative to the origins. Shapes: returns (13, 13)."""
     total = np.zeros((7, 7))
     rows = np.ones((7, min(CHUNK, len(p))))
     for i in range(0, len(p), CHUNK):
@@ -103,10 +100,7 @@ def point_form(p: FloatArray, q: FloatArray, weights: FloatArray, origins: tuple
 
 
 def direction_form(m: FloatArray, n: FloatArray, weights: FloatArray) -> FloatArray:
-    """Matrix of directions m to directions n, (n, 3) each; no origin enters.
-
-    Shapes: returns (13, 13).
-    """
+    """Matrix of directions m to directions n, (n, 3) each; no origin enters. Shapes: returns (13, 13)."""
     total = np.zeros((7, 7))
     rows = np.zeros((7, min(CHUNK, len(m))))
     for i in range(0, len(m), CHUNK):

@@ -125,10 +125,7 @@ def horn(
 
 
 def P(p: FloatArray) -> FloatArray:
-    """Matrices P_i with ``P_i q = q p_i`` for vectors p_i (Jia section 5, after eq. 17).
-
-    Shapes: returns (n, 4, 4).
-    """
+    """Matrices P_i with ``P_i q = q p_i`` for vectors p_i (Jia section 5, after eq. 17). Shapes: returns (n, 4, 4)."""
     p1, p2, p3 = p.T
     o = np.zeros(len(p))
     rows = [[o, -p1, -p2, -p3], [p1, o, p3, -p2], [p2, -p3, o, p1], [p3, p2, -p1, o]]
@@ -136,10 +133,7 @@ def P(p: FloatArray) -> FloatArray:
 
 
 def Q(q: FloatArray) -> FloatArray:
-    """Matrices Q_i with ``Q_i q = q_i q`` for vectors q_i (Jia section 5, after eq. 17).
-
-    Shapes: returns (n, 4, 4).
-    """
+    """Matrices Q_i with ``Q_i q = q_i q`` for vectors q_i (Jia section 5, after eq. 17). Shapes: returns (n, 4, 4)."""
     q1, q2, q3 = q.T
     o = np.zeros(len(q))
     rows = [[o, -q1, -q2, -q3], [q1, o, -q3, q2], [q2, q3, o, -q1], [q3, -q2, q1, o]]

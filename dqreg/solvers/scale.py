@@ -57,10 +57,7 @@ class ScaleStep:
         return pose.from_parts(turn @ T_target_source[:3, :3], self.middle + self.shift + self.factor * (turn @ away))
 
     def follow(self, T_target_source: FloatArray, centre: FloatArray) -> FloatArray:
-        """How the pose of the scaled source follows the logarithm of the scale.
-
-        Shapes: returns (6,).
-        """
+        """How the pose of the scaled source follows the logarithm of the scale. Shapes: returns (6,)."""
         turn, shift = self.pull[:3], self.pull[3:]
         followed: FloatArray = np.r_[
             turn, shift + np.cross(turn, centre - self.middle) + T_target_source[:3, 3] - self.middle

@@ -108,18 +108,12 @@ def walker1991(
 
 
 def Q(a: FloatArray) -> FloatArray:
-    """Matrices of a product from the left, ``Q(a) b = a b`` (eq. 15).
-
-    Shapes: a (..., 4), returns (..., 4, 4).
-    """
+    """Matrices of a product from the left, ``Q(a) b = a b`` (eq. 15). Shapes: a (..., 4), returns (..., 4, 4)."""
     return _matrix(a, 1.0)
 
 
 def W(a: FloatArray) -> FloatArray:
-    """Matrices of a product from the right, ``W(a) b = b a`` (eq. 16).
-
-    Shapes: a (..., 4), returns (..., 4, 4).
-    """
+    """Matrices of a product from the right, ``W(a) b = b a`` (eq. 16). Shapes: a (..., 4), returns (..., 4, 4)."""
     return _matrix(a, -1.0)
 
 

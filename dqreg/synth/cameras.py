@@ -27,10 +27,7 @@ class Pattern(Protocol):
         """
 
     def times(self) -> FloatArray:
-        """Return when each pixel is read.
-
-        Shapes: returns (k, rows, columns).
-        """
+        """Return when each pixel is read. Shapes: returns (k, rows, columns)."""
 
 
 # More rays than this need more memory than most machines have; no scanner has as many pixels.
@@ -65,10 +62,7 @@ def require_rays(views: int, **counts: object) -> None:
 
 
 def unit(vectors: FloatArray) -> FloatArray:
-    """Scale vectors to length one.
-
-    Shapes: vectors (..., 3), returns (..., 3).
-    """
+    """Scale vectors to length one. Shapes: vectors (..., 3), returns (..., 3)."""
     directions: FloatArray = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
     return directions
 

@@ -74,10 +74,7 @@ def visible_share(
 def sample_surface(
     vertices: FloatArray, faces: IntArray, count: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Random points on a mesh, uniform over its area.
-
-    Shapes: points, normals (count, 3), face_index (count,).
-    """
+    """Random points on a mesh, uniform over its area. Shapes: points, normals (count, 3), face_index (count,)."""
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     index = rng.choice(len(faces), count, p=area / area.sum())

@@ -124,10 +124,7 @@ def weighted_information(
 def cramer_rao(
     points: FloatArray, directions: FloatArray, centre: FloatArray, sigma_p: float, sigma_n: float
 ) -> FloatArray:
-    """Covariance that no unbiased estimate can undercut.
-
-    Shapes: returns (..., 6, 6).
-    """
+    """Covariance that no unbiased estimate can undercut. Shapes: returns (..., 6, 6)."""
     information = weighted_information(points, directions, centre, sigma_p**-2, sigma_n**-2)
     return np.asarray(np.linalg.inv(information), dtype=np.float64)
 
@@ -139,10 +136,7 @@ def covariance_of_weights(
     sigmas: tuple[float, float],
     weights: tuple[float, float],
 ) -> FloatArray:
-    """Covariance that weighted least squares reach, ``A^-1 B A^-1``.
-
-    Shapes: returns (..., 6, 6).
-    """
+    """Covariance that weighted least squares reach, ``A^-1 B A^-1``. Shapes: returns (..., 6, 6)."""
     (sigma_p, sigma_n), (beta, alpha) = sigmas, weights
     inverse = np.linalg.inv(weighted_information(points, directions, centre, beta, alpha))
     B = weighted_information(points, directions, centre, (beta * sigma_p) ** 2, (alpha * sigma_n) ** 2)

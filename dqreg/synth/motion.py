@@ -77,18 +77,12 @@ class Motion:
 
 
 def poses_at(twist: FloatArray, since_reference: FloatArray) -> FloatArray:
-    """Return the poses of a constant twist.
-
-    Shapes: twist (6,), returns (n, 4, 4).
-    """
+    """Return the poses of a constant twist. Shapes: twist (6,), returns (n, 4, 4)."""
     return pose.exp(since_reference[:, None] * twist)
 
 
 def moved_each(T: FloatArray, points: FloatArray) -> FloatArray:
-    """Move each point by a pose of its own.
-
-    Shapes: T (n, 4, 4).
-    """
+    """Move each point by a pose of its own. Shapes: T (n, 4, 4)."""
     return turned_each(T, points) + T[:, :3, 3]
 
 

@@ -96,10 +96,7 @@ class Hits:
 
 
 def cast(scene: Mesh, origins: FloatArray, rays: FloatArray, poses: FloatArray | None) -> Hits:
-    """Meet the scene with rays.
-
-    Shapes: poses (n, 4, 4).
-    """
+    """Meet the scene with rays. Shapes: poses (n, 4, 4)."""
     if poses is None:
         face_index, points = first_hits(*scene, origins, rays)
         return Hits(face_index, points, face_normals(*scene)[face_index], None)
@@ -186,10 +183,7 @@ def cast_sweep(
 
 
 def joined(part: Mesh, surroundings: Mesh | None) -> Mesh:
-    """One mesh of two, the first one's faces first.
-
-    Shapes: vertices (v + w, 3), faces (f + g, 3).
-    """
+    """One mesh of two, the first one's faces first. Shapes: vertices (v + w, 3), faces (f + g, 3)."""
     if surroundings is None:
         return part
     vertices = np.concatenate([part[0], surroundings[0]])

@@ -65,10 +65,7 @@ def diagonal(points: FloatArray) -> float:
 
 
 def subsampled(points: FloatArray, most: int, seed: int) -> FloatArray:
-    """At most so many points, drawn uniformly.
-
-    Shapes: returns (n, most).
-    """
+    """At most so many points, drawn uniformly. Shapes: returns (n, most)."""
     if len(points) <= most:
         return points
     rows = np.random.default_rng(seed).choice(len(points), size=most, replace=False)

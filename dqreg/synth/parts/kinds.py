@@ -53,10 +53,7 @@ def about_z(order: int, *, flips: bool = False) -> FloatArray:
 
 
 def of_box(size: Sequence[float], centre: Sequence[float] = (0.0, 0.0, 0.0)) -> FloatArray:
-    """Rotations that put a rectangular block onto itself.
-
-    Shapes: returns (4, 8 or 24, 4, 4).
-    """
+    """Rotations that put a rectangular block onto itself. Shapes: returns (4, 8 or 24, 4, 4)."""
     found = []
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):

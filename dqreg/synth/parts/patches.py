@@ -37,10 +37,7 @@ def require_order(**lengths: float) -> None:
 
 
 def circle(centre: Sequence[float], diameter: float, segments: int) -> FloatArray:
-    """Regular polygon inscribed in a circle.
-
-    Shapes: returns (segments, 2).
-    """
+    """Regular polygon inscribed in a circle. Shapes: returns (segments, 2)."""
     require_count("segments", segments, 8, multiple=4)
     angle = np.arange(segments) * (2.0 * np.pi / segments)
     return np.asarray(centre, dtype=np.float64) + 0.5 * diameter * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -94,10 +91,7 @@ def annulus(outer: FloatArray, inner: FloatArray) -> FloatArray:
 
 
 def lift(triangles: FloatArray, axis: int, height: float, *, outward: int = 1) -> FloatArray:
-    """Put plane triangles into space, across one coordinate axis.
-
-    Shapes: triangles (n, 3, 2), returns (n, 3, 3).
-    """
+    """Put plane triangles into space, across one coordinate axis. Shapes: triangles (n, 3, 2), returns (n, 3, 3)."""
     space = np.full((*triangles.shape[:2], 3), float(height))
     space[..., (axis + 1) % 3] = triangles[..., 0]
     space[..., (axis + 2) % 3] = triangles[..., 1]
@@ -107,10 +101,7 @@ def lift(triangles: FloatArray, axis: int, height: float, *, outward: int = 1) -
 def walls(
     outline: FloatArray, axis: int, span: tuple[float, float], *, outward: int = 1, closed: bool = True
 ) -> FloatArray:
-    """Side faces of the prism over an outline.
-
-    Shapes: outline (k, 2), returns (2 k or 2 k - 2, 3, 3).
-    """
+    """Side faces of the prism over an outline. Shapes: outline (k, 2), returns (2 k or 2 k - 2, 3, 3)."""
     count = len(outline) if closed else len(outline) - 1
     corners = np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)[:count]
     low, high = (lift(corners, axis, height) for height in span)
@@ -120,20 +111,14 @@ def walls(
 
 
 def weld(patches: Iterable[FloatArray]) -> tuple[FloatArray, IntArray]:
-    """One indexed mesh of many patches; vertices that are equal bit for bit become one.
-
-    Shapes: patches (n, 3, 3).
-    """
+    """One indexed mesh of many patches; vertices that are equal bit for bit become one. Shapes: patches (n, 3, 3)."""
     soup = np.concatenate(list(patches)).reshape(-1, 3) + 0.0  # + 0.0 turns -0.0 into 0.0
     vertices, inverse = np.unique(soup, axis=0, return_inverse=True)
     return vertices, inverse.reshape(-1, 3).astype(np.int64)
 
 
 def ladder(left: FloatArray, right: FloatArray) -> FloatArray:
-    """Strip between two lines with the same number of corners.
-
-    Shapes: left, right (k, 2), returns (2 k - 2, 3, 2).
-    """
+    """Strip between two lines with the same number of corners. Shapes: left, right (k, 2), returns (2 k - 2, 3, 2)."""
     a, b, c, d = left[:-1], right[:-1], right[1:], left[1:]
     return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
@@ -162,10 +147,7 @@ def collar(outer: FloatArray, hole: FloatArray) -> FloatArray:
 
 
 def loft(sections: FloatArray) -> FloatArray:
-    """Side faces through closed sections that lie one above the other.
-
-    Shapes: sections (m, k, 3).
-    """
+    """Side faces through closed sections that lie one above the other. Shapes: sections (m, k, 3)."""
     following = np.roll(sections, -1, axis=1)
     a, b = sections[:-1].reshape(-1, 3), following[:-1].reshape(-1, 3)
     c, d = following[1:].reshape(-1, 3), sections[1:].reshape(-1, 3)

@@ -105,10 +105,7 @@ def gear(
 
 
 def polar(radius: ArrayLike, angle_rad: ArrayLike) -> FloatArray:
-    """Make points of a plane from radius and angle.
-
-    Shapes: returns (..., 2).
-    """
+    """Make points of a plane from radius and angle. Shapes: returns (..., 2)."""
     length = np.asarray(radius, dtype=np.float64)
     return np.stack(np.broadcast_arrays(length * np.cos(angle_rad), length * np.sin(angle_rad)), axis=-1)
 
