@@ -96,13 +96,7 @@ class SectionedCommand(click.Command):
 
 
 class Choice(click.Choice[str]):
-    """Like `click.Choice`, in one short sentence, with the word that was probably meant.
-
-    >>> Choice(["auto", "plane"]).convert("plan", None, None)
-    Traceback (most recent call last):
-    ...
-    click.exceptions.BadParameter: 'plan' is not one of auto, plane; did you mean plane?
-    """
+    """Like `click.Choice`, in one short sentence, with the word that was probably meant."""
 
     def get_invalid_choice_message(self, value: object, ctx: click.Context | None) -> str:
         """What is said of a word that is not known."""

@@ -33,11 +33,7 @@ else:
 
 
 class ScaleType(Base):
-    """A factor above 0, or "solve".
-
-    >>> ScaleType().convert("solve", None, None), ScaleType().convert("25.4", None, None)
-    ('solve', 25.4)
-    """
+    """A factor above 0, or "solve"."""
 
     name = "scale"
 

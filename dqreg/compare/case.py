@@ -67,13 +67,7 @@ def make_case(
     value: str | float | None = None,
     trial: int = 0,
 ) -> BenchmarkCase:
-    """Split a scan into what engines get and what is held out, and draw the points of the same loop.
-
-    >>> cloud = PointCloud(np.random.default_rng(0).normal(size=(100, 3)))
-    >>> made = make_case("x", cloud, cloud, None, TruePoses(np.eye(4)[None]))
-    >>> len(made.task.source), len(made.ground_truth.held_out)
-    (90, 10)
-    """
+    """Split a scan into what engines get and what is held out, and draw the points of the same loop."""
     # Lengths are converted here; no engine shall do it again.
     source, target = dataclasses.replace(source, units=None), dataclasses.replace(target, units=None)
     held_rng, loop_rng = np.random.default_rng(seed).spawn(2)

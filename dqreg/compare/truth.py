@@ -39,11 +39,7 @@ def read_truth(path: str | os.PathLike[str]) -> TruePoses:
 
 
 def truth_of(data: Any, first: FloatArray, name: str) -> TruePoses:
-    """TruePoses with the symmetries that a mapping names.
-
-    >>> truth_of({"symmetric_truths": [np.eye(4), np.diag([-1, -1, 1, 1])]}, np.eye(4), "truth.json").poses.shape
-    (2, 4, 4)
-    """
+    """TruePoses with the symmetries that a mapping names."""
     others = data.get("symmetric_truths") or []
     if not isinstance(others, list):
         raise InputError(f"{name}: symmetric_truths must be a list of 4x4 poses; got {type(others).__name__}")

@@ -18,12 +18,7 @@ WHOLE = 2.0 / 3.0
 
 
 def voxel_size(points: FloatArray, count: int) -> float:
-    """Edge of the voxels that leave a dense cloud about so many points; 0 for one that is left as it is.
-
-    >>> grid = np.stack(np.meshgrid(range(40), range(40), [0.0]), axis=-1).reshape(-1, 3)
-    >>> round(even_size(grid, 400), 1), even_size(grid, 800)
-    (2.0, 0.0)
-    """
+    """Edge of the voxels that leave a dense cloud about so many points; 0 for one that is left as it is."""
     return cell_size(points, count) if len(points) > DENSE * count else 0.0
 
 

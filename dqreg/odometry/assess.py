@@ -115,11 +115,7 @@ def _without_spurious(
 
 
 def without_pose(reasons: tuple[Reason, ...], status: str, settings: dict[str, Any]) -> Registration:
-    """Result of a frame that cannot be placed.
-
-    >>> without_pose((Reason("it is empty", "too_few_points"),), "no points", {}).verdict.level
-    'failed'
-    """
+    """Result of a frame that cannot be placed."""
     return _bare(np.full((4, 4), np.nan), Verdict("failed", reasons), status, np.nan, settings)
 
 

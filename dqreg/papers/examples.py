@@ -69,11 +69,7 @@ def _example(name: str, quantity: str, printed: ArrayLike, ours: ArrayLike) -> E
 
 
 def examples_section(examples: tuple[Example, ...]) -> Section:
-    """Words and table of the examples.
-
-    >>> len(examples_section(measure_examples()).tables[0].rows)
-    9
-    """
+    """Words and table of the examples."""
     table = Table(
         "examples",
         "Printed results and ours",

@@ -69,11 +69,7 @@ def to_json(report: Report) -> str:
 
 
 def picture_name(key: str) -> str:
-    """File name of a figure.
-
-    >>> picture_name("weights")
-    'figure-weights.png'
-    """
+    """File name of a figure."""
     return f"figure-{key}.png"
 
 

@@ -198,11 +198,7 @@ def read_start(start: Any, prior: Any, dof: Any) -> FloatArray | None:
 
 
 def as_viewpoints(value: Any) -> FloatArray | None:
-    """Viewpoints of the scanner, checked.
-
-    >>> as_viewpoints([0, 0, 500]).tolist()
-    [[0.0, 0.0, 500.0]]
-    """
+    """Viewpoints of the scanner, checked."""
     if value is None:
         return None
     places = as_float(value, "viewpoint")

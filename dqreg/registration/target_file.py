@@ -42,16 +42,7 @@ class Header:
 
 
 def save_target(indexed: TargetIndex, path: str | Path) -> None:
-    """Write a target, whole or not at all.
-
-    >>> import tempfile
-    >>> from dqreg.synth.parts import box
-    >>> from dqreg.registration.target_index import index_target
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     save_target(index_target(Mesh(*box((3.0, 2.0, 1.0)))), f"{folder}/box.npz")
-    ...     load_target(f"{folder}/box.npz").kind
-    'mesh'
-    """
+    """Write a target, whole or not at all."""
     geometry = indexed.geometry
     header = Header(FORMAT, VERSION, indexed.kind, indexed.name, geometry.units, geometry.dropped)
     arrays: dict[str, Any] = {"origin": indexed.origin}

@@ -80,11 +80,7 @@ def save_picture(
 
 
 def picture_path(path: str | Path) -> Path:
-    """Path of a picture that can be written; asked before the work.
-
-    >>> picture_path("view.png").name
-    'view.png'
-    """
+    """Path of a picture that can be written; asked before the work."""
     goal = require_writable(path)
     if goal.suffix.lower() not in (".png", ".jpg", ".jpeg"):
         raise InputError(f"cannot write {goal}: a picture is .png, .jpg or .jpeg; got {goal.suffix or 'no ending'!r}")

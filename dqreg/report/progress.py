@@ -106,11 +106,7 @@ class Steps:
 
 
 def left_words(seconds: float) -> str:
-    """A time left as one says it; nothing for NaN.
-
-    >>> left_words(0.2), left_words(7.6), left_words(150.0)
-    ('a moment left', 'about 8 s left', 'about 2 min left')
-    """
+    """A time left as one says it; nothing for NaN."""
     if math.isnan(seconds):
         return ""
     if seconds < 1.0:
@@ -256,12 +252,7 @@ def columns(unit: str | None) -> tuple[str, ...]:
 
 
 def stage_words(stage: Stage) -> str:
-    """A finished stage of the search in a few words.
-
-    >>> from dqreg.icp.history import Stage
-    >>> stage_words(Stage("screened", 160, 0.31))
-    'screened, 160 poses left, 0.3 s'
-    """
+    """A finished stage of the search in a few words."""
     return f"{stage.name}, {stage.poses:,} pose{'' if stage.poses == 1 else 's'} left, {stage.seconds:.1f} s"
 
 

@@ -98,11 +98,7 @@ def cell_text(cell: Cell, column: Column) -> str:
 
 
 def short_number(value: float, spec: str = "g") -> str:
-    """Number without the padding of exponents.
-
-    >>> short_number(1e-5), short_number(1e12), short_number(0.0, ".1e")
-    ('1e-5', '1e12', '0')
-    """
+    """Number without the padding of exponents."""
     text = format(value, spec) if value else "0"
     text = re.sub(r"e([+-])0*(\d)", lambda found: "e" + found[1].replace("+", "") + found[2], text)
     return text.removesuffix("e0")

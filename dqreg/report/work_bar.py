@@ -18,11 +18,6 @@ class TimeLeft:
     """Estimate of the time that is left.
 
     Kinds of work differ a thousandfold in speed, so each has its own rate; one that was not done yet gets the mean.
-
-    >>> left = TimeLeft([("a", 1.0), ("a", 1.0), ("b", 2.0)])
-    >>> left.done("a", 1.0, seconds=3.0)
-    >>> left.seconds
-    9.0
     """
 
     def __init__(self, jobs: Iterable[tuple[Hashable, float]]) -> None:

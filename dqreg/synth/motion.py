@@ -87,12 +87,6 @@ def moved_each(T: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def turned_each(T: FloatArray, directions: FloatArray) -> FloatArray:
-    """Rotate each direction by a pose of its own.
-
-    Shapes: T (n, 4, 4).
-
-    >>> turned_each(np.eye(4)[None], np.ones((1, 3))).tolist()
-    [[1.0, 1.0, 1.0]]
-    """
+    """Rotate each direction by a pose of its own. Shapes: T (n, 4, 4)."""
     turned: FloatArray = np.einsum("nij,nj->ni", T[:, :3, :3], directions)
     return turned

@@ -73,12 +73,7 @@ def subsampled(points: FloatArray, most: int, seed: int) -> FloatArray:
 
 
 def open3d_cloud(cloud: Cloud) -> Any:
-    """A legacy Open3D cloud.
-
-    >>> import numpy as np
-    >>> open3d_cloud(Cloud(np.zeros((2, 3)), None)).has_normals()
-    False
-    """
+    """A legacy Open3D cloud."""
     open3d = load_open3d()
     converted = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(cloud.points))
     if cloud.normals is not None:

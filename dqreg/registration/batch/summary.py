@@ -71,12 +71,7 @@ def _csv_row(line: Line) -> tuple[object, ...]:
 
 
 def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
-    """The summary as plain values.
-
-    >>> row = Row("a", Path("a.ply"), Path("b.stl"))
-    >>> to_records([Line(row, "error", ("no luck",))])[0]["reasons"]
-    ['no luck']
-    """
+    """The summary as plain values."""
     return [
         {
             "name": line.row.name,

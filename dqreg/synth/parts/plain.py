@@ -68,10 +68,6 @@ def four_holes(
     """Cut a rectangle into two by two cells with a hole in the middle of each, the first one large.
 
     Shapes: face (n, 3, 2), holes (segments, 2).
-
-    >>> face, holes = four_holes([0.0, 2.0, 4.0], [0.0, 2.0, 4.0], (1.0, 0.5), 8)
-    >>> len(face), len(holes)
-    (48, 4)
     """
     cells = [((x[i], x[i + 1]), (y[j], y[j + 1])) for i in range(2) for j in range(2)]
     holes = [circle((sum(u) / 2, sum(v) / 2), diameters[min(k, 1)], segments) for k, (u, v) in enumerate(cells)]

@@ -39,7 +39,7 @@ def test_names_and_objects_are_both_engines() -> None:
 
 
 def test_unknown_name_suggests_the_nearest() -> None:
-    with pytest.raises(InputError, match="did you mean 'open3d point-to-plane'"):
+    with pytest.raises(InputError, match="did you mean open3d point-to-plane"):
         engine("Open3D point2plane")
     with pytest.raises(InputError, match="known are dqreg, "):
         engine("zzzz")
