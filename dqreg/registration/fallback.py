@@ -8,7 +8,7 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry.normals import sample_rows
 from dqreg.registration.evidence import NEAR
 from dqreg.registration.fit import Fit
-from dqreg.registration.initial_pose import GlobalSearch, alternatives_of
+from dqreg.registration.initial_pose import GlobalSearch
 from dqreg.rigid import pose
 from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror
 from dqreg.search.poses import Poses
@@ -24,8 +24,6 @@ MISFIT = 10.0
 # fraction of the target's size of the initial pose that was given: that one is rough, but it is meant.
 BETTER = 0.02
 MEANT_RAD, MEANT = np.deg2rad(40.0), 0.25
-# One farther off is taken where nothing speaks against it and its gain is so many standard errors.
-SIGNIFICANT = 5.0
 JUDGES = 10_000
 
 
@@ -42,9 +40,7 @@ def is_doubtful(fit: Fit) -> bool:
 
 
 def retry_from_search(fit: Fit, start: FloatArray, search: GlobalSearch) -> tuple[Fit, tuple[Alternative, ...]]:
-    """The better of a doubtful fit and of what a global search finds, and other poses that explain the scan.
-
-    One far from the start is the answer where it is significantly better and not in doubt itself, else an alternative.
+    """The better of a doubtful fit and of what a global search finds, which is reported where it is far from the start.
 
     Shapes: start (4, 4).
     """
@@ -56,15 +52,13 @@ def retry_from_search(fit: Fit, start: FloatArray, search: GlobalSearch) -> tupl
     other = fit.resumed(found[0].T_target_source, search.kernel_scale)
     if not other.found:
         return fit, ()
-    gain, error, rms = _gain(fit, other)
+    gain, rms = _gain(fit, other)
     if gain <= BETTER:
         return fit, ()
     T = other.T_target_source
     rotation, shift = pose.angle_between(T, start), pose.offset_between(T, start, at=np.zeros(3))
     if rotation <= MEANT_RAD and shift <= MEANT * fit.prepared.surface.diagonal:
         return other, ()
-    if gain > SIGNIFICANT * error and not is_doubtful(other):
-        return other, alternatives_of(fit.problem, found[1:])
     return fit, (Alternative(fit.problem.to_caller(T), rms),)
 
 
@@ -84,11 +78,10 @@ def mirror_gain(fit: Fit) -> float:
     return gain_of_mirror(fit.T_target_source, reflections, fit.prepared.scan, target.surface, limit, fit.floor)
 
 
-def _gain(fit: Fit, other: Fit) -> tuple[float, float, float]:
-    # Mean log-likelihood that the other pose gains, its standard error, and the truncated distance under that pose.
+def _gain(fit: Fit, other: Fit) -> tuple[float, float]:
+    # Mean log-likelihood that the other pose gains, and its truncated distance.
     poses = Poses.of(np.stack([fit.T_target_source, other.T_target_source]))
     scan, surface = fit.prepared.scan, fit.prepared.surface
     points = scan.points[sample_rows(len(scan), JUDGES)]
     scores = score_poses(poses, points, surface, NEAR * fit.settings.max_distance, fit.floor)
-    error = float(scores.deficit(1)[1][0])
-    return float(scores.means[1] - scores.means[0]), error, float(np.sqrt((scores.distances[1] ** 2).mean()))
+    return float(scores.means[1] - scores.means[0]), float(np.sqrt((scores.distances[1] ** 2).mean()))

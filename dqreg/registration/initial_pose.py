@@ -66,18 +66,6 @@ class InitialPose:
     search: str = ""  # Stage in which the search ended; empty where there was none
 
 
-def alternatives_of(problem: Problem, candidates: tuple[Candidate, ...]) -> tuple[Alternative, ...]:
-    """What a search found besides its best pose, in the caller's frames."""
-    return tuple(
-        Alternative(
-            problem.to_caller(c.T_target_source),
-            c.rms,
-            symmetry_words(c.symmetry.moved(problem.target.origin)) if c.symmetry else "",
-        )
-        for c in candidates
-    )
-
-
 def initial_pose(problem: Problem, global_search: GlobalSearch) -> InitialPose:
     """The initial pose that was given, else the best that the search finds."""
     if problem.start is not None:
@@ -85,7 +73,14 @@ def initial_pose(problem: Problem, global_search: GlobalSearch) -> InitialPose:
     found = global_search.candidates()
     if not found:
         return InitialPose(np.eye(4), search="judged")
-    others = alternatives_of(problem, found[1:])
+    others = tuple(
+        Alternative(
+            problem.to_caller(c.T_target_source),
+            c.rms,
+            symmetry_words(c.symmetry.moved(problem.target.origin)) if c.symmetry else "",
+        )
+        for c in found[1:]
+    )
     # The search has compared all of the scan with all of the target: the basin is decided.
     kernel_scale = global_search.kernel_scale if found[0].stage == "judged" else None
     return InitialPose(found[0].T_target_source, kernel_scale, others, found[0].stage)
