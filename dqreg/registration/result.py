@@ -154,8 +154,8 @@ class Registration:
             Largest deviation allowed, target units.
         reach : float, optional
             Points farther off than this belong to something else (a table, clamps, other parts): they have a value,
-            but enter no statistics, and the summary counts them. Default: the distance within which the verdict
-            counts points as the part's, a quarter of ``settings["max_distance"]``. ``numpy.inf`` counts all.
+            but enter no statistics, and the summary counts them. Default: a quarter of ``settings["max_distance"]``.
+            ``numpy.inf`` counts all.
         progress : callable, optional
             Called with the points done and all points, now and then.
 
