@@ -14,11 +14,12 @@ from dqreg.errors import InputError
 # The same words as in the library, which a test compares: importing them would load the solvers for `--help`.
 METHODS = ("auto", "dq", "dq-points", "svd", "plane", "generalised")
 EFFORTS = ("fast", "normal", "best")
+SEARCHES = ("never", "doubt", "always")
 UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
 FILE = click.Path(path_type=Path)
 SECTIONS = {
     "Output": ("out", "report", "aligned", "deviations", "as_json"),
-    "Initial pose": ("start", "dof", "viewpoint"),
+    "Initial pose": ("start", "search", "dof", "viewpoint"),
     "Units": ("source_units", "target_units", "units", "scale"),
     "Deviations of the part": ("tolerance", "reach"),
     "Registration": ("effort", "time_limit", "max_distance", "max_angle_deg", "method", "accelerate", "seed"),
@@ -52,6 +53,8 @@ class ScaleType(Base):
 @click.argument("target", type=FILE)
 @click.option("--start", default="none", show_default=True, metavar="none|identity|FILE", help="Initial pose: "
               "none: global registration; FILE: 4x4 T_target_source as text, or a result.json.")  # fmt: skip
+@click.option("--search", type=Choice(SEARCHES), default="doubt", show_default=True, help="Global search beside an "
+              "initial pose: never, where the pose is in doubt, or always; the better pose is kept.")  # fmt: skip
 @click.option("--dof", metavar="MOTIONS", help="Degrees of freedom in which the pose may differ from the initial pose, "
               "such as 'rz tx ty'; all others are locked.")  # fmt: skip
 @click.option("--viewpoint", type=float, nargs=3, multiple=True, metavar="X Y Z", help="Where the scanner stood, in "

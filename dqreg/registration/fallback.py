@@ -27,6 +27,14 @@ MEANT_RAD, MEANT = np.deg2rad(40.0), 0.25
 JUDGES = 10_000
 
 
+def may_search(fit: Fit) -> bool:
+    """Whether a global search beside the initial pose is allowed; what was asked for in so many words is done alone."""
+    options = fit.problem.options
+    return options.search == "always" or (
+        options.search == "doubt" and options.method == "auto" and not fit.constraints.any
+    )
+
+
 def is_doubtful(fit: Fit) -> bool:
     """Whether so much speaks against a pose that another one is worth searching for."""
     found = fit.agreement
@@ -44,7 +52,9 @@ def retry_from_search(fit: Fit, start: FloatArray, search: GlobalSearch) -> tupl
 
     Shapes: start (4, 4).
     """
-    if not is_doubtful(fit) or fit.problem.watch.is_over:
+    if not may_search(fit) or fit.problem.watch.is_over:
+        return fit, ()
+    if fit.problem.options.search != "always" and not is_doubtful(fit):
         return fit, ()
     found = search.candidates()
     if not found:

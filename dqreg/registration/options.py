@@ -24,6 +24,8 @@ EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 60_000, "best": None
 CONVERGENCE = 1e-7
 # Cells of a dense cloud: the mean of each stands for its points.
 CELLS: dict[str, int | None] = {"fast": 6_000, "normal": 10_000, "best": None}
+# When a global search may run beside an initial pose that was given.
+SEARCHES = ("never", "doubt", "always")
 
 
 # Options that a result repeats as they were given.
@@ -39,6 +41,7 @@ RECORDED = (
     "units",
     "time_limit",
     "scale",
+    "search",
 )
 
 
@@ -57,6 +60,7 @@ class Options:
     units: str = "check"
     time_limit: float | None = None
     scale: float | str = 1.0
+    search: str = "doubt"
     source_units: str | None = None
     target_units: str | None = None
     dof: str | Freedom | None = None
@@ -73,6 +77,13 @@ class Options:
             raise InputError(f"unknown method {self.method!r}; known are {', '.join(known)}")
         if not isinstance(self.effort, str) or self.effort not in EFFORTS:
             raise InputError(f"unknown effort {self.effort!r}; known are {', '.join(EFFORTS)}")
+        if not isinstance(self.search, str) or self.search not in SEARCHES:
+            raise InputError(f"search must be {', '.join(SEARCHES)}; got {self.search!r:.60}")
+        if self.search == "always" and (self.dof is not None or self.prior is not None):
+            raise InputError(
+                'search="always" compares the pose with those of a global search, which know nothing of dof= and '
+                "prior=: leave search out, or those"
+            )
         if self.units not in ("check", "ignore"):
             raise InputError(f'units must be "check" or "ignore"; got {self.units!r}')
         for name in ("max_distance", "max_angle_deg", "max_iterations", "convergence", "seed", "time_limit"):

@@ -40,8 +40,7 @@ def align(problem: Problem) -> Registration:
     alternatives = start.alternatives
     if problem.start is not None and fit.found:
         with watch.stage("second try"):
-            if options.method == "auto" and not constraints.any:
-                fit, alternatives = retry_from_search(fit, start.T_target_source, search)
+            fit, alternatives = retry_from_search(fit, start.T_target_source, search)
             fit = without_drift(fit, start.T_target_source)
             alternatives += near_symmetric_poses(fit)
     gain = mirror_gain(fit)

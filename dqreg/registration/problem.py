@@ -127,6 +127,10 @@ class Problem(SourceAndTarget):
     def of(source: Any, target: Any, start: Any, options: Options, watch: Stopwatch) -> Problem:
         """Read source and target; a target that is not indexed is being built from here on."""
         T_start, viewpoints = read_start(start, options.prior, options.dof), as_viewpoints(options.viewpoint)
+        if T_start is None and options.search == "never":
+            raise InputError(
+                'search="never" leaves the pose to start=, and there is none: give start, or allow a search'
+            )
         with watch.stage("read"):
             index = index_target(target)
             building = None if index is target else index.build_beside()

@@ -46,6 +46,7 @@ def register(
     time_limit: float | None = None,
     scale: float | str = 1.0,
     viewpoint: ArrayLike | None = None,
+    search: str = "doubt",
     observe: Callable[[Iteration], object] | None = None,
     observe_search: Callable[[Stage], object] | None = None,
     keep_inputs: bool = True,
@@ -105,6 +106,10 @@ def register(
         Where the scanner stood, in source coordinates. Faces of a mesh that it cannot have seen (the inside of a thin
         wall, a part behind another) are ignored then, in deviations too. A single one also orients estimated normals.
         A viewpoint in the file hides nothing unless it is given here.
+    search : {"never", "doubt", "always"}
+        Whether a global search may run beside an initial pose: not at all (in a loop at a fixed rate), where the pose
+        is in doubt, or in any case. The pose that explains the scan best is the answer. With a ``method``, ``dof`` or
+        ``prior``, "doubt" does not search.
     observe : callable, optional
         Called with each `Iteration`; returning False stops the run.
     observe_search : callable, optional
@@ -156,6 +161,7 @@ def register(
         dof=dof,
         prior=prior,
         viewpoint=viewpoint,
+        search=search,
         observe=observe,
         observe_search=observe_search,
         keep_inputs=keep_inputs,

@@ -17,7 +17,7 @@ from dqreg.cli.main import main
 from dqreg.files import READERS, read_cloud, read_geometry, write_cloud
 from dqreg.icp import ESTIMATORS
 from dqreg.registration import result as result_room
-from dqreg.registration.options import EFFORTS
+from dqreg.registration.options import EFFORTS, SEARCHES
 from dqreg.registration.result import Registration
 from dqreg.synth import demo_case, load_case
 
@@ -42,6 +42,7 @@ def start(tmp_path, case):
 def test_words_are_those_of_the_library():
     assert ("auto", *ESTIMATORS) == room.METHODS
     assert tuple(EFFORTS) == room.EFFORTS
+    assert room.SEARCHES == SEARCHES
 
 
 def test_json_is_all_that_standard_output_holds(tmp_path, case, start, capsys):

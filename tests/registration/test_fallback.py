@@ -56,11 +56,33 @@ def test_a_good_pose_is_not_searched_for_again() -> None:
     assert stages == []
 
 
-@pytest.mark.parametrize("options", [{"method": "dq"}, {"dof": "rz tx ty"}])
+@pytest.mark.parametrize("options", [{"method": "dq"}, {"dof": "rz tx ty"}, {"search": "never"}])
 def test_what_was_asked_for_in_so_many_words_is_done_alone(options: dict) -> None:
     stages: list[object] = []
     TARGET.register(SCAN, start(120.0), effort="fast", observe_search=stages.append, **options)
     assert stages == []
+
+
+def test_always_searches_beside_a_good_start_and_keeps_the_pose() -> None:
+    stages: list[object] = []
+    result = TARGET.register(SCAN, start(5.0), effort="fast", search="always", observe_search=stages.append)
+    assert stages != []
+    assert error(result) <= 5e-5
+    assert result.verdict.level == "accepted"
+    assert result.settings["search"] == "always"
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"start": None, "search": "never"}, "there is none"),
+        ({"start": np.eye(4), "search": "always", "dof": "rz"}, "know nothing of dof"),
+        ({"start": np.eye(4), "search": "sometimes"}, "never, doubt, always"),
+    ],
+)
+def test_a_search_that_cannot_be_is_refused(given: dict, words: str) -> None:
+    with pytest.raises(dqreg.InputError, match=words):
+        TARGET.register(SCAN, effort="fast", **given)
 
 
 def test_history_counts_on() -> None:
