@@ -27,8 +27,9 @@ if TYPE_CHECKING:
     from dqreg.errors import DegenerateGeometryError, DqregError, InputError, MissingDependencyError, UnitsError
     from dqreg.geometry import Mesh, PointCloud
     from dqreg.odometry import Odometry
-    from dqreg.registration.register import Target, prepare_target, register
+    from dqreg.registration.register import register
     from dqreg.registration.result import Registration
+    from dqreg.registration.target import Target, prepare_target
     from dqreg.rigid import DualQuaternion, quaternion
     from dqreg.solvers import Freedom, PoseCost, likelihood_weights, solve, solve_many
 
@@ -72,10 +73,10 @@ _HOMES = {
     "PointCloud": "dqreg.geometry",
     "PoseCost": "dqreg.solvers",
     "Registration": "dqreg.registration.result",
-    "Target": "dqreg.registration.register",
+    "Target": "dqreg.registration.target",
     "UnitsError": "dqreg.errors",
     "likelihood_weights": "dqreg.solvers",
-    "prepare_target": "dqreg.registration.register",
+    "prepare_target": "dqreg.registration.target",
     "quaternion": "dqreg.rigid",
     "register": "dqreg.registration.register",
     "solve": "dqreg.solvers",

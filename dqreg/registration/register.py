@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
-import threading
-import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, renamed
+from dqreg._arrays import renamed
 from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.options import CONVERGENCE, Options
@@ -19,9 +15,7 @@ from dqreg.registration.pipeline import align
 from dqreg.registration.problem import Problem
 from dqreg.registration.result import Registration
 from dqreg.registration.scale import align_with_scale
-from dqreg.registration.target_file import bytes_of, load_target, save_target
-from dqreg.registration.target_index import TargetIndex, index_target
-from dqreg.search import PairTable, Stage
+from dqreg.search import Stage
 from dqreg.solvers import Freedom
 
 
@@ -61,8 +55,8 @@ def register(
     target : path, (n, 3) array, PointCloud, Mesh, Open3D or trimesh object, or Target
         The part or the other scan, which stands. A mesh is used as it is, never sampled.
     start : None, "identity" or (4, 4) array_like
-        Initial pose. None finds it by a global search; a matrix is ``T_target_source``, right to about 15 degrees and
-        a tenth of the part's size.
+        Initial pose. None searches for it; a matrix is ``T_target_source``, right to about 15 degrees and a tenth of
+        the part's size.
     method : {"auto", "dq", "dq-points", "svd", "plane", "generalised"}
         Pose step: the dual-quaternion closed form on points and normals, on points alone, Arun's SVD, point-to-plane,
         or plane-to-plane. Auto takes "dq" until the basin is found, then "plane", or "generalised" between clouds with
@@ -107,13 +101,12 @@ def register(
         wall, a part behind another) are ignored then, in deviations too. A single one also orients estimated normals.
         A viewpoint in the file hides nothing unless it is given here.
     search : {"never", "doubt", "always"}
-        Whether a global search may run beside an initial pose: not at all (in a loop at a fixed rate), where the pose
-        is in doubt, or in any case. The pose that explains the scan best is the answer. With a ``method``, ``dof`` or
-        ``prior``, "doubt" does not search.
+        Whether a global search may run beside an initial pose: not at all (a loop at a fixed rate), where the pose is
+        in doubt and no ``method``, ``dof`` or ``prior`` is given, or in any case.
     observe : callable, optional
         Called with each `Iteration`; returning False stops the run.
     observe_search : callable, optional
-        Called with each `Stage` of the global search; returning False ends it.
+        Called with each `Stage` of a global search; returning False ends it.
     keep_inputs : bool
         Whether the result holds source and target, for `Registration.deviations`, pictures and reports.
     tolerance : float, optional
@@ -166,138 +159,6 @@ def register(
         observe_search=observe_search,
         keep_inputs=keep_inputs,
     )
-    target = target.indexed if isinstance(target, Target) else target
     if options.solves_scale:
         return align_with_scale(source, target, start, options)
     return align(Problem.of(source, target, start, options, watch))
-
-
-@dataclasses.dataclass(frozen=True)
-class Target:
-    """A target prepared once and registered to often; safe to share between threads.
-
-    Made by `prepare_target`, or read by `Target.load`; files that cannot be read or written are an `InputError`.
-
-    Attributes
-    ----------
-    indexed : TargetIndex
-        Geometry in a frame of its own, and its surface.
-    seconds : float
-        Time that preparing it, or loading it, took.
-    """
-
-    indexed: TargetIndex
-    seconds: float = dataclasses.field(default=0.0, compare=False)
-
-    @property
-    def pairs(self) -> PairTable:
-        """Pairs of oriented points that the global search looks up; built when first needed."""
-        return self.indexed.pairs
-
-    @property
-    def flips(self) -> FloatArray:
-        """Rotations that leave most of the part in place, (k, 4, 4), in the centred frame; none for a cloud."""
-        return self.indexed.near_rotations
-
-    @property
-    def mirrors(self) -> FloatArray:
-        """Reflections that leave most of the part in place, (k, 4, 4), in the centred frame; none for a cloud."""
-        return self.indexed.near_reflections
-
-    def build_beside(self) -> threading.Thread:
-        """Begin to build what a registration to a mesh asks for, in a thread of its own.
-
-        Returns
-        -------
-        threading.Thread
-            Running; to be joined before the rest is asked for.
-        """
-        return self.indexed.build_beside()
-
-    @property
-    def nbytes(self) -> int:
-        """Memory in bytes: its arrays, and an estimate for Open3D's trees, good to a fifth."""
-        return bytes_of(self.indexed)
-
-    def save(self, path: str | Path) -> None:
-        """Write it to a file, to be read by `Target.load`: arrays and a JSON header in an NPZ archive, no pickle.
-
-        Parameters
-        ----------
-        path : str or Path
-            File to write, as it is named.
-        """
-        save_target(self.indexed, path)
-
-    @staticmethod
-    def load(path: str | Path) -> Target:
-        """Read a target that `save` wrote; registrations to it give the same poses as to the one saved.
-
-        Parameters
-        ----------
-        path : str or Path
-            File to read.
-
-        Returns
-        -------
-        Target
-            Ready, with the trees built again.
-        """
-        began = time.perf_counter()
-        return Target(load_target(path).build(), time.perf_counter() - began)
-
-    def register(
-        self,
-        scan: Any,
-        start: Any = None,
-        *,
-        time_limit: float | None = None,
-        max_time: float | None = None,
-        **options: Any,
-    ) -> Registration:
-        """Register a scan to this target; see `register` for the options.
-
-        Parameters
-        ----------
-        scan : path, array or object
-            Source.
-        start : None, "identity" or (4, 4) array_like
-            Initial pose. In tracking, the last pose: one that explains the scan at once spares the coarse steps.
-        time_limit : float, optional
-            Seconds after which the best pose so far is returned.
-        max_time : float, optional
-            Old name of ``time_limit``, deprecated.
-        **options
-            Keyword options of `register`.
-
-        Returns
-        -------
-        Registration
-            The answer.
-        """
-        time_limit = renamed("max_time", max_time, "time_limit", time_limit, None)
-        return register(scan, self, start, time_limit=time_limit, **options)
-
-
-def prepare_target(target: Any) -> Target:
-    """Read a target and build its trees, to register many scans to it.
-
-    Parameters
-    ----------
-    target : path, array, PointCloud, Mesh, Open3D or trimesh object
-        A mesh or a cloud.
-
-    Returns
-    -------
-    Target
-        Pass it to `register` as the target, or call its own ``register``.
-
-    Examples
-    --------
-    >>> from dqreg.geometry import Mesh
-    >>> from dqreg.synth.parts import bracket
-    >>> prepare_target(Mesh(*bracket())).indexed.kind
-    'mesh'
-    """
-    began = time.perf_counter()
-    return Target(index_target(target).build(), time.perf_counter() - began)

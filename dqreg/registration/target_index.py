@@ -150,6 +150,8 @@ def require_mesh(geometry: PointCloud | Mesh) -> Mesh:
 
 def index_target(target: Any) -> TargetIndex:
     """Read a target and move it to its own middle; one that is indexed stays as it is."""
+    # A `Target` holds the index.
+    target = getattr(target, "indexed", target)
     if isinstance(target, TargetIndex):
         return target
     geometry = open_geometry(target, "target")

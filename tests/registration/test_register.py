@@ -14,8 +14,9 @@ from dqreg.errors import DegenerateGeometryError, DqregError, InputError, UnitsE
 from dqreg.files import write_cloud
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.icp.history import Iteration
-from dqreg.registration.register import prepare_target, register
+from dqreg.registration.register import register
 from dqreg.registration.result import Registration
+from dqreg.registration.target import prepare_target
 from dqreg.rigid import pose
 from dqreg.synth import disturbance, worst_vertex_displacement
 from dqreg.synth.parts import box

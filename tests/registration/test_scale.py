@@ -8,9 +8,10 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, sample_mesh
-from dqreg.registration.register import prepare_target, register
+from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.registration.scale_search import scale_starts
+from dqreg.registration.target import prepare_target
 from dqreg.report.summary import summary_rows
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh

@@ -13,7 +13,7 @@ import pytest
 from dqreg import prepare_target, register
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
-from dqreg.registration.register import Target
+from dqreg.registration.target import Target
 from dqreg.registration.target_file import TREE_BYTES_A_FACE, VERSION
 from dqreg.rigid import pose
 from dqreg.synth import disturbance

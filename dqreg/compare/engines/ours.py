@@ -15,7 +15,8 @@ from dqreg.icp import ESTIMATORS, NO_POSE, Icp, Stopping, WithinDistance
 from dqreg.icp.history import Iteration
 from dqreg.registration.fit import run_icp
 from dqreg.registration.problem import SourceAndTarget
-from dqreg.registration.register import prepare_target, register
+from dqreg.registration.register import register
+from dqreg.registration.target import prepare_target
 from dqreg.registration.target_index import index_target
 
 

@@ -16,8 +16,8 @@ from dqreg.files.poses import read_start
 from dqreg.registration.batch.worker import Failure, Status, Worker
 
 if TYPE_CHECKING:
-    from dqreg.registration.register import Target
     from dqreg.registration.result import Registration
+    from dqreg.registration.target import Target
 
 Thumbnail = Callable[["Registration"], bytes | None]
 # Key under which a result file says which row made it.
@@ -77,7 +77,7 @@ class Targets:
 
     def get(self, path: Path) -> Target:
         """Prepared target of a file; read again where the file has changed since."""
-        from dqreg.registration.register import prepare_target
+        from dqreg.registration.target import prepare_target
 
         mark = tuple(mark_of(path))
         if mark not in self._prepared:

@@ -1,0 +1,147 @@
+"""A target prepared once, to register many scans to it."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from dqreg._arrays import FloatArray, renamed
+from dqreg.registration.register import register
+from dqreg.registration.result import Registration
+from dqreg.registration.target_file import bytes_of, load_target, save_target
+from dqreg.registration.target_index import TargetIndex, index_target
+from dqreg.search import PairTable
+
+
+@dataclasses.dataclass(frozen=True)
+class Target:
+    """A target prepared once and registered to often; safe to share between threads.
+
+    Made by `prepare_target`, or read by `Target.load`; files that cannot be read or written are an `InputError`.
+
+    Attributes
+    ----------
+    indexed : TargetIndex
+        Geometry in a frame of its own, and its surface.
+    seconds : float
+        Time that preparing it, or loading it, took.
+    """
+
+    indexed: TargetIndex
+    seconds: float = dataclasses.field(default=0.0, compare=False)
+
+    @property
+    def pairs(self) -> PairTable:
+        """Pairs of oriented points that the global search looks up; built when first needed."""
+        return self.indexed.pairs
+
+    @property
+    def flips(self) -> FloatArray:
+        """Rotations that leave most of the part in place, (k, 4, 4), in the centred frame; none for a cloud."""
+        return self.indexed.near_rotations
+
+    @property
+    def mirrors(self) -> FloatArray:
+        """Reflections that leave most of the part in place, (k, 4, 4), in the centred frame; none for a cloud."""
+        return self.indexed.near_reflections
+
+    def build_beside(self) -> threading.Thread:
+        """Begin to build what a registration to a mesh asks for, in a thread of its own.
+
+        Returns
+        -------
+        threading.Thread
+            Running; to be joined before the rest is asked for.
+        """
+        return self.indexed.build_beside()
+
+    @property
+    def nbytes(self) -> int:
+        """Memory in bytes: its arrays, and an estimate for Open3D's trees, good to a fifth."""
+        return bytes_of(self.indexed)
+
+    def save(self, path: str | Path) -> None:
+        """Write it to a file, to be read by `Target.load`: arrays and a JSON header in an NPZ archive, no pickle.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write, as it is named.
+        """
+        save_target(self.indexed, path)
+
+    @staticmethod
+    def load(path: str | Path) -> Target:
+        """Read a target that `save` wrote; registrations to it give the same poses as to the one saved.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to read.
+
+        Returns
+        -------
+        Target
+            Ready, with the trees built again.
+        """
+        began = time.perf_counter()
+        return Target(load_target(path).build(), time.perf_counter() - began)
+
+    def register(
+        self,
+        scan: Any,
+        start: Any = None,
+        *,
+        time_limit: float | None = None,
+        max_time: float | None = None,
+        **options: Any,
+    ) -> Registration:
+        """Register a scan to this target; see `register` for the options.
+
+        Parameters
+        ----------
+        scan : path, array or object
+            Source.
+        start : None, "identity" or (4, 4) array_like
+            Initial pose. In tracking, the last pose: one that explains the scan at once spares the coarse steps.
+        time_limit : float, optional
+            Seconds after which the best pose so far is returned.
+        max_time : float, optional
+            Old name of ``time_limit``, deprecated.
+        **options
+            Keyword options of `register`.
+
+        Returns
+        -------
+        Registration
+            The answer.
+        """
+        time_limit = renamed("max_time", max_time, "time_limit", time_limit, None)
+        return register(scan, self, start, time_limit=time_limit, **options)
+
+
+def prepare_target(target: Any) -> Target:
+    """Read a target and build its trees, to register many scans to it.
+
+    Parameters
+    ----------
+    target : path, array, PointCloud, Mesh, Open3D or trimesh object
+        The mesh or cloud.
+
+    Returns
+    -------
+    Target
+        Pass it to `register` as the target, or call its own ``register``.
+
+    Examples
+    --------
+    >>> from dqreg.geometry import Mesh
+    >>> from dqreg.synth.parts import bracket
+    >>> prepare_target(Mesh(*bracket())).indexed.kind
+    'mesh'
+    """
+    began = time.perf_counter()
+    return Target(index_target(target).build(), time.perf_counter() - began)
