@@ -69,6 +69,11 @@ class CloudSurface:
         """Normals and their variances in rad^2, (m, 4), in that order; no normal has the variance 1."""
         return self._fits_at(np.arange(len(self._points)))
 
+    @property
+    def _all_fitted(self) -> bool:
+        """Whether the normals of all points are known by now."""
+        return bool(self._known.all())
+
     def _fits_at(self, rows: IntArray) -> FloatArray:
         # Fitted on demand: a registration touches a part of a large cloud. The fit at a point depends on
         # the cloud alone, so threads that meet here write the same; a normal is there before it is called known.

@@ -29,7 +29,7 @@ REACH = 0.2
 SMALL = 0.5
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class SourceAndTarget:
     """Source and target, each centred, and poses between their frames and the caller's."""
 
@@ -111,7 +111,7 @@ class Prepared:
         return Prepared(scan, stands.surface or target.surface, size if thinned else 0.0, even=True)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Problem(SourceAndTarget):
     """What was asked, read and checked."""
 

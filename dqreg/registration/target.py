@@ -16,7 +16,7 @@ from dqreg.registration.target_index import TargetIndex, index_target
 from dqreg.search import PairTable
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Target:
     """A target prepared once and registered to often; safe to share between threads.
 

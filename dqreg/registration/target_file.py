@@ -9,21 +9,25 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, require_finite
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
+from dqreg.files.numpy_files import numbers, read_arrays
 from dqreg.files.strict_json import plain, record_from
+from dqreg.files.units import factor
+from dqreg.files.untrusted import require_readable
 from dqreg.geometry import CloudSurface, Mesh, PointCloud
+from dqreg.registration.source import require_spread
 from dqreg.registration.target_index import TargetIndex
 
 FORMAT, VERSION = "dqreg target", 2
+ARRAYS = ("origin", "vertices", "faces", "flat", "points", "normals", "viewpoint", "fitted")
 # What Open3D's trees take beside the arrays, measured as resident memory: 75 to 92 bytes a triangle, and a copy of the
 # coordinates and the permutation with a few nodes for a cloud.
 TREE_BYTES_A_FACE, TREE_BYTES_A_POINT = 85, 48
@@ -61,42 +65,63 @@ def save_target(indexed: TargetIndex, path: str | Path) -> None:
 def load_target(path: str | Path) -> TargetIndex:
     """Read what `save_target` wrote."""
     try:
-        # NumPy leaves a file that is no archive open; bytes need no closing.
-        with np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as archive:
-            arrays: dict[str, NDArray[Any]] = dict(archive)
+        arrays = read_arrays(require_readable(path), ("header", *ARRAYS))
         header = json.loads(arrays["header"].tobytes())
         found, version = header["format"], header["version"]
-    except (OSError, EOFError, KeyError, ValueError, TypeError, AttributeError, zipfile.BadZipFile) as error:
+    except (InputError, KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(f"{path} is no readable prepared target (Target.save writes one): {error}") from error
     if found != FORMAT:
-        raise InputError(f'{path} is no prepared target: its header says "format": {found!r}, expected {FORMAT!r}')
+        raise InputError(f'{path} is no prepared target: its header says "format": {found!r:.60}, expected {FORMAT!r}')
     if version != VERSION:
         raise InputError(
-            f"{path} is a prepared target of version {version}, this program reads {VERSION}: prepare and save it again"
+            f"{path} is a prepared target of version {version!r:.60}, this program reads {VERSION}: prepare and save "
+            "it again"
         )
     try:
-        return _indexed(record_from(Header, header), arrays)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+        return _indexed(Path(path), record_from(Header, header), arrays)
+    except (KeyError, TypeError, ValueError, IndexError, ArithmeticError) as error:
         raise InputError(f"{path} is a damaged prepared target: {type(error).__name__} {error}") from error
 
 
-def _indexed(header: Header, arrays: dict[str, NDArray[Any]]) -> TargetIndex:
-    units, dropped = header.units, header.dropped
+def _indexed(path: Path, header: Header, arrays: dict[str, NDArray[Any]]) -> TargetIndex:
+    def read(name: str, *shape: int | None) -> FloatArray:
+        array = numbers(path, arrays[name], name, shape)
+        require_finite(array, name)
+        return array
+
+    units, dropped, origin = header.units, header.dropped, read("origin", 3)
+    factor(units, None)
     if header.kind == "mesh":
-        mesh = Mesh(arrays["vertices"], arrays["faces"], units, dropped, arrays["flat"])
-        return TargetIndex(mesh, arrays["origin"], header.name)
-    cloud = PointCloud(arrays["points"], None, arrays.get("viewpoint"), units, dropped)
+        vertices = read("vertices", None, 3)
+        mesh = Mesh(vertices, arrays["faces"], units, dropped, _faces(arrays["flat"], len(vertices)))
+        return TargetIndex(mesh, origin, header.name)
+    if header.kind != "cloud" or dropped < 0:
+        raise ValueError(f"a {header.kind!r:.20} with {dropped} rows dropped")
+    viewpoint = read("viewpoint", 3) if "viewpoint" in arrays else None
+    cloud = PointCloud(read("points", None, 3), None, viewpoint, units, dropped)
+    require_spread(cloud.points, "target")
     if "normals" in arrays:
         # They are of unit length already; to normalise them again would change their last digits.
-        object.__setattr__(cloud, "normals", _same_rows(arrays["normals"], cloud.points))
-    fitted = arrays.get("fitted")
-    return TargetIndex(cloud, arrays["origin"], header.name, fitted)
+        object.__setattr__(cloud, "normals", _unit(read("normals", len(cloud.points), 3)))
+    fitted = read("fitted", None, 4) if "fitted" in arrays else None
+    index = TargetIndex(cloud, origin, header.name, fitted)
+    # Fitted normals are one a distinct point, which only the surface counts.
+    _ = index.surface
+    return index
 
 
-def _same_rows(normals: NDArray[Any], points: FloatArray) -> FloatArray:
-    if normals.shape != points.shape:
-        raise ValueError(f"normals of shape {normals.shape} for points of shape {points.shape}")
-    return normals.astype(np.float64, copy=False)
+def _faces(array: NDArray[Any], count: int) -> NDArray[Any]:
+    fits = array.dtype.kind in "iu" and array.ndim == 2 and array.shape[1] == 3
+    if not fits or (array.size and not 0 <= int(array.min()) <= int(array.max()) < count):
+        raise ValueError(f"flat faces of type {array.dtype} and shape {array.shape} on {count} vertices")
+    return array.astype(np.int64)
+
+
+def _unit(normals: FloatArray) -> FloatArray:
+    lengths = np.linalg.norm(normals, axis=1)
+    if not np.allclose(lengths, 1.0, rtol=0.0, atol=1e-9):
+        raise ValueError("normals that are not of length 1")
+    return normals
 
 
 def bytes_of(indexed: TargetIndex) -> int:

@@ -23,7 +23,7 @@ from dqreg.search import PairTable
 from dqreg.search.near_symmetry import near_flips, near_mirrors
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class TargetIndex:
     """A target in a frame of its own near the origin: geometry, surface, and what the global search looks up.
 
@@ -54,6 +54,18 @@ class TargetIndex:
                 surface = CloudSurface(self.geometry, self.fitted)
             surface.closest(np.zeros((1, 3)))  # builds what is built lazily, while only one thread is here
             return surface
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Locks and Open3D's trees have no copy: what takes long stays, and the rest is built anew when it is asked for.
+        kept = {field.name: self.__dict__[field.name] for field in dataclasses.fields(self) if field.repr}
+        built = self.__dict__.get("surface")
+        fitted = self.fitted
+        if isinstance(built, CloudSurface) and built._all_fitted and not built.oriented:
+            fitted = built.fitted
+        return {**kept, "geometry": _without_caches(self.geometry), "fitted": fitted, "visible": self.visible}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _lock=threading.Lock(), _evened={})
 
     def build(self) -> TargetIndex:
         """Itself, with all built that a registration from a given pose asks for."""
@@ -136,6 +148,13 @@ class TargetIndex:
     def kind(self) -> str:
         """What the target is: "mesh" or "cloud"."""
         return "mesh" if isinstance(self.geometry, Mesh) else "cloud"
+
+
+def _without_caches(geometry: PointCloud | Mesh) -> PointCloud | Mesh:
+    bare = object.__new__(type(geometry))
+    # Not through the constructor, which would drop and count again what it finds.
+    bare.__dict__.update({field.name: getattr(geometry, field.name) for field in dataclasses.fields(geometry)})
+    return bare
 
 
 def require_mesh(geometry: PointCloud | Mesh) -> Mesh:

@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import contextlib
+import copy
 import json
+import multiprocessing
 import pickle
+import warnings
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -162,3 +166,94 @@ def test_a_start_that_explains_the_scan_spares_the_coarse_steps() -> None:
 def test_a_prepared_target_answers_as_the_bare_one_does() -> None:
     bare = register(SCAN, PART, TRUTH)
     np.testing.assert_array_equal(prepare_target(PART).register(SCAN, TRUTH).T_target_source, bare.T_target_source)
+
+
+COPIES = {"pickle": lambda value: pickle.loads(pickle.dumps(value)), "copy": copy.copy, "deepcopy": copy.deepcopy}
+
+
+@pytest.mark.parametrize("how", COPIES)
+@pytest.mark.parametrize("kind", ["mesh", "cloud"])
+def test_a_copy_of_a_target_and_of_a_result_answers_as_they_do(kind: str, how: str) -> None:
+    # Open parts and clouds alike; both hold Open3D's trees and locks by now.
+    part = Mesh(PART.vertices, PART.faces[:-20]) if kind == "mesh" else TARGETS["cloud"]
+    target = prepare_target(part)
+    before, result = answer(target), target.register(SCAN, TRUTH)
+    again = COPIES[how](target)
+    assert json.dumps(answer(again)) == json.dumps(before)
+    twin = COPIES[how](result)
+    assert json.dumps(twin.to_dict()) == json.dumps(result.to_dict())
+    with warnings.catch_warnings(action="ignore"):  # neither has an inside
+        np.testing.assert_array_equal(twin.deviations().values, result.deviations().values)
+
+
+def test_a_target_is_equal_to_itself_alone_and_a_key() -> None:
+    one, other = prepare_target(PART), prepare_target(PART)
+    assert one == one
+    assert one != other
+    assert {one: 1, other: 2}[one] == 1
+    assert one.indexed != other.indexed
+
+
+def register_there(start: np.ndarray) -> Any:
+    return prepare_target(PART).register(SCAN, start, effort="fast")
+
+
+@pytest.mark.soak
+def test_processes_hand_back_results() -> None:
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        (found,) = pool.map(register_there, [TRUTH])
+    np.testing.assert_array_equal(found.T_target_source, register_there(TRUTH).T_target_source)
+    assert len(found.deviations()) == len(SCAN)
+
+
+HEADS: list[Any] = [[], 3, None, {}, {"format": "dqreg target"}, {"format": [], "version": 2}]
+
+
+@pytest.mark.parametrize("head", HEADS)
+def test_any_header_is_refused_in_words(head: Any, tmp_path: Path) -> None:
+    text = np.frombuffer(json.dumps(head).encode(), dtype=np.uint8)
+    np.savez(tmp_path / "a.npz", header=text, origin=np.zeros(3))
+    with pytest.raises(InputError, match="prepared target"):
+        Target.load(tmp_path / "a.npz")
+
+
+CHANGES: list[tuple[str, dict[str, Any]]] = [
+    ("mesh", {"origin": np.zeros(2)}),
+    ("mesh", {"origin": np.array([0.0, np.nan, 0.0])}),
+    ("mesh", {"origin": np.array(["a", "b", "c"])}),
+    ("mesh", {"origin": None}),
+    ("mesh", {"flat": np.array([[0, 1, 10**9]])}),
+    ("mesh", {"flat": np.array([[0.0, 1.0, 2.0]])}),
+    ("mesh", {"units": "parsec"}),
+    ("mesh", {"kind": "sponge"}),
+    ("mesh", {"name": 3}),
+    ("mesh", {"faces": np.array([["a", "b", "c"]])}),
+    ("mesh", {"vertices": np.zeros((9, 2))}),
+    ("mesh", {"vertices": np.zeros((9, 3), dtype=complex)}),
+    ("cloud", {"fitted": np.zeros((3, 4))}),
+    ("cloud", {"points": np.zeros((9, 3))}),
+    ("cloud", {"points": np.full((9, 3), 1e200)}),
+    ("cloud", {"dropped": -1}),
+    ("cloud with normals", {"normals": np.zeros((2, 3))}),
+    ("cloud with normals", {"normals": np.full((len(POINTS), 3), np.nan)}),
+    ("cloud with normals", {"viewpoint": np.array([1.0, np.inf, 0.0])}),
+]
+
+
+@pytest.mark.parametrize(("kind", "changes"), CHANGES)
+def test_a_changed_array_or_header_is_refused_in_words(kind: str, changes: dict[str, Any], tmp_path: Path) -> None:
+    prepare_target(TARGETS[kind]).save(tmp_path / "part.npz")
+    with pytest.raises(InputError, match=r"damaged prepared target|no readable prepared target"):
+        Target.load(damaged(tmp_path / "part.npz", **changes))
+
+
+def test_bytes_changed_anywhere_are_refused_or_leave_a_sound_target(tmp_path: Path) -> None:
+    prepare_target(TARGETS["mesh"]).save(tmp_path / "part.npz")
+    whole, rng = (tmp_path / "part.npz").read_bytes(), np.random.default_rng(0)
+    for _ in range(60):
+        torn = bytearray(whole)
+        for place in rng.integers(0, len(whole), 3):
+            torn[place] = rng.integers(0, 256)
+        (tmp_path / "torn.npz").write_bytes(bytes(torn))
+        with contextlib.suppress(InputError):
+            assert np.isfinite(Target.load(tmp_path / "torn.npz").indexed.origin).all()
