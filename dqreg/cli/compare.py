@@ -23,12 +23,19 @@ FILE = click.Path(path_type=Path)
 # A pipe has no width of its own; the tables need more than the usual 80.
 PIPE_WIDTH = 200
 STOPPED = 130
+OF_TRUST = ("kinds", "seeds", "first_seed", "workers")
+NOT_OF_TRUST = ("engines", "files", "start", "truth", "source_units", "target_units", "timeout", "plots")
 
 
 @click.command()
 @click.argument("inputs", nargs=-1, type=FILE, metavar="CASE... | SCAN TARGET")
-@click.option("--sweep", metavar="standard|quick|FILE", help="Vary initial pose, noise, outliers, overlap and size on "
-              "virtual scans, as a TOML file says.")  # fmt: skip
+@click.option("--sweep", metavar="standard|quick|trust|FILE", help="Vary initial pose, noise, outliers, overlap and "
+              "size on virtual scans, as a TOML file says; trust: how often dqreg's verdict is right.")  # fmt: skip
+@click.option("--kinds", multiple=True, metavar="NAME,...", help="With --sweep trust: only these kinds or groups of "
+              "task; 'list' lists them.")  # fmt: skip
+@click.option("--seeds", type=click.IntRange(min=1), help="With --sweep trust: tasks of each kind  [default: 10].")
+@click.option("--first-seed", type=click.IntRange(min=0), help="With --sweep trust: seed of the first.")
+@click.option("--workers", type=click.IntRange(min=1), help="With --sweep trust: processes  [default: 2].")
 @click.option("--engine", "-e", "engines", multiple=True, help="Only this engine; may be repeated  [default: all].")
 @click.option("--engine-file", "files", multiple=True, type=FILE, help="Python file with your own engine; may be "
               "repeated.")  # fmt: skip
@@ -63,6 +70,7 @@ def compare(inputs: tuple[Path, ...], show: bool, as_json: bool, quiet: bool, **
     dqreg compare scan.ply part.stl --start nominal.txt --truth truth.txt
     dqreg compare --sweep standard --report report.html  convergence basin, accuracy, speed: half an hour, resumable
     dqreg compare my_case --engine-file my_engine.py     your own method against all others
+    dqreg compare --sweep trust --report trust.html      false and missed acceptances, kind by kind
     """
     console, shown = consoles(quiet=quiet, as_json=as_json, width=PIPE_WIDTH)
     if show:
@@ -70,7 +78,37 @@ def compare(inputs: tuple[Path, ...], show: bool, as_json: bool, quiet: bool, **
 
         _list(console, engine_specs(_engines(options)), as_json=as_json)
         return 0
+    if options["sweep"] == "trust":
+        return _trust(console, shown, inputs, options, as_json=as_json)
+    _refuse(options, OF_TRUST, "goes with --sweep trust")
     return _run(console, shown, inputs, options, as_json=as_json)
+
+
+def _refuse(options: dict[str, Any], names: Sequence[str], why: str) -> None:
+    """Raise where an option was given that the sweep at hand does not have."""
+    from dqreg.errors import InputError
+
+    for name in names:
+        if options[name]:
+            raise InputError(f"--{name.replace('_', '-')} {why}")
+
+
+def _trust(
+    console: Console, shown: Console, inputs: tuple[Path, ...], options: dict[str, Any], *, as_json: bool
+) -> int:
+    from dqreg.cli.trust_sweep import list_kinds, run_trust_sweep
+    from dqreg.errors import InputError
+
+    if inputs:
+        raise InputError(f"--sweep trust makes its own tasks; it takes no {inputs[0]}")
+    refused = {"engines": "engine", "files": "engine_file"}
+    given = {refused.get(name, name): options[name] for name in NOT_OF_TRUST}
+    _refuse(given, tuple(given), "does not go with --sweep trust")
+    if options["kinds"] == ("list",):
+        list_kinds(console)
+        return 0
+    done = run_trust_sweep(console, shown, options, _command(), as_json=as_json)
+    return STOPPED if done is None else done
 
 
 def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: dict[str, Any], *, as_json: bool) -> int:

@@ -22,44 +22,24 @@ FORMAT = "dqreg comparison 1"
 SLOW_SECONDS = 10.0
 
 
-class Store:
-    """A file of runs."""
+class JsonLines:
+    """A file of JSON lines that begins with its format and is only ever appended to."""
 
-    def __init__(self, path: str | os.PathLike[str] | None) -> None:
+    def __init__(self, path: str | os.PathLike[str] | None, form: str) -> None:
         self.path = None if path is None else require_writable(path)
-        self.runs: list[RunRecord] = []
-        self.sessions: list[dict[str, Any]] = []
-        self._counts: dict[tuple[str, str], int] = {}
-        self._closed: set[tuple[str, str]] = set()
+        self._form = form
+        self.lines: list[dict[str, Any]] = []  # What stood in it
         if self.path is not None and self.path.exists():
-            lines, whole = _read(self.path)
-            for line in lines:
-                self._take(line)
+            self.lines, whole = _read(self.path, form)
             if whole < self.path.stat().st_size:
                 os.truncate(self.path, whole)
 
     def begin(self, session: Mapping[str, Any]) -> None:
-        """Record machine and versions of the following runs."""
-        line = {"format": FORMAT, **session}
-        self.sessions.append(dict(session))
-        self._append([line])
+        """Record machine and versions of the following lines."""
+        self.append([{"format": self._form, **session}])
 
-    def add(self, runs: Iterable[RunRecord]) -> None:
-        """Keep runs; they are on the disk when this returns."""
-        runs = list(runs)
-        self._append(plain(run) for run in runs)
-        for run in runs:
-            self._keep(run)
-
-    def done(self, key: str, engine: str) -> int:
-        """Number of runs of a task by an engine."""
-        return self._counts.get((key, engine), 0)
-
-    def finished(self, key: str, engine: str, repeats: int) -> bool:
-        """Whether an engine has nothing left to do on a task."""
-        return self.done(key, engine) >= repeats or (key, engine) in self._closed
-
-    def _append(self, lines: Iterable[dict[str, Any]]) -> None:
+    def append(self, lines: Iterable[dict[str, Any]]) -> None:
+        """Keep lines; they are on the disk when this returns."""
         if self.path is None:
             return
         text = "".join(json.dumps(line, allow_nan=False) + "\n" for line in lines)
@@ -70,6 +50,39 @@ class Store:
                 os.fsync(stream.fileno())
         except OSError as error:
             raise InputError(f"cannot write {self.path}: {error.strerror or error}") from error
+
+
+class Store:
+    """A file of runs."""
+
+    def __init__(self, path: str | os.PathLike[str] | None) -> None:
+        self._file = JsonLines(path, FORMAT)
+        self.runs: list[RunRecord] = []
+        self.sessions: list[dict[str, Any]] = []
+        self._counts: dict[tuple[str, str], int] = {}
+        self._closed: set[tuple[str, str]] = set()
+        for line in self._file.lines:
+            self._take(line)
+
+    def begin(self, session: Mapping[str, Any]) -> None:
+        """Record machine and versions of the following runs."""
+        self.sessions.append(dict(session))
+        self._file.begin(session)
+
+    def add(self, runs: Iterable[RunRecord]) -> None:
+        """Keep runs; they are on the disk when this returns."""
+        runs = list(runs)
+        self._file.append(plain(run) for run in runs)
+        for run in runs:
+            self._keep(run)
+
+    def done(self, key: str, engine: str) -> int:
+        """Number of runs of a task by an engine."""
+        return self._counts.get((key, engine), 0)
+
+    def finished(self, key: str, engine: str, repeats: int) -> bool:
+        """Whether an engine has nothing left to do on a task."""
+        return self.done(key, engine) >= repeats or (key, engine) in self._closed
 
     def _take(self, line: dict[str, Any]) -> None:
         if "format" in line:
@@ -89,7 +102,7 @@ def is_last(run: RunRecord) -> bool:
     return run.status != "ran" or run.seconds > SLOW_SECONDS
 
 
-def _read(path: Path) -> tuple[list[dict[str, Any]], int]:
+def _read(path: Path, form: str) -> tuple[list[dict[str, Any]], int]:
     """Lines of a file, and the number of bytes that are whole lines."""
     try:
         content = path.read_bytes()
@@ -100,7 +113,7 @@ def _read(path: Path) -> tuple[list[dict[str, Any]], int]:
     for number, text in enumerate(content[:whole].splitlines(), 1):
         try:
             line = json.loads(text)
-            if not isinstance(line, dict) or (number == 1 and line.get("format") != FORMAT):
+            if not isinstance(line, dict) or (number == 1 and line.get("format") != form):
                 raise ValueError("not a line of a comparison")
         except ValueError as error:
             raise InputError(

@@ -24,7 +24,9 @@ def read_sweep(name: str | os.PathLike[str]) -> Sweep:
     else:
         path = Path(name)
         if not path.is_file():
-            raise InputError(f"--sweep must be {', '.join(SHIPPED)} or a TOML file; there is no file {str(name)!r}")
+            raise InputError(
+                f"--sweep must be {', '.join(SHIPPED)}, trust or a TOML file; there is no file {str(name)!r}"
+            )
         try:
             text = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:

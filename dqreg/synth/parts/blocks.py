@@ -37,7 +37,7 @@ def block(size: Sequence[float] = (80.0, 50.0, 30.0), *, notch: float = 6.0) -> 
     lines = [np.array([-0.5 * s, 0.5 * s - notch, 0.5 * s]) for s in size]
     filled = np.ones((2, 2, 2), dtype=bool)
     filled[1, 1, 1] = False
-    return weld(_cells(lines, filled))
+    return weld(cells(lines, filled))
 
 
 # The 1991 paper's "Feeder" has 32 vertices, 50 surfaces, 48 edges and a size of 322 x 84 x 151 units; its coordinates
@@ -81,7 +81,7 @@ def _stepped(outline: FloatArray) -> FloatArray:
     return np.concatenate([fan(outline[[0, 1, 2, 3, 6, 7]]), fan(outline[3:7])])
 
 
-def _cells(lines: Sequence[FloatArray], filled: BoolArray) -> list[FloatArray]:
+def cells(lines: Sequence[FloatArray], filled: BoolArray) -> list[FloatArray]:
     """Boundary of the filled cells between three sets of parallel planes."""
     padded = np.pad(filled, 1)
     patches = []

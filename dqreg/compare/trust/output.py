@@ -1,0 +1,62 @@
+"""A trust sweep as JSON, Markdown, CSV and one HTML page."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from dqreg.compare.output import Goals, to_html
+from dqreg.compare.trust.rates import Rate, rates, tables
+from dqreg.compare.trust.sweep import FORMAT, TrustSweep
+from dqreg.files.atomic import write_atomically
+from dqreg.files.strict_json import plain
+from dqreg.report.table import Table, to_csv, to_markdown
+
+TITLE = "how far the verdict can be trusted"
+
+
+def to_json(sweep: TrustSweep) -> str:
+    """All of a sweep as strict JSON."""
+    values = {
+        "format": FORMAT,
+        "first_seed": sweep.seeds[0],
+        "seeds": sweep.seeds[1],
+        "sessions": sweep.sessions,
+        "rates": rates(sweep),
+        "trials": sweep.trials,
+    }
+    return json.dumps(plain(values), allow_nan=False) + "\n"
+
+
+def to_rows(made: Sequence[Rate]) -> str:
+    """The rates at full precision as CSV."""
+    names = [field.name for field in dataclasses.fields(Rate) if field.name != "codes"]
+    return to_csv(names, ([getattr(rate, name) for name in names] for rate in made))
+
+
+def note_of(sweep: TrustSweep) -> str:
+    """What was done, in one sentence."""
+    first, count = sweep.seeds
+    return (
+        f"{len(sweep.trials)} tasks of {len(sweep.kinds)} kinds, seeds {first} to {first + count - 1}; parts are drawn "
+        "with random dimensions; a pose is right if no point of the part is displaced by more than 2 % of its diagonal."
+    )
+
+
+def write(sweep: TrustSweep, goals: Goals, command: str) -> list[Path]:
+    """Write all that is asked for."""
+    made: list[Table] = tables(sweep)
+    contents: dict[Path, str] = {}
+    if goals.out is not None:
+        contents[goals.out] = to_json(sweep)
+    if goals.markdown is not None:
+        contents[goals.markdown] = to_markdown(made, note_of(sweep))
+    if goals.csv is not None:
+        contents[goals.csv] = to_rows(rates(sweep))
+    if goals.report is not None:
+        contents[goals.report] = to_html(TITLE, made, [], note_of(sweep), command)
+    for path, content in contents.items():
+        write_atomically(path, content)
+    return list(contents)

@@ -1,0 +1,141 @@
+"""One task carried out and judged: was the pose right, and what did the verdict say."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.compare.trust.task import Drive, Kind, Task
+from dqreg.errors import DqregError
+from dqreg.geometry import Mesh, MeshSurface, sample_mesh
+from dqreg.rigid import pose
+from dqreg.synth.truth import closest_truth, displacements
+
+# A pose is right if no point of the part is displaced by more than this share of its diagonal.
+RIGHT = 0.02
+# Another pose is as right if nearly all of the part comes to lie on itself: within so many standard deviations of the
+# noise, but for so small a share.
+SAME_SIGMAS, SAME_SHARE, SAME_POINTS = 3.0, 0.995, 3000
+# Frames of a good drive that must be accepted.
+MOST_FRAMES = 0.9
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """What came of one task."""
+
+    kind: str
+    seed: int
+    good: bool
+    level: str  # Of the verdict; "error" where an error was raised
+    right: bool  # Whether the pose is right; False where no pose is, or none was found
+    error: float  # Worst displacement in diagonals (of a drive: metres); NaN where no pose is right, or none was found
+    codes: tuple[str, ...]  # Of the verdict's reasons
+    reason: str  # The first reason in words
+    points: int
+    seconds: float
+    confidence: float = float("nan")  # What the verdict gives as the probability of a right pose
+    named: bool | None = None  # Whether the equally good poses stand in the alternatives; None where there are none
+
+    @property
+    def wrong_accept(self) -> bool:
+        """Whether a wrong pose was accepted."""
+        return self.level == "accepted" and not self.right
+
+
+def trial(kind: Kind, seed: int) -> Trial:
+    """Carry out the task of a seed."""
+    task = kind.task(seed)
+    return _driven(kind, seed, task) if isinstance(task, Drive) else _registered(kind, seed, task)
+
+
+def _registered(kind: Kind, seed: int, task: Task) -> Trial:
+    from dqreg.registration.register import register
+
+    began = time.perf_counter()
+    try:
+        result = register(task.source, task.target, task.start, **task.options)
+    except DqregError as error:
+        seconds = time.perf_counter() - began
+        words = f"{type(error).__name__}: {error}"
+        return Trial(kind.name, seed, kind.good, "error", False, np.nan, (), words, len(task.source), seconds)
+    seconds = time.perf_counter() - began
+    right, off = is_right(result.T_target_source, task)
+    verdict = result.verdict
+    return Trial(
+        kind=kind.name,
+        seed=seed,
+        good=kind.good,
+        level=verdict.level,
+        right=right,
+        error=off,
+        codes=verdict.codes,
+        reason=str(verdict.reasons[0]),
+        points=len(task.source),
+        seconds=seconds,
+        confidence=float(getattr(verdict, "confidence", np.nan)),
+        named=_names_rivals(result, task) if len(task.rivals) else None,
+    )
+
+
+def is_right(T: FloatArray, task: Task) -> tuple[bool, float]:
+    """Whether a pose is right, and its worst displacement in diagonals."""
+    if not len(task.truths) or not np.isfinite(T).all():
+        return False, np.nan
+    truth = closest_truth(T, task.truths, task.probes, None)
+    off = float(displacements(T, truth, task.probes).max()) / task.size
+    return off <= RIGHT or _onto_itself(T @ pose.inverse(truth), task), off
+
+
+def _onto_itself(motion: FloatArray, task: Task) -> bool:
+    """Whether the part comes to lie on itself, as far as the noise can tell."""
+    if not isinstance(task.target, Mesh):
+        return False
+    points = sample_mesh(task.target, SAME_POINTS, np.random.default_rng(0)).points
+    away = MeshSurface(task.target).closest(pose.apply(motion, points)).distances
+    return bool(np.quantile(away, SAME_SHARE) <= SAME_SIGMAS * task.noise)
+
+
+def _names_rivals(result: object, task: Task) -> bool:
+    """Whether an alternative lies at one of the poses that fit as well, seen from the answer."""
+    T, others = result.T_target_source, result.alternatives  # type: ignore[attr-defined]
+    if not np.isfinite(T).all():
+        return False
+    return any(
+        displacements(other.T_target_source, rival @ T, task.probes).max() <= RIGHT * task.size
+        for other in others
+        for rival in task.rivals
+    )
+
+
+def _driven(kind: Kind, seed: int, task: Drive) -> Trial:
+    from dqreg.odometry import Odometry
+
+    odometry, began = Odometry(), time.perf_counter()
+    results = [odometry.register_frame(points) for points in task.frames]
+    seconds = time.perf_counter() - began
+    off = np.array(
+        [np.linalg.norm(r.T_target_source[:3, 3] - T[:3, 3]) for r, T in zip(results, task.poses, strict=True)]
+    )
+    right = off <= task.allowed
+    accepted = np.array([result.verdict.level == "accepted" for result in results])
+    wrongly = accepted & ~right
+    is_accepted = bool(wrongly.any()) or (bool(right.all()) and accepted.mean() >= MOST_FRAMES)
+    # The frame that tells most: one wrongly accepted, else the first that was refused.
+    shown = int(np.argmax(wrongly) if wrongly.any() else np.argmin(accepted))
+    verdict = results[shown].verdict
+    return Trial(
+        kind=kind.name,
+        seed=seed,
+        good=kind.good,
+        level="accepted" if is_accepted else "suspect",
+        right=bool(right.all()),
+        error=float(np.nanmax(off)) if np.isfinite(off).any() else np.nan,
+        codes=tuple(dict.fromkeys(code for result in results for code in result.verdict.codes if code != "accepted")),
+        reason=f"frame {shown}: {verdict.reasons[0]}",
+        points=sum(map(len, task.frames)),
+        seconds=seconds,
+    )

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg.compare.trust import shapes
+from dqreg.compare.trust.kinds import KINDS, kinds_named
+from dqreg.compare.trust.task import Drive, Task
+from dqreg.compare.trust.trial import is_right
+from dqreg.errors import InputError
+from dqreg.geometry import Mesh, MeshSurface, PointCloud
+from dqreg.rigid import pose
+
+
+def distances(task: Task, T: np.ndarray) -> np.ndarray:
+    if isinstance(task.target, Mesh):
+        return MeshSurface(task.target).closest(pose.apply(T, task.source)).distances
+    from scipy.spatial import cKDTree
+
+    return cKDTree(task.target.points).query(pose.apply(T, task.source))[0]
+
+
+@pytest.mark.parametrize("name", [name for name in KINDS if not name.startswith("drive")])
+def test_the_true_pose_lays_most_of_the_scan_onto_the_target(name):
+    task = KINDS[name].task(3)
+    assert isinstance(task, Task)
+    assert np.isfinite(task.source).all()
+    assert len(task.source) >= 8
+    if len(task.truths) and not name.startswith(("clouds", "strays-60", "on-a-table")):
+        # Half of the points lie within two standard deviations; a camera's steps and flying pixels count a tenth more.
+        assert np.quantile(distances(task, task.truths[0]), 0.5) <= 2.0 * task.noise
+        assert is_right(task.truths[0], task) == (True, 0.0)
+    assert KINDS[name].good <= bool(len(task.truths)), "a good task has a right pose"
+
+
+@pytest.mark.parametrize("name", ["pegs-middle", "rack-middle", "thread-middle", "notch-unseen", "corner-of-box"])
+def test_rivals_fit_as_well_as_the_truth(name):
+    # The scan was moved by less than 0.1 of a period, or 8 degrees: the closest pose is found from the target's side,
+    # where the truth is what the start is the inverse of. Here the rivals are asked of the target alone.
+    task = KINDS[name].task(5)
+    assert isinstance(task, Task)
+    assert isinstance(task.target, Mesh)
+    points = task.target.vertices
+    surface = MeshSurface(task.target)
+    for rival in task.rivals:
+        # All but the ends, or but the notch, comes to lie on the part again.
+        assert np.mean(surface.closest(pose.apply(rival, points)).distances < 1e-6 * task.size) > 0.6
+
+
+def test_a_seed_makes_the_same_task_and_another_seed_another_part():
+    one, again, other = (KINDS["two-views"].task(seed) for seed in (4, 4, 5))
+    assert isinstance(one, Task)
+    assert isinstance(again, Task)
+    assert isinstance(other, Task)
+    assert one.source.tobytes() == again.source.tobytes()
+    assert one.size != other.size
+
+
+@pytest.mark.parametrize("family", [*shapes.ASYMMETRIC, shapes.plate, shapes.flange, shapes.box])
+@pytest.mark.parametrize("seed", range(3))
+def test_random_parts_are_closed(family, seed):
+    mesh = shapes.draw(family, np.random.default_rng(seed))
+    edges = np.sort(np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]), axis=1)
+    _, counts = np.unique(edges, axis=0, return_counts=True)
+    # Two blocks that touch along an edge share it: four faces there.
+    assert (counts % 2 == 0).all()
+
+
+def test_a_drive_begins_at_its_first_frame():
+    drive = KINDS["drive-pilasters"].task(0)
+    assert isinstance(drive, Drive)
+    np.testing.assert_allclose(drive.poses[0], np.eye(4), atol=1e-12)
+    assert all(len(frame) > 1000 for frame in drive.frames)
+
+
+def test_kinds_are_chosen_by_name_or_group():
+    assert [kind.name for kind in kinds_named(["tree", "two-views"])] == ["two-views", "tree"]
+    assert {kind.group for kind in kinds_named(["rivals"])} == {"rivals"}
+    with pytest.raises(InputError, match=r"pegs-of.*pegs-off"):
+        kinds_named(["pegs-of"])
+
+
+def test_a_pose_is_right_where_the_part_lies_on_itself():
+    task = KINDS["corner-of-box"].task(0)
+    box = Task(task.source, task.target, None, np.eye(4)[None], task.probes, task.size, task.noise)
+    assert isinstance(task.target, Mesh)
+    half_turn = pose.about(pose.from_parts(np.diag([1.0, -1.0, -1.0]), np.zeros(3)), task.target.centre)
+    right, off = is_right(half_turn, box)
+    assert right
+    assert off > 0.1
+    tilted = pose.about(pose.exp(np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.0])), task.target.centre)
+    assert not is_right(tilted, box)[0]
+    assert not is_right(np.full((4, 4), np.nan), box)[0]
+    cloud = Task(task.source, PointCloud(task.probes), None, np.eye(4)[None], task.probes, task.size, task.noise)
+    assert not is_right(half_turn, cloud)[0]
