@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.errors import InputError
 from dqreg.solvers.batched_input import FeatureSet, Sides, read_features
-from dqreg.solvers.closed_form import SAME_POINT, SMALLEST_GAP
+from dqreg.solvers.closed_form import SAME_POINT, SMALLEST_DIFFERENCE, narrow_floor
+from dqreg.solvers.narrow import NARROW, long_axes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,6 +29,7 @@ class BatchSums:
     # reach, floor: (c,): Largest lambda_1 such data could have, and gap that the rounding of coordinates could make
     reach: FloatArray
     floor: FloatArray
+    wide: BoolArray  # (c,): Whether the points count; those in one place do not
 
 
 def sum_block(source: FloatArray, target: FloatArray, beta: FloatArray, directions: Sides | None) -> BatchSums:
@@ -47,7 +49,7 @@ def sum_block(source: FloatArray, target: FloatArray, beta: FloatArray, directio
         more, length_source, length_target = _products(*directions)
         H = H + more
         reach = reach + np.sqrt(length_source) * np.sqrt(length_target)
-    return BatchSums(weight, mean_source, mean_target, p, q, H, reach, floor)
+    return BatchSums(weight, mean_source, mean_target, p, q, H, reach, floor, wide)
 
 
 def residual_sums(
@@ -209,7 +211,15 @@ def _solve_block(chosen: slice | np.ndarray, points: FeatureSet, directions: Fea
         values, vectors = np.linalg.eigh(np.where(tame[:, None, None], forms, 0.0))
         R = _rotations(vectors[:, :, 3].T)
         lambda_1, lambda_2 = values[:, 3], values[:, 2]
-        good = tame & (sums.weight > 0.0) & (lambda_1 - lambda_2 > SMALLEST_GAP * sums.reach + sums.floor)
+        floor = sums.floor + SMALLEST_DIFFERENCE * sums.reach
+        # lambda_1 + lambda_3 is 2 s2 and lambda_1 + lambda_2 is 2 s1: see `closed_form`.
+        narrow = np.flatnonzero((lambda_1 + values[:, 1] <= NARROW * (lambda_1 + lambda_2)) & tame)
+        if narrow.size:
+            R[:, :, narrow], lambda_1[narrow], lambda_2[narrow] = _narrow_rotations(sums, sides, beta, narrow)
+            floor[narrow] = sums.floor[narrow] + narrow_floor(
+                sums.reach[narrow], 0.5 * (lambda_1[narrow] + lambda_2[narrow])
+            )
+        good = tame & (sums.weight > 0.0) & (lambda_1 - lambda_2 > floor)
         gap = np.where(lambda_1 > 0.0, (lambda_1 - lambda_2) / lambda_1, 0.0)
         point_cost, direction_cost = residual_sums(R, sums, beta, sides)
         rms = np.sqrt(point_cost / sums.weight)
@@ -222,6 +232,24 @@ def _solve_block(chosen: slice | np.ndarray, points: FeatureSet, directions: Fea
     fits.rms[chosen] = np.where(good, rms, np.nan)
     fits.eigenvalue_gap[chosen] = np.where(sums.weight > 0.0, gap, np.nan)
     fits.degenerate[chosen] = ~good
+
+
+def _narrow_rotations(
+    sums: BatchSums, directions: Sides | None, beta: FloatArray, rows: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Rotations (3, 3, r) and the two largest eigenvalues of the problems whose matches are narrow: see `narrow`."""
+    A, B = (np.moveaxis(axes, 0, -1) for axes in long_axes(np.moveaxis(sums.H[:, :, rows], -1, 0)))
+    H = np.zeros(A.shape)
+    kinds = [(sums.p, sums.q, np.where(sums.wide, beta, 0.0))] + ([directions] if directions is not None else [])
+    for a, b, weights in kinds:
+        source, target = (np.einsum("jkr,jir->kir", axes, x[:, :, rows]) for axes, x in ((A, a), (B, b)))
+        H += np.einsum("iar,jar->ijr", target * weights[:, rows], source)
+    across, turned = H[1, 1] + H[2, 2], H[2, 1] - H[1, 2]
+    held = np.hypot(across, turned)
+    c, s = np.where(held > 0.0, np.array((across, turned)) / held, [[1.0], [0.0]])
+    nothing = np.zeros(len(rows))
+    roll = np.array([[nothing + 1.0, nothing, nothing], [nothing, c, -s], [nothing, s, c]])
+    return np.einsum("ijr,jkr,lkr->ilr", B, roll, A), H[0, 0] + held, H[0, 0] - held
 
 
 def _quaternion_forms(H: FloatArray) -> FloatArray:

@@ -18,7 +18,8 @@ with p', q' the points about their weighted means. N is linear in ``H = sum beta
 so r is its eigenvector of the largest eigenvalue lambda_1. The paper's A (eq. 47) is ``2 N`` with every beta divided
 by four, plus a multiple of the identity, and its order of components puts w last. N has trace zero: lambda_1 > 0
 unless H = 0. With the singular values s1 >= s2 >= |s3| of H (s3 negative where det H is) lambda_1 = s1 + s2 + s3 and
-``lambda_1 - lambda_2 = 2 (s2 + s3)``: the gap closes where H has rank one, as for points on a line.
+``lambda_1 - lambda_2 = 2 (s2 + s3)``: the gap closes where H has rank one, as for points on a line. Near that the
+eigenproblem loses twice the digits that the data lose, and `narrow` takes its place.
 """
 
 from __future__ import annotations
@@ -29,12 +30,17 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
+from dqreg.rigid import quaternion
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.moments import Moments
+from dqreg.solvers.narrow import is_narrow, long_axes, rotation_of
 
-# Gap lambda_1 - lambda_2, in units of the largest lambda_1 such data could have, below which it is rounding:
-# points on a line leave some 1e-16, a strip a millionth as wide as long leaves 1e-12.
-SMALLEST_GAP = 1e-12
+# Gap lambda_1 - lambda_2, in units of the largest lambda_1 such data could have, below which the rotation is taken as
+# undetermined. Points on a line leave some 1e-31, a strip 1e-7 as wide as long 1e-14; at this one the rotation is good
+# to some 1e-6.
+SMALLEST_GAP = 1e-20
+# The same for a gap that is a difference of the eigenvalues: their rounding leaves 1e-16 and more.
+SMALLEST_DIFFERENCE = 1e-12
 # Points that lie within this of each other, measured in their distance from the origin, are one point.
 SAME_POINT = 8.0 * float(np.finfo(np.float64).eps)
 
@@ -68,11 +74,18 @@ def solve_moments(moments: Moments) -> Fit:
     """
     if not moments.point_weight > 0.0:
         raise DegenerateGeometryError(no_weight_message())
-    H, reach, floor = rotation_sums(moments)
-    values, vectors = np.linalg.eigh(quaternion_form(H))
-    lambda_2, lambda_1 = float(values[2]), float(values[3])
+    H, reach, floor, placed = rotation_sums(moments)
+    if moments.aligned is None or not is_narrow(H):
+        values, vectors = np.linalg.eigh(quaternion_form(H))
+        lambda_2, lambda_1 = float(values[2]), float(values[3])
+        r, floor = vectors[:, 3], floor + SMALLEST_DIFFERENCE * reach
+    else:
+        axes = long_axes(H)
+        across, directed = moments.aligned.turned(*axes)
+        R, lambda_1, lambda_2 = rotation_of(across + directed if placed else directed, axes)
+        r, floor = quaternion.from_matrix(R), floor + float(narrow_floor(reach, 0.5 * (lambda_1 + lambda_2)))
     gap = require_determined(lambda_1, lambda_2, reach, floor)
-    T = pose_from_quaternion(vectors[:, 3], moments)
+    T = pose_from_quaternion(r, moments)
     # tr(R^T H) of the points alone; that of the directions is the rest of lambda_1.
     point_fit = float(np.vdot(T[:3, :3], moments.point_cross))
     point_cost = moments.spread_source + moments.spread_target - 2.0 * point_fit
@@ -84,30 +97,40 @@ def solve_moments(moments: Moments) -> Fit:
     )
 
 
-def rotation_sums(moments: Moments) -> tuple[FloatArray, float, float]:
+def rotation_sums(moments: Moments) -> tuple[FloatArray, float, float, bool]:
     """What decides the rotation: H, the largest lambda_1 it could have, and the part of it that may be rounding.
 
-    Shapes: H (3, 3).
+    The last says whether the points count: where they lie in one place, only the directions do. Shapes: H (3, 3).
     """
     m = moments
     grain_source = SAME_POINT**2 * m.point_weight * float(m.mean_source @ m.mean_source)
     grain_target = SAME_POINT**2 * m.point_weight * float(m.mean_target @ m.mean_target)
     reach = math.sqrt(m.length_source) * math.sqrt(m.length_target)
     if m.spread_source <= grain_source or m.spread_target <= grain_target:
-        return m.direction_cross, reach, 0.0
+        return m.direction_cross, reach, 0.0, False
     reach += math.sqrt(m.spread_source) * math.sqrt(m.spread_target)
-    return m.point_cross + m.direction_cross, reach, math.sqrt(grain_source) * math.sqrt(grain_target)
+    return m.point_cross + m.direction_cross, reach, math.sqrt(grain_source) * math.sqrt(grain_target), True
 
 
-def require_determined(lambda_1: float, lambda_2: float, reach: float, floor: float = 0.0) -> float:
-    """Relative gap of the two largest eigenvalues, if it is more than rounding."""
+def narrow_floor(reach: FloatArray | float, along: FloatArray | float) -> FloatArray | float:
+    """Gap of narrow data below which the rotation is undetermined; ``along`` is what they reach along their length.
+
+    What either side has across and the products have not is noise, as in points drawn about a line on both sides; it
+    is at most the rest of the reach.
+    """
+    return SMALLEST_GAP * reach + SMALLEST_DIFFERENCE * np.maximum(reach - along, 0.0)
+
+
+def require_determined(lambda_1: float, lambda_2: float, reach: float, floor: float | None = None) -> float:
+    """Relative gap of the two largest eigenvalues, if it is more than rounding, of their difference by default."""
+    floor = SMALLEST_DIFFERENCE * reach if floor is None else floor
     gap = lambda_1 - lambda_2
     relative = gap / lambda_1 if lambda_1 > 0.0 else 0.0
-    if not gap > SMALLEST_GAP * reach + floor:
-        of_reach = gap / reach if reach > 0.0 else 0.0
+    if not gap > floor:
+        of_reach, needed = (gap / reach, floor / reach) if reach > 0.0 else (0.0, 0.0)
         raise DegenerateGeometryError(
             f"the matches do not determine the rotation: the relative gap of the two largest eigenvalues is "
-            f"{relative:.3g} ({of_reach:.3g} of what a perfect fit of such data reaches; more than {SMALLEST_GAP:g} "
+            f"{relative:.3g} ({of_reach:.3g} of what a perfect fit of such data reaches; more than {needed:.3g} "
             "is needed). All points on one line or in one place? Add a point off that line or a direction across it"
         )
     return relative

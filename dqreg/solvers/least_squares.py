@@ -10,11 +10,17 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError
-from dqreg.solvers.closed_form import SAME_POINT, no_weight_message, require_determined, solve_moments
+from dqreg.solvers.closed_form import (
+    SAME_POINT,
+    no_weight_message,
+    require_determined,
+    solve_moments,
+)
 from dqreg.solvers.exact_cost import cost_of_pose
+from dqreg.solvers.feature_sums import BLOCK
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
-from dqreg.solvers.moments import BLOCK, Moments, moments_of
+from dqreg.solvers.moments import Moments, moments_of
 
 # Part of the constant below which its difference from the fit has lost more than seven digits of fifteen.
 SMALL_COST = 1e-7

@@ -8,6 +8,7 @@ lie apart.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from functools import lru_cache
 
@@ -16,7 +17,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose, quaternion, rotations
-from dqreg.solvers.closed_form import quaternion_form
+from dqreg.solvers.closed_form import quaternion_form, solve_moments
 from dqreg.solvers.dof import Freedom
 from dqreg.solvers.dof_chart import Flags, FrameMotion, LockedChart, relative, turned
 from dqreg.solvers.fit import PoseFit
@@ -60,6 +61,11 @@ def minimise(
     escape: bool = True,
 ) -> PoseFit:
     """Pose of least cost."""
+    if freedom is None and form.moments is not None and form.moments.aligned is not None:
+        # What is wrong with the pose here is said below, motion by motion.
+        with contextlib.suppress(DegenerateGeometryError):
+            T = solve_moments(form.moments).T_target_source
+            return PoseFit(T, max(form.value(T), 0.0), "closed form", 0, 1, ())
     if freedom is None:
         freedom = Freedom.only("all", frame=form.origin_target)
     if reference is None:

@@ -72,7 +72,8 @@ class PoseCost:
         >>> PoseCost.points([[0, 0, 0]], [[3, 4, 0]]).value(np.eye(4))
         25.0
         """
-        return cls(form_of({"p": p, "q": q}, weights, lambda x, w, o: point_form(x[0], x[1], w, o)))
+        rows = {"p": p, "q": q}
+        return cls(form_of(rows, weights, lambda x, w, o: point_form(x[0], x[1], w, o), isotropic=True))
 
     @classmethod
     def planes(cls, p: ArrayLike, q: ArrayLike, normals: ArrayLike, weights: ArrayLike | None = None) -> PoseCost:
@@ -126,7 +127,7 @@ class PoseCost:
         PoseCost
         """
         rows = {"m": m, "n": n}
-        return cls(form_of(rows, weights, lambda x, w, _: direction_form(x[0], x[1], w), placed=False))
+        return cls(form_of(rows, weights, lambda x, w, _: direction_form(x[0], x[1], w), placed=False, isotropic=True))
 
     @classmethod
     def prior(cls, T: ArrayLike, covariance: ArrayLike, frame: ArrayLike | None = None) -> PoseCost:
@@ -170,7 +171,7 @@ class PoseCost:
             return NotImplemented
         if not 0.0 <= float(factor) < np.inf:
             raise InputError(f"a cost may be multiplied by a finite number of 0 or more; got {factor!r}")
-        return PoseCost(dataclasses.replace(self.form, matrix=float(factor) * self.form.matrix))
+        return PoseCost(self.form * float(factor))
 
     __rmul__ = __mul__
 
@@ -295,6 +296,5 @@ class PoseCost:
         -------
         PoseCost
         """
-        source = self.form.origin_source - as_frame(origin_source, "origin_source")[:3, 3]
-        target = self.form.origin_target - as_frame(origin_target, "origin_target")[:3, 3]
-        return PoseCost(QuadraticForm(self.form.matrix, source, target))
+        source, target = as_frame(origin_source, "origin_source"), as_frame(origin_target, "origin_target")
+        return PoseCost(self.form.between(source[:3, 3], target[:3, 3]))

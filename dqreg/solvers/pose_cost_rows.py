@@ -16,6 +16,7 @@ pose is.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -24,7 +25,9 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, as_weights
 from dqreg.errors import InputError
 from dqreg.solvers.matches import refuse_zero_directions
-from dqreg.solvers.quadratic import QuadraticForm, isotropic_form
+from dqreg.solvers.moments import moments_of
+from dqreg.solvers.narrow import is_narrow
+from dqreg.solvers.quadratic import QuadraticForm, isotropic_form, isotropic_moments
 
 # Rows converted and checked in one step: some 10 MB.
 SLICE = 65_536
@@ -34,7 +37,13 @@ Build = Callable[[list[FloatArray], FloatArray, Origins], FloatArray]
 
 
 def form_of(
-    arrays: dict[str, Any], weights: Any, build: Build, *, unit: str | None = None, placed: bool = True
+    arrays: dict[str, Any],
+    weights: Any,
+    build: Build,
+    *,
+    unit: str | None = None,
+    placed: bool = True,
+    isotropic: bool = False,
 ) -> QuadraticForm:
     """Quadratic form of matched rows."""
     given = {name: value if _is_rows(value) else as_vectors(value, name) for name, value in arrays.items()}
@@ -60,7 +69,18 @@ def form_of(
             matrix += build(rows, part, origins)
     if not np.isfinite(matrix).all():
         raise InputError("the coordinates are finite, but their squares are not; give them in a larger unit")
-    return QuadraticForm(matrix, *origins)
+    form = QuadraticForm(matrix, *origins)
+    if not isotropic:
+        return form
+    moments = isotropic_moments(form, placed=placed)
+    if is_narrow(moments.point_cross + moments.direction_cross):
+        none = np.zeros((0, 3))
+        parts = [
+            moments_of(a, b, part) if placed else moments_of(none, none, None, a, b, part)
+            for (a, b), part in _slices(given, beta)
+        ]
+        moments = sum(parts[1:], parts[0])
+    return dataclasses.replace(form, moments=moments)
 
 
 def _is_rows(value: Any) -> bool:

@@ -28,6 +28,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.rigid import pose
+from dqreg.solvers.moments import Moments, scaled
 
 # Rows built in one step: 13 numbers each stay in the second-level cache.
 CHUNK = 4096
@@ -42,6 +43,8 @@ class QuadraticForm:
     # origin_source, origin_target: (3,): What was subtracted from the coordinates
     origin_source: FloatArray
     origin_target: FloatArray
+    # Sums over the features where all are points and directions: of narrow ones they hold more digits than the matrix
+    moments: Moments | None = None
 
     def __add__(self, other: QuadraticForm) -> QuadraticForm:
         # The origin of directions means nothing; elsewhere the stiffer part has more to lose.
@@ -50,7 +53,12 @@ class QuadraticForm:
         source = self.origin_source + share * (other.origin_source - self.origin_source)
         target = self.origin_target + share * (other.origin_target - self.origin_target)
         matrix = self.about(source, target).matrix + other.about(source, target).matrix
-        return QuadraticForm(matrix, source, target)
+        both = None if self.moments is None or other.moments is None else self.moments + other.moments
+        return QuadraticForm(matrix, source, target, both)
+
+    def __mul__(self, factor: float) -> QuadraticForm:
+        moments = None if self.moments is None else scaled(self.moments, factor)
+        return QuadraticForm(factor * self.matrix, self.origin_source, self.origin_target, moments)
 
     def about(self, origin_source: FloatArray, origin_target: FloatArray) -> QuadraticForm:
         """The same cost relative to other origins, (3,) each."""
@@ -58,7 +66,16 @@ class QuadraticForm:
         change = np.eye(13)
         change[9:12, :9] = np.kron(np.eye(3), self.origin_source - origin_source)
         change[9:12, 12] = origin_target - self.origin_target
-        return QuadraticForm(change.T @ self.matrix @ change, origin_source, origin_target)
+        return QuadraticForm(change.T @ self.matrix @ change, origin_source, origin_target, self.moments)
+
+    def between(self, origin_source: FloatArray, origin_target: FloatArray) -> QuadraticForm:
+        """The same cost for poses between coordinates that count from other points, (3,) each."""
+        m = self.moments
+        if m is not None:
+            m = dataclasses.replace(
+                m, mean_source=m.mean_source - origin_source, mean_target=m.mean_target - origin_target
+            )
+        return QuadraticForm(self.matrix, self.origin_source - origin_source, self.origin_target - origin_target, m)
 
     @property
     def scale(self) -> float:
@@ -171,6 +188,29 @@ def isotropic_form(sums: FloatArray) -> FloatArray:
         matrix[own, 12] = matrix[12, own] = -sums[:4, 4 + k]
     matrix[12, 12] = np.trace(sums[4:, 4:])
     return matrix
+
+
+def isotropic_moments(form: QuadraticForm, *, placed: bool) -> Moments:
+    """Moments of the points (placed) or directions whose matrix this is, about origins near the means."""
+    M = form.matrix
+    weight, H, squares = float(M[9, 9]), -M[:9, 12].reshape(3, 3), (float(np.trace(M[:3, :3])), float(M[12, 12]))
+    nowhere, nothing = np.zeros(3), np.zeros((3, 3))
+    if not placed:
+        return Moments(0.0, nowhere, nowhere, nothing, 0.0, 0.0, H, *squares)
+    if not weight > 0.0:
+        return Moments(0.0, nowhere, nowhere, nothing, 0.0, 0.0, nothing, 0.0, 0.0)
+    off_source, off_target = M[9, :3], -M[9:12, 12]
+    return Moments(
+        weight,
+        form.origin_source + off_source / weight,
+        form.origin_target + off_target / weight,
+        H - np.outer(off_target, off_source) / weight,
+        max(squares[0] - float(off_source @ off_source) / weight, 0.0),
+        max(squares[1] - float(off_target @ off_target) / weight, 0.0),
+        nothing,
+        0.0,
+        0.0,
+    )
 
 
 Slopes = tuple[FloatArray, FloatArray, FloatArray]
