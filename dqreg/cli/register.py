@@ -19,7 +19,7 @@ UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
 FILE = click.Path(path_type=Path)
 SECTIONS = {
     "Output": ("out", "report", "aligned", "deviations", "as_json"),
-    "Initial pose": ("start", "search", "dof", "viewpoint"),
+    "Initial pose": ("start", "search", "dof", "viewpoint", "clutter"),
     "Units": ("source_units", "target_units", "units", "scale"),
     "Deviations of the part": ("tolerance", "reach"),
     "Registration": ("effort", "time_limit", "max_distance", "max_angle_deg", "method", "accelerate", "seed"),
@@ -68,6 +68,8 @@ class ScaleType(Base):
               "fraction of points within it, and end the colour scale there.")  # fmt: skip
 @click.option("--reach", type=float, metavar="LENGTH", help="Points farther from the target than this are taken for "
               "other objects and left out, target units  [default: a quarter of --max-distance].")  # fmt: skip
+@click.option("--clutter", type=Choice(["allowed", "none"]), default="allowed", show_default=True, help="Whether SCAN "
+              "may show other objects; with none, every point off TARGET speaks against the pose.")  # fmt: skip
 @click.option("--effort", type=Choice(EFFORTS), default="normal", show_default=True, help="Points in the final "
               "refinement: 8,000, 25,000, or all.")  # fmt: skip
 @click.option("--time-limit", type=float, metavar="SECONDS", help="Time limit; returns the best pose so far, and a "

@@ -49,31 +49,21 @@ def evidence_of(
     mirror_gain: float = -np.inf,
 ) -> Evidence:
     """All that the verdict on a fit is made of; see `Evidence` for the meaning of each number."""
-    agreement = fit.agreement
     return Evidence(
+        **vars(fit.agreement),
         status=fit.run.status,
         found=fit.found,
         inliers=float(fit.run.weights.sum()),
-        share_near=agreement.share_near,
-        near=agreement.near,
-        patches=agreement.patches,
-        patches_off=agreement.patches_off,
-        strays=agreement.strays,
-        normals_apart=agreement.normals_apart,
-        width=agreement.width,
-        expected=agreement.expected,
         max_distance=fit.settings.max_distance,
         directions=uncertainty.directions,
         alternatives=alternatives,
         search=search,
         has_border=fit.has_border,
         units=fit.problem.units[1],
-        stretch=agreement.stretch,
-        stretched_along=agreement.stretched_along,
         mirror_gain=mirror_gain,
-        random_ratio=agreement.random_ratio,
         size=fit.prepared.surface.diagonal,
         carriers=tuple(fit.information.carriers.tolist()) if uncertainty.directions else (),
+        clutter=fit.problem.options.clutter,
     )
 
 

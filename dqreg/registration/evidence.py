@@ -10,6 +10,7 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
+from dqreg.registration.surroundings import Surroundings, surroundings_of
 from dqreg.rigid import pose
 from dqreg.trust.chance import random_ratio
 from dqreg.trust.patch_tests import ON, patches_off, stretch_of
@@ -49,6 +50,9 @@ class Agreement:
     stretch: float
     stretched_along: tuple[float, float, float]
     random_ratio: float
+    share_on: float
+    share_other: float
+    share_contradicting: float
 
 
 def agreement_of(
@@ -64,6 +68,10 @@ def agreement_of(
     close = pairs.distances <= near
     if has_border:
         close &= on | (np.abs(pairs.point_to_plane) > width)
+        around = Surroundings(np.zeros(len(on), dtype=bool), float(np.mean(on)), float(np.mean(~on)), 0.0)
+    else:
+        around = surroundings_of(pairs, width, near)
+        close &= on | ~around.elsewhere
     patches, off = patches_off(pairs.scan.points, pairs.distances, pairs.point_to_plane, close, mixture.scale)
     if scan.fitted is not None and len(pairs.scan) < len(scan):
         local = _Local.of(_fitted_pairs(run, scan, scan.fitted, surface, mixture.scale), width)
@@ -89,6 +97,9 @@ def agreement_of(
         stretch=stretch,
         stretched_along=(float(along[0]), float(along[1]), float(along[2])),
         random_ratio=_random_ratio(pairs, on, surface),
+        share_on=around.share_on,
+        share_other=around.share_other,
+        share_contradicting=around.share_contradicting,
     )
 
 

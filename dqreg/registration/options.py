@@ -42,6 +42,7 @@ RECORDED = (
     "time_limit",
     "scale",
     "search",
+    "clutter",
 )
 
 
@@ -69,6 +70,7 @@ class Options:
     observe: Callable[[Iteration], object] | None = None
     observe_search: Callable[[Stage], object] | None = None
     keep_inputs: bool = True
+    clutter: str = "allowed"
 
     def __post_init__(self) -> None:
         known = ("auto", *ESTIMATORS)
@@ -86,6 +88,8 @@ class Options:
             )
         if self.units not in ("check", "ignore"):
             raise InputError(f'units must be "check" or "ignore"; got {self.units!r}')
+        if self.clutter not in ("allowed", "none"):
+            raise InputError(f'clutter must be "allowed" or "none"; got {self.clutter!r}')
         for name in ("max_distance", "max_angle_deg", "max_iterations", "convergence", "seed", "time_limit"):
             value = getattr(self, name)
             if not isinstance(value, numbers.Real) and not (value is None and name in ("max_distance", "time_limit")):

@@ -41,6 +41,7 @@ def register(
     scale: float | str = 1.0,
     viewpoint: ArrayLike | None = None,
     search: str = "doubt",
+    clutter: str = "allowed",
     observe: Callable[[Iteration], object] | None = None,
     observe_search: Callable[[Stage], object] | None = None,
     keep_inputs: bool = True,
@@ -103,6 +104,8 @@ def register(
     search : {"never", "doubt", "always"}
         Whether a global search may run beside an initial pose: not at all (a loop at a fixed rate), where the pose is
         in doubt and no ``method``, ``dof`` or ``prior`` is given, or in any case.
+    clutter : {"allowed", "none"}
+        Whether the scan may show other objects; with "none", every point off the target speaks against the pose.
     observe : callable, optional
         Called with each `Iteration`; returning False stops the run.
     observe_search : callable, optional
@@ -155,6 +158,7 @@ def register(
         prior=prior,
         viewpoint=viewpoint,
         search=search,
+        clutter=clutter,
         observe=observe,
         observe_search=observe_search,
         keep_inputs=keep_inputs,

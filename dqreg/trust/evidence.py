@@ -55,6 +55,10 @@ class Evidence:
         Diagonal of the target; NaN where the uncertainty is not to be tested.
     carriers : tuple of float
         Number of points, about, that constrain each of the directions; empty where that was not counted.
+    share_on, share_other, share_contradicting : float
+        Fractions of the scan on the target, on other objects, and on surface of the part itself off the target.
+    clutter : str
+        "allowed", or "none" where the scan is of the part alone.
     """
 
     status: Status
@@ -81,6 +85,10 @@ class Evidence:
     random_ratio: float = 0.0
     size: float = math.nan
     carriers: tuple[float, ...] = ()
+    share_on: float = 1.0
+    share_other: float = 0.0
+    share_contradicting: float = 0.0
+    clutter: str = "allowed"
 
     def length(self, value: float) -> str:
         """A length in words, with its unit where that is known.

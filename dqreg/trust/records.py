@@ -29,6 +29,8 @@ Code = Literal[
     "falling_inlier_fraction",
     "mirrored",
     "deviating_patches",
+    "contradicting_surface",
+    "clutter",
     "disagreeing_normals",
     "outliers",
     "large_residuals",

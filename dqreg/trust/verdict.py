@@ -35,6 +35,9 @@ CHANCE = 0.25
 UNCERTAIN_RAD, UNCERTAIN = math.radians(2.0), 0.02
 # A motion constrained by fewer points than this, and by this fraction of the inliers, depends on a detail or outliers.
 DETAIL, DETAIL_SHARE = 30.0, 0.02
+# Surface of the part itself off the target, in shares of what is on it; points off a part that the scan is said to show
+# alone.
+CONTRADICTING, CLUTTER = 0.08, 0.05
 # What to do about a loop that ended so.
 ADVICE: dict[Status, str] = {
     "iteration limit": "; raise max_iterations, or give a closer initial pose",
@@ -157,6 +160,22 @@ def _deviating_patches(evidence: Evidence) -> Iterator[str]:
         )
 
 
+def _contradicting_surface(evidence: Evidence) -> Iterator[str]:
+    if not evidence.share_contradicting <= CONTRADICTING * (evidence.share_on + evidence.share_contradicting):
+        yield (
+            f"{100 * evidence.share_contradicting:.0f} % of the scan are faces that continue beyond the target or meet "
+            f"it in a convex edge, and {100 * evidence.share_on:.0f} % are on it: another part, or a wrong pose"
+        )
+
+
+def _clutter(evidence: Evidence) -> Iterator[str]:
+    if evidence.clutter == "none" and not evidence.share_on >= 1.0 - CLUTTER:
+        yield (
+            f"{100 * (1.0 - evidence.share_on):.0f} % of the scan are off the target, which it is said to show alone "
+            '(clutter="none"): a wrong pose, another part, or other objects'
+        )
+
+
 def _disagreeing_normals(evidence: Evidence) -> Iterator[str]:
     if not evidence.normals_apart <= NORMALS_APART:
         yield (
@@ -248,6 +267,8 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("falling_inlier_fraction", _falling_inlier_fraction),
     ("mirrored", _mirrored),
     ("deviating_patches", _deviating_patches),
+    ("contradicting_surface", _contradicting_surface),
+    ("clutter", _clutter),
     ("disagreeing_normals", _disagreeing_normals),
     ("outliers", _outliers),
     ("large_residuals", _large_residuals),

@@ -59,6 +59,16 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "deviating_patches",
     ),
     "unknown patches": ({"patches_off": NAN}, "deviate as a whole", "deviating_patches"),
+    "more than the part": (
+        {"share_on": 0.7, "share_contradicting": 0.07},
+        "7 % of the scan are faces that continue beyond the target",
+        "contradicting_surface",
+    ),
+    "not the part alone": (
+        {"share_on": 0.94, "share_other": 0.06, "clutter": "none"},
+        "6 % of the scan are off the target, which it is said to show alone",
+        "clutter",
+    ),
     "normals": (
         {"normals_apart": NORMALS_APART + 0.01},
         "16 % of the inliers have normals that disagree with the target",
@@ -172,6 +182,10 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
         {"alternatives": (Alternative(np.eye(4), 0.1, "the part looks the same after a half-turn"),)},
         {"width": 0.0},
         {"random_ratio": CHANCE},
+        # A table beside the part, and a scan of the part alone.
+        {"share_on": 0.1, "share_other": 0.9},
+        {"share_on": 0.92, "share_contradicting": 0.08},
+        {"share_on": 0.95, "clutter": "none"},
         {"directions": (ROTATION,) * 6, "size": 2.01 / math.radians(2.0)},
         {"directions": (SHIFT,) * 6, "size": 50.1},
         # Few of few, as of a tactile scan, and few of many that are enough.

@@ -1,0 +1,144 @@
+"""Smooth segments of the scan: on the target, on other objects, or contradicting the pose.
+
+Neighbouring points whose tangent planes agree are one segment. A segment that goes on beyond the target, or that lies
+off it and meets a segment on it in a convex edge, is of the same body, and contradicts the pose. What meets the part in
+a concave edge (a table, a clamp) or nowhere is another object: the convexity criterion of Stein et al. (2014), with the
+target's outward normals for the sign.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import PlaneFits, fit_planes_around
+
+# Neighbours of a plane, and those that a point is linked with, within so many usual distances of them.
+PLANE, LINKS, REACH = 12, 8, 2.0
+# A point whose neighbours leave their plane by more than this share of their extent is on an edge, or on no surface.
+ROUGH = 0.15
+# Tangent planes agree within this angle, and with each point within this slope (and so many residuals) of the other's.
+SMOOTH_COS, SLOPE, RESIDUALS = np.cos(np.deg2rad(20.0)), 0.27, 2.0
+# Segments of an edge differ by more than this angle; points of one then lie this slope below the plane of the other.
+EDGE_COS, BELOW = np.cos(np.deg2rad(35.0)), 0.2
+# Normals of scan and target agree within this angle where a segment lies on the target.
+AGREE_COS = np.cos(np.deg2rad(30.0))
+# Points are off the target beyond so many widths within which they are on it.
+OFF = 2.0
+# A segment continues where its points on the target are so many widths and distances of points from those off it: the
+# rim of a table that passes under the part is not.
+CLEAR = 3.0
+# The points at an edge belong to no segment: links over it are this many usual distances long at most.
+OVER = 5.0
+# Points on the target, and off it, that say something; links over an edge, and the share of them that must be convex.
+FEWEST, FEWEST_LINKS, CONVEX = 12, 4, 0.75
+# Most of a segment.
+MOST = 0.7
+
+
+@dataclasses.dataclass(frozen=True)
+class Segments:
+    """What the points of a scan lie on."""
+
+    labels: IntArray  # (n,): Segment of each point; -1 on an edge or on no surface
+    on: BoolArray  # (n,): The target
+    contradicting: BoolArray  # (n,): The part's own surface, off the target
+    other: BoolArray  # (n,): Other objects
+
+
+def segments_of(points: FloatArray, normals: FloatArray, distances: FloatArray, width: float) -> Segments:
+    """What placed points lie on, given the outward normal and the distance of a closed target at each of them.
+
+    Points within the width are on the target.
+
+    Shapes: points (n, 3), normals (n, 3), distances (n,).
+    """
+    sides = _Sides.of(points, normals, distances, width)
+    guilty = np.append(sides.continuing() | sides.beyond_convex_edges(), False)
+    contradicting = sides.off & guilty[sides.labels]
+    return Segments(sides.labels, distances <= width, contradicting, sides.off & ~contradicting)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Sides:
+    """Segments, and which of their points are on the target and off it."""
+
+    points: FloatArray
+    own: FloatArray  # (n, 3): Normals of the scan
+    normals: FloatArray  # (n, 3): Those of the target
+    spacing: FloatArray  # (n,): Distance to the usual neighbour
+    labels: IntArray  # (n,): Segment of each point; -1 on an edge or on no surface
+    on: BoolArray  # (n,): On the target, with a normal that agrees
+    off: BoolArray  # (n,): On a surface off the target
+    width: float
+
+    @staticmethod
+    def of(points: FloatArray, normals: FloatArray, distances: FloatArray, width: float) -> _Sides:
+        tree, rows = NeighbourTree(points), np.arange(len(points))
+        fits = fit_planes_around(tree, points, rows, PLANE)
+        own = np.nan_to_num(fits.normals)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            flat = np.nan_to_num(fits.residuals / np.sqrt(fits.lever), nan=np.inf) < ROUGH
+        indices = tree.around(rows)[0][:, 1 : LINKS + 1].astype(np.int64)
+        labels, spacing = _smooth_segments(points, own, fits, indices, flat)
+        on = (distances <= width) & flat & (np.abs(np.einsum("ij,ij->i", own, normals)) > AGREE_COS)
+        off = (distances > np.maximum(OFF * width, spacing)) & flat
+        return _Sides(points, own, normals, spacing, labels, on, off, width)
+
+    def counted(self, points: BoolArray) -> IntArray:
+        """Points of each segment among some, (segments,)."""
+        return np.bincount(self.labels[points & (self.labels >= 0)], minlength=self.labels.max(initial=-1) + 1)
+
+    def continuing(self) -> BoolArray:
+        """Segments that lie on the target and go on beyond it, (segments,)."""
+        found = (self.counted(self.off) >= FEWEST) & (self.counted(self.on) >= FEWEST)
+        for segment in np.flatnonzero(found):
+            on, off = (np.flatnonzero(side & (self.labels == segment)) for side in (self.on, self.off))
+            apart = NeighbourTree(self.points[off]).nearest(self.points[on], 1)[1][:, 0]
+            clear = apart > CLEAR * (self.width + self.spacing[on])
+            found[segment] = np.count_nonzero(clear) >= FEWEST
+        return found
+
+    def beyond_convex_edges(self) -> BoolArray:
+        """Segments off the target that meet segments on it in a convex edge, (segments,)."""
+        whole, count_on, count_off = self.counted(self.labels >= 0), self.counted(self.on), self.counted(self.off)
+        is_on, is_off = ((count >= FEWEST) & (count > MOST * whole) for count in (count_on, count_off))
+        a, b = (np.flatnonzero((self.labels >= 0) & np.append(side, False)[self.labels]) for side in (is_on, is_off))
+        a = a[self.on[a]]
+        if not len(a) or not len(b):
+            return np.zeros(len(whole), dtype=bool)
+        found, apart = NeighbourTree(self.points[b]).nearest(self.points[a], 4)
+        one, two, apart = np.repeat(a, found.shape[1]), b[found.ravel()], apart.ravel()
+        near = apart <= OVER * np.minimum(self.spacing[one], self.spacing[two])
+        near &= np.abs(np.einsum("ij,ij->i", self.own[one], self.own[two])) < EDGE_COS
+        one, two, apart = one[near], two[near], apart[near]
+        height = np.einsum("ij,ij->i", self.normals[one], self.points[two] - self.points[one])
+        convex, concave = (
+            np.bincount(self.labels[two[side]], minlength=len(whole))
+            for side in (height < -BELOW * apart, height > BELOW * apart)
+        )
+        # An edge is about as long as the root of the number of points on the face behind it.
+        return (convex >= np.maximum(FEWEST_LINKS, np.sqrt(count_off))) & (convex >= CONVEX * (convex + concave))
+
+
+def _smooth_segments(
+    points: FloatArray, own: FloatArray, fits: PlaneFits, indices: IntArray, flat: BoolArray
+) -> tuple[IntArray, FloatArray]:
+    """Segment of each point, -1 for those that are not flat, and the distance to the usual neighbour, (n,) each."""
+    one, two = np.repeat(np.arange(len(points)), indices.shape[1]), indices.ravel()
+    apart = points[two] - points[one]
+    lengths = np.sqrt(np.einsum("ij,ij->i", apart, apart))
+    spacing = np.median(lengths.reshape(indices.shape), axis=1)
+    linked = (lengths <= REACH * np.minimum(spacing[one], spacing[two])) & flat[one] & flat[two]
+    one, two, apart, lengths = one[linked], two[linked], apart[linked], lengths[linked]
+    aside = np.maximum(*(np.abs(np.einsum("ij,ij->i", own[k], apart)) for k in (one, two)))
+    smooth = aside <= SLOPE * lengths + RESIDUALS * np.maximum(fits.residuals[one], fits.residuals[two])
+    smooth &= np.abs(np.einsum("ij,ij->i", own[one], own[two])) > SMOOTH_COS
+    graph = coo_matrix((np.ones(np.count_nonzero(smooth)), (one[smooth], two[smooth])), (len(points), len(points)))
+    labels = connected_components(graph, directed=False)[1]
+    return np.where(flat, labels, -1).astype(np.int64), spacing

@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import dqreg
+from dqreg.geometry import Mesh, MeshSurface, sample_mesh
+from dqreg.rigid import pose
+from dqreg.synth.parts import box
+from dqreg.trust.segments import Segments, segments_of
+
+PART = Mesh(*box((100.0, 60.0, 40.0)))
+LOW, HIGH = PART.bounds
+NOISE = 0.02
+
+
+def faces(size: tuple[float, float, float], at: np.ndarray, count: int, seed: int) -> np.ndarray:
+    """Points of the top and of four sides of a block, whose lowest corner is where it is said to be."""
+    block = Mesh(*box(size))
+    block = Mesh(block.vertices - block.bounds[0] + at, block.faces)
+    rng = np.random.default_rng(seed)
+    sampled = sample_mesh(block, count, rng)
+    above = sampled.points[:, 2] > at[2] + 1e-6
+    return sampled.points[above] + NOISE * rng.normal(size=(int(above.sum()), 3))
+
+
+def table(seed: int, count: int = 4_000) -> np.ndarray:
+    """Points around the part in the plane that it stands on."""
+    rng = np.random.default_rng(seed)
+    flat = rng.uniform(LOW[:2] - 80.0, HIGH[:2] + 80.0, (count, 2))
+    beside = ((flat < LOW[:2]) | (flat > HIGH[:2])).any(axis=1)
+    points = np.column_stack([flat, np.full(count, LOW[2])])[beside]
+    return points + NOISE * rng.normal(size=points.shape)
+
+
+def seen(points: np.ndarray) -> Segments:
+    closest = MeshSurface(PART).closest(points)
+    return segments_of(points, closest.normals, closest.distances, 4.0 * NOISE)
+
+
+def test_the_part_itself_is_on_the_target() -> None:
+    found = seen(faces((100.0, 60.0, 40.0), LOW, 5_000, 0))
+    assert found.on.mean() >= 0.99
+    assert not found.contradicting.any()
+    assert not found.other.any()
+
+
+@pytest.mark.parametrize("high", [15.0, 70.0])
+def test_a_table_and_a_clamp_that_touch_the_part_are_other_objects(high: float) -> None:
+    part = faces((100.0, 60.0, 40.0), LOW, 4_000, 1)
+    clamp = faces((40.0, 20.0, high), np.array([HIGH[0], LOW[1] + 15.0, LOW[2]]), 1_500, 2)
+    clamp = clamp[clamp[:, 0] > HIGH[0] + 1e-6]
+    part = part[~((np.abs(part[:, 0] - HIGH[0]) < 1.0) & (np.abs(part[:, 1] - LOW[1] - 25.0) < 10.0))]
+    found = seen(np.vstack([part, clamp, table(3)]))
+    assert found.contradicting.mean() <= 0.01
+    assert found.other[len(part) :].mean() >= 0.8
+
+
+def test_a_larger_block_on_a_corner_continues_beyond_the_part() -> None:
+    found = seen(faces((180.0, 60.0, 40.0), LOW, 5_000, 4))
+    beyond = 0.5 * np.mean(found.on)
+    assert found.contradicting.mean() >= beyond
+    assert found.other.mean() <= 0.1
+
+
+def test_a_face_that_meets_the_part_in_a_convex_edge_is_not_another_object() -> None:
+    # A longer block seen end on: its top is on the part's, its end hangs in the air.
+    points = faces((100.0, 60.0, 40.0), LOW, 5_000, 5)
+    tilted = points[(np.abs(points[:, 2] - HIGH[2]) < 1.0) | (np.abs(points[:, 0] - HIGH[0]) < 1.0)]
+    end = np.abs(tilted[:, 0] - HIGH[0]) < 1.0
+    lean = tilted.copy()
+    lean[end, 0] -= HIGH[2] - tilted[end, 2]
+    found = seen(lean)
+    # Points along its edges belong to no segment.
+    assert found.contradicting[end].mean() >= 0.5
+    assert not found.contradicting[~end].any()
+
+
+def test_shares_follow_no_unit_and_no_rigid_motion() -> None:
+    points = np.vstack([faces((140.0, 60.0, 40.0), LOW, 3_000, 6), table(7, 2_000)])
+    plain = seen(points)
+    T = pose.random(np.random.default_rng(8), reach=300.0)
+    moved = Mesh(1e3 * pose.apply(T, PART.vertices), PART.faces)
+    closest = MeshSurface(moved).closest(1e3 * pose.apply(T, points))
+    again = segments_of(1e3 * pose.apply(T, points), closest.normals, closest.distances, 4e3 * NOISE)
+    for name in ("on", "contradicting", "other"):
+        assert getattr(again, name).mean() == pytest.approx(getattr(plain, name).mean(), abs=0.01)
+
+
+def test_a_larger_block_is_suspect_and_a_part_on_a_table_is_accepted() -> None:
+    part = faces((100.0, 60.0, 40.0), LOW, 4_000, 9)
+    on_table = dqreg.register(np.vstack([part, table(10)]), PART, "identity", effort="fast")
+    assert on_table.verdict.level == "accepted"
+    longer = dqreg.register(faces((160.0, 60.0, 40.0), LOW, 6_000, 11), PART, "identity", effort="fast")
+    assert longer.verdict.level == "suspect"
+    assert "contradicting_surface" in longer.verdict.codes
+    alone = dqreg.register(np.vstack([part, table(10)]), PART, "identity", effort="fast", clutter="none")
+    assert alone.verdict.codes == ("clutter",)
