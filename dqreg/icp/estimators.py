@@ -43,10 +43,11 @@ def points_and_normals(pairs: Correspondences, weights: FloatArray, noise: float
 def direction_weights(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:
     """Weights alpha of the normals, (n,), beside the weights beta of the points.
 
-    With point variance ``noise^2`` and normals fitted to k neighbours (variance ``sigma_r^2 / (k lever)``), maximum
-    likelihood asks for ``alpha / beta = k lever noise^2 / sigma_r^2``. The k points of a neighbourhood share their
-    evidence, so k falls away; and the ratio of variances is held at one at most, because far from the answer ``noise``
-    measures the misfit and not the sensor.
+    With point variance ``noise^2`` and normals fitted to k neighbours (variance ``sigma_r^2 / (2 k lever)`` per tilt
+    axis), maximum likelihood asks for ``alpha / beta = 2 k lever noise^2 / sigma_r^2``. The k points of a neighbourhood
+    share their evidence, so k falls away; the 2 was tried and moves the poses either way by a few per cent of their
+    errors. The ratio of variances is held at one at most, because far from the answer ``noise`` measures the misfit and
+    not the sensor.
     """
     scan = pairs.scan
     with np.errstate(divide="ignore", invalid="ignore"):

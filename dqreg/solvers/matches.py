@@ -156,7 +156,8 @@ def likelihood_weights(
     point_sigma : array_like, () or (n,)
         Standard deviation of a point coordinate, in lengths, of the difference between source and target.
     direction_variance : array_like, () or (m,), optional
-        Variance of a direction in squared radians, for example from `normal_variance`.
+        Variance of a direction in squared radians along each of the two ways that it can tilt, for example from
+        `normal_variance`.
     shared_neighbours : array_like, () or (m,)
         By how many each alpha is divided. Normals fitted to the very points that are matched are not independent
         evidence: the same noise enters both. And normals of k neighbours that share their neighbourhoods repeat each
@@ -192,7 +193,10 @@ def likelihood_weights(
 
 
 def normal_variance(residual_sigma: ArrayLike, tangential_variances: ArrayLike, neighbours: ArrayLike) -> FloatArray:
-    """Variance of a normal fitted to k neighbours: ``sigma_r^2 / k (1/l1 + 1/l2)``.
+    """Variance of a normal fitted to k neighbours, per tilt axis: ``sigma_r^2 / k (1/l1 + 1/l2) / 2``.
+
+    The normal tilts along the two tangential axes by ``sigma_r^2 / (k l1)`` and ``sigma_r^2 / (k l2)``; this is their
+    mean, which `likelihood_weights` takes as ``direction_variance``.
 
     A plane fitted to few points, to noisy ones, or to a narrow strip such as an edge or a grazing view leaves, has
     an uncertain normal and so weighs itself down.
@@ -210,7 +214,7 @@ def normal_variance(residual_sigma: ArrayLike, tangential_variances: ArrayLike, 
     Returns
     -------
     ndarray
-        sigma_n^2 in squared radians, both tilts together as the formula has it.
+        sigma_n^2 in squared radians, the mean over both ways that the normal can tilt.
 
     Raises
     ------
@@ -220,7 +224,7 @@ def normal_variance(residual_sigma: ArrayLike, tangential_variances: ArrayLike, 
     Examples
     --------
     >>> round(float(normal_variance(0.1, [1.0, 0.25], 10)), 9)
-    0.005
+    0.0025
     """
     sigma = _positive(residual_sigma, "residual_sigma")
     spread = as_float(tangential_variances, "tangential_variances")
@@ -233,7 +237,7 @@ def normal_variance(residual_sigma: ArrayLike, tangential_variances: ArrayLike, 
     if k.size and k.min() < 3.0:
         raise InputError(f"neighbours must be 3 or more, which a plane needs; the smallest is {k.min():g}")
     with np.errstate(divide="ignore"):
-        looseness = (1.0 / spread).sum(axis=-1)
+        looseness = (1.0 / spread).mean(axis=-1)
     variance: FloatArray = np.asarray(sigma**2 / k * looseness)
     return variance
 

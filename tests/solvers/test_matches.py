@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from dqreg.errors import InputError
-from dqreg.solvers import likelihood_weights, normal_variance, solve
+from dqreg.solvers import likelihood_weights, normal_variance, solve, solve_many
+from dqreg.synth.cramer_rao import cramer_rao
 from tests.solvers.problems import TETRAHEDRON
 
 
@@ -33,7 +34,41 @@ def test_a_fitted_normal_scatters_as_the_formula_says():
     slopes = np.linalg.lstsq(at, heights, rcond=None)[0]
     covariance = np.linalg.eigvalsh(np.cov(at.T, bias=True))
     predicted = normal_variance(0.01, covariance, 400)
-    assert (slopes**2).sum(axis=0).mean() == pytest.approx(predicted, rel=0.08)
+    # Per tilt axis: the mean over both slopes, not their sum.
+    assert (slopes**2).mean() == pytest.approx(predicted, rel=0.08)
+
+
+@pytest.mark.parametrize("elongation", [1.0, 1.2])
+def test_fitted_normals_with_the_weights_of_their_formula_reach_the_bound(elongation):
+    """The two functions mean the same sigma: fed into each other they lose less than 1 % against Cramer-Rao.
+
+    The noise is such that points and normals hold the rotation about equally, where a factor of two in alpha costs
+    most: 2 to 5 %. 20,000 trials know an rms of three angles to 0.3 %. A patch longer than wide tilts unlike both
+    ways, which no single weight can use; its bound is taken for the mean of both.
+    """
+    rng = np.random.default_rng(21)
+    trials, patches, k, sigma_p, sigma_r = 20_000, 6, 24, 0.02, 0.02
+    p = rng.uniform(-1, 1, (5, 3))
+    frames = np.linalg.qr(rng.normal(size=(patches, 3, 3)))[0]
+    # k places of a patch: standard deviations exactly 0.5 and 0.5 / elongation, uncorrelated.
+    places = np.linalg.qr(rng.normal(size=(k, 2)) - rng.normal(size=(k, 2)).mean(axis=0))[0]
+    places -= places.mean(axis=0)
+    places = np.linalg.qr(places)[0] * np.sqrt(k) * [0.5, 0.5 / elongation]
+    heights = sigma_r * rng.normal(size=(k, trials * patches))
+    slopes = (np.linalg.pinv(places) @ heights).reshape(2, trials, patches)
+    tilted = np.stack([-slopes[0], -slopes[1], np.ones_like(slopes[0])], axis=-1)
+    n = np.einsum("pij,tpj->tpi", frames, tilted / np.linalg.norm(tilted, axis=-1, keepdims=True))
+    m = np.broadcast_to(frames[:, :, 2], n.shape)
+    sigma2 = normal_variance(sigma_r, [0.25, 0.25 / elongation**2], k)
+    beta, alpha = likelihood_weights(sigma_p, sigma2)
+    q = p + sigma_p * rng.normal(size=(trials, 5, 3))
+    fits = solve_many(np.broadcast_to(p, q.shape), q, m, n, beta, alpha)
+    R = fits.T_target_source[:, :3, :3]
+    angles = 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]])
+    per_axis = float(np.mean(slopes**2))
+    bound = cramer_rao(p, frames[:, :, 2], p.mean(axis=0), sigma_p, np.sqrt(per_axis))
+    rms = np.sqrt((angles**2).sum(axis=0).mean())
+    assert rms / np.sqrt(np.trace(bound[:3, :3])) == pytest.approx(1.0, abs=0.01)
 
 
 def test_weights_of_maximum_likelihood_scatter_least():
