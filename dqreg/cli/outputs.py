@@ -18,7 +18,7 @@ from dqreg.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dqreg.inspection import Deviations
+    from dqreg.inspection import Decision, Deviations
     from dqreg.registration.result import Registration
 
 as_json_option = click.option("--json", "as_json", is_flag=True, help="The result as JSON on standard output, and "
@@ -83,7 +83,7 @@ def write_outputs(result: Registration, out: Path | None, aligned: Path | None, 
 
 
 def tell_deviations(
-    result: Registration, path: Path | None, tolerance: float | None, reach: float | None, console: Console
+    result: Registration, path: Path | None, tolerance: float | None, console: Console, **options: Any
 ) -> Deviations | None:
     """Print the deviations of a result and write them."""
     if not math.isfinite(result.rms):
@@ -96,7 +96,7 @@ def tell_deviations(
 
         # Why there are no signs stands in the first line.
         warnings.simplefilter("ignore", UserWarning)
-        deviations = result.deviations(tolerance, reach=reach, progress=show)
+        deviations = result.deviations(tolerance, progress=show, **options)
     for name, text in deviation_lines(deviations):
         say(console, f"{name:>10}  {text}")
     if path is not None:
@@ -124,11 +124,15 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
     summary = deviations.summary()
     counted = f"{summary.count} points"
     if summary.beyond:
-        total = summary.count + summary.beyond
-        counted = (
-            f"{summary.count} of {total} points; the others are farther off than {deviations.reach:.4g} {unit} "
-            "and taken for other objects (--reach)"
-        )
+        counts = deviations.counts
+        others = [
+            (counts.beyond_reach, f"farther off than {deviations.reach:.4g} {unit} (--reach)"),
+            (counts.other_surfaces, "on surfaces that leave the part (--keep counts them)"),
+            (counts.outliers, "outliers"),
+            (counts.excluded, "excluded"),
+        ]
+        without = ", ".join(f"{number} {words}" for number, words in others if number)
+        counted = f"{summary.count} of {counts.total} points, without {without}"
     sign = "+" if deviations.signed else ""
     lines = [("deviations", f"{counted}; {deviations.reason}")]
     if not summary.count:
@@ -144,20 +148,31 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
         bands = deviations.bands()
         below = f"{100 * bands.below:.2f} % below, " if deviations.signed else ""
         mark = "+-" if deviations.signed else ""
-        lines.append(
-            (
-                "tolerance",
-                f"{mark}{bands.tolerance:g} {unit}: {100 * bands.within:.2f} % within, {below}"
-                f"{100 * bands.above:.2f} % above",
-            )
-        )
+        shares = f"{100 * bands.within:.2f} % within, {below}{100 * bands.above:.2f} % above"
+        lines.append(("tolerance", f"{mark}{bands.tolerance:g} {unit}: {shares}"))
     for place in deviations.worst(PLACES):
         where = ", ".join(f"{x:.7g}" for x in place.position)
         lines.append(("worst", f"{place.value:{sign}.4g} {unit} at ({where}) {unit}, {place.points} points around it"))
     return lines
 
 
-def deviation_record(deviations: Deviations) -> dict[str, Any]:
+def tell_decision(deviations: Deviations, required_share: float, console: Console) -> Decision:
+    """Print whether the part is within its tolerance, and why."""
+    from dqreg.inspection import decide
+    from dqreg.report.page_tables import decision_words
+
+    unit = deviations.units or "target units"
+    found = decide(deviations, required_share=required_share)
+    colour = {"pass": "green", "undecided": "yellow", "fail": "red"}[found.outcome]
+    console.print(
+        f"[bold {colour}]{found.outcome.upper()}[/]: part against +-{found.tolerance:g} {unit}", highlight=False
+    )
+    for words in decision_words(found, unit, deviations.signed):
+        say(console, f"  {words}")
+    return found
+
+
+def deviation_record(deviations: Deviations, decision: Decision | None = None) -> dict[str, Any]:
     """The figures of `tell_deviations` as plain values."""
     import dataclasses
 
@@ -169,6 +184,8 @@ def deviation_record(deviations: Deviations) -> dict[str, Any]:
         "summary": dataclasses.asdict(deviations.summary()),
         "bands": None if deviations.tolerance is None else dataclasses.asdict(deviations.bands()),
         "worst": [dataclasses.asdict(place) for place in deviations.worst(PLACES)],
+        "counts": dataclasses.asdict(deviations.counts),
+        "decision": None if decision is None else dataclasses.asdict(decision),
     }
 
 
@@ -179,7 +196,8 @@ def tell_report(
     reach: float | None,
     start: Any,
     console: Console,
-    deviations: Deviations | None = None,
+    deviations: Deviations | None,
+    required_share: float,
 ) -> None:
     """Write the HTML report of a result."""
     import numpy as np
@@ -188,7 +206,9 @@ def tell_report(
 
     T_start = start if isinstance(start, np.ndarray) else None
     with console.status("writing the report"):
-        write_report(result, path, tolerance, reach=reach, start=T_start, deviations=deviations)
+        write_report(
+            result, path, tolerance, reach=reach, start=T_start, deviations=deviations, required_share=required_share
+        )
     say(console, f"wrote {path}")
 
 

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.lazy_group import Choice, SectionedCommand
-from dqreg.cli.outputs import consoles, print_json, tell_deviations, tell_report, write_outputs
+from dqreg.cli.outputs import (
+    consoles,
+    deviation_record,
+    print_json,
+    tell_decision,
+    tell_deviations,
+    tell_report,
+    write_outputs,
+)
 from dqreg.errors import InputError
 
 # The same words as in the library, which a test compares: importing them would load the solvers for `--help`.
@@ -21,7 +29,7 @@ SECTIONS = {
     "Output": ("out", "report", "aligned", "deviations", "as_json"),
     "Initial pose": ("start", "search", "dof", "viewpoint", "clutter"),
     "Units": ("source_units", "target_units", "units", "scale"),
-    "Deviations of the part": ("tolerance", "reach"),
+    "Deviations of the part": ("tolerance", "required", "reach", "exclude", "keep"),
     "Registration": ("effort", "time_limit", "max_distance", "max_angle_deg", "method", "accelerate", "seed"),
 }
 
@@ -64,12 +72,17 @@ class ScaleType(Base):
 @click.option("--aligned", type=FILE, help="The scan in the target's frame as PLY.")
 @click.option("--deviations", type=FILE, help="Every point with its signed deviation: coloured .ply, .csv or .npy.")
 @click.option("--json", "as_json", is_flag=True, help="The result as JSON on standard output, and nothing else there.")
-@click.option("--tolerance", type=float, metavar="LENGTH", help="Largest deviation allowed, target units: print the "
-              "fraction of points within it, and end the colour scale there.")  # fmt: skip
+@click.option("--tolerance", type=float, metavar="LENGTH", help="Largest deviation allowed, target units: decide "
+              "whether the part passes, and end the colour scale there.")  # fmt: skip
+@click.option("--required", type=float, metavar="PERCENT", default=95.0, show_default=True, help="Points, of all and "
+              "of each region, that must be within the tolerance. Single points are forgiven, places not.")  # fmt: skip
 @click.option("--reach", type=float, metavar="LENGTH", help="Points farther from the target than this are taken for "
               "other objects and left out, target units  [default: a quarter of --max-distance].")  # fmt: skip
 @click.option("--clutter", type=Choice(["allowed", "none"]), default="allowed", show_default=True, help="Whether SCAN "
               "may show other objects; with none, every point off TARGET speaks against the pose.")  # fmt: skip
+@click.option("--exclude", type=float, nargs=6, multiple=True, metavar="X Y Z X Y Z", help="Leave the points in this "
+              "box out: two opposite corners, TARGET's coordinates; may be given again.")  # fmt: skip
+@click.option("--keep", is_flag=True, help="Count surfaces that leave the part (a table, a clamp) and outliers too.")
 @click.option("--effort", type=Choice(EFFORTS), default="normal", show_default=True, help="Points in the final "
               "refinement: 8,000, 25,000, or all.")  # fmt: skip
 @click.option("--time-limit", type=float, metavar="SECONDS", help="Time limit; returns the best pose so far, and a "
@@ -100,7 +113,10 @@ def register_command(
     deviations: Path | None,
     report: Path | None,
     tolerance: float | None,
+    required: float,
     reach: float | None,
+    exclude: tuple[tuple[float, ...], ...],
+    keep: bool,
     quiet: bool,
     as_json: bool,
     **options: Any,
@@ -118,7 +134,8 @@ def register_command(
     dqreg register scan.ply part.stl --viewpoint 0 0 0
     dqreg register scan.ply part.stl --json | jq .verdict.level
 
-    Exit codes: 0 verdict accepted, 1 ran but not accepted, 2 bad input (one line on standard error).
+    Exit codes: 0 alignment trusted and, with --tolerance, the part passes; 1 alignment not trusted; 2 bad input (one
+    line on standard error); 3 alignment trusted, but the part fails or is undecided.
     """
     from dqreg._open3d import load_open3d
     from dqreg.files.poses import read_start
@@ -127,6 +144,8 @@ def register_command(
 
     # Asked before the work starts, so that no result is lost after it.
     _check(out, aligned, deviations, report, {"--tolerance": tolerance, "--reach": reach})
+    if not 0.0 < required <= 100.0:
+        raise InputError(f"--required is a percentage above 0 and at most 100; got {required:g}")
     console, shown = consoles(quiet=quiet, as_json=as_json)
     began = read_start(start)
     shows = make_progress(shown, quiet=shown.quiet, unit=options["target_units"], searching=began is None)
@@ -138,14 +157,19 @@ def register_command(
         result = register(scan, target, began, observe=progress, observe_search=progress.search, **options)
     print_summary(console, result)
     write_outputs(result, out, aligned, console)
-    measured = None
+    measured = decision = None
     if deviations is not None or tolerance is not None:
-        measured = tell_deviations(result, deviations, tolerance, reach, console)
+        measured = tell_deviations(result, deviations, tolerance, console, reach=reach, exclude=exclude, keep=keep)
+    if measured is not None and tolerance is not None:
+        decision = tell_decision(measured, required / 100.0, console)
     if report is not None:
-        tell_report(result, report, tolerance, reach, began, console, measured)
+        tell_report(result, report, tolerance, reach, began, console, measured, required / 100.0)
     if as_json:
-        print_json(result.to_dict())
-    return 0 if result.verdict.level == "accepted" else 1
+        found = None if measured is None else deviation_record(measured, decision)
+        print_json(result.to_dict() if found is None else result.to_dict() | {"deviations": found})
+    if result.verdict.level != "accepted":
+        return 1
+    return 0 if decision is None or decision.outcome == "pass" else 3
 
 
 def _check(

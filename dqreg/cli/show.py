@@ -93,7 +93,7 @@ def _record(result: Registration, data: ReportData, files: list[Path]) -> dict[s
         "verdict": result.verdict,
         "T_target_source": result.T_target_source,
         "units": result.settings.get("target_units"),
-        "deviations": None if data.deviations is None else deviation_record(data.deviations),
+        "deviations": None if data.deviations is None else deviation_record(data.deviations, data.decision),
         "files": [str(path) for path in files],
     }
 

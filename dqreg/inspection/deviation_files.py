@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +60,10 @@ def colours_of(values: FloatArray, limit: float, reach: float = np.inf) -> ByteA
 
 
 SUFFIXES = (".ply", ".csv", ".npy")
-COLUMNS = "x,y,z,deviation,closest_x,closest_y,closest_z,face"
+# flag: 0 the part, 1 beyond reach, 2 another surface, 3 an outlier, 4 excluded; within: 1 in tolerance, 0 out of it.
+COLUMNS = "x,y,z,deviation,closest_x,closest_y,closest_z,face,row,normal_x,normal_y,normal_z,flag"
+# Digits of lengths in a table: a step of that share of the target's size. And of unit normals.
+STEP, NORMAL_DIGITS = 1e-8, 6
 
 
 def require_suffix(path: str | os.PathLike[str]) -> str:
@@ -81,13 +86,24 @@ def write_array(path: str | os.PathLike[str], values: FloatArray) -> None:
 
 
 def write_table(
-    path: str | os.PathLike[str], points: FloatArray, values: FloatArray, closest: FloatArray, faces: IntArray
+    path: str | os.PathLike[str],
+    lengths: FloatArray,
+    faces: IntArray,
+    normals: FloatArray,
+    flags: NDArray[np.int8],
+    within: NDArray[np.bool_] | None,
+    size: float,
 ) -> None:
-    """Write deviations as a CSV file, one row a point."""
+    """Write deviations as a CSV file, one row a point. Shapes: lengths (n, 7): point, deviation, closest place."""
+    decimals = max(0, math.ceil(-math.log10(STEP * size))) if size > 0.0 else 9
+    columns: list[NDArray[Any]] = [lengths, faces, np.arange(len(faces)), normals, flags]
+    formats = [f"%.{decimals}f"] * 7 + ["%d"] * 2 + [f"%.{NORMAL_DIGITS}f"] * 3 + ["%d"]
+    header = COLUMNS
+    if within is not None:
+        columns, formats, header = [*columns, within], [*formats, "%d"], f"{header},within"
     stream = io.StringIO()
-    stream.write(COLUMNS + "\n")
-    numbers = np.column_stack([points, values, closest, faces])
-    np.savetxt(stream, numbers, fmt=["%.17g"] * 7 + ["%d"], delimiter=",")
+    stream.write(header + "\n")
+    np.savetxt(stream, np.column_stack(columns), fmt=formats, delimiter=",")
     write_atomically(path, stream.getvalue())
 
 
@@ -98,6 +114,7 @@ def write_coloured(
     *,
     limit: float,
     reach: float,
+    flags: NDArray[np.int8],
     reason: str,
     signed: bool,
     units: str | None,
@@ -110,5 +127,7 @@ def write_coloured(
         comments.append(f"grey: farther than {reach:.6g} {unit}, taken for something else")
     if units:
         comments.append(f"units {units}")
-    colours = colours_of(values, limit, reach)
-    write_cloud(path, points, colors=colours, fields={"deviation": values}, comments=comments)
+    comments.append("flag: 0 the part, 1 beyond reach, 2 another surface, 3 an outlier, 4 excluded; 0 is coloured")
+    colours = colours_of(values, limit)
+    colours[flags != 0] = BEYOND
+    write_cloud(path, points, colors=colours, fields={"deviation": values, "flag": flags}, comments=comments)

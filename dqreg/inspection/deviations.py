@@ -11,7 +11,10 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.errors import InputError
+from dqreg.geometry.cloud import PointCloud
+from dqreg.geometry.mesh import Mesh
 from dqreg.inspection.deviation_files import require_suffix, write_array, write_coloured, write_table
+from dqreg.inspection.membership import ON_PART, Counts, Flags, by_reach, counts_of
 from dqreg.inspection.statistics import Bands, Place, Summary, bands_of, summary_of, worst_places
 
 
@@ -38,8 +41,19 @@ class Deviations:
         Largest deviation allowed, as asked for.
     reach : float
         Points farther off belong to something else (a table, a clamp): measured, but in no statistics.
+    flags : ndarray of int8, (n,)
+        What each point belongs to: 0 the part, 1 beyond reach, 2 another surface, 3 an outlier, 4 excluded. Points on
+        the part are in the statistics; `counts` has the number of each.
+    target : Mesh, PointCloud or None
+        The target, about ``origin``.
+    covariance : ndarray, (6, 6)
+        Of the pose: rotation vector, then translation, about ``centre``; NaN where a motion is unconstrained.
+    centre : ndarray, (3,)
+        In the caller's target frame.
     apart : float
         Least distance between two worst places, a length.
+    size : float
+        Diagonal of the target's bounding box; 0 where it is not known.
     origin : ndarray, (3,)
         Middle of the target in the caller's frame: differences from it keep all digits.
 
@@ -59,20 +73,74 @@ class Deviations:
     tolerance: float | None = None
     reach: float = math.inf
     apart: float = 0.0
+    size: float = 0.0
     origin: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(3), repr=False)
+    flags: Flags = dataclasses.field(default_factory=lambda: np.zeros(0, dtype=np.int8), repr=False)
+    target: Mesh | PointCloud | None = dataclasses.field(default=None, repr=False)
+    covariance: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((6, 6)), repr=False)
+    centre: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(3), repr=False)
 
     def __post_init__(self) -> None:
         if self.tolerance is not None:
             _require_length(self.tolerance, "tolerance")
         _require_length(self.reach, "reach", or_infinite=True)
+        if len(self.flags) != len(self.values):
+            object.__setattr__(self, "flags", by_reach(self.values, self.reach))
 
     def __len__(self) -> int:
         return len(self.values)
 
     @cached_property
     def counted(self) -> BoolArray:
-        """Which points enter the statistics, (n,): those within ``reach``."""
-        return np.asarray(np.abs(self.values) <= self.reach)
+        """Which points enter the statistics, (n,): those on the part."""
+        return np.asarray(self.flags == ON_PART)
+
+    @property
+    def counts(self) -> Counts:
+        """Points of the scan by what they belong to."""
+        return counts_of(self.flags)
+
+    def normals(self, rows: IntArray) -> FloatArray:
+        """Unit normals of the target at the closest places of some points; 0 where it has none.
+
+        Parameters
+        ----------
+        rows : ndarray of int, (m,)
+            Rows of the scan.
+
+        Returns
+        -------
+        ndarray, (m, 3)
+            In the target's frame.
+        """
+        target, rows = self.target, np.asarray(rows)
+        if isinstance(target, Mesh):
+            return target.face_normals[self.faces[rows]]
+        if target is None or target.normals is None:
+            return np.zeros((len(rows), 3))
+        return target.normals[self.faces[rows]]
+
+    def pose_sigma(self, rows: IntArray) -> FloatArray:
+        """Standard deviation of some deviations that comes from the pose.
+
+        A motion that is unconstrained slides the scan along the part and changes no deviation: it adds nothing.
+
+        Parameters
+        ----------
+        rows : ndarray of int, (m,)
+            Rows of the scan.
+
+        Returns
+        -------
+        ndarray, (m,)
+            Target units.
+        """
+        rows = np.asarray(rows)
+        normals = self.normals(rows)
+        arms = np.hstack([np.cross(self.points[rows] - self.centre, normals), normals])
+        spread = np.einsum("ni,ij,nj->n", arms, np.nan_to_num(self.covariance, nan=0.0), arms, optimize=True)
+        sigma: FloatArray = np.sqrt(np.maximum(spread, 0.0))
+        return sigma
 
     def summary(self, tolerance: float | None = None) -> Summary:
         """Figures of the counted points.
@@ -92,8 +160,7 @@ class Deviations:
         InputError
             If the tolerance is no length above 0.
         """
-        allowed = self._tolerance(tolerance)
-        return summary_of(self.values[self.counted], len(self), allowed)
+        return summary_of(self.values[self.counted], len(self), self._allowed(tolerance))
 
     def bands(self, tolerance: float | None = None, *, required_share: float = 0.95) -> Bands:
         """Shares of the counted points per band of deviation, and whether enough of them are within the tolerance.
@@ -115,7 +182,7 @@ class Deviations:
         InputError
             If there is no tolerance, or one of the numbers cannot be used.
         """
-        allowed = self._tolerance(tolerance)
+        allowed = self._allowed(tolerance)
         if allowed is None:
             raise InputError("bands need a tolerance: the largest deviation allowed, in target units")
         if not 0.0 < required_share <= 1.0:
@@ -177,7 +244,10 @@ class Deviations:
         if suffix == ".npy":
             write_array(path, self.values)
         elif suffix == ".csv":
-            write_table(path, self.points, self.values, self.closest, self.faces)
+            lengths = np.column_stack([self.points, self.values, self.closest])
+            within = None if self.tolerance is None else np.abs(self.values) <= self.tolerance
+            normals = self.normals(np.arange(len(self)))
+            write_table(path, lengths, self.faces, normals, self.flags, within, self.size)
         else:
             write_coloured(
                 path,
@@ -185,6 +255,7 @@ class Deviations:
                 self.values,
                 limit=limit or self._colour_limit(),
                 reach=self.reach,
+                flags=self.flags,
                 reason=self.reason,
                 signed=self.signed,
                 units=self.units,
@@ -196,7 +267,8 @@ class Deviations:
         # Exact data has no range, and neither has a scan that is all clutter.
         return limit if 0.0 < limit < np.inf else 1.0
 
-    def _tolerance(self, given: float | None) -> float | None:
+    def _allowed(self, given: float | None) -> float | None:
+        # A tolerance that was asked for, else the record's own.
         if given is None:
             return self.tolerance
         _require_length(given, "tolerance")

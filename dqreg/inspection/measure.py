@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.scan import measure_spacing
 from dqreg.geometry.surface import Surface
 from dqreg.inspection.deviations import Deviations
+from dqreg.inspection.membership import EXCLUDED, by_reach, in_boxes, membership
 from dqreg.inspection.statistics import FEWEST, PROBED
 
 # Bounds the memory of one step to some hundred bytes times this.
@@ -39,6 +40,10 @@ def measure_deviations(
     reach: float = math.inf,
     units: str | None = None,
     spacing: float | None = None,
+    noise: float | None = None,
+    covariance: FloatArray | None = None,
+    centre: FloatArray | None = None,
+    exclude: Sequence[Sequence[float]] = (),
     progress: Progress | None = None,
 ) -> Deviations:
     """Deviation of every point from a target.
@@ -65,6 +70,13 @@ def measure_deviations(
         Length unit, for words.
     spacing : float, optional
         Spacing of the scan; measured where not given.
+    noise : float, optional
+        Standard deviation of the scan's noise; with it, surfaces that leave the target and outliers are told from it,
+        see `membership`. Without it, reach alone decides.
+    covariance, centre : ndarray, (6, 6) and (3,), optional
+        Of the pose, rotation vector first, about a point of the caller's frame.
+    exclude : sequence of six numbers
+        Boxes in the caller's frame whose points are left out of the figures: two opposite corners each.
     progress : callable, optional
         Called with the points done and all points, now and then.
 
@@ -96,6 +108,12 @@ def measure_deviations(
     # A cell of the places must hold enough points; where a probe took them by hand, one is enough.
     resolved = (FEWEST if count >= PROBED else 0.5) * spacing
     shift = np.zeros(3) if origin is None else origin
+    if noise is None or count < PROBED:
+        flags = by_reach(values, reach)
+    else:
+        flags = membership(points, values, reach=reach, noise=noise, spacing=spacing)
+    if len(exclude):
+        flags[in_boxes(points + shift, exclude)] = EXCLUDED
     return Deviations(
         values=values,
         points=points + shift,
@@ -107,7 +125,12 @@ def measure_deviations(
         tolerance=tolerance,
         reach=reach,
         apart=max(APART * surface.diagonal, resolved),
+        size=surface.diagonal,
         origin=shift,
+        flags=flags,
+        target=geometry,
+        covariance=np.zeros((6, 6)) if covariance is None else covariance,
+        centre=shift if centre is None else centre,
     )
 
 

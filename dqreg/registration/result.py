@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +14,11 @@ from dqreg._arrays import FloatArray, as_vectors
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.icp.history import Iteration
-from dqreg.inspection import Deviations, measure_deviations, why_unsigned
-from dqreg.registration.evidence import NEAR
+from dqreg.inspection import Deviations
 from dqreg.registration.invariants import as_failed, violated_invariant
 from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.result_json import as_text, read_fields, to_plain
+from dqreg.registration.scan_deviations import scan_deviations
 from dqreg.rigid import DualQuaternion, pose
 from dqreg.trust.records import Alternative, Direction, Verdict
 
@@ -144,6 +143,8 @@ class Registration:
         tolerance: float | None = None,
         *,
         reach: float | None = None,
+        keep: bool = False,
+        exclude: Sequence[Sequence[float]] = (),
         progress: Callable[[int, int], object] | None = None,
     ) -> Deviations:
         """How far every point of the scan lies off the target, and on which side.
@@ -153,9 +154,12 @@ class Registration:
         tolerance : float, optional
             Largest deviation allowed, target units.
         reach : float, optional
-            Points farther off than this belong to something else (a table, clamps, other parts): they have a value,
-            but enter no statistics, and the summary counts them. Default: a quarter of ``settings["max_distance"]``.
-            ``numpy.inf`` counts all.
+            Points farther off are of something else: they have a value, but enter no statistics. Default: a quarter of
+            ``settings["max_distance"]``; ``numpy.inf`` counts all.
+        keep : bool
+            Whether outliers and surfaces that run on beyond reach (a table, a clamp) count too.
+        exclude : sequence of six numbers
+            Boxes in the target's frame whose points are left out: x, y, z of two opposite corners.
         progress : callable, optional
             Called with the points done and all points, now and then.
 
@@ -184,27 +188,9 @@ class Registration:
         >>> len(found), found.signed, found.summary().share_within
         (100000, True, 1.0)
         """
-        T = self._found()
-        if self.inputs is None:
-            raise InputError(
-                "this result does not hold its two sides (it was loaded, or made with keep_inputs=False); "
-                "call result.attached(source, target).deviations()"
-            )
-        target = self.inputs.target
-        unsigned = why_unsigned(target.geometry)
-        if unsigned:
-            warnings.warn(unsigned, UserWarning, stacklevel=2)
-        return measure_deviations(
-            self.inputs.placed(T),
-            target.geometry,
-            target.surface,
-            origin=target.origin,
-            tolerance=tolerance,
-            reach=NEAR * self.settings["max_distance"] if reach is None else reach,
-            units=self.settings.get("target_units"),
-            spacing=self.settings.get("source_spacing"),
-            progress=progress,
-        )
+        found, sides = self._found(), self.inputs
+        options = {"tolerance": tolerance, "exclude": exclude, "progress": progress}
+        return scan_deviations(sides, found, self.covariance, self.settings, reach=reach, keep=keep, **options)
 
     def report(
         self,

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.files.strict_json import plain
 from dqreg.inspection import Deviations
+from dqreg.inspection.decision import REQUIRED_SHARE
 from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
 from dqreg.report.charts import NARROW, WIDE, convergence
@@ -23,6 +24,7 @@ from dqreg.report.html import data_uri, render
 from dqreg.report.pictures import Panel, draw
 from dqreg.report.report_data import ReportData, checked_tolerance, collect, unit_of
 from dqreg.report.result_protocol import RegistrationResult
+from dqreg.report.summary import ALIGNMENT
 from dqreg.report.text import pose_forms, text_of
 from dqreg.report.view3d import ELLIPSOID, scene_of
 
@@ -44,11 +46,14 @@ def write_report(
     reach: float | None = None,
     start: ArrayLike | None = None,
     deviations: Deviations | None = None,
+    required_share: float = REQUIRED_SHARE,
 ) -> Path:
     """Write the report of a registration, whole or not at all."""
     goal = require_writable(path)
     checked_tolerance(tolerance)
-    data = None if result.inputs is None else collect(result, result.inputs, tolerance, start, reach, deviations)
+    data = None
+    if result.inputs is not None:
+        data = collect(result, result.inputs, tolerance, start, reach, deviations, required_share)
     write_atomically(goal, to_html(result, data))
     return goal
 
@@ -72,6 +77,7 @@ def _words(result: RegistrationResult, data: ReportData | None, unit: str) -> di
     settings = result.settings
     return {
         "level": level,
+        "alignment": ALIGNMENT[level],
         "sign": tables.SIGNS[level],
         "advice": tables.ADVICE[level],
         "reasons": result.verdict.reasons,
@@ -92,6 +98,8 @@ def _evidence(result: RegistrationResult, unit: str) -> dict[str, Any]:
     seconds = result.timings.get("total")
     steps = len(result.history)
     ran = f"{result.status} after {steps} iteration{'' if steps == 1 else 's'}"
+    if np.isfinite(result.rms):
+        ran += f", rms distance of the inliers {text_of(result.rms)} {unit}"
     return {
         **facts_of(result, unit),
         "sure_words": "Six independent motions of the part, the weakest first, with the standard deviation along each.",
@@ -111,7 +119,15 @@ def _evidence(result: RegistrationResult, unit: str) -> dict[str, Any]:
 def _shown(data: ReportData | None) -> dict[str, Any]:
     """What only a result with source and target can show."""
     if data is None:
-        return {"deviations": None, "worst": [], "scene": "", "scale": None, "regions": None, "iterations": 0}
+        return {
+            "deviations": None,
+            "decision": None,
+            "worst": [],
+            "scene": "",
+            "scale": None,
+            "regions": None,
+            "iterations": 0,
+        }
     scene = scene_of(data)
     poses = [{"short": pose["name"], **pose} for pose in scene["poses"] if pose["kind"] != "iteration"]
     checked = "after" if data.found else "before"
@@ -119,6 +135,7 @@ def _shown(data: ReportData | None) -> dict[str, Any]:
         pose["checked"] = pose["kind"] == checked
     return {
         "deviations": tables.deviations_of(data),
+        "decision": tables.decision_of(data),
         "regions": tables.regions_table(data),
         "worst": tables.worst_of(data),
         "scale": tables.scale_words(data),

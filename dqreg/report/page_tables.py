@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.inspection import Band
+from dqreg.inspection import Band, Counts, Decision
 from dqreg.report.charts import NARROW, WIDE, histogram
-from dqreg.report.report_data import REQUIRED_SHARE, ReportData
+from dqreg.report.report_data import ReportData
 from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.text import percent, place_text, text_of
 
@@ -19,6 +19,9 @@ ADVICE = {
     "failed": "No pose was found; there is nothing to use.",
 }
 SIGNS = {"accepted": "✓", "suspect": "!", "failed": "✗"}
+OUTCOME_SIGNS = {"pass": "✓", "undecided": "?", "fail": "✗"}
+# Rows of the table of regions.
+ROWS = 14
 
 
 def tiles_of(result: RegistrationResult, data: ReportData | None, unit: str) -> list[tuple[str, str, str]]:
@@ -26,18 +29,19 @@ def tiles_of(result: RegistrationResult, data: ReportData | None, unit: str) -> 
     if not np.isfinite(result.rms):
         return []
     settings = result.settings
-    tiles = [("Scan to target, rms", f"{text_of(result.rms)} {unit}", "distance of the inliers")]
+    tiles: list[tuple[str, str, str]] = []
     if data is not None and data.deviations is not None:
         summary = data.deviations.summary()
         total = summary.count + summary.beyond
-        tiles.append(("Near the part", f"{percent(summary.count / total)} %", f"{summary.count:,} of {total:,} points"))
+        tiles.append(("Root mean square", f"{text_of(summary.rms)} {unit}", "deviation of the points on the part"))
         tiles.append(("95 % of them within", f"{text_of(summary.p95)} {unit}", "absolute deviation"))
-        if summary.share_within is not None:
-            bands = data.deviations.bands(required_share=REQUIRED_SHARE)
-            word = "✓ PASS" if bands.passed else "✗ FAIL"
-            words = f"{percent(bands.within)} % within ±{text_of(bands.tolerance)} {unit}"
-            tiles.insert(0, ("Tolerance", word, words))
+        tiles.append(("On the part", f"{percent(summary.count / total)} %", f"{summary.count:,} of {total:,} points"))
+        if data.decision is not None:
+            words = f"of the points on the part; {percent(data.decision.required_share)} % are required"
+            within = f"Within ±{text_of(data.decision.tolerance)} {unit}"
+            tiles.insert(0, (within, f"{percent(data.decision.share_within)} %", words))
     else:
+        tiles.append(("Scan to target, rms", f"{text_of(result.rms)} {unit}", "distance of the inliers"))
         tiles.append(("Points used", f"{settings.get('used_points', 0):,}", f"of {settings.get('source_points', 0):,}"))
     if result.observability:
         weakest = result.observability[0]
@@ -53,8 +57,6 @@ def deviations_of(data: ReportData) -> dict[str, Any] | None:
         return None
     summary, unit = found.summary(), data.unit
     figures = [
-        ("Points counted", f"{summary.count:,}"),
-        (f"Beyond {text_of(found.reach, 4)} {unit}", f"{summary.beyond:,}, not counted as the part's"),
         ("Mean", f"{text_of(summary.mean, sign=found.signed)} {unit}"),
         ("Root mean square", f"{text_of(summary.rms)} {unit}"),
         ("Median, absolute", f"{text_of(summary.p50)} {unit}"),
@@ -68,13 +70,68 @@ def deviations_of(data: ReportData) -> dict[str, Any] | None:
             histogram(found.values[found.counted], scale, unit, data.tolerance, size) for size in (WIDE, NARROW)
         ),
         "figures": figures,
+        "counts": counts_rows(found.counts, found.reach, unit),
         "bands": _bands(data) if data.tolerance is not None else None,
     }
 
 
+def counts_rows(counts: Counts, reach: float, unit: str) -> list[tuple[str, str, str]]:
+    """What the points of the scan belong to: name, number, remark; the numbers add up."""
+    rows = [
+        ("Points of the scan", counts.total, ""),
+        ("Beyond reach", -counts.beyond_reach, f"farther than {text_of(reach, 4)} {unit} from the part"),
+        ("Other surfaces", -counts.other_surfaces, "within reach, but they run on beyond it: a table, a clamp"),
+        ("Outliers", -counts.outliers, "single points off every surface"),
+        ("Excluded", -counts.excluded, "in a box that was left out"),
+        ("On the part", counts.on_part, "all figures are of these"),
+    ]
+    return [
+        (name, f"{number:,}".replace("-", "− "), words)
+        for name, number, words in rows
+        if number or name in ("Points of the scan", "On the part")
+    ]
+
+
+def decision_of(data: ReportData) -> dict[str, Any] | None:
+    """The line on the part, and why."""
+    if data.decision is None:
+        return None
+    found = data.decision
+    return {
+        "outcome": found.outcome,
+        "sign": OUTCOME_SIGNS[found.outcome],
+        "tolerance": text_of(found.tolerance, 6),
+        "words": decision_words(found, data.unit, data.deviations is not None and data.deviations.signed),
+    }
+
+
+def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
+    """Why a part passes, fails or stays undecided: one sentence a cause."""
+    share = f"{percent(found.share_within)} % of the points on the part are within ±{text_of(found.tolerance)} {unit}"
+    words = [f"{share}; {percent(found.required_share)} % are required."]
+    out = [place for place in found.places if place.outcome == "fail"]
+    open_places = [place for place in found.places if place.outcome == "undecided"]
+    if out:
+        worst = text_of(out[0].value, sign=signed)
+        room = text_of(out[0].uncertainty, 2)
+        many = "1 place is" if len(out) == 1 else f"{len(out)} places are"
+        words.append(f"{many} out of tolerance; the worst deviates by {worst} ± {room} {unit} (k = 2).")
+    if open_places:
+        many = "1 place is" if len(open_places) == 1 else f"{len(open_places)} places are"
+        words.append(f"{many} within the uncertainty of the tolerance (k = 2): neither in nor out is proven.")
+    bad = [region for region in found.regions if region.outcome == "fail"]
+    if bad:
+        many = "1 region fails" if len(bad) == 1 else f"{len(bad)} of {len(found.regions)} regions fail"
+        words.append(f"{many}; see the table of regions.")
+    words.append(
+        f"The pose adds an uncertainty of up to {text_of(found.uncertainty, 2)} {unit} (k = 2) to a deviation."
+    )
+    return words
+
+
 def _bands(data: ReportData) -> dict[str, Any]:
     assert data.deviations is not None
-    bands = data.deviations.bands(required_share=REQUIRED_SHARE)
+    bands = data.deviations.bands()
     rows = [
         {
             "range": _range(band),
@@ -84,9 +141,7 @@ def _bands(data: ReportData) -> dict[str, Any]:
         }
         for band in bands.rows
     ]
-    needed = f"{100.0 * bands.required_share:g} %"
-    words = f"{percent(bands.within)} % of the points near the part are within the tolerance; {needed} are required."
-    return {"tolerance": text_of(bands.tolerance, 6), "rows": rows, "passed": bands.passed, "words": words}
+    return {"tolerance": text_of(bands.tolerance, 6), "rows": rows}
 
 
 def _range(band: Band) -> str:
@@ -137,8 +192,10 @@ def regions_table(data: ReportData) -> dict[str, Any]:
     signed = data.deviations is not None and data.deviations.signed
     columns = [("Region", "", False), ("Points", "", True), ("Median", unit, True), ("Spread, 1σ", unit, True),
                ("95 % within", unit, True)]  # fmt: skip
-    columns += [("In tolerance", "%", True), ("", "", False)] if toleranced else []
+    columns += [("In tolerance", "%", True), ("Decision", "", False)] if toleranced else []
     columns += [("Middle x, y, z", unit, False), ("", "", False)]
+    # Those that do not pass must be seen.
+    shown = sorted(data.regions, key=lambda region: ("fail", "undecided", "pass", None).index(region.outcome))[:ROWS]
     rows = [
         {
             "name": region.name,
@@ -146,15 +203,21 @@ def regions_table(data: ReportData) -> dict[str, Any]:
             "median": text_of(region.median, 2, sign=signed),
             "spread": text_of(region.spread, 2),
             "p95": text_of(region.within, 2),
-            "within": None if region.bands is None else percent(region.bands.within),
-            "passed": region.bands is not None and region.bands.passed,
+            "within": None if region.share_within is None else percent(region.share_within),
+            "outcome": region.outcome,
+            "sign": OUTCOME_SIGNS[region.outcome] if region.outcome else "",
             "at": place_text(_rounded(region.centre + data.origin, data.size)),
             "goto": _goto(region.centre, data.size),
         }
-        for region in data.regions
+        for region in shown
     ]
-    rule = f"A region passes where {100.0 * REQUIRED_SHARE:g} % of its points are within the tolerance."
-    how = data.regions_how + (" The largest are shown." if len(rows) > 1 else "")
+    rule = ""
+    if data.decision is not None:
+        required = percent(data.decision.required_share)
+        rule = f"A region passes where {required} % of its points and each place of it are within the tolerance."
+    how = data.regions_how
+    if len(shown) < len(data.regions):
+        how += f" {len(shown)} of {len(data.regions)} are shown: those that do not pass, then the largest."
     return {"columns": columns, "rows": rows, "how": how, "rule": rule}
 
 

@@ -10,17 +10,15 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
-from dqreg.geometry import Mesh
-from dqreg.inspection import Deviations, Place
+from dqreg.inspection import Decision, Deviations, Place, Region, decide
+from dqreg.inspection.decision import REQUIRED_SHARE
+from dqreg.inspection.regions import cut_of, regions_of
 from dqreg.report.cameras import best_corner
 from dqreg.report.colours import Scale, nice_above
-from dqreg.report.regions import Region, regions_of
 from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
 
 # Worst places that are marked.
 PLACES = 6
-# Share of the points, of the scan and of each region, that must be within the tolerance to pass.
-REQUIRED_SHARE = 0.95
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -44,6 +42,7 @@ class ReportData:
     worst: tuple[Place, ...]  # The worst first
     regions: tuple[Region, ...]  # The largest first
     regions_how: str  # How they were cut
+    decision: Decision | None  # Whether the part is within its tolerance; None where none was given
     view: str  # Name of the view that shows most of the scan
 
     @property
@@ -66,6 +65,7 @@ def collect(
     T_start: ArrayLike | None = None,
     reach: float | None = None,
     deviations: Deviations | None = None,
+    required_share: float = REQUIRED_SHARE,
 ) -> ReportData:
     """Everything that a report shows."""
     tolerance = checked_tolerance(tolerance)
@@ -75,12 +75,17 @@ def collect(
     drawn = result.T_target_source if found else T_before
     if found and deviations is None:
         deviations = _quiet_deviations(result, tolerance, reach)
-    regions: list[Region] = []
+    regions: tuple[Region, ...] = ()
+    decision: Decision | None = None
     how, view = "", "iso"
     if deviations is not None:
-        normals = _normals_at(deviations, inputs)
-        regions, how = regions_of(deviations, inputs.target, normals, REQUIRED_SHARE)
-        view = best_corner(normals[deviations.counted])
+        view = best_corner(deviations.normals(np.flatnonzero(deviations.counted)))
+        if tolerance is None:
+            cut = cut_of(deviations)
+            regions, how = regions_of(deviations, cut), cut.how
+        else:
+            decision = decide(deviations, tolerance, required_share)
+            regions, how = decision.regions, decision.regions_how
     origin = inputs.target.origin
     return ReportData(
         result=result,
@@ -96,8 +101,9 @@ def collect(
         deviations=deviations,
         scale=_scale_of(deviations, result) if deviations else None,
         worst=deviations.worst(PLACES) if deviations else (),
-        regions=tuple(regions),
+        regions=regions,
         regions_how=how,
+        decision=decision,
         view=view,
     )
 
@@ -139,14 +145,6 @@ def _quiet_deviations(result: RegistrationResult, tolerance: float | None, reach
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return result.deviations(tolerance, reach=reach)
-
-
-def _normals_at(deviations: Deviations, inputs: RegisteredPair) -> FloatArray:
-    """Normal of the target at the closest place of each point."""
-    geometry = inputs.target.geometry
-    if isinstance(geometry, Mesh):
-        return geometry.face_normals[deviations.faces]
-    return np.zeros((len(deviations), 3))
 
 
 def _scale_of(deviations: Deviations, result: RegistrationResult) -> Scale:

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from dqreg.report.result_protocol import RegistrationResult
 
 COLOURS = {"accepted": "green", "suspect": "yellow", "failed": "red"}
+# What a verdict says of the alignment: "accepted" alone could be taken for the part.
+ALIGNMENT = {"accepted": "trusted", "suspect": "doubtful", "failed": "failed"}
 
 
 def summary_rows(result: RegistrationResult) -> list[tuple[str, str]]:
@@ -57,7 +59,10 @@ def print_summary(console: Console, result: RegistrationResult) -> None:
     """Print the verdict, the rows and the pose."""
     level = result.verdict.level
     unit = result.settings["target_units"] or "target units"
-    console.print(f"[bold {COLOURS[level]}]{level.upper()}[/] [dim](lengths in {unit})[/]", highlight=False)
+    console.print(
+        f"[bold {COLOURS[level]}]{level.upper()}[/]: alignment {ALIGNMENT[level]} [dim](lengths in {unit})[/]",
+        highlight=False,
+    )
     for reason in result.verdict.reasons:
         console.print(f"  {reason}", highlight=False, markup=False, soft_wrap=True)
     for name, value in summary_rows(result):

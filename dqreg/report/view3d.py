@@ -17,8 +17,8 @@ from dqreg._open3d import load_open3d
 from dqreg.geometry import Mesh
 from dqreg.geometry.morton import morton_order
 from dqreg.inspection import measure_deviations
+from dqreg.inspection.regions import weld_edges
 from dqreg.report.cameras import VIEWS
-from dqreg.report.regions import weld_edges
 from dqreg.report.report_data import ReportData
 from dqreg.rigid import pose
 

@@ -16,9 +16,11 @@ from dqreg.cli import register as room
 from dqreg.cli.main import main
 from dqreg.files import READERS, read_cloud, read_geometry, write_cloud
 from dqreg.icp import ESTIMATORS
-from dqreg.registration import result as result_room
+from dqreg.inspection import measure_deviations
+from dqreg.registration import scan_deviations as deviations_room
 from dqreg.registration.options import EFFORTS, SEARCHES
 from dqreg.registration.result import Registration
+from dqreg.rigid import pose
 from dqreg.synth import demo_case, load_case
 
 
@@ -146,7 +148,7 @@ def counted(monkeypatch):
 
     for extension, reader in list(READERS.items()):
         monkeypatch.setitem(READERS, extension, watched(None, reader))
-    monkeypatch.setattr(result_room, "measure_deviations", watched("deviations", result_room.measure_deviations))
+    monkeypatch.setattr(deviations_room, "measure_deviations", watched("deviations", measure_deviations))
     return counts
 
 
@@ -161,6 +163,23 @@ def test_everything_that_is_written_is_read_and_measured_once(tmp_path, case, st
     counted.clear()
     assert run("show", files["result.json"], "--report", files["report.html"], "--json") == 0
     assert counted == {case.scan.name: 1, case.part.name: 1, "deviations": 1}
+
+
+def test_a_part_with_a_bump_ends_with_exit_code_three(tmp_path, case, start, capsys):
+    # A patch of the plate's upper face is raised by 0.6 mm, three times the tolerance; the pose, known because the scan
+    # is a virtual one, stays trusted.
+    points, place = pose.apply(case.T_target_source, read_cloud(case.scan).points), np.array([100.0, 20.0, 10.0])
+    points[np.linalg.norm(points - place, axis=1) < 5.0, 2] += 0.6
+    write_cloud(tmp_path / "bump.ply", pose.apply(pose.inverse(case.T_target_source), points))
+    options = ("--start", start, "--source-units", "mm", "--target-units", "mm", "--tolerance", "0.2")
+    assert run("register", tmp_path / "bump.ply", case.part, *options) == 3
+    text = capsys.readouterr().out
+    assert "ACCEPTED: alignment trusted" in text
+    assert "FAIL: part against +-0.2 mm" in text
+    assert "out of tolerance; the worst deviates by" in text
+    # A box about the bump takes it out of the decision.
+    box = [*(place - 6.0), *(place + 6.0)]
+    assert run("register", tmp_path / "bump.ply", case.part, *options, "--exclude", *box) == 0
 
 
 @pytest.mark.parametrize("kind", ["cloud", "cloud in inches", "mesh"])

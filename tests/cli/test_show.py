@@ -44,9 +44,9 @@ def saved(tmp_path_factory, case, small_pictures) -> Path:
 
 def test_register_writes_a_report(saved):
     text = (saved.parent / "report.html").read_text(encoding="utf-8")
-    assert "ACCEPTED" in text
+    assert "✓ Alignment: trusted" in text
     assert "Before, at the initial pose" in text
-    assert "✓ PASS" in text
+    assert "✓ Part against ±0.15 mm: pass" in text
 
 
 def test_picture_without_a_display(saved, tmp_path, monkeypatch, capsys):

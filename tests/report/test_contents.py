@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dqreg.geometry import Mesh
+from dqreg.inspection.regions import areas_of, faces_of
 from dqreg.report.charts import NARROW, WIDE, convergence, histogram, ticks
 from dqreg.report.colours import Scale, nice_above
 from dqreg.report.facts import facts_of, hints_of
-from dqreg.report.regions import areas_of, faces_of
 from dqreg.report.text import pose_forms
 from dqreg.report.view3d import fewer_triangles, scene_of, sharp_edges
 from dqreg.rigid import DualQuaternion, quaternion, twist
@@ -69,9 +69,10 @@ def test_the_region_with_the_bump_fails_and_the_others_pass():
     data = data_of(bumpy(), 4.0 * NOISE)
     rows = {region.name + str(np.sign(region.centre[2])): region for region in data.regions}
     plate = max((r for r in data.regions if r.name == "flat face towards +z"), key=lambda r: r.points)
-    assert plate.bands is not None
-    assert plate.bands.above == pytest.approx(np.pi * 81.0 / 9600.0, rel=0.5)
+    assert plate.share_within is not None
+    assert 1.0 - plate.share_within == pytest.approx(np.pi * 81.0 / 9600.0, rel=0.5)
     assert len(rows) > 3
+    assert [region.name for region in data.regions if region.outcome != "pass"] == [plate.name]
     for region in data.regions:
         assert region.spread == pytest.approx(NOISE, rel=0.5)
         assert abs(region.median) < 0.02

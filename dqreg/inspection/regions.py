@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Literal
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
-from dqreg.geometry import Mesh
-from dqreg.inspection import Bands, Deviations
-from dqreg.inspection.statistics import bands_of
-from dqreg.report.result_protocol import RegisteredTarget
+from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg.geometry import Mesh, PointCloud
+from dqreg.inspection.deviations import Deviations
+
+Outcome = Literal["pass", "fail", "undecided"]
 
 # Neighbouring triangles that turn by more than this are two faces of the part.
 SHARP_DEG = 22.0
@@ -20,8 +21,10 @@ LEVEL_DEG, FLAT_AREA = 0.5, 0.02
 SCANNED = 0.08
 # More faces than that make no table: an organic shape, or a rough mesh. It is cut into eight boxes instead.
 MOST_FACES = 400
-# Points from which on a region is worth a row, and the rows of the table.
-FEWEST, ROWS = 30, 14
+# Points from which on a region is judged.
+FEWEST = 30
+# Standard deviation from the median distance of normal values.
+ROBUST = 1.4826
 # A region is flat where its normals agree to that much.
 FLAT = 0.9998
 FACES = "The part's faces that were scanned, cut where its surface turns sharply or a plane ends."
@@ -30,58 +33,79 @@ BOXES = "Eight boxes about the centre of the target, as it has no sharp edges to
 
 @dataclasses.dataclass(frozen=True)
 class Region:
-    """Deviations on one region of the part, target units."""
+    """Deviations on one region of the part, target units.
 
-    name: str  # What and where it is
-    centre: FloatArray  # (3,): Mean of its scan points, about the target's origin
-    points: int  # Scan points that lie on it
-    # median, spread, within: Median, robust standard deviation (1.48 times the median distance from it), and what 95 %
-    # of the absolute deviations do not exceed
+    Attributes
+    ----------
+    number : int
+        The same for the same mesh.
+    name : str
+        What and where it is.
+    centre : ndarray, (3,)
+        Mean of its scan points, about the target's origin.
+    points : int
+        Scan points that lie on it.
+    median, spread, within : float
+        Median, robust standard deviation (1.48 times the median distance from it), and what 95 % of the absolute
+        deviations do not exceed.
+    share_within : float or None
+        Share of its points within the tolerance; None where none was given.
+    outcome : {"pass", "fail", "undecided"} or None
+        The decision on it; None where no tolerance was given.
+    """
+
+    number: int
+    name: str
+    centre: FloatArray
+    points: int
     median: float
     spread: float
     within: float
-    bands: Bands | None  # Shares in the tolerance, and whether it passes; None where no tolerance was given
+    share_within: float | None = None
+    outcome: Outcome | None = None
 
 
-def regions_of(
-    deviations: Deviations, target: RegisteredTarget, normals: FloatArray, required_share: float
-) -> tuple[list[Region], str]:
-    """Regions with the most scan points, the largest first, and how they were cut.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Cut:
+    """How the counted points of a scan fall into regions."""
 
-    Shapes: normals (n, 3), of the target at the closest place of each point.
-    """
+    labels: IntArray  # (m,): Number of the region of each counted point
+    areas: FloatArray | None  # Area of each region, where regions are faces of the part
+    how: str  # In words
+
+
+def cut_of(deviations: Deviations) -> Cut:
+    """The regions of a part's scan: its faces, or eight boxes where it has too many or none."""
+    target, on = deviations.target, np.flatnonzero(deviations.counted)
+    if isinstance(target, Mesh):
+        count, of_face = faces_of(target)
+        if count <= MOST_FACES:
+            return Cut(of_face[deviations.faces[on]], areas_of(target, of_face), FACES)
+    middle = target.centre if isinstance(target, Mesh) else np.zeros(3)
+    if isinstance(target, PointCloud):
+        middle = 0.5 * np.add(*bounds(target.points))
+    boxes = (deviations.points[on] - deviations.origin > middle) @ np.array([1, 2, 4])
+    return Cut(boxes.astype(np.int64), None, BOXES)
+
+
+def regions_of(deviations: Deviations, cut: Cut) -> tuple[Region, ...]:
+    """Scanned regions, the one with the most scan points first."""
     on = np.flatnonzero(deviations.counted)
     # Positions near the origin, where a mean keeps its digits.
-    points, normals = deviations.points[on] - deviations.origin, normals[on]
-    labels, areas = _labels(deviations, target, on, points)
-    by_face = areas is not None
-    counts = np.bincount(labels) if len(labels) else np.zeros(0, dtype=np.int64)
+    points, normals = deviations.points[on] - deviations.origin, deviations.normals(on)
+    counts = np.bincount(cut.labels) if len(cut.labels) else np.zeros(0, dtype=np.int64)
     known = counts >= FEWEST
-    if areas is not None and known.any():
-        density = counts / np.maximum(areas[: len(counts)], np.finfo(float).tiny)
+    if cut.areas is not None and known.any():
+        density = counts / np.maximum(cut.areas[: len(counts)], np.finfo(float).tiny)
         known &= density >= SCANNED * _weighted_median(density[known], counts[known])
     biggest = np.argsort(-counts, kind="stable")
-    chosen = biggest[known[biggest]][:ROWS]
     regions = []
-    for label in chosen:
-        rows = labels == label
+    for number in biggest[known[biggest]]:
+        rows = cut.labels == number
         centre = points[rows].mean(axis=0)
-        name = _face_name(normals[rows]) if by_face else _box_name(centre - target.surface.centre)
-        regions.append(_region(deviations, on[rows], name, centre, required_share))
-    return regions, FACES if by_face else BOXES
-
-
-def _labels(
-    deviations: Deviations, target: RegisteredTarget, on: IntArray, points: FloatArray
-) -> tuple[IntArray, FloatArray | None]:
-    """Region of each point; and the areas of the regions, where they are faces of the part."""
-    geometry = target.geometry
-    if isinstance(geometry, Mesh):
-        count, of_face = faces_of(geometry)
-        if count <= MOST_FACES:
-            return of_face[deviations.faces[on]], areas_of(geometry, of_face)
-    boxes: IntArray = ((points > target.surface.centre) @ np.array([1, 2, 4])).astype(np.int64)
-    return boxes, None
+        name = _box_name(int(number)) if cut.areas is None else _face_name(normals[rows])
+        regions.append(_region(int(number), deviations.values[on[rows]], name, centre))
+    return tuple(regions)
 
 
 def _weighted_median(values: FloatArray, weights: IntArray) -> float:
@@ -143,18 +167,17 @@ def _connected(links: IntArray, count: int) -> tuple[int, IntArray]:
     return int(number), labels.astype(np.int64)
 
 
-def _region(deviations: Deviations, rows: IntArray, name: str, centre: FloatArray, required_share: float) -> Region:
-    values, tolerance = deviations.values[rows], deviations.tolerance
+def _region(number: int, values: FloatArray, name: str, centre: FloatArray) -> Region:
     median = float(np.median(values))
     return Region(
+        number=number,
         name=name,
         centre=centre,
-        points=len(rows),
+        points=len(values),
         median=median,
         # Strays near a face are not the face's: half the points may be any without moving these two much.
-        spread=float(1.4826 * np.median(np.abs(values - median))),
+        spread=float(ROBUST * np.median(np.abs(values - median))),
         within=float(np.quantile(np.abs(values), 0.95)),
-        bands=None if tolerance is None else bands_of(values, tolerance, required_share, deviations.signed),
     )
 
 
@@ -171,5 +194,5 @@ def _face_name(normals: FloatArray) -> str:
     return f"flat face towards ({x:.2f}, {y:.2f}, {z:.2f})"
 
 
-def _box_name(offset: FloatArray) -> str:
-    return ", ".join(f"{axis} {'high' if value > 0.0 else 'low'}" for axis, value in zip("xyz", offset, strict=True))
+def _box_name(number: int) -> str:
+    return ", ".join(f"{axis} {'high' if number >> bit & 1 else 'low'}" for bit, axis in enumerate("xyz"))

@@ -1,0 +1,49 @@
+"""Deviations of a registered scan: what a result knows of its two sides, handed to the measurement."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import InputError
+from dqreg.inspection import Deviations, measure_deviations, why_unsigned
+from dqreg.registration.evidence import NEAR
+from dqreg.registration.problem import SourceAndTarget
+
+
+def scan_deviations(
+    inputs: SourceAndTarget | None,
+    T_target_source: FloatArray,
+    covariance: FloatArray,
+    settings: dict[str, Any],
+    *,
+    reach: float | None,
+    keep: bool,
+    **options: Any,
+) -> Deviations:
+    """Deviations of all points of the scan under a pose; see `Registration.deviations`."""
+    if inputs is None:
+        raise InputError(
+            "this result does not hold its two sides (it was loaded, or made with keep_inputs=False); "
+            "call result.attached(source, target).deviations()"
+        )
+    target = inputs.target
+    unsigned = why_unsigned(target.geometry)
+    if unsigned:
+        warnings.warn(unsigned, UserWarning, stacklevel=3)
+    return measure_deviations(
+        inputs.placed(T_target_source),
+        target.geometry,
+        target.surface,
+        origin=target.origin,
+        reach=NEAR * settings["max_distance"] if reach is None else reach,
+        units=settings.get("target_units"),
+        spacing=settings.get("source_spacing"),
+        noise=None if keep else settings.get("source_noise"),
+        covariance=covariance,
+        centre=np.array(settings.get("centre", target.origin)),
+        **options,
+    )

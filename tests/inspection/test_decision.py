@@ -1,0 +1,122 @@
+"""Whether a part passes: places, regions and shares, each against a part whose fault is known because it was made."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from dqreg.errors import InputError
+from dqreg.geometry import Mesh, MeshSurface
+from dqreg.inspection import Decision, Deviations, decide, measure_deviations
+from dqreg.synth.parts import box
+
+NOISE, TOLERANCE = 0.01, 0.1
+HALF = 20.0
+
+
+def top(count: int = 20_000, seed: int = 0) -> np.ndarray:
+    """Points of the upper and the right side of a cube of 40 about the origin, with noise along their normals."""
+    rng = np.random.default_rng(seed)
+    up = np.column_stack([rng.uniform(-HALF, HALF, (count, 2)), HALF + rng.normal(0.0, NOISE, count)])
+    right = np.column_stack([HALF + rng.normal(0.0, NOISE, count // 2), rng.uniform(-HALF, HALF, (count // 2, 2))])
+    return np.vstack([up, right])
+
+
+def deviations(points: np.ndarray, sigma: float = 0.0) -> Deviations:
+    """Deviations from the cube; the pose's translation is known to `sigma` along each axis."""
+    mesh = Mesh(*box((2 * HALF,) * 3))
+    mesh = Mesh(mesh.vertices - mesh.centre, mesh.faces)
+    covariance = np.diag([0.0] * 3 + [sigma**2] * 3)
+    return measure_deviations(points, mesh, MeshSurface(mesh), reach=2.0, noise=NOISE, covariance=covariance)
+
+
+def bumped(height: float, radius: float = 2.0) -> np.ndarray:
+    points = top()
+    points[(np.linalg.norm(points[:, :2], axis=1) < radius) & (points[:, 2] > HALF - 1.0), 2] += height
+    return points
+
+
+def names(found: Decision) -> dict[str, str | None]:
+    return {region.name: region.outcome for region in found.regions}
+
+
+def test_a_good_part_passes_everywhere() -> None:
+    found = decide(deviations(top()), TOLERANCE, required_share=1.0)
+    assert found.outcome == "pass"
+    assert not found.places
+    assert names(found) == {"flat face towards +z": "pass", "flat face towards +x": "pass"}
+
+
+@pytest.mark.parametrize("height", [0.3, -0.3])
+def test_a_bump_fails_though_the_share_passes(height: float) -> None:
+    # The bump covers 0.8 % of the face.
+    found = decide(deviations(bumped(height)), TOLERANCE)
+    assert (found.outcome, found.share) == ("fail", "pass")
+    assert found.places[0].value == pytest.approx(height, abs=NOISE)
+    assert np.linalg.norm(found.places[0].position[:2]) < 2.0
+    assert names(found) == {"flat face towards +z": "fail", "flat face towards +x": "pass"}
+
+
+def test_single_points_are_forgiven_however_far() -> None:
+    points = top()
+    rows = np.random.default_rng(1).choice(len(points), 200, replace=False)
+    points[rows] *= 1.03
+    found = decide(deviations(points), TOLERANCE)
+    assert found.outcome == "pass"
+    assert not found.places
+
+
+def test_too_many_points_out_fail_without_a_place() -> None:
+    # Noise as large as the tolerance: a third of the points are out, their medians are not.
+    points = top()
+    points += np.random.default_rng(2).normal(0.0, TOLERANCE, points.shape)
+    found = decide(deviations(points), TOLERANCE)
+    assert (found.share, found.outcome) == ("fail", "fail")
+    assert not [place for place in found.places if place.outcome == "fail"]
+
+
+def test_within_the_uncertainty_nothing_is_proven() -> None:
+    # The face stands 0.09 off: certain to 0.001 that is a pass, certain to 0.02 (k = 2) it is neither.
+    points = top()
+    points[points[:, 2] > HALF - 1.0, 2] += 0.07
+    assert decide(deviations(points, 0.0005), TOLERANCE).outcome == "pass"
+    found = decide(deviations(points, 0.02), TOLERANCE)
+    assert found.outcome == "undecided"
+    assert found.uncertainty == pytest.approx(0.04)
+    points[points[:, 2] > HALF - 1.0, 2] += 0.2
+    assert decide(deviations(points, 0.02), TOLERANCE).outcome == "fail"
+
+
+def test_a_motion_that_is_free_adds_nothing() -> None:
+    found = deviations(top())
+    free = np.zeros((6, 6))
+    free[1, :] = free[:, 1] = np.nan
+    assert decide(dataclasses.replace(found, covariance=free), TOLERANCE).uncertainty == 0.0
+
+
+def test_a_larger_tolerance_is_never_worse() -> None:
+    found = deviations(bumped(0.3), 0.01)
+    order = ("fail", "undecided", "pass")
+    ranks = [
+        order.index(decide(found, tolerance).outcome) for tolerance in (0.05, 0.1, 0.2, 0.27, 0.31, 0.35, 0.5, 1.0)
+    ]
+    assert ranks == sorted(ranks)
+    assert (ranks[0], ranks[-1]) == (0, 2)
+
+
+def test_a_probe_of_few_points_is_judged_by_each() -> None:
+    points = top(60)[:60]
+    points[7, 2] = HALF + 0.3
+    found = decide(deviations(points), TOLERANCE)
+    assert found.outcome == "fail"
+    assert [round(place.value, 9) for place in found.places] == [0.3]
+
+
+def test_what_cannot_be_decided_is_named() -> None:
+    found = deviations(top(100))
+    with pytest.raises(InputError, match="needs a tolerance"):
+        decide(found)
+    with pytest.raises(InputError, match="required_share must be above 0"):
+        decide(found, 0.1, required_share=95.0)
