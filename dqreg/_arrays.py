@@ -92,8 +92,8 @@ def as_weights(value: Any, name: str, count: int) -> FloatArray:
 
 
 def as_pose(value: Any, name: str) -> FloatArray:
-    """Rigid 4x4 pose."""
-    T = as_float(value, name)
+    """Rigid 4x4 pose, as numbers or as an object that writes itself as a matrix."""
+    T = as_float(pose_of(value), name)
     if T.shape != (4, 4):
         raise InputError(f"{name} must be a 4x4 matrix; got shape {T.shape}")
     require_finite(T, name)
@@ -120,6 +120,21 @@ def as_pose(value: Any, name: str) -> FloatArray:
     pose[:3, :3] = U @ Vt
     pose[3] = [0.0, 0.0, 0.0, 1.0]
     return pose
+
+
+def pose_of(value: Any) -> Any:
+    """Matrix of a SciPy ``RigidTransform`` or ``Rotation``, or of a dual quaternion; all else as it is.
+
+    Shapes: returns (..., 4, 4) of such an object.
+    """
+    if isinstance(value, np.ndarray) or not hasattr(value, "as_matrix"):
+        return value
+    matrix = np.asarray(value.as_matrix())
+    if matrix.shape[-2:] != (3, 3):
+        return matrix
+    T = np.zeros((*matrix.shape[:-2], 4, 4))
+    T[..., :3, :3], T[..., 3, 3] = matrix, 1.0
+    return T
 
 
 def require_finite(array: FloatArray, name: str) -> None:

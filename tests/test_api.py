@@ -39,7 +39,9 @@ def lines_of(name: str, value: object) -> list[str]:
         return [f"{name}.{key}{signature_of(getattr(value, key))}" for key in own]
     lines = [f"{name}{signature_of(value) if callable(value) else ''}"]
     if inspect.isclass(value) and not issubclass(value, Exception):
-        for key, member in vars(value).items():
+        # A class's own members and those that it has from a base of this package, however the code is split.
+        bases = [base for base in inspect.getmro(value)[::-1] if base.__module__.startswith("dqreg.")]
+        for key, member in {key: member for base in bases for key, member in vars(base).items()}.items():
             if not key.startswith("_"):
                 raw = member.__func__ if isinstance(member, (classmethod, staticmethod)) else member
                 lines.append(f"{name}.{key}{signature_of(raw) if inspect.isfunction(raw) else ''}")

@@ -91,7 +91,8 @@ def public_definitions() -> set[tuple[str, str]]:
         value = inspect.unwrap(getattr(value, "__func__", value)) if callable(value) else value
         places.add((getattr(value, "__module__", ""), getattr(value, "__qualname__", "")))
         if inspect.isclass(value):
-            places |= {(value.__module__, f"{value.__qualname__}.{key}") for key in vars(value) if key[0] != "_"}
+            bases = [base for base in inspect.getmro(value) if base.__module__.startswith("dqreg.")]
+            places |= {(b.__module__, f"{b.__qualname__}.{key}") for b in bases for key in vars(b) if key[0] != "_"}
     return places
 
 

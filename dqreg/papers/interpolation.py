@@ -37,7 +37,7 @@ def measure_interpolation(steps: int = 400) -> tuple[Between, Between]:
     """Follow both formulas from 40 degrees about one axis to 160 degrees about another."""
     r1, r2 = (quaternion.from_axis_angle(axis, np.deg2rad(angle)) for axis, angle in (FIRST, LAST))
     tau = np.linspace(0.0, 1.0, steps + 1)
-    paths = (quaternion.interpolate_axis_angle(r1, r2, tau), quaternion.slerp(r1, r2, tau))
+    paths = (quaternion.interpolate_axis_angle(r1, r2, tau), quaternion.slerp(r1, r2, tau, shorter_turn=False))
     return _between(NAMES[0], tau, paths[0]), _between(NAMES[1], tau, paths[1])
 
 

@@ -12,8 +12,8 @@
 - Angles are radians. Lengths are in the caller's unit.
 """
 
-from dqreg.rigid import pose, quaternion
+from dqreg.rigid import lines, pose, quaternion
 from dqreg.rigid.dual_quaternion import DualQuaternion
 from dqreg.rigid.screw import DualNumber, Screw
 
-__all__ = ["DualNumber", "DualQuaternion", "Screw", "pose", "quaternion"]
+__all__ = ["DualNumber", "DualQuaternion", "Screw", "lines", "pose", "quaternion"]

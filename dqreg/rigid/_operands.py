@@ -8,12 +8,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import RIGID_TOLERANCE, FloatArray, as_float
+from dqreg._arrays import RIGID_TOLERANCE, FloatArray, as_float, pose_of, require_finite
 from dqreg.errors import InputError
+
+# What a product of a few rotations departs from orthonormal.
+ROUNDING = 1e-14
 
 
 def as_quaternions(value: ArrayLike, name: str) -> FloatArray:
-    """Quaternions, scalar first. Shapes: value (..., 4), returns (..., 4)."""
+    """Quaternions, scalar first, or a SciPy Rotation. Shapes: value (..., 4), returns (..., 4)."""
+    write = getattr(value, "as_quat", None)
+    if write is not None:
+        value = np.roll(write(), 1, axis=-1)  # SciPy writes x, y, z, w
     return _with_last_axes(value, name, (4,), "quaternions w, x, y, z in the last axis")
 
 
@@ -53,17 +59,31 @@ def as_directions(value: ArrayLike, name: str) -> FloatArray:
 
 
 def as_rotations(value: ArrayLike, name: str) -> FloatArray:
-    """Rotation matrices, as given. Shapes: value (..., 3, 3), returns (..., 3, 3)."""
+    """Rotation matrices, as given, or a SciPy Rotation. Shapes: value (..., 3, 3), returns (..., 3, 3)."""
+    if hasattr(value, "as_matrix"):
+        value = value.as_matrix()
     R = _with_last_axes(value, name, (3, 3), "3x3 matrices in the last two axes")
-    gap = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
+    _require_rotations(R, name)
+    return R
+
+
+def _require_rotations(R: FloatArray, name: str) -> FloatArray:
+    """Raise unless all are rotations; how far each departs from orthonormal. Shapes: R (..., 3, 3), returns (...)."""
+    # Column by column: products of many small matrices take four times as long.
+    columns = [[R[..., i, j] for i in range(3)] for j in range(3)]
+    gap = np.zeros(R.shape[:-2])
+    for j, k in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)):
+        one, two = columns[j], columns[k]
+        gap = np.maximum(gap, np.abs(one[0] * two[0] + one[1] * two[1] + one[2] * two[2] - (j == k)))
     if not np.all(gap <= RIGID_TOLERANCE):
         raise InputError(
             f"{name} must be a rotation; it departs from orthonormal by {np.max(gap):.3g} "
             f"(allowed {RIGID_TOLERANCE:g}). Remove any scale or shear first"
         )
-    if np.any(np.linalg.det(R) < 0.0):
+    (a, b, c), (d, e, f), (g, h, i) = columns
+    if np.any(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0):
         raise InputError(f"{name} holds a mirror image (determinant -1); a rotation has +1")
-    return R
+    return gap
 
 
 def as_poses(value: ArrayLike, name: str) -> FloatArray:
@@ -71,7 +91,47 @@ def as_poses(value: ArrayLike, name: str) -> FloatArray:
 
     Shapes: value (..., 4, 4), returns (..., 4, 4).
     """
-    return _with_last_axes(value, name, (4, 4), "4x4 poses in the last two axes")
+    return _with_last_axes(pose_of(value), name, (4, 4), "4x4 poses in the last two axes")
+
+
+def as_rigid_poses(value: ArrayLike, name: str) -> FloatArray:
+    """A stack of poses, checked as `dqreg._arrays.as_pose` checks one, with rotations exact to rounding.
+
+    Shapes: value (..., 4, 4), returns (..., 4, 4).
+    """
+    T = as_poses(value, name)
+    require_finite(T, name)
+    if not np.all(np.abs(T[..., 3, :] - [0.0, 0.0, 0.0, 1.0]) <= RIGID_TOLERANCE):
+        raise InputError(f"{name} must have the last row 0 0 0 1. Were they transposed?")
+    R = T[..., :3, :3]
+    gap = _require_rotations(R, name)
+    poses = T.copy()
+    poses[..., 3, :] = [0.0, 0.0, 0.0, 1.0]
+    # Few need it, and it costs a hundred times as much as the look.
+    worn = gap > ROUNDING
+    if worn.any():
+        U, _, Vt = np.linalg.svd(R[worn])
+        poses[worn, :3, :3] = U @ Vt
+    return poses
+
+
+def as_lines(value: ArrayLike, name: str) -> FloatArray:
+    """Lines: direction, then moment. Shapes: value (..., 6), returns (..., 6)."""
+    return _with_last_axes(value, name, (6,), "direction and moment of a line in the last axis")
+
+
+def as_planes(value: ArrayLike, name: str) -> FloatArray:
+    """Planes a x + b y + c z + d = 0. Shapes: value (..., 4), returns (..., 4)."""
+    return _with_last_axes(value, name, (4,), "coefficients a, b, c, d of a plane in the last axis")
+
+
+def require_meeting(**shapes: tuple[int, ...]) -> None:
+    """Raise unless leading axes broadcast."""
+    try:
+        np.broadcast_shapes(*shapes.values())
+    except ValueError:
+        words = " and ".join(f"{shape} of {name}" for name, shape in shapes.items())
+        raise InputError(f"leading axes must broadcast; got {words}. Use [:, None] for each with each") from None
 
 
 def _with_last_axes(value: ArrayLike, name: str, last: tuple[int, ...], words: str) -> FloatArray:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
-from dqreg.rigid._algebra import conjugate, multiply
+from dqreg.rigid._algebra import canonical, conjugate, multiply
 from dqreg.rigid._operands import as_directions, as_triples, as_unit_quaternions
 from dqreg.rigid._powers import polar, power
 
@@ -174,8 +174,8 @@ def _sequence(rotations: tuple[ArrayLike, ...]) -> list[FloatArray]:
     return [as_unit_quaternions(q, f"rotations[{i}]") for i, q in enumerate(rotations)]
 
 
-def slerp(r1: ArrayLike, r2: ArrayLike, fraction: ArrayLike, *, shorter_turn: bool = False) -> FloatArray:
-    """Interpolate along the great arc, about one fixed axis at constant speed: r1 (r1* r2)^tau (eq. 34).
+def slerp(r1: ArrayLike, r2: ArrayLike, fraction: ArrayLike, *, shorter_turn: bool = True) -> FloatArray:
+    """Interpolate about one fixed axis at constant speed, by the shorter rotation: r1 (r1* r2)^tau (eq. 34).
 
     Parameters
     ----------
@@ -184,8 +184,10 @@ def slerp(r1: ArrayLike, r2: ArrayLike, fraction: ArrayLike, *, shorter_turn: bo
     fraction : array_like, (...)
         tau: 0 at r1, 1 at r2; broadcasts against the leading axes of both.
     shorter_turn : bool
-        r2 and -r2 are the same rotation at the two ends of different arcs. The notes' formula takes r2 as it
-        is, and rotates by more than half a turn where r1 . r2 < 0; with True it then goes to -r2.
+        r2 and -r2 are the same rotation at the ends of different arcs. With True the shorter one is taken, whatever
+        the signs, and at exactly half a turn that about the axis whose first non-zero component is positive:
+        the rule of `DualQuaternion` too. With False r2 is taken as it is, as the notes do; the rotation is by
+        more than half a turn where r1 . r2 < 0.
 
     Returns
     -------
@@ -200,7 +202,7 @@ def slerp(r1: ArrayLike, r2: ArrayLike, fraction: ArrayLike, *, shorter_turn: bo
     first, last = as_unit_quaternions(r1, "r1"), as_unit_quaternions(r2, "r2")
     step = multiply(conjugate(first), last)
     if shorter_turn:
-        step = np.where(step[..., :1] < 0.0, -step, step)
+        step = canonical(step)
     return multiply(first, power(step, fraction))
 
 

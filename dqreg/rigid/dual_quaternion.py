@@ -6,38 +6,58 @@ Equation numbers: Walker, Shao and Volz (1991), who write the scalar last.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_float, as_pose
-from dqreg.errors import InputError
-from dqreg.rigid import _dual_parts, pose, quaternion
-from dqreg.rigid._algebra import canonical_sign
-from dqreg.rigid.rotations import left_jacobian_inverse
-from dqreg.rigid.screw import DualNumber, Screw
+from dqreg._arrays import FloatArray, as_float, as_pose, pose_of
+from dqreg.rigid import _dual_parts, quaternion
+from dqreg.rigid._dual_action import DualAction
+from dqreg.rigid._matrices import of_rotations
+from dqreg.rigid._operands import as_rigid_poses, require_meeting
+from dqreg.rigid.screw import Screw
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import RigidTransform
 
 
 @dataclass(frozen=True, eq=False)
-class DualQuaternion:
-    """A rigid motion as a unit dual quaternion (eqs. 6-7).
+class DualQuaternion(DualAction):
+    """A rigid motion as a unit dual quaternion, or a stack of them (eqs. 6-7).
 
-    It maps source to target coordinates as ``T_target_source`` does: ``a * b`` is the motion b followed by a.
-    ``q`` and ``-q`` are the same motion; compare `canonical` forms. Parts that break the constraints (13)-(14)
-    are refused, not mended; what this class computes keeps them to rounding, however long a product grows.
+    It maps source to target coordinates as ``T_target_source`` does: ``a * b`` is the motion b followed by a. Leading
+    axes broadcast in every function, as those of `dqreg.quaternion` do; an index, ``len`` and a loop take a stack
+    apart.
+
+    ``q`` and ``-q`` are the same motion. ``==`` compares the numbers, so that q differs from -q; `isclose` compares
+    motions. Between two motions ``**``, `power`, `sclerp` and `dqreg.quaternion.slerp` take the shorter rotation,
+    whatever the signs; at exactly half a turn the axis whose first non-zero component is positive.
+
+    Parts that break the constraints (13)-(14) are refused by the constructor, not mended; see `from_array`. What this
+    class computes keeps them to rounding, however long a product grows. A sum ``a + b`` and a multiple ``2 * a`` are no
+    motions until they are `normalized`.
 
     Parameters
     ----------
-    real : array_like, (4,)
-        Unit quaternion of the rotation, scalar first (eq. 11).
-    dual : array_like, (4,)
+    real : array_like, (..., 4)
+        Unit quaternions of the rotation, scalar first (eq. 11).
+    dual : array_like, (..., 4)
         Half the translation, as a quaternion (0, t), times ``real`` (eq. 25); perpendicular to ``real``.
+
+    Attributes
+    ----------
+    is_unit : bool
+        Whether all of them are motions; False for a sum.
+    shape : tuple of int
+        Leading axes: () for a single one.
 
     Raises
     ------
     InputError
         If a part does not hold four numbers, ``real`` is not of norm 1, or ``dual`` is not perpendicular to it.
-        The methods raise it where a shape is wrong, a number not finite, a matrix no rigid pose, or an axis zero.
+        The methods raise it where a shape is wrong, a number not finite, a matrix no rigid pose, an axis zero, or a
+        motion is meant and a sum given.
 
     Examples
     --------
@@ -48,82 +68,62 @@ class DualQuaternion:
     [[2.0, 0.0, 0.0], [1.0, 0.0, 5.0]]
     """
 
-    real: FloatArray
-    dual: FloatArray
-
-    def __post_init__(self) -> None:
-        for name in ("real", "dual"):
-            part = np.array(as_float(getattr(self, name), name))  # a copy, so that it can be locked
-            if part.shape != (4,):
-                raise InputError(f"{name} must hold one quaternion w, x, y, z; got shape {part.shape}")
-            part.flags.writeable = False
-            object.__setattr__(self, name, part)
-        _dual_parts.require_unit(self.real, self.dual)
-
     @classmethod
-    def identity(cls) -> DualQuaternion:
+    def identity(cls, shape: tuple[int, ...] = ()) -> DualQuaternion:
         """Return the motion that leaves everything in place.
+
+        Parameters
+        ----------
+        shape : tuple of int
+            Leading axes; none for a single one.
 
         Returns
         -------
         DualQuaternion
             1 + eps 0.
         """
-        return cls(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(4))
+        return cls._of(np.tile([1.0, 0.0, 0.0, 0.0], (*shape, 1)), np.zeros((*shape, 4)))
 
     @classmethod
-    def from_matrix(cls, T_target_source: ArrayLike) -> DualQuaternion:
-        """Read a 4x4 pose (eqs. 21-25).
+    def from_matrix(cls, T_target_source: ArrayLike | RigidTransform) -> DualQuaternion:
+        """Read 4x4 poses (eqs. 21-25).
 
         Parameters
         ----------
-        T_target_source : array_like, (4, 4)
-            Rigid pose.
+        T_target_source : array_like, (..., 4, 4), or scipy.spatial.transform.RigidTransform
+            Rigid poses. A SciPy ``Rotation`` will do as well.
 
         Returns
         -------
         DualQuaternion
-            The same motion, in canonical sign.
+            The same motions, in canonical sign.
         """
-        T = as_pose(T_target_source, "T_target_source")
-        return cls(*_dual_parts.with_translation(quaternion.from_matrix(T[:3, :3]), T[:3, 3]))
-
-    def as_matrix(self) -> FloatArray:
-        """Write as a 4x4 pose (eqs. 1, 17-20).
-
-        Returns
-        -------
-        ndarray, (4, 4)
-            T_target_source.
-        """
-        return pose.from_parts(quaternion.to_matrix(self.real), self.translation)
-
-    @property
-    def translation(self) -> FloatArray:
-        """Translation ``t = 2 (r4 s - s4 r + r x s)``, the vector part of 2 dual real* (eqs. 19-20, 61-69)."""
-        product = quaternion.multiply(self.dual, quaternion.conjugate(self.real))
-        return np.asarray(2.0 * product[1:])
+        T = pose_of(T_target_source)
+        single = np.ndim(T) == 2
+        T = as_pose(T, "T_target_source") if single else as_rigid_poses(T, "T_target_source")
+        return cls._of(*_dual_parts.with_translation(of_rotations(T[..., :3, :3]), T[..., :3, 3]))
 
     @classmethod
     def from_screw(
-        cls, axis: ArrayLike, angle: float, distance: float = 0.0, point: ArrayLike = (0.0, 0.0, 0.0)
+        cls, axis: ArrayLike, angle: ArrayLike, distance: ArrayLike = 0.0, point: ArrayLike = (0.0, 0.0, 0.0)
     ) -> DualQuaternion:
         """Rotation about a line and translation along it (eqs. 8-12).
 
         Parameters
         ----------
-        axis : array_like, (3,)
+        axis : array_like, (..., 3)
             Direction of the line; only the direction counts.
-        angle : float
+        angle : array_like, (...)
             Right-handed angle in radians.
-        distance : float
+        distance : array_like, (...)
             Translation along the axis.
-        point : array_like, (3,)
+        point : array_like, (..., 3)
             Any point on the line.
 
         Returns
         -------
         DualQuaternion
+            The screw motions.
 
         Examples
         --------
@@ -131,7 +131,7 @@ class DualQuaternion:
         >>> q.translation.round(12).tolist()
         [2.0, -0.0, 3.0]
         """
-        return cls(*_dual_parts.from_screw(axis, angle, distance, point))
+        return cls._of(*_dual_parts.onto_constraints(*_dual_parts.from_screw(axis, angle, distance, point)))
 
     def as_screw(self) -> Screw:
         """Read off the line, the rotation about it and the translation along it (eqs. 70-75, corrected).
@@ -147,7 +147,7 @@ class DualQuaternion:
         >>> DualQuaternion([1, 0, 0, 0], [0, 0, 0, 1.5]).as_screw().axis.tolist()
         [0.0, 0.0, 1.0]
         """
-        return _dual_parts.as_screw(self.real, self.dual)
+        return _dual_parts.as_screw(self._motion().real, self.dual)
 
     @classmethod
     def exp(cls, twist: ArrayLike) -> DualQuaternion:
@@ -155,22 +155,23 @@ class DualQuaternion:
 
         Parameters
         ----------
-        twist : array_like, (6,)
+        twist : array_like, (..., 6)
             Rotation vector w in radians, then translation part v. As a pure dual quaternion the argument is
             ``(0, w/2) + eps (0, v/2)``.
 
         Returns
         -------
         DualQuaternion
+            The screw motions.
         """
-        return cls(*_dual_parts.exp(twist))
+        return cls._of(*_dual_parts.exp(twist))
 
     def log(self) -> FloatArray:
         """Twist of the smaller rotation: the inverse of `exp`.
 
         Returns
         -------
-        ndarray, (6,)
+        ndarray, (..., 6)
             Rotation vector, at most pi long, then translation part. ``exp`` of it is the canonical form.
 
         Examples
@@ -178,26 +179,46 @@ class DualQuaternion:
         >>> DualQuaternion.exp([0.1, 0.2, 0.3, 4, 5, 6]).log().round(12).tolist()
         [0.1, 0.2, 0.3, 4.0, 5.0, 6.0]
         """
-        w = 2.0 * quaternion.log(quaternion.canonical(self.real))[1:]
-        return np.concatenate([w, left_jacobian_inverse(w) @ self.translation])
+        return _dual_parts.log(self._motion().real, self.dual)
 
-    def __mul__(self, other: DualQuaternion) -> DualQuaternion:
-        if not isinstance(other, DualQuaternion):
-            return NotImplemented
-        return DualQuaternion(*_dual_parts.product((self.real, self.dual), (other.real, other.dual)))
+    def power(self, exponent: ArrayLike, *, shorter_turn: bool = True) -> DualQuaternion:
+        """Real power: the same screw, angle and distance times the exponent. ``q ** exponent`` is the same.
 
-    def __pow__(self, exponent: float) -> DualQuaternion:
-        return DualQuaternion.exp(float(exponent) * self.log())
+        Parameters
+        ----------
+        exponent : array_like, (...)
+            Real exponents; they broadcast against the stack.
+        shorter_turn : bool
+            Whether the rotation is the smaller of the two that q and -q stand for; otherwise that of the sign given.
 
-    def sclerp(self, other: DualQuaternion, fraction: float) -> DualQuaternion:
-        """Interpolate along one screw, at constant speed and by the smaller rotation.
+        Returns
+        -------
+        DualQuaternion
+            ``exp(exponent * log(q))``.
+
+        Examples
+        --------
+        >>> DualQuaternion.from_screw([0, 0, 1], 1.0, 4.0).power([0.25, 0.5]).as_screw().distance.round(12).tolist()
+        [1.0, 2.0]
+        """
+        rho = as_float(exponent, "exponent")
+        require_meeting(exponents=rho.shape, motions=self.shape)
+        return DualQuaternion.exp(rho[..., np.newaxis] * _dual_parts.log(self._motion().real, self.dual, shorter_turn))
+
+    def __pow__(self, exponent: ArrayLike) -> DualQuaternion:
+        return self.power(exponent)
+
+    def sclerp(self, other: DualQuaternion, fraction: ArrayLike, *, shorter_turn: bool = True) -> DualQuaternion:
+        """Interpolate along one screw, at constant speed.
 
         Parameters
         ----------
         other : DualQuaternion
             Where fraction 1 ends.
-        fraction : float
-            0 at this motion, 1 at ``other``; values outside continue the screw.
+        fraction : array_like, (...)
+            0 at this motion, 1 at ``other``; values outside continue the screw. They broadcast against the stacks.
+        shorter_turn : bool
+            Whether to take the smaller rotation, whatever the signs; otherwise that of the signs given.
 
         Returns
         -------
@@ -207,94 +228,41 @@ class DualQuaternion:
         Examples
         --------
         >>> end = DualQuaternion.from_screw([0, 0, 1], 1.0, 4.0)
-        >>> DualQuaternion.identity().sclerp(end, 0.25).as_screw().distance
-        1.0
+        >>> DualQuaternion.identity().sclerp(end, [0.25, 0.5]).as_screw().distance.round(12).tolist()
+        [1.0, 2.0]
         """
-        return self * (self.inverse() * other) ** fraction
+        return self._motion() * (self.inverse() * other._motion()).power(fraction, shorter_turn=shorter_turn)
 
-    def inverse(self) -> DualQuaternion:
-        """Return the motion back, which for a unit dual quaternion is the quaternion conjugate.
-
-        Returns
-        -------
-        DualQuaternion
-            The factor that makes the identity.
-        """
-        back = self.quaternion_conjugate()
-        return DualQuaternion(*_dual_parts.onto_constraints(back.real, back.dual))
-
-    def quaternion_conjugate(self) -> DualQuaternion:
-        """Return r* + eps s*, which reverses products.
-
-        Returns
-        -------
-        DualQuaternion
-            The motion back.
-        """
-        return DualQuaternion(quaternion.conjugate(self.real), quaternion.conjugate(self.dual))
-
-    def dual_conjugate(self) -> DualQuaternion:
-        """Return r - eps s: the conjugate of eq. 53 for each component.
-
-        Returns
-        -------
-        DualQuaternion
-            The same rotation with the translation reversed.
-        """
-        return DualQuaternion(self.real, -self.dual)
-
-    def combined_conjugate(self) -> DualQuaternion:
-        """Return r* - eps s*, the conjugate that moves points: q (1 + eps p) by it is 1 + eps (R p + t).
-
-        Returns
-        -------
-        DualQuaternion
-            Both conjugates, one after the other.
-        """
-        return self.quaternion_conjugate().dual_conjugate()
-
-    def norm(self) -> DualNumber:
-        """Norm as a dual number, the root of q times its quaternion conjugate: 1 + eps 0 up to rounding.
-
-        Returns
-        -------
-        DualNumber
-            ``|r| + eps (r . s) / |r|``.
-        """
-        square = DualNumber(float(self.real @ self.real), 2.0 * float(self.real @ self.dual))
-        return square.sqrt()
-
-    def constraint_residuals(self) -> tuple[float, float]:
-        """Say how far the two constraints are off: ``r . r - 1`` and ``r . s`` (eqs. 13-14).
-
-        Returns
-        -------
-        tuple of float
-            Both zero up to rounding; the second is a length.
-        """
-        return _dual_parts.constraint_residuals(self.real, self.dual)
-
-    def canonical(self) -> DualQuaternion:
-        """Return, of q and -q, the one whose first non-zero real component is positive.
-
-        Returns
-        -------
-        DualQuaternion
-        """
-        sign = canonical_sign(self.real)
-        return DualQuaternion(sign * self.real + 0.0, sign * self.dual + 0.0)
-
-    def apply(self, points_source: ArrayLike) -> FloatArray:
-        """Move points: R p + t (eqs. 28-29, in the Euclidean form).
+    def isclose(self, other: DualQuaternion, *, angle_rad: float = 1e-9, distance: float | None = None) -> Any:
+        """Say whether motions agree, whatever their signs.
 
         Parameters
         ----------
-        points_source : array_like, (..., 3)
-            Points, usually (n, 3).
+        other : DualQuaternion
+            To compare with.
+        angle_rad : float
+            Largest angle between the two rotations.
+        distance : float, optional
+            Largest distance between the two translations; 1e-9 of the larger of them if not given.
 
         Returns
         -------
-        ndarray, (..., 3)
-            Points in the target frame.
+        bool or ndarray of bool, (...)
+            One for each pair.
+
+        Examples
+        --------
+        >>> q = DualQuaternion.from_screw([0, 0, 1], 1.0, 4.0)
+        >>> q.isclose(-q), q == -q
+        (True, False)
         """
-        return pose.apply(self.as_matrix(), points_source)
+        require_meeting(left=self.shape, right=other.shape)
+        step = quaternion.multiply(quaternion.conjugate(self._motion().real), other._motion().real)
+        apart = 2.0 * np.arctan2(np.linalg.norm(step[..., 1:], axis=-1), np.abs(step[..., 0]))
+        here, there = self.translation, other.translation
+        if distance is None:
+            limit = 1e-9 * np.maximum(np.linalg.norm(here, axis=-1), np.linalg.norm(there, axis=-1))
+        else:
+            limit = np.asarray(distance)
+        close = (apart <= angle_rad) & (np.linalg.norm(here - there, axis=-1) <= limit)
+        return close if close.ndim else bool(close)

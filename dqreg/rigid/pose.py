@@ -7,15 +7,21 @@ points of NaN. Arrays of a wrong shape raise `InputError`, as does a rotation bl
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray
-from dqreg.errors import InputError
+from dqreg._arrays import FloatArray, as_float
+from dqreg.errors import InputError, MissingDependencyError
 from dqreg.rigid._algebra import normalize
 from dqreg.rigid._matrices import to_matrix
-from dqreg.rigid._operands import as_poses, as_triples
+from dqreg.rigid._operands import as_poses, as_rigid_poses, as_triples
+from dqreg.rigid._pose_action import apply, move_lines, move_planes, rotate
 from dqreg.rigid.twist import adjoint, exp, log
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import RigidTransform
 
 __all__ = [
     "about",
@@ -26,64 +32,13 @@ __all__ = [
     "from_parts",
     "inverse",
     "log",
+    "move_lines",
+    "move_planes",
     "offset_between",
     "random",
     "rotate",
+    "to_rigid_transform",
 ]
-
-
-def apply(T_target_source: ArrayLike, points_source: ArrayLike) -> FloatArray:
-    """Move points by a pose: ``R p + t``.
-
-    Parameters
-    ----------
-    T_target_source : array_like, (4, 4)
-        Rigid pose.
-    points_source : array_like, (..., 3)
-        Points, usually (n, 3).
-
-    Returns
-    -------
-    ndarray, (..., 3)
-        Points in the target frame, float64.
-
-    Examples
-    --------
-    >>> apply(from_parts(np.eye(3), [1, 2, 3]), [[10, 20, 30]]).tolist()
-    [[11.0, 22.0, 33.0]]
-    """
-    T = _one_pose(T_target_source, "T_target_source")
-    # A contiguous 3x3 and three column sums in place: twice as fast on a million points as `P @ R.T + t`.
-    moved: FloatArray = as_triples(points_source, "points_source") @ np.ascontiguousarray(T[:3, :3].T)
-    for axis in range(3):
-        moved[..., axis] += T[axis, 3]
-    return moved
-
-
-def rotate(T_target_source: ArrayLike, directions_source: ArrayLike) -> FloatArray:
-    """Rotate directions by a pose: ``R m``, without the translation.
-
-    Parameters
-    ----------
-    T_target_source : array_like, (4, 4)
-        Rigid pose.
-    directions_source : array_like, (..., 3)
-        Directions, usually (n, 3).
-
-    Returns
-    -------
-    ndarray, (..., 3)
-        Directions in the target frame, float64.
-
-    Examples
-    --------
-    >>> rotate(from_parts(np.eye(3), [1, 2, 3]), [[0, 0, 1]]).tolist()
-    [[0.0, 0.0, 1.0]]
-    """
-    T = _one_pose(T_target_source, "T_target_source")
-    R_transposed = np.ascontiguousarray(T[:3, :3].T)
-    turned: FloatArray = as_triples(directions_source, "directions_source") @ R_transposed
-    return turned
 
 
 def from_parts(R: ArrayLike, t: ArrayLike) -> FloatArray:
@@ -106,7 +61,7 @@ def from_parts(R: ArrayLike, t: ArrayLike) -> FloatArray:
     >>> from_parts(np.eye(3), [1, 2, 3])[:3].tolist()
     [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0]]
     """
-    rotation, translation = np.asarray(R, dtype=np.float64), as_triples(t, "t")
+    rotation, translation = as_float(R, "R"), as_triples(t, "t")
     if rotation.shape[-2:] != (3, 3):
         raise InputError(f"R must hold 3x3 matrices in the last two axes; got shape {rotation.shape}")
     T = np.zeros((*np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1]), 4, 4))
@@ -114,6 +69,31 @@ def from_parts(R: ArrayLike, t: ArrayLike) -> FloatArray:
     T[..., :3, 3] = translation
     T[..., 3, 3] = 1.0
     return T
+
+
+def to_rigid_transform(T_target_source: ArrayLike) -> RigidTransform:
+    """Write poses as SciPy's class. The way back is not needed: every function takes one where it takes a pose.
+
+    Parameters
+    ----------
+    T_target_source : array_like, (..., 4, 4)
+        Rigid poses.
+
+    Returns
+    -------
+    scipy.spatial.transform.RigidTransform
+        The same motions.
+
+    Raises
+    ------
+    MissingDependencyError
+        If SciPy is older than 1.16.
+    """
+    from scipy.spatial import transform
+
+    if not hasattr(transform, "RigidTransform"):
+        raise MissingDependencyError("RigidTransform came with SciPy 1.16; pip install 'scipy>=1.16'")
+    return transform.RigidTransform.from_matrix(as_rigid_poses(T_target_source, "T_target_source"))
 
 
 def inverse(T_target_source: ArrayLike) -> FloatArray:
@@ -249,10 +229,3 @@ def random(rng: np.random.Generator, *, reach: float = 0.0, shape: tuple[int, ..
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
     # The cube root makes equal volumes equally likely.
     return from_parts(R, reach * np.cbrt(rng.uniform(size=(*shape, 1))) * direction)
-
-
-def _one_pose(T: ArrayLike, name: str) -> FloatArray:
-    array = as_poses(T, name)
-    if array.ndim != 2:
-        raise InputError(f"{name} must be one 4x4 pose; got shape {array.shape}")
-    return array

@@ -39,7 +39,7 @@ from dqreg.rigid._kinematics import (
     integrate,
     second_derivative,
 )
-from dqreg.rigid._matrices import from_matrix, to_matrix
+from dqreg.rigid._matrices import from_matrix, to_matrix, to_rotation
 from dqreg.rigid._powers import exp, log, polar, power
 from dqreg.rigid._rotation import (
     compose,
@@ -93,4 +93,5 @@ __all__ = [
     "slerp",
     "to_axis_angle",
     "to_matrix",
+    "to_rotation",
 ]

@@ -5,24 +5,30 @@ Every rigid motion is a screw (Chasles). Equation numbers: Walker, Shao and Volz
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 
+# A number, or an array of them: what a single one gives is a float, and a checker of types may take it as one.
+Numbers = Any
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class DualNumber:
-    """One dual number; as a dual angle theta + eps d it is a rotation about and a translation along one line (eq. 10).
+    """Dual numbers; as a dual angle theta + eps d: a rotation about and a translation along one line (eq. 10).
+
+    ``+``, ``-``, ``*`` and ``/`` take real numbers too; ``==`` compares both parts.
 
     Parameters
     ----------
-    real : float
+    real : float or ndarray
         Real part a.
-    dual : float
+    dual : float or ndarray
         Dual part b.
 
     Examples
@@ -31,17 +37,53 @@ class DualNumber:
     DualNumber(real=10.0, dual=29.0)
     """
 
-    real: float
-    dual: float
+    real: Numbers
+    dual: Numbers
 
-    def __add__(self, other: DualNumber) -> DualNumber:
-        return DualNumber(self.real + other.real, self.dual + other.dual)
+    # Leaves `array * number` to this class.
+    __array_ufunc__ = None
 
-    def __sub__(self, other: DualNumber) -> DualNumber:
-        return DualNumber(self.real - other.real, self.dual - other.dual)
+    def __add__(self, other: DualNumber | Numbers) -> DualNumber:
+        b = _as_dual(other)
+        return DualNumber(self.real + b.real, self.dual + b.dual)
 
-    def __mul__(self, other: DualNumber) -> DualNumber:
-        return DualNumber(self.real * other.real, self.real * other.dual + self.dual * other.real)
+    def __sub__(self, other: DualNumber | Numbers) -> DualNumber:
+        b = _as_dual(other)
+        return DualNumber(self.real - b.real, self.dual - b.dual)
+
+    def __mul__(self, other: DualNumber | Numbers) -> DualNumber:
+        b = _as_dual(other)
+        return DualNumber(self.real * b.real, self.real * b.dual + self.dual * b.real)
+
+    def __truediv__(self, other: DualNumber | Numbers) -> DualNumber:
+        b = _as_dual(other)
+        if np.any(np.asarray(b.real) == 0.0):
+            raise InputError("a dual number with real part 0 has no inverse (eq. 53)")
+        ratio = self.real / b.real
+        return DualNumber(ratio, (self.dual - ratio * b.dual) / b.real)
+
+    def __neg__(self) -> DualNumber:
+        return DualNumber(-self.real, -self.dual)
+
+    def __radd__(self, other: Numbers) -> DualNumber:
+        return self.__add__(other)
+
+    def __rsub__(self, other: Numbers) -> DualNumber:
+        return DualNumber(other, 0.0) - self
+
+    def __rmul__(self, other: Numbers) -> DualNumber:
+        return self.__mul__(other)
+
+    def __rtruediv__(self, other: Numbers) -> DualNumber:
+        return DualNumber(other, 0.0) / self
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, DualNumber):
+            return NotImplemented
+        return np.array_equal(self.real, other.real) and np.array_equal(self.dual, other.dual)
+
+    def __hash__(self) -> int:
+        return hash((np.asarray(self.real, float).tobytes(), np.asarray(self.dual, float).tobytes()))
 
     def conjugate(self) -> DualNumber:
         """Return a - eps b, whose product with the number is a^2 (eq. 53).
@@ -58,12 +100,12 @@ class DualNumber:
         """
         return DualNumber(self.real, -self.dual)
 
-    def modulus(self) -> float:
+    def modulus(self) -> Numbers:
         """Return a, which may be negative (eq. 54).
 
         Returns
         -------
-        float
+        float or ndarray
             The modulus.
 
         Examples
@@ -73,7 +115,7 @@ class DualNumber:
         """
         return self.real
 
-    def extend(self, function: Callable[[float], float], derivative: Callable[[float], float]) -> DualNumber:
+    def extend(self, function: Callable[[Any], Any], derivative: Callable[[Any], Any]) -> DualNumber:
         """Carry a function of real numbers over: f(a + eps b) = f(a) + eps b f'(a) (eqs. 55, 58, 59).
 
         Parameters
@@ -93,7 +135,7 @@ class DualNumber:
         >>> DualNumber(2.0, 3.0).extend(lambda x: x**3, lambda x: 3 * x**2)
         DualNumber(real=8.0, dual=36.0)
         """
-        return DualNumber(function(self.real), self.dual * derivative(self.real))
+        return DualNumber(plain(function(self.real)), plain(self.dual * derivative(self.real)))
 
     def sin(self) -> DualNumber:
         """Return sin(theta) + eps d cos(theta) (eq. 56).
@@ -108,7 +150,7 @@ class DualNumber:
         >>> DualNumber(0.0, 3.0).sin()
         DualNumber(real=0.0, dual=3.0)
         """
-        return self.extend(math.sin, math.cos)
+        return self.extend(np.sin, np.cos)
 
     def cos(self) -> DualNumber:
         """Return cos(theta) - eps d sin(theta) (eq. 57).
@@ -123,7 +165,7 @@ class DualNumber:
         >>> DualNumber(0.0, 3.0).cos().real
         1.0
         """
-        return self.extend(math.cos, lambda angle_rad: -math.sin(angle_rad))
+        return self.extend(np.cos, lambda angle_rad: -np.sin(angle_rad))
 
     def sqrt(self) -> DualNumber:
         """Return sqrt(a) + eps b / (2 sqrt(a)) (eq. 55).
@@ -143,9 +185,50 @@ class DualNumber:
         >>> DualNumber(9.0, 12.0).sqrt()
         DualNumber(real=3.0, dual=2.0)
         """
-        if not self.real > 0.0:
-            raise InputError(f"a dual number needs a positive real part to have a root; got {self.real:g}")
-        return self.extend(math.sqrt, lambda x: 0.5 / math.sqrt(x))
+        if not np.all(np.asarray(self.real) > 0.0):
+            lowest = float(np.min(self.real))
+            raise InputError(f"a dual number needs a positive real part to have a root; got {lowest:g}")
+        return self.extend(np.sqrt, lambda x: 0.5 / np.sqrt(x))
+
+    def exp(self) -> DualNumber:
+        """Return e^a + eps b e^a (eq. 55).
+
+        Returns
+        -------
+        DualNumber
+            The exponential.
+
+        Examples
+        --------
+        >>> DualNumber(0.0, 3.0).exp()
+        DualNumber(real=1.0, dual=3.0)
+        """
+        return self.extend(np.exp, np.exp)
+
+    def arctan2(self, cosine: DualNumber) -> DualNumber:
+        """Return the dual angle of a dual sine, this number, and a dual cosine (eqs. 10 and 52).
+
+        Parameters
+        ----------
+        cosine : DualNumber
+            The cosine, times the same factor as the sine.
+
+        Returns
+        -------
+        DualNumber
+            theta in (-pi, pi] and d.
+
+        Examples
+        --------
+        >>> angle = DualNumber(0.5, 3.0)
+        >>> round(angle.sin().arctan2(angle.cos()).dual, 12)
+        3.0
+        """
+        theta = np.arctan2(self.real, cosine.real)
+        square = self.real * self.real + cosine.real * cosine.real
+        if np.any(np.asarray(square) == 0.0):
+            raise InputError("sine and cosine are both 0; there is no angle")
+        return DualNumber(plain(theta), plain((cosine.real * self.dual - self.real * cosine.dual) / square))
 
 
 class Screw(NamedTuple):
@@ -153,13 +236,13 @@ class Screw(NamedTuple):
 
     Parameters
     ----------
-    axis : ndarray, (3,)
+    axis : ndarray, (..., 3)
         Unit direction n of the line.
-    angle_rad : float
+    angle_rad : float or ndarray, (...)
         Right-handed angle theta about it, in [0, pi] when read off a pose.
-    distance : float
+    distance : float or ndarray, (...)
         Translation d along ``axis``, in the unit of the pose.
-    point : ndarray, (3,)
+    point : ndarray, (..., 3)
         A point p on the line; the one nearest the origin when read off a pose.
 
     Examples
@@ -170,6 +253,16 @@ class Screw(NamedTuple):
     """
 
     axis: FloatArray
-    angle_rad: float
-    distance: float
+    angle_rad: Numbers
+    distance: Numbers
     point: FloatArray
+
+
+def plain(value: Any) -> Any:
+    """A plain number where there is only one. Shapes: value (...)."""
+    array = np.asarray(value)
+    return float(array) if array.ndim == 0 else array
+
+
+def _as_dual(value: DualNumber | Numbers) -> DualNumber:
+    return value if isinstance(value, DualNumber) else DualNumber(value, 0.0)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_float, as_pose, require_finite
+from dqreg._arrays import FloatArray, as_float, as_pose, pose_of, require_finite
 from dqreg.errors import InputError
 from dqreg.rigid import pose
 
@@ -63,7 +63,7 @@ def as_frame(value: ArrayLike | None, name: str) -> FloatArray:
     """
     if value is None:
         return np.eye(4)
-    array = as_float(value, name)
+    array = as_float(pose_of(value), name)
     if array.shape == (3,):
         require_finite(array, name)
         return pose.from_parts(np.eye(3), array)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_float, as_pose, as_vectors
+from dqreg._arrays import FloatArray, as_float, as_pose, as_vectors, pose_of
 from dqreg.errors import InputError
 from dqreg.rigid import pose
 
@@ -172,7 +172,7 @@ def nearest_truth(
     0.0
     """
     V, judged = _points(vertices), as_pose(T, "T")
-    candidates = [as_pose(truth, "truths") for truth in np.asarray(truths, dtype=np.float64)]
+    candidates = [as_pose(truth, "truths") for truth in pose_of(truths)]
     if not candidates:
         raise InputError("truths must hold at least one pose")
     line = None if axis is None else np.stack([_centre(axis[0]), as_float(axis[1], "axis")])

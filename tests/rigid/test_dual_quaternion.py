@@ -213,7 +213,7 @@ def test_long_products_keep_the_constraints():
         ([1, 0, 0, 0], [0.5, 0, 0, 0], "perpendicular"),
         ([1, 0, 0, 0], [1e-12, 0, 0, 0], "perpendicular"),
         ([1, 0, 0], np.zeros(4), "real must hold"),
-        ([1, 0, 0, 0], np.zeros((2, 4)), "dual must hold"),
+        ([1, 0, 0, 0], np.zeros((2, 3)), "dual must hold"),
         ("one", np.zeros(4), "real must be"),
     ],
 )
@@ -231,8 +231,8 @@ def test_errors():
         DualQuaternion.from_matrix(np.diag([1, 1, -1, 1]))
     with pytest.raises(InputError, match="points_source"):
         DualQuaternion.identity().apply([[1, 2]])
-    with pytest.raises(TypeError):
-        DualQuaternion.identity() * 2.0
+    with pytest.raises(InputError, match="factor"):
+        DualQuaternion.identity() * "two"
 
 
 def test_values_are_locked_and_their_sources_free():

@@ -147,8 +147,8 @@ def test_a_pose_of_nan_gives_points_of_nan():
 def test_errors():
     with pytest.raises(InputError, match="4x4"):
         pose.apply(np.eye(3), [[1, 2, 3]])
-    with pytest.raises(InputError, match="one 4x4 pose"):
-        pose.apply(np.stack([np.eye(4)] * 2), [[1, 2, 3]])
+    with pytest.raises(InputError, match="must broadcast"):
+        pose.apply(np.stack([np.eye(4)] * 2), [[1, 2, 3]] * 3)
     with pytest.raises(InputError, match="points_source"):
         pose.apply(np.eye(4), [[1, 2]])
     with pytest.raises(InputError, match="directions_source"):

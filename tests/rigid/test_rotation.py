@@ -130,7 +130,7 @@ FRACTIONS = np.linspace(0, 1, 11)
 @arcs
 @given(unit_quaternions(), unit_quaternions())
 def test_slerp_ends_and_constant_speed(r1, r2):
-    path = quat.slerp(r1, r2, FRACTIONS)
+    path = quat.slerp(r1, r2, FRACTIONS, shorter_turn=False)
     np.testing.assert_allclose(path[[0, -1]], [r1, r2], atol=1e-14)
     np.testing.assert_allclose(quat.norm(path), 1, atol=1e-14)
     # Every step is the same rotation in the world frame.
@@ -145,7 +145,7 @@ def test_slerp_is_the_great_arc(r1, r2, tau):
     phi = np.arctan2(np.linalg.norm(r2 - cosine * r1), cosine)
     assume(1e-3 < phi < np.pi - 1e-3)
     arc = (np.sin((1 - tau) * phi) * r1 + np.sin(tau * phi) * r2) / np.sin(phi)
-    np.testing.assert_allclose(quat.slerp(r1, r2, tau), arc, atol=1e-12)
+    np.testing.assert_allclose(quat.slerp(r1, r2, tau, shorter_turn=False), arc, atol=1e-12)
 
 
 @arcs
@@ -154,15 +154,17 @@ def test_the_shorter_turn_agrees_with_scipy(r1, r2):
     assume(abs(r1 @ r2) > 1e-6)  # at a half-turn both ways are equally short
     both = Rotation.from_quat(np.roll([r1, r2], -1, axis=1))
     expected = Slerp([0, 1], both)(FRACTIONS).as_matrix()
-    np.testing.assert_allclose(quat.to_matrix(quat.slerp(r1, r2, FRACTIONS, shorter_turn=True)), expected, atol=1e-9)
+    np.testing.assert_allclose(quat.to_matrix(quat.slerp(r1, r2, FRACTIONS)), expected, atol=1e-9)
 
 
 def test_the_notes_formula_follows_the_sign_it_is_given():
     r1, r2 = quat.from_axis_angle([0, 0, 1], 0.2), quat.from_axis_angle([0, 0, 1], 0.6)
-    np.testing.assert_allclose(quat.slerp(r1, r2, 0.5), quat.from_axis_angle([0, 0, 1], 0.4), atol=1e-15)
+    np.testing.assert_allclose(
+        quat.slerp(r1, r2, 0.5, shorter_turn=False), quat.from_axis_angle([0, 0, 1], 0.4), atol=1e-15
+    )
     long_way = quat.from_axis_angle([0, 0, 1], 0.4 - np.pi)
-    np.testing.assert_allclose(quat.slerp(r1, -r2, 0.5), long_way, atol=1e-15)
-    np.testing.assert_allclose(quat.slerp(r1, -r2, 0.5, shorter_turn=True), quat.slerp(r1, r2, 0.5), atol=1e-15)
+    np.testing.assert_allclose(quat.slerp(r1, -r2, 0.5, shorter_turn=False), long_way, atol=1e-15)
+    np.testing.assert_allclose(quat.slerp(r1, -r2, 0.5), quat.slerp(r1, r2, 0.5), atol=1e-15)
 
 
 @arcs

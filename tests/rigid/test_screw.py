@@ -156,8 +156,8 @@ def test_only_the_direction_of_the_axis_counts():
         (([0, 0, 1], np.nan, 0.0, [0, 0, 0]), "angle"),
         (([0, 0, 1], 1.0, np.inf, [0, 0, 0]), "distance"),
         (([0, 0, 1], 1.0, 0.0, [0, 0, np.nan]), "point"),
-        (([0, 0, 1], 1.0, 0.0, [0, 0]), "three numbers"),
-        ((np.eye(3), 1.0, 0.0, [0, 0, 0]), "one axis"),
+        (([0, 0, 1], 1.0, 0.0, [0, 0]), "point must hold x, y, z"),
+        ((np.eye(2), 1.0, 0.0, [0, 0, 0]), "axis must hold"),
     ],
 )
 def test_errors(arguments, words):

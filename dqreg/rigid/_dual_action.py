@@ -1,0 +1,138 @@
+"""What unit dual quaternions do, as rigid motions, to points, directions, lines and planes.
+
+Equation numbers: Walker, Shao and Volz (1991), who write the scalar last.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import InputError
+from dqreg.rigid import _dual_parts, pose
+from dqreg.rigid._dual_algebra import DualAlgebra
+from dqreg.rigid._matrices import to_matrix
+from dqreg.rigid._operands import as_lines, as_planes, as_triples, require_meeting
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import RigidTransform
+
+
+@dataclass(frozen=True, eq=False)
+class DualAction(DualAlgebra):
+    """Unit dual quaternions at work."""
+
+    def as_matrix(self) -> FloatArray:
+        """Write as 4x4 poses (eqs. 1, 17-20).
+
+        Returns
+        -------
+        ndarray, (..., 4, 4)
+            T_target_source.
+        """
+        return pose.from_parts(to_matrix(self._motion().real), self.translation)
+
+    def as_rigid_transform(self) -> RigidTransform:
+        """Write as SciPy's class; `from_matrix` reads it.
+
+        Returns
+        -------
+        scipy.spatial.transform.RigidTransform
+            The same motions.
+
+        Raises
+        ------
+        MissingDependencyError
+            If SciPy is older than 1.16.
+        """
+        return pose.to_rigid_transform(self.as_matrix())
+
+    @property
+    def translation(self) -> FloatArray:
+        """Translation ``t = 2 (r4 s - s4 r + r x s)``, (..., 3): the vector part of 2 dual real* (19-20, 61-69)."""
+        return _dual_parts.translation(self._motion().real, self.dual)
+
+    def apply(self, points_source: ArrayLike) -> FloatArray:
+        """Move points: R p + t (eqs. 28-29, in the Euclidean form).
+
+        Parameters
+        ----------
+        points_source : array_like, (..., 3)
+            Points, usually (n, 3). One motion moves them all. The axes of a stack broadcast against the leading axes of
+            the points: n motions move n points one by one, and ``motions[:, None]`` moves all points by each.
+
+        Returns
+        -------
+        ndarray, (..., 3)
+            Points in the target frame.
+        """
+        if not self.shape:
+            return pose.apply(self.as_matrix(), points_source)
+        points = as_triples(points_source, "points_source")
+        require_meeting(motions=self.shape, points=points.shape[:-1])
+        return _dual_parts.rotated(self._motion().real, points) + self.translation
+
+    def rotate(self, directions_source: ArrayLike) -> FloatArray:
+        """Rotate directions: R m, without the translation.
+
+        Parameters
+        ----------
+        directions_source : array_like, (..., 3)
+            Directions; they broadcast as points do in `apply`.
+
+        Returns
+        -------
+        ndarray, (..., 3)
+            Directions in the target frame.
+        """
+        directions = as_triples(directions_source, "directions_source")
+        require_meeting(motions=self.shape, directions=directions.shape[:-1])
+        return _dual_parts.rotated(self._motion().real, directions)
+
+    def move_lines(self, lines_source: ArrayLike) -> FloatArray:
+        """Move lines, as `dqreg.rigid.lines` writes them: the dual vectors n + eps m of eq. 9.
+
+        Parameters
+        ----------
+        lines_source : array_like, (..., 6)
+            Direction and moment of each line; they broadcast as points do in `apply`.
+
+        Returns
+        -------
+        ndarray, (..., 6)
+            Lines in the target frame.
+        """
+        lines = as_lines(lines_source, "lines_source")
+        direction = self.rotate(lines[..., :3])
+        moment = self.rotate(lines[..., 3:]) + np.cross(self.translation, direction)
+        return np.concatenate([direction, moment], axis=-1)
+
+    def move_planes(self, planes_source: ArrayLike) -> FloatArray:
+        """Move planes ``a x + b y + c z + d = 0``.
+
+        Parameters
+        ----------
+        planes_source : array_like, (..., 4)
+            Coefficients a, b, c, d of each plane; they broadcast as points do in `apply`.
+
+        Returns
+        -------
+        ndarray, (..., 4)
+            Planes in the target frame, with normals of the same length.
+        """
+        planes = as_planes(planes_source, "planes_source")
+        normal = self.rotate(planes[..., :3])
+        offset = planes[..., 3:] - np.sum(normal * self.translation, axis=-1, keepdims=True)
+        return np.concatenate([normal, offset], axis=-1)
+
+    def _motion(self) -> Self:
+        """Itself, if it is one."""
+        if not self._unit:
+            if not _dual_parts.is_unit(self.real, self.dual):
+                raise InputError("a sum or a multiple of dual quaternions is no rigid motion; call normalized() first")
+            object.__setattr__(self, "_unit", True)
+        return self
