@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
 from dqreg.rigid._algebra import cross_matrix
 from dqreg.rigid._matrices import from_matrix
@@ -99,7 +99,7 @@ def adjoint(T: ArrayLike) -> FloatArray:
 
 
 def _halves(twist: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    array = np.asarray(twist, dtype=np.float64)
+    array = as_float(twist, "twist")
     if array.shape[-1:] != (6,):
         raise InputError(f"twist must hold rotation vector and translation part, six numbers; got shape {array.shape}")
     return array[..., :3], array[..., 3:]

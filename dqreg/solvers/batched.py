@@ -11,6 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray
 from dqreg.errors import InputError
 from dqreg.solvers.batched_input import FeatureSet, Sides, read_features
 from dqreg.solvers.closed_form import SAME_POINT, SMALLEST_DIFFERENCE, narrow_floor
+from dqreg.solvers.least_squares import SMALLEST_SQUARE
 from dqreg.solvers.narrow import NARROW, long_axes
 
 
@@ -29,7 +30,9 @@ class BatchSums:
     # reach, floor: (c,): Largest lambda_1 such data could have, and gap that the rounding of coordinates could make
     reach: FloatArray
     floor: FloatArray
-    wide: BoolArray  # (c,): Whether the points count; those in one place do not
+    # wide, faint: (c,): Whether the points count, as those in one place do not; whether their squares lose digits
+    wide: BoolArray
+    faint: BoolArray
 
 
 def sum_block(source: FloatArray, target: FloatArray, beta: FloatArray, directions: Sides | None) -> BatchSums:
@@ -42,6 +45,8 @@ def sum_block(source: FloatArray, target: FloatArray, beta: FloatArray, directio
     grain_source = SAME_POINT**2 * weight * (mean_source**2).sum(axis=0)
     grain_target = SAME_POINT**2 * weight * (mean_target**2).sum(axis=0)
     wide = (spread_source > grain_source) & (spread_target > grain_target)
+    least = np.minimum(spread_source, spread_target)
+    faint = (least > 0.0) & (least < SMALLEST_SQUARE * weight)
     H = np.where(wide, H, 0.0)
     reach = np.where(wide, np.sqrt(spread_source) * np.sqrt(spread_target), 0.0)
     floor = np.where(wide, np.sqrt(grain_source) * np.sqrt(grain_target), 0.0)
@@ -49,7 +54,7 @@ def sum_block(source: FloatArray, target: FloatArray, beta: FloatArray, directio
         more, length_source, length_target = _products(*directions)
         H = H + more
         reach = reach + np.sqrt(length_source) * np.sqrt(length_target)
-    return BatchSums(weight, mean_source, mean_target, p, q, H, reach, floor, wide)
+    return BatchSums(weight, mean_source, mean_target, p, q, H, reach, floor, wide, faint)
 
 
 def residual_sums(
@@ -207,7 +212,7 @@ def _solve_block(chosen: slice | np.ndarray, points: FeatureSet, directions: Fea
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         sums = sum_block(p, q, beta, sides)
         forms = _quaternion_forms(sums.H)
-        tame = np.isfinite(forms).all(axis=(1, 2)) & np.isfinite(sums.reach)
+        tame = np.isfinite(forms).all(axis=(1, 2)) & np.isfinite(sums.reach) & ~sums.faint
         values, vectors = np.linalg.eigh(np.where(tame[:, None, None], forms, 0.0))
         R = _rotations(vectors[:, :, 3].T)
         lambda_1, lambda_2 = values[:, 3], values[:, 2]

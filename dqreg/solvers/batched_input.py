@@ -42,10 +42,10 @@ class FeatureSet:
             k = int(sizes[0]) if len(sizes) else 0
             rows = slice(chosen.start * k, chosen.stop * k)
             source, target = (
-                np.ascontiguousarray(side[rows].reshape(-1, k, 3).transpose(2, 1, 0))
+                np.ascontiguousarray(side[rows].reshape(len(sizes), k, 3).transpose(2, 1, 0))
                 for side in (self.source, self.target)
             )
-            return source, target, np.ascontiguousarray(self.weights[rows].reshape(-1, k).T)
+            return source, target, np.ascontiguousarray(self.weights[rows].reshape(len(sizes), k).T)
         step = np.arange(int(sizes.max(initial=0)))[:, None]
         held = step < sizes
         # Filled rows repeat the problem's first one at weight zero, so they cannot widen anything.

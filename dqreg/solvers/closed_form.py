@@ -25,6 +25,7 @@ eigenproblem loses twice the digits that the data lose, and `narrow` takes its p
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -32,8 +33,12 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import quaternion
 from dqreg.solvers.fit import Fit
+from dqreg.solvers.matches import Matches
 from dqreg.solvers.moments import Moments
 from dqreg.solvers.narrow import is_narrow, long_axes, rotation_of
+from dqreg.solvers.undetermined import no_weight_message, undetermined
+
+Why = Callable[[str], DegenerateGeometryError]
 
 # Gap lambda_1 - lambda_2, in units of the largest lambda_1 such data could have, below which the rotation is taken as
 # undetermined. Points on a line leave some 1e-31, a strip 1e-7 as wide as long 1e-14; at this one the rotation is good
@@ -72,6 +77,11 @@ def solve_moments(moments: Moments) -> Fit:
     >>> solve_moments(moments_of(p, p + [1.0, 2.0, 3.0])).T_target_source[:3, 3].round(12).tolist()
     [1.0, 2.0, 3.0]
     """
+    return fit_of_moments(moments)
+
+
+def fit_of_moments(moments: Moments, matches: Matches | None = None) -> Fit:
+    """`solve_moments`; with the matches at hand, the message of an error knows more."""
     if not moments.point_weight > 0.0:
         raise DegenerateGeometryError(no_weight_message())
     H, reach, floor, placed = rotation_sums(moments)
@@ -84,7 +94,7 @@ def solve_moments(moments: Moments) -> Fit:
         across, directed = moments.aligned.turned(*axes)
         R, lambda_1, lambda_2 = rotation_of(across + directed if placed else directed, axes)
         r, floor = quaternion.from_matrix(R), floor + float(narrow_floor(reach, 0.5 * (lambda_1 + lambda_2)))
-    gap = require_determined(lambda_1, lambda_2, reach, floor)
+    gap = require_determined(lambda_1, lambda_2, reach, floor, lambda words: undetermined(words, moments, matches))
     T = pose_from_quaternion(r, moments)
     # tr(R^T H) of the points alone; that of the directions is the rest of lambda_1.
     point_fit = float(np.vdot(T[:3, :3], moments.point_cross))
@@ -121,27 +131,20 @@ def narrow_floor(reach: FloatArray | float, along: FloatArray | float) -> FloatA
     return SMALLEST_GAP * reach + SMALLEST_DIFFERENCE * np.maximum(reach - along, 0.0)
 
 
-def require_determined(lambda_1: float, lambda_2: float, reach: float, floor: float | None = None) -> float:
+def require_determined(
+    lambda_1: float, lambda_2: float, reach: float, floor: float | None = None, why: Why = undetermined
+) -> float:
     """Relative gap of the two largest eigenvalues, if it is more than rounding, of their difference by default."""
     floor = SMALLEST_DIFFERENCE * reach if floor is None else floor
     gap = lambda_1 - lambda_2
     relative = gap / lambda_1 if lambda_1 > 0.0 else 0.0
     if not gap > floor:
         of_reach, needed = (gap / reach, floor / reach) if reach > 0.0 else (0.0, 0.0)
-        raise DegenerateGeometryError(
-            f"the matches do not determine the rotation: the relative gap of the two largest eigenvalues is "
-            f"{relative:.3g} ({of_reach:.3g} of what a perfect fit of such data reaches; more than {needed:.3g} "
-            "is needed). All points on one line or in one place? Add a point off that line or a direction across it"
+        raise why(
+            f"the relative gap of the two largest eigenvalues is {relative:.3g} ({of_reach:.3g} of what a perfect fit "
+            f"of such data reaches; more than {needed:.3g} is needed)"
         )
     return relative
-
-
-def no_weight_message() -> str:
-    """Message where no point carries weight, so that the translation is undetermined."""
-    return (
-        "no matched point carries weight, so the translation is not determined (relative gap: none); "
-        "directions fix the rotation only. Add at least one point of positive weight"
-    )
 
 
 def quaternion_form(H: FloatArray) -> FloatArray:

@@ -8,22 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, require_workable
 from dqreg.errors import DegenerateGeometryError, InputError
-from dqreg.solvers.closed_form import (
-    SAME_POINT,
-    no_weight_message,
-    require_determined,
-    solve_moments,
-)
+from dqreg.solvers.closed_form import SAME_POINT, fit_of_moments, require_determined
 from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.feature_sums import BLOCK
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
 from dqreg.solvers.moments import Moments, moments_of
+from dqreg.solvers.undetermined import no_weight_message, undetermined
 
 # Part of the constant below which its difference from the fit has lost more than seven digits of fifteen.
 SMALL_COST = 1e-7
+# Variance of the points below which their squares lose digits at the end of the float64 range.
+SMALLEST_SQUARE = 1e-290
 
 
 def solve(
@@ -65,10 +63,11 @@ def solve(
     Raises
     ------
     InputError
-        If a shape or count is wrong, a number is not finite, a weight is negative, or there are no matches.
+        If a shape or count is wrong, a number is not finite, a weight is negative, there are no matches, or the
+        lengths are too large or too small for their squares.
     DegenerateGeometryError
         If the matches leave part of the pose free: no weight on any point, all points in one place or on one line
-        without a direction across it. The message holds the measured relative gap.
+        without a direction across it. The message holds the measured relative gap, the cause and the remedy.
 
     Examples
     --------
@@ -93,7 +92,7 @@ def solve(
             matches.direction_weights,
         )
     _check_sums(moments, matches)
-    fit = solve_moments(moments)
+    fit = fit_of_moments(moments, matches)
     if not _needs_residuals(fit, moments, matches):
         return fit
     point_cost, direction_cost = cost_of_pose(fit.T_target_source, matches)
@@ -112,6 +111,11 @@ def _check_sums(moments: Moments, matches: Matches) -> None:
     if not moments.is_finite:
         refuse_bad_values(matches)
         raise InputError("the coordinates are finite, but their squares are not; give them in a larger unit")
+    if not min(moments.spread_source, moments.spread_target) >= SMALLEST_SQUARE * moments.point_weight:
+        # Squares of lengths this small are no longer whole: what is left of them would give a wrong pose.
+        for name in ("points_source", "points_target"):
+            if len(rows := getattr(matches, name)):
+                require_workable(rows, name)
     if len(matches.directions_source) and _may_hold_zero(moments, matches.direction_weights, matches):
         refuse_bad_values(matches)
 
@@ -149,9 +153,9 @@ def centre(matches: Matches) -> Centred:
         raise DegenerateGeometryError(no_weight_message())
     mean_source, p = _about_mean(matches.points_source, beta)
     mean_target, q = _about_mean(matches.points_target, beta)
-    points = math.sqrt(float(beta @ (p * p).sum(axis=1)) * float(beta @ (q * q).sum(axis=1)))
+    points = math.sqrt(beta @ (p * p).sum(axis=1)) * math.sqrt(beta @ (q * q).sum(axis=1))
     m, n = matches.directions_source, matches.directions_target
-    directions = math.sqrt(float(alpha @ (m * m).sum(axis=1)) * float(alpha @ (n * n).sum(axis=1)))
+    directions = math.sqrt(alpha @ (m * m).sum(axis=1)) * math.sqrt(alpha @ (n * n).sum(axis=1))
     return Centred(beta, alpha, mean_source, mean_target, p, q, points + directions)
 
 
@@ -167,7 +171,7 @@ def weights_of(matches: Matches) -> tuple[FloatArray, FloatArray]:
 
 def fit_of_rotation(R: FloatArray, lambda_1: float, lambda_2: float, matches: Matches, centred: Centred) -> Fit:
     """Fit with this rotation, the translation that belongs to it, and the cost of its residuals. Shapes: R (3, 3)."""
-    gap = require_determined(lambda_1, lambda_2, centred.reach)
+    gap = require_determined(lambda_1, lambda_2, centred.reach, why=lambda words: undetermined(words, matches=matches))
     T = np.eye(4)
     T[:3, :3] = R
     T[:3, 3] = centred.mean_target - R @ centred.mean_source  # Jia (13)

@@ -46,7 +46,7 @@ def svd(
     Raises
     ------
     InputError
-        As `solve`.
+        As `solve`, and for coordinates beyond 1e60 or apart by less than 1e-60.
     DegenerateGeometryError
         As `solve`.
 
@@ -101,7 +101,7 @@ def horn(
     Raises
     ------
     InputError
-        As `solve`.
+        As `solve`, and for coordinates beyond 1e60 or apart by less than 1e-60.
     DegenerateGeometryError
         As `solve`.
 

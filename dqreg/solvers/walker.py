@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
-from dqreg.solvers.closed_form import no_weight_message, require_determined
+from dqreg.solvers.closed_form import require_determined
 from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.least_squares import weights_of
 from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
+from dqreg.solvers.undetermined import no_weight_message, undetermined
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +74,7 @@ def walker1991(
     Raises
     ------
     InputError
-        As `solve`.
+        As `solve`, and for coordinates beyond 1e60 or apart by less than 1e-60.
     DegenerateGeometryError
         As `solve`.
 
@@ -136,7 +137,12 @@ def _with_zero(vectors: FloatArray) -> FloatArray:
 def _as_fit(r: FloatArray, s: FloatArray, values: FloatArray, constant: float, matches: Matches) -> WalkerFit:
     # A is 2 N plus a multiple of the identity; the gap of N, which `solve` reports, needs that multiple taken out.
     centre = values.mean()
-    gap = require_determined(float(values[3] - centre), float(values[2] - centre), reach=constant)
+    gap = require_determined(
+        float(values[3] - centre),
+        float(values[2] - centre),
+        reach=constant,
+        why=lambda words: undetermined(words, matches=matches, centred=False),
+    )
     T = np.eye(4)
     T[:3, :3] = (W(r).T @ Q(r))[:3, :3]  # (18)
     T[:3, 3] = 2.0 * (W(r).T @ s)[:3]  # (19), (20)

@@ -124,3 +124,15 @@ def test_errors():
         pose.log(np.full((4, 4), np.nan))
     with pytest.raises(InputError, match="4x4"):
         pose.adjoint(np.eye(3))
+
+
+@pytest.mark.parametrize("bad", [np.ones(6) * 1j, ["a"] * 6, [None] * 6])
+def test_a_twist_of_other_than_real_numbers_is_refused_by_name(bad):
+    with pytest.raises(InputError, match="twist must be an array of real numbers"):
+        pose.exp(bad)
+
+
+@pytest.mark.parametrize("bad", [np.eye(3) * 1j, [["a"] * 3] * 3])
+def test_a_rotation_of_other_than_real_numbers_is_refused_by_name(bad):
+    with pytest.raises(InputError, match="R must be an array of real numbers"):
+        pose.from_parts(bad, [0, 0, 0])

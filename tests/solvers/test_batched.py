@@ -165,3 +165,13 @@ def test_bad_input_is_named(case):
     arguments, words = BAD[case]
     with pytest.raises(InputError, match=words):
         solve_many(**arguments)
+
+
+def test_even_problems_without_rows_are_degenerate_ones():
+    fits = solve_many(np.zeros((3, 0, 3)), np.zeros((3, 0, 3)))
+    assert fits.degenerate.all()
+    assert np.isnan(fits.T_target_source).all()
+    assert fits.T_target_source.shape == (3, 4, 4)
+    both = solve_many(np.ones((3, 1, 3)), np.ones((3, 1, 3)), np.zeros((3, 0, 3)), np.zeros((3, 0, 3)))
+    assert both.degenerate.all()
+    assert solve_many(np.zeros((0, 5, 3)), np.zeros((0, 5, 3))).degenerate.shape == (0,)

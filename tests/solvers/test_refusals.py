@@ -41,6 +41,61 @@ def test_what_leaves_the_pose_free_raises_with_the_gap(solver, case):
         solver(*DEGENERATE[case])
 
 
+OCTAHEDRON = np.vstack([np.eye(3), -np.eye(3)])
+# Each cause with its own sentence and remedy.
+CAUSES = {
+    "too few": ((TETRAHEDRON[:2], TETRAHEDRON[:2]), "2 points and 0 directions; at least three points"),
+    "too few by weight": ((TETRAHEDRON, TETRAHEDRON, None, None, [1, 1, 0, 0]), "2 points and 0 directions"),
+    "one point, one direction": (([[1, 2, 3]], [[4, 5, 6]], [[0, 0, 1]], [[0, 0, 1]]), "1 point and 1 direction;"),
+    "a line": ((LINE, LINE), "lie on one line, and no direction across it: add a point off that line"),
+    "one place": ((SPOT, SPOT), "lie in one place: add points elsewhere"),
+    "reversed directions": ((SPOT[:1], SPOT[:1], np.eye(3), -np.eye(3)), "reversed: check the handedness"),
+    "a mirror image": ((OCTAHEDRON, -OCTAHEDRON), "mirror image of the other"),
+    "far": ((TETRAHEDRON * 0.05 + 1e14, TETRAHEDRON + 1e14), "Subtract a common offset"),
+}
+
+
+@pytest.mark.parametrize("solver", [solve, svd, horn, walker1991])
+@pytest.mark.parametrize("case", CAUSES)
+def test_each_cause_has_its_own_sentence(solver, case):
+    arguments, words = CAUSES[case]
+    with pytest.raises(DegenerateGeometryError, match=words):
+        solver(*arguments)
+
+
+def test_a_weight_too_small_is_the_cause_that_is_named():
+    across = np.array([[2.0, 1, 2]]) / 3
+    for solver, alpha in ((solve, 1e-22), (svd, 1e-14), (horn, 1e-14), (walker1991, 1e-14)):
+        with pytest.raises(DegenerateGeometryError, match=r"too little weight .*direction_weights"):
+            solver(LINE, LINE, across, across, None, alpha)
+        # Equal weights do what the message promises.
+        solver(LINE, LINE, across, across)
+
+
+def test_the_published_sums_far_from_the_origin_are_told_from_a_line():
+    points = TETRAHEDRON + 1e8
+    solve(points, points)
+    with pytest.raises(DegenerateGeometryError, match="from the origin and extend over"):
+        walker1991(points, points)
+
+
+@pytest.mark.parametrize("scale", [1e-150, 1e-158, 1e-160, 1e-170, 1e-300])
+def test_lengths_too_small_to_be_squared_are_named(scale):
+    q = pose.apply(QUARTER, TETRAHEDRON) * scale
+    with pytest.raises(InputError, match="finer unit"):
+        solve(TETRAHEDRON * scale, q)
+    assert solve_many([TETRAHEDRON * scale, TETRAHEDRON], [q, TETRAHEDRON]).degenerate.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("solver", [solve, svd, horn])
+@pytest.mark.parametrize("weight", [1e-300, 1e-150, 1e150, 1e160, 1e300])
+def test_weights_of_any_size_give_the_pose(solver, weight):
+    q = pose.apply(QUARTER, TETRAHEDRON)
+    fit = solver(TETRAHEDRON, q, point_weights=weight)
+    np.testing.assert_allclose(fit.T_target_source, QUARTER, rtol=0, atol=1e-14)
+    assert fit.rms < 1e-14
+
+
 def test_a_short_line_far_away_is_no_wider_than_its_rounding():
     # 1.5e-6 long and 4e5 away: the coordinates' own rounding makes it 1e-11 wide.
     line = LINE * 1e-7 + [1e6 / 7, 1e6 / 3, 1e6 / 11]
