@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterator
 from types import ModuleType
 
-from dqreg.errors import MissingDependencyError
+from dqreg.errors import InputError, MissingDependencyError
 
 # Debian and Ubuntu packages that hold the system libraries which Open3D's Linux wheels need.
 APT_PACKAGES = {
@@ -23,6 +23,7 @@ APT_PACKAGES = {
     "libEGL.so.1": "libegl1",
     "libX11.so.6": "libx11-6",
     "libgomp.so.1": "libgomp1",
+    "libidn2.so.0": "libidn2-0",
     "libudev.so.1": "libudev1",
     "libstdc++.so.6": "libstdc++6",
 }
@@ -31,6 +32,11 @@ APT_PACKAGES = {
 @functools.cache
 def load_open3d() -> ModuleType:
     """Open3D, imported once, quiet, with the libraries it needs loaded before it."""
+    try:
+        os.getcwd()  # noqa: PTH109 - asked, not used
+    except FileNotFoundError:
+        # A library below it would end the whole process.
+        raise InputError("the working folder was deleted; change to another one") from None
     _preload_libusb()
     # Its web viewer writes three lines into every notebook, and nothing here uses it.
     os.environ.setdefault("OPEN3D_DISABLE_WEB_VISUALIZER", "true")

@@ -54,6 +54,15 @@ def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:
     return f"; did you mean {prefix}{found[0]}?" if found else ""
 
 
+def printable(text: str) -> str:
+    r"""Text for a terminal: control characters, and what turns the order of letters, as escapes.
+
+    >>> printable("a\x1b[2J.ply"), printable("große µ.ply")
+    ('a\\x1b[2J.ply', 'große µ.ply')
+    """
+    return "".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in text)
+
+
 def nearest(word: str, known: Iterable[str], count: int = 1) -> list[str]:
     """The known words that are most like a word, if any are."""
     import difflib

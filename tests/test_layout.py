@@ -67,7 +67,9 @@ def code_lines(file: Path) -> int:
 
 
 def test_four_modules_lie_at_the_root() -> None:
-    assert {file.name for file in PACKAGE.glob("*.py")} == {"__init__.py", "_arrays.py", "_open3d.py", "errors.py"}
+    # And the entry of ``python -m dqreg``, which Python wants there.
+    names = {"__init__.py", "__main__.py", "_arrays.py", "_open3d.py", "errors.py"}
+    assert {file.name for file in PACKAGE.glob("*.py")} == names
 
 
 def test_no_file_is_longer_than_its_limit() -> None:
@@ -88,7 +90,7 @@ def test_rooms_stand_on_nine_floors_at_most() -> None:
 
     rooms: dict[str, set[str]] = {}
     for name, others in graph().items():
-        if name != "dqreg":
+        if name not in ("dqreg", "dqreg.__main__"):
             rooms.setdefault(room(name), set()).update(room(other) for other in others if room(other) != room(name))
     floor: dict[str, int] = {}
     for name in TopologicalSorter(rooms).static_order():

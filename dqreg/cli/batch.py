@@ -11,6 +11,7 @@ import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, say
 from dqreg.cli.signals import PoliteSignals
+from dqreg.errors import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -98,7 +99,9 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
 
         print_json({"rows": to_records(found.lines), "files": [str(path) for path in found.files]})
     if found.stopped:
-        click.echo(f"dqreg: stopped; the rows done so far are in {place}: resume with --resume", err=True)
+        click.echo(
+            f"dqreg: stopped; the rows done so far are in {printable(str(place))}: resume with --resume", err=True
+        )
         return 128 + stop.number
     return 0 if found.accepted else 1
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, say
+from dqreg.errors import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -142,7 +143,7 @@ def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: di
             found = run(tasks, _engines(options), protocol=protocol, out=goals.lines, observe=_told(bar, shown))
     except KeyboardInterrupt:
         kept = f"; the runs so far are in {goals.lines}: the same command resumes from there" if goals.lines else ""
-        click.echo(f"dqreg: stopped by the user{kept}", err=True)
+        click.echo(f"dqreg: stopped by the user{printable(kept)}", err=True)
         return STOPPED
     made, note = tables(found), footer(found, protocol.success_threshold)
     print_tables(console, made)

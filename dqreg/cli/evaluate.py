@@ -75,12 +75,15 @@ def evaluate(
 
 def _show(console: Any, figures: list[tuple[str, str]]) -> None:
     from rich.table import Table
+    from rich.text import Text
+
+    from dqreg.errors import printable
 
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column()
     table.add_column(justify="right")
     for name, value in figures:
-        table.add_row(name, value)
+        table.add_row(name, Text(printable(value)))
     console.print(table)
 
 

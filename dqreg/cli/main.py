@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 
 from dqreg.cli.signals import Signals, leave, leave_at_once, listen, say
 
 BAD_INPUT, STOPPED = 2, 130
+# What is wrong with a path itself, wherever it is first used.
+UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP)
 # Codes above it say which signal ended the program.
 SIGNALLED = 128
 
@@ -28,6 +31,10 @@ def console() -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit; expected errors are one line on stderr, unexpected ones keep their trace."""
+    for name in ("COLUMNS", "LINES"):
+        # A terminal of no width, as some services set it, would be shown nothing at all.
+        if not os.environ.get(name, "1").strip("0"):
+            del os.environ[name]
     signals = Signals()
     try:
         with signals:
@@ -57,6 +64,10 @@ def _tell(error: BaseException) -> int:
         return STOPPED
     if isinstance(error, DqregError):
         return _bad(str(error))
+    if isinstance(error, FileNotFoundError) and error.filename is None:
+        return _bad("the working folder was deleted; change to another one")
+    if isinstance(error, OSError) and error.errno in UNUSABLE:
+        return _bad(f"cannot use {error.filename}: {error.strerror}")
     # Files are opened where errors have names; what has none is the output itself.
     if isinstance(error, OSError) and error.filename is None:
         # What is still in the buffer would fail once more at the very end.
@@ -68,5 +79,7 @@ def _tell(error: BaseException) -> int:
 def _bad(message: str) -> int:
     import click
 
-    click.echo(f"dqreg: error: {' '.join(message.split())}", err=True)
+    from dqreg.errors import printable
+
+    click.echo(f"dqreg: error: {printable(' '.join(message.split()))}", err=True)
     return BAD_INPUT

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.errors import InputError
+from dqreg.errors import InputError, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -215,7 +215,7 @@ def tell_report(
 def say(console: Console, text: str) -> None:
     """Print a line as it is: no markup, no colours, no breaks."""
     try:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
+        console.print(printable(text), highlight=False, markup=False, soft_wrap=True)
     except BrokenPipeError:
         raise
     except OSError as error:

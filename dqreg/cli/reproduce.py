@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from dqreg.cli.outputs import say
+
 
 @click.command()
 @click.argument("paper", type=click.Choice(["walker1991", "jia2020"]))
@@ -34,5 +36,5 @@ def reproduce(paper: str, out: Path | None, seed: int, quick: bool, quiet: bool)
     report = answer(paper, seed, quick=quick, observe=lambda section: print_section(console, section))
     console.print()
     for path in write_report(report, folder):
-        console.print(f"wrote {path}", markup=False, soft_wrap=True)
+        say(console, f"wrote {path}")
     return 0

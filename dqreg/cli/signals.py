@@ -1,4 +1,4 @@
-"""What Ctrl-C and SIGTERM do: one line and 128 plus the signal's number, whatever the program is doing.
+"""What Ctrl-C, SIGTERM and SIGHUP do: one line and 128 plus the signal's number, whatever the program is doing.
 
 Imports next to nothing, because it must stand before anything else is loaded.
 """
@@ -16,17 +16,20 @@ if TYPE_CHECKING:
     from types import FrameType, TracebackType
     from typing import Any, NoReturn, Self
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# A terminal that is closed sends the last; Windows has none.
+HANGUP = getattr(signal, "SIGHUP", None)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, *((HANGUP,) if HANGUP else ()))
 WORDS = {
     signal.SIGINT: "error: stopped by the user; no file is left half-written",
     signal.SIGTERM: "error: ended by a signal (SIGTERM); no file is left half-written",
+    HANGUP: "error: the terminal was closed (SIGHUP); no file is left half-written",
 }
 # Seconds after which a signal that came at a bad moment is sent again.
 AGAIN_SECONDS = 0.002
 
 
 class Signals:
-    """SIGINT and SIGTERM in a block: raised, so that all that tidies up is run; earlier handlers come back at its end.
+    """The three signals in a block: raised, so that all that tidies up is run; earlier handlers come back at its end.
 
     Never raised inside an import, a finaliser or a weak reference's callback: compiled modules swallow an exception
     there or take it for damage, and Python prints it and goes on. There the signal is sent again a moment later.
@@ -94,7 +97,7 @@ class PoliteSignals(Signals):
 
 
 def listen(handler: Any) -> dict[int, Any]:
-    """Have SIGINT and SIGTERM call a function, where Python and the caller allow it; the handlers of before."""
+    """Have the three signals call a function, where Python and the caller allow it; the handlers of before."""
     before = {}
     try:
         for number in SIGNALS:

@@ -27,7 +27,7 @@ def machine_line() -> str:
     words = [
         _processor(),
         f"{os.cpu_count() or 1} cores",
-        f"{memory / 2**30:.0f} GiB" if memory < float("inf") else "",
+        f"{memory / 2**30:.0f} GiB",
         f"{platform.system()} {platform.release()}",
         f"Python {platform.python_version()}",
     ]
@@ -44,15 +44,14 @@ def installed_versions(distributions: Iterable[str]) -> dict[str, str]:
 
 
 def machine_memory() -> float:
-    """Bytes of memory of the machine; infinite where the system does not tell.
+    """Bytes of memory of the machine.
 
     >>> machine_memory() > 0.0
     True
     """
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    except (OSError, ValueError, AttributeError):
-        return float("inf")
+    import psutil
+
+    return float(psutil.virtual_memory().total)
 
 
 def _processor() -> str:

@@ -105,6 +105,8 @@ def is_last(run: RunRecord) -> bool:
 def _read(path: Path, form: str) -> tuple[list[dict[str, Any]], int]:
     """Lines of a file, and the number of bytes that are whole lines."""
     try:
+        if not path.is_file():
+            raise InputError(f"cannot read {path}: it is a device or a pipe; give another --out")
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from error
@@ -115,7 +117,7 @@ def _read(path: Path, form: str) -> tuple[list[dict[str, Any]], int]:
             line = json.loads(text)
             if not isinstance(line, dict) or (number == 1 and line.get("format") != form):
                 raise ValueError("not a line of a comparison")
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise InputError(
                 f"{path}, line {number}: {error}; give another --out, or remove the file to start again"
             ) from error

@@ -12,6 +12,7 @@ from typing import Any, get_args
 from dqreg.compare.engines.protocol import Setting
 from dqreg.compare.sweep import FRAMES, Axis, AxisName, Cell, Sweep
 from dqreg.errors import InputError, did_you_mean
+from dqreg.files.untrusted import read_record
 from dqreg.synth.parts import KINDS
 
 SHIPPED = ("standard", "quick")
@@ -27,10 +28,7 @@ def read_sweep(name: str | os.PathLike[str]) -> Sweep:
             raise InputError(
                 f"--sweep must be {', '.join(SHIPPED)}, trust or a TOML file; there is no file {str(name)!r}"
             )
-        try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"cannot read the sweep {path}: {error}") from error
+        text = read_record(path, "a sweep (TOML)")
     return parse_sweep(text, str(name))
 
 

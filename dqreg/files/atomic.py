@@ -15,6 +15,14 @@ from dqreg.errors import InputError
 def require_writable(path: str | os.PathLike[str]) -> Path:
     """Path of a file that can be written; asked before long work, so that its result is not lost."""
     goal = _as_path(path)
+    try:
+        return _require_writable(goal)
+    except OSError as error:
+        # A name too long for the system, a circle of links.
+        raise InputError(f"cannot write {goal}: {error.strerror or error}") from error
+
+
+def _require_writable(goal: Path) -> Path:
     folder = goal.parent
     if goal.is_dir():
         raise InputError(f"cannot write {goal}: it is a folder; give the name of a file in it")
@@ -32,7 +40,8 @@ def require_writable(path: str | os.PathLike[str]) -> Path:
 def write_atomically(path: str | os.PathLike[str], content: bytes | str) -> None:
     """Write a whole file; on any failure the old file, or none, is left."""
     goal = require_writable(path)
-    data = content.encode("utf-8") if isinstance(content, str) else content
+    # File names of other encodings come as letters that UTF-8 has not.
+    data = content.encode("utf-8", errors="backslashreplace") if isinstance(content, str) else content
     try:
         if goal.exists() and not goal.is_file():
             goal.write_bytes(data)  # a device or a pipe: there is nothing to put in its place

@@ -43,6 +43,15 @@ def require_safe_gltf(path: Path) -> None:
         raise unreadable(path, f"glTF whose JSON cannot be used ({error!r:.80})", "a whole glTF file") from error
 
 
+def buffers_of(path: Path) -> list[Path]:
+    """Files that hold the numbers of a glTF file beside its own; none of a file that would be refused."""
+    try:
+        buffers = json.loads(_gltf_json(path)).get("buffers", [])
+        return list(_named_files(path, [item["uri"] for item in buffers if "uri" in item]))
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError, OSError):
+        return []
+
+
 def _require_known_extensions(path: Path, tree: dict[str, Any], primitives: list[dict[str, Any]]) -> None:
     unknown = [str(name) for name in tree.get("extensionsRequired", []) if not str(name).startswith(APPEARANCE)]
     holders = (*primitives, *tree.get("nodes", []), *tree.get("bufferViews", []))
@@ -99,7 +108,7 @@ def _named_files(path: Path, uris: list[Any]) -> Iterator[Path]:
             places = [(folder / name).resolve() for name in (uri, unquote(uri))]
             inside = all(place.is_relative_to(folder) for place in places) and "\\" not in uri and "://" not in uri
             found = inside and places[0].is_file()
-        except (OSError, ValueError):
+        except (OSError, ValueError, RuntimeError):
             inside = found = False
         if not inside:
             raise unreadable(path, f"a buffer at {uri!r:.80}", "files in its own folder")

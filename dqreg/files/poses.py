@@ -12,7 +12,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_float, as_pose
 from dqreg.errors import InputError
 from dqreg.files.tables import read_text
-from dqreg.files.untrusted import require_readable, unreadable
+from dqreg.files.untrusted import read_record, require_readable, unreadable
 
 POSE = "T_target_source"
 # Starts that need no file.
@@ -21,7 +21,7 @@ START_WORDS = ("none", "identity")
 
 def read_pose(path: str | os.PathLike[str]) -> FloatArray:
     """Pose of a file, as it stands there: not mended, NaN where nothing was found."""
-    path = require_readable(path)
+    path = require_readable(path, "a pose")
     kind = path.suffix.lower()
     if kind == ".json":
         rows = read_json(path).get(POSE)
@@ -49,8 +49,10 @@ def read_start(text: str | os.PathLike[str]) -> FloatArray | str | None:
 def read_json(path: Path) -> dict[str, Any]:
     """The object of a JSON file."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
+        data = json.loads(read_record(path, "a pose"))
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"cannot read {path}: {error}") from error
     if not isinstance(data, dict):
         raise InputError(f"{path}: expected a JSON object with the key {POSE!r}; got {type(data).__name__}")

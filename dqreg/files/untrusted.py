@@ -43,8 +43,8 @@ def unreadable(path: Path, found: str, expected: str) -> InputError:
     return InputError(f"cannot read {path}: found {found}; expected {expected}")
 
 
-def require_readable(path: str | os.PathLike[str]) -> Path:
-    """Path of a file that exists, may be read and is not empty.
+def require_readable(path: str | os.PathLike[str], wanted: str = "a scan or part") -> Path:
+    """Path of a file that exists, may be read and is not empty: no folder, no device, no pipe.
 
     >>> require_readable("no_such_scan.ply")
     Traceback (most recent call last):
@@ -55,19 +55,32 @@ def require_readable(path: str | os.PathLike[str]) -> Path:
         place = Path(path)
     except TypeError as error:
         raise InputError(f"a path must be text or a pathlib path; got {type(path).__name__}") from error
+    if "\0" in str(place):
+        raise unreadable(place, "a path with a null character", f"the path of {wanted}")
     try:
         if place.is_dir():
             raise unreadable(place, "a folder", "one file in it")
         if not place.exists():
-            raise unreadable(place, "no such file", _near_names(place))
+            raise unreadable(place, "no such file", _near_names(place, wanted))
         if not place.is_file():
             raise unreadable(place, "a device or a pipe", "a file on disk")
         with place.open("rb") as stream:
             if not stream.read(1):
-                raise unreadable(place, "an empty file (0 bytes)", "a scan or a part; was its transfer cut short?")
+                raise unreadable(place, "an empty file (0 bytes)", f"{wanted}; was its transfer cut short?")
     except OSError as error:
         raise unreadable(place, (error.strerror or str(error)).lower(), "a file that may be read") from error
     return place
+
+
+def read_record(path: str | os.PathLike[str], wanted: str) -> str:
+    """Text of a record (a result, a recipe, a manifest ...), in UTF-8; whatever else lies there is an `InputError`."""
+    place = require_readable(path, wanted)
+    try:
+        return place.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise unreadable(place, (error.strerror or str(error)).lower(), wanted) from error
+    except UnicodeDecodeError as error:
+        raise unreadable(place, "bytes that are no UTF-8 text", wanted) from error
 
 
 def require_own_kind(path: Path, extension: str) -> None:
@@ -80,13 +93,13 @@ def require_own_kind(path: Path, extension: str) -> None:
             raise unreadable(path, kind, f"what the extension {extension} promises{remedy}")
 
 
-def _near_names(path: Path) -> str:
+def _near_names(path: Path, wanted: str) -> str:
     try:
         names = [entry.name for entry in path.parent.iterdir()]
     except OSError:
-        return f"the path of a scan or part; the folder {path.parent} cannot be listed"
+        return f"the path of {wanted}; the folder {path.parent} cannot be listed"
     near = nearest(path.name, names, 2)
-    return f"perhaps {' or '.join(near)} in the same folder" if near else "the path of a scan or part"
+    return f"perhaps {' or '.join(near)} in the same folder" if near else f"the path of {wanted}"
 
 
 # Real scans and parts compress to a tenth, seldom to a twentieth; deflate can reach a thousandth.

@@ -13,6 +13,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray, as_float
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
+from dqreg.files.untrusted import read_record
 from dqreg.odometry.engines import TrajectoryRun
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.scans import Scans
@@ -120,11 +121,12 @@ def read_trajectory(path: str | Path) -> tuple[FloatArray, FloatArray | None]:
     InputError
         If it is missing or holds something else.
     """
+    lines = read_record(path, "a trajectory").splitlines()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # NumPy only warns of an empty file
-            rows = np.loadtxt(path, ndmin=2)
-    except (OSError, ValueError, UserWarning) as error:
+            warnings.simplefilter("error")  # NumPy only warns of a file without rows
+            rows = np.loadtxt(lines, ndmin=2)
+    except (ValueError, UserWarning) as error:
         raise InputError(f"cannot read the trajectory {path}: {error}") from error
     if not rows.size or rows.shape[1] not in (8, 12, 16) or not np.isfinite(rows).all():
         raise InputError(

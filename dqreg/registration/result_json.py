@@ -12,6 +12,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_pose, require_finite
 from dqreg.errors import InputError
 from dqreg.files.strict_json import fields_from, plain, record_from
+from dqreg.files.untrusted import read_record
 from dqreg.icp.history import Iteration
 from dqreg.registration.invariants import violated_invariant
 from dqreg.trust.records import Direction, Reason, Verdict
@@ -41,8 +42,10 @@ def as_text(result: Any) -> str:
 def read_fields(path: str | Path, cls: type) -> dict[str, Any]:
     """Fields of a `Registration`, which is the class, from a file."""
     try:
-        values = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
+        values = json.loads(read_record(path, "a result that dqreg saved"))
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"{path} is no readable result file: {error}") from error
     if not isinstance(values, dict) or values.get("format") != FORMAT:
         raise InputError(f'{path} is no dqreg result: expected the key "format" to be {FORMAT!r}')

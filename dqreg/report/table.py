@@ -13,6 +13,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from dqreg.errors import printable
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table as RichTable
@@ -151,11 +153,11 @@ def print_tables(console: Console, tables: Sequence[Table]) -> None:
     for table in tables:
         if table.title:
             console.print()
-            console.print(Text(table.title, style="bold"), soft_wrap=True)
+            console.print(Text(printable(table.title), style="bold"), soft_wrap=True)
         for columns in _that_fit(table, console.width):
             console.print(_shown(table, columns, terminal=console.is_terminal))
         if table.note:
-            console.print(Text(table.note, style="dim"))
+            console.print(Text(_lines(table.note), style="dim"))
 
 
 def _shown(table: Table, columns: Sequence[int], *, terminal: bool) -> RichTable:
@@ -166,10 +168,16 @@ def _shown(table: Table, columns: Sequence[int], *, terminal: bool) -> RichTable
     shown = RichTable(box=box.SIMPLE_HEAD if terminal else None, pad_edge=False)
     for index in columns:
         justify: Literal["left", "right"] = "right" if table.is_right(index) else "left"
-        shown.add_column(Text(table.head[index]), justify=justify, overflow="fold", no_wrap=not table.wraps(index))
+        head = Text(printable(table.head[index]))
+        shown.add_column(head, justify=justify, overflow="fold", no_wrap=not table.wraps(index))
     for row in table.text:
-        shown.add_row(*(Text(row[index]) for index in columns))
+        shown.add_row(*(Text(_lines(row[index])) for index in columns))
     return shown
+
+
+def _lines(text: str) -> str:
+    # Names of files and engines are among the words.
+    return "\n".join(map(printable, text.split("\n")))
 
 
 def _that_fit(table: Table, width: int) -> list[list[int]]:

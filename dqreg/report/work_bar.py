@@ -11,6 +11,7 @@ from typing import Any, Self
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
+from dqreg.errors import printable
 from dqreg.report.progress import left_words
 
 
@@ -73,7 +74,9 @@ class WorkBar:
     def show(self, done: float, total: float, seconds_left: float, words: str) -> bool:
         """Move the bar; False where there is none."""
         if self._bar is not None:
-            self._bar.update(self._task, completed=done, total=total, description=words, left=left_words(seconds_left))
+            self._bar.update(
+                self._task, completed=done, total=total, description=printable(words), left=left_words(seconds_left)
+            )
         return self._bar is not None
 
     def steps(self, total: int, words: str) -> Callable[..., None]:

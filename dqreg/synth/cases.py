@@ -15,6 +15,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
+from dqreg.files.untrusted import read_record
 from dqreg.synth.case_contents import PART, RECIPE, SCAN, TRUTH, case_contents
 from dqreg.synth.recipe import Recipe, read_recipe
 
@@ -97,7 +98,7 @@ def load_case(folder: str | os.PathLike[str]) -> Case:
             needed = f"{SCAN}, {PART} or {PART_PLY}, {TRUTH}"
             raise InputError(f"{folder} is not a case: {path.name} is missing; needed: {needed}")
     try:
-        truth = json.loads((folder / TRUTH).read_text(encoding="utf-8"))
+        truth = json.loads(read_record(folder / TRUTH, "the truth of a case"))
         return Case(
             folder=folder,
             scan=folder / SCAN,
@@ -114,7 +115,7 @@ def load_case(folder: str | os.PathLike[str]) -> Case:
         )
     except KeyError as error:
         raise InputError(f"{folder / TRUTH}: the key {error} is missing") from error
-    except (OSError, TypeError, ValueError) as error:
+    except (TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
         raise InputError(f"{folder / TRUTH}: {error}") from error
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from dqreg.errors import InputError
 from dqreg.files.units import METRES
+from dqreg.files.untrusted import read_record
 from dqreg.synth import parts
 from dqreg.synth.motion import Motion
 from dqreg.synth.noise import Noise
@@ -204,11 +205,7 @@ def read_recipe(path: str | os.PathLike[str]) -> Recipe:
     'box'
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read the recipe {path}: {error}") from error
-    return parse_recipe(text, path.parent)
+    return parse_recipe(read_record(path, "a recipe (TOML)"), path.parent)
 
 
 def parse_recipe(text: str, folder: str | os.PathLike[str] = ".") -> Recipe:

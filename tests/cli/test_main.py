@@ -129,3 +129,52 @@ def test_help_loads_nothing_heavy():
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
     assert answer.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("width", ["0", "00", ""])
+def test_a_terminal_of_no_width_is_told_all_the_same(width, tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", width)
+    monkeypatch.setenv("LINES", width)
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    np.savetxt(tmp_path / "pose.txt", np.eye(4))
+    assert run("evaluate", tmp_path / "pose.txt", "--truth", tmp_path / "pose.txt") == 0
+    assert "offset at the origin" in capsys.readouterr().out
+
+
+def started(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    code = f"import os, sys; os.rmdir({str(folder)!r}); from dqreg.cli.main import main; main({list(arguments)!r})"
+    folder.mkdir()
+    words = [sys.executable, "-P", "-c", code]
+    return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_a_deleted_working_folder_is_one_line(tmp_path, case):
+    # Open3D's own libraries end the process there.
+    told = started(tmp_path / "gone", "register", str(case.scan), str(case.part), "--out", "result.json")
+    assert (told.returncode, told.stdout) == (2, "")
+    assert told.stderr.count("\n") == 1
+    assert told.stderr.startswith("dqreg: error: ")
+
+
+def test_the_module_is_the_command_and_takes_no_standard_module_of_the_working_folder(tmp_path):
+    # What Python itself imports before any program begins is not ours to keep out: `python -P -m` does.
+    for name in sys.stdlib_module_names - {"__future__", "importlib"}:
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'mark')!r}, 'a').write({f'{name} '!r})\n")
+    (tmp_path / "blank.py").write_text("")
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment.pop("PYTHONSAFEPATH", None)
+    marks = []
+    for words in (["blank"], ["dqreg", "evaluate", "--help"]):
+        command = [sys.executable, "-m", *words]
+        told = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        mark = tmp_path / "mark"
+        marks.append(set(mark.read_text().split()) if mark.exists() else set())
+        mark.unlink(missing_ok=True)
+    assert marks[1] <= marks[0]
+    assert "json" not in marks[0]
+    told = subprocess.run(
+        [sys.executable, "-P", *command[1:]], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert (told.returncode, told.stderr, (tmp_path / "mark").exists()) == (0, "", False)
+    assert told.stdout.startswith("Usage: dqreg evaluate")

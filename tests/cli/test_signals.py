@@ -9,8 +9,8 @@ import pytest
 
 from dqreg.cli.signals import PoliteSignals, Signals
 
-NUMBERS = (signal.SIGINT, signal.SIGTERM)
-RAISED = {signal.SIGINT: KeyboardInterrupt, signal.SIGTERM: SystemExit}
+NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+RAISED = {signal.SIGINT: KeyboardInterrupt, signal.SIGTERM: SystemExit, signal.SIGHUP: SystemExit}
 
 
 @pytest.fixture(autouse=True)

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +92,53 @@ def test_every_command_refuses_a_file_from_a_stranger(
     bad = tmp_path / BAD_FILES[name][0]
     bad.write_bytes(BAD_FILES[name][1])
     assert_refused([word.format(bad=bad, **places) for word in COMMANDS[command]], capfd)
+
+
+# Kinds of places that are no file: a pipe would be waited for, a device never ends, a name too long raises by itself.
+PLACES = ("pipe", "device", "long name", "long name in a folder", "circle of links")
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, "compare, sweep", "batch, target", "odometry"])
+@pytest.mark.parametrize("kind", PLACES)
+def test_every_command_refuses_a_place_that_is_no_file(
+    command: str, kind: str, places: dict[str, str], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    bad = tmp_path / "bad.json"
+    if kind == "pipe":
+        os.mkfifo(bad)
+    elif kind == "circle of links":
+        bad.symlink_to(bad)
+    else:
+        bad = {"device": Path("/dev/zero"), "long name": tmp_path / ("x" * 300)}.get(kind, tmp_path / "x" / ("字" * 90))
+    more = {
+        "compare, sweep": ["compare", "--sweep", "{bad}"],
+        "batch, target": ["batch", "{out}", "--target", "{bad}"],
+        "odometry": ["odometry", "{bad}"],
+    }
+    words = {**COMMANDS, **more}[command]
+    assert_refused([word.format(bad=bad, **places) for word in words], capfd)
+
+
+def test_a_name_too_long_to_write_is_one_line(places: dict[str, str], capfd: pytest.CaptureFixture[str]) -> None:
+    out = places["out"] + "/" + "字" * 90 + ".json"
+    assert_refused(["register", places["scan"], places["part"], "--out", out], capfd)
+
+
+def test_names_never_reach_a_terminal_raw(
+    places: dict[str, str], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    odd = "a\x1b[2J\x9b\u202e\r.ply"
+    with pytest.raises(SystemExit):
+        main(["register", str(tmp_path / odd), places["part"]])
+    shutil.copy(places["scan"], tmp_path / odd)
+    arguments = ["--start", places["pose"], "--effort", "fast", "--out", str(tmp_path / f"{odd}.json")]
+    with pytest.raises(SystemExit):
+        main(["register", str(tmp_path / odd), places["part"], *arguments])
+    with pytest.raises(SystemExit):
+        main(["evaluate", str(tmp_path / f"{odd}.json"), "--truth", places["pose"], "--out", str(tmp_path / odd)])
+    told = "".join(capfd.readouterr())
+    assert r"a\x1b[2J\x9b\u202e\r.ply" in told
+    assert [char for char in told if not char.isprintable() and char != "\n"] == []
 
 
 @pytest.mark.parametrize("name", WRONG)

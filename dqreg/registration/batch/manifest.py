@@ -6,15 +6,18 @@ import csv
 import dataclasses
 import inspect
 import io
+import math
 import os
 import re
+import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, overload
 
-from dqreg.errors import DqregError, InputError, did_you_mean
+from dqreg.errors import DqregError, InputError, did_you_mean, printable
 from dqreg.files.poses import START_WORDS, read_start
+from dqreg.files.untrusted import read_record
 from dqreg.registration.batch.row import Row
 
 # Told by the batch itself, or no text.
@@ -59,10 +62,13 @@ def parse_option(name: str, text: str) -> Any:
     """Value of an option from a cell."""
     kind = _kinds()[name]
     try:
-        return WORDS[text.lower()] if kind is bool else kind(text)
+        value = WORDS[text.lower()] if kind is bool else kind(text)
+        if kind is float and not math.isfinite(value):
+            raise ValueError("no number of a result")
     except (KeyError, ValueError):
-        expected = {float: "a number", int: "a whole number", bool: "yes or no"}[kind]
-        raise InputError(f"{name} must be {expected}; got {text!r}") from None
+        expected = {float: "a finite number", int: "a whole number", bool: "yes or no"}[kind]
+        raise InputError(f"{name} must be {expected}; got {text!r:.100}") from None
+    return value
 
 
 def check_options(options: dict[str, Any]) -> None:
@@ -90,6 +96,10 @@ COLUMNS = ("scan", "target", "name", "start")
 NAMED = 3
 # Names become file names, on any system.
 NAME = re.compile(r"\w[\w.+-]{0,120}")
+# Bytes of a name, with an ending and a number within the 255 that most systems allow.
+LONGEST_NAME = 240
+# Devices of Windows, with whatever ending.
+RESERVED = re.compile(r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9\u00b9\u00b2\u00b3])(\.|$)", re.IGNORECASE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +112,7 @@ class Defaults:
 
 
 def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None) -> tuple[Row, ...]:
-    """Rows of a manifest, checked.
+    """Rows of a manifest, checked: one that cannot be run says why, and only where none can is that an error.
 
     A CSV file has a head with the columns scan and target, and if wanted name, start, and any option of
     `dqreg.register`; empty cells take the default; paths are relative to the manifest's folder. Of a folder, every file
@@ -120,10 +130,14 @@ def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None
     for line, values in cells:
         try:
             row = _row(line, values, base, defaults)
-            rows.append(dataclasses.replace(row, name=seen.named(row, given=bool(values.get("name")))))
+            row = dataclasses.replace(row, name=seen.named(row, given=bool(values.get("name"))))
         except DqregError as error:
-            faults.append(f"line {line}: {error}" if place.is_file() else str(error))
-    if faults:
+            fault = f"line {line}: {error}" if place.is_file() else str(error)
+            row = Row("", *_as_written(values, base, defaults), line=line, fault=fault)
+            row = dataclasses.replace(row, name=seen.named(row, given=False))
+            faults.append(fault)
+        rows.append(row)
+    if faults and len(faults) == len(rows):
         more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""
         raise InputError(f"{place}, {'; '.join(faults[:NAMED])}{more}")
     if not rows:
@@ -133,16 +147,7 @@ def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None
 
 def _of_csv(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     """Line number and cells by column, of every line that is not empty."""
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(
-            f"cannot read {path}: found no such file; expected a CSV manifest or a folder of scans"
-        ) from None
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"cannot read {path}: found bytes that are no UTF-8 text; expected a CSV manifest") from error
+    text = read_record(path, "a CSV manifest or a folder of scans")
     # Spreadsheets write semicolons or tabs in half of the world.
     head = text.partition("\n")[0]
     delimiter = max(",;\t", key=head.count)
@@ -184,9 +189,9 @@ def _of_folder(folder: Path, defaults: Defaults) -> Iterator[tuple[int, dict[str
 
     if defaults.target is None:
         raise InputError(f"{folder} is a folder of scans; give their part with --target FILE")
-    target = defaults.target.resolve()
+    target = os.path.realpath(defaults.target)
     scans = (entry for entry in folder.iterdir() if entry.suffix.lower() in READERS and entry.is_file())
-    visible = sorted((s for s in scans if not s.name.startswith(".") and s.resolve() != target), key=_natural)
+    visible = sorted((s for s in scans if not s.name.startswith(".") and os.path.realpath(s) != target), key=_natural)
     for number, scan in enumerate(visible, 1):
         yield number, {"scan": scan.name}
 
@@ -223,6 +228,11 @@ def _row(line: int, values: Mapping[str, str], base: Path, defaults: Defaults) -
     return Row(values.get("name", ""), scan, target, start, options, line)
 
 
+def _as_written(values: Mapping[str, str], base: Path, defaults: Defaults) -> tuple[Path, Path]:
+    target = values.get("target") or defaults.target or ""
+    return base / printable(values.get("scan", "")), base / printable(os.fspath(target))
+
+
 def _file(text: str, base: Path, column: str) -> Path:
     from dqreg.files import READERS
     from dqreg.files.untrusted import require_own_kind, require_readable
@@ -245,15 +255,31 @@ class _RowNames:
         self._lines: dict[str, int] = {}
 
     def named(self, row: Row, *, given: bool) -> str:
-        name = row.name if given else re.sub(r"[^\w.+-]+|^\W", "_", row.scan.stem)[:100] or "scan"
+        name = row.name if given else _cut(row.scan.stem)
         if given and not NAME.fullmatch(name):
-            raise InputError(f"the name {name!r} is no file name; use letters, digits and . _ - +, 120 at most")
+            raise InputError(f"the name {name!r:.150} is no file name; use letters, digits and . _ - +, 120 at most")
+        if given and len(name.encode()) > LONGEST_NAME:
+            raise InputError(f"the name {name!r} takes {len(name.encode())} bytes; {LONGEST_NAME} fit everywhere")
+        if given and (RESERVED.match(name) or name.endswith(".")):
+            raise InputError(f"the name {name!r} is none on Windows; choose another one")
         if not given:
-            name = next(each for each in _numbered(name) if each.casefold() not in self._lines)
-        elif name.casefold() in self._lines:
-            raise InputError(f"the name {name!r} is that of line {self._lines[name.casefold()]}, too")
-        self._lines[name.casefold()] = row.line
+            name = next(each for each in _numbered(name) if _key(each) not in self._lines)
+        elif _key(name) in self._lines:
+            raise InputError(f"the name {name!r} is that of line {self._lines[_key(name)]}, too")
+        self._lines[_key(name)] = row.line
         return name
+
+
+def _key(name: str) -> str:
+    # Windows and macOS take some names that differ for the same.
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
+
+
+def _cut(stem: str) -> str:
+    """A file name of the stem of a scan that every system can hold, with room for a number."""
+    name = re.sub(r"[^\w.+-]+|^\W", "_", stem)[:100]
+    name = name.encode()[: LONGEST_NAME - 10].decode(errors="ignore").rstrip(".") or "scan"
+    return f"_{name}" if RESERVED.match(name) else name
 
 
 def _numbered(name: str) -> Iterable[str]:

@@ -15,8 +15,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
-from dqreg.errors import InputError
+from dqreg.errors import DqregError, InputError
 from dqreg.files.atomic import write_atomically
+from dqreg.files.untrusted import read_record
 from dqreg.registration.batch.row import BATCH, Row, RowResult, inputs_of
 from dqreg.registration.result import Registration
 
@@ -43,17 +44,36 @@ class Folder:
         """What the result file of a row holds."""
         path = self.result(row)
         try:
-            record = json.loads(path.read_text(encoding="utf-8"))
+            record = json.loads(read_record(path, "a result"))
             if record[BATCH]["inputs"] != json.loads(json.dumps(inputs_of(row))):
                 return None
-            Registration.load(path)
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            about = {**record[BATCH], "seconds": float(record[BATCH]["seconds"])}
+            # What was loaded is checked; the text beside it is not.
+            return {**Registration.load(path).to_dict(), BATCH: about}
+        except (OSError, ValueError, KeyError, TypeError, ArithmeticError, RecursionError):
             return None
-        found: dict[str, Any] = record
-        return found
 
-    def save(self, row: Row, done: RowResult) -> None:
-        """Keep what came of a row; it is on the disk when this returns."""
+    def save(self, row: Row, done: RowResult) -> RowResult:
+        """Keep what came of a row; it is on the disk when this returns. What cannot be kept is an error of the row."""
+        try:
+            self._save(row, done)
+        except (DqregError, ValueError) as error:
+            if not self.writable():
+                raise
+            return RowResult("error", f"its result cannot be saved: {error}")
+        return done
+
+    def writable(self) -> bool:
+        """Whether files can be written to the folder at all: the disk is not full, the drive is there."""
+        probe = self.path / RESULTS / ".probe"
+        try:
+            write_atomically(probe, "x" * 65_536)
+            probe.unlink()
+        except (DqregError, OSError):
+            return False
+        return True
+
+    def _save(self, row: Row, done: RowResult) -> None:
         if done.record is None:
             for old in (self.result(row), self.thumbnail(row)):
                 with contextlib.suppress(OSError):

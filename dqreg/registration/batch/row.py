@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import os
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import DqregError
+from dqreg.files.gltf_guards import buffers_of
 from dqreg.files.poses import read_start
+from dqreg.files.untrusted import require_readable
 from dqreg.registration.batch.worker import Failure, Status, Worker
 
 if TYPE_CHECKING:
@@ -39,6 +42,7 @@ class Row:
     start: str = "none"  # "none", "identity", or the absolute path of a pose
     options: dict[str, Any] = dataclasses.field(default_factory=dict)  # Keyword options of `dqreg.register`
     line: int = 0  # Line of the manifest, or place in the folder, counted from 1
+    fault: str = ""  # Why it cannot be run; "" if it can
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,9 +57,21 @@ class RowResult:
 
 
 def mark_of(path: Path) -> list[Any]:
-    """Path, size and time of the last change of a file: as long as they stay, so does its content."""
-    found = path.stat()
-    return [os.fspath(path), found.st_size, found.st_mtime_ns]
+    """Path, size and digest of a file, and of the buffers that a glTF file names."""
+    digests, size = [], 0
+    for place in (path, *(buffers_of(path) if path.suffix.lower() in (".gltf", ".glb") else ())):
+        found = require_readable(place).stat()
+        size += found.st_size
+        # Only a change brings another of these, so that a part is not read again for each of its scans.
+        told = found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+        digests.append(_digest(os.fspath(place), *told))
+    return [os.fspath(path), size, "+".join(digests)]
+
+
+@lru_cache(maxsize=64)
+def _digest(path: str, *_: int) -> str:
+    with Path(path).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def inputs_of(row: Row) -> dict[str, Any]:

@@ -89,7 +89,7 @@ def run_batch(
     observe: Callable[[Progress], object] | None = None,
     stop: Stop = lambda: False,
 ) -> Batch:
-    """Register many rows; results, pictures and the summary go to a folder.
+    """Register many rows; results, pictures and the summary go to a folder. A row that cannot be run costs no other.
 
     With ``resume``, rows whose result is complete, and whose files and options have not changed since, are not done
     again. Once ``stop`` says True, running rows are dropped and the summary is written.
@@ -97,16 +97,19 @@ def run_batch(
     workers, tell = workers or Workers(), observe or (lambda _: None)
     with open_folder(out, resume=resume) as folder:
         files = tuple(require_writable(folder.path / name) for name in (SUMMARY_CSV, SUMMARY_HTML))
-        lines = _kept(folder, rows) if resume else {}
-        todo = [row for row in rows if row.name not in lines]
+        sound = [row for row in rows if not row.fault]
+        lines = _kept(folder, sound) if resume else {}
+        todo = [row for row in sound if row.name not in lines]
         progress = _watched(len(rows), len(lines))
         tell(progress())
+        for row in (row for row in rows if row.fault):
+            lines[row.name] = line_of(row, folder.save(row, RowResult("error", row.fault)))
+            tell(progress(lines[row.name]))
         try:
             # Closed before the summary is written: nothing of ours may run on behind it.
             with contextlib.closing(workers.answers(todo, thumbnail, stop)) as answers:  # type: ignore[type-var]
                 for row, done in answers:
-                    folder.save(row, done)
-                    lines[row.name] = line_of(row, done)
+                    lines[row.name] = line_of(row, folder.save(row, done))
                     tell(progress(lines[row.name]))
         except DqregError:
             with contextlib.suppress(DqregError):

@@ -204,11 +204,12 @@ class _Watch:
 
 
 def resident_memory(pid: int) -> float:
-    """Bytes of memory that a process holds; 0 where the system does not tell."""
+    """Bytes of memory that a process holds; 0 of one that has ended."""
+    import psutil
+
     try:
-        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-        return float(pages * os.sysconf("SC_PAGE_SIZE"))
-    except (OSError, ValueError, IndexError, AttributeError):
+        return float(psutil.Process(pid).memory_info().rss)
+    except psutil.Error:
         return 0.0
 
 

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import dataclasses
+import re
 import shutil
 from pathlib import Path
 
@@ -8,7 +10,8 @@ import pytest
 
 from dqreg.errors import InputError
 from dqreg.registration.batch import Defaults, read_manifest
-from dqreg.registration.batch.manifest import check_options, option_name, parse_option
+from dqreg.registration.batch.manifest import RESERVED, _RowNames, check_options, option_name, parse_option
+from dqreg.registration.batch.row import Row
 from tests.registration.batch.scenes import make_scene
 
 
@@ -65,7 +68,6 @@ def test_names_are_file_names_and_never_twice(folder):
     ("text", "said"),
     [
         ("scan,target\nno.npy,bracket.off\n", "line 2: .*no.npy"),
-        ("scan,target\nscan0.npy,bracket.off\nscan0.npy,no.off\n", "line 3: .*no.off"),
         ("scan,target\n,bracket.off\n", "line 2: the cell scan is empty"),
         ("scan,target\nscan0.npy,\n", "line 2: the cell target is empty"),
         ("scan,target,effort\nscan0.npy,bracket.off,huge\n", "line 2: .*'huge'"),
@@ -79,7 +81,13 @@ def test_names_are_file_names_and_never_twice(folder):
         ("scan,target,start\nscan0.npy,bracket.off,scan1.npy\n", "line 2: .*4x4"),
         ("scan,target,dof\nscan0.npy,bracket.off,z\n", "line 2: .*z"),
         ("scan,target,name\nscan0.npy,bracket.off,../x\n", "line 2: .*'../x'"),
-        ("scan,target,name\nscan0.npy,bracket.off,a\nscan1.npy,bracket.off,A\n", "line 3: .*line 2"),
+        ("scan,target,time_limit\nscan0.npy,bracket.off,inf\n", "line 2: time_limit .*finite .*'inf'"),
+        ("scan,target\nscan\0.npy,bracket.off\n", "line 2: .*null"),
+        *(
+            (f"scan,target,name\nscan0.npy,bracket.off,{name}\n", "line 2: .*Windows")
+            for name in ("con", "NUL.x", "Com1", "lpt9.a.b", "a.")
+        ),
+        (f"scan,target,name\nscan0.npy,bracket.off,{'字' * 120}\n", "line 2: .*360 bytes"),
         ("scan,target\nrows.csv.bak,bracket.off\n", "line 2: .*rows.csv.bak"),
         ("scan,target\nscan0.npy,bracket.off,x\n", "line 2: found 3 cells"),
         ('scan,target\n"scan0.npy,bracket.off\n', "line 2: not CSV|line 3: not CSV"),
@@ -87,7 +95,7 @@ def test_names_are_file_names_and_never_twice(folder):
         ("scan,target,Tolerance\nscan0.npy,bracket.off,1e-3\n", "line 1: .*tolerance .* convergence .* show"),
         ("scan,scan\nscan0.npy,bracket.off\n", "line 1: .*twice"),
         ("a\n", "line 1: "),
-        ("", "line 1: .*scan and target"),
+        ("", "empty file .*manifest"),
         ("scan,target\n\n", "no rows"),
         (b"\xff\xfe\x00", "UTF-8"),
     ],
@@ -132,3 +140,31 @@ def test_a_tolerance_is_no_option_and_convergence_is_one(folder):
         check_options({"tolerance": 1e-3})
     (row,) = rows_of(folder, "scan,target,convergence\nscan0.npy,bracket.off,1e-3\n")
     assert row.options == {"convergence": 1e-3}
+
+
+def test_a_row_that_cannot_be_run_says_why_and_the_others_are_kept(folder):
+    text = (
+        "scan,target,name,time_limit\nscan0.npy,bracket.off,a,\nscan0.npy,no.off,,\nscan1.npy,bracket.off,A,\n"
+        "scan\0.npy,bracket.off,,\nscan1.npy,bracket.off,,inf\nscan1.npy,bracket.off,,9\n"
+    )
+    rows = rows_of(folder, text)
+    said = ["", "line 3: .*no.off", "line 4: .*'A' .*line 2", "line 5: .*null", "line 6: .*'inf'", ""]
+    assert all(re.search(words, row.fault) if words else not row.fault for row, words in zip(rows, said, strict=True))
+    assert len({row.name for row in rows}) == len(rows)
+    assert rows[-1].options == {"time_limit": 9.0}
+
+
+@pytest.mark.parametrize("stem", ["字" * 84, "con", "aux.b", "con.1", "a...", "\udcff" * 3, "é" * 120, "🙂" * 60])
+def test_names_made_of_scans_fit_every_system(folder, stem):
+    rows = read_rows_of_stems(folder, [stem, stem])
+    assert len({row.name for row in rows}) == 2
+    for row in rows:
+        assert len(f"{row.name}.json".encode()) <= 255
+        assert not RESERVED.match(row.name)
+        assert not row.name.endswith(".")
+
+
+def read_rows_of_stems(folder, stems):
+    names = _RowNames()
+    rows = [Row("", folder / f"{stem}.npy", folder / "bracket.off", line=k) for k, stem in enumerate(stems)]
+    return [dataclasses.replace(row, name=names.named(row, given=False)) for row in rows]

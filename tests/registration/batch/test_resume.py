@@ -3,13 +3,15 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 
 import pytest
 
 from dqreg.errors import InputError
 from dqreg.registration.batch import read_manifest
 from dqreg.registration.batch.resume import open_folder
-from dqreg.registration.batch.row import Targets, run_row
+from dqreg.registration.batch.row import Targets, mark_of, run_row
+from tests.hostile.good_files import gltf_tree
 from tests.registration.batch.scenes import make_scene
 
 
@@ -39,15 +41,21 @@ def test_a_result_stands_as_long_as_its_inputs_do(done, tmp_path):
         assert folder.finished(dataclasses.replace(row, options={**row.options, "seed": 1})) is None
         assert folder.finished(dataclasses.replace(row, start="none")) is None
         assert folder.finished(dataclasses.replace(row, line=99)) is not None
-        times = row.scan.stat()
+        times, content = row.scan.stat(), row.scan.read_bytes()
         os.utime(row.scan, ns=(1, times.st_mtime_ns + 1))
+        assert folder.finished(row) is not None
+        # Another scan of the same size and time, as a copy with its times kept leaves it.
+        row.scan.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+        os.utime(row.scan, ns=(times.st_atime_ns, times.st_mtime_ns))
         assert folder.finished(row) is None
-        os.utime(row.scan, ns=(1, times.st_mtime_ns))
+        row.scan.write_bytes(content)
         assert folder.finished(row) is not None
 
 
 @pytest.mark.parametrize("damage", [lambda t: t[:-20], lambda t: "", lambda t: "[]", lambda t: '{"batch": 1}',
-                                    lambda t: t.replace('"rms"', '"rmss"'), lambda t: "\0" * 100])  # fmt: skip
+                                    lambda t: t.replace('"rms"', '"rmss"'), lambda t: "\0" * 100,
+                                    lambda t: re.sub(r'"seconds": [^,}]*', '"seconds": "long"', t),
+                                    lambda t: re.sub(r'"rms": [^,}]*', '"rms": "0.1"', t)])  # fmt: skip
 def test_a_damaged_result_is_none(done, tmp_path, damage):
     row, answer = done
     with open_folder(tmp_path, resume=False) as folder:
@@ -104,3 +112,39 @@ def test_nothing_found_is_saved_as_such(done, tmp_path):
     with open_folder(tmp_path, resume=False) as folder:
         folder.save(row, dataclasses.replace(answer, record={**record, **none}))
         assert folder.finished(row)["rms"] is None
+
+
+def test_what_stands_beside_the_checked_values_of_a_result_is_not_believed(done, tmp_path):
+    row, answer = done
+    with open_folder(tmp_path, resume=False) as folder:
+        folder.save(row, answer)
+        record = json.loads(folder.result(row).read_text())
+        folder.result(row).write_text(json.dumps({**record, "dual_quaternion": "none"}))
+        assert folder.finished(row)["dual_quaternion"] == record["dual_quaternion"]
+
+
+def test_a_pipe_in_place_of_a_result_is_none(done, tmp_path):
+    with open_folder(tmp_path, resume=False) as folder:
+        os.mkfifo(folder.result(done[0]))
+        assert folder.finished(done[0]) is None
+
+
+def test_a_result_that_cannot_be_saved_is_an_error_of_its_row(done, tmp_path):
+    row, answer = done
+    long = dataclasses.replace(row, name="x" * 300)
+    with open_folder(tmp_path, resume=False) as folder:
+        kept = folder.save(long, answer)
+        assert (kept.status, kept.record) == ("error", None)
+        assert "cannot be saved" in kept.message
+        infinite = dataclasses.replace(answer, record={**answer.record, "rms": float("inf")})
+        assert folder.save(row, infinite).status == "error"
+        assert folder.save(row, answer) is answer
+
+
+def test_a_scene_is_its_buffers_too(tmp_path):
+    tree, body = gltf_tree("a.bin")
+    (tmp_path / "a.gltf").write_text(json.dumps(tree))
+    (tmp_path / "a.bin").write_bytes(body)
+    before = mark_of(tmp_path / "a.gltf")
+    (tmp_path / "a.bin").write_bytes(body[::-1])
+    assert mark_of(tmp_path / "a.gltf") != before
