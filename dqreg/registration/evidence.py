@@ -14,6 +14,7 @@ from dqreg.registration.surroundings import Surroundings, surroundings_of
 from dqreg.rigid import pose
 from dqreg.trust.chance import random_ratio
 from dqreg.trust.patch_tests import ON, patches_off, stretch_of
+from dqreg.trust.strain import Strain, strain_of
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
 # has a say there; on denser scans clutter makes patterns of its own, and the noise is known.
@@ -31,6 +32,8 @@ NEAR = 0.25
 SMOOTH, ROUGH = 0.4, 0.4
 # A scan whose noise is large against its spacing is rough everywhere: strays are rougher by this factor.
 MORE_THAN_USUAL = 2.5
+# Points from which the strain is fitted.
+STRAINED = 3_000
 # Normals farther apart than this are of different faces.
 APART_RAD = np.deg2rad(35.0)
 
@@ -49,6 +52,7 @@ class Agreement:
     expected: float
     stretch: float
     stretched_along: tuple[float, float, float]
+    bend: float
     random_ratio: float
     share_on: float
     share_other: float
@@ -72,16 +76,16 @@ def agreement_of(
     else:
         around = surroundings_of(pairs, width, near)
         close &= on | ~around.elsewhere
-    patches, off = patches_off(pairs.scan.points, pairs.distances, pairs.point_to_plane, close, mixture.scale)
+    kept = ~around.elsewhere
+    patches, off = patches_off(
+        pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept], mixture.scale
+    )
     if scan.fitted is not None and len(pairs.scan) < len(scan):
         local = _Local.of(_fitted_pairs(run, scan, scan.fitted, surface, mixture.scale), width)
     else:
         local = _Local.of(pairs, width)
-    stretch, along = 0.0, np.zeros(3)
-    if not has_border and len(scan) < SPARSE:
-        flat = close & pairs.closest.normals.any(axis=1)
-        # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
-        stretch, along = stretch_of(pairs.closest.points[flat], pairs.closest.normals[flat], pairs.point_to_plane[flat])
+    clutter = has_border or bool(around.elsewhere.any())
+    strain = _strain(pairs, on if has_border else close, clutter=clutter, sparse=len(scan) < SPARSE and not has_border)
     return Agreement(
         share_near=_share(on, close),
         near=near,
@@ -94,13 +98,30 @@ def agreement_of(
         expected=max(
             min(local.noise, scan.noise), scan.spacing if has_border else smallest_kernel_scale(scan, surface)
         ),
-        stretch=stretch,
-        stretched_along=(float(along[0]), float(along[1]), float(along[2])),
+        stretch=strain.value if strain.is_strained else 0.0,
+        stretched_along=strain.along,
+        bend=strain.bend if strain.is_bent else 0.0,
         random_ratio=_random_ratio(pairs, on, surface),
         share_on=around.share_on,
         share_other=around.share_other,
         share_contradicting=around.share_contradicting,
     )
+
+
+def _strain(pairs: Correspondences, counted: BoolArray, *, clutter: bool, sparse: bool) -> Strain:
+    """Strain of a scan against a part; a pattern of one in a sparse scan, which knows no covariance."""
+    if isinstance(pairs.closest.others, np.ndarray):
+        # Two clouds: between their points, tangent planes are guesses.
+        return Strain()
+    counted = counted & pairs.closest.normals.any(axis=1)
+    rows = np.flatnonzero(counted)[sample_rows(int(np.count_nonzero(counted)), STRAINED)]
+    # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
+    columns = pairs.closest.points[rows], pairs.closest.normals[rows], pairs.point_to_plane[rows]
+    strain = strain_of(*columns, clutter=clutter)
+    if strain.is_strained or not sparse:
+        return strain
+    value, along = stretch_of(*columns)
+    return dataclasses.replace(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
 
 
 def _random_ratio(pairs: Correspondences, on: BoolArray, surface: Surface) -> float:

@@ -39,7 +39,11 @@ def surroundings_of(pairs: Correspondences, width: float, near: float) -> Surrou
     points, distances = pairs.moved[rows], pairs.distances[rows]
     segments = segments_of(points, pairs.closest.normals[rows], distances, width)
     far = _far_objects(segments, distances > near)
-    elsewhere = far if len(rows) == len(on) else far[NeighbourTree(points).nearest(pairs.moved, 1)[0][:, 0]]
+    # Points between two segments go with the nearest one.
+    known = np.flatnonzero(segments.labels >= 0)
+    elsewhere = nowhere
+    if far.any():
+        elsewhere = ~on & far[known][NeighbourTree(points[known]).nearest(pairs.moved, 1)[0][:, 0]]
     shares = (float(np.mean(side)) for side in (segments.on, segments.other, segments.contradicting))
     return Surroundings(elsewhere, *shares)
 

@@ -46,7 +46,10 @@ class Evidence:
     mirror_gain : float
         Mean log-likelihood that the scan gains when it is mirrored; minus infinity where that was not tested.
     stretch, stretched_along : float, tuple of 3 floats
-        Strain of the scan against the target along an axis, see `stretch_of`; below 0 where it is shorter.
+        Significant strain of the scan against the target along an axis, below 0 where it is shorter; the axis is zero
+        for a scale.
+    bend : float
+        Significant bend of the scan against the target: sagitta over length.
     usual : float
         Fraction of inliers in the frames before, of a sequence; NaN where there are none.
     random_ratio : float
@@ -85,6 +88,7 @@ class Evidence:
     random_ratio: float = 0.0
     size: float = math.nan
     carriers: tuple[float, ...] = ()
+    bend: float = 0.0
     share_on: float = 1.0
     share_other: float = 0.0
     share_contradicting: float = 0.0

@@ -35,6 +35,7 @@ Code = Literal[
     "outliers",
     "large_residuals",
     "stretched",
+    "bent",
     "random_fit",
     "unconstrained",
     "large_uncertainty",

@@ -202,12 +202,19 @@ def _large_residuals(evidence: Evidence) -> Iterator[str]:
 
 
 def _stretched(evidence: Evidence) -> Iterator[str]:
-    if evidence.stretch:
-        yield (
-            f"the scan is about {100 * abs(evidence.stretch):.0f} % too "
-            f"{'long' if evidence.stretch > 0.0 else 'short'} along {direction_words(evidence.stretched_along)}: "
-            "another part, a scaled file, or a local minimum"
-        )
+    if not evidence.stretch:
+        return
+    amount, longer = f"{100 * abs(evidence.stretch):.2g} %", evidence.stretch > 0.0
+    if any(evidence.stretched_along):
+        words = f"{amount} too {'long' if longer else 'short'} along {direction_words(evidence.stretched_along)}"
+    else:
+        words = f"{amount} too {'large' if longer else 'small'}"
+    yield f"the scan is {words}: another part, a scaled file, or a local minimum"
+
+
+def _bent(evidence: Evidence) -> Iterator[str]:
+    if evidence.bend:
+        yield f"the scan is bent by {100 * evidence.bend:.2g} % of its length against the target"
 
 
 def _random_fit(evidence: Evidence) -> Iterator[str]:
@@ -273,6 +280,7 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("outliers", _outliers),
     ("large_residuals", _large_residuals),
     ("stretched", _stretched),
+    ("bent", _bent),
     ("random_fit", _random_fit),
     ("unconstrained", _unconstrained),
     ("large_uncertainty", _large_uncertainty),

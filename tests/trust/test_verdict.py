@@ -94,9 +94,11 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
     "stalled": ({"status": "stalled"}, "the step size stopped decreasing: check the pose", "not_converged"),
     "too long": (
         {"stretch": 0.034, "stretched_along": (1.0, -0.001, 0.0)},
-        "the scan is about 3 % too long along (1.00, 0.00, 0.00)",
+        "the scan is 3.4 % too long along (1.00, 0.00, 0.00)",
         "stretched",
     ),
+    "too small": ({"stretch": -0.01}, "the scan is 1 % too small: another part", "stretched"),
+    "bent": ({"bend": 0.004}, "the scan is bent by 0.4 % of its length", "bent"),
     "few of all": (
         {"share_near": FEW_OF_ALL - 0.01, "near": INF},
         "only 49 % of the points are inliers",
@@ -127,7 +129,7 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
     "mirrored": ({"mirror_gain": 0.1}, "the scan fits better when mirrored", "mirrored"),
     "too short": (
         {"stretch": -0.1, "stretched_along": (0.0, 0.0, 1.0)},
-        "about 10 % too short along (0.00, 0.00, 1.00)",
+        "10 % too short along (0.00, 0.00, 1.00)",
         "stretched",
     ),
 }

@@ -1,0 +1,137 @@
+"""Strain that is left between scan and target: scale, stretch, shear and bend, fitted with their covariance."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.solvers.quadratic import plane_rows
+from dqreg.trust.sandwich import scatter_of
+
+# Correspondences without which no strain is asked for, and those that are looked at.
+FEWEST = 300
+# Of a symmetric 3 x 3 tensor.
+COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+# Rounds of the robust fit; residuals beyond so many standard deviations have no weight (Tukey's biweight).
+ROUNDS, TUKEY = 8, 4.685
+# Information below this share of the whole is none.
+SINGULAR = 1e-10
+# Strains and motions expected beforehand, in extents of the scan: what the faces do not show stays at zero.
+USUAL = 0.2
+# Smaller strains are no fault: parts shrink, and sensors are calibrated to as much.
+LEAST, LEAST_BEND = 0.003, 0.002
+# Standard deviations that are no chance: the largest of many directions, of noise that is not quite independent.
+SIGNIFICANT = 6.0
+# Principal strains are alike, a scale, where the smallest is more than this share of the largest.
+ALIKE = 0.6
+
+
+@dataclasses.dataclass(frozen=True)
+class Strain:
+    """The most significant strain of the scan against the target, and its bend; zeros where nothing was fitted."""
+
+    value: float = 0.0  # Relative elongation; below zero where the scan is shorter
+    sigma: float = math.inf  # Its standard deviation
+    along: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Principal axis; zeros for a scale
+    bend: float = 0.0  # Sagitta over length, along the longest axis of the scan
+    bend_sigma: float = math.inf
+
+    @property
+    def is_strained(self) -> bool:
+        """Whether the elongation matters and is significant."""
+        return abs(self.value) >= LEAST and abs(self.value) >= SIGNIFICANT * self.sigma
+
+    @property
+    def is_bent(self) -> bool:
+        """Whether the bend matters and is significant."""
+        return self.bend >= LEAST_BEND and self.bend >= SIGNIFICANT * self.bend_sigma
+
+
+def strain_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, *, clutter: bool = False) -> Strain:
+    """Strain from distances along the target's normals, fitted together with the motion and the bend that remain.
+
+    Without clutter, all points have a say to begin with: a face that is off may be what a strain explains. With it, the
+    points on the target have.
+
+    Shapes: points (n, 3) in the order of a space-filling curve, normals (n, 3), residuals (n,).
+    """
+    if len(residuals) < FEWEST:
+        return Strain()
+    middle = points.mean(axis=0)
+    _, axes = np.linalg.eigh((points - middle).T @ (points - middle))
+    lever = float(np.sqrt(((points - middle) ** 2).sum(axis=1).mean()))
+    if not lever > 0.0:
+        return Strain()
+    rows = np.vstack(
+        [plane_rows(points, normals, middle, lever), _strain_rows(points - middle, normals, axes[:, ::-1]) / lever]
+    )
+    fitted, weights = _robust_fit(rows, residuals, lever, _weights(residuals) if clutter else np.ones(len(residuals)))
+    left = residuals - fitted @ rows
+    variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
+    known = np.eye(len(rows)) * variance / (USUAL * lever) ** 2
+    scatter = scatter_of(rows, points, normals, left, weights, known, variance)
+    if scatter is None:
+        return Strain()
+    value, sigma, along = _principal(fitted[6:12] / lever, scatter[6:12, 6:12] / lever**2)
+    length = float(np.ptp((points - middle) @ axes[:, 2]))
+    # The row is the square of the place along the axis over the lever; a sagitta is over the square of half the length.
+    factor = (0.5 * length / lever) ** 2 / length
+    bends = np.abs(fitted[12:]) * factor
+    sigmas = np.sqrt(np.diag(scatter)[12:]) * factor
+    k = int(np.argmax(bends / sigmas)) if (sigmas > 0.0).all() else 0
+    return Strain(value, sigma, along, float(bends[k]), float(sigmas[k]))
+
+
+def _strain_rows(p: FloatArray, n: FloatArray, axes: FloatArray) -> FloatArray:
+    """Displacements along the normals by unit strains, and by bends of the first axis towards the others, (8, m)."""
+    strains = [n[:, i] * p[:, j] + (n[:, j] * p[:, i] if i != j else 0.0) for i, j in COMPONENTS]
+    lever = np.sqrt((p**2).sum(axis=1).mean())
+    x = p @ axes[:, 0]
+    # A bent beam: the axis moves across, and its sections turn with it.
+    bends = [((n @ b) * x**2 - 2.0 * (n @ axes[:, 0]) * x * (p @ b)) / lever for b in (axes[:, 1], axes[:, 2])]
+    rows: FloatArray = np.stack([*strains, *bends])
+    return rows
+
+
+def _robust_fit(
+    rows: FloatArray, residuals: FloatArray, lever: float, first: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Least squares with Tukey's biweight, from the first weights; and the last weights."""
+    fitted: FloatArray = np.zeros(len(rows))
+    weights = first
+    for _ in range(ROUNDS):
+        variance = float(weights @ (residuals - fitted @ rows) ** 2 / weights.sum()) + np.finfo(float).tiny
+        information = (rows * weights) @ rows.T
+        # Exact data on a plane leave nothing else to divide by.
+        ridge = variance / (USUAL * lever) ** 2 + SINGULAR * float(np.trace(information))
+        fitted = np.linalg.solve(information + ridge * np.eye(len(rows)), rows @ (weights * residuals))
+        weights = _weights(residuals - fitted @ rows)
+    return fitted, weights
+
+
+def _weights(residuals: FloatArray) -> FloatArray:
+    limit = TUKEY * 1.4826 * float(np.median(np.abs(residuals))) + np.finfo(float).tiny
+    # Beyond the limit nothing counts, and exact data would overflow.
+    inner = np.minimum(np.abs(residuals), limit) / limit
+    return np.asarray((1.0 - inner**2) ** 2)
+
+
+def _principal(strain: FloatArray, covariance: FloatArray) -> tuple[float, float, tuple[float, float, float]]:
+    """The most significant principal strain, its standard deviation and axis; the mean of them where they are alike."""
+    E = np.zeros((3, 3))
+    for value, (i, j) in zip(strain, COMPONENTS, strict=True):
+        E[i, j] = E[j, i] = value
+    found, axes = np.linalg.eigh(E)
+    gradients = np.array([[a[i] * a[j] * (1.0 if i == j else 2.0) for i, j in COMPONENTS] for a in axes.T])
+    values = np.asarray(found, dtype=np.float64)
+    if abs(np.sign(values).sum()) == 3.0 and np.abs(values).min() > ALIKE * np.abs(values).max():
+        values, gradients, axes = np.full(1, values.mean()), gradients.mean(axis=0, keepdims=True), np.zeros((3, 1))
+    sigmas = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", gradients, covariance, gradients), np.finfo(float).tiny))
+    # Of strains that matter, the most significant one.
+    z = np.abs(values) / sigmas
+    k = int(np.argmax(np.where(np.abs(values) >= LEAST, z, 1e-3 * z)))
+    axis = axes[:, k] * np.sign(axes[np.abs(axes[:, k]).argmax(), k])
+    return float(values[k]), float(sigmas[k]), (float(axis[0]), float(axis[1]), float(axis[2]))

@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dqreg.geometry.morton import distinct_in_order
+from dqreg.trust.strain import FEWEST, LEAST, Strain, strain_of
+from tests.strategies import FloatArray
+from tests.trust.shapes import box, cylinder, plane, sphere
+
+NOISE = 0.003
+
+
+def scanned(make, count: int = 2_000, seed: int = 0) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points of a shape of extent 3 in order, normals, and independent noise of a thousandth of that."""
+    rng = np.random.default_rng(seed)
+    points, normals = make(rng, count)
+    order = distinct_in_order(points)
+    return points[order], normals[order], NOISE * rng.normal(size=len(order))
+
+
+def strained(E: FloatArray, make=box, seed: int = 0, *, clutter: bool = False) -> Strain:
+    points, normals, noise = scanned(make, seed=seed)
+    return strain_of(points, normals, np.einsum("ij,ij->i", points @ E.T, normals) + noise, clutter=clutter)
+
+
+@pytest.mark.parametrize("value", [-0.1, -0.01, 0.01, 0.05])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_stretch_along_any_axis_is_found_within_its_sigma(value: float, seed: int) -> None:
+    # To first order the residual of a point is its displacement along the normal, as the fit has it.
+    axis = np.eye(3)[seed]
+    found = strained(value * np.outer(axis, axis), seed=seed)
+    assert found.is_strained
+    assert abs(found.value - value) <= 4.0 * found.sigma + 0.01 * abs(value)
+    assert abs(np.array(found.along) @ axis) > 0.99
+    assert not found.is_bent
+
+
+@pytest.mark.parametrize("make", [box, sphere])
+def test_a_scale_has_no_axis(make) -> None:
+    found = strained(0.01 * np.eye(3), make)
+    assert found.is_strained
+    assert found.value == pytest.approx(0.01, abs=4.0 * found.sigma)
+    assert found.along == (0.0, 0.0, 0.0)
+
+
+def test_a_shear_is_two_strains_of_equal_size() -> None:
+    E = np.zeros((3, 3))
+    E[0, 1] = E[1, 0] = 0.01
+    found = strained(E)
+    assert abs(found.value) == pytest.approx(0.01, abs=1e-3)
+    assert np.abs(found.along)[:2] == pytest.approx([0.5**0.5] * 2, abs=0.05)
+
+
+def test_a_bend_is_found_and_is_no_stretch() -> None:
+    points, normals, noise = scanned(box)
+    # A beam of length 3 with a sagitta of 0.5 %: its sections turn with the axis.
+    curvature = 8.0 * 0.005 / 3.0
+    moved = np.zeros_like(points)
+    moved[:, 2] = 0.5 * curvature * points[:, 0] ** 2
+    moved[:, 0] = -curvature * points[:, 0] * points[:, 2]
+    found = strain_of(points, normals, np.einsum("ij,ij->i", moved, normals) + noise)
+    assert found.is_bent
+    assert found.bend == pytest.approx(0.005, abs=5e-4)
+    assert not found.is_strained
+
+
+@pytest.mark.parametrize("make", [box, cylinder, plane, sphere])
+def test_noise_and_the_rest_of_a_motion_are_no_strain(make) -> None:
+    for seed in range(10):
+        points, normals, noise = scanned(make, 1_000, seed)
+        turn = Rotation.from_rotvec([0.01, -0.02, 0.01]).as_matrix() - np.eye(3)
+        found = strain_of(points, normals, np.einsum("ij,ij->i", points @ turn.T + 0.02, normals) + 3.0 * noise)
+        assert not found.is_strained
+        assert not found.is_bent
+
+
+def test_few_points_and_what_the_faces_do_not_show_are_nothing() -> None:
+    points, normals, _ = scanned(box)
+    few = slice(0, FEWEST - 1)
+    assert strain_of(points[few], normals[few], points[few, 0]) == Strain()
+    assert not strained(0.05 * np.diag([1.0, 1.0, 0.0]), plane).is_strained
+    assert not strained(0.8 * LEAST * np.diag([1.0, 0.0, 0.0])).is_strained
+
+
+@pytest.mark.parametrize("make", [box, cylinder, plane, sphere])
+def test_exact_points_are_no_strain(make) -> None:
+    points, normals, _ = scanned(make)
+    assert not strain_of(points, normals, np.zeros(len(points))).is_strained
+
+
+def test_one_sided_clutter_is_no_length() -> None:
+    points, normals, residuals = scanned(box)
+    # A tenth of the points is of something that leans against one side.
+    beside = (normals[:, 0] > 0.9) & (points[:, 1] > 0.3)
+    residuals[beside] += 0.1
+    assert not strain_of(points, normals, residuals, clutter=True).is_strained
