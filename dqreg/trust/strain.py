@@ -107,7 +107,8 @@ def _robust_fit(
         information = (rows * weights) @ rows.T
         # Exact data on a plane leave nothing else to divide by.
         ridge = variance / (USUAL * lever) ** 2 + SINGULAR * float(np.trace(information))
-        fitted = np.linalg.solve(information + ridge * np.eye(len(rows)), rows @ (weights * residuals))
+        solved = np.linalg.solve(information + ridge * np.eye(len(rows)), rows @ (weights * residuals))
+        fitted = np.asarray(solved, dtype=np.float64)
         weights = _weights(residuals - fitted @ rows)
     return fitted, weights
 
