@@ -1,30 +1,67 @@
-"""What else may explain the scan: a pose from a global search where the fit is in doubt, near-symmetries, a mirror."""
+"""The second try: where a pose is in doubt, others are searched for, asked the same questions, and the best is kept."""
 
 from __future__ import annotations
+
+import dataclasses
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry.normals import sample_rows
-from dqreg.registration.evidence import NEAR
+from dqreg.registration.assess import evidence_of, uncertainty_of
 from dqreg.registration.fit import Fit
-from dqreg.registration.initial_pose import GlobalSearch
+from dqreg.registration.initial_pose import GlobalSearch, InitialPose
+from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, mirror_gain, scores_of
 from dqreg.rigid import pose
-from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror
-from dqreg.search.poses import Poses
-from dqreg.search.scoring import score_poses
-from dqreg.trust.records import Alternative
+from dqreg.solvers.status import INTERRUPTED
+from dqreg.trust import judge
 
-# Patches of points off the target, or points with another normal, beyond which the pose is doubted enough to search for
-# another one.
-DOUBT, DOUBT_BORDER = 0.1, 0.3
-# And standard deviations of the distances, in the scan's own noise.
-MISFIT = 10.0
-# A pose that explains the scan better by so much mean log-likelihood is taken, if it is within this rotation and this
-# fraction of the target's size of the initial pose that was given: that one is rough, but it is meant.
-BETTER = 0.02
+# Standard deviations of the distances, in the scan's own noise, beyond which another pose is searched for: of 2,000
+# right poses none came above 1.4, walls settled on their wrong side to 2.4 and more.
+MISFIT = 2.0
+# Fraction of the points near a part that lie off it beyond which the same is done: right poses leave 0.002, and half
+# of the strays. Fewer than the verdict allows are evidence where they are no strays.
+OFF, OFF_PER_STRAY = 0.015, 0.7
+# Reasons of a verdict that another pose cannot mend.
+OF_THE_SCAN: frozenset[str] = frozenset({"unconstrained", "alternative_poses", "outliers", "not_converged"})
+# A better pose is taken if it is within this rotation and this fraction of the target's size of the initial pose that
+# was given: that one is rough, but it is meant. Farther off it has to be significantly better.
 MEANT_RAD, MEANT = np.deg2rad(40.0), 0.25
-JUDGES = 10_000
+# Poses within so much of the best explain the scan about as well.
+AS_WELL = 0.02
+# Poses of a search that are refined.
+TRIED = 8
+# Points that tell whether an initial pose is near.
+FEW = 500
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """The best of the poses that are known."""
+
+    fit: Fit
+    others: FloatArray  # (k, 4, 4): Others that explain the scan about as well, between the centred frames
+    searched: bool = False  # Whether it was compared with the poses of a global search
+
+
+def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
+    """The best of a fit and, where that is in doubt, of what a global search finds."""
+    problem, is_given = fit.problem, fit.problem.start is not None
+    known = Known(fit, start.others)
+    if problem.watch.is_over or fit.run.status in INTERRUPTED or not start.is_judged:
+        return known
+    if is_given and not may_search(fit):
+        return known
+    is_asked = is_given and problem.options.search == "always"
+    if not is_asked and ((not is_given and not len(start.others)) or not is_doubtful(fit)):
+        return known
+    others = np.array([c.T_target_source for c in search.candidates()]).reshape(-1, 4, 4) if is_given else start.others
+    fits, last = [fit], fit
+    for T in others[:TRIED]:
+        last = last.resumed(T, search.kernel_scale if problem.options.method == "auto" else None)
+        if last.problem.watch.is_over:
+            break
+        fits.append(last)
+    return _best(fits, start.T_target_source if is_given else None)
 
 
 def may_search(fit: Fit) -> bool:
@@ -35,63 +72,53 @@ def may_search(fit: Fit) -> bool:
     )
 
 
-def is_doubtful(fit: Fit) -> bool:
-    """Whether so much speaks against a pose that another one is worth searching for."""
+def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
+    """Whether something speaks against a pose that another one might mend."""
+    if not fit.found:
+        return _was_near(fit)
     found = fit.agreement
-    # Two scans of one scene always differ somewhere, and their normals are estimates.
-    doubt = DOUBT_BORDER if fit.has_border else DOUBT
-    return (
-        found.patches_off > doubt + found.strays
-        or found.normals_apart > doubt
-        or found.width > MISFIT * found.expected > 0.0
-    )
+    is_off = found.share_near < 1.0 - OFF - OFF_PER_STRAY * found.strays
+    # Two scans of one scene always differ somewhere, and the noise between them is not known as well.
+    if not fit.has_border and (is_off or found.width > MISFIT * found.expected > 0.0):
+        return True
+    gain = mirror_gain(fit, always=ask_mirror)
+    verdict = judge(evidence_of(fit, uncertainty_of(fit), mirror_gain=gain))
+    return verdict.level != "accepted" and not OF_THE_SCAN.issuperset(verdict.codes)
 
 
-def retry_from_search(fit: Fit, start: FloatArray, search: GlobalSearch) -> tuple[Fit, tuple[Alternative, ...]]:
-    """The better of a doubtful fit and of what a global search finds, which is reported where it is far from the start.
+def _was_near(fit: Fit) -> bool:
+    """Whether the initial pose put most of the scan near the target: one somewhere else is a mistake to be told."""
+    given = fit.problem.start
+    points = fit.prepared.scan.thinned(FEW).points
+    placed = points if given is None else pose.apply(fit.problem.to_centred(given), points)
+    distances = fit.prepared.surface.closest(placed).distances
+    return bool(given is None or np.median(distances) <= fit.problem.reach(fit.prepared))
 
-    Shapes: start (4, 4).
-    """
-    if not may_search(fit) or fit.problem.watch.is_over:
-        return fit, ()
-    if fit.problem.options.search != "always" and not is_doubtful(fit):
-        return fit, ()
-    found = search.candidates()
+
+def _best(fits: list[Fit], start: FloatArray | None) -> Known:
+    """The first fit, or another one that nothing speaks against or that explains the scan better."""
+    found = [fit for fit in fits if fit.found]
     if not found:
-        return fit, ()
-    other = fit.resumed(found[0].T_target_source, search.kernel_scale)
-    if not other.found:
-        return fit, ()
-    gain, rms = _gain(fit, other)
-    if gain <= BETTER:
-        return fit, ()
-    T = other.T_target_source
+        return Known(fits[0], NO_POSES, searched=True)
+    scores = scores_of(found[0], np.stack([fit.T_target_source for fit in found]))
+    means = scores.means
+    order = np.argsort(-means, kind="stable")
+    # The pose that the start leads to goes first among equals.
+    likely = sorted((int(k) for k in order if means[k] >= means[order[0]] - AS_WELL), key=lambda k: k != 0)
+    best = next((k for k in likely if not is_doubtful(found[k], ask_mirror=True)), None)
+    if best is None:
+        best = int(order[0])
+        gain, error = float(means[best] - means[0]), float(scores.deficit(best)[1][0])
+        is_better = gain > BETTER and (_is_meant(found[best], start) or gain > SIGNIFICANT * error)
+        best = best if is_better or found[0] is not fits[0] else 0
+    apart = scores.distinguishable(best)
+    others = [k for k in range(len(found)) if k != best and means[k] >= means[best] - AS_WELL and not apart[k]]
+    return Known(found[best], np.array([found[k].T_target_source for k in others]).reshape(-1, 4, 4), searched=True)
+
+
+def _is_meant(fit: Fit, start: FloatArray | None) -> bool:
+    if start is None:
+        return True
+    T = fit.T_target_source
     rotation, shift = pose.angle_between(T, start), pose.offset_between(T, start, at=np.zeros(3))
-    if rotation <= MEANT_RAD and shift <= MEANT * fit.prepared.surface.diagonal:
-        return other, ()
-    return fit, (Alternative(fit.problem.to_caller(T), rms),)
-
-
-def near_symmetric_poses(fit: Fit) -> tuple[Alternative, ...]:
-    """The pose after rotations that leave most of the part in place, where they explain the scan about as well."""
-    limit, rotations = NEAR * fit.settings.max_distance, fit.problem.target.near_rotations
-    found = flipped_poses(fit.T_target_source, rotations, fit.prepared.scan, fit.prepared.surface, limit, fit.floor)
-    return tuple(Alternative(fit.problem.to_caller(T), rms) for T, rms in found)
-
-
-def mirror_gain(fit: Fit) -> float:
-    """Mean log-likelihood that the scan gains when it is mirrored; asked only where some of it lies off a part."""
-    target = fit.problem.target
-    if target.kind == "cloud" or not fit.found or not fit.agreement.patches_off > 0.0:
-        return -np.inf
-    limit, reflections = NEAR * fit.settings.max_distance, target.near_reflections
-    return gain_of_mirror(fit.T_target_source, reflections, fit.prepared.scan, target.surface, limit, fit.floor)
-
-
-def _gain(fit: Fit, other: Fit) -> tuple[float, float]:
-    # Mean log-likelihood that the other pose gains, and its truncated distance.
-    poses = Poses.of(np.stack([fit.T_target_source, other.T_target_source]))
-    scan, surface = fit.prepared.scan, fit.prepared.surface
-    points = scan.points[sample_rows(len(scan), JUDGES)]
-    scores = score_poses(poses, points, surface, NEAR * fit.settings.max_distance, fit.floor)
-    return float(scores.means[1] - scores.means[0]), float(np.sqrt((scores.distances[1] ** 2).mean()))
+    return bool(rotation <= MEANT_RAD and shift <= MEANT * fit.prepared.surface.diagonal)

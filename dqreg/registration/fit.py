@@ -17,6 +17,7 @@ from dqreg.icp import (
     Observer,
     Run,
     align_coarse_to_fine,
+    find_correspondences,
     smallest_kernel_scale,
 )
 from dqreg.icp.history import Iteration
@@ -27,6 +28,9 @@ from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
 from dqreg.trust import Information, information_of
+
+# Rounds of EM that learn the mixture at a pose where the loop has not ended.
+EM_ROUNDS = 30
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,6 +98,17 @@ class Fit:
         )
         # What is said of the motions names points in the caller's frame.
         return dataclasses.replace(information, centre=self.target.origin)
+
+    def at(self, T: FloatArray) -> Fit:
+        """The same run, ended at another pose: its correspondences, and the mixture that these teach."""
+        pairs = find_correspondences(self.run.pairs.scan, self.prepared.surface, T)
+        within = pairs.distances <= self.run.mixture.limit
+        mixture = self.run.mixture.fit(pairs.distances[within], floor=self.floor, rounds=EM_ROUNDS)
+        weights = np.where(within, mixture.weight(pairs.distances), 0.0)
+        if pairs.scan.counts is not None:
+            weights *= pairs.scan.counts
+        run = dataclasses.replace(self.run, T_target_source=T, pairs=pairs, weights=weights, mixture=mixture)
+        return dataclasses.replace(self, run=run)
 
     def resumed(
         self,

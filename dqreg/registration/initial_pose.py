@@ -13,8 +13,7 @@ from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.options import Options
 from dqreg.registration.problem import Prepared, Problem
 from dqreg.registration.target_index import TargetIndex
-from dqreg.search import Candidate, search, symmetry_words
-from dqreg.trust.records import Alternative
+from dqreg.search import Candidate, search
 
 # How near the global search comes to the pose, in diagonals of the target.
 FOUND = 5e-3
@@ -33,8 +32,8 @@ class GlobalSearch:
     @staticmethod
     def of(problem: Problem, prepared: Prepared) -> GlobalSearch:
         """The search for the initial pose of a problem."""
-        max_distance = problem.max_distance(prepared)
-        return GlobalSearch(prepared.scan, problem.target, problem.options, max_distance, problem.watch)
+        # Poses are compared by what all of the scan says, whatever distances the loop was asked to keep to.
+        return GlobalSearch(prepared.scan, problem.target, problem.options, problem.reach(prepared), problem.watch)
 
     @property
     def kernel_scale(self) -> float:
@@ -62,8 +61,13 @@ class InitialPose:
 
     T_target_source: FloatArray  # (4, 4): Between the centred frames
     kernel_scale: float | None = None  # Scale of the kernel to start with; None where the loop finds it
-    alternatives: tuple[Alternative, ...] = ()  # Other poses that explain the scan as well, in the caller's frames
+    others: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 4, 4)))  # (k, 4, 4): Equally likely
     search: str = ""  # Stage in which the search ended; empty where there was none
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether no time limit ended the search for it."""
+        return self.search in ("", "judged")
 
 
 def initial_pose(problem: Problem, global_search: GlobalSearch) -> InitialPose:
@@ -73,14 +77,7 @@ def initial_pose(problem: Problem, global_search: GlobalSearch) -> InitialPose:
     found = global_search.candidates()
     if not found:
         return InitialPose(np.eye(4), search="judged")
-    others = tuple(
-        Alternative(
-            problem.to_caller(c.T_target_source),
-            c.rms,
-            symmetry_words(c.symmetry.moved(problem.target.origin)) if c.symmetry else "",
-        )
-        for c in found[1:]
-    )
+    others = np.array([c.T_target_source for c in found[1:]]).reshape(-1, 4, 4)
     # The search has compared all of the scan with all of the target: the basin is decided.
     kernel_scale = global_search.kernel_scale if found[0].stage == "judged" else None
     return InitialPose(found[0].T_target_source, kernel_scale, others, found[0].stage)

@@ -8,11 +8,19 @@ import numpy as np
 
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.registration.assess import Uncertainty, evidence_of, uncertainty_of, without_drift
-from dqreg.registration.fallback import mirror_gain, near_symmetric_poses, retry_from_search
+from dqreg.registration.fallback import best_known
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import GlobalSearch, initial_pose
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.result import Registration
+from dqreg.registration.rivals import (
+    NO_POSES,
+    alternatives_of,
+    best_near_symmetric,
+    best_seen,
+    mirror_gain,
+    near_symmetric_poses,
+)
 from dqreg.registration.visibility import on_visible_faces
 from dqreg.trust import judge
 from dqreg.trust.records import Alternative, Verdict
@@ -25,7 +33,7 @@ WELL_BELOW = 0.4
 
 def align(problem: Problem) -> Registration:
     """Pose, uncertainty and verdict of a problem."""
-    watch, options = problem.watch, problem.options
+    watch, options, is_given = problem.watch, problem.options, problem.start is not None
     with watch.stage("prepare"):
         prepared = problem.prepare()
     search = GlobalSearch.of(problem, prepared)
@@ -33,22 +41,26 @@ def align(problem: Problem) -> Registration:
         start = initial_pose(problem, search)
     with watch.stage("register"):
         constraints = problem.constraints(start.T_target_source)
-        settings = options.icp_settings(search.max_distance, constraints, start.kernel_scale, even=prepared.even)
+        settings = options.icp_settings(
+            problem.max_distance(prepared), constraints, start.kernel_scale, even=prepared.even
+        )
         fit = coarse_to_fine(problem, prepared, start.T_target_source, settings, constraints)
         if all_points_say_more(fit):
             fit = on_all_points(fit)
-    alternatives = start.alternatives
-    if problem.start is not None and fit.found:
-        with watch.stage("second try"):
-            fit, alternatives = retry_from_search(fit, start.T_target_source, search)
-            fit = without_drift(fit, start.T_target_source)
-            alternatives += near_symmetric_poses(fit)
-    gain = mirror_gain(fit)
+        fit = best_seen(fit, start.T_target_source)
+    with watch.stage("second try"):
+        fit, near = best_near_symmetric(fit, search.kernel_scale) if is_given else (fit, NO_POSES)
+        known = best_known(fit, start, search)
+        if is_given and known.fit is not fit:
+            near = near_symmetric_poses(known.fit)
+        fit, others = known.fit, np.concatenate([known.others, near])
+        fit = without_drift(fit, start.T_target_source) if is_given else fit
+    gain = mirror_gain(fit, always=known.searched)
     if problem.viewpoints is not None:
         with watch.stage("viewpoint"):
             fit = on_visible_faces(fit, problem.viewpoints)
     watch.seconds["total"] = watch.total
-    uncertainty = uncertainty_of(fit)
+    uncertainty, alternatives = uncertainty_of(fit), alternatives_of(fit, others)
     verdict = judge(evidence_of(fit, uncertainty, alternatives, search=start.search, mirror_gain=gain))
     return registration_of(fit, uncertainty, verdict, alternatives)
 

@@ -122,3 +122,7 @@ class Alternative:
     score: float  # Truncated root mean square distance of the scan under it, target units; the smaller the better
     # The symmetry of the part that leads to it from the answer, in words; "" where it is another pose altogether
     symmetry: str = ""
+    # Mean log-likelihood of a point that it gains over the answer, below 0 where it explains less, and the standard
+    # error of that; NaN in a file of old
+    gain: float = math.nan
+    gain_sigma: float = math.nan
