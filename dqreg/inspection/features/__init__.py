@@ -1,0 +1,8 @@
+"""Features of a part: planes, lines, circles, cylinders, cones and spheres fitted to points."""
+
+from __future__ import annotations
+
+from dqreg.inspection.features.feature import Feature, FeatureMethod, fit_feature
+from dqreg.inspection.features.models import FeatureKind
+
+__all__ = ["Feature", "FeatureKind", "FeatureMethod", "fit_feature"]
