@@ -11,7 +11,7 @@ from dqreg.papers.trials import position_errors, rms_estimate, rotation_errors
 from dqreg.report.table import Column, Estimate, Table
 from dqreg.rigid import pose
 from dqreg.solvers import horn
-from dqreg.synth.cramer_rao import cramer_rao, rms_of
+from dqreg.solvers.cramer_rao import cramer_rao, rms_of
 
 NOISES = (0.0, 1e-4, 1e-3, 1e-2)
 POINTS = 50

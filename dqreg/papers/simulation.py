@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.errors import DegenerateGeometryError
 from dqreg.papers.trials import (
     choose_directions,
     choose_points,
@@ -19,7 +20,7 @@ from dqreg.papers.trials import (
 from dqreg.report.table import Estimate
 from dqreg.rigid import pose
 from dqreg.solvers import solve_many
-from dqreg.synth.cramer_rao import covariance_of_weights, cramer_rao, rms_of
+from dqreg.solvers.cramer_rao import covariance_of_weights, cramer_rao, rms_of
 from dqreg.synth.parts.blocks import FEEDER_CENTRE
 
 
@@ -84,7 +85,7 @@ class SetUp:
                 covariance = cramer_rao(moved, seen, centre, *sigmas)
             else:
                 covariance = covariance_of_weights(moved, seen, centre, sigmas, weights)
-        except np.linalg.LinAlgError:
+        except (np.linalg.LinAlgError, DegenerateGeometryError):
             return np.nan, np.nan
         turn, shift = rms_of(covariance)
         return float(np.rad2deg(turn)), shift

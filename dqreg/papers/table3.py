@@ -17,7 +17,7 @@ from dqreg.papers.trials import AXIS, SIGMA, paper_pose, rotation_errors
 from dqreg.report.table import Cell, Column, Table, short_number
 from dqreg.rigid import pose
 from dqreg.solvers import solve, svd, walker1991
-from dqreg.synth.cramer_rao import cramer_rao
+from dqreg.solvers.cramer_rao import cramer_rao
 from dqreg.synth.parts.blocks import feeder_vertices
 
 METHODS = {"svd": svd, "walker1991": walker1991, "solve": solve}

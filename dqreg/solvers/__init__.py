@@ -10,6 +10,7 @@
 
 from dqreg.solvers.batched import Fits, solve_many
 from dqreg.solvers.closed_form import solve_moments
+from dqreg.solvers.cramer_rao import cramer_rao
 from dqreg.solvers.dof import Freedom
 from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.fit import Fit, PoseFit
@@ -31,6 +32,7 @@ __all__ = [
     "PoseFit",
     "WalkerFit",
     "cost_of_pose",
+    "cramer_rao",
     "horn",
     "likelihood_weights",
     "moments_of",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,88 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.errors import InputError
 from dqreg.solvers.batched_input import FeatureSet, Sides, read_features
-from dqreg.solvers.closed_form import SAME_POINT, SMALLEST_DIFFERENCE, narrow_floor
-from dqreg.solvers.least_squares import SMALLEST_SQUARE
+from dqreg.solvers.batched_sums import BatchSums, residual_sums, sum_block
+from dqreg.solvers.closed_form import SMALLEST_DIFFERENCE, narrow_floor
 from dqreg.solvers.narrow import NARROW, long_axes
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BatchSums:
-    """What decides the poses of c problems; see `closed_form` for the letters."""
-
-    weight: FloatArray  # (c,): ``sum beta``
-    # mean_source, mean_target: (3, c): Weighted means of the points
-    mean_source: FloatArray
-    mean_target: FloatArray
-    # p, q: (3, k, c): Points less their mean
-    p: FloatArray
-    q: FloatArray
-    H: FloatArray  # (3, 3, c): Matrices of the rotations' fit
-    # reach, floor: (c,): Largest lambda_1 such data could have, and gap that the rounding of coordinates could make
-    reach: FloatArray
-    floor: FloatArray
-    # wide, faint: (c,): Whether the points count, as those in one place do not; whether their squares lose digits
-    wide: BoolArray
-    faint: BoolArray
-
-
-def sum_block(source: FloatArray, target: FloatArray, beta: FloatArray, directions: Sides | None) -> BatchSums:
-    """Sums of a block of problems. Shapes: source, target (3, k, c), beta (k, c), directions (3, j, c)."""
-    weight = beta.sum(axis=0)
-    share = beta / np.where(weight > 0.0, weight, 1.0)
-    mean_source, p = _about_mean(source, share)
-    mean_target, q = _about_mean(target, share)
-    H, spread_source, spread_target = _products(p, q, beta)
-    grain_source = SAME_POINT**2 * weight * (mean_source**2).sum(axis=0)
-    grain_target = SAME_POINT**2 * weight * (mean_target**2).sum(axis=0)
-    wide = (spread_source > grain_source) & (spread_target > grain_target)
-    least = np.minimum(spread_source, spread_target)
-    faint = (least > 0.0) & (least < SMALLEST_SQUARE * weight)
-    H = np.where(wide, H, 0.0)
-    reach = np.where(wide, np.sqrt(spread_source) * np.sqrt(spread_target), 0.0)
-    floor = np.where(wide, np.sqrt(grain_source) * np.sqrt(grain_target), 0.0)
-    if directions is not None:
-        more, length_source, length_target = _products(*directions)
-        H = H + more
-        reach = reach + np.sqrt(length_source) * np.sqrt(length_target)
-    return BatchSums(weight, mean_source, mean_target, p, q, H, reach, floor, wide, faint)
-
-
-def residual_sums(
-    R: FloatArray, sums: BatchSums, beta: FloatArray, directions: Sides | None
-) -> tuple[FloatArray, FloatArray]:
-    """Points' and directions' part of the costs, from the residuals.
-
-    Shapes: R (3, 3, c), beta (k, c), directions (3, j, c), point_cost, direction_cost (c,).
-    """
-    point_cost = _residuals(R, sums.p, sums.q, beta)
-    return point_cost, np.zeros_like(point_cost) if directions is None else _residuals(R, *directions)
-
-
-def _about_mean(points: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-    mean = (points * share).sum(axis=1)
-    away = points - mean[:, None]
-    # The mean of far points rounds at the size of the coordinates; what is left of it is taken off too.
-    rest = (away * share).sum(axis=1)
-    return mean + rest, away - rest[:, None]
-
-
-def _products(a: FloatArray, b: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    heavy = b * weights
-    cross = np.array([[(heavy[i] * a[j]).sum(axis=0) for j in range(3)] for i in range(3)])
-    square_b = (heavy * b).sum(axis=(0, 1))
-    square_a = ((a * a).sum(axis=0) * weights).sum(axis=0)
-    return cross, square_a, square_b
-
-
-def _residuals(R: FloatArray, a: FloatArray, b: FloatArray, weights: FloatArray) -> FloatArray:
-    squared = np.zeros_like(weights)
-    for i in range(3):
-        away = R[i, 0] * a[0] + R[i, 1] * a[1] + R[i, 2] * a[2] - b[i]
-        squared += away * away
-    total: FloatArray = (squared * weights).sum(axis=0)
-    return total
-
+from dqreg.solvers.uncertainty import Uncertainty
 
 # Numbers a block of problems holds a side: its temporaries stay in the cache.
 BLOCK_NUMBERS = 16384
@@ -111,6 +33,8 @@ class Fits:
         Relative gaps as `Fit` has them, of degenerate problems too; NaN where no point carries weight.
     degenerate : ndarray, (b,) of bool
         Where `solve` would raise `DegenerateGeometryError`.
+    uncertainty : Uncertainty or None
+        Sums that `covariance` follows from.
     """
 
     T_target_source: FloatArray
@@ -118,6 +42,33 @@ class Fits:
     rms: FloatArray
     eigenvalue_gap: FloatArray
     degenerate: BoolArray
+    uncertainty: Uncertainty | None = None
+
+    @property
+    def centre(self) -> FloatArray:
+        """Points that the increments of `covariance` turn about: the weighted means of the target points.
+
+        Returns
+        -------
+        ndarray, (b, 3)
+        """
+        return np.full((len(self.cost), 3), np.nan) if self.uncertainty is None else self.uncertainty.centre
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariances of the poses, each as `Fit.covariance`; computed at every call.
+
+        Returns
+        -------
+        ndarray, (b, 6, 6)
+            NaN for degenerate problems.
+        """
+        total = np.full((len(self.cost), 6, 6), np.nan)
+        u, good = self.uncertainty, ~self.degenerate
+        if u is not None and good.any():
+            held = Uncertainty(u.H[good], np.asarray(u.weight)[good], u.centre[good], np.asarray(u.variance)[good])
+            total[good] = held.covariance(self.T_target_source[good, :3, :3], self.eigenvalue_gap[good])
+        return total
 
 
 def solve_many(
@@ -130,6 +81,7 @@ def solve_many(
     *,
     offsets: ArrayLike | None = None,
     direction_offsets: ArrayLike | None = None,
+    absolute_weights: bool = False,
 ) -> Fits:
     """Solve b independent problems, each as `solve` would.
 
@@ -147,6 +99,8 @@ def solve_many(
         beta and alpha >= 0; 1 where not given, 0 rejects the match.
     offsets, direction_offsets : array_like of int, (b + 1,), optional
         From 0 up to the number of rows; equal neighbours are a problem without rows.
+    absolute_weights : bool
+        As in `solve`.
 
     Returns
     -------
@@ -182,10 +136,15 @@ def solve_many(
     elif direction_weights is not None or direction_offsets is not None:
         raise InputError("direction_weights or direction_offsets was given without directions")
     nan = np.full(count, np.nan)
-    fits = Fits(np.full((count, 4, 4), np.nan), nan, nan.copy(), nan.copy(), np.ones(count, dtype=bool))
+    sums = Uncertainty(np.zeros((count, 3, 3)), nan.copy(), np.full((count, 3), np.nan), np.ones(count))
+    fits = Fits(np.full((count, 4, 4), np.nan), nan, nan.copy(), nan.copy(), np.ones(count, dtype=bool), sums)
     for chosen in _blocks(points, directions):
-        _solve_block(chosen, points, directions, fits)
-    return fits
+        _solve_block(chosen, points, directions, fits, sums)
+    if absolute_weights:
+        return fits
+    left = 3 * points.counted() + (0 if directions is None else 2 * directions.counted()) - 6
+    variance = np.divide(fits.cost, left, out=np.full(count, np.nan), where=left > 0)
+    return replace(fits, uncertainty=replace(sums, variance=variance))
 
 
 def _blocks(points: FeatureSet, directions: FeatureSet | None) -> list[slice] | list[np.ndarray]:
@@ -205,7 +164,9 @@ def _blocks(points: FeatureSet, directions: FeatureSet | None) -> list[slice] | 
     return blocks
 
 
-def _solve_block(chosen: slice | np.ndarray, points: FeatureSet, directions: FeatureSet | None, fits: Fits) -> None:
+def _solve_block(
+    chosen: slice | np.ndarray, points: FeatureSet, directions: FeatureSet | None, fits: Fits, kept: Uncertainty
+) -> None:
     p, q, beta = points.take(chosen)
     sides = None if directions is None else directions.take(chosen)
     # Lengths whose squares leave float64 make their own problem degenerate, not the others.
@@ -216,16 +177,15 @@ def _solve_block(chosen: slice | np.ndarray, points: FeatureSet, directions: Fea
         values, vectors = np.linalg.eigh(np.where(tame[:, None, None], forms, 0.0))
         R = _rotations(vectors[:, :, 3].T)
         lambda_1, lambda_2 = values[:, 3], values[:, 2]
+        difference = lambda_1 - lambda_2
         floor = sums.floor + SMALLEST_DIFFERENCE * sums.reach
         # lambda_1 + lambda_3 is 2 s2 and lambda_1 + lambda_2 is 2 s1: see `closed_form`.
         narrow = np.flatnonzero((lambda_1 + values[:, 1] <= NARROW * (lambda_1 + lambda_2)) & tame)
         if narrow.size:
-            R[:, :, narrow], lambda_1[narrow], lambda_2[narrow] = _narrow_rotations(sums, sides, beta, narrow)
-            floor[narrow] = sums.floor[narrow] + narrow_floor(
-                sums.reach[narrow], 0.5 * (lambda_1[narrow] + lambda_2[narrow])
-            )
-        good = tame & (sums.weight > 0.0) & (lambda_1 - lambda_2 > floor)
-        gap = np.where(lambda_1 > 0.0, (lambda_1 - lambda_2) / lambda_1, 0.0)
+            R[:, :, narrow], lambda_1[narrow], difference[narrow] = _narrow_rotations(sums, sides, beta, narrow)
+            floor[narrow] = sums.floor[narrow] + narrow_floor(sums.reach[narrow], lambda_1[narrow])
+        good = tame & (sums.weight > 0.0) & (difference > floor)
+        gap = np.where(lambda_1 > 0.0, difference / lambda_1, 0.0)
         point_cost, direction_cost = residual_sums(R, sums, beta, sides)
         rms = np.sqrt(point_cost / sums.weight)
     T = np.zeros((*lambda_1.shape, 4, 4))
@@ -237,12 +197,14 @@ def _solve_block(chosen: slice | np.ndarray, points: FeatureSet, directions: Fea
     fits.rms[chosen] = np.where(good, rms, np.nan)
     fits.eigenvalue_gap[chosen] = np.where(sums.weight > 0.0, gap, np.nan)
     fits.degenerate[chosen] = ~good
+    kept.H[chosen], kept.centre[chosen] = np.moveaxis(sums.H, -1, 0), sums.mean_target.T
+    np.asarray(kept.weight)[chosen] = sums.weight
 
 
 def _narrow_rotations(
     sums: BatchSums, directions: Sides | None, beta: FloatArray, rows: NDArray[np.intp]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rotations (3, 3, r) and the two largest eigenvalues of the problems whose matches are narrow: see `narrow`."""
+    """Rotations (3, 3, r), lambda_1 and its gap to lambda_2 of the problems whose matches are narrow: see `narrow`."""
     A, B = (np.moveaxis(axes, 0, -1) for axes in long_axes(np.moveaxis(sums.H[:, :, rows], -1, 0)))
     H = np.zeros(A.shape)
     kinds = [(sums.p, sums.q, np.where(sums.wide, beta, 0.0))] + ([directions] if directions is not None else [])
@@ -254,7 +216,7 @@ def _narrow_rotations(
     c, s = np.where(held > 0.0, np.array((across, turned)) / held, [[1.0], [0.0]])
     nothing = np.zeros(len(rows))
     roll = np.array([[nothing + 1.0, nothing, nothing], [nothing, c, -s], [nothing, s, c]])
-    return np.einsum("ijr,jkr,lkr->ilr", B, roll, A), H[0, 0] + held, H[0, 0] - held
+    return np.einsum("ijr,jkr,lkr->ilr", B, roll, A), H[0, 0] + held, 2.0 * held
 
 
 def _quaternion_forms(H: FloatArray) -> FloatArray:

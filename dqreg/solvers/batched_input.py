@@ -32,6 +32,12 @@ class FeatureSet:
         """Number of problems."""
         return len(self.sizes)
 
+    def counted(self) -> IntArray:
+        """Rows that carry weight, of each problem, (b,)."""
+        edges = np.concatenate([[0], np.cumsum(self.weights > 0.0)])
+        counts: IntArray = edges[self.starts + self.sizes] - edges[self.starts]
+        return counts
+
     def take(self, chosen: slice | NDArray[np.intp]) -> Sides:
         """Some problems with the problem as the last axis, short ones filled up with rows of weight zero.
 

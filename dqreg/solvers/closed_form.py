@@ -36,6 +36,7 @@ from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches
 from dqreg.solvers.moments import Moments
 from dqreg.solvers.narrow import is_narrow, long_axes, rotation_of
+from dqreg.solvers.uncertainty import Uncertainty
 from dqreg.solvers.undetermined import no_weight_message, undetermined
 
 Why = Callable[[str], DegenerateGeometryError]
@@ -63,7 +64,8 @@ def solve_moments(moments: Moments) -> Fit:
     Fit
         Its cost is ``constant - 2 lambda_1``, a difference of like numbers: its error is some 1e-15 of the constant,
         so an rms below 1e-7 of the size of the part is rounding. It is never negative: what rounding takes below
-        zero is zero. `solve` and `cost_of_pose` evaluate the residuals where that matters.
+        zero is zero. `solve` and `cost_of_pose` evaluate the residuals where that matters. Its covariance takes the
+        weights as 1 / variance: the sums do not know of how many matches they are.
 
     Raises
     ------
@@ -87,14 +89,14 @@ def fit_of_moments(moments: Moments, matches: Matches | None = None) -> Fit:
     H, reach, floor, placed = rotation_sums(moments)
     if moments.aligned is None or not is_narrow(H):
         values, vectors = np.linalg.eigh(quaternion_form(H))
-        lambda_2, lambda_1 = float(values[2]), float(values[3])
+        lambda_1, gap = float(values[3]), float(values[3] - values[2])
         r, floor = vectors[:, 3], floor + SMALLEST_DIFFERENCE * reach
     else:
         axes = long_axes(H)
         across, directed = moments.aligned.turned(*axes)
-        R, lambda_1, lambda_2 = rotation_of(across + directed if placed else directed, axes)
-        r, floor = quaternion.from_matrix(R), floor + float(narrow_floor(reach, 0.5 * (lambda_1 + lambda_2)))
-    gap = require_determined(lambda_1, lambda_2, reach, floor, lambda words: undetermined(words, moments, matches))
+        R, lambda_1, gap = rotation_of(across + directed if placed else directed, axes)
+        r, floor = quaternion.from_matrix(R), floor + float(narrow_floor(reach, lambda_1))
+    relative = require_determined(lambda_1, gap, reach, floor, lambda words: undetermined(words, moments, matches))
     T = pose_from_quaternion(r, moments)
     # tr(R^T H) of the points alone; that of the directions is the rest of lambda_1.
     point_fit = float(np.vdot(T[:3, :3], moments.point_cross))
@@ -103,7 +105,8 @@ def fit_of_moments(moments: Moments, matches: Matches | None = None) -> Fit:
         T,
         max(moments.constant - 2.0 * lambda_1, 0.0),
         math.sqrt(max(point_cost, 0.0) / moments.point_weight),
-        gap,
+        relative,
+        uncertainty=Uncertainty(H, moments.point_weight, moments.mean_target, 1.0),
     )
 
 
@@ -132,11 +135,10 @@ def narrow_floor(reach: FloatArray | float, along: FloatArray | float) -> FloatA
 
 
 def require_determined(
-    lambda_1: float, lambda_2: float, reach: float, floor: float | None = None, why: Why = undetermined
+    lambda_1: float, gap: float, reach: float, floor: float | None = None, why: Why = undetermined
 ) -> float:
-    """Relative gap of the two largest eigenvalues, if it is more than rounding, of their difference by default."""
+    """Relative gap of the two largest eigenvalues, if it is more than rounding, that of a difference by default."""
     floor = SMALLEST_DIFFERENCE * reach if floor is None else floor
-    gap = lambda_1 - lambda_2
     relative = gap / lambda_1 if lambda_1 > 0.0 else 0.0
     if not gap > floor:
         of_reach, needed = (gap / reach, floor / reach) if reach > 0.0 else (0.0, 0.0)

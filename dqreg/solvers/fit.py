@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from dqreg._arrays import FloatArray
 from dqreg.solvers.status import Status
+from dqreg.solvers.uncertainty import Uncertainty
 
 if TYPE_CHECKING:
     from dqreg.rigid.dual_quaternion import DualQuaternion
@@ -28,6 +31,8 @@ class Fit:
     eigenvalue_gap : float
         ``(lambda_1 - lambda_2) / lambda_1`` of the two largest eigenvalues of the 4x4 matrix (its trace taken
         out), between 0 and 4/3. Near 0 some rotation leaves the cost unchanged: the rotation is not determined.
+    uncertainty : Uncertainty or None
+        Sums that `covariance` follows from; None where the solver keeps none.
 
     Examples
     --------
@@ -41,6 +46,42 @@ class Fit:
     cost: float
     rms: float
     eigenvalue_gap: float
+    uncertainty: Uncertainty | None = field(default=None, kw_only=True, repr=False)
+
+    @property
+    def centre(self) -> FloatArray:
+        """Point that the increment of `covariance` turns about: the weighted mean of the target points.
+
+        Returns
+        -------
+        ndarray, (3,)
+            Target frame; NaN where the solver kept no sums.
+        """
+        return np.full(3, np.nan) if self.uncertainty is None else self.uncertainty.centre
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Covariance of the pose, for matches whose weights are in proportion to 1 / variance.
+
+        Returns
+        -------
+        ndarray, (6, 6)
+            Of the left increment in the target frame about `centre`, as in `Registration`: rotation vector in
+            radians first, then translation; ``T_true = pose.about(exp(twist), centre) @ T``. The variance of a match
+            of weight 1 is estimated from the residuals (NaN where three points leave none), or 1 where the solver was
+            told ``absolute_weights=True``. `cramer_rao` is its least possible value. NaN where the solver kept no sums.
+
+        Examples
+        --------
+        >>> from dqreg.solvers import solve
+        >>> p = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
+        >>> fit = solve(p, p, point_weights=1 / 0.1**2, absolute_weights=True)
+        >>> np.sqrt(fit.covariance.diagonal()).round(3).tolist()
+        [0.032, 0.038, 0.054, 0.05, 0.05, 0.05]
+        """
+        if self.uncertainty is None:
+            return np.full((6, 6), np.nan)
+        return self.uncertainty.covariance(self.T_target_source[:3, :3], self.eigenvalue_gap)
 
     @cached_property
     def dual_quaternion(self) -> DualQuaternion:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,12 +17,15 @@ from dqreg.solvers.feature_sums import BLOCK
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
 from dqreg.solvers.moments import Moments, moments_of
+from dqreg.solvers.uncertainty import Uncertainty, counted, residual_variance
 from dqreg.solvers.undetermined import no_weight_message, undetermined
 
 # Part of the constant below which its difference from the fit has lost more than seven digits of fifteen.
 SMALL_COST = 1e-7
 # Variance of the points below which their squares lose digits at the end of the float64 range.
 SMALLEST_SQUARE = 1e-290
+
+F = TypeVar("F", bound=Fit)
 
 
 def solve(
@@ -31,6 +35,8 @@ def solve(
     directions_target: ArrayLike | None = None,
     point_weights: ArrayLike | None = None,
     direction_weights: ArrayLike | None = None,
+    *,
+    absolute_weights: bool = False,
 ) -> Fit:
     """Pose that best maps matched points and directions onto each other, in closed form.
 
@@ -51,11 +57,15 @@ def solve(
     direction_weights : array_like, (m,) or float, optional
         alpha >= 0, one a direction, in squared lengths if the cost is to be one; 1 where not given, 0 rejects the
         match. `likelihood_weights` derives both kinds from the noise.
+    absolute_weights : bool
+        Whether the weights are 1 / variance, as `likelihood_weights` gives them, and the covariance follows from them
+        alone. Else they are in proportion to it, and the residuals give the scale.
 
     Returns
     -------
     Fit
-        ``T_target_source``, ``dual_quaternion``, ``cost``, ``rms`` of the points, ``eigenvalue_gap``. The cost is the
+        ``T_target_source``, ``dual_quaternion``, ``cost``, ``rms`` of the points, ``eigenvalue_gap``, ``covariance``
+        (computed when first asked for) about ``centre``. The cost is the
         sum of the squared residuals, right and never negative for an exact fit too. Only of some thousand matches
         and more, and where it is at least 1e-7 of the sums it is the difference of, is it taken as that difference,
         which holds eight digits of it and saves a pass.
@@ -93,10 +103,37 @@ def solve(
         )
     _check_sums(moments, matches)
     fit = fit_of_moments(moments, matches)
-    if not _needs_residuals(fit, moments, matches):
+    if _needs_residuals(fit, moments, matches):
+        point_cost, direction_cost = cost_of_pose(fit.T_target_source, matches)
+        fit = replace(fit, cost=point_cost + direction_cost, rms=math.sqrt(point_cost / moments.point_weight))
+    return fit if absolute_weights else _scaled(fit, matches)
+
+
+def with_uncertainty(fit: F, matches: Matches, *, absolute_weights: bool) -> F:
+    """The fit of a reference solver with the sums that its covariance follows from."""
+    m = matches
+    moments = moments_of(
+        m.points_source,
+        m.points_target,
+        m.point_weights,
+        m.directions_source,
+        m.directions_target,
+        m.direction_weights,
+    )
+    H = moments.point_cross + moments.direction_cross
+    fit = replace(fit, uncertainty=Uncertainty(H, moments.point_weight, moments.mean_target, 1.0))
+    return fit if absolute_weights else _scaled(fit, matches)
+
+
+def _scaled(fit: F, matches: Matches) -> F:
+    if fit.uncertainty is None:
         return fit
-    point_cost, direction_cost = cost_of_pose(fit.T_target_source, matches)
-    return replace(fit, cost=point_cost + direction_cost, rms=math.sqrt(point_cost / moments.point_weight))
+    variance = residual_variance(
+        fit.cost,
+        counted(matches.point_weights, len(matches.points_source)),
+        counted(matches.direction_weights, len(matches.directions_source)),
+    )
+    return replace(fit, uncertainty=replace(fit.uncertainty, variance=variance))
 
 
 def _needs_residuals(fit: Fit, moments: Moments, matches: Matches) -> bool:
@@ -169,14 +206,19 @@ def weights_of(matches: Matches) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def fit_of_rotation(R: FloatArray, lambda_1: float, lambda_2: float, matches: Matches, centred: Centred) -> Fit:
+def fit_of_rotation(
+    R: FloatArray, lambda_1: float, lambda_2: float, matches: Matches, centred: Centred, *, absolute_weights: bool
+) -> Fit:
     """Fit with this rotation, the translation that belongs to it, and the cost of its residuals. Shapes: R (3, 3)."""
-    gap = require_determined(lambda_1, lambda_2, centred.reach, why=lambda words: undetermined(words, matches=matches))
+    gap = require_determined(
+        lambda_1, lambda_1 - lambda_2, centred.reach, why=lambda words: undetermined(words, matches=matches)
+    )
     T = np.eye(4)
     T[:3, :3] = R
     T[:3, 3] = centred.mean_target - R @ centred.mean_source  # Jia (13)
     point_cost, direction_cost = cost_of_pose(T, matches)
-    return Fit(T, point_cost + direction_cost, math.sqrt(point_cost / centred.beta.sum()), gap)
+    fit = Fit(T, point_cost + direction_cost, math.sqrt(point_cost / centred.beta.sum()), gap)
+    return with_uncertainty(fit, matches, absolute_weights=absolute_weights)
 
 
 def _about_mean(points: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -88,7 +88,7 @@ def cross_in_axes(
 
 
 def rotation_of(H: FloatArray, axes: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, float, float]:
-    """Best rotation for sums H' in axes A and B, with the two largest eigenvalues of its quadratic form.
+    """Best rotation for sums H' in axes A and B, with lambda_1 and its gap to lambda_2, which rounds for itself.
 
     Shapes: H (3, 3), returns R (3, 3).
     """
@@ -97,4 +97,4 @@ def rotation_of(H: FloatArray, axes: tuple[FloatArray, FloatArray]) -> tuple[Flo
     c, s = (across / held, turned / held) if held > 0.0 else (1.0, 0.0)
     R = axes[1] @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]) @ axes[0].T
     along = float(H[0, 0])
-    return R, along + held, along - held
+    return R, along + held, 2.0 * held

@@ -26,6 +26,8 @@ def svd(
     directions_target: ArrayLike | None = None,
     point_weights: ArrayLike | None = None,
     direction_weights: ArrayLike | None = None,
+    *,
+    absolute_weights: bool = False,
 ) -> Fit:
     """Pose of least cost by the singular value decomposition of H; a yardstick for `solve`.
 
@@ -37,6 +39,8 @@ def svd(
         Matched directions m and n, weighed as given.
     point_weights, direction_weights : array_like or float, optional
         beta and alpha; 1 where not given.
+    absolute_weights : bool
+        As in `solve`.
 
     Returns
     -------
@@ -71,7 +75,7 @@ def svd(
     R = Vt.T @ np.diag([1.0, 1.0, sign]) @ U.T
     s1, s2, s3 = s[0], s[1], sign * s[2]
     # Eigenvalues of the 4x4 matrix by the singular values of H.
-    return fit_of_rotation(R, float(s1 + s2 + s3), float(s1 - s2 - s3), matches, c)
+    return fit_of_rotation(R, float(s1 + s2 + s3), float(s1 - s2 - s3), matches, c, absolute_weights=absolute_weights)
 
 
 def horn(
@@ -81,6 +85,8 @@ def horn(
     directions_target: ArrayLike | None = None,
     point_weights: ArrayLike | None = None,
     direction_weights: ArrayLike | None = None,
+    *,
+    absolute_weights: bool = False,
 ) -> Fit:
     """Pose of least cost by unit quaternions with one 4x4 matrix a match; a yardstick for `solve`.
 
@@ -92,6 +98,8 @@ def horn(
         Matched directions m and n, weighed as given.
     point_weights, direction_weights : array_like or float, optional
         beta and alpha; 1 where not given.
+    absolute_weights : bool
+        As in `solve`.
 
     Returns
     -------
@@ -121,7 +129,9 @@ def horn(
     M += np.einsum("i,iab,iac->bc", c.alpha, P(m), Q(n))
     values, vectors = np.linalg.eigh(M)  # M is symmetric: lambda_1 >= ... >= lambda_4
     q = vectors[:, 3]  # maximises (16), hence (15), hence minimises (14)
-    return fit_of_rotation(to_matrix(q), float(values[3]), float(values[2]), matches, c)  # b by (13)
+    return fit_of_rotation(
+        to_matrix(q), float(values[3]), float(values[2]), matches, c, absolute_weights=absolute_weights
+    )  # b by (13)
 
 
 def P(p: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ comes last. Superscript 0 is the model, our source; the tilde is the measurement
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,7 @@ from dqreg.errors import DegenerateGeometryError
 from dqreg.solvers.closed_form import require_determined
 from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.fit import Fit
-from dqreg.solvers.least_squares import weights_of
+from dqreg.solvers.least_squares import weights_of, with_uncertainty
 from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
 from dqreg.solvers.undetermined import no_weight_message, undetermined
 
@@ -50,6 +50,8 @@ def walker1991(
     directions_target: ArrayLike | None = None,
     point_weights: ArrayLike | None = None,
     direction_weights: ArrayLike | None = None,
+    *,
+    absolute_weights: bool = False,
 ) -> WalkerFit:
     """Pose by the DQ localization algorithm as published, with its weights and its half-scaled position quaternions.
 
@@ -65,6 +67,8 @@ def walker1991(
         Modelled directions n^0 and measured directions n~, of unit length in the paper.
     point_weights, direction_weights : array_like or float, optional
         beta and alpha; 1 where not given.
+    absolute_weights : bool
+        As in `solve`, for ``beta / 4`` and alpha.
 
     Returns
     -------
@@ -105,7 +109,9 @@ def walker1991(
     values, vectors = np.linalg.eigh(A)  # (46)
     r = vectors[:, 3]  # of the largest eigenvalue: (50)
     s = -inverse @ C3 @ r  # (45)
-    return _as_fit(r, s, values, float(constant), matches)
+    fit = _as_fit(r, s, values, float(constant), matches)
+    quarter = replace(matches, point_weights=0.25 * beta)
+    return with_uncertainty(fit, quarter, absolute_weights=absolute_weights)
 
 
 def Q(a: FloatArray) -> FloatArray:
@@ -135,11 +141,11 @@ def _with_zero(vectors: FloatArray) -> FloatArray:
 
 
 def _as_fit(r: FloatArray, s: FloatArray, values: FloatArray, constant: float, matches: Matches) -> WalkerFit:
-    # A is 2 N plus a multiple of the identity; the gap of N, which `solve` reports, needs that multiple taken out.
+    # A is 2 N plus a multiple of the identity; lambda_1 of N, which the gap relates to, needs that multiple taken out.
     centre = values.mean()
     gap = require_determined(
         float(values[3] - centre),
-        float(values[2] - centre),
+        float(values[3] - values[2]),
         reach=constant,
         why=lambda words: undetermined(words, matches=matches, centred=False),
     )

@@ -39,7 +39,7 @@ def test_its_eigenvalues_are_sums_of_singular_values(H):
 @pytest.mark.parametrize(("lambda_2", "reach"), [(1.0, 1.0), (1.0 - 1e-13, 1.0), (0.5, 1e13)])
 def test_a_gap_of_rounding_raises_and_is_told(lambda_2, reach):
     with pytest.raises(DegenerateGeometryError, match=f"{(1.0 - lambda_2):.3g}"):
-        require_determined(1.0, lambda_2, reach)
+        require_determined(1.0, 1.0 - lambda_2, reach)
 
 
 def test_no_fit_at_all_raises():

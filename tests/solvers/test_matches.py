@@ -5,7 +5,7 @@ import pytest
 
 from dqreg.errors import InputError
 from dqreg.solvers import likelihood_weights, normal_variance, solve, solve_many
-from dqreg.synth.cramer_rao import cramer_rao
+from dqreg.solvers.cramer_rao import cramer_rao
 from tests.solvers.problems import TETRAHEDRON
 
 

@@ -8,8 +8,9 @@ from scipy.optimize import approx_fprime
 
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.rigid import pose
+from dqreg.solvers.cramer_rao import covariance_of_weights, cramer_rao, rms_of, weighted_information
 from dqreg.synth.cameras import Scanner
-from dqreg.synth.cramer_rao import covariance_of_weights, cramer_rao, cramer_rao_bound, rms_of, weighted_information
+from dqreg.synth.cramer_rao import cramer_rao_bound
 from dqreg.synth.noise import Noise
 from dqreg.synth.parts import bracket
 from dqreg.synth.scanner import scan_mesh
