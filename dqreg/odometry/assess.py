@@ -12,6 +12,7 @@ from dqreg.icp import NO_POSE, Alignment
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.map_surface import MapSurface
+from dqreg.odometry.rivals import Placed
 from dqreg.registration.assess import Uncertainty
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
@@ -26,7 +27,7 @@ SPURIOUS = 3.0
 
 
 def frame_result(
-    run: Alignment,
+    place: Placed,
     surface: MapSurface,
     frame: DownsampledFrame,
     usual: float,
@@ -34,10 +35,11 @@ def frame_result(
     settings: dict[str, Any],
 ) -> Registration:
     """The answer for one frame."""
+    run, free = place.aligned, place.axis if place.is_free else None
     if run.status not in NO_POSE and not run.inlier_fraction >= LOST:
         words = f"no pose: only {100 * run.inlier_fraction:.0f} % of the points are inliers at the best one"
         return without_pose((Reason(words, "lost"), *notes), run.status, settings)
-    uncertainty = Uncertainty.of(information_at(run, surface, frame.reach)) if run.found else None
+    uncertainty = Uncertainty.of(information_at(run, surface, frame.reach, free)) if run.found else None
     evidence = Evidence(
         status=run.status,
         found=run.found,
@@ -54,7 +56,7 @@ def frame_result(
         strays=0.0,
         normals_apart=0.0,
         expected=0.0,
-        alternatives=(),
+        alternatives=place.rivals,
     )
     verdict = judge(evidence)
     reasons = (*verdict.reasons, *notes)
@@ -67,7 +69,7 @@ def frame_result(
         status=run.status,
         covariance=uncertainty.covariance,
         observability=uncertainty.directions,
-        alternatives=(),
+        alternatives=place.rivals,
         history=run.history,
         rms=run.rms,
         inlier_fraction=run.inlier_fraction,
@@ -76,7 +78,9 @@ def frame_result(
     )
 
 
-def information_at(run: Alignment, surface: MapSurface, reach: float) -> Information:
+def information_at(
+    run: Alignment, surface: MapSurface, reach: float, free_axis: FloatArray | None = None
+) -> Information:
     """Information of the six motions about the sensor.
 
     A wall that lies two centimetres off in the map shifts all of its points the same way; taken as independent, they
@@ -90,6 +94,8 @@ def information_at(run: Alignment, surface: MapSurface, reach: float) -> Informa
     matches = points, normals, along, weights, reach, centre
     noise = weights * np.minimum(surface.normal_variances(pairs.closest.elements), 1.0)
     information = _without_spurious(information_of(*matches), (points - centre) / reach, normals, noise)
+    if free_axis is not None:
+        information = _without(information, np.concatenate([np.zeros(3), free_axis]))
     twists = information.vectors[:, ~information.free] / np.r_[[reach] * 3, [1.0] * 3][:, None]
     if not twists.shape[1]:
         return information
@@ -111,6 +117,18 @@ def _without_spurious(
         values=values[order],
         vectors=information.vectors[:, order],
         carriers=information.carriers[order],
+    )
+
+
+def _without(information: Information, motion: FloatArray) -> Information:
+    """Information with one motion free, a unit vector (6,)."""
+    kept = np.eye(6) - np.outer(motion, motion)
+    full = kept @ (information.vectors * information.values) @ information.vectors.T @ kept
+    values, vectors = np.linalg.eigh(full)
+    # Rounding must not hold what is free; the points that carry a motion are those of the motions that it is made of.
+    values[0], overlap = 0.0, (vectors.T @ information.vectors) ** 2
+    return dataclasses.replace(
+        information, values=np.maximum(values, 0.0), vectors=vectors, carriers=overlap @ information.carriers
     )
 
 

@@ -18,6 +18,7 @@ from dqreg.odometry.deskew import Deskewed
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame, read_frame
 from dqreg.odometry.kiss import KissParts, load_kiss, rigid
 from dqreg.odometry.map_surface import MapSurface, surface_within
+from dqreg.odometry.rivals import Placed, placed
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
 from dqreg.registration.result import Registration
@@ -29,6 +30,15 @@ from dqreg.trust.verdict import fraction_fits
 FEWEST_POINTS = 30
 # Frames over which the usual fraction of inliers is taken.
 MEMORY = 10
+# Reasons after which the place of a frame is not known.
+LOOSE = {
+    "unconstrained",
+    "alternative_poses",
+    "low_inlier_fraction",
+    "falling_inlier_fraction",
+    "lost",
+    "no_correspondences",
+}
 
 
 class Odometry:
@@ -82,6 +92,9 @@ class Odometry:
         # frame, where stamps told.
         self._kept_out, self._missed, self._gap, self._pace = 0, 0, 0.0, 0.0
         self._stamp: float | None = None
+        # Frame that the map hangs on though it was not accepted, for good or until a frame fits that cannot have slid.
+        self._unlinked: int | None = None
+        self._for_good = False
 
     @property
     def poses(self) -> FloatArray:
@@ -185,9 +198,35 @@ class Odometry:
             deskewed = Deskewed(kiss, raw, lengths.voxel_size, frame, aligned, self._motion)
             deskewed = deskewed.repeated(search, self._T_last, ratio)
             frame, aligned, notes = deskewed.frame, deskewed.aligned, notes + deskewed.notes
-        result = frame_result(aligned, surface, frame, self._usual_fraction, notes, self._words(frame))
-        self._learn(kiss, frame, result, T_predicted, ratio)
-        return result
+        # After a frame that was not trusted constant velocity is worth nothing.
+        place = placed(search, frame.scan, aligned, T_predicted, np.inf if self._missed else kiss.deviation)
+        result = frame_result(place, surface, frame, self._usual_fraction, notes, self._words(frame))
+        linked = self._linked(result, place)
+        self._learn(kiss, frame, linked, T_predicted, ratio, trusted=place.is_escaped)
+        return linked
+
+    def _linked(self, result: Registration, place: Placed) -> Registration:
+        """The result, doubted where it hangs on a frame that was not accepted."""
+        if (
+            self._unlinked is not None
+            and not self._for_good
+            and result.verdict.level == "accepted"
+            and not place.is_weak
+        ):
+            self._unlinked = None
+        before = self._unlinked
+        if before is None and LOOSE.intersection(result.verdict.codes):
+            merged = place.is_escaped or self._kept_out >= self.settings.patience
+            merged |= result.verdict.level != "failed" and fraction_fits(result.inlier_fraction, self._usual_fraction)
+            self._for_good = merged
+            self._unlinked = len(self._poses) if merged or place.is_weak else None
+        if before is None:
+            return result
+        words = (
+            f"frame {before} was not accepted, and this pose hangs on it: it may be right against the frames since and "
+            "wrong against those before"
+        )
+        return dataclasses.replace(result, verdict=result.verdict.doubted(Reason(words, "untrusted_map")))
 
     def _anchors(self, T_predicted: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         """Where the sensor may be: at the last trusted pose going on, or at the last doubtful one."""
@@ -201,12 +240,15 @@ class Odometry:
         result: Registration,
         T_predicted: FloatArray,
         ratio: float,
+        *,
+        trusted: bool,
     ) -> None:
         if result.verdict.level == "failed":
             self._missed += 1
             return
         T = result.T_target_source
-        if not fraction_fits(result.inlier_fraction, self._usual_fraction) and self._kept_out < self.settings.patience:
+        fits = trusted or fraction_fits(result.inlier_fraction, self._usual_fraction)
+        if not fits and self._kept_out < self.settings.patience:
             # Reported, not absorbed: neither the map nor the motion learns from it.
             self._kept_out += 1
             self._missed += 1

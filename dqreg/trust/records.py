@@ -48,6 +48,7 @@ Code = Literal[
     "scale_ambiguous",
     "scale_uncertain",
     "time_stamp",
+    "untrusted_map",
     # notes
     "dropped_points",
     "not_deskewed",

@@ -12,7 +12,7 @@ from dqreg.rigid import pose
 from dqreg.synth.parts import box
 from dqreg.synth.raycast import first_hits
 
-FRAMES, RINGS, COLUMNS, RANGE, SIGMA = 8, 24, 180, 40.0, 0.01
+FRAMES, RINGS, COLUMNS, RANGE, SIGMA = 8, 32, 450, 25.0, 0.01
 
 
 def block(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:

@@ -1,0 +1,158 @@
+"""Other places along the weakest direction: in a corridor the fit alone does not tell them apart.
+
+A frame that slid along a corridor keeps most of its inliers, because floor and walls fit everywhere; the few points
+that would tell are taken for outliers. So poses shifted along the weakest direction are compared point by point.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.geometry import Scan
+from dqreg.icp import Alignment
+from dqreg.odometry.align import FrameSearch
+from dqreg.odometry.map_surface import MapSurface
+from dqreg.rigid import pose
+from dqreg.trust.records import Alternative
+
+# Share of the correspondences' normals along the weakest direction: halls and streets reach 0.15 and more, a corridor
+# 0.01, which edges and rings alone make. Below the first there may be rivals; below the second nothing holds it.
+WEAK, FREE = 0.15, 0.03
+# Steps to either side, of the largest distance of a pair each; points that are compared, and the least share of them
+# that the map must hold at both poses.
+STEPS, POINTS, COMMON = 40, 300, 0.2
+# Normals that agree at least so well belong to one face; a difference of so many standard errors is one.
+AGREE, SIGNIFICANT = 0.7, 3.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Placed:
+    """A frame's pose after the poses along its weakest direction were compared."""
+
+    aligned: Alignment
+    axis: FloatArray  # (3,): weakest direction, map frame
+    share: float  # Of the correspondences along it
+    rivals: tuple[Alternative, ...] = ()  # Other poses that fit as well and could be meant
+    is_escaped: bool = False  # Whether another pose along it explained the frame significantly better than the first
+
+    @property
+    def is_weak(self) -> bool:
+        """Whether a shift along the weakest direction could go unnoticed."""
+        return self.share < WEAK
+
+    @property
+    def is_free(self) -> bool:
+        """Whether nothing holds the weakest direction."""
+        return self.share < FREE
+
+
+def placed(search: FrameSearch, scan: Scan, aligned: Alignment, T_predicted: FloatArray, deviation: float) -> Placed:
+    """The best of the poses along the weakest direction, and those that are no worse; infinite: no prediction."""
+    axis, share = _weakest(aligned)
+    if not aligned.found or (share >= WEAK and search.fits(aligned)):
+        return Placed(aligned, axis, share)
+    rows = np.flatnonzero(scan.normals.any(axis=1))
+    if len(rows) < POINTS // 10:
+        return Placed(aligned, axis, share)
+    compare = _Comparison(search.surface, scan, _spread(rows), search.lengths.near, 0.5 * search.lengths.reach)
+    first, (shifts, scores) = aligned, compare.along(aligned.T_target_source, axis)
+    if scores.min() < -SIGNIFICANT:
+        again = search.refine(scan, _shifted(first.T_target_source, shifts[np.argmin(scores)] * axis))
+        if again.found and compare.gain(again, first) < -SIGNIFICANT:
+            aligned = again
+            shifts, scores = compare.along(aligned.T_target_source, axis)
+    equal = _minima(scores) & (np.abs(shifts) > 0.5 * search.lengths.reach)
+    poses = [_shifted(aligned.T_target_source, shift * axis) for shift in shifts[equal]]
+    # Constant velocity decides among equals, as far as it can.
+    off = _off(aligned.T_target_source, T_predicted)
+    nearer = [T for T in poses if _off(T, T_predicted) < 0.5 * off and off > deviation]
+    if nearer:
+        T = min(nearer, key=lambda T: _off(T, T_predicted))
+        again = search.refine(scan, T)
+        if compare.gain(again, aligned) < SIGNIFICANT:
+            poses = [
+                *(T for T in poses if _off(T, again.T_target_source) > search.lengths.reach),
+                aligned.T_target_source,
+            ]
+            aligned, off = again, _off(again.T_target_source, T_predicted)
+    meant = [T for T in poses if _off(T, T_predicted) <= max(2.0 * off, deviation)]
+    axis, share = _weakest(aligned)
+    rivals = tuple(Alternative(T, compare.rms(T)) for T in meant)
+    return Placed(aligned, axis, share, rivals, aligned is not first)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Comparison:
+    """How much worse the same points lie at another pose, in standard errors."""
+
+    surface: MapSurface
+    scan: Scan
+    rows: IntArray
+    cap: float
+    gate: float
+
+    def squares(self, T: FloatArray) -> FloatArray:
+        """Truncated squared distances from the planes of the map, over the cap's; NaN where the map is empty."""
+        points = pose.apply(T, self.scan.points[self.rows])
+        normals = self.scan.normals[self.rows] @ T[:3, :3].T
+        near = self.surface.closest(points)
+        along = np.abs(np.einsum("ij,ij->i", points - near.points, near.normals))
+        agree = np.abs(np.einsum("ij,ij->i", normals, near.normals)) > AGREE
+        squares = np.where(agree, np.minimum(along / self.cap, 1.0), 1.0) ** 2
+        # Where the map holds nothing near, it was not looked at: that speaks neither for a pose nor against it.
+        return np.where(near.distances < self.gate, squares, np.nan)
+
+    def along(self, T: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Shifts along an axis, and how much worse each is than none."""
+        shifts: FloatArray = self.cap * np.arange(-float(STEPS), STEPS + 1.0)
+        base = self.squares(T)
+        return shifts, np.array([_significance(self.squares(_shifted(T, s * axis)) - base) for s in shifts])
+
+    def gain(self, one: Alignment, other: Alignment) -> float:
+        """How much worse one pose is than another."""
+        return _significance(self.squares(one.T_target_source) - self.squares(other.T_target_source))
+
+    def rms(self, T: FloatArray) -> float:
+        """Truncated root mean square distance."""
+        return float(self.cap * np.sqrt(np.nanmean(self.squares(T))))
+
+
+def _significance(difference: FloatArray) -> float:
+    known = difference[np.isfinite(difference)]
+    # Few common points say nothing of two poses; they are not taken for equals.
+    if len(known) < COMMON * len(difference):
+        return np.inf
+    error = float(known.std()) / np.sqrt(len(known))
+    return float(known.mean()) / error if error > 0.0 else 0.0
+
+
+def _weakest(aligned: Alignment) -> tuple[FloatArray, float]:
+    """Direction that the fewest correspondences face, and their share."""
+    normals = aligned.pairs.closest.normals
+    weights = np.where(normals.any(axis=1), aligned.weights, 0.0)
+    values, vectors = np.linalg.eigh((normals * weights[:, None]).T @ normals / max(float(weights.sum()), 1e-300))
+    return vectors[:, 0], float(values[0])
+
+
+def _minima(scores: FloatArray) -> BoolArray:
+    """Where a shift is no worse than none, and better than its neighbours."""
+    padded = np.pad(scores, 1, constant_values=np.inf)
+    found: BoolArray = (scores < SIGNIFICANT) & (scores <= padded[:-2]) & (scores <= padded[2:])
+    return found
+
+
+def _spread(rows: IntArray) -> IntArray:
+    return rows[np.linspace(0, len(rows) - 1, min(POINTS, len(rows))).round().astype(np.int64)]
+
+
+def _shifted(T: FloatArray, by: FloatArray) -> FloatArray:
+    moved = T.copy()
+    moved[:3, 3] += by
+    return moved
+
+
+def _off(one: FloatArray, other: FloatArray) -> float:
+    return float(np.linalg.norm(one[:3, 3] - other[:3, 3]))

@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+from dqreg.compare.trust import drives
+from dqreg.odometry import Odometry
+
+# Poses along x; frames of a simulated LiDAR of 32 rings in a corridor 4 m wide with pilasters every 5 m.
+PITCH, DEPTH = 5.0, 0.25
+
+
+@functools.cache
+def driven(step: float, depth: float = DEPTH, frames: int = 3):
+    rng = np.random.default_rng(4)
+    drive = drives.drive(drives.corridor(rng, PITCH, depth), drives.straight(step, rng)[:frames], rng)
+    odometry = Odometry()
+    return [odometry.register_frame(points) for points in drive.frames], drive.poses
+
+
+def test_small_steps_along_equal_pilasters_are_right_and_accepted():
+    results, poses = driven(0.6)
+    for result, T in zip(results, poses, strict=True):
+        assert result.verdict.level == "accepted"
+        # A third of a voxel, which is about 0.16 m here.
+        assert np.linalg.norm(result.T_target_source[:3, 3] - T[:3, 3]) < 0.05
+
+
+@pytest.mark.parametrize("step", [1.9, 2.3])
+def test_a_frame_that_slid_along_equal_pilasters_is_never_accepted(step):
+    results, poses = driven(step)
+    for result, T in zip(results[1:], poses[1:], strict=True):
+        right = np.linalg.norm(result.T_target_source[:3, 3] - T[:3, 3]) < 0.3
+        assert right or result.verdict.level != "accepted"
+
+
+def test_nothing_holds_a_frame_along_bare_walls_whatever_the_rings_say():
+    # The rings lie where they lay before, seen from the sensor: the fit is best where the frame has not moved at all.
+    results, _ = driven(0.9, depth=0.0)
+    for result in results[1:]:
+        assert result.verdict.level == "suspect"
+        assert "unconstrained" in result.verdict.codes
+        free = result.observability[0]
+        assert free.is_free
+        assert free.kind == "translation"
+        assert abs(free.axis[0]) > 0.99
+
+
+def test_what_hangs_on_a_frame_that_was_not_accepted_says_so():
+    results, _ = driven(0.9, depth=0.0)
+    assert "untrusted_map" not in results[1].verdict.codes
+    assert results[2].verdict.codes[0] == "untrusted_map"
