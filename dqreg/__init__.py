@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from dqreg.registration.register import register
     from dqreg.registration.result import Registration
     from dqreg.registration.target import Target, prepare_target
-    from dqreg.rigid import DualQuaternion, quaternion
+    from dqreg.rigid import DualQuaternion, Trajectory, quaternion
     from dqreg.solvers import Freedom, PoseCost, likelihood_weights, solve, solve_many
 
 __all__ = [
@@ -46,6 +46,7 @@ __all__ = [
     "PoseCost",
     "Registration",
     "Target",
+    "Trajectory",
     "UnitsError",
     "likelihood_weights",
     "prepare_target",
@@ -74,6 +75,7 @@ _HOMES = {
     "PoseCost": "dqreg.solvers",
     "Registration": "dqreg.registration.result",
     "Target": "dqreg.registration.target",
+    "Trajectory": "dqreg.rigid",
     "UnitsError": "dqreg.errors",
     "likelihood_weights": "dqreg.solvers",
     "prepare_target": "dqreg.registration.target",

@@ -22,7 +22,16 @@ ROOT = Path(__file__).parents[1]
 NAMES = [line.partition("(")[0].strip() for line in PROMISED.read_text(encoding="utf-8").splitlines()]
 CHECKS = set(tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["numpydoc_validation"]["checks"])
 # Public as well, but for their lists: odometry needs a package that may be absent.
-MORE = {"dqreg.odometry": ("Odometry", "OdometrySettings", "evaluate", "read_trajectory", "write_trajectory")}
+MORE = {
+    "dqreg.odometry": (
+        "Odometry",
+        "OdometrySettings",
+        "evaluate",
+        "load_trajectory",
+        "read_trajectory",
+        "write_trajectory",
+    )
+}
 for room in (*ROOMS, *MORE):
     importlib.import_module(room)
 SECTION = re.compile(

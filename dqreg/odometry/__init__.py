@@ -10,6 +10,7 @@ from dqreg.odometry.evaluation import Errors, evaluate, nees
 from dqreg.odometry.odometry import Odometry
 from dqreg.odometry.settings import OdometrySettings
 from dqreg.odometry.trajectory import bridge_gaps, read_trajectory, write_trajectory
+from dqreg.odometry.trajectory_files import load_trajectory
 
 __all__ = [
     "Errors",
@@ -17,6 +18,7 @@ __all__ = [
     "OdometrySettings",
     "bridge_gaps",
     "evaluate",
+    "load_trajectory",
     "nees",
     "read_trajectory",
     "write_trajectory",

@@ -22,7 +22,7 @@ from dqreg.odometry.rivals import Placed, placed
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
 from dqreg.registration.result import Registration
-from dqreg.rigid import pose
+from dqreg.rigid import Trajectory, pose
 from dqreg.trust.records import Reason
 from dqreg.trust.verdict import fraction_fits
 
@@ -87,6 +87,7 @@ class Odometry:
         self._motion = np.eye(4)
         self._T_doubtful: FloatArray | None = None
         self._poses: list[FloatArray] = []
+        self._stamps: list[float | None] = []
         self._usual: deque[float] = deque(maxlen=MEMORY)
         # Frames kept out of the map in a row, frames since the last trusted one, and seconds since then; seconds a
         # frame, where stamps told.
@@ -100,6 +101,16 @@ class Odometry:
     def poses(self) -> FloatArray:
         """Pose T_map_frame of every frame so far, (n, 4, 4); NaN where none was found (see `bridge_gaps`)."""
         return np.array(self._poses).reshape(-1, 4, 4)
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The frames that were placed, at their stamps; at their numbers, from 0, where one has none or goes back."""
+        found = np.flatnonzero(np.isfinite(self.poses).all(axis=(1, 2)))
+        if not len(found):
+            raise InputError(f"none of the {len(self._poses)} frames was placed; there is no trajectory")
+        stamps = np.array([np.nan if stamp is None else stamp for stamp in self._stamps])[found]
+        timed = bool(np.isfinite(stamps).all() and np.all(np.diff(stamps) > 0.0))
+        return Trajectory(stamps if timed else found.astype(np.float64), self.poses[found])
 
     @property
     def last_pose(self) -> FloatArray:
@@ -141,6 +152,7 @@ class Odometry:
         if doubt is not None:
             result = dataclasses.replace(result, verdict=result.verdict.doubted(doubt))
         self._poses.append(result.T_target_source)
+        self._stamps.append(stamp)
         return dataclasses.replace(result, timings={"total": clock.perf_counter() - began})
 
     def _time_ratio(self, stamp: float | None) -> tuple[float, Reason | None]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +12,12 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray, as_float
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
-from dqreg.files.untrusted import read_record
 from dqreg.odometry.engines import TrajectoryRun
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.scans import Scans
+from dqreg.odometry.trajectory_files import form_of, read_poses, text_of
 from dqreg.registration.result import Registration
-from dqreg.rigid import DualQuaternion, quaternion
-
-FORMATS = ("kitti", "tum")
+from dqreg.rigid import Trajectory
 
 
 def found_rows(poses: FloatArray) -> BoolArray:
@@ -36,14 +33,11 @@ def bridge_gaps(poses: Any) -> tuple[FloatArray, IntArray]:
         raise InputError(f"none of the {len(poses)} frames was placed; there is no trajectory")
     bridged = poses.copy()
     missing = np.setdiff1d(np.arange(len(poses)), found)
-    for row in missing:
-        after = int(np.searchsorted(found, row))
-        if after in (0, len(found)):
-            bridged[row] = poses[found[min(after, len(found) - 1)]]
-            continue
-        first, last = found[after - 1], found[after]
-        ends = [DualQuaternion.from_matrix(rigid(poses[i])) for i in (first, last)]
-        bridged[row] = ends[0].sclerp(ends[1], float((row - first) / (last - first))).as_matrix()
+    if len(missing):
+        path = Trajectory(found.astype(np.float64), np.stack([rigid(T) for T in poses[found]]))
+        inside = missing[(missing > found[0]) & (missing < found[-1])]
+        bridged[inside] = path.at(inside)
+        bridged[: found[0]], bridged[found[-1] :] = poses[found[0]], poses[found[-1]]
     return bridged, missing
 
 
@@ -54,8 +48,8 @@ def write_trajectory(path: str | Path, poses: Any, times: Any = None, form: str 
     ----------
     path : str or Path
         File to write.
-    poses : array_like, (n, 4, 4)
-        Poses T_map_frame; NaN where none was found.
+    poses : array_like, (n, 4, 4), or Trajectory
+        Poses T_map_frame; NaN where none was found. A `dqreg.Trajectory` brings its times.
     times : array_like, (n,), optional
         Time of each frame, seconds; the frame numbers where there are none.
     form : {"kitti", "tum"}, optional
@@ -79,26 +73,16 @@ def write_trajectory(path: str | Path, poses: Any, times: Any = None, form: str 
     ...     write_trajectory(f"{folder}/a.tum", [np.eye(4)], [0.5]), (Path(folder) / "a.tum").read_text()
     ('tum', '0.500000000 0.0 0.0 0.0 0.0 0.0 0.0 1.0\n')
     """
-    path = Path(path)
-    form = form or ("tum" if path.suffix == ".tum" or path.stem.endswith("_tum") else "kitti")
-    if form not in FORMATS:
-        raise InputError(f"unknown trajectory format {form!r}; known are {', '.join(FORMATS)}")
+    form = form_of(path, form)
+    if isinstance(poses, Trajectory):
+        poses, times = poses.poses, poses.times if times is None else times
     bridged, missing = bridge_gaps(poses)
-    if form == "kitti":
-        lines = [" ".join(map(repr, row.ravel().tolist())) for row in bridged[:, :3]]
-    else:
-        stamps = np.arange(len(bridged), dtype=float) if times is None else as_float(times, "times").ravel()
-        if len(stamps) != len(bridged):
-            raise InputError(f"times must be one a frame; got {len(stamps)} for {len(bridged)} frames")
-        keep = np.setdiff1d(np.arange(len(bridged)), missing)
-        lines = [_tum_line(stamps[i], bridged[i]) for i in keep]
-    write_atomically(path, "\n".join(lines) + "\n")
+    stamps = np.arange(len(bridged), dtype=float) if times is None else as_float(times, "times").ravel()
+    if len(stamps) != len(bridged):
+        raise InputError(f"times must be one a frame; got {len(stamps)} for {len(bridged)} frames")
+    keep = np.setdiff1d(np.arange(len(bridged)), missing if form == "tum" else ())
+    write_atomically(path, text_of(bridged[keep], stamps[keep], form))
     return form
-
-
-def _tum_line(time: float, T: FloatArray) -> str:
-    w, x, y, z = quaternion.from_matrix(T[:3, :3]).tolist()
-    return " ".join([f"{time:.9f}", *map(repr, [*T[:3, 3].tolist(), x, y, z, w])])
 
 
 def read_trajectory(path: str | Path) -> tuple[FloatArray, FloatArray | None]:
@@ -121,31 +105,7 @@ def read_trajectory(path: str | Path) -> tuple[FloatArray, FloatArray | None]:
     InputError
         If it is missing or holds something else.
     """
-    lines = read_record(path, "a trajectory").splitlines()
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # NumPy only warns of a file without rows
-            rows = np.loadtxt(lines, ndmin=2)
-    except (ValueError, UserWarning) as error:
-        raise InputError(f"cannot read the trajectory {path}: {error}") from error
-    if not rows.size or rows.shape[1] not in (8, 12, 16) or not np.isfinite(rows).all():
-        raise InputError(
-            f"{path} is no trajectory: lines of {rows.shape[1]} numbers; expected finite numbers, 12 (KITTI) or 8 (TUM)"
-        )
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    times = None
-    if rows.shape[1] == 8:
-        times, w_first = rows[:, 0], rows[:, [7, 4, 5, 6]]
-        length = np.linalg.norm(w_first, axis=1, keepdims=True)
-        if not (length > 0.5).all():
-            raise InputError(f"{path}: a quaternion of length {length.min():.3g}; expected unit quaternions x y z w")
-        poses[:, :3, :3], poses[:, :3, 3] = quaternion.to_matrix(w_first / length), rows[:, 1:4]
-    else:
-        poses[:, :3] = rows.reshape(len(rows), -1, 4)[:, :3]
-    gap = np.abs(poses[:, :3, :3].transpose(0, 2, 1) @ poses[:, :3, :3] - np.eye(3)).max()
-    if gap > 1e-2 or not (np.linalg.det(poses[:, :3, :3]) > 0.0).all():
-        raise InputError(f"{path}: a rotation block departs from a rotation by {gap:.3g}; expected rigid poses")
-    return np.stack([rigid(T) for T in poses]), times
+    return read_poses(path)
 
 
 HEADER = (

@@ -13,7 +13,9 @@
 """
 
 from dqreg.rigid import lines, pose, quaternion
+from dqreg.rigid.blending import blend
 from dqreg.rigid.dual_quaternion import DualQuaternion
 from dqreg.rigid.screw import DualNumber, Screw
+from dqreg.rigid.trajectory import Trajectory
 
-__all__ = ["DualNumber", "DualQuaternion", "Screw", "lines", "pose", "quaternion"]
+__all__ = ["DualNumber", "DualQuaternion", "Screw", "Trajectory", "blend", "lines", "pose", "quaternion"]

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_float
+from dqreg._arrays import FloatArray, as_float, require_finite
 from dqreg.errors import InputError
 from dqreg.rigid._algebra import conjugate, multiply, normalize
 from dqreg.rigid._operands import as_quaternions, as_triples, as_unit_quaternions
@@ -124,10 +124,11 @@ def angular_acceleration(q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> F
 
 def integrate(
     start: ArrayLike,
-    omega: AngularVelocity,
+    omega: AngularVelocity | ArrayLike,
     times: ArrayLike,
     *,
     method: Literal["rk4", "euler"] = "rk4",
+    frame: Literal["world", "body"] = "world",
 ) -> FloatArray:
     """Follow an angular velocity from a starting orientation: solve eq. 22 step by step.
 
@@ -135,13 +136,17 @@ def integrate(
     ----------
     start : array_like, (..., 4)
         Unit quaternion at the first time, scalar first; several are followed at once.
-    omega : callable
-        Gives the angular velocity in world coordinates, (..., 3), at a time.
+    omega : callable, or array_like, (n, ..., 3)
+        Gives the angular velocity, (..., 3), at a time; or its samples at ``times``, as a gyroscope measures them.
+        Between samples a cubic spline (not-a-knot) is followed, which keeps the method's order.
     times : array_like, (n,)
         Times in order, forwards or backwards; one step leads from each to the next.
     method : {"rk4", "euler"}
         ``"rk4"``: Munthe-Kaas' Runge-Kutta method of order 4, whose steps are rotations and stay on the unit
         sphere by themselves. ``"euler"``: the notes' step ``q + h omega q / 2``, normalised, of order 1.
+    frame : {"world", "body"}
+        In whose coordinates the velocity is given: ``q' = omega q / 2``, or ``q' = q omega / 2``, which is what a
+        sensor on the body measures.
 
     Returns
     -------
@@ -155,17 +160,43 @@ def integrate(
     >>> integrate([1, 0, 0, 0], lambda t: [0, 0, np.pi / 2], [0, 1])[-1].round(6).tolist()
     [0.707107, 0.0, 0.0, 0.707107]
     """
+    if frame not in ("world", "body"):
+        raise InputError(f'frame must be "world" or "body"; got {frame!r}')
     steps = {"rk4": _munthe_kaas_step, "euler": _euler_step}
     if method not in steps:
         raise InputError(f"method must be one of {sorted(steps)}; got {method!r}")
     moments = as_float(times, "times")
     if moments.ndim != 1 or moments.size == 0:
         raise InputError(f"times must be a row of at least one time; got shape {moments.shape}")
-    path = [as_unit_quaternions(start, "start")]
+    rate: AngularVelocity = omega if callable(omega) else _spline(moments, omega)
+    first = as_unit_quaternions(start, "start")
+    if frame == "body":
+        # The conjugate of q' = q omega / 2 is the world's equation for q*, with -omega.
+        back, given = conjugate(first), rate
+        rate = lambda t: -as_triples(given(t), "omega")  # noqa: E731
+    path = [back if frame == "body" else first]
     for t, h in zip(moments[:-1], np.diff(moments), strict=True):
-        path.append(steps[method](path[-1], omega, float(t), float(h)))
+        path.append(steps[method](path[-1], rate, float(t), float(h)))
     # Several angular velocities make several orientations out of one start; the first entry must follow.
-    return np.stack(np.broadcast_arrays(*path))
+    found = np.stack(np.broadcast_arrays(*path))
+    return conjugate(found) if frame == "body" else found
+
+
+def _spline(times: FloatArray, samples: ArrayLike) -> AngularVelocity:
+    """Angular velocity through samples (n, ..., 3) at times (n,)."""
+    rates = as_triples(samples, "omega")
+    if rates.ndim < 2 or len(rates) != len(times):
+        raise InputError(f"omega must hold one sample for each of {len(times)} times; got shape {rates.shape}")
+    require_finite(rates, "omega")
+    if len(times) == 1:
+        return lambda _: rates[0]
+    order = np.argsort(times)
+    if not np.all(np.diff(times[order]) > 0.0) or not np.isfinite(times).all():
+        raise InputError("times of samples must be finite and differ")
+    from scipy.interpolate import CubicSpline
+
+    curve: AngularVelocity = CubicSpline(times[order], rates[order])
+    return curve
 
 
 def _euler_step(q: FloatArray, omega: AngularVelocity, t: float, h: float) -> FloatArray:

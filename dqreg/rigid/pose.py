@@ -18,12 +18,14 @@ from dqreg.rigid._algebra import normalize
 from dqreg.rigid._matrices import to_matrix
 from dqreg.rigid._operands import as_poses, as_rigid_poses, as_triples
 from dqreg.rigid._pose_action import apply, move_lines, move_planes, rotate
-from dqreg.rigid.twist import adjoint, exp, log
+from dqreg.rigid.pose_mean import PoseMean, mean
+from dqreg.rigid.twist import adjoint, exp, left_jacobian, left_jacobian_inverse, log
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
 __all__ = [
+    "PoseMean",
     "about",
     "adjoint",
     "angle_between",
@@ -31,7 +33,10 @@ __all__ = [
     "exp",
     "from_parts",
     "inverse",
+    "left_jacobian",
+    "left_jacobian_inverse",
     "log",
+    "mean",
     "move_lines",
     "move_planes",
     "offset_between",

@@ -40,6 +40,7 @@ from dqreg.rigid._kinematics import (
     second_derivative,
 )
 from dqreg.rigid._matrices import from_matrix, to_matrix, to_rotation
+from dqreg.rigid._mean import mean
 from dqreg.rigid._powers import exp, log, polar, power
 from dqreg.rigid._rotation import (
     compose,
@@ -81,6 +82,7 @@ __all__ = [
     "inverse",
     "left_matrix",
     "log",
+    "mean",
     "multiply",
     "norm",
     "normalize",

@@ -7,6 +7,8 @@ times angle), its last three the velocity part v of the screw motion; the transl
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -16,7 +18,17 @@ from dqreg.rigid._algebra import cross_matrix
 from dqreg.rigid._matrices import from_matrix
 from dqreg.rigid._operands import as_poses
 from dqreg.rigid._powers import log as quaternion_log
-from dqreg.rigid.rotations import from_rotation_vector, left_jacobian, left_jacobian_inverse
+from dqreg.rigid.rotations import from_rotation_vector
+from dqreg.rigid.rotations import left_jacobian as rotation_jacobian
+from dqreg.rigid.rotations import left_jacobian_inverse as rotation_jacobian_inverse
+
+# Below this angle the series of the corner's ratios are exact to rounding, and the closed forms are not.
+_SERIES_RAD = 2.0
+_RATIO_SERIES = (
+    [(-1.0) ** (n + 1) / math.factorial(2 * n + 1) for n in range(1, 15)],
+    [(-1.0) ** n / math.factorial(2 * n) for n in range(2, 16)],
+    [(-1.0) ** n * (n - 1) / math.factorial(2 * n + 1) for n in range(2, 16)],
+)
 
 
 def exp(twist: ArrayLike) -> FloatArray:
@@ -41,7 +53,7 @@ def exp(twist: ArrayLike) -> FloatArray:
     w, v = _halves(twist)
     T = np.zeros((*w.shape[:-1], 4, 4))
     T[..., :3, :3] = from_rotation_vector(w)
-    T[..., :3, 3] = _times(left_jacobian(w), v)
+    T[..., :3, 3] = _times(rotation_jacobian(w), v)
     T[..., 3, 3] = 1.0
     return T
 
@@ -67,7 +79,7 @@ def log(T: ArrayLike) -> FloatArray:
     """
     poses = as_poses(T, "T")
     w = 2.0 * quaternion_log(from_matrix(poses[..., :3, :3]))[..., 1:]
-    return np.concatenate([w, _times(left_jacobian_inverse(w), poses[..., :3, 3])], axis=-1)
+    return np.concatenate([w, _times(rotation_jacobian_inverse(w), poses[..., :3, 3])], axis=-1)
 
 
 def adjoint(T: ArrayLike) -> FloatArray:
@@ -96,6 +108,80 @@ def adjoint(T: ArrayLike) -> FloatArray:
     matrix[..., :3, :3] = matrix[..., 3:, 3:] = R
     matrix[..., 3:, :3] = cross_matrix(poses[..., :3, 3]) @ R
     return matrix
+
+
+def left_jacobian(twist: ArrayLike) -> FloatArray:
+    """Matrix J of ``exp(x + dx) = exp(J dx) exp(x)`` to first order: how a change of the six numbers moves the pose.
+
+    The right one, of ``exp(x + dx) = exp(x) exp(J dx)``, is that of ``-x``.
+
+    Parameters
+    ----------
+    twist : array_like, (..., 6)
+        Rotation vector, then translation part.
+
+    Returns
+    -------
+    ndarray, (..., 6, 6)
+        ``[[J3, 0], [Q, J3]]`` with the left Jacobian J3 of the rotation.
+
+    Examples
+    --------
+    >>> bool(np.allclose(left_jacobian([0, 0, 0, 4, 5, 6])[3:, :3], cross_matrix([2, 2.5, 3])))
+    True
+    """
+    w, v = _halves(twist)
+    W, V = cross_matrix(w), cross_matrix(v)
+    c1, c2, c3 = _coupling_ratios(np.linalg.norm(w, axis=-1)[..., np.newaxis, np.newaxis])
+    WV, VW = W @ V, V @ W
+    WVW, WWV, VWW = W @ VW, W @ WV, VW @ W
+    Q = V / 2 + c1 * (WV + VW + WVW) + c2 * (WWV + VWW - 3.0 * WVW) + c3 * (WVW @ W + W @ WVW)
+    return _blocks(rotation_jacobian(w), Q)
+
+
+def left_jacobian_inverse(twist: ArrayLike) -> FloatArray:
+    """Inverse of `left_jacobian`: how the six numbers change with a small increment on the left.
+
+    Parameters
+    ----------
+    twist : array_like, (..., 6)
+        Rotation vector, shorter than 2 pi, then translation part.
+
+    Returns
+    -------
+    ndarray, (..., 6, 6)
+        J^-1 of ``log(exp(d) exp(x)) = x + J^-1 d`` to first order.
+
+    Examples
+    --------
+    >>> x = [0.1, 0.2, 0.3, 4, 5, 6]
+    >>> bool(np.allclose(left_jacobian_inverse(x) @ left_jacobian(x), np.eye(6)))
+    True
+    """
+    back = rotation_jacobian_inverse(_halves(twist)[0])
+    return _blocks(back, -back @ left_jacobian(twist)[..., 3:, :3] @ back)
+
+
+def _blocks(diagonal: FloatArray, corner: FloatArray) -> FloatArray:
+    matrix = np.zeros((*diagonal.shape[:-2], 6, 6))
+    matrix[..., :3, :3] = matrix[..., 3:, 3:] = diagonal
+    matrix[..., 3:, :3] = corner
+    return matrix
+
+
+def _coupling_ratios(a: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Ratios of a long corner: each loses up to five powers of the angle, so a series serves as far as it reaches."""
+    small = a < _SERIES_RAD
+    square, far = np.where(small, a * a, 0.0), np.where(small, 1.0, a)
+    sine, cosine = np.sin(far), np.cos(far)
+    closed = (
+        (far - sine) / far**3,
+        (far * far + 2.0 * cosine - 2.0) / (2.0 * far**4),
+        (2.0 * far - 3.0 * sine + far * cosine) / (2.0 * far**5),
+    )
+    series = (np.polynomial.polynomial.polyval(square, row) for row in _RATIO_SERIES)
+    first, second, third = (np.where(small, near, away) for near, away in zip(series, closed, strict=True))
+    return first, second, third
 
 
 def _halves(twist: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -155,6 +155,9 @@ def test_repeated_and_backward_stamps_are_named(jerky):
     assert "is not after" in results[2].verdict.reasons[0]
     turn, _ = relative_errors(odometry.poses, jerky.truth[:4], 1)
     assert turn.max() < 0.15
+    # Stamps that go back are no times of a trajectory: the frames' numbers stand in.
+    np.testing.assert_array_equal(odometry.trajectory.times, np.arange(4))
+    np.testing.assert_allclose(odometry.trajectory.poses, odometry.poses, atol=1e-12)
 
 
 def test_a_corridor_without_ends_is_named_as_free():

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 pytest.importorskip("kiss_icp")
 
 from dqreg.errors import InputError
-from dqreg.odometry import bridge_gaps, evaluate, nees, read_trajectory, write_trajectory
+from dqreg.odometry import bridge_gaps, evaluate, load_trajectory, nees, read_trajectory, write_trajectory
 from dqreg.odometry.evaluation import CHI2_HIGH, CHI2_LOW
 from dqreg.odometry.table import match_truth
-from dqreg.rigid import pose, twist
+from dqreg.rigid import Trajectory, pose, twist
 
 
 def walk(count: int, seed: int = 0):
@@ -146,3 +146,19 @@ def test_truth_is_matched_by_number_or_by_time():
         match_truth(truth, None, None, 2)
     with pytest.raises(InputError, match="away from the nearest"):
         match_truth(truth, np.arange(4.0), np.array([1.0, 9.0]), 2)
+
+
+@pytest.mark.parametrize("name", ["a.tum", "b.txt"])
+def test_a_trajectory_there_and_back_through_a_file(tmp_path, name):
+    times = np.array([0.5, 1.0, 2.5])
+    path = Trajectory(times, twist.exp(times[:, None] * [0.1, -0.2, 0.3, 1.0, 2.0, 3.0]))
+    form = write_trajectory(tmp_path / name, path)
+    back = load_trajectory(tmp_path / name)
+    np.testing.assert_allclose(back.poses, path.poses, atol=1e-14)
+    np.testing.assert_array_equal(back.times, times if form == "tum" else np.arange(3))
+
+
+def test_a_file_whose_times_go_back_is_named(tmp_path):
+    (tmp_path / "a.tum").write_text("1 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n")
+    with pytest.raises(InputError, match=r"a\.tum: times must increase"):
+        load_trajectory(tmp_path / "a.tum")

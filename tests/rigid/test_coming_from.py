@@ -23,12 +23,14 @@ NEEDS = {
     "pt": "pytransform3d.transformations",
     "pr": "pytransform3d.rotations",
     "ptr": "pytransform3d.trajectories",
+    "pu": "pytransform3d.uncertainty",
     "gtsam": "gtsam",
     "pinocchio": "pinocchio",
 }
 # SciPy 1.17's power is right to 5e-8 only, while its own exponential of 0.3 times the logarithm, the next row, agrees
 # with ours and with the matrix exponential to 1e-15.
-LOOSE = {"RigidTransform.from_matrix(T) ** 0.3": 1e-6}
+# Fusion is an iteration there as here, and ends some digits earlier.
+LOOSE = {"RigidTransform.from_matrix(T) ** 0.3": 1e-6, "pu.pose_fusion(Ts, Cs)[0]": 1e-9}
 
 
 def rows() -> list[tuple[str, str, str]]:
@@ -55,6 +57,8 @@ def given():
     names = {"T": T, "T2": T2, "q": q, "q2": q2, "w": np.array([0.4, -0.7, 0.2]), "msg": msg}
     names |= {"x": np.array([0.4, -0.7, 0.2, 1.0, 2.0, -3.0]), "p": rng.standard_normal((6, 3))}
     names |= {"m": quaternion.rotate(q, np.eye(3)), "dq": DualQuaternion.from_matrix(T2).as_array()}
+    roots = rng.standard_normal((5, 6, 6))
+    names |= {"Ts": pose.exp(0.1 * rng.standard_normal((5, 6))) @ T, "Cs": roots @ np.swapaxes(roots, 1, 2) + np.eye(6)}
     return names | {"np": np, "pose": pose, "quaternion": quaternion, "DualQuaternion": DualQuaternion}
 
 

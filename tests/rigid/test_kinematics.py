@@ -87,6 +87,49 @@ def test_order_of_convergence(method, order, steps):
     assert np.log2(coarse / fine) == pytest.approx(order, abs=0.25)
 
 
+@pytest.mark.parametrize("frame", ["world", "body"])
+def test_samples_keep_order_four_in_either_frame(frame):
+    # A gyroscope measures the body's velocity at given times only. The truth: DOP853 on q' = w q / 2 or q w / 2.
+    start = np.array([0.5, 0.5, -0.5, 0.5])
+
+    def rate(t, q):
+        w = np.array([0, *wobble(t)]) / 2
+        return quat.multiply(w, q) if frame == "world" else quat.multiply(q, w)
+
+    exact = solve_ivp(rate, (0, 2), start, method="DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+
+    def error(steps):
+        times = np.linspace(0, 2, steps + 1)
+        samples = np.array([wobble(t) for t in times])
+        return np.linalg.norm(quat.integrate(start, samples, times, frame=frame)[-1] - exact)
+
+    assert np.log2(error(64) / error(128)) == pytest.approx(4, abs=0.4)
+    assert error(128) < 1e-7
+
+
+def test_the_body_frame_is_the_conjugate_problem():
+    start, times = np.array([0.5, 0.5, -0.5, 0.5]), np.linspace(0, 2, 41)
+    for method in ("rk4", "euler"):
+        body = quat.integrate(start, wobble, times, method=method, frame="body")
+        np.testing.assert_array_equal(body[0], start)
+        world = quat.integrate(quat.conjugate(start), lambda t: -wobble(t), times, method=method)
+        np.testing.assert_allclose(body, quat.conjugate(world), atol=1e-15)
+        # One constant velocity: q exp(w h / 2).
+        one = quat.integrate(start, lambda t: [0.1, 0.2, 0.3], [0, 2], frame="body")[-1]
+        np.testing.assert_allclose(one, quat.multiply(start, quat.exp([0, 0.1, 0.2, 0.3])), atol=1e-14)
+
+
+def test_samples_of_several_bodies_and_backwards():
+    times = np.linspace(0, 1, 65)
+    samples = np.array([[wobble(t + body) for body in range(5)] for t in times])
+    path = quat.integrate([1, 0, 0, 0], samples, times)
+    assert path.shape == (65, 5, 4)
+    np.testing.assert_allclose(path[:, 2], quat.integrate([1, 0, 0, 0], samples[:, 2], times), atol=1e-14)
+    back = quat.integrate(path[-1], samples[::-1], times[::-1])
+    np.testing.assert_allclose(back[-1], path[0], atol=1e-7)
+    assert quat.integrate([1, 0, 0, 0], samples[:1, 0], times[:1]).shape == (1, 4)
+
+
 def test_rk4_beats_euler_and_stays_on_the_sphere():
     path = quat.integrate([1, 0, 0, 0], wobble, np.linspace(0, 2, 50))
     np.testing.assert_allclose(quat.norm(path), 1, atol=1e-15)
@@ -134,3 +177,14 @@ def test_errors():
         quat.integrate([1, 0, 0, 0], lambda t: [1.0, 2.0], [0, 1])
     with pytest.raises(InputError, match="norm 1"):
         quat.derivative(np.zeros(4), [1, 0, 0])
+    for omega, words in (
+        ([[1.0, 2, 3]], "one sample for each"),
+        ([[np.nan] * 3] * 2, "NaN"),
+        ([1.0, 2, 3], "one sample"),
+    ):
+        with pytest.raises(InputError, match=words):
+            quat.integrate([1, 0, 0, 0], omega, [0, 1])
+    with pytest.raises(InputError, match="differ"):
+        quat.integrate([1, 0, 0, 0], np.zeros((3, 3)), [0, 1, 1])
+    with pytest.raises(InputError, match="frame"):
+        quat.integrate([1, 0, 0, 0], wobble, [0, 1], frame="sensor")

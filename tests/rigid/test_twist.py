@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from scipy.spatial import transform
 
 from dqreg.errors import InputError
-from dqreg.rigid import pose
+from dqreg.rigid import pose, twist
 from dqreg.rigid import quaternion as quat
 from dqreg.rigid.rotations import left_jacobian, left_jacobian_inverse
 from tests.rigid.finite_differences import ROUNDING, jacobian
@@ -136,3 +136,22 @@ def test_a_twist_of_other_than_real_numbers_is_refused_by_name(bad):
 def test_a_rotation_of_other_than_real_numbers_is_refused_by_name(bad):
     with pytest.raises(InputError, match="R must be an array of real numbers"):
         pose.from_parts(bad, [0, 0, 0])
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 0.7, 1.999, 2.001, 3.0, 6.0])
+def test_the_left_jacobian_of_poses_is_the_derivative_of_exp(angle):
+    rng = np.random.default_rng(5)
+    for _ in range(3):
+        w, v, d = rng.standard_normal((3, 3))
+        x = np.concatenate([angle * w / np.linalg.norm(w), 3 * v])
+        dx, h = np.concatenate([d, rng.standard_normal(3)]), 1e-5
+        slope = twist.log(twist.exp(x + h * dx) @ pose.inverse(twist.exp(x - h * dx))) / (2 * h)
+        np.testing.assert_allclose(twist.left_jacobian(x) @ dx, slope, atol=1e-8)
+        if angle < 4:
+            np.testing.assert_allclose(twist.left_jacobian_inverse(x) @ twist.left_jacobian(x), np.eye(6), atol=1e-12)
+
+
+def test_the_left_jacobian_agrees_with_pytransform3d():
+    peer = pytest.importorskip("pytransform3d.transformations")
+    for x in np.random.default_rng(6).standard_normal((5, 6)):
+        np.testing.assert_allclose(twist.left_jacobian(x), peer.left_jacobian_SE3(x), atol=1e-13)

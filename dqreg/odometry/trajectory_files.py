@@ -1,0 +1,94 @@
+"""Trajectories on disk: KITTI (twelve numbers a line) and TUM (time, position, quaternion x y z w)."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import InputError
+from dqreg.files.untrusted import read_record
+from dqreg.rigid import Trajectory, quaternion
+
+FORMATS = ("kitti", "tum")
+
+
+def load_trajectory(path: str | Path) -> Trajectory:
+    """Read a trajectory in KITTI's or TUM's format; the number of columns tells which.
+
+    Parameters
+    ----------
+    path : str or Path
+        KITTI (12 or 16 numbers a line) or TUM (8).
+
+    Returns
+    -------
+    Trajectory
+        KITTI has no times: the numbers of the lines, from 0, stand in.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or holds something else, or TUM's times do not increase.
+    """
+    poses, times = read_poses(path)
+    try:
+        return Trajectory(np.arange(float(len(poses))) if times is None else times, poses)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def form_of(path: str | Path, form: str | None) -> str:
+    """Format that was asked for, or that the name of a file stands for."""
+    path = Path(path)
+    form = form or ("tum" if path.suffix == ".tum" or path.stem.endswith("_tum") else "kitti")
+    if form not in FORMATS:
+        raise InputError(f"unknown trajectory format {form!r}; known are {', '.join(FORMATS)}")
+    return form
+
+
+def text_of(poses: FloatArray, times: FloatArray, form: str) -> str:
+    """Lines of a file. Shapes: poses (n, 4, 4), times (n,)."""
+    if form == "kitti":
+        lines = [" ".join(map(repr, row.ravel().tolist())) for row in poses[:, :3]]
+    else:
+        lines = [_tum_line(time, T) for time, T in zip(times, poses, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+def _tum_line(time: float, T: FloatArray) -> str:
+    w, x, y, z = quaternion.from_matrix(T[:3, :3]).tolist()
+    return " ".join([f"{time:.9f}", *map(repr, [*T[:3, 3].tolist(), x, y, z, w])])
+
+
+def read_poses(path: str | Path) -> tuple[FloatArray, FloatArray | None]:
+    """Poses of a file, rigid to the last digit, and its times; None for KITTI. Shapes: poses (n, 4, 4), times (n,)."""
+    lines = read_record(path, "a trajectory").splitlines()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # NumPy only warns of a file without rows
+            rows = np.loadtxt(lines, ndmin=2)
+    except (ValueError, UserWarning) as error:
+        raise InputError(f"cannot read the trajectory {path}: {error}") from error
+    if not rows.size or rows.shape[1] not in (8, 12, 16) or not np.isfinite(rows).all():
+        raise InputError(
+            f"{path} is no trajectory: lines of {rows.shape[1]} numbers; expected finite numbers, 12 (KITTI) or 8 (TUM)"
+        )
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    times = None
+    if rows.shape[1] == 8:
+        times, w_first = rows[:, 0], rows[:, [7, 4, 5, 6]]
+        length = np.linalg.norm(w_first, axis=1, keepdims=True)
+        if not (length > 0.5).all():
+            raise InputError(f"{path}: a quaternion of length {length.min():.3g}; expected unit quaternions x y z w")
+        poses[:, :3, :3], poses[:, :3, 3] = quaternion.to_matrix(w_first / length), rows[:, 1:4]
+    else:
+        poses[:, :3] = rows.reshape(len(rows), -1, 4)[:, :3]
+    gap = np.abs(poses[:, :3, :3].transpose(0, 2, 1) @ poses[:, :3, :3] - np.eye(3)).max()
+    if gap > 1e-2 or not (np.linalg.det(poses[:, :3, :3]) > 0.0).all():
+        raise InputError(f"{path}: a rotation block departs from a rotation by {gap:.3g}; expected rigid poses")
+    U, _, Vt = np.linalg.svd(poses[:, :3, :3])
+    poses[:, :3, :3] = U @ Vt
+    return poses, times
