@@ -2,6 +2,7 @@
 
 - `solve` (also ``dqreg.solve``): the closed form of 1991 with plain squared distances; `solve_many` does thousands
   of small problems in one call; `likelihood_weights` and `normal_variance` give weights of noise.
+- `solve_rotation`: a rotation from directions alone, some of them exact; `cramer_rao`: the least covariance there is.
 - `PoseCost`: the same cost for points, planes, lines, directions and priors together, additive over chunks, minimised
   by Newton's method; `Freedom` locks degrees of freedom in any frame.
 - `walker1991`, `svd`, `horn`: the same pose by the papers' own letters, slow and literal, to measure others by.
@@ -19,6 +20,7 @@ from dqreg.solvers.matches import LikelihoodWeights, Matches, likelihood_weights
 from dqreg.solvers.moments import Moments, moments_of
 from dqreg.solvers.pose_cost import PoseCost
 from dqreg.solvers.reference import horn, svd
+from dqreg.solvers.rotation_only import RotationFit, solve_rotation
 from dqreg.solvers.walker import WalkerFit, walker1991
 
 __all__ = [
@@ -30,6 +32,7 @@ __all__ = [
     "Moments",
     "PoseCost",
     "PoseFit",
+    "RotationFit",
     "WalkerFit",
     "cost_of_pose",
     "cramer_rao",
@@ -41,6 +44,7 @@ __all__ = [
     "solve",
     "solve_many",
     "solve_moments",
+    "solve_rotation",
     "svd",
     "walker1991",
 ]

@@ -86,6 +86,22 @@ def fit_of_moments(moments: Moments, matches: Matches | None = None) -> Fit:
     """`solve_moments`; with the matches at hand, the message of an error knows more."""
     if not moments.point_weight > 0.0:
         raise DegenerateGeometryError(no_weight_message())
+    r, lambda_1, gap, H = best_rotation(moments, matches)
+    T = pose_from_quaternion(r, moments)
+    # tr(R^T H) of the points alone; that of the directions is the rest of lambda_1.
+    point_fit = float(np.vdot(T[:3, :3], moments.point_cross))
+    point_cost = moments.spread_source + moments.spread_target - 2.0 * point_fit
+    return Fit(
+        T,
+        max(moments.constant - 2.0 * lambda_1, 0.0),
+        math.sqrt(max(point_cost, 0.0) / moments.point_weight),
+        gap,
+        uncertainty=Uncertainty(H, moments.point_weight, moments.mean_target, 1.0),
+    )
+
+
+def best_rotation(moments: Moments, matches: Matches | None = None) -> tuple[FloatArray, float, float, FloatArray]:
+    """Unit quaternion of least cost, lambda_1, the relative gap to lambda_2, and H (3, 3)."""
     H, reach, floor, placed = rotation_sums(moments)
     if moments.aligned is None or not is_narrow(H):
         values, vectors = np.linalg.eigh(quaternion_form(H))
@@ -96,18 +112,8 @@ def fit_of_moments(moments: Moments, matches: Matches | None = None) -> Fit:
         across, directed = moments.aligned.turned(*axes)
         R, lambda_1, gap = rotation_of(across + directed if placed else directed, axes)
         r, floor = quaternion.from_matrix(R), floor + float(narrow_floor(reach, lambda_1))
-    relative = require_determined(lambda_1, gap, reach, floor, lambda words: undetermined(words, moments, matches))
-    T = pose_from_quaternion(r, moments)
-    # tr(R^T H) of the points alone; that of the directions is the rest of lambda_1.
-    point_fit = float(np.vdot(T[:3, :3], moments.point_cross))
-    point_cost = moments.spread_source + moments.spread_target - 2.0 * point_fit
-    return Fit(
-        T,
-        max(moments.constant - 2.0 * lambda_1, 0.0),
-        math.sqrt(max(point_cost, 0.0) / moments.point_weight),
-        relative,
-        uncertainty=Uncertainty(H, moments.point_weight, moments.mean_target, 1.0),
-    )
+    why: Why = lambda words: undetermined(words, moments, matches)  # noqa: E731
+    return r, lambda_1, require_determined(lambda_1, gap, reach, floor, why), H
 
 
 def rotation_sums(moments: Moments) -> tuple[FloatArray, float, float, bool]:

@@ -58,6 +58,8 @@ def _cause(moments: Moments, matches: Matches | None, far: float) -> str:
         )
     if matches is not None and (light := _too_light(matches)):
         return light
+    if not moments.point_weight > 0.0:
+        return "All directions are parallel: add one across them"
     if extent == 0.0:
         return "All points of one side lie in one place: add points elsewhere, or two directions that are not parallel"
     if s2 <= NARROW * s1:
@@ -91,7 +93,7 @@ def _placement(moments: Moments, matches: Matches | None) -> tuple[float, float]
             extent = math.sqrt(spread / moments.point_weight)
         else:
             rows = _heavy(getattr(matches, side), matches.point_weights)
-            extent = float(np.ptp(rows, axis=0).max(initial=0.0))
+            extent = float(np.ptp(rows, axis=0).max()) if len(rows) else 0.0
         found.append((away, extent))
     return min(found, key=lambda pair: pair[1] / pair[0] if pair[0] > 0.0 else math.inf)
 
@@ -104,12 +106,12 @@ def _too_few(matches: Matches) -> str:
     points = len(_heavy(matches.points_source, matches.point_weights))
     directions = len(_heavy(matches.directions_source, matches.direction_weights))
     # Points count once as a place; each further one, and each direction, fixes two of the three rotations at most.
-    if points - 1 + directions >= 2:
+    if max(points - 1, 0) + directions >= 2:
         return ""
     return (
         f"Too few matches carry weight: {points} point{'s' * (points != 1)} and {directions} "
         f"direction{'s' * (directions != 1)}; at least three points, two points and a direction across, or one point "
-        "and two directions are needed"
+        "and two directions are needed; for a rotation alone, two directions"
     )
 
 

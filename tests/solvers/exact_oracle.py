@@ -8,6 +8,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 
 DIGITS = 50
+EPS = float(np.finfo(np.float64).eps)
 
 
 def _matrix(rows: FloatArray) -> mp.matrix:

@@ -8,9 +8,8 @@ import pytest
 from dqreg.errors import DegenerateGeometryError
 from dqreg.solvers import PoseCost, moments_of, solve, solve_many, solve_moments
 from dqreg.solvers.narrow import NARROW, is_narrow, long_axes
-from tests.solvers.exact_oracle import angle_between, best_rotation, random_rotation
+from tests.solvers.exact_oracle import EPS, angle_between, best_rotation, random_rotation
 
-EPS = float(np.finfo(np.float64).eps)
 # The project's promise: within this factor of eps times length over width.
 FACTOR = 20.0
 
