@@ -26,6 +26,7 @@ ENTRIES = {
     "register": Entry("dqreg.cli.register:register_command", "the pose of a scan on a part or another scan", USE),
     "batch": Entry("dqreg.cli.batch:batch", "many registrations: one result each, a summary table", USE),
     "odometry": Entry("dqreg.cli.odometry:odometry_command", "a LiDAR sequence to a trajectory", USE),
+    "faces": Entry("dqreg.cli.faces:faces_command", "faces of a part: shape, diameter, place", USE),
     "show": Entry("dqreg.cli.show:show", "picture, window or report of a saved result", USE),
     "evaluate": Entry("dqreg.cli.evaluate:evaluate", "errors of a pose against the truth", STUDY),
     "compare": Entry("dqreg.cli.compare:compare", "dqreg and its peers on the same tasks", STUDY),

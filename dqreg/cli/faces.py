@@ -1,0 +1,92 @@
+"""`dqreg faces PART`: the faces of a part with their shape, size and place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from dqreg.cli.outputs import as_json_option, consoles, print_json
+from dqreg.errors import InputError
+
+if TYPE_CHECKING:
+    from dqreg.inspection import Face
+    from dqreg.report.table import Table
+
+
+@click.command("faces")
+@click.argument("part", type=click.Path(path_type=Path))
+@click.option("--near", type=float, nargs=3, metavar="X Y Z", help="Only the face that is closest to this point.")
+@as_json_option
+def faces_command(part: Path, near: tuple[float, float, float] | None, as_json: bool) -> int:
+    """List the faces of PART: planes, cylinders (holes and bosses), cones, spheres and free faces.
+
+    \b
+    dqreg faces part.stl
+    dqreg faces part.stl --near 46.5 20 5          which face is here?
+    dqreg faces part.stl --json
+
+    Exit codes: 0, or 2 for bad input.
+    """
+    from dqreg.files import read_geometry
+    from dqreg.files.mesh_data import MeshData
+    from dqreg.geometry import Mesh
+    from dqreg.inspection import nearest_face, part_faces
+    from dqreg.report.table import print_tables
+
+    read = read_geometry(part)
+    if not isinstance(read, MeshData):
+        raise InputError(f"{part} is a cloud of points and has no faces: give the part as a mesh")
+    mesh = Mesh(read.vertices, read.faces, units=read.units)
+    faces = part_faces(mesh)
+    if near is not None:
+        faces = (nearest_face(mesh, faces, near),)
+    if as_json:
+        print_json({"units": mesh.units, "faces": [_record(face) for face in faces]})
+        return 0
+    console, _ = consoles(quiet=False, as_json=False)
+    print_tables(console, [_table(faces, mesh.units or "", part.name)])
+    return 0
+
+
+def _table(faces: tuple[Face, ...], unit: str, name: str) -> Table:
+    from dqreg.report.table import Column, Table
+
+    columns = (
+        Column("face"),
+        Column("shape"),
+        Column("diameter", unit, ".6g"),
+        Column("area", f"{unit}^2" if unit else "", ".5g"),
+        Column("normal or axis"),
+        Column("middle", unit),
+    )
+    rows = tuple(
+        (str(face.number), _shape(face), _diameter(face), face.area, _vector(face), _place(face)) for face in faces
+    )
+    return Table("faces", f"Faces of {name}", columns, rows)
+
+
+def _shape(face: Face) -> str:
+    return f"{face.kind} (hole)" if face.is_hole else face.kind
+
+
+def _diameter(face: Face) -> float | None:
+    return None if face.feature is None or face.kind == "plane" else face.feature.diameter
+
+
+def _vector(face: Face) -> str:
+    if face.feature is None or face.kind == "sphere":
+        return ""
+    return " ".join(f"{x + 0.0:.3g}" for x in face.feature.axis.round(6))
+
+
+def _place(face: Face) -> str:
+    return " ".join(f"{x + 0.0:.6g}" for x in face.centre.round(9))
+
+
+def _record(face: Face) -> dict[str, Any]:
+    """A face as plain values; the feature under its own name."""
+    import dataclasses
+
+    return dataclasses.asdict(face)

@@ -1,0 +1,232 @@
+"""Datum alignments: the pose that lays measured features on nominal ones, one after the other (ISO 5459, 3-2-1)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg._arrays import FloatArray, as_pose
+from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.inspection.features import Feature
+from dqreg.rigid import pose, twist
+
+# A motion is constrained by a datum from that share of its full effect on: less of it is the tilt of a hole that
+# another datum leaves as it is.
+CONSTRAINS = 0.1
+# Gauss-Newton steps for each datum, and the step, in radians and sizes, that ends them.
+ROUNDS, ENOUGH = 60, 1e-15
+# Step of the numerical derivatives of the pose by the features' parameters, in their standard deviations.
+NUDGE = 1e-3
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Datum:
+    """A feature that was measured and the nominal one that it is laid on.
+
+    Attributes
+    ----------
+    name : str
+        Its letter.
+    measured, nominal : Feature
+        In the scan's frame and in the part's frame.
+    """
+
+    name: str
+    measured: Feature
+    nominal: Feature
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class DatumAlignment:
+    """The pose of a datum reference frame.
+
+    Attributes
+    ----------
+    T_target_source : ndarray, (4, 4)
+        Maps the measured features onto the nominal ones.
+    covariance : ndarray, (6, 6)
+        Of the left increment about ``centre`` (rotation vector, then translation), from the features' covariances.
+    centre : ndarray, (3,)
+        Point of the first nominal feature.
+    constrained : dict
+        Number of degrees of freedom that each datum constrains, by name.
+    """
+
+    T_target_source: FloatArray
+    covariance: FloatArray
+    centre: FloatArray
+    constrained: dict[str, int]
+
+
+def align_datums(datums: Sequence[Datum], start: ArrayLike | None = None) -> DatumAlignment:
+    """The pose of a datum reference frame A | B | C.
+
+    The first datum is laid on its nominal feature with all motions, each further one with the motions that are left:
+    first its direction, then its place. A plane, a hole and a slot are a 3-2-1 alignment as three planes are; a second
+    hole takes the last rotation.
+
+    Parameters
+    ----------
+    datums : sequence of Datum
+        In their order of precedence.
+    start : array_like, (4, 4), optional
+        A pose near the answer: it tells which way round axes are. Default: the identity.
+
+    Returns
+    -------
+    DatumAlignment
+        With the covariance that follows from those of the measured features.
+
+    Raises
+    ------
+    InputError
+        If there are no datums, or a measured feature is of another kind than its nominal one.
+    DegenerateGeometryError
+        If they leave a degree of freedom unconstrained; the message says which datum constrains how many.
+
+    Examples
+    --------
+    >>> from dqreg.inspection import fit_feature, part_faces
+    >>> from dqreg.geometry import Mesh
+    >>> from dqreg.synth.parts import box
+    >>> part = Mesh(*box((3.0, 2.0, 1.0)))
+    >>> a, b, c = (part_faces(part)[k].feature for k in (0, 2, 4))
+    >>> T = twist.exp([0.1, 0.0, 0.05, 0.3, 0.2, 0.1])
+    >>> found = align_datums([Datum(n, f.moved(T), f) for n, f in zip("ABC", (a, b, c))])
+    >>> bool(np.abs(found.T_target_source @ T - np.eye(4)).max() < 1e-12), found.constrained
+    (True, {'A': 3, 'B': 2, 'C': 1})
+    """
+    _check(datums)
+    T, constrained = _solved(datums, np.eye(4) if start is None else as_pose(start, "start"))
+    centre = datums[0].nominal.point
+    total = sum(constrained.values())
+    if total < 6:
+        held = ", ".join(f"{name} {number}" for name, number in constrained.items())
+        raise DegenerateGeometryError(
+            f"the datums constrain {total} of six degrees of freedom ({held}); add a datum whose direction or place "
+            "the others leave open"
+        )
+    return DatumAlignment(T, _covariance(datums, T, centre), centre, constrained)
+
+
+def _check(datums: Sequence[Datum]) -> None:
+    if not datums:
+        raise InputError("a datum alignment needs datums: at least one feature with its nominal one")
+    for datum in datums:
+        if datum.measured.kind != datum.nominal.kind:
+            raise InputError(
+                f"datum {datum.name}: a {datum.measured.kind} was measured where the nominal feature is a "
+                f"{datum.nominal.kind}"
+            )
+
+
+def _solved(datums: Sequence[Datum], start: FloatArray) -> tuple[FloatArray, dict[str, int]]:
+    T, free = start, np.eye(6)
+    centre = datums[0].nominal.point
+    size = max((float(np.linalg.norm(datum.nominal.point - centre)) for datum in datums[1:]), default=1.0) or 1.0
+    constrained: dict[str, int] = {}
+    for datum in datums:
+        before = free.shape[1]
+        for residual in (_direction, _place):
+            T, free = _laid(T, free, datum, datums[0], residual, centre, size)
+        constrained[datum.name] = before - free.shape[1]
+    return T, constrained
+
+
+def _laid(
+    T: FloatArray, free: FloatArray, datum: Datum, first: Datum, residual: object, centre: FloatArray, size: float
+) -> tuple[FloatArray, FloatArray]:
+    """One residual of a datum brought to its least along the free motions, and the motions that are free after it."""
+    assert callable(residual)
+    for _ in range(ROUNDS if free.shape[1] else 0):
+        values, slopes = residual(T, datum, first, centre, size)
+        _, strengths, motions = np.linalg.svd(slopes @ free, full_matrices=True)
+        held = motions[: int(np.count_nonzero(strengths > CONSTRAINS))]
+        if not len(held):
+            return T, free
+        step = free @ held.T @ np.linalg.lstsq(slopes @ free @ held.T, -values, rcond=None)[0]
+        T = pose.about(twist.exp(np.r_[step[:3], size * step[3:]]), centre) @ T
+        if np.abs(step).max() < ENOUGH:
+            break
+    if free.shape[1]:
+        _, slopes = residual(T, datum, first, centre, size)
+        _, strengths, motions = np.linalg.svd(slopes @ free, full_matrices=True)
+        free = free @ motions[int(np.count_nonzero(strengths > CONSTRAINS)) :].T
+    return T, free
+
+
+Rows = tuple[FloatArray, FloatArray]
+
+
+def _direction(T: FloatArray, datum: Datum, first: Datum, centre: FloatArray, size: float) -> Rows:
+    """Difference of the axes, and its derivatives by a rotation (radians) and a translation (sizes)."""
+    if datum.measured.kind == "sphere":
+        return np.zeros(1), np.zeros((1, 6))
+    axis, nominal = T[:3, :3] @ datum.measured.axis, datum.nominal.axis
+    axis = -axis if axis @ nominal < 0.0 else axis
+    # A rotation vector w turns an axis a by w x a.
+    return axis - nominal, np.hstack([-_cross_matrix(axis), np.zeros((3, 3))])
+
+
+def _place(T: FloatArray, datum: Datum, first: Datum, centre: FloatArray, size: float) -> Rows:
+    """Distance of the places, across what the shape leaves open, in sizes, and its derivatives."""
+    measured, nominal = _point(datum.measured, first.measured), _point(datum.nominal, first.nominal)
+    at = pose.apply(T, measured)
+    axis, kind = datum.nominal.axis, datum.nominal.kind
+    seen = np.eye(3)
+    if kind == "plane":
+        seen = np.outer(axis, axis)
+    elif kind in ("line", "cylinder", "circle"):
+        seen = np.eye(3) - np.outer(axis, axis)
+    arm = (at - centre) / size
+    return seen @ (at - nominal) / size, seen @ np.hstack([-_cross_matrix(arm), np.eye(3)])
+
+
+def _point(feature: Feature, first: Feature) -> FloatArray:
+    """The place of a feature: of an axis, where it meets the first datum's plane; of a cone, its apex."""
+    if feature.kind == "cone":
+        along = feature.radius / np.tan(feature.half_angle)
+        apex: FloatArray = feature.point - along * feature.axis
+        return apex
+    if feature.kind in ("line", "cylinder") and first.kind == "plane":
+        slope = float(feature.axis @ first.axis)
+        if abs(slope) > CONSTRAINS:
+            meets: FloatArray = feature.point + (first.point - feature.point) @ first.axis / slope * feature.axis
+            return meets
+    return feature.point
+
+
+def _cross_matrix(v: FloatArray) -> FloatArray:
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _covariance(datums: Sequence[Datum], T: FloatArray, centre: FloatArray) -> FloatArray:
+    """First order: the pose's change by each parameter of each measured feature, one at a time."""
+    total = np.zeros((6, 6))
+    for k, datum in enumerate(datums):
+        spread = datum.measured.covariance
+        values, vectors = np.linalg.eigh(spread)
+        for value, vector in zip(values, vectors.T, strict=True):
+            if value <= 0.0:
+                continue
+            nudge = NUDGE * float(np.sqrt(value)) * vector
+            other = [*datums[:k], dataclasses.replace(datum, measured=_nudged(datum.measured, nudge)), *datums[k + 1 :]]
+            moved, _ = _solved(other, T)
+            change = twist.log(pose.about(moved @ pose.inverse(T), -centre)) / NUDGE
+            total += np.outer(change, change)
+    return total
+
+
+def _nudged(feature: Feature, step: FloatArray) -> Feature:
+    from dqreg.inspection.features.models import Shape
+
+    plain = [0.0 if np.isnan(x) else x for x in (feature.radius, feature.half_angle)]
+    shape = Shape(feature.point, feature.frame, *plain).moved(feature.kind, step)
+    axis = feature.axis if feature.kind == "sphere" else shape.axis
+    return dataclasses.replace(
+        feature, point=shape.point, axis=axis, frame=shape.frame, radius=shape.radius, half_angle=shape.half_angle
+    )

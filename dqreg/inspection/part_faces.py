@@ -1,0 +1,158 @@
+"""The faces of a part as features: which are planes, cylinders, cones or spheres, of what size, and where."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.geometry import Mesh
+from dqreg.inspection.features import Feature, FeatureKind, fit_feature
+from dqreg.inspection.regions import areas_of, faces_of
+
+FaceKind = Literal["plane", "cylinder", "cone", "sphere", "free"]
+
+# A face is of a kind where its corners lie within that share of its size of the ideal shape: a tessellation's do.
+EXACT = 1e-4
+# Corners that are fitted; more say the same.
+FITTED = 3_000
+# Kinds that are tried, the simplest first.
+TRIED: tuple[FeatureKind, ...] = ("plane", "cylinder", "cone", "sphere")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Face:
+    """A face of a part.
+
+    Attributes
+    ----------
+    number : int
+        Names it; the same for the same mesh.
+    kind : {"plane", "cylinder", "cone", "sphere", "free"}
+        Its shape.
+    feature : Feature or None
+        The ideal shape through its corners, a plane's normal outward; None where it is free.
+    is_hole : bool
+        Whether it surrounds empty space on more than half a turn: its normals point towards its axis or centre.
+    area : float
+        Of its triangles.
+    centre : ndarray, (3,)
+        Mean of its triangles, weighted by area.
+    extent : float
+        Diagonal of its bounding box.
+    """
+
+    number: int
+    kind: FaceKind
+    feature: Feature | None
+    is_hole: bool
+    area: float
+    centre: FloatArray
+    extent: float
+
+
+def part_faces(mesh: Mesh) -> tuple[Face, ...]:
+    """Faces of a part, cut where its surface turns sharply or a large plane ends.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The part, any unit; wound outward where ``is_hole`` and normals matter.
+
+    Returns
+    -------
+    tuple of Face
+        By their number, from 0.
+
+    Examples
+    --------
+    >>> from dqreg.synth.parts import box
+    >>> [face.kind for face in part_faces(Mesh(*box((3.0, 2.0, 1.0))))]
+    ['plane', 'plane', 'plane', 'plane', 'plane', 'plane']
+    """
+    count, labels = faces_of(mesh)
+    areas = areas_of(mesh, labels)
+    order = np.argsort(labels, kind="stable")
+    ends = np.searchsorted(labels[order], np.arange(count + 1))
+    return tuple(_face(mesh, k, order[ends[k] : ends[k + 1]], float(areas[k])) for k in range(count))
+
+
+def nearest_face(mesh: Mesh, faces: tuple[Face, ...], point: ArrayLike) -> Face:
+    """The face that is closest to a point.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The part.
+    faces : tuple of Face
+        From `part_faces`.
+    point : array_like, (3,)
+        In the part's frame.
+
+    Returns
+    -------
+    Face
+        Of the closest triangle.
+
+    Raises
+    ------
+    InputError
+        If the point is no finite place.
+    """
+    from dqreg.geometry import MeshSurface
+
+    place = np.asarray(point, dtype=np.float64)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise InputError(f"a point is three finite coordinates; got {point!r:.80}")
+    triangle = int(MeshSurface(mesh).closest(place[None]).elements[0])
+    return faces[int(faces_of(mesh)[1][triangle])]
+
+
+def _face(mesh: Mesh, number: int, rows: IntArray, area: float) -> Face:
+    corners, normals = mesh.corners[rows], mesh.face_normals[rows]
+    sizes = mesh.face_areas[rows]
+    centre: FloatArray = (corners.mean(axis=1) * sizes[:, None]).sum(axis=0) / max(float(sizes.sum()), 1e-300)
+    extent = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
+    feature = _feature_of(corners, normals, extent)
+    kind: FaceKind = "free"
+    is_hole = False
+    if feature is not None:
+        kind = feature.kind  # type: ignore[assignment]
+        if kind != "plane":
+            is_hole = _faces_inward(feature, corners.mean(axis=1), normals, sizes)
+    return Face(number, kind, feature, is_hole, area, centre, extent)
+
+
+def _feature_of(corners: FloatArray, normals: FloatArray, extent: float) -> Feature | None:
+    points, sides = corners.reshape(-1, 3), np.repeat(normals, 3, axis=0)
+    step = -(-len(points) // FITTED)
+    points, sides = points[::step], sides[::step]
+    if len(points) < 6:
+        # One triangle, or what is left of one: a plane of three corners has no form error to judge.
+        points, sides = np.vstack([points, points.mean(axis=0)]), np.vstack([sides, sides[:1]])
+    for kind in TRIED:
+        try:
+            found = fit_feature(points, kind, normals=sides)
+        except DegenerateGeometryError:
+            continue
+        if found.form <= EXACT * extent:
+            return found
+    return None
+
+
+def _faces_inward(feature: Feature, points: FloatArray, normals: FloatArray, weights: FloatArray) -> bool:
+    offsets = points - feature.point
+    if feature.kind != "sphere":
+        offsets = offsets - (offsets @ feature.axis)[:, None] * feature.axis
+    if float(weights @ np.einsum("ij,ij->i", offsets, normals)) >= 0.0:
+        return False
+    if feature.kind == "sphere":
+        return True
+    # A concave fillet surrounds its axis on less than half a turn.
+    angles = np.sort(np.arctan2(offsets @ feature.frame[:, 1], offsets @ feature.frame[:, 0]))
+    gaps = np.diff(np.append(angles, angles[0] + 2.0 * np.pi))
+    return bool(gaps.max() < np.pi)
