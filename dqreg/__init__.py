@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from dqreg import trust as trust
     from dqreg.errors import DegenerateGeometryError, DqregError, InputError, MissingDependencyError, UnitsError
     from dqreg.geometry import Mesh, PointCloud
+    from dqreg.multiway import Multiway, register_many
     from dqreg.odometry import Odometry
     from dqreg.registration.register import register
     from dqreg.registration.result import Registration
@@ -41,6 +42,7 @@ __all__ = [
     "InputError",
     "Mesh",
     "MissingDependencyError",
+    "Multiway",
     "Odometry",
     "PointCloud",
     "PoseCost",
@@ -52,6 +54,7 @@ __all__ = [
     "prepare_target",
     "quaternion",
     "register",
+    "register_many",
     "solve",
     "solve_many",
     "solvers",
@@ -70,6 +73,7 @@ _HOMES = {
     "InputError": "dqreg.errors",
     "Mesh": "dqreg.geometry",
     "MissingDependencyError": "dqreg.errors",
+    "Multiway": "dqreg.multiway",
     "Odometry": "dqreg.odometry",
     "PointCloud": "dqreg.geometry",
     "PoseCost": "dqreg.solvers",
@@ -81,6 +85,7 @@ _HOMES = {
     "prepare_target": "dqreg.registration.target",
     "quaternion": "dqreg.rigid",
     "register": "dqreg.registration.register",
+    "register_many": "dqreg.multiway",
     "solve": "dqreg.solvers",
     "solve_many": "dqreg.solvers",
 }

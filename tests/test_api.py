@@ -12,6 +12,7 @@ ROOMS = [
     "dqreg.files",
     "dqreg.geometry",
     "dqreg.inspection",
+    "dqreg.multiway",
     "dqreg.rigid",
     "dqreg.solvers",
     "dqreg.synth",

@@ -25,6 +25,7 @@ ENTRIES = {
     "demo": Entry("dqreg.cli.demo:demo", "a part and a scan that ship with dqreg, against the known truth", LOOK),
     "register": Entry("dqreg.cli.register:register_command", "the pose of a scan on a part or another scan", USE),
     "batch": Entry("dqreg.cli.batch:batch", "many registrations: one result each, a summary table", USE),
+    "multiway": Entry("dqreg.cli.multiway:multiway_command", "many scans into one frame, with a model", USE),
     "odometry": Entry("dqreg.cli.odometry:odometry_command", "a LiDAR sequence to a trajectory", USE),
     "faces": Entry("dqreg.cli.faces:faces_command", "faces of a part: shape, diameter, place", USE),
     "show": Entry("dqreg.cli.show:show", "picture, window or report of a saved result", USE),

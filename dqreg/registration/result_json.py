@@ -83,7 +83,8 @@ def _settings(values: dict[str, Any]) -> dict[str, Any]:
     return values
 
 
-def _verdict(values: Any) -> Verdict:
+def read_verdict(values: Any) -> Verdict:
+    """A verdict of what `to_plain` made of one."""
     values = dict(_of(dict, values))
     sentences = _of(list, values["reasons"])
     # A result of old has no codes.
@@ -128,7 +129,7 @@ def _array(rows: Any, shape: tuple[int, ...]) -> FloatArray:
 # Fields that plain types do not tell enough about.
 CHECKS = {
     "T_target_source": _pose,
-    "verdict": _verdict,
+    "verdict": read_verdict,
     "observability": lambda directions: tuple(_direction(direction) for direction in _of(list, directions)),
     "covariance": lambda rows: _array(rows, (6, 6)),
     "settings": lambda values: _settings(_of(dict, values)),

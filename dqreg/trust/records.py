@@ -49,6 +49,12 @@ Code = Literal[
     "scale_uncertain",
     "time_stamp",
     "untrusted_map",
+    # many scans
+    "scan_left_out",
+    "islands",
+    "unconfirmed_scan",
+    "duplicate_scan",
+    "contradicting_edge",
     # notes
     "dropped_points",
     "not_deskewed",

@@ -1,0 +1,190 @@
+"""`dqreg multiway SCANS...`: many scans into one frame, with a model, a graph and a report."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from dqreg.cli.lazy_group import Choice, SectionedCommand
+from dqreg.cli.outputs import as_json_option, consoles, print_json, say
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from dqreg.multiway import Multiway, Progress
+    from dqreg.report.work_bar import WorkBar
+
+# The same words as in the library, which a test compares.
+ORDERS = ("any", "sequence", "turntable")
+EDGES = ("auto", "chain", "ring")
+FILE = click.Path(path_type=Path)
+# Columns of the tables in a pipe.
+WIDTH = 120
+SECTIONS = {
+    "Output": ("out", "fused", "report", "graph", "voxel", "as_json"),
+    "What is known": ("order", "edges", "target", "starts", "anchor"),
+    "Registration": ("effort", "workers", "time_limit", "resume", "seed"),
+}
+
+
+@click.command("multiway", cls=SectionedCommand, sections=SECTIONS)
+@click.argument("scans", nargs=-1, required=True)
+@click.option("--out", type=FILE, help="The result as JSON; poses alone for names ending in .txt (KITTI) or .tum.")
+@click.option("--fused", type=FILE, help="One cloud of all placed scans as PLY, with normals.")
+@click.option("--report", type=FILE, help="One HTML page: verdict, graph, scans together, loops, what to rescan.")
+@click.option("--graph", type=FILE, help="The pose graph as .g2o, for GTSAM and others.")
+@click.option("--voxel", type=float, metavar="LENGTH", help="Cells of --fused  [default: spacing of the points].")
+@click.option("--order", type=Choice(ORDERS), default="any", show_default=True, help="What is known of the order: "
+              "nothing, a moving scanner, or one turntable step after the other.")  # fmt: skip
+@click.option("--edges", type=Choice(EDGES), default="auto", show_default=True, help="Pairs to register: those that "
+              "are useful, neighbours, or neighbours and the last with the first.")  # fmt: skip
+@click.option("--target", type=FILE, help="A CAD part (or scan) in whose frame all scans are placed.")
+@click.option("--starts", type=FILE, help="Initial poses, one a scan: KITTI or TUM, or an earlier result.")
+@click.option("--anchor", type=int, default=0, show_default=True, metavar="N", help="Scan whose frame is the world, "
+              "counted from 0.")  # fmt: skip
+@click.option("--effort", type=Choice(("fast", "normal", "best")), default="normal", show_default=True,
+              help="Points used of each scan.")  # fmt: skip
+@click.option("--workers", type=int, metavar="N", help="Pairs registered at once  [default: one for each core].")
+@click.option("--time-limit", type=float, metavar="SECONDS", help="No pair is begun after it.")
+@click.option("--resume", is_flag=True, help="Take the pairs that an interrupted run with the same --out has finished.")
+@click.option("--seed", type=int, default=0, show_default=True, metavar="N", help="Seed of all random draws.")
+@as_json_option
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **options: Any) -> int:
+    """Bring many scans of one object or place into one frame: no initial poses needed.
+
+    SCANS are files, or patterns such as 'scans/*.ply'.
+
+    \b
+    dqreg multiway scans/*.ply --out poses.json --fused model.ply --report report.html
+    dqreg multiway scans/*.ply --order turntable --out poses.json --fused model.ply
+    dqreg multiway scans/*.ply --target part.stl --out poses.json
+    dqreg multiway stops/*.pcd --order sequence --graph graph.g2o --out poses.txt
+    dqreg multiway scans/*.ply --out poses.json --resume        after an interruption
+
+    Pairs are kept in a folder beside --out (poses-pairs) as they are finished.
+
+    Exit codes: 0 verdict accepted, 1 ran but not accepted, 2 bad input.
+    """
+    from dqreg._open3d import load_open3d
+    from dqreg.multiway import register_many
+    from dqreg.multiway.starts import read_starts_file
+    from dqreg.report.work_bar import WorkBar
+
+    files = _files(scans)
+    folder = _folder(options["out"], resume=options["resume"])
+    _check(options)
+    console, shown = consoles(quiet=quiet, as_json=as_json, width=WIDTH)
+    names = ("target", "edges", "order", "anchor", "effort", "seed", "workers", "time_limit")
+    with WorkBar(shown) as bar:
+        load_open3d()
+        result = register_many(
+            files,
+            starts=None if options["starts"] is None else read_starts_file(options["starts"]),
+            observe=_told(bar, shown, files),
+            folder=folder,
+            **{name: options[name] for name in names},
+        )
+    _show(console, result)
+    _write(console, result, options)
+    if as_json:
+        print_json(result.to_dict())
+    return 0 if result.verdict.level == "accepted" else 1
+
+
+def _files(scans: tuple[str, ...]) -> list[Path]:
+    """Files of names and patterns, in the order given; those of a pattern by name."""
+    from dqreg.errors import InputError
+
+    found: list[Path] = []
+    for text in scans:
+        matched = [text] if Path(text).exists() else sorted(glob.glob(text))  # noqa: PTH207 - a pattern may begin anywhere
+        if not matched:
+            raise InputError(f"there is no file {text!r}, and it matches none as a pattern")
+        for name in matched:
+            if Path(name).is_dir():
+                raise InputError(f"{name} is a folder; give the scans in it: '{name}/*.ply'")
+            found.append(Path(name))
+    return found
+
+
+def _folder(out: Path | None, *, resume: bool) -> Path | None:
+    from dqreg.errors import InputError
+
+    if out is None:
+        if resume:
+            raise InputError("--resume needs --out: the finished pairs are kept beside it")
+        return None
+    folder = out.with_name(f"{out.stem}-pairs")
+    if folder.is_dir() and not resume:
+        for old in folder.glob("*.json"):
+            old.unlink()
+    return folder
+
+
+def _check(options: dict[str, Any]) -> None:
+    from dqreg.errors import InputError
+    from dqreg.files.atomic import require_writable
+
+    for name in ("out", "fused", "report", "graph"):
+        if options[name] is not None:
+            require_writable(options[name])
+    if options["fused"] is not None and options["fused"].suffix.lower() != ".ply":
+        raise InputError(f"--fused writes PLY; give a name that ends in .ply, not {options['fused'].name!r}")
+    if options["graph"] is not None and options["graph"].suffix.lower() != ".g2o":
+        raise InputError(f"--graph writes g2o; give a name that ends in .g2o, not {options['graph'].name!r}")
+    if options["voxel"] is not None and not options["voxel"] >= 0.0:
+        raise InputError(f"--voxel must be a length, 0 or more; got {options['voxel']!r}")
+
+
+def _told(bar: WorkBar, console: Console, files: list[Path]) -> Callable[[Progress], None]:
+    """Shows how far the pairs are."""
+    from dqreg.report.progress import left_words
+
+    def tell(progress: Progress) -> None:
+        edge = progress.edge
+        first = "part" if edge.target < 0 else files[edge.target].stem
+        words = f"{first} - {files[edge.source].stem}: {edge.level}"
+        if not bar.show(progress.done, progress.total, progress.seconds_left, words):
+            rest = left_words(progress.seconds_left) if progress.done < progress.total else ""
+            say(console, ", ".join(filter(None, (f"{progress.done}/{progress.total}  {words}", rest))))
+
+    return tell
+
+
+def _show(console: Console, result: Multiway) -> None:
+    from dqreg.multiway.tables import scans_table
+    from dqreg.report.table import print_tables
+
+    print_tables(console, [scans_table(result)])
+    say(console, "")
+    say(console, f"verdict: {result.verdict.level.upper()}")
+    for reason in result.verdict.reasons:
+        say(console, f"  {reason}")
+
+
+def _write(console: Console, result: Multiway, options: dict[str, Any]) -> None:
+    from dqreg.files import write_cloud
+
+    joined = result.verdict.level != "failed"
+    for name in ("out", "graph"):
+        path = options[name]
+        if path is not None and name == "graph" and not joined:
+            say(console, f"not written: {path} (no two scans were joined)")
+        elif path is not None:
+            result.save(path)
+            say(console, f"wrote {path}")
+    if options["fused"] is not None and not joined:
+        say(console, f"not written: {options['fused']} (no two scans were joined)")
+    elif options["fused"] is not None:
+        cloud = result.merged(options["voxel"])
+        write_cloud(options["fused"], cloud.points, cloud.normals)
+        say(console, f"wrote {options['fused']} ({len(cloud)} points)")
+    if options["report"] is not None:
+        with console.status("writing the report"):
+            result.report(options["report"])
+        say(console, f"wrote {options['report']}")

@@ -1,0 +1,9 @@
+"""Many scans, one frame: pairs, which of them to believe, and all poses refined together."""
+
+from dqreg.multiway.edges import Edge
+from dqreg.multiway.exports import Factors
+from dqreg.multiway.pair_runs import Progress
+from dqreg.multiway.register_many import register_many
+from dqreg.multiway.result import LoopError, Multiway
+
+__all__ = ["Edge", "Factors", "LoopError", "Multiway", "Progress", "register_many"]

@@ -1,0 +1,182 @@
+"""Which edges to believe: verdicts of the pairs, loops that close, then graduated non-convexity on the graph."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse as sparse
+
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.multiway.edges import PART, Edge, EdgeCode, graph_of
+from dqreg.multiway.graph import PoseGraph, solve_graph
+from dqreg.multiway.loops import BLUNT, BLUNT_RAD, LIMIT, Loops, covariances_of, find_loops
+from dqreg.rigid import pose
+
+# Rounds in which the cost goes from convex to truncated, and its factor a round (Yang et al. 2020).
+ROUNDS, FACTOR = 40, 1.4
+
+
+@dataclasses.dataclass(frozen=True)
+class Belief:
+    """Edges that were judged, and the poses that follow from those used."""
+
+    edges: tuple[Edge, ...]
+    T_world_scan: FloatArray  # (n + 1, 4, 4): The part last; NaN where not connected
+    island: IntArray  # (n,): Number of the connected part of the graph a scan belongs to
+    anchor: int  # Node whose pose was held
+    loops: Loops  # Among the edges that have a pose
+    rows: IntArray  # (m,): Numbers of those edges, in the order that the loops count them
+
+
+def believe(edges: Sequence[Edge], count: int, anchor: int, size: float, floor: float, T_anchor: FloatArray) -> Belief:
+    """Judge all edges that were tried, and place what they hold together.
+
+    The anchor, a scan or -1 for the part, gets the pose given. Poses of pairs need not agree to better than the floor,
+    a length; size is a typical diagonal of a scan.
+    """
+    codes: list[EdgeCode] = [_first_look(edge, size) for edge in edges]
+    rows = np.array([k for k, code in enumerate(codes) if code == "unconfirmed"], dtype=np.int64)
+    graph = graph_of([edges[k] for k in rows], count)
+    loops = find_loops(graph, size, floor)
+    accepted = np.array([edges[k].level == "accepted" for k in rows], dtype=bool)
+    closing, failing = (loops.counts(part, len(rows)) for part in (loops.closes, loops.fails))
+    candidate = accepted | (closing > 0)
+    informations = np.asarray(np.linalg.inv(covariances_of(graph, size, floor)), dtype=np.float64)
+    gated = dataclasses.replace(graph, information=informations)
+    order = _by_trust(gated, accepted, closing, failing)
+    T, kept = _inliers(gated, order[candidate[order]], count)
+    for row, k in enumerate(rows):
+        if not candidate[row]:
+            continue
+        codes[k] = ("used" if accepted[row] else "confirmed") if kept[row] else "contradicts"
+    island = _islands(graph, np.flatnonzero(kept))
+    node = count if anchor == PART else anchor
+    node = _anchored(island, node, count)
+    placed = island == island[node]
+    final = solve_graph(graph.part(np.flatnonzero(kept & placed[graph.sources])), T, _free(placed, node))
+    home = T_anchor if node in (anchor, count) else np.eye(4)
+    final = home @ pose.inverse(final[node]) @ final
+    final[~placed] = np.nan
+    chi2 = np.full(len(edges), np.nan)
+    there = np.flatnonzero(placed[graph.targets] & placed[graph.sources])
+    chi2[rows[there]] = graph.part(there).chi2(np.where(placed[:, None, None], final, np.eye(4)))
+    judged = []
+    for k, (edge, code) in enumerate(zip(edges, codes, strict=True)):
+        if code in ("used", "confirmed") and not placed[edge.source]:
+            code = "elsewhere"
+        judged.append(dataclasses.replace(edge, code=code, used=code in ("used", "confirmed"), chi2=float(chi2[k])))
+    return Belief(tuple(judged), final, island[:count], PART if node == count else node, loops, rows)
+
+
+def _first_look(edge: Edge, size: float) -> EdgeCode:
+    """Why an edge can be of no use, or "unconfirmed"."""
+    if edge.level == "failed" or not edge.found:
+        return "untried" if edge.code == "untried" else "no_pose"
+    covariance = edge.registration.covariance
+    free = any(motion.is_free for motion in edge.registration.observability)
+    if not free:
+        turn, shift = np.sqrt(np.diag(covariance)[:3].max()), np.sqrt(np.diag(covariance)[3:].max())
+        if not (turn <= BLUNT_RAD and shift <= BLUNT * size):
+            return "uncertain"
+    return "unconfirmed"
+
+
+def _by_trust(graph: PoseGraph, accepted: BoolArray, closing: IntArray, failing: IntArray) -> IntArray:
+    """Rows of the edges, the most trusted first."""
+    sigma = np.linalg.slogdet(graph.information)[1] if len(accepted) else np.zeros(0)
+    return np.lexsort((-sigma, failing - closing, ~accepted, (closing == 0) & (failing > 0)))
+
+
+def _inliers(graph: PoseGraph, order: IntArray, count: int) -> tuple[FloatArray, BoolArray]:
+    """Poses and edges that agree with them: from the tree of the most trusted edges by graduated non-convexity."""
+    T = _along_tree(graph, order)
+    kept = np.zeros(len(graph.targets), dtype=bool)
+    if not len(order):
+        return T, kept
+    part = graph.part(order)
+    free = np.arange(graph.count)[np.isin(np.arange(graph.count), np.r_[part.targets, part.sources])]
+    free = _without_roots(part, free)
+    chi2 = part.chi2(T)
+    worst = float(chi2.max())
+    mu = LIMIT / max(2.0 * worst - LIMIT, 1e-9 * LIMIT)
+    weights = _truncated(chi2, mu)
+    for _ in range(ROUNDS if worst > LIMIT else 1):
+        T = solve_graph(part, T, free, np.maximum(weights, 1e-9))
+        chi2 = part.chi2(T)
+        weights = _truncated(chi2, mu)
+        mu *= FACTOR
+        if ((weights < 1e-6) | (weights > 1.0 - 1e-6)).all():
+            break
+    inside = chi2 <= LIMIT
+    T = solve_graph(part, T, free, np.where(inside, 1.0, 1e-9))
+    kept[order[part.chi2(T) <= LIMIT]] = True
+    return T, kept
+
+
+def _truncated(chi2: FloatArray, mu: float) -> FloatArray:
+    """Weights of the truncated least squares of graduated non-convexity at a stage (Yang et al. 2020, eq. 14)."""
+    low, high = mu / (mu + 1.0) * LIMIT, (mu + 1.0) / mu * LIMIT
+    middle = np.sqrt(LIMIT * mu * (mu + 1.0) / np.maximum(chi2, 1e-12 * LIMIT)) - mu
+    return np.where(chi2 <= low, 1.0, np.where(chi2 >= high, 0.0, np.clip(middle, 0.0, 1.0)))
+
+
+def _along_tree(graph: PoseGraph, order: IntArray) -> FloatArray:
+    """Poses along the spanning trees of the most trusted edges (Kruskal); each tree from its lowest node."""
+    near: dict[int, list[tuple[int, FloatArray]]] = {k: [] for k in range(graph.count)}
+    group = list(range(graph.count))
+
+    def root(k: int) -> int:
+        while group[k] != k:
+            group[k] = group[group[k]]
+            k = group[k]
+        return k
+
+    for row in order:
+        i, j = int(graph.targets[row]), int(graph.sources[row])
+        a, b = root(i), root(j)
+        if a != b:
+            group[max(a, b)] = min(a, b)
+            near[i].append((j, graph.measured[row]))
+            near[j].append((i, pose.inverse(graph.measured[row])))
+    T = np.tile(np.eye(4), (graph.count, 1, 1))
+    seen = set()
+    for first in range(graph.count):
+        stack = [] if first in seen else [first]
+        while stack:
+            k = stack.pop()
+            seen.add(k)
+            for other, measured in near[k]:
+                if other not in seen:
+                    T[other] = T[k] @ measured
+                    stack.append(other)
+    return T
+
+
+def _without_roots(graph: PoseGraph, nodes: IntArray) -> IntArray:
+    """Nodes without the first of each connected part, which stays."""
+    island = _islands(graph, np.arange(len(graph.targets)))
+    _, firsts = np.unique(island[nodes], return_index=True)
+    return np.delete(nodes, firsts)
+
+
+def _islands(graph: PoseGraph, rows: IntArray) -> IntArray:
+    shape = (graph.count, graph.count)
+    links = sparse.coo_matrix((np.ones(len(rows)), (graph.targets[rows], graph.sources[rows])), shape=shape)
+    _, labels = sparse.csgraph.connected_components(links, directed=False)
+    return np.asarray(labels, dtype=np.int64)
+
+
+def _anchored(island: IntArray, node: int, count: int) -> int:
+    """The node to hold: the one asked for, unless other scans hang together and it hangs on none of them."""
+    sizes = np.bincount(island[:count], minlength=int(island.max()) + 1)
+    if node == count or sizes[island[node]] > 1 or sizes.max() <= 1:
+        return node
+    return int(np.flatnonzero(island[:count] == int(sizes.argmax()))[0])
+
+
+def _free(placed: BoolArray, node: int) -> IntArray:
+    free = placed.copy()
+    free[node] = False
+    return np.flatnonzero(free)

@@ -1,0 +1,140 @@
+"""Edges of the graph of scans: the registration of a pair, what it measures, and whether it is used."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.multiway.graph import PoseGraph
+from dqreg.registration.result import Registration
+from dqreg.rigid import pose
+
+# What an edge was used for, or why it was not.
+EdgeCode = Literal[
+    "used",
+    "confirmed",
+    "untried",
+    "no_pose",
+    "uncertain",
+    "unconfirmed",
+    "contradicts",
+    "elsewhere",
+]
+WORDS: dict[EdgeCode, str] = {
+    "used": "used: its registration is accepted",
+    "confirmed": "used: its registration is suspect, but loops through accepted edges close",
+    "untried": "not tried",
+    "no_pose": "not used: no pose was found",
+    "uncertain": "not used: its pose is too uncertain to tell anything",
+    "unconfirmed": "not used: its registration is suspect and no loop confirms it",
+    "contradicts": "not used: it contradicts the other edges",
+    "elsewhere": "not used: it joins scans that are not placed",
+}
+# Node of a part in whose frame all scans are placed.
+PART = -1
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Edge:
+    """The registration of one scan to another.
+
+    Attributes
+    ----------
+    target, source : int
+        Numbers of the two scans; ``target`` is -1 for the part that `register_many` was given.
+    registration : Registration
+        ``registration.T_target_source`` maps the source's coordinates to the target's.
+    used : bool
+        Whether the poses rest on it.
+    code : str
+        Why: "used", "confirmed", "no_pose", "uncertain", "unconfirmed", "contradicts" or "elsewhere".
+    chi2 : float
+        Squared difference between this pose and the one of all scans together, in units of its covariance: about 6
+        where the covariance tells all. NaN where one of the scans is not placed.
+    overlap : float
+        Fraction of the smaller scan that lies on the other where all scans are placed; NaN where one is not.
+    """
+
+    target: int
+    source: int
+    registration: Registration
+    used: bool = False
+    code: EdgeCode = "unconfirmed"
+    chi2: float = np.nan
+    overlap: float = np.nan
+
+    @property
+    def why(self) -> str:
+        """The code in words."""
+        return WORDS[self.code]
+
+    @property
+    def level(self) -> str:
+        """Level of the registration's verdict."""
+        return self.registration.verdict.level
+
+    @property
+    def found(self) -> bool:
+        """Whether it has a pose."""
+        return bool(np.isfinite(self.registration.T_target_source).all())
+
+
+def centre_of(result: Registration) -> FloatArray:
+    """Point of the target frame about which the covariance of a result is."""
+    return np.asarray(result.settings.get("centre", np.zeros(3)), dtype=np.float64)
+
+
+def information_of_edge(result: Registration) -> FloatArray:
+    """Inverse of a result's covariance, zero along free motions. Shapes: returns (6, 6)."""
+    covariance = result.covariance
+    if np.isfinite(covariance).all():
+        # Scaled to ones on the diagonal: squares of radians and of millimetres lie far apart.
+        scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(covariance / scale / scale[:, None])
+        held = vectors / np.sqrt(np.maximum(values, 1e-12)) / scale[:, None]
+        return np.asarray(held @ held.T)
+    # Free motions have made NaN of their rows: what is held is said motion by motion.
+    lever, centre = 0.5 * float(result.settings["diagonal"]), centre_of(result)
+    information = np.zeros((6, 6))
+    for motion in result.observability:
+        axis, point = np.array(motion.axis), np.array(motion.point)
+        if motion.is_free or motion.kind is None or not np.isfinite(axis).all():
+            continue
+        along = np.zeros(6)
+        if motion.kind == "rotation":
+            along[:3], along[3:] = axis * lever, np.cross(axis, centre - point)
+        else:
+            along[3:] = axis
+        information += np.outer(along, along) / max(motion.sigma, np.finfo(float).tiny) ** 2
+    return information
+
+
+def graph_of(edges: Sequence[Edge], count: int) -> PoseGraph:
+    """The pose graph of edges that have a pose; the part is the node after the scans."""
+    results = [edge.registration for edge in edges]
+    return PoseGraph(
+        count + 1,
+        np.array([count if edge.target == PART else edge.target for edge in edges], dtype=np.int64),
+        np.array([edge.source for edge in edges], dtype=np.int64),
+        np.array([result.T_target_source for result in results]).reshape(-1, 4, 4),
+        np.array([information_of_edge(result) for result in results]).reshape(-1, 6, 6),
+        np.array([centre_of(result) for result in results]).reshape(-1, 3),
+    )
+
+
+def turned_round(graph: PoseGraph) -> PoseGraph:
+    """The same graph with the lower node of every edge as its target."""
+    back = graph.targets > graph.sources
+    low, high = np.minimum(graph.targets, graph.sources), np.maximum(graph.targets, graph.sources)
+    inverse = pose.inverse(graph.measured)
+    measured = np.where(back[:, None, None], inverse, graph.measured)
+    # A left increment of a pose is one of its inverse, turned into the other frame and backwards.
+    R = np.zeros((len(back), 6, 6))
+    R[:, :3, :3] = R[:, 3:, 3:] = inverse[:, :3, :3]
+    information = np.where(back[:, None, None], R @ graph.information @ R.transpose(0, 2, 1), graph.information)
+    there = np.einsum("mij,mj->mi", inverse[:, :3, :3], graph.centres) + inverse[:, :3, 3]
+    return PoseGraph(graph.count, low, high, measured, information, np.where(back[:, None], there, graph.centres))

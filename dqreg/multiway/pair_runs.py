@@ -1,0 +1,188 @@
+"""The registrations of the pairs: in threads, within a time limit, kept on disk as they end."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from pathlib import Path
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import DqregError, InputError
+from dqreg.files.atomic import write_atomically
+from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.scans import View
+from dqreg.registration.register import register
+from dqreg.registration.result import Registration
+from dqreg.registration.target import Target
+from dqreg.report.work_bar import TimeLeft
+from dqreg.trust.records import Reason, Verdict
+
+
+@dataclasses.dataclass(frozen=True)
+class PairJob:
+    """A pair to register."""
+
+    target: int  # -1 is the part
+    source: int
+    start: FloatArray | None = None  # (4, 4): T_target_source to begin at; None searches
+
+
+@dataclasses.dataclass(frozen=True)
+class Progress:
+    """How far a multiway registration is.
+
+    Attributes
+    ----------
+    done, total : int
+        Pairs registered so far, and known so far to be needed.
+    seconds_left : float
+        Estimate for the remaining ones; NaN before the first is done.
+    edge : Edge
+        The pair that ended last.
+    """
+
+    done: int
+    total: int
+    seconds_left: float
+    edge: Edge
+
+
+@dataclasses.dataclass
+class PairRunner:
+    """Registers pairs; counts them, and stops when asked or when the time is up."""
+
+    views: Sequence[View]
+    part: Target | None
+    effort: str
+    seed: int
+    workers: int
+    deadline: float  # Of `time.monotonic`
+    observe: Callable[[Progress], object] | None
+    folder: Path | None
+    done: int = 0
+    total: int = 0
+    stopped: str = ""  # Why no further pair is begun
+
+    def run(self, jobs: Sequence[PairJob]) -> list[Edge]:
+        """Edges in the order of the jobs; those not begun in time are "untried" and have no pose."""
+        self.total += len(jobs)
+        left = TimeLeft([("", len(jobs))])
+        found: dict[int, Edge] = {}
+        waiting = list(range(len(jobs)))
+        began = time.monotonic()
+        with ThreadPoolExecutor(self.workers) as pool:
+            running: dict[Future[Edge], int] = {}
+            while (waiting and not self._is_over()) or running:
+                while waiting and len(running) < self.workers and not self._is_over():
+                    row = waiting.pop(0)
+                    running[pool.submit(self._edge, jobs[row])] = row
+                ended, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in ended:
+                    row = running.pop(future)
+                    found[row] = future.result()
+                    self.done += 1
+                    left.done("", 1.0, (time.monotonic() - began) / len(found))
+                    self._tell(found[row], left.seconds)
+        return [found.get(row) or _untried(job, self.stopped) for row, job in enumerate(jobs)]
+
+    def _is_over(self) -> bool:
+        if not self.stopped and time.monotonic() >= self.deadline:
+            self.stopped = "the time limit"
+        return bool(self.stopped)
+
+    def _tell(self, edge: Edge, seconds_left: float) -> None:
+        if self.observe is not None and self.observe(Progress(self.done, self.total, seconds_left, edge)) is False:
+            self.stopped = "the observer"
+
+    def _edge(self, job: PairJob) -> Edge:
+        kept = self._kept(job)
+        if kept is not None:
+            return Edge(job.target, job.source, kept)
+        target = self.part if job.target == PART else self.views[job.target].target
+        assert target is not None
+        limit = self.deadline - time.monotonic()
+        try:
+            result = register(
+                self.views[job.source].cloud,
+                target,
+                job.start,
+                effort=self.effort,
+                seed=self.seed,
+                time_limit=max(limit, 1e-3) if np.isfinite(limit) else None,
+                keep_inputs=False,
+                units="check" if job.target == PART else "ignore",
+            )
+        except DqregError as error:
+            return _failed(job, str(error), "unreadable")
+        result = dataclasses.replace(result, history=())
+        if self.folder is not None and not self._is_over():
+            self._keep(job, result)
+        return Edge(job.target, job.source, result)
+
+    def _fingerprint(self, job: PairJob) -> dict[str, object]:
+        start = None if job.start is None else np.round(job.start, 9).tolist()
+        target = "part" if job.target == PART else self.views[job.target].digest
+        return {
+            "target": target,
+            "source": self.views[job.source].digest,
+            "start": start,
+            "effort": self.effort,
+            "seed": self.seed,
+        }
+
+    def _file(self, job: PairJob) -> Path:
+        assert self.folder is not None
+        kind = "search" if job.start is None else "start"
+        return self.folder / f"{job.target}-{job.source}-{kind}.json"
+
+    def _kept(self, job: PairJob) -> Registration | None:
+        """The result of an earlier run with the same scans and settings."""
+        if self.folder is None:
+            return None
+        try:
+            record = json.loads(self._file(job).read_text(encoding="utf-8"))
+            if record.pop("multiway") != self._fingerprint(job):
+                return None
+            return Registration.load(self._file(job))
+        except (OSError, ValueError, KeyError, TypeError, InputError):
+            return None
+
+    def _keep(self, job: PairJob, result: Registration) -> None:
+        record = {**result.to_dict(), "multiway": self._fingerprint(job)}
+        write_atomically(self._file(job), json.dumps(record, allow_nan=False))
+
+
+def workers_of(asked: int | None) -> int:
+    """Threads to work in: as many as asked for, else one a core."""
+    if asked is None:
+        return os.cpu_count() or 1
+    if isinstance(asked, bool) or not isinstance(asked, (int, np.integer)) or asked < 1:
+        raise InputError(f"workers must be a whole number above 0, or None for one a core; got {asked!r}")
+    return int(asked)
+
+
+def _untried(job: PairJob, why: str) -> Edge:
+    return dataclasses.replace(_failed(job, f"not tried before {why}", "search_time_limit"), code="untried")
+
+
+def _failed(job: PairJob, why: str, code: str) -> Edge:
+    result = Registration(
+        T_target_source=np.full((4, 4), np.nan),
+        verdict=Verdict("failed", (Reason(f"no pose: {why}", code),)),  # type: ignore[arg-type]
+        status="not run",
+        covariance=np.full((6, 6), np.nan),
+        observability=(),
+        alternatives=(),
+        history=(),
+        rms=np.nan,
+        inlier_fraction=0.0,
+        timings={},
+        settings={},
+    )
+    return Edge(job.target, job.source, result, code="no_pose")

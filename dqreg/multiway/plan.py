@@ -1,0 +1,117 @@
+"""In which order pairs are registered, and where each begins."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.multiway.believe import Belief
+from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.overlap import overlap_matrix
+from dqreg.multiway.pair_runs import PairJob, PairRunner
+from dqreg.multiway.pairs import Pair
+from dqreg.multiway.retrieval import alike_pairs
+from dqreg.multiway.turntable import step_of
+from dqreg.rigid import pose
+
+# Scans that overlap by less are not worth a registration from where the others put them.
+OVERLAP = 0.2
+# Rounds in which they are tried, and pairs of one scan.
+ROUNDS, NEIGHBOURS = 2, 6
+
+
+def first_edges(
+    runner: PairRunner, pairs: Sequence[Pair], known: Sequence[FloatArray | None], order: str, *, automatic: bool
+) -> list[Edge]:
+    """All edges that do not ask where other edges put the scans."""
+    usable = [k for k, view in enumerate(runner.views) if view.usable]
+    jobs = [] if runner.part is None else [PairJob(PART, k, known[k]) for k in usable]
+    if automatic and order == "any" and not pairs:
+        pairs = alike_pairs(runner.views, runner.seed)
+    jobs += [PairJob(i, j, _between(known, i, j, order)) for i, j in pairs]
+    edges = runner.run(jobs)
+    # A start that led nowhere is no reason to give up.
+    again = [k for k, (job, edge) in enumerate(zip(jobs, edges, strict=True)) if job.start is not None and _weak(edge)]
+    searched = runner.run([PairJob(jobs[k].target, jobs[k].source) for k in again])
+    for k, edge in zip(again, searched, strict=True):
+        edges[k] = better(edges[k], edge)
+    if order == "turntable":
+        edges = _on_turntable(runner, edges, usable)
+    return edges
+
+
+def _between(known: Sequence[FloatArray | None], i: int, j: int, order: str) -> FloatArray | None:
+    T_i, T_j = known[i], known[j]
+    if T_i is not None and T_j is not None:
+        return pose.inverse(T_i) @ T_j
+    return np.eye(4) if order == "sequence" and abs(i - j) == 1 else None
+
+
+def _weak(edge: Edge) -> bool:
+    return edge.level != "accepted" and edge.code != "untried"
+
+
+def better(old: Edge, new: Edge) -> Edge:
+    """The new edge where it is accepted, or the old one has no pose; else the old one."""
+    if new.level == "accepted" and old.level != "accepted":
+        return new
+    return old if old.found else new
+
+
+def _on_turntable(runner: PairRunner, edges: list[Edge], usable: Sequence[int]) -> list[Edge]:
+    """Neighbours that failed begin again one step of the table on, and so do those two steps apart."""
+    place = {scan: k for k, scan in enumerate(usable)}
+    steps = [(place[edge.source] - place[edge.target], edge) for edge in edges if edge.target != PART]
+    table = step_of(steps, len(usable))
+    if table is None:
+        return edges
+    weak = {(edge.target, edge.source): k for k, edge in enumerate(edges) if edge.target != PART and _weak(edge)}
+    jobs = [PairJob(i, j, table.between(place[i], place[j])) for i, j in weak]
+    for k, edge in zip(weak.values(), runner.run(jobs), strict=True):
+        edges[k] = better(edges[k], edge)
+    there = {(edge.target, edge.source) for edge in edges}
+    skipped = [(usable[k], usable[(k + 2) % len(usable)]) for k in range(len(usable))] if len(usable) > 4 else []
+    new = [(min(i, j), max(i, j)) for i, j in skipped]
+    new = [pair for pair in dict.fromkeys(new) if pair not in there]
+    return edges + runner.run([PairJob(i, j, table.between(place[i], place[j])) for i, j in new])
+
+
+def rescued(runner: PairRunner, belief: Belief, judged: Callable[[Sequence[Edge]], Belief], size: float) -> Belief:
+    """The belief after pairs that overlap, and are not joined, were registered from where the others put them."""
+    tried: set[Pair] = set()
+    for _ in range(ROUNDS):
+        T = belief.T_world_scan[: len(runner.views)]
+        wanted = [pair for pair in _overlapping(runner, belief, T, size) if pair not in tried]
+        if not wanted or runner.stopped:
+            return belief
+        tried |= set(wanted)
+        edges = list(belief.edges)
+        rows = {(edge.target, edge.source): k for k, edge in enumerate(edges)}
+        for edge in runner.run([PairJob(i, j, pose.inverse(T[i]) @ T[j]) for i, j in wanted]):
+            pair = edge.target, edge.source
+            if pair not in rows:
+                edges.append(edge)
+            elif edge.found and (edge.level == "accepted" or not edges[rows[pair]].used):
+                edges[rows[pair]] = edge
+        belief = judged([dataclasses.replace(edge, code="unconfirmed") if edge.found else edge for edge in edges])
+    return belief
+
+
+def _overlapping(runner: PairRunner, belief: Belief, T: FloatArray, size: float) -> list[Pair]:
+    """Pairs that overlap and have no used edge, for each scan those that overlap most."""
+    overlap = np.nan_to_num(overlap_matrix(runner.views, T, size))
+    joined = {
+        (e.target, e.source) for e in belief.edges if e.used or (e.code == "contradicts" and e.level == "accepted")
+    }
+    found: dict[Pair, None] = {}
+    for k in range(len(T)):
+        row = overlap[k].copy()
+        row[k] = 0.0
+        for other in np.argsort(-row, kind="stable")[:NEIGHBOURS]:
+            pair = min(k, int(other)), max(k, int(other))
+            if row[other] >= OVERLAP and pair not in joined and pair[::-1] not in joined:
+                found[pair] = None
+    return list(found)

@@ -1,0 +1,101 @@
+"""The planes that one scan puts into the joint cost: its points on the tangent planes of another."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.geometry import Closest, Scan, Surface
+from dqreg.icp import Correspondences
+from dqreg.icp.estimators import FEWEST_PLANES, both_planes
+from dqreg.icp.rejectors import boundary_rejectors
+from dqreg.multiway.overlap import cell_numbers
+from dqreg.rigid import pose
+from dqreg.solvers.quadratic import QuadraticForm, plane_form
+from dqreg.solvers.robust import InlierMixture
+
+# Normals farther apart than this are of different faces.
+FACING = np.cos(np.deg2rad(45.0))
+# Distances along the normals below this fraction of the spacing: the planes alone count then. Discs, which hold a
+# little along the surface too, suit noisy clouds; here they would drag the poses towards the nearest points.
+WELL_BELOW = 0.4
+# Rounds that fit the scale of the distances.
+ROUNDS = 20
+
+
+@dataclasses.dataclass(frozen=True)
+class Planes:
+    """Correspondences of one pair at one pose."""
+
+    target: int  # Node whose planes count
+    source: int  # Node whose points count
+    pairs: Correspondences  # Between the centred frames
+    weights: FloatArray  # (n,): Probabilities to be an inlier
+    sigma: float  # Standard deviation of the distances along the normals
+
+    @property
+    def count(self) -> float:
+        """Inliers."""
+        return float(self.weights.sum())
+
+    @property
+    def form(self) -> QuadraticForm:
+        """The cost in units of the variance of the distances, between the centred frames."""
+        pairs, kept = self.pairs, self.weights > 0.0
+        if pairs.closest.variances is not None and self.sigma > WELL_BELOW * pairs.scan.spacing:
+            form = both_planes(pairs, self.weights)
+        else:
+            p, q, n = pairs.scan.points[kept], pairs.closest.points[kept], pairs.closest.normals[kept]
+            w = self.weights[kept]
+            origins = (w @ p / w.sum(), w @ q / w.sum())
+            form = QuadraticForm(plane_form(p, q, n, w, origins), *origins)
+        return dataclasses.replace(form, matrix=form.matrix / self.sigma**2)
+
+    def scores(self, T_world_target: FloatArray, cell: float) -> tuple[IntArray, FloatArray]:
+        """Numbers of the cells of the world that hold points, and the slope of the cost by world increments of each.
+
+        Shapes: cells (k,), slopes (k, 6).
+        """
+        kept = np.flatnonzero(self.weights > 0.0)
+        x, n = self.pairs.moved[kept], self.pairs.closest.normals[kept]
+        along = self.pairs.point_to_plane[kept] * self.weights[kept] / self.sigma**2
+        x, n = pose.apply(T_world_target, x), n @ T_world_target[:3, :3].T
+        rows = np.hstack([np.cross(x, n), n]) * along[:, None]
+        cells, group = np.unique(cell_numbers(x, cell), return_inverse=True)
+        slopes: FloatArray = np.column_stack([np.bincount(group, column, len(cells)) for column in rows.T])
+        return cells, slopes
+
+
+def planes_of(
+    nodes: tuple[int, int],
+    scan: Scan,
+    surface: Surface,
+    T_target_source: FloatArray,
+    reach: float,
+    floor: float,
+    before: Planes | None = None,
+) -> Planes | None:
+    """Correspondences within reach, robustly weighed; None where there are too few.
+
+    Poses are between the centred frames. The scale of the distances is that of this pair: scans differ in noise.
+    """
+    hint: tuple[FloatArray, Closest] | None = None
+    if before is not None and before.pairs.scan is scan:
+        hint = before.pairs.moved, before.pairs.closest
+    moved = pose.apply(T_target_source, scan.points)
+    pairs = Correspondences(scan, T_target_source, surface.closest(moved, hint), scan.oriented and surface.oriented)
+    cosines = pairs.normal_cosines if pairs.same_sign else np.abs(pairs.normal_cosines)
+    kept = (pairs.distances <= reach) & (cosines >= FACING)
+    for rejects in boundary_rejectors(surface, reach):
+        kept &= rejects(pairs) > 0.0
+    if np.count_nonzero(kept) < FEWEST_PLANES:
+        return None
+    aside = np.abs(pairs.point_to_plane)
+    mixture = InlierMixture.widest(reach, floor).fit(aside[kept], floor=floor, rounds=ROUNDS)
+    weights = np.where(kept, mixture.weight(aside), 0.0)
+    # Below a millionth the weight is rounding.
+    weights[weights < 1e-6] = 0.0
+    found = Planes(*nodes, pairs, weights, mixture.scale)
+    return found if found.count >= FEWEST_PLANES else None

@@ -1,0 +1,81 @@
+"""From believed edges to the final poses: the joint refinement of all placed scans, and its covariance."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.multiway.believe import Belief
+from dqreg.multiway.edges import PART
+from dqreg.multiway.joint import Body, refine_jointly
+from dqreg.multiway.overlap import CELL, overlap_matrix
+from dqreg.multiway.scans import View, typical_spacing
+from dqreg.multiway.spread import joint_covariance
+from dqreg.registration.target import Target
+from dqreg.rigid import pose
+
+# Pairs that share fewer cells than this, of the smaller scan, add nothing but their borders.
+OVERLAP = 0.08
+# Points of a scan in the joint cost.
+POINTS: dict[str, int] = {"fast": 5_000, "normal": 20_000, "best": 10**9}
+# Edge of the cells whose residuals are independent of the next one's: in spacings, and in sizes of a scan.
+PATCH_SPACINGS, PATCH = 8.0, 0.02
+
+
+@dataclasses.dataclass(frozen=True)
+class Refined:
+    """The poses of all scans, and how sure they are."""
+
+    T_world_scan: FloatArray  # (n, 4, 4): NaN where not placed
+    covariance: FloatArray  # (6 n, 6 n): Of left increments in the world frame about the centre
+    centre: FloatArray  # (3,): Middle of the placed scans
+    converged: bool
+    rounds: int
+
+
+def refined(views: Sequence[View], part: Target | None, belief: Belief, size: float, effort: str) -> Refined:
+    """Refine all placed scans, and whatever else overlaps, at once."""
+    count = len(views)
+    T = belief.T_world_scan[:count]
+    placed = [k for k in range(count) if views[k].usable and np.isfinite(T[k]).all()]
+    bodies = [Body(views[k].scan, views[k].surface, views[k].origin) for k in placed]
+    poses = [T[k] @ _shift(body.origin) for k, body in zip(placed, bodies, strict=True)]
+    pairs = _pairs(views, placed, T, size)
+    held = placed.index(belief.anchor) if belief.anchor in placed else -1
+    if part is not None and belief.anchor == PART:
+        index = part.indexed
+        bodies.append(Body(None, index.surface, index.origin))
+        poses.append(_shift(index.origin))
+        pairs += [(len(placed), k) for k in range(len(placed))]
+        held = len(placed)
+    free = np.array([k for k in range(len(bodies)) if k != held], dtype=np.int64)
+    covariance = np.full((6 * count, 6 * count), np.nan)
+    if not pairs or len(placed) < 1:
+        return Refined(T, covariance, np.zeros(3), converged=False, rounds=0)
+    joint = refine_jointly(bodies, np.array(poses), pairs, free, POINTS[effort])
+    found = np.full((count, 4, 4), np.nan)
+    for k, body, T_world_body in zip(placed, bodies, joint.T_world_body, strict=False):
+        found[k] = T_world_body @ _shift(-body.origin)
+    centre = np.mean(joint.T_world_body[: len(placed), :3, 3], axis=0)
+    cell = max(PATCH_SPACINGS * typical_spacing([views[k] for k in placed]), PATCH * size)
+    about = _shift(-centre) @ joint.T_world_body
+    spread = joint_covariance(about, joint.planes, free, cell, size)
+    rows = np.concatenate([6 * placed[k] + np.arange(6) for k in free if k < len(placed)] or [np.zeros(0, int)])
+    kept = np.concatenate([6 * n + np.arange(6) for n, k in enumerate(free) if k < len(placed)] or [np.zeros(0, int)])
+    for k in placed:
+        covariance[6 * k : 6 * k + 6, [c for p in placed for c in range(6 * p, 6 * p + 6)]] = 0.0
+    covariance[np.ix_(rows, rows)] = spread[np.ix_(kept, kept)]
+    return Refined(found, covariance, centre, joint.converged, joint.rounds)
+
+
+def _pairs(views: Sequence[View], placed: Sequence[int], T: FloatArray, size: float) -> list[tuple[int, int]]:
+    overlap = np.nan_to_num(overlap_matrix(views, T, size, CELL))
+    n = len(placed)
+    return [(a, b) for a in range(n) for b in range(a + 1, n) if overlap[placed[a], placed[b]] >= OVERLAP]
+
+
+def _shift(offset: FloatArray) -> FloatArray:
+    return pose.from_parts(np.eye(3), offset)

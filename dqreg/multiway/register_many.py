@@ -1,0 +1,171 @@
+"""The front door: scans in, all their poses in one frame out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dqreg.errors import InputError
+from dqreg.multiway.believe import Belief, believe
+from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.overlap import overlap_matrix
+from dqreg.multiway.pair_runs import PairRunner, Progress, workers_of
+from dqreg.multiway.pairs import asked_pairs
+from dqreg.multiway.plan import first_edges, rescued
+from dqreg.multiway.refine import refined
+from dqreg.multiway.result import Multiway, assembled
+from dqreg.multiway.scans import read_views, typical_size, typical_spacing
+from dqreg.multiway.starts import read_starts
+from dqreg.registration.options import EFFORTS
+from dqreg.registration.target import Target, prepare_target
+
+# Poses of pairs need not agree to better than this fraction of the spacing of the points.
+FLOOR = 0.25
+
+
+def register_many(
+    scans: Sequence[Any],
+    *,
+    target: Any = None,
+    starts: Any = None,
+    edges: Any = "auto",
+    order: str = "any",
+    anchor: int = 0,
+    effort: str = "normal",
+    seed: int = 0,
+    workers: int | None = None,
+    time_limit: float | None = None,
+    observe: Callable[[Progress], object] | None = None,
+    folder: str | Path | None = None,
+) -> Multiway:
+    """Poses of many scans in one frame, and how sure they are.
+
+    Pairs are registered, each with its verdict; edges that contradict loops or the rest are left out; the others make a
+    pose graph; then the planes of all overlapping pairs are put into one cost and all poses are refined at once.
+
+    Parameters
+    ----------
+    scans : sequence of path, (n, 3) array, PointCloud, Open3D or trimesh object
+        Two at least, in one length unit. What cannot be read is named in the verdict and left out.
+    target : path, array or object, optional
+        A part (or a scan) in whose frame all scans are to be placed; "world" is its frame then.
+    starts : (n, 4, 4) array_like, or sequence of (4, 4) or None, optional
+        Initial poses ``T_world_scan``; NaN or None where there is none. Pairs with both begin there.
+    edges : {"auto", "chain", "ring"} or sequence of (int, int)
+        Pairs (target, source) to register first. Auto: all pairs of up to 40 scans, beyond that those that look alike;
+        the neighbours of an ordered sequence, then loops between scans that turn out to overlap.
+    order : {"any", "sequence", "turntable"}
+        What is known of the order of the scans. A sequence begins each pair at the identity; the pairs of a turntable
+        share one axis and one step, which are estimated and used as a start where a pair fails, never as a constraint.
+    anchor : int
+        Scan whose frame is "world" (or that keeps its pose of ``starts``), where no target is given.
+    effort : {"fast", "normal", "best"}
+        Of the pairs, as in `register`; and points of a scan in the joint refinement: 5,000, 20,000, all.
+    seed : int
+        For whatever is drawn.
+    workers : int, optional
+        Pairs registered at once, in threads. Default: one for each core. The answer does not depend on it.
+    time_limit : float, optional
+        Seconds after which no further pair is begun; the verdict says so.
+    observe : callable, optional
+        Called with a `Progress` after each pair; returning False ends the registrations of pairs.
+    folder : str or Path, optional
+        Where finished pairs are kept; a later call with the same scans takes them from there.
+
+    Returns
+    -------
+    Multiway
+        Poses, covariances, edges and verdict. Look at ``verdict.level`` first.
+
+    Raises
+    ------
+    InputError
+        If fewer than two scans can be used, or an argument cannot.
+
+    Examples
+    --------
+    >>> from dqreg.synth.parts import bracket
+    >>> from dqreg.geometry import Mesh, sample_mesh
+    >>> part, rng = Mesh(*bracket()), np.random.default_rng(0)
+    >>> scans = [sample_mesh(part, 3000, rng).points + [shift, 0.0, 0.0] for shift in (0.0, 0.5, 1.0)]
+    >>> result = register_many(scans, starts=[np.eye(4)] * 3, effort="fast", workers=1)
+    >>> result.T_world_scan[2, :3, 3].round(1).tolist()
+    [-1.0, 0.0, 0.0]
+    """
+    began = time.monotonic()
+    _check(effort, seed, time_limit, observe)
+    views = read_views(scans, seed)
+    part = None if target is None else target if isinstance(target, Target) else prepare_target(target)
+    usable = [k for k, view in enumerate(views) if view.usable]
+    known = read_starts(starts, len(views))
+    _check_anchor(anchor, len(views))
+    pairs = asked_pairs(edges, order, usable, len(views))
+    runner = PairRunner(
+        views=views,
+        part=part,
+        effort=effort,
+        seed=seed,
+        workers=workers_of(workers),
+        deadline=np.inf if time_limit is None else began + time_limit,
+        observe=observe,
+        folder=_made(folder),
+    )
+    seconds = {"read": time.monotonic() - began}
+    found = first_edges(runner, pairs, known, order, automatic=edges == "auto" if isinstance(edges, str) else False)
+    size, floor = typical_size(views), FLOOR * typical_spacing(views)
+    home = PART if part is not None else anchor
+    T_home = np.eye(4) if part is not None or known[anchor] is None else known[anchor]
+
+    def judged(edges: Sequence[Edge]) -> Belief:
+        return believe(edges, len(views), home, size, floor, np.asarray(T_home))
+
+    belief = judged(found)
+    if isinstance(edges, str) and edges == "auto":
+        belief = rescued(runner, belief, judged, size)
+    seconds["pairs"] = time.monotonic() - began - sum(seconds.values())
+    joint = refined(views, part, belief, size, effort)
+    seconds["joint"] = time.monotonic() - began - sum(seconds.values())
+    settings = {
+        "order": order,
+        "edges": edges if isinstance(edges, str) else "given",
+        "anchor": anchor,
+        "effort": effort,
+        "seed": seed,
+        "time_limit": time_limit,
+        "target": None if part is None else part.indexed.name,
+        "size": size,
+        "floor": floor,
+    }
+    overlap = overlap_matrix(views, joint.T_world_scan, size)
+    return assembled(views, belief, joint, overlap, settings, seconds, runner.stopped)
+
+
+def _check(effort: Any, seed: Any, time_limit: Any, observe: Any) -> None:
+    if not isinstance(effort, str) or effort not in EFFORTS:
+        raise InputError(f"unknown effort {effort!r:.60}; known are {', '.join(EFFORTS)}")
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise InputError(f"seed must be a whole number, 0 or more; got {seed!r:.60}")
+    if time_limit is not None and not (isinstance(time_limit, (int, float)) and time_limit > 0.0):
+        raise InputError(f"time_limit must be a number of seconds above 0; got {time_limit!r:.60}")
+    if observe is not None and not callable(observe):
+        raise InputError(f"observe must be a function of one record, or None; got {observe!r:.60}")
+
+
+def _check_anchor(anchor: Any, count: int) -> None:
+    if isinstance(anchor, bool) or not isinstance(anchor, (int, np.integer)) or not 0 <= anchor < count:
+        raise InputError(f"anchor must be the number of a scan, 0 to {count - 1}; got {anchor!r:.60}")
+
+
+def _made(folder: str | Path | None) -> Path | None:
+    if folder is None:
+        return None
+    path = Path(folder)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot keep the pairs in {path}: {error.strerror or error}") from error
+    return path

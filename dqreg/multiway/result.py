@@ -1,0 +1,297 @@
+"""The answer of a multiway registration: poses, covariances, edges and verdict; saved, loaded, exported."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import InputError
+from dqreg.files.atomic import write_atomically
+from dqreg.geometry import PointCloud
+from dqreg.multiway import exports, merge, result_json
+from dqreg.multiway.believe import Belief
+from dqreg.multiway.edges import PART, Edge, graph_of
+from dqreg.multiway.refine import Refined
+from dqreg.multiway.scans import View
+from dqreg.multiway.verdict import judge_scans
+from dqreg.trust.records import Verdict
+
+
+@dataclasses.dataclass(frozen=True)
+class LoopError:
+    """How well the poses of three pairs agree: the product round the loop should be the identity.
+
+    Attributes
+    ----------
+    scans : tuple of int
+        The three scans; -1 is the part.
+    rotation_rad, translation : float
+        Size of the product.
+    chi2 : float
+        Its square in units of its covariance; about 6 where the covariances tell all.
+    used : bool
+        Whether all three edges are used.
+    sharp : bool
+        Whether the covariances are narrow enough for the loop to tell anything.
+    """
+
+    scans: tuple[int, int, int]
+    rotation_rad: float
+    translation: float
+    chi2: float
+    used: bool
+    sharp: bool
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Multiway:
+    """Result of registering many scans to each other.
+
+    Attributes
+    ----------
+    T_world_scan : ndarray, (n, 4, 4)
+        Maps each scan's coordinates to the world frame; NaN where a scan is not connected to the others.
+    verdict : Verdict
+        Accepted only if every scan is placed by edges to be believed, and loops close.
+    edges : tuple of Edge
+        All pairs that were registered, with what came of them.
+    loop_errors : tuple of LoopError
+        Of all loops of three edges, the worst of the used ones first.
+    overlap : ndarray, (n, n)
+        Fraction of the smaller scan of two that lies where the other does; NaN where one is not placed.
+    centre : ndarray, (3,)
+        Middle of the placed scans, world frame: what `covariances` are about.
+    joint : ndarray, (6 n, 6 n)
+        Covariance of all poses together; see `joint_covariance`.
+    names : tuple of str
+        Names of the scans.
+    settings : dict
+        What was asked, and lengths as resolved.
+    timings : dict
+        Seconds per stage.
+    views : tuple of View or None
+        The scans themselves, for `merged` and the report; not saved.
+    """
+
+    T_world_scan: FloatArray
+    verdict: Verdict
+    edges: tuple[Edge, ...]
+    loop_errors: tuple[LoopError, ...]
+    overlap: FloatArray
+    centre: FloatArray
+    joint: FloatArray
+    names: tuple[str, ...]
+    settings: dict[str, Any]
+    timings: dict[str, float]
+    views: tuple[View, ...] | None = dataclasses.field(default=None, repr=False)
+
+    @property
+    def covariances(self) -> FloatArray:
+        """Covariance of each pose, (n, 6, 6); zero for the anchor, NaN where not placed and along free motions.
+
+        Of the twist (rotation vector, then translation) of a left increment in the world frame about ``centre``:
+        ``T_true = about(exp(twist), centre) @ T_world_scan``.
+        """
+        blocks = self.joint.reshape(len(self.names), 6, len(self.names), 6)
+        return np.array(np.einsum("kikj->kij", blocks))
+
+    def joint_covariance(self, i: int, j: int) -> FloatArray:
+        """Covariance of two poses together, in the frame of `covariances`.
+
+        Parameters
+        ----------
+        i, j : int
+            Numbers of the scans.
+
+        Returns
+        -------
+        ndarray, (12, 12)
+            Twist of scan i, then of scan j.
+        """
+        rows = np.r_[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
+        return np.array(self.joint[np.ix_(rows, rows)])
+
+    @property
+    def placed(self) -> tuple[int, ...]:
+        """Numbers of the scans that have a pose."""
+        return tuple(np.flatnonzero(np.isfinite(self.T_world_scan).all(axis=(1, 2))).tolist())
+
+    def merged(self, voxel: float | None = None) -> PointCloud:
+        """One cloud of all placed scans: the mean of each cell, every point weighted by one over its variance.
+
+        Parameters
+        ----------
+        voxel : float, optional
+            Edge of the cells. Default: the median spacing of the scans; 0 keeps all points.
+
+        Returns
+        -------
+        PointCloud
+            World frame, with unit normals; their signs are those of the scans, which are arbitrary where a scan has
+            neither normals nor a viewpoint.
+        """
+        return merge.merged(self._views(), self.T_world_scan, voxel)
+
+    def _views(self) -> tuple[View, ...]:
+        if self.views is None:
+            raise InputError("this result was loaded and does not hold the scans; call result.attached(scans) first")
+        return self.views
+
+    def attached(self, scans: Sequence[Any]) -> Multiway:
+        """The same result with the scans at hand again, as after `load`.
+
+        Parameters
+        ----------
+        scans : sequence of path, array or object
+            What was registered, in the same order.
+
+        Returns
+        -------
+        Multiway
+            With ``views``.
+        """
+        from dqreg.multiway.scans import read_views
+
+        views = read_views(scans, int(self.settings.get("seed", 0)))
+        if len(views) != len(self.names):
+            raise InputError(f"this result is of {len(self.names)} scans; got {len(views)}")
+        return dataclasses.replace(self, views=views)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain lists, numbers and strings under the attribute names; NaN and infinity become None.
+
+        Returns
+        -------
+        dict
+            What `save` writes.
+        """
+        return result_json.to_plain(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write the result, whole or not at all; the name says as what.
+
+        A pose graph for .g2o, a trajectory for .txt or .kitti (KITTI) and .tum, else JSON, which holds everything.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write.
+        """
+        suffix = Path(path).suffix.lower()
+        if suffix == ".g2o":
+            write_atomically(path, exports.to_g2o(self.T_world_scan, self.edges, int(self.settings["anchor"])))
+        elif suffix in (".tum", ".txt", ".kitti"):
+            write_atomically(path, exports.to_trajectory(self.T_world_scan, "tum" if suffix == ".tum" else "kitti"))
+        else:
+            write_atomically(path, result_json.as_text(self))
+
+    @staticmethod
+    def load(path: str | Path) -> Multiway:
+        """Read what `save` wrote as JSON.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to read.
+
+        Returns
+        -------
+        Multiway
+            Equal to the saved one, without the scans.
+        """
+        return Multiway(**result_json.read_fields(path, LoopError))
+
+    def factors(self) -> exports.Factors:
+        """The used edges as arrays in GTSAM's order: BetweenFactorPose3(target, source, pose, covariance).
+
+        Returns
+        -------
+        Factors
+            Poses and covariances of the pairs, rotation first, right increments in the source's frame.
+        """
+        return exports.factors_of(self.edges, len(self.names))
+
+    def report(self, path: str | Path) -> Path:
+        """Write a report to be judged by eye: one HTML file that opens anywhere and loads nothing.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+
+        Returns
+        -------
+        Path
+            The file.
+        """
+        from dqreg.multiway.page import write_report
+
+        return write_report(self, path)
+
+
+def assembled(
+    views: tuple[View, ...],
+    belief: Belief,
+    joint: Refined,
+    overlap: FloatArray,
+    settings: dict[str, Any],
+    seconds: dict[str, float],
+    stopped: str,
+) -> Multiway:
+    """The result of all stages; copies of a scan get its pose."""
+    T, covariance = joint.T_world_scan.copy(), joint.covariance
+    rows = np.array([k if view.copy_of is None else view.copy_of for k, view in enumerate(views)])
+    T = T[rows]
+    spread = (6 * rows[:, None] + np.arange(6)).ravel()
+    covariance = covariance[np.ix_(spread, spread)]
+    overlap = overlap[np.ix_(rows, rows)]
+    graph = graph_of([belief.edges[row] for row in belief.rows], len(views))
+    nodes = np.concatenate([T, np.eye(4)[None]])
+    there = np.flatnonzero(
+        np.isfinite(nodes[graph.targets]).all((1, 2)) & np.isfinite(nodes[graph.sources]).all((1, 2))
+    )
+    chi2 = np.full(len(belief.edges), np.nan)
+    known = np.isfinite(nodes).all(axis=(1, 2), keepdims=True)
+    chi2[belief.rows[there]] = graph.part(there).chi2(np.where(known, nodes, np.eye(4)))
+    edges = tuple(
+        dataclasses.replace(edge, chi2=float(chi2[k]), overlap=_overlap_of(overlap, edge))
+        for k, edge in enumerate(belief.edges)
+    )
+    blocks = np.einsum("kikj->kij", covariance.reshape(len(views), 6, len(views), 6))
+    size = float(settings["size"])
+    verdict = judge_scans(views, belief, T, blocks, size, converged=joint.converged, stopped=stopped)
+    return Multiway(
+        T_world_scan=T,
+        verdict=verdict,
+        edges=edges,
+        loop_errors=_loop_errors(belief, len(views)),
+        overlap=overlap,
+        centre=joint.centre,
+        joint=covariance,
+        names=tuple(view.name for view in views),
+        settings={**settings, "anchor": belief.anchor, "rounds": joint.rounds},
+        timings={**seconds, "total": sum(seconds.values())},
+        views=views,
+    )
+
+
+def _overlap_of(overlap: FloatArray, edge: Edge) -> float:
+    return np.nan if edge.target == PART else float(overlap[edge.target, edge.source])
+
+
+def _loop_errors(belief: Belief, count: int) -> tuple[LoopError, ...]:
+    loops = belief.loops
+    used = np.array([belief.edges[row].used for row in belief.rows], dtype=bool)
+    found = []
+    for nodes, rows, twist, chi2, sharp in zip(
+        loops.nodes.tolist(), loops.edges, loops.twists, loops.chi2, loops.sharp, strict=True
+    ):
+        a, b, c = (PART if node == count else int(node) for node in nodes)
+        turn, shift = float(np.linalg.norm(twist[:3])), float(np.linalg.norm(twist[3:]))
+        found.append(LoopError((a, b, c), turn, shift, float(chi2), bool(used[rows].all()), bool(sharp)))
+    return tuple(sorted(found, key=lambda loop: (not loop.used, not loop.sharp, -loop.chi2)))

@@ -1,0 +1,113 @@
+"""A multiway result as JSON: fields to plain values and back, every value of a file checked."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, as_pose
+from dqreg.errors import InputError
+from dqreg.files.strict_json import fields_from, plain, record_from
+from dqreg.multiway.edges import WORDS, Edge
+from dqreg.registration import result_json
+from dqreg.registration.result import Registration
+
+FORMAT = "dqreg multiway 1"
+# Scans up to which the joint covariance is written whole; beyond, each pose's own.
+WHOLE = 100
+
+
+def to_plain(result: Any) -> dict[str, Any]:
+    """Plain values of a `Multiway` under its attribute names."""
+    names = [field.name for field in dataclasses.fields(result) if field.name not in ("views", "edges", "joint")]
+    values = {name: plain(getattr(result, name)) for name in names}
+    values["verdict"] = {**plain(result.verdict), "codes": list(result.verdict.codes)}
+    values["covariances"] = plain(result.covariances)
+    values["joint"] = plain(result.joint) if len(result.names) <= WHOLE else None
+    values["edges"] = [
+        {
+            **{name: plain(getattr(edge, name)) for name in ("target", "source", "used", "code", "chi2", "overlap")},
+            "registration": edge.registration.to_dict(),
+        }
+        for edge in result.edges
+    ]
+    return {"format": FORMAT, **values}
+
+
+def as_text(result: Any) -> str:
+    """The file of a `Multiway`."""
+    return json.dumps(to_plain(result), indent=1, allow_nan=False) + "\n"
+
+
+def read_fields(path: str | Path, loop: type) -> dict[str, Any]:
+    """Fields of a `Multiway` from a file; the class of its loop errors is given."""
+    try:
+        values = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path} is no readable result file: {error}") from error
+    if not isinstance(values, dict) or values.get("format") != FORMAT:
+        raise InputError(f'{path} is no dqreg multiway result: expected the key "format" to be {FORMAT!r}')
+    try:
+        return _fields(values, loop)
+    except (KeyError, TypeError, ValueError, ArithmeticError) as error:
+        raise InputError(f"{path} is a damaged dqreg multiway result: {type(error).__name__} {error}") from error
+
+
+def _fields(values: dict[str, Any], loop: type) -> dict[str, Any]:
+    names = tuple(str(name) for name in _listed(values["names"]))
+    n = len(names)
+    poses = _array(values["T_world_scan"], (n, 4, 4))
+    for T in poses[np.isfinite(poses).all(axis=(1, 2))]:
+        as_pose(T, "T_world_scan")
+    joint = values["joint"]
+    if joint is None:
+        joint = np.full((6 * n, 6 * n), np.nan)
+        for k, block in enumerate(_array(values["covariances"], (n, 6, 6))):
+            joint[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = block
+    return {
+        "T_world_scan": poses,
+        "verdict": result_json.read_verdict(values["verdict"]),
+        "edges": tuple(_edge(each, n) for each in _listed(values["edges"])),
+        "loop_errors": tuple(record_from(loop, each) for each in _listed(values["loop_errors"])),
+        "overlap": _array(values["overlap"], (n, n)),
+        "centre": _array(values["centre"], (3,)),
+        "joint": _array(joint, (6 * n, 6 * n)),
+        "names": names,
+        "settings": _object(values["settings"]),
+        "timings": {str(name): float(number) for name, number in _object(values["timings"]).items()},
+    }
+
+
+def _edge(values: Any, count: int) -> Edge:
+    record = dict(_object(values))
+    found = _object(record.pop("registration"))
+    fields = [field.name for field in dataclasses.fields(Registration) if field.name != "inputs"]
+    checked = fields_from(Registration, {name: found[name] for name in fields}, result_json.CHECKS)
+    target, source = int(record["target"]), int(record["source"])
+    if not (-1 <= target < count and 0 <= source < count) or record["code"] not in WORDS:
+        raise ValueError(f"an edge {target} - {source} with the code {record['code']!r:.40}")
+    numbers = {name: np.nan if record[name] is None else float(record[name]) for name in ("chi2", "overlap")}
+    return Edge(target, source, Registration(**checked), bool(record["used"]), record["code"], **numbers)
+
+
+def _object(value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise TypeError(f"expected an object, got {value!r:.60}")
+    return value
+
+
+def _listed(value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise TypeError(f"expected a list, got {value!r:.60}")
+    return value
+
+
+def _array(rows: Any, shape: tuple[int, ...]) -> FloatArray:
+    array = np.array(rows, dtype=np.float64)
+    if array.shape != shape:
+        raise ValueError(f"an array of shape {array.shape} instead of {shape}")
+    return array

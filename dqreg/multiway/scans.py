@@ -1,0 +1,129 @@
+"""The scans, each read, centred and indexed once, whatever the number of pairs that it takes part in."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import os
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, bounds
+from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.files.untrusted import require_readable
+from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, prepare_scan, sample_mesh
+from dqreg.geometry.opening import open_geometry
+from dqreg.registration.source import MESH_SAMPLES
+from dqreg.registration.target import Target
+from dqreg.registration.target_index import index_target
+
+# Scans that are compared at least.
+FEWEST = 2
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class View:
+    """One scan, in its own frame and centred; or why it cannot be used."""
+
+    name: str  # Name of its file without the suffix, or its number
+    cloud: PointCloud | None = None  # As it was given, in its own frame
+    target: Target | None = None  # The same, centred and indexed
+    problem: str = ""  # Why it cannot be used; "" where it can
+    copy_of: int | None = None  # Number of an earlier scan with the same points
+
+    @property
+    def usable(self) -> bool:
+        """Whether it takes part."""
+        return not self.problem and self.copy_of is None
+
+    @property
+    def surface(self) -> CloudSurface:
+        """Its points as a surface, in the centred frame."""
+        assert self.target is not None
+        surface = self.target.indexed.surface
+        assert isinstance(surface, CloudSurface)
+        return surface
+
+    @property
+    def origin(self) -> FloatArray:
+        """Origin of the centred frame, (3,)."""
+        assert self.target is not None
+        return self.target.indexed.origin
+
+    @cached_property
+    def scan(self) -> Scan:
+        """Its points in Morton order with normals, spacing and noise, in the centred frame."""
+        assert self.target is not None
+        geometry = self.target.indexed.geometry
+        assert isinstance(geometry, PointCloud)
+        return prepare_scan(geometry)
+
+    @cached_property
+    def digest(self) -> str:
+        """Tells its points from all others."""
+        assert self.cloud is not None
+        return hashlib.sha256(np.ascontiguousarray(self.cloud.points).tobytes()).hexdigest()
+
+
+def read_views(scans: Sequence[Any], seed: int, observe: Callable[[int], object] | None = None) -> tuple[View, ...]:
+    """Read all scans; what cannot be used is named and left out, unless fewer than two remain."""
+    if isinstance(scans, (str, os.PathLike)) or not hasattr(scans, "__len__"):
+        raise InputError(f"scans must be a list of paths, arrays or clouds; got {type(scans).__name__}")
+    if len(scans) < FEWEST:
+        raise InputError(f"multiway registration needs two scans at least; got {len(scans)}")
+    views: list[View] = []
+    known: dict[str, int] = {}
+    for number, given in enumerate(scans):
+        view = _read(given, number, seed)
+        if not view.problem:
+            first = known.setdefault(view.digest, number)
+            view = view if first == number else dataclasses.replace(view, copy_of=first, target=None)
+        views.append(view)
+        if observe is not None:
+            observe(number)
+    _require_some(views)
+    return tuple(views)
+
+
+def _read(given: Any, number: int, seed: int) -> View:
+    name = f"scan {number}"
+    if isinstance(given, (str, os.PathLike)):
+        # A name that is not there is a mistake of the call, not of the scan.
+        require_readable(Path(given))
+        name = Path(given).stem
+    try:
+        geometry = open_geometry(given, f"scans[{number}]")
+        if isinstance(geometry, Mesh):
+            geometry = sample_mesh(geometry, MESH_SAMPLES, np.random.default_rng([seed, number]))
+        return View(name, geometry, Target(index_target(geometry).build()))
+    except (InputError, DegenerateGeometryError) as error:
+        return View(name, problem=str(error))
+
+
+def _require_some(views: Sequence[View]) -> None:
+    usable = [view for view in views if view.usable]
+    if len(usable) < FEWEST:
+        why = "; ".join(
+            f"{view.name}: {view.problem or f'a copy of scan {view.copy_of}'}" for view in views if not view.usable
+        )
+        raise InputError(f"multiway registration needs two usable scans at least; {why}")
+    units = {view.cloud.units: view.name for view in usable if view.cloud is not None and view.cloud.units}
+    if len(units) > 1:
+        listed = ", ".join(f"{name} in {unit}" for unit, name in units.items())
+        raise InputError(f"all scans must have one length unit; got {listed}. Convert them first")
+
+
+def typical_size(views: Sequence[View]) -> float:
+    """Median diagonal of the usable scans."""
+    return float(
+        np.median([np.linalg.norm(np.subtract(*bounds(v.cloud.points))) for v in views if v.usable and v.cloud])
+    )
+
+
+def typical_spacing(views: Sequence[View]) -> float:
+    """Median spacing of the usable scans."""
+    return float(np.median([view.scan.spacing for view in views if view.usable]))

@@ -1,0 +1,148 @@
+"""The verdict on all scans together: accepted only if each hangs on edges to be believed, and loops close."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray
+from dqreg.multiway.believe import Belief
+from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.scans import View
+from dqreg.trust.records import Level, Reason, Verdict
+
+# Standard deviations of a pose beyond these are no answer: rotations, and translations in sizes of a scan.
+UNCERTAIN_RAD, UNCERTAIN = np.deg2rad(2.0), 0.02
+# Loops that confirm a scan none of whose edges is accepted.
+CONFIRMING = 2
+# Scans named in one sentence.
+NAMED = 8
+
+
+def judge_scans(
+    views: Sequence[View],
+    belief: Belief,
+    T_world_scan: FloatArray,
+    covariances: FloatArray,
+    size: float,
+    *,
+    converged: bool,
+    stopped: str,
+) -> Verdict:
+    """Level and reasons: "failed" where no two scans are joined, "suspect" where something speaks against a pose."""
+    usable = [k for k, view in enumerate(views) if view.usable]
+    placed = [k for k in usable if np.isfinite(T_world_scan[k]).all()]
+    joined = len(placed) > 1 or (belief.anchor == PART and bool(placed))
+    doubts = [*_unplaced(views, belief, placed), *_weak(views, belief, placed)]
+    doubts += _uncertain(views, placed, covariances, size) if joined else ()
+    if stopped:
+        doubts.append(Reason(f"not all pairs were registered: {stopped} ended them", "search_time_limit"))
+    if not joined:
+        nothing = Reason("no pose: no two scans could be joined", "no_pose")
+        return Verdict("failed", (nothing, *doubts, *_notes(views, belief)))
+    if not converged:
+        doubts.append(Reason("the joint refinement of all scans did not converge", "not_converged"))
+    level: Level = "suspect" if doubts else "accepted"
+    summary = () if doubts else (_summary(belief, placed),)
+    return Verdict(level, (*doubts, *summary, *_notes(views, belief)))
+
+
+def _summary(belief: Belief, placed: Sequence[int]) -> Reason:
+    used = sum(edge.used for edge in belief.edges)
+    closing = int(np.count_nonzero(_used_loops(belief)))
+    loops = f"; {closing} loops of three close" if closing else "; no loop of three checks them"
+    return Reason(f"{len(placed)} scans placed by {used} edges{loops}", "accepted")
+
+
+def _used_loops(belief: Belief) -> BoolArray:
+    used = np.array([belief.edges[row].used for row in belief.rows], dtype=bool)
+    loops = belief.loops
+    return loops.closes & used[loops.edges].all(axis=1) if len(loops.edges) else np.zeros(0, dtype=bool)
+
+
+def _unplaced(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> Iterator[Reason]:
+    for view in views:
+        if view.problem:
+            yield Reason(f"{view.name} cannot be used: {view.problem}", "unreadable")
+    islands: dict[int, list[int]] = {}
+    for k, view in enumerate(views):
+        if view.usable and k not in placed:
+            islands.setdefault(int(belief.island[k]), []).append(k)
+    for group in islands.values():
+        words = named(views, group)
+        if len(group) > 1:
+            yield Reason(f"{words} are joined to each other and not to the rest: scan the part between", "islands")
+        else:
+            yield Reason(f"{words} is joined to no other scan: another object, or too little overlap", "scan_left_out")
+
+
+def _weak(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> Iterator[Reason]:
+    """Scans that hang on suspect edges alone, which too few loops confirm, or on edges with other likely poses."""
+    closing = belief.loops.counts(_used_loops(belief), len(belief.rows))
+    confirmed = {int(row): int(n) for row, n in zip(belief.rows, closing, strict=True)}
+    sure, ambiguous = set(), []
+    for row, edge in enumerate(belief.edges):
+        if edge.used and (edge.level == "accepted" or confirmed.get(row, 0) >= CONFIRMING):
+            sure |= {edge.source, edge.target}
+    weak = [k for k in placed if k not in sure]
+    if weak and len(placed) > 1:
+        yield Reason(
+            f"{named(views, weak)}: no pair is accepted by itself and fewer than {CONFIRMING} loops confirm the pose",
+            "unconfirmed_scan",
+        )
+    for k in placed:
+        own = [edge for edge in belief.edges if edge.used and k in (edge.source, edge.target)]
+        if own and all(has_alternatives(edge) for edge in own):
+            ambiguous.append(k)
+    if ambiguous:
+        yield Reason(
+            f"{named(views, ambiguous)}: each pair has other poses that are equally likely (a symmetric part, or too "
+            "little shape in the overlap)",
+            "alternative_poses",
+        )
+
+
+def has_alternatives(edge: Edge) -> bool:
+    """Whether other poses explain a pair about as well."""
+    return bool(edge.registration.alternatives)
+
+
+def _uncertain(views: Sequence[View], placed: Sequence[int], covariances: FloatArray, size: float) -> Iterator[Reason]:
+    free = [k for k in placed if np.isnan(covariances[k]).any()]
+    if free:
+        yield Reason(f"{named(views, free)}: some motion is unconstrained by all overlaps together", "unconstrained")
+    wide = []
+    for k in placed:
+        variances = np.diag(covariances[k])
+        if (np.sqrt(variances[:3]) > UNCERTAIN_RAD).any() or (np.sqrt(variances[3:]) > UNCERTAIN * size).any():
+            wide.append(k)
+    if wide:
+        yield Reason(
+            f"{named(views, wide)}: the pose is uncertain by more than {np.rad2deg(UNCERTAIN_RAD):.0f} degrees or "
+            f"{100 * UNCERTAIN:.0f} % of a scan's size",
+            "large_uncertainty",
+        )
+
+
+def _notes(views: Sequence[View], belief: Belief) -> Iterator[Reason]:
+    """What a user should know, and what speaks against no pose."""
+    copies = [k for k, view in enumerate(views) if view.copy_of is not None]
+    if copies:
+        words = ", ".join(f"{views[k].name} (of {views[views[k].copy_of or 0].name})" for k in copies[:NAMED])
+        yield Reason(f"copies of other scans, placed with them: {words}", "duplicate_scan")
+    against = [edge for edge in belief.edges if edge.code == "contradicts" and edge.level == "accepted"]
+    if against:
+        words = ", ".join(f"{name_of(views, e.target)} - {name_of(views, e.source)}" for e in against[:NAMED])
+        yield Reason(f"accepted pairs that contradict the others, left out: {words}", "contradicting_edge")
+
+
+def name_of(views: Sequence[View], node: int) -> str:
+    """Name of a node."""
+    return "the part" if node == PART else views[node].name
+
+
+def named(views: Sequence[View], scans: Sequence[int]) -> str:
+    """Names of scans in a sentence."""
+    words = ", ".join(views[k].name for k in scans[:NAMED])
+    return words if len(scans) <= NAMED else f"{words} and {len(scans) - NAMED} more"

@@ -1,0 +1,188 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dqreg
+from dqreg.errors import InputError
+from dqreg.files import write_cloud
+from dqreg.geometry import Mesh, sample_mesh
+from dqreg.rigid import pose
+from dqreg.synth.parts import bracket
+
+POINTS, STEP_RAD = 2000, 0.6
+Turned = tuple[list[np.ndarray], np.ndarray, dqreg.Multiway]
+
+
+def views_of_a_part(count: int) -> tuple[list[np.ndarray], np.ndarray]:
+    """Points of one part from so many sides, each in a frame of its own; and the true T_world_scan."""
+    part, rng = Mesh(*bracket()), np.random.default_rng(0)
+    scans, poses = [], []
+    for k in range(count):
+        T = pose.about(pose.exp(np.r_[0.0, 0.0, STEP_RAD * k, 0.0, 0.0, 0.0]), part.centre)
+        cloud = sample_mesh(part, 3 * POINTS, rng)
+        # More than half of the faces look towards the scanner.
+        seen = cloud.normals @ (T[:3, :3].T @ np.array([1.0, 0.3, 0.6])) > -0.2
+        scans.append(pose.apply(T, cloud.points[seen][:POINTS]))
+        poses.append(pose.inverse(T))
+    return scans, np.stack(poses)
+
+
+@pytest.fixture(scope="module")
+def turned() -> Turned:
+    scans, truth = views_of_a_part(3)
+    size = np.linalg.norm(np.ptp(scans[0], axis=0))
+    rough = pose.exp(0.005 * np.random.default_rng(1).normal(size=(3, 6)) * np.r_[1, 1, 1, size, size, size]) @ truth
+    return scans, truth, dqreg.register_many(scans, starts=rough, effort="fast", workers=2)
+
+
+def relative(T: np.ndarray) -> np.ndarray:
+    return pose.inverse(T[0]) @ T
+
+
+def test_views_of_a_part_come_to_their_places(turned: Turned) -> None:
+    scans, truth, result = turned
+    assert result.verdict.level == "accepted", result.verdict.reasons
+    size = np.linalg.norm(np.ptp(scans[0], axis=0))
+    for T, exact, points in zip(relative(result.T_world_scan), relative(truth), scans, strict=True):
+        apart = np.linalg.norm(pose.apply(T, points) - pose.apply(exact, points), axis=1).max()
+        # The points stand 0.02 of the size apart: a tenth of that.
+        assert apart < 2e-3 * size
+
+
+def test_the_answer_has_all_that_was_promised(turned: Turned) -> None:
+    _, _, result = turned
+    assert result.covariances.shape == (3, 6, 6)
+    assert not result.covariances[0].any()
+    joint = result.joint_covariance(1, 2)
+    np.testing.assert_array_equal(joint[:6, :6], result.covariances[1])
+    assert np.linalg.eigvalsh(joint / np.sqrt(np.outer(np.diag(joint), np.diag(joint)))).min() > -1e-9
+    assert result.overlap.shape == (3, 3)
+    assert all(edge.chi2 >= 0.0 for edge in result.edges if edge.used)
+    assert result.loop_errors[0].used
+
+
+def test_a_saved_result_is_the_result(turned: Turned, tmp_path: Path) -> None:
+    _, _, result = turned
+    result.save(tmp_path / "poses.json")
+    again = dqreg.Multiway.load(tmp_path / "poses.json")
+    np.testing.assert_array_equal(again.T_world_scan, result.T_world_scan)
+    np.testing.assert_array_equal(again.joint, result.joint)
+    assert again.verdict == result.verdict
+    assert again.verdict.codes == result.verdict.codes
+    assert [edge.code for edge in again.edges] == [edge.code for edge in result.edges]
+    assert again.loop_errors == result.loop_errors
+    (tmp_path / "bad.json").write_text((tmp_path / "poses.json").read_text()[:500])
+    with pytest.raises(InputError, match="readable"):
+        dqreg.Multiway.load(tmp_path / "bad.json")
+
+
+def test_one_cloud_of_all_scans(turned: Turned) -> None:
+    scans, _, result = turned
+    cloud = result.merged()
+    assert cloud.normals is not None
+    np.testing.assert_allclose(np.linalg.norm(cloud.normals, axis=1), 1.0, atol=1e-12)
+    assert len(cloud) < sum(map(len, scans)) == len(result.merged(voxel=0))
+    with pytest.raises(InputError, match="voxel"):
+        result.merged(voxel=-1.0)
+
+
+def test_the_report_names_the_scans_and_loads_nothing(turned: Turned, tmp_path: Path) -> None:
+    _, _, result = turned
+    page = result.report(tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "ACCEPTED" in page
+    assert all(name in page for name in result.names)
+    assert "http" not in page.replace("http-equiv", "")
+
+
+@pytest.mark.parametrize(
+    ("scans", "options", "named"),
+    [
+        ([], {}, "two scans"),
+        ([np.eye(3)], {}, "two scans"),
+        ("scans", {}, "list of paths"),
+        ([np.zeros((0, 3)), np.zeros((0, 3))], {}, "scan 0: "),
+        ([np.eye(3), np.eye(3)], {}, "a copy of scan 0"),
+        ([Path("missing.ply"), np.eye(3)], {}, r"missing\.ply"),
+        ([np.eye(3), 2 * np.eye(3)], {"anchor": 2}, "anchor"),
+        ([np.eye(3), 2 * np.eye(3)], {"order": "round"}, "order"),
+        ([np.eye(3), 2 * np.eye(3)], {"edges": "star"}, "edges"),
+        ([np.eye(3), 2 * np.eye(3)], {"edges": [(0, 2)]}, r"\(0, 2\)"),
+        ([np.eye(3), 2 * np.eye(3)], {"starts": [np.eye(4)]}, "starts"),
+        ([np.eye(3), 2 * np.eye(3)], {"effort": "some"}, "effort"),
+        ([np.eye(3), 2 * np.eye(3)], {"workers": 0}, "workers"),
+        ([np.eye(3), 2 * np.eye(3)], {"time_limit": 0}, "time_limit"),
+        ([np.eye(3), 2 * np.eye(3)], {"seed": -1}, "seed"),
+    ],
+)
+def test_bad_input_is_named(scans: Any, options: dict[str, Any], named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        dqreg.register_many(scans, **options)
+
+
+def test_what_cannot_be_used_is_left_out_and_the_rest_is_placed() -> None:
+    scans, truth = views_of_a_part(2)
+    odd = [scans[0], np.full((5, 3), np.nan), scans[1], scans[0].copy()]
+    result = dqreg.register_many(odd, starts=[truth[0], None, truth[1], None], effort="fast", workers=1)
+    assert result.placed == (0, 2, 3)
+    assert result.verdict.level == "suspect"
+    assert {"unreadable", "duplicate_scan"} <= set(result.verdict.codes)
+    np.testing.assert_array_equal(result.T_world_scan[3], result.T_world_scan[0])
+
+
+def test_a_scan_of_something_else_is_left_out_and_named() -> None:
+    scans, truth = views_of_a_part(3)
+    ball = np.random.default_rng(0).normal(size=(1500, 3))
+    ball *= 0.3 * np.ptp(scans[0]) / np.linalg.norm(ball, axis=1, keepdims=True)
+    pairs = [(0, 1), (1, 2), (0, 2), (0, 3)]
+    result = dqreg.register_many([*scans, ball], starts=[*truth, None], effort="fast", workers=1, edges=pairs)
+    assert result.placed == (0, 1, 2)
+    assert "scan_left_out" in result.verdict.codes
+    assert any("scan 3" in reason for reason in result.verdict.reasons)
+
+
+def test_finished_pairs_are_taken_from_the_folder_and_others_are_not(tmp_path: Path) -> None:
+    scans, truth = views_of_a_part(2)
+    options: dict[str, Any] = {"starts": truth, "effort": "fast", "workers": 1, "folder": tmp_path / "pairs"}
+    first = dqreg.register_many(scans, **options)
+    files = {path: path.stat().st_mtime_ns for path in (tmp_path / "pairs").iterdir()}
+    second = dqreg.register_many(scans, **options)
+    np.testing.assert_array_equal(second.T_world_scan, first.T_world_scan)
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "pairs").iterdir()} == files
+    dqreg.register_many(scans, **{**options, "seed": 1})
+    assert all(path.stat().st_mtime_ns > before for path, before in files.items())
+
+
+def test_an_observer_that_says_no_ends_the_pairs() -> None:
+    scans, truth = views_of_a_part(3)
+    options: dict[str, Any] = {"starts": truth, "effort": "fast", "workers": 1, "edges": "chain"}
+    result = dqreg.register_many(scans, **options, observe=lambda progress: False)
+    assert [edge.code for edge in result.edges] == ["used", "untried"]
+    assert "search_time_limit" in result.verdict.codes
+    assert result.placed == (0, 1)
+
+
+def test_from_files_to_files_on_the_command_line(tmp_path: Path) -> None:
+    from click.testing import CliRunner
+
+    from dqreg.cli.multiway import EDGES, ORDERS, multiway_command
+    from dqreg.multiway import pairs
+
+    assert (pairs.EDGES, pairs.ORDERS) == (EDGES, ORDERS)
+    scans, truth = views_of_a_part(2)
+    for k, points in enumerate(scans):
+        write_cloud(tmp_path / f"view{k}.ply", points)
+    np.savetxt(tmp_path / "starts.txt", truth[:, :3].reshape(2, 12))
+    words = [str(tmp_path / "view*.ply"), "--starts", str(tmp_path / "starts.txt"), "--effort", "fast"]
+    for name, file in (("out", "poses.json"), ("fused", "model.ply"), ("graph", "graph.g2o")):
+        words += [f"--{name}", str(tmp_path / file)]
+    ran = CliRunner().invoke(multiway_command, words, standalone_mode=False, catch_exceptions=False)
+    assert ran.return_value == 0, ran.output
+    assert "ACCEPTED" in ran.output
+    assert dqreg.Multiway.load(tmp_path / "poses.json").names == ("view0", "view1")
+    assert (tmp_path / "model.ply").exists()
+    graph = (tmp_path / "graph.g2o").read_text().split()
+    assert (graph.count("VERTEX_SE3:QUAT"), graph.count("EDGE_SE3:QUAT")) == (2, 1)
