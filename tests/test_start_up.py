@@ -18,7 +18,7 @@ import pytest
 import dqreg
 from tests.registration.batch.scenes import CODE, all_gone, command, environment, left_over, make_scene
 
-HEAVY = ("scipy", "open3d", "trimesh", "matplotlib", "numpy", "rich", "jinja2")
+HEAVY = ("scipy", "numba", "open3d", "trimesh", "matplotlib", "numpy", "rich", "jinja2")
 SIGNALS = int(os.environ.get("DQREG_KILLS", "0")) or 6
 LINE = {
     signal.SIGINT: "dqreg: error: stopped by the user; no file is left half-written\n",
@@ -39,7 +39,7 @@ def loaded_by(code: str) -> set[str]:
     [
         ("import dqreg; dir(dqreg)", HEAVY),
         ("import dqreg; dqreg.InputError", HEAVY),
-        ("import dqreg; dqreg.solve", ("open3d", "trimesh", "matplotlib", "rich", "jinja2")),
+        ("import dqreg; dqreg.solve", ("numba", "open3d", "trimesh", "matplotlib", "rich", "jinja2")),
         ("import dqreg.cli.main, dqreg.cli.lazy_group", HEAVY),
     ],
 )

@@ -50,6 +50,7 @@ def examine() -> list[Check]:
         _open3d(),
         *_open3d_rivals(),
         *(_required(each, extra) for each, extra in wanted if extra),
+        *_kernels(),
         Check("processor cores", str(os.cpu_count() or 1), ok=True),
     ]
 
@@ -79,16 +80,26 @@ def _extras(each: Requirement) -> list[str]:
 
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on standard output.")
+@click.option(
+    "--compile", "compiles", is_flag=True, help="First compile all inner loops, for every user of the package."
+)
 @click.pass_context
-def doctor(context: click.Context, as_json: bool) -> None:
+def doctor(context: click.Context, as_json: bool, compiles: bool) -> None:
     """Show what is installed, what is missing or too old, and the command that installs it.
+
+    Inner loops are compiled when they are first used, once a machine; with --compile now, where an image is built.
 
     \b
     dqreg doctor                                    a table; in a pipe one line a part, with tabs
+    dqreg doctor --compile                          compile all inner loops now
     dqreg doctor --json | jq '.[] | select(.ok | not)'
 
     Exit code 0 if all that is required works, 1 if not.
     """
+    if compiles and _version("numba") is not None:
+        from dqreg.kernels.compile_all import compile_all
+
+        compile_all()
     checks = examine()
     if as_json:
         click.echo(json.dumps([dataclasses.asdict(check) for check in checks], indent=1))
@@ -178,6 +189,19 @@ def _platform() -> Check:
 
 def _numbers(version: str) -> tuple[int, ...]:
     return tuple(int(part) for part in version.split(".") if part.isdecimal())
+
+
+def _kernels() -> list[Check]:
+    if _version("numba") is None:
+        return []
+    from dqreg.kernels.cache import folders, kept
+
+    files, folder = kept(), folders()[1]
+    found = f"{len(files)} in {files[-1].parent if files else folder}"
+    remedy = "" if files else "dqreg doctor --compile"
+    if folder is None and not files:
+        found, remedy = "kept nowhere", "set NUMBA_CACHE_DIR to a folder that can be written"
+    return [Check("compiled inner loops", found, ok=True, remedy=remedy)]
 
 
 def _open3d() -> Check:

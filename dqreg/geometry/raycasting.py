@@ -35,8 +35,3 @@ class RayScene:
         faces = found["primitive_ids"].numpy().astype(np.int64)
         faces[~np.isfinite(distances)] = -1
         return faces, distances
-
-    def closest_faces(self, points: FloatArray) -> tuple[IntArray, NDArray[np.float32]]:
-        """Face closest to each point in sizes of the mesh about its centre, and two barycentric coordinates on it."""
-        found = self._scene.compute_closest_points(load_open3d().core.Tensor(points.astype(np.float32)))
-        return found["primitive_ids"].numpy().astype(np.int64), found["primitive_uvs"].numpy()

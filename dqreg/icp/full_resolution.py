@@ -15,7 +15,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.geometry.mesh_surface import FaceSides, MeshSurface
+from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest
 from dqreg.icp.correspondences import Correspondences, find_correspondences
@@ -30,6 +30,26 @@ INSIDE, OFF = 3.0, 4.0
 ONE_FACE = 1.5
 # Points looked at in one go: what is in between stays in the cache.
 CHUNK = 65_536
+
+
+@dataclasses.dataclass(frozen=True)
+class FaceSides:
+    """Planes square to n faces through their sides, one face a query."""
+
+    # (3, 3, n): Unit normals in the face's plane that point inside: side (first to second corner, ...), axis, face
+    inward: FloatArray
+    offsets: FloatArray  # (3, n): Their products with the sides' places
+
+    @staticmethod
+    def of(corners: FloatArray, normals: FloatArray) -> FaceSides:
+        """Sides of faces. Shapes: corners (n, 3, 3)."""
+        # By columns, (corner, axis, face): three numbers a row are too few for NumPy to be quick about.
+        a = np.ascontiguousarray(corners.transpose(1, 2, 0))
+        u, v, w = np.ascontiguousarray(normals.T)
+        x, y, z = (a[[1, 2, 0]] - a).transpose(1, 0, 2)
+        inward = np.stack([v * z - w * y, w * x - u * z, u * y - v * x], axis=1)
+        inward /= np.sqrt(np.einsum("kin,kin->kn", inward, inward))[:, None]
+        return FaceSides(inward, np.einsum("kin,kin->kn", inward, a))
 
 
 def run_centres(total: int, runs: int) -> tuple[IntArray, int]:

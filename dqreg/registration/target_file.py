@@ -1,7 +1,7 @@
 """A prepared target in a file: arrays in an NPZ archive with a JSON header, no pickle.
 
-What takes long is kept (coordinates checked and moved, fitted normals); Open3D's trees have no file form and are built
-again, which takes about a microsecond a point or face.
+What takes long is kept (coordinates checked and moved, fitted normals); trees are built again, which takes about a
+microsecond a point or face: no longer than to read them.
 """
 
 from __future__ import annotations
@@ -28,9 +28,8 @@ from dqreg.registration.target_index import TargetIndex
 
 FORMAT, VERSION = "dqreg target", 2
 ARRAYS = ("origin", "vertices", "faces", "flat", "points", "normals", "viewpoint", "fitted")
-# What Open3D's trees take beside the arrays, measured as resident memory: 75 to 92 bytes a triangle, and a copy of the
-# coordinates and the permutation with a few nodes for a cloud.
-TREE_BYTES_A_FACE, TREE_BYTES_A_POINT = 85, 48
+# What Open3D's tree of a cloud takes beside the arrays: a copy of the coordinates, the permutation and a few nodes.
+TREE_BYTES_A_POINT = 48
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,10 +126,7 @@ def _unit(normals: FloatArray) -> FloatArray:
 def bytes_of(indexed: TargetIndex) -> int:
     """Memory that a built target holds, trees included."""
     geometry = indexed.geometry
-    if isinstance(geometry, Mesh):
-        trees = TREE_BYTES_A_FACE * len(geometry.faces)
-    else:
-        trees = TREE_BYTES_A_POINT * len(geometry.points)
+    trees = TREE_BYTES_A_POINT * len(geometry.points) if isinstance(geometry, PointCloud) else 0
     return trees + _held([indexed], set())
 
 

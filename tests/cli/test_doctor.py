@@ -222,3 +222,24 @@ def test_json_holds_the_same_checks() -> None:
     result = CliRunner().invoke(doctor, ["--json"])
     assert result.exit_code == 0, result.output
     assert json.loads(result.output) == [dataclasses.asdict(check) for check in examine()]
+
+
+def test_compile_fills_the_folder_and_the_table_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    from dqreg.kernels import cache, compile_all
+
+    compiled = []
+    monkeypatch.setattr(compile_all, "compile_all", lambda: compiled.append(True))
+    for words in ([], ["--compile"]):
+        result = CliRunner().invoke(doctor, words)
+        assert result.exit_code == 0, result.output
+    assert compiled == [True]
+    found = by_name()["compiled inner loops"]
+    assert found.ok
+    assert str(cache.beside_package().name) in (found.version or "")
+    monkeypatch.setattr(cache, "folders", lambda: ((), None))
+    assert "NUMBA_CACHE_DIR" in by_name()["compiled inner loops"].remedy
+
+
+def test_without_numba_the_folder_is_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    install(monkeypatch, numba=None)
+    assert "compiled inner loops" not in by_name()

@@ -33,5 +33,5 @@ def test_what_meets_nothing_is_said() -> None:
 def test_a_vertex_that_no_face_uses_may_be_beyond_float32() -> None:
     vertices, faces = box((1.0, 1.0, 1.0))
     scene = RayScene(np.concatenate([vertices, [[1e300, 0.0, 0.0]]]), faces, np.zeros(3), 1.0)
-    found, _ = scene.closest_faces(np.array([[0.1, 0.2, 3.0]]))
+    found, _ = scene.first_faces(np.array([[0.1, 0.2, 3.0, 0.0, 0.0, -1.0]]))
     assert (vertices[faces[found[0]]][:, 2] == 0.5).all()

@@ -1,0 +1,147 @@
+"""Closest points on a tree of triangles, with a bound and a first guess."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.compiled import compiled
+from dqreg.kernels.triangle import closest_on, height_square
+
+# A balanced heap is no deeper, whatever fits into memory.
+DEEPEST = 64
+# Two faces are equally near within this share of a squared distance, or within this square of the size. Then the one
+# counts that the query stands higher above; without that rule rounding would choose the normal beside every edge.
+EQUAL, LEVEL, ROUNDING = 2e-12, 1e-6, 1e-30
+# Equals looked at for one query: at the tip of a fan of thousands of needles there are thousands.
+EQUALS = 64
+# A first guess is a bound a little wider than its own distance, so that the search finds what it would find without.
+WIDER = 1.0 + 1e-9
+
+
+@compiled
+def box_distance(box: FloatArray, j: int, x: float, y: float, z: float) -> float:
+    """Squared distance from a point to box j; 0 inside."""
+    dx = max(box[j, 0] - x, x - box[j, 3], 0.0)
+    dy = max(box[j, 1] - y, y - box[j, 4], 0.0)
+    dz = max(box[j, 2] - z, z - box[j, 5], 0.0)
+    square: float = dx * dx + dy * dy + dz * dz
+    return square
+
+
+@compiled
+def descend(
+    boxes: FloatArray,
+    packed: FloatArray,
+    leaf: int,
+    faces: IntArray,
+    x: float,
+    y: float,
+    z: float,
+    best: float,
+    floor: float,
+    stack: IntArray,
+    away: FloatArray,
+) -> tuple[float, int, float, float]:
+    """The closest triangle nearer than ``best``: squared distance, slot (-1 for none), u and v.
+
+    O(log n) boxes for a query near the surface. ``floor`` is the square of a length that is rounding.
+    """
+    half, n = len(boxes) // 2, len(packed)
+    node, waiting, slot, u, v = 1, 0, -1, 0.0, 0.0
+    reach, equals = best, 0
+    while True:
+        if node >= half:
+            for t in range((node - half) * leaf, min((node - half + 1) * leaf, n)):
+                d, a, b = closest_on(packed, t, x, y, z)
+                if d >= reach:
+                    continue
+                # Within reach but not nearer by more than rounding it is an equal, unless nothing was found so far.
+                if slot >= 0 and d > best - (best * EQUAL + floor):
+                    equals += 1
+                    if is_before(packed, faces, t, slot, x, y, z, floor):
+                        slot, u, v = t, a, b
+                    best = min(best, d)
+                else:
+                    best, slot, u, v = d, t, a, b
+                reach = best + (best * EQUAL + floor if equals < EQUALS else 0.0)
+        else:
+            near, far = 2 * node, 2 * node + 1
+            d0, d1 = box_distance(boxes, near, x, y, z), box_distance(boxes, far, x, y, z)
+            if d1 < d0:
+                near, far, d0, d1 = far, near, d1, d0
+            if d0 < reach:
+                if d1 < reach:
+                    stack[waiting], away[waiting] = far, d1
+                    waiting += 1
+                node = near
+                continue
+        while waiting > 0 and away[waiting - 1] >= reach:
+            waiting -= 1
+        if waiting == 0:
+            return best, slot, u, v
+        waiting -= 1
+        node = stack[waiting]
+
+
+@compiled
+def is_before(
+    packed: FloatArray, faces: IntArray, t: int, other: int, x: float, y: float, z: float, floor: float
+) -> bool:
+    """Whether of two triangles equally near the first counts: the query is higher above it, or its number is lower."""
+    mine, its = height_square(packed, t, x, y, z), height_square(packed, other, x, y, z)
+    if abs(mine - its) > LEVEL * max(mine, its) + floor:
+        return bool(mine > its)
+    return bool(faces[t] < faces[other])
+
+
+@compiled
+def closest_places(
+    first: int,
+    last: int,
+    boxes: FloatArray,
+    packed: FloatArray,
+    leaf: int,
+    faces: IntArray,
+    slots: IntArray,
+    face_normals: FloatArray,
+    queries: FloatArray,
+    guesses: IntArray,
+    bound: float,
+    size: float,
+    points: FloatArray,
+    normals: FloatArray,
+    distances: FloatArray,
+    found: IntArray,
+) -> None:
+    """Write the closest place nearer than ``bound`` for queries first to last: NaN, inf and -1 where there is none.
+
+    Guesses are faces to begin with, one a query, or none at all: then each query begins with the face of the one
+    before it.
+    """
+    stack, away = np.zeros(DEEPEST, np.int64), np.zeros(DEEPEST)
+    slot, floor = -1, ROUNDING * size * size
+    for i in range(first, last):
+        x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
+        if len(guesses):
+            slot = slots[guesses[i]]
+        best = bound * bound
+        if slot >= 0:
+            best = min(best, closest_on(packed, slot, x, y, z)[0] * WIDER + 2.0 * floor)
+        best, slot, u, v = descend(boxes, packed, leaf, faces, x, y, z, best, floor, stack, away)
+        if slot < 0:
+            points[i], normals[i], distances[i], found[i] = np.nan, np.nan, np.inf, -1
+            continue
+        face = faces[slot]
+        found[i] = face
+        nx, ny, nz = face_normals[face, 0], face_normals[face, 1], face_normals[face, 2]
+        normals[i, 0], normals[i, 1], normals[i, 2] = nx, ny, nz
+        if u > 0.0 and v > 0.0 and u + v < 1.0:
+            # The height above the plane, and the foot by it, keep the digits that u and v lose on a needle.
+            height = nx * (x - packed[slot, 0]) + ny * (y - packed[slot, 1]) + nz * (z - packed[slot, 2])
+            points[i, 0], points[i, 1], points[i, 2] = x - height * nx, y - height * ny, z - height * nz
+            distances[i] = abs(height)
+        else:
+            for k in range(3):
+                points[i, k] = packed[slot, k] + (u * packed[slot, 3 + k] + v * packed[slot, 6 + k])
+            distances[i] = np.sqrt(best)

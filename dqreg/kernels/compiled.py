@@ -1,0 +1,90 @@
+"""The one door to Numba: a decorator that compiles a function when it is first called, and keeps the machine code."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import sys
+import uuid
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+from numba.core import serialize
+from numba.core.compiler import CompileResult
+
+from dqreg.kernels.cache import folders
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+ANNOUNCEMENT = "dqreg: compiling inner loops that were not used on this machine before; it takes seconds, once\n"
+
+# Whether this process has said so.
+_announced = False
+
+
+def compiled(function: Function) -> Function:
+    """The function as machine code, without the GIL and with IEEE arithmetic in the order written."""
+    dispatcher = numba.njit(nogil=True, error_model="numpy")(function)
+    dispatcher._cache = KeptCode(f"{function.__module__.rpartition('.')[2]}.{function.__name__}")
+    return cast(Function, dispatcher)
+
+
+class KeptCode:
+    """Machine code of one function in files, one for each signature and processor: what Numba asks a cache for."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    @property
+    def cache_path(self) -> str | None:
+        """Folder that is written to."""
+        folder = folders()[1]
+        return None if folder is None else str(folder)
+
+    def load_overload(self, signature: Any, target_context: Any) -> Any:
+        """Code of a signature; None where it has to be compiled."""
+        target_context.refresh()
+        file = self._file(signature, target_context.codegen())
+        for folder in folders()[0]:
+            # A file that is absent, damaged or from elsewhere is one and the same: the code is compiled anew.
+            with suppress(Exception):
+                return CompileResult._rebuild(target_context, *pickle.loads((folder / file).read_bytes()))
+        _announce()
+        return None
+
+    def save_overload(self, signature: Any, code: Any) -> None:
+        """Keep the code of a signature, where that can be done."""
+        folder = folders()[1]
+        if folder is None:
+            return
+        path = folder / self._file(signature, code.codegen)
+        beside = path.with_name(f"{path.name}.{uuid.uuid4().hex}")
+        try:
+            beside.write_bytes(serialize.dumps(code._reduce()))
+            beside.replace(path)
+        except OSError:
+            # A full disk costs the next process time and nobody else anything.
+            with suppress(OSError):
+                beside.unlink()
+
+    def enable(self) -> None:
+        """Do nothing: it is always on."""
+
+    def disable(self) -> None:
+        """Do nothing: it is always on."""
+
+    def flush(self) -> None:
+        """Do nothing: the folder's name says what its files are good for."""
+
+    def _file(self, signature: Any, codegen: Any) -> Path:
+        key = hashlib.sha256(repr((str(signature), codegen.magic_tuple())).encode()).hexdigest()[:16]
+        return Path(f"{self._name}-{key}.code")
+
+
+def _announce() -> None:
+    global _announced  # noqa: PLW0603
+    if not _announced and sys.stderr is not None and sys.stderr.isatty():
+        sys.stderr.write(ANNOUNCEMENT)
+    _announced = True

@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from dqreg.kernels import threads
+from tests.registration.batch.scenes import environment
+
+
+def mark(first: int, last: int, rows: np.ndarray) -> None:
+    rows[first:last] += 1
+
+
+@pytest.mark.parametrize("total", [0, 1, 99, 100, 101, 1_234])
+@pytest.mark.parametrize("count", [1, 3])
+def test_each_row_once(monkeypatch: pytest.MonkeyPatch, total: int, count: int) -> None:
+    monkeypatch.setattr(threads, "thread_count", lambda: count)
+    rows = np.zeros(total, dtype=int)
+    threads.over_chunks(mark, total, rows, chunk=100)
+    assert (rows == 1).all()
+
+
+def test_an_error_is_raised_and_ends_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "thread_count", lambda: 2)
+
+    def fails(first: int, last: int) -> None:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        threads.over_chunks(fails, 100, chunk=10)
+
+
+def test_eight_callers_at_once_get_each_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "thread_count", lambda: 4)
+    rows = np.zeros((8, 5_000), dtype=int)
+    callers = [
+        threading.Thread(target=threads.over_chunks, args=(mark, 5_000, row), kwargs={"chunk": 50}) for row in rows
+    ]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join()
+    assert (rows == 1).all()
+
+
+@pytest.mark.parametrize(("asked", "most"), [("1", 1), ("0", None), ("all", None), ("100000", None)])
+def test_threads_are_those_asked_for_and_no_more_than_cores(
+    monkeypatch: pytest.MonkeyPatch, asked: str, most: int | None
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", asked)
+    assert 1 <= threads.thread_count() <= (most or os.cpu_count() or 1)
+
+
+FORKED = """
+import multiprocessing, os, sys
+import numpy as np
+from dqreg.kernels import threads
+threads.thread_count = lambda: 3
+from dqreg.kernels.triangle_tree import TriangleTree
+rng = np.random.default_rng(0)
+corners, queries = rng.normal(size=(60, 3, 3)), rng.normal(size=(9_000, 3))
+normals = np.tile([0.0, 0.0, 1.0], (60, 1))
+def job(_):
+    return TriangleTree.of(corners, normals).closest(queries)[2].sum()
+if __name__ == "__main__":
+    # The pool has run before the fork; one that is made at import hangs here.
+    here = job(0)
+    for way in sys.argv[1:]:
+        with multiprocessing.get_context(way).Pool(2) as pool:
+            assert pool.map_async(job, range(4)).get(timeout=60) == [here] * 4, way
+    print("same")
+"""
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
+def test_the_same_after_fork_spawn_and_forkserver(tmp_path) -> None:
+    file = tmp_path / "forked.py"
+    file.write_text(FORKED, encoding="utf-8")
+    words = [sys.executable, "-W", "ignore", str(file), "fork", "forkserver"]
+    done = subprocess.run(words, env=environment(), capture_output=True, text=True, timeout=120, check=False)
+    assert (done.returncode, done.stdout) == (0, "same\n"), done.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+def test_an_interrupt_is_seen_between_ranges_and_beside_a_long_kernel() -> None:
+    def sleep(first: int, last: int) -> None:
+        time.sleep(0.02)
+
+    for call in (lambda: threads.over_chunks(sleep, 500, chunk=1), lambda: threads.aside(time.sleep, 1.0)):
+        timer = threading.Timer(0.1, os.kill, [os.getpid(), signal.SIGINT])
+        timer.daemon = True
+        began = time.monotonic()
+        timer.start()
+        with pytest.raises(KeyboardInterrupt):
+            call()
+        # The work itself would take seconds; an interrupted one does not go on to its end.
+        assert time.monotonic() - began < 0.95

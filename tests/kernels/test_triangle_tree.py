@@ -1,0 +1,145 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dqreg._arrays import FloatArray
+from dqreg.kernels import threads
+from dqreg.kernels.triangle_tree import LEAF, TriangleTree
+from tests.geometry.oracles import brute_triangles
+
+
+def tree_of(corners: FloatArray) -> TriangleTree:
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return TriangleTree.of(corners, across / np.linalg.norm(across, axis=1, keepdims=True))
+
+
+def triangles(rng: np.random.Generator, count: int, thin: float = 1.0) -> FloatArray:
+    """Triangles of size one; the third corner lies at the share ``thin`` of its height above the first side."""
+    corners = rng.normal(size=(count, 3, 3))
+    along = corners[:, 0] + rng.uniform(size=(count, 1)) * (corners[:, 1] - corners[:, 0])
+    corners[:, 2] = along + thin * corners[:, 2]
+    return corners
+
+
+def slimness(corners: FloatArray) -> FloatArray:
+    """Longest side by the height above it, times the size of the scene."""
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return (longest + 10.0) * longest**2 / np.linalg.norm(across, axis=1)
+
+
+def distances_of(corners: FloatArray, queries: FloatArray) -> FloatArray:
+    return np.linalg.norm(queries - brute_triangles(corners, queries), axis=1)
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.sampled_from([1.0, 1e-3, 1e-6]), st.sampled_from([0.01, 2.0]))
+def test_no_triangle_is_nearer_with_any_first_guess(seed: int, count: int, thin: float, spread: float) -> None:
+    # Brute force over all triangles is the oracle.
+    rng = np.random.default_rng(seed)
+    corners = triangles(rng, count, thin)
+    queries = corners[rng.integers(count, size=30), rng.integers(3, size=30)] + spread * rng.normal(size=(30, 3))
+    queries[:3] = corners[0]
+    tree, expected = tree_of(corners), distances_of(corners, queries)
+    # Products over a needle lose digits as its height falls; in its own plane it shows, in the distance hardly.
+    rounding = 1e-14 * slimness(corners)
+    for guesses in (None, rng.integers(count, size=30)):
+        points, normals, distances, faces = tree.closest(queries, guesses)
+        np.testing.assert_allclose(distances, expected, rtol=0, atol=rounding.max())
+        np.testing.assert_allclose(np.linalg.norm(queries - points, axis=1), distances, rtol=0, atol=1e-13)
+        assert np.array_equal(normals, tree.normals[faces])
+        on_face = [distances_of(corners[f : f + 1], p[None])[0] for f, p in zip(faces, points, strict=True)]
+        assert (on_face <= 1e3 * rounding[faces]).all()
+
+
+@pytest.mark.parametrize("thin", [1.0, 1e-3])
+def test_single_triangles_against_trimesh(thin: float) -> None:
+    rng = np.random.default_rng(0)
+    corners, queries = triangles(rng, 200, thin), 2.0 * rng.normal(size=(200, 3))
+    expected = trimesh.triangles.closest_point(corners, queries)
+    found = np.concatenate([tree_of(c[None]).closest(q[None])[0] for c, q in zip(corners, queries, strict=True)])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 2.0))
+def test_beyond_the_bound_there_is_nothing(seed: int, bound: float) -> None:
+    rng = np.random.default_rng(seed)
+    corners, queries = triangles(rng, 12), 2.0 * rng.normal(size=(30, 3))
+    expected = distances_of(corners, queries)
+    points, normals, distances, faces = tree_of(corners).closest(queries, bound=bound)
+    near = expected < bound
+    np.testing.assert_allclose(distances[near], expected[near], rtol=0, atol=1e-12)
+    assert np.isinf(distances[~near]).all()
+    assert (faces[~near] == -1).all()
+    assert np.isnan(points[~near]).all()
+    assert np.isnan(normals[~near]).all()
+
+
+def test_copies_of_a_face_are_one_and_the_first_is_named() -> None:
+    rng = np.random.default_rng(1)
+    corners = np.tile(triangles(rng, 5), (40, 1, 1))
+    # In any order of the corners, and with the other sign of zero, it is the same triangle.
+    corners[3::5, 0, 0] = np.where(np.arange(40) % 2, 0.0, -0.0)
+    corners[5::7] = corners[5::7, ::-1]
+    tree = tree_of(corners)
+    queries = rng.normal(size=(50, 3))
+    *_, distances, faces = tree.closest(queries, rng.integers(200, size=50))
+    assert len(tree.faces) == 5
+    assert faces.max() < 5
+    np.testing.assert_allclose(distances, distances_of(corners[:5], queries), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("count", [LEAF, LEAF + 1, 2 * LEAF, 65])
+@pytest.mark.parametrize("place", ["one", "line", "grid"])
+def test_centroids_in_one_place_in_line_or_in_a_grid(count: int, place: str) -> None:
+    rng = np.random.default_rng(2)
+    corners = triangles(rng, count)
+    corners -= corners.mean(axis=1, keepdims=True)
+    steps = np.arange(count)
+    shifts = {"one": 0 * steps[:, None] * np.ones(3), "line": np.outer(steps, [1.0, 0, 0])}
+    corners += shifts.get(place, np.column_stack([steps % 4, steps // 4 % 4, steps // 16]).astype(float))[:, None]
+    queries = rng.normal(size=(60, 3)) * 4.0
+    np.testing.assert_allclose(tree_of(corners).closest(queries)[2], distances_of(corners, queries), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 8])
+def test_the_bits_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    rng = np.random.default_rng(3)
+    tree, queries = tree_of(triangles(rng, 300)), rng.normal(size=(9_000, 3))
+    monkeypatch.setattr(threads, "thread_count", lambda: 1)
+    alone = tree.closest(queries)
+    monkeypatch.setattr(threads, "thread_count", lambda: count)
+    for found, expected in zip(tree.closest(queries), alone, strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_a_query_that_is_no_number_has_no_answer() -> None:
+    tree = tree_of(triangles(np.random.default_rng(4), 9))
+    points, _, distances, faces = tree.closest(np.array([[np.nan, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    assert faces.tolist()[0] == -1
+    assert np.isnan(points[0]).all()
+    assert np.isfinite(distances[1])
+
+
+@pytest.mark.soak
+def test_a_million_faces_against_those_near_by() -> None:
+    rng = np.random.default_rng(5)
+    side = np.linspace(0.0, 1.0, 708)
+    grid = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
+    vertices = np.column_stack([grid, 0.1 * np.sin(7.0 * grid[:, 0])])
+    rows = np.arange(708 * 708).reshape(708, 708)
+    a, b, c, d = rows[:-1, :-1].ravel(), rows[1:, :-1].ravel(), rows[:-1, 1:].ravel(), rows[1:, 1:].ravel()
+    corners = vertices[np.concatenate([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])]
+    tree, queries = tree_of(corners), vertices[rng.integers(len(vertices), size=200)] + 0.01 * rng.normal(size=(200, 3))
+    expected = [distances_of(near_by(corners, query), query[None])[0] for query in queries]
+    np.testing.assert_allclose(tree.closest(queries)[2], expected, rtol=0, atol=1e-12)
+
+
+def near_by(corners: FloatArray, query: FloatArray) -> FloatArray:
+    """Triangles with a corner within 0.2 of a query that is nearer than 0.1 to the sheet."""
+    return corners[(np.linalg.norm(corners[:, 0] - query, axis=1) < 0.2)]
