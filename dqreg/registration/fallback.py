@@ -103,22 +103,25 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
     scores = scores_of(found[0], np.stack([fit.T_target_source for fit in found]))
     means = scores.means
     order = np.argsort(-means, kind="stable")
-    # The pose that the start leads to goes first among equals.
-    likely = sorted((int(k) for k in order if means[k] >= means[order[0]] - AS_WELL), key=lambda k: k != 0)
+    worse = scores.distinguishable(int(order[0]))
+    # Among equals the pose that the start leads to goes first, then the one nearest to the start.
+    likely = [int(k) for k in order if means[k] >= means[order[0]] - AS_WELL and not worse[k]]
+    likely.sort(key=lambda k: (found[k] is not fits[0], _offset(found[k], start)))
     best = next((k for k in likely if not is_doubtful(found[k], ask_mirror=True)), None)
     if best is None:
-        best = int(order[0])
+        best = likely[0]
         gain, error = float(means[best] - means[0]), float(scores.deficit(best)[1][0])
-        is_better = gain > BETTER and (_is_meant(found[best], start) or gain > SIGNIFICANT * error)
+        is_better = gain > BETTER and (_offset(found[best], start) <= 1.0 or gain > SIGNIFICANT * error)
         best = best if is_better or found[0] is not fits[0] else 0
     apart = scores.distinguishable(best)
     others = [k for k in range(len(found)) if k != best and means[k] >= means[best] - AS_WELL and not apart[k]]
     return Known(found[best], np.array([found[k].T_target_source for k in others]).reshape(-1, 4, 4), searched=True)
 
 
-def _is_meant(fit: Fit, start: FloatArray | None) -> bool:
+def _offset(fit: Fit, start: FloatArray | None) -> float:
+    """How far a pose is from the initial one, 1 where that is not meant any more; 0 where none was given."""
     if start is None:
-        return True
-    T = fit.T_target_source
-    rotation, shift = pose.angle_between(T, start), pose.offset_between(T, start, at=np.zeros(3))
-    return bool(rotation <= MEANT_RAD and shift <= MEANT * fit.prepared.surface.diagonal)
+        return 0.0
+    T, diagonal = fit.T_target_source, fit.prepared.surface.diagonal
+    shift = pose.offset_between(T, start, at=np.zeros(3)) / (MEANT * diagonal)
+    return float(max(pose.angle_between(T, start) / MEANT_RAD, shift))

@@ -18,6 +18,7 @@ from dqreg.registration.rivals import (
     alternatives_of,
     best_near_symmetric,
     best_seen,
+    limit_of,
     mirror_gain,
     near_symmetric_poses,
 )
@@ -111,6 +112,7 @@ def resolved(fit: Fit) -> dict[str, Any]:
     beyond = beyond_boundary(pairs, fit.prepared.surface, width, max_distance) if fit.found else np.zeros(0)
     return {
         "max_distance": max_distance,
+        "reach": limit_of(fit),
         "width": width,
         "source_noise": scan.noise,
         "source_spacing": scan.spacing,

@@ -65,7 +65,7 @@ def _names(cls: type) -> list[str]:
 
 def _settings(values: dict[str, Any]) -> dict[str, Any]:
     # Only what methods of a result compute with.
-    for name in ("source_scale", "scale", "max_distance", "diagonal"):
+    for name in ("source_scale", "scale", "max_distance", "reach", "diagonal"):
         if name in values and not 0.0 < _of((int, float), values[name]) < np.inf:
             raise ValueError(f"{name} of {values[name]!r:.60}")
     for name in ("source_units", "target_units", "source", "target"):

@@ -63,6 +63,9 @@ def test_points_beyond_reach_are_measured_but_not_counted() -> None:
     assert found.reach == pytest.approx(0.25 * result.settings["max_distance"])
     assert (len(found), found.summary().beyond) == (5800, 800)
     assert found.summary().max < 1e-6
+    # A largest distance of the correspondences says nothing of what is the part's.
+    short = register(np.vstack([points, table]), part, "identity", effort="fast", max_distance=0.02 * part.diagonal)
+    assert short.deviations().reach == found.reach
     everything = result.deviations(reach=np.inf).summary()
     assert (everything.count, everything.beyond) == (5800, 0)
     assert everything.max > 50.0
