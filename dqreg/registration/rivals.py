@@ -8,17 +8,25 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry.normals import sample_rows
 from dqreg.registration.evidence import NEAR
 from dqreg.registration.fit import Fit
+from dqreg.rigid import pose
+from dqreg.rigid.rotations import angle_of, axis_of
+from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.search import symmetry_words
 from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror
 from dqreg.search.poses import Poses
 from dqreg.search.scoring import PoseScores, score_poses
 from dqreg.search.stages import FINE_APART
+from dqreg.solvers.motion_words import axis_words, direction_words
 from dqreg.trust.records import Alternative
 
 # A pose is better by so much mean log-likelihood at least, and by so many of its standard errors.
 BETTER, SIGNIFICANT = 0.02, 5.0
 # Points that compare poses.
 JUDGES = 10_000
+# Better near-symmetric poses that follow one another.
+STEPS = 12
+# A shift is a period within this share of it.
+PERIOD = 0.05
 # The same where the time is up, and poses of the loop that are compared then.
 FEW_JUDGES, SEEN = 1_000, 6
 NO_POSES: FloatArray = np.zeros((0, 4, 4))
@@ -48,12 +56,18 @@ def best_seen(fit: Fit, start: FloatArray) -> Fit:
 
 
 def near_symmetric_poses(fit: Fit) -> FloatArray:
-    """The pose after rotations that leave most of the part in place, where they explain the scan about as well."""
+    """The pose after motions that leave most of the part in place, where they explain the scan about as well."""
     if not fit.found or fit.problem.watch.is_over:
         return NO_POSES
-    maps, scan, surface = fit.problem.target.near_rotations, fit.prepared.scan, fit.prepared.surface
+    target, scan, surface = fit.problem.target, fit.prepared.scan, fit.prepared.surface
+    maps = np.concatenate([target.near_rotations, target.near_periods])
     found = flipped_poses(fit.T_target_source, maps, scan, surface, limit_of(fit), fit.floor)
-    return np.array([T for T, _ in found]).reshape(-1, 4, 4)
+    others = np.array([T for T, _ in found]).reshape(-1, 4, 4)
+    if not len(others):
+        return others
+    # Few points may tell them apart where their mean does not.
+    worse = scores_of(fit, np.concatenate([fit.T_target_source[None], others])).distinguishable(0)[1:]
+    return others[~worse]
 
 
 def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]:
@@ -62,15 +76,22 @@ def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]
     Shapes: returns (k, 4, 4).
     """
     others = near_symmetric_poses(fit)
-    if not len(others) or fit.problem.options.method != "auto" or fit.constraints.any:
+    if fit.problem.options.method != "auto" or fit.constraints.any:
         return fit, others
-    scores = scores_of(fit, np.concatenate([fit.T_target_source[None], others]))
-    best = int(scores.means.argmax())
-    gain, error = float(scores.means[best] - scores.means[0]), float(scores.deficit(best)[1][0])
-    if best == 0 or not (gain > max(BETTER, SIGNIFICANT * error) or scores.distinguishable(best)[0]):
-        return fit, others
-    other = fit.resumed(others[best - 1], kernel_scale)
-    return (other, near_symmetric_poses(other)) if other.found else (fit, others)
+    # Several periods away the next one is better each time.
+    for _ in range(STEPS):
+        if not len(others):
+            break
+        scores = scores_of(fit, np.concatenate([fit.T_target_source[None], others]))
+        best = int(scores.means.argmax())
+        gain, error = float(scores.means[best] - scores.means[0]), float(scores.deficit(best)[1][0])
+        if best == 0 or not (gain > max(BETTER, SIGNIFICANT * error) or scores.distinguishable(best)[0]):
+            break
+        other = fit.resumed(others[best - 1], kernel_scale)
+        if not other.found:
+            break
+        fit, others = other, near_symmetric_poses(other)
+    return fit, others
 
 
 def mirror_gain(fit: Fit, *, always: bool = False) -> float:
@@ -107,7 +128,25 @@ def alternatives_of(fit: Fit, others: FloatArray) -> tuple[Alternative, ...]:
         symmetry = target.pairs.symmetry if "pairs" in vars(target) else None
         axis = symmetry.between(poses[0], poses[k]) if symmetry else None
         words = symmetry_words(axis.moved(target.origin)) if axis else ""
-        found.append(
-            Alternative(fit.problem.to_caller(poses[k]), float(rms[k]), words, float(-deficit[k]), float(error[k]))
-        )
+        motion = _motion_words(fit, poses[k] @ pose.inverse(poses[0]))
+        pose_k = fit.problem.to_caller(poses[k])
+        found.append(Alternative(pose_k, float(rms[k]), words, float(-deficit[k]), float(error[k]), motion))
     return tuple(found)
+
+
+def _motion_words(fit: Fit, T: FloatArray) -> str:
+    """A motion of the target's centred frame in words of the caller's."""
+    target, units = fit.problem.target, fit.problem.units[1]
+    angle = angle_of(T[:3, :3])
+    if angle > SAME_AXIS_RAD:
+        axis = axis_of(T[:3, :3])
+        # The point of the axis nearest to the middle; what is left is along the axis.
+        point = np.linalg.lstsq(np.eye(3) - T[:3, :3], T[:3, 3] - axis * (axis @ T[:3, 3]), rcond=1e-6)[0]
+        return f"rotated by {np.rad2deg(angle):.4g} degrees about {axis_words(point + target.origin, axis)}"
+    length = float(np.linalg.norm(T[:3, 3]))
+    words = f"{length:.4g}" + (f" {units}" if units else "")
+    where = direction_words(T[:3, 3] / length)
+    periods = target.near_periods[:, :3, 3] if "near_periods" in vars(target) else np.zeros((0, 3))
+    if len(periods) and np.linalg.norm(periods - T[:3, 3], axis=1).min() < PERIOD * length:
+        return f"one period ({words}) along {where}"
+    return f"shifted by {words} along {where}"

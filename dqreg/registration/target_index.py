@@ -21,6 +21,7 @@ from dqreg.geometry.voxels import VoxelCloud, voxel_size
 from dqreg.registration.source import moved, require_spread
 from dqreg.search import PairTable
 from dqreg.search.near_symmetry import near_flips, near_mirrors
+from dqreg.search.periods import near_periods
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -70,7 +71,7 @@ class TargetIndex:
     def build(self) -> TargetIndex:
         """Itself, with all built that a registration from a given pose asks for."""
         found = self.surface.closest(self.surface.centre[None])
-        _ = self.spreads, self.smooth_normals(found), self.near_rotations
+        _ = self.spreads, self.smooth_normals(found), self.near_rotations, self.near_periods
         if isinstance(self.geometry, Mesh):
             _ = self.geometry.face_neighbours, self.geometry.is_closed
         elif isinstance(self.surface, CloudSurface):
@@ -133,6 +134,11 @@ class TargetIndex:
     def near_rotations(self) -> FloatArray:
         """Rotations that leave most of a part in place, (k, 4, 4); none for a cloud."""
         return near_flips(self.geometry, self.surface) if isinstance(self.geometry, Mesh) else np.zeros((0, 4, 4))
+
+    @cached_property
+    def near_periods(self) -> FloatArray:
+        """Translations by a period of a part, (k, 4, 4); none for a cloud."""
+        return near_periods(self.geometry, self.surface) if isinstance(self.geometry, Mesh) else np.zeros((0, 4, 4))
 
     @cached_property
     def near_reflections(self) -> FloatArray:

@@ -133,3 +133,5 @@ class Alternative:
     # error of that; NaN in a file of old
     gain: float = math.nan
     gain_sigma: float = math.nan
+    # Where it is, seen from the answer: "one period (20 mm) along (1.00, 0.00, 0.00)"; "" in a file of old
+    words: str = ""

@@ -247,10 +247,11 @@ def _weakly_constrained(evidence: Evidence) -> Iterator[str]:
 
 
 def _alternative_poses(evidence: Evidence) -> Iterator[str]:
-    others = sum(not alternative.symmetry for alternative in evidence.alternatives)
+    others = [alternative for alternative in evidence.alternatives if not alternative.symmetry]
     if others:
-        some = "another pose is" if others == 1 else f"{others} other poses are"
-        yield f"{some} equally likely: see alternatives"
+        some = "another pose is" if len(others) == 1 else f"{len(others)} other poses are"
+        where = f"; the scan fits as well {others[0].words}" if others[0].words else ""
+        yield f"{some} equally likely: see alternatives{where}"
 
 
 def _search_time_limit(evidence: Evidence) -> Iterator[str]:

@@ -1,0 +1,120 @@
+"""Periods of a part: translations that put it onto itself but for its ends, as a step does with stairs.
+
+They are found from the part alone: differences of points with equal normals crowd at them. A scan of the middle fits as
+well one period on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.geometry import Mesh, Surface, sample_mesh
+from dqreg.rigid import pose
+from dqreg.search.features import rarity
+from dqreg.search.oriented_points import OrientedPoints
+from dqreg.search.poses import Poses
+from dqreg.search.refine import refine
+
+# Points that are drawn, rare directions as likely as common ones, and those of them whose differences are counted.
+DRAWN, COUNTED = 6_000, 1_000
+# Normals that are equal; shortest and longest period and the cell in which differences are counted, in sizes.
+EQUAL_COS, SHORTEST, LONGEST, CELL = 0.95, 0.04, 0.6, 1.0 / 60.0
+# A crowd stands out of the cells around it by so many standard deviations; so many are looked at, the densest first.
+STANDS_OUT, CROWDS = 12.0, 16
+# Points that screen, refine and check; kernel scales of the refinement, in sizes, and their number; distances that are
+# in place before and after it.
+SCREENED, REFINED, CHECKED, FIRST, LAST, STEPS, ROUGHLY, IN_PLACE = 100, 200, 400, 0.012, 2e-3, 4, 0.01, 3e-3
+# A shift is a period where this fraction of the part comes into place (of few points, before the refinement, less), and
+# so much less a little before and after it. A crowd may be a multiple of it.
+FITS, MAY_FIT, COMES_BACK, BESIDE, PARTS = 0.25, 0.15, 0.08, 0.03, (1, 2, 3)
+# Shortest periods that are kept; a shift is so many times a shorter one within a share of it.
+KEPT, MULTIPLE, MOST = 6, 0.1, 16
+
+
+def near_periods(mesh: Mesh, surface: Surface) -> FloatArray:
+    """Periods of a part, either way: near translations that put most of what it has of them onto itself, (k, 4, 4)."""
+    rng = np.random.default_rng(0)
+    sample = sample_mesh(mesh, DRAWN, rng)
+    points, normals = sample.points, np.asarray(sample.normals)
+    weights = rarity(normals)
+    rows = rng.choice(len(points), COUNTED, replace=False, p=weights / weights.sum())
+    shifts = _crowded(points[rows], normals[rows], surface.diagonal)
+    if not len(shifts):
+        return np.zeros((0, 4, 4))
+    few, some, checks = (
+        OrientedPoints.on_faces(points[rows[:k]], normals[rows[:k]]) for k in (SCREENED, REFINED, CHECKED)
+    )
+    shifts = np.concatenate([shifts / k for k in PARTS])
+    shifts = shifts[np.linalg.norm(shifts, axis=1) >= SHORTEST * surface.diagonal]
+    poses = Poses(np.tile(np.eye(3), (len(shifts), 1, 1)), shifts)
+    poses = poses[np.flatnonzero(_in_place(poses, few, surface, ROUGHLY) >= MAY_FIT)]
+    poses = poses[poses.distinct(np.zeros(3), np.pi, CELL * surface.diagonal, MOST)]
+    poses = refine(poses, some, surface, np.geomspace(FIRST, LAST, STEPS) * surface.diagonal)
+    poses = poses[_periodic(poses, checks, surface)]
+    kept = poses[_shortest(poses.t)].matrices
+    return np.concatenate([kept, [pose.inverse(T) for T in kept]]) if len(kept) else kept
+
+
+def _crowded(points: FloatArray, normals: FloatArray, size: float) -> FloatArray:
+    """Middles of the cells where differences of points with equal normals crowd, (k, 3)."""
+    first, second = np.nonzero(normals @ normals.T > EQUAL_COS)
+    differences = points[second] - points[first]
+    # Either way: a period and its opposite are one, whichever side of a plane the first point is on.
+    squared = np.einsum("ij,ij->i", differences, differences)
+    differences = differences[(squared > (SHORTEST * size) ** 2) & (squared < (LONGEST * size) ** 2)]
+    if not len(differences):
+        return np.zeros((0, 3))
+    cells = np.round(differences / (CELL * size)).astype(np.int64)
+    low = cells.min(axis=0) - 1
+    shape = cells.max(axis=0) + 2 - low
+    flat = np.ravel_multi_index(tuple((cells - low).T), tuple(shape))
+    counts, *sums = (
+        np.bincount(flat, weights, minlength=int(np.prod(shape))).reshape(shape) for weights in (None, *differences.T)
+    )
+    near, around = (k**3 * ndimage.uniform_filter(counts.astype(np.float64), k, mode="constant") for k in (3, 9))
+    around = (around - near) * 27.0 / 702.0
+    stands = (near - around) / np.sqrt(np.maximum(around, 1.0))
+    top = (ndimage.maximum_filter(near, 5) == near) & (stands > STANDS_OUT)
+    # One of each pair of opposites.
+    found = np.argwhere(top)
+    found = found[((found + low) @ [1_000_000, 1_000, 1]) > 0]
+    found = found[np.argsort(-near[tuple(found.T)], kind="stable")][:CROWDS]
+    blocks = [tuple(slice(k - 1, k + 2) for k in cell) for cell in found]
+    return np.array([[total[block].sum() / counts[block].sum() for total in sums] for block in blocks]).reshape(-1, 3)
+
+
+def _periodic(poses: Poses, checks: OrientedPoints, surface: Surface) -> IntArray:
+    """Which shifts put enough into place that is out of place a little before and after."""
+    rotated = np.trace(poses.R, axis1=1, axis2=2) < 1.0 + 2.0 * np.cos(2.0 * CELL)
+    rows = np.flatnonzero(~rotated & (np.linalg.norm(poses.t, axis=1) >= SHORTEST * surface.diagonal))
+    if not len(rows):
+        return rows
+    R, t = poses.R[rows], poses.t[rows]
+    aside = BESIDE * surface.diagonal * t / np.linalg.norm(t, axis=1, keepdims=True)
+    there, *beside = (_in_place(Poses(R, t + k * aside), checks, surface, IN_PLACE) for k in (0, 1, -1))
+    return rows[(there >= FITS) & (there - np.maximum(*beside) >= COMES_BACK)]
+
+
+def _in_place(poses: Poses, checks: OrientedPoints, surface: Surface, within: float) -> FloatArray:
+    """Fraction of the points that each pose puts so near to the surface, in sizes, with an equal normal, (k,)."""
+    found = surface.closest(poses.apply(checks.points).reshape(-1, 3))
+    normals = found.normals.reshape(len(poses), len(checks), 3)
+    equal = np.einsum("kni,ni->kn", normals, checks.directions) > EQUAL_COS
+    near = found.distances.reshape(len(poses), len(checks)) <= within * surface.diagonal
+    return np.asarray((equal & near).mean(axis=1))
+
+
+def _shortest(shifts: FloatArray) -> IntArray:
+    """Rows of the shortest ones, without their multiples."""
+    kept: list[int] = []
+    for k in np.argsort(np.linalg.norm(shifts, axis=1), kind="stable"):
+        times = [float(shifts[k] @ shifts[j] / (shifts[j] @ shifts[j])) for j in kept]
+        gaps = [
+            np.linalg.norm(shifts[k] - round(n) * shifts[j]) / np.linalg.norm(shifts[j])
+            for n, j in zip(times, kept, strict=True)
+        ]
+        if len(kept) < KEPT and all(gap > MULTIPLE for gap in gaps):
+            kept.append(int(k))
+    return np.array(kept, dtype=np.int64)

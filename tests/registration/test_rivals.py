@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import dqreg
+from dqreg.geometry import sample_mesh
+from dqreg.rigid import pose
+from dqreg.synth import worst_vertex_displacement
+from tests.search.periodic import pegs
+
+PITCH = 21.0
+PLATE = pegs(6, 5, PITCH)
+TARGET = dqreg.prepare_target(PLATE)
+NOISE = 0.03
+
+
+def scan_of(middle: bool) -> np.ndarray:
+    """A scan of the plate's upper side, or of nothing but pegs around its middle, in its own frame."""
+    rng = np.random.default_rng(3)
+    sample = sample_mesh(PLATE, 30_000, rng)
+    points = sample.points[(sample.points[:, 2] > 2.9)]
+    if middle:
+        points = points[(np.abs(points[:, :2] - PLATE.centre[:2]) < 1.4 * PITCH).all(axis=1)]
+    return points + NOISE * rng.normal(size=points.shape)
+
+
+@pytest.mark.parametrize("periods", [(0, 0), (1, 0), (-1, 1), (2, 0)])
+def test_a_start_some_periods_off_is_decided_by_the_points_that_tell(periods: tuple[int, int]) -> None:
+    # Truth: the identity. Only the plate's ends tell the places apart.
+    start = pose.from_parts(np.eye(3), [PITCH * periods[0] + 0.4, PITCH * periods[1] - 0.3, 0.2])
+    result = TARGET.register(scan_of(middle=False), start, effort="fast", search="never")
+    assert worst_vertex_displacement(result.T_target_source, np.eye(4), PLATE.vertices) <= NOISE
+    assert result.verdict.level == "accepted"
+
+
+def test_in_the_middle_of_a_lattice_the_next_period_is_named() -> None:
+    result = TARGET.register(scan_of(middle=True), np.eye(4), effort="fast", search="never")
+    assert "alternative_poses" in result.verdict.codes
+    assert any("one period (21" in reason for reason in result.verdict.reasons)
+    shifts = [other.T_target_source[:3, 3] for other in result.alternatives]
+    for period in ([PITCH, 0.0, 0.0], [-PITCH, 0.0, 0.0], [0.0, PITCH, 0.0], [0.0, -PITCH, 0.0]):
+        assert min(np.linalg.norm(shift - period) for shift in shifts) <= 0.01 * PITCH
+    # They explain the scan as well: no gain beyond three standard errors, or a hundredth.
+    assert all(abs(other.gain) <= max(3.0 * other.gain_sigma, 0.01) for other in result.alternatives)
+
+
+def test_alternatives_are_saved_and_read(tmp_path) -> None:
+    result = TARGET.register(scan_of(middle=True), np.eye(4), effort="fast", search="never")
+    result.save(tmp_path / "result.json")
+    read = dqreg.Registration.load(tmp_path / "result.json").alternatives
+    assert [(a.gain, a.gain_sigma, a.words) for a in read] == [
+        (a.gain, a.gain_sigma, a.words) for a in result.alternatives
+    ]
