@@ -16,6 +16,8 @@ from dqreg.rigid import pose, quaternion
 from dqreg.solvers import Fit, horn
 
 NOISE = 1e-3
+# An error of this is the noise's, far below the start's.
+ARRIVED = 5.0 * NOISE
 START_DEG, START_SHARE = 10.0, 0.05
 SHOWN = (1, 2, 3, 5, 10, 20, 30, 50, 100)
 
@@ -101,10 +103,7 @@ def convergence_section(paths: tuple[Path, ...]) -> Section:
     return Section(
         "icp",
         "Section 5: ICP, where the correspondences are unknown",
-        f"The notes' ICP needs {len(plain.errors)} iterations ({plain.status}) to an error of "
-        f"{short_number(plain.errors[-1], '.1e')} of the size; extrapolated steps need {len(points.errors)}, with "
-        f"normals {len(normals.errors)}, to {short_number(points.errors[-1], '.1e')} and "
-        f"{short_number(normals.errors[-1], '.1e')}.",
+        _finding(plain, (points, normals)),
         (
             f"The target is a bumpy sheet of size 1; the source holds some of its points with noise {NOISE:g} of the "
             f"size on each coordinate, and starts {START_DEG:g} degrees and {100 * START_SHARE:g} % of the size off. A "
@@ -116,6 +115,21 @@ def convergence_section(paths: tuple[Path, ...]) -> Section:
         (_table(paths),),
         (_figure(paths),),
     )
+
+
+def _finding(plain: Path, others: tuple[Path, Path]) -> str:
+    words = [f"The notes' ICP {_ended(plain)}"]
+    for name, path in zip(("with extrapolated steps it", "with normals it"), others, strict=True):
+        more = len(path.errors) - len(plain.errors)
+        words.append(f"{name} {_ended(path)}, {'fewer' if more < 0 else 'more' if more else 'as many'}")
+    return "; ".join(words) + "."
+
+
+def _ended(path: Path) -> str:
+    arrived = path.errors[-1] <= ARRIVED
+    near = f"{short_number(path.errors[-1], '.1e')} of the size"
+    how = f"ends within {near} of the truth" if arrived else f"stops {near} away from the truth"
+    return f"{how} after {len(path.errors)} iterations ({path.status})"
 
 
 def _table(paths: tuple[Path, ...]) -> Table:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dqreg.papers.document import Curve, Figure, Panel, Section
+from dqreg.papers.printed import WALKER
 from dqreg.papers.simulation import Accuracy, SetUp
-from dqreg.papers.trials import SIGMA
+from dqreg.papers.trials import SIGMA, exceeds
 from dqreg.report.table import Column, Estimate, Table
 from dqreg.solvers import likelihood_weights
 from dqreg.synth.parts.blocks import FEEDER_DIAGONAL
@@ -18,7 +19,9 @@ DIRECTIONS = (0, 1, 2, 5, 10)
 # Noise of a direction times the diagonal of the part over the noise of a point.
 RATIOS = (0.1, 1.0, 10.0)
 # The paper sets alpha = beta = 1, and its beta weighs a quarter of the squared distance (eq. 26).
-PAPER_WEIGHTS = (0.25, 1.0)
+# A rotation error that is none of the noise's.
+LARGE_DEG = 10.0
+PAPER_WEIGHTS: tuple[float, float] = (0.25 * WALKER["simulation"]["beta"], WALKER["simulation"]["alpha"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,17 +56,36 @@ def measure_directions(rng: np.random.Generator, choices: int = 20, trials: int 
     return tuple(gains)
 
 
+Gains = dict[tuple[int, int, float], Gain]
+
+
+def _finding(gains: Gains) -> str:
+    bare, helped = (gains[3, m, 0.1].likely.turn_deg for m in (0, 2))
+    equal = gains[3, 2, 0.1].equal.turn_deg
+    words = ["Two very exact directions (ratio 0.1) beside three points, weighed by their likelihood, "]
+    if exceeds(bare, helped):
+        words.append(f"bring the rotation error from {bare.value:.3f} to {helped.value:.3f} degrees")
+    else:
+        words.append(
+            f"do not help: the rotation error is {helped.value:.3f} degrees with them and {bare.value:.3f} without"
+        )
+    if exceeds(equal, helped):
+        words.append(f"; with alpha = beta = 1 it is {equal.value:.3f}. ")
+    else:
+        words.append(f"; alpha = beta = 1 is as good ({equal.value:.3f}). ")
+    lone = gains[1, 2, 0.1].likely.turn_deg.value
+    enough = np.isfinite(lone) and lone < LARGE_DEG
+    words.append(f"One point is {'' if enough else 'not '}enough where two directions are known.")
+    return "".join(words)
+
+
 def directions_section(gains: tuple[Gain, ...]) -> Section:
     """Words, tables and figure of the measurement."""
     by_key = {(gain.points, gain.directions, gain.ratio): gain for gain in gains}
-    bare, helped = (by_key[3, m, 0.1].likely.turn_deg.value for m in (0, 2))
-    unweighted = by_key[3, 2, 0.1].equal.turn_deg.value
     return Section(
         "directions",
         "What directions buy",
-        f"Two very exact directions (ratio 0.1) beside three points bring the rotation error from {bare:.3f} to "
-        f"{helped:.3f} degrees if they are weighed by their likelihood, but only to {unweighted:.3f} with "
-        "alpha = beta = 1. One point is enough where two directions are known.",
+        _finding(by_key),
         (
             f"Noise of a point: {SIGMA:g} units on each coordinate. Ratio: noise of a direction (radians, along each "
             f"of the two ways across it) times the diagonal of the part ({FEEDER_DIAGONAL:.1f} units) over the noise "
@@ -75,9 +97,6 @@ def directions_section(gains: tuple[Gain, ...]) -> Section:
         (_table(by_key, "turn"), _table(by_key, "shift")),
         (_figure(by_key),),
     )
-
-
-Gains = dict[tuple[int, int, float], Gain]
 
 
 def _table(gains: Gains, kind: str) -> Table:

@@ -13,6 +13,8 @@ from dqreg.rigid import quaternion
 
 FIRST = ((1.0, 0.0, 0.2), 40.0)
 LAST = ((0.0, 1.0, 1.0), 160.0)
+# Speeds that differ by less than this are one: what the differences leave.
+EVEN = 0.01
 NAMES = ("eq. 33, constant rates", "eq. 34, slerp")
 
 
@@ -76,14 +78,24 @@ def interpolation_section(paths: tuple[Between, Between]) -> Section:
     return Section(
         "interpolation",
         "Appendix C: interpolation",
-        f"Equation 33 moves the angle and the axis evenly but not the body: its speed varies between "
-        f"{rates.speed_deg.min():.0f} and {rates.speed_deg.max():.0f} degrees per unit of tau and it sweeps "
-        f"{rates.swept_deg:.1f} degrees. Slerp turns evenly about one axis and sweeps {slerp.swept_deg:.1f}, "
-        "the least.",
+        _finding(rates, slerp),
         (f"From {FIRST[1]:g} degrees about {FIRST[0]} to {LAST[1]:g} degrees about {LAST[0]}; tau runs from 0 to 1.",),
         (table,),
         (_figure(paths),),
     )
+
+
+def _finding(rates: Between, slerp: Between) -> str:
+    words = []
+    for name, path in (("Equation 33", rates), ("Slerp", slerp)):
+        low, high = path.speed_deg.min(), path.speed_deg.max()
+        how = "turns the body evenly" if high - low <= EVEN * high else "does not turn the body evenly"
+        words.append(
+            f"{name} {how}: its speed runs from {low:.0f} to {high:.0f} degrees per unit of tau, and it sweeps "
+            f"{path.swept_deg:.1f} degrees"
+        )
+    least = "the less of the two" if slerp.swept_deg < rates.swept_deg else "no less than equation 33"
+    return f"{words[0]}. {words[1]}, {least}."
 
 
 def _figure(paths: tuple[Between, Between]) -> Figure:

@@ -20,7 +20,7 @@ from dqreg.papers.interpolation import interpolation_section, measure_interpolat
 from dqreg.papers.jacobians import jacobians_section, measure_jacobians
 from dqreg.papers.registration import measure_registration, registration_section
 from dqreg.papers.solution_time import measure_time, time_section
-from dqreg.papers.table3 import measure_table3, table3_section
+from dqreg.papers.table3 import CHOICES, TRIALS, measure_table3, table3_section
 from dqreg.papers.weights import measure_weights, weights_section
 
 # From a source of draws and whether few trials will do, to one answered question.
@@ -43,7 +43,7 @@ PAPERS: dict[str, Paper] = {
         'M. W. Walker, L. Shao, R. A. Volz, "Estimating 3-D location parameters using dual number quaternions", CVGIP: '
         "Image Understanding 54 (1991).",
         (
-            lambda rng, quick: table3_section(measure_table3(rng, *((4, 5) if quick else (25, 20)))),
+            lambda rng, quick: table3_section(measure_table3(rng, *((4, 5) if quick else (CHOICES, TRIALS)))),
             lambda rng, quick: directions_section(measure_directions(rng, *((4, 50) if quick else (20, 1000)))),
             lambda rng, quick: weights_section(measure_weights(rng, *((3, 100) if quick else (10, 2000)))),
             lambda rng, quick: time_section(measure_time(rng, *((500, 2) if quick else (100_000, 15)))),

@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.papers.printed import WALKER
 from dqreg.report.table import Estimate
 from dqreg.rigid import pose, quaternion
 from dqreg.synth.parts.blocks import FEEDER_DIAGONAL, feeder_vertices
 
-# Walker section 4: 36 degrees about (3, 4, 6), then a shift, then noise on every coordinate.
-AXIS = np.array([3.0, 4.0, 6.0])
-ANGLE_RAD = float(np.deg2rad(36.0))
-SHIFT = np.array([7.0, 8.0, 13.0])
-SIGMA = 0.5
+# Walker section 4: a rotation, then a shift, then noise on every coordinate.
+_SIMULATION = WALKER["simulation"]
+AXIS, SHIFT = np.array(_SIMULATION["axis"]), np.array(_SIMULATION["shift"])
+ANGLE_RAD = float(np.deg2rad(_SIMULATION["angle_deg"]))
+SIGMA: float = _SIMULATION["sigma"]
 
 # Chosen points must spread across a line by this share of the part, or their rotation is as good as free.
 LEAST_SPREAD = 0.05
@@ -84,6 +85,19 @@ def position_errors(T: FloatArray, T_truth: FloatArray, at: FloatArray) -> Float
     """
     change = T - T_truth
     return np.asarray(np.linalg.norm(change[..., :3, :3] @ at + change[..., :3, 3], axis=-1))
+
+
+# Standard errors beyond which a difference is not chance.
+SURE = 4.0
+
+
+def exceeds(a: Estimate, b: Estimate) -> bool:
+    """Whether one simulated number is larger than another beyond chance; false where either is NaN.
+
+    >>> exceeds(Estimate(2.0, 0.1), Estimate(1.0, 0.1)), exceeds(Estimate(1.1, 0.1), Estimate(1.0, 0.1))
+    (True, False)
+    """
+    return bool(a.value - b.value > SURE * np.hypot(a.error, b.error))
 
 
 def rms_estimate(errors: FloatArray) -> Estimate:

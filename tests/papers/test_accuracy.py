@@ -29,7 +29,11 @@ def test_the_algorithm_as_printed_loses_digits_far_away(outcomes):
 
 
 def test_free_rotations_are_refused_by_all(outcomes):
-    for layout in ("exactly on a line", "one point, repeated"):
+    for layout in (
+        "strip along the axes, exactly on a line",
+        "strip in general position, exactly on a line",
+        "one point, repeated",
+    ):
         assert outcomes[layout].refused == dict.fromkeys(METHODS, 5)
         assert np.isnan(list(outcomes[layout].worst_rad.values())).all()
 
@@ -42,13 +46,28 @@ def test_size_does_not_matter(outcomes):
 def test_refusals_are_words_in_the_table(outcomes):
     section = accuracy_section(tuple(outcomes.values()))
     cells = {row[0]: row[2:] for row in section.tables[0].rows}
-    assert cells["exactly on a line"] == ("refused",) * 4
+    assert cells["strip along the axes, exactly on a line"] == ("refused",) * 4
     assert all(isinstance(cell, float) for cell in cells["at the origin"])
+
+
+def test_solve_keeps_the_digits_of_narrow_strips_in_either_position(outcomes):
+    # 1e-9 may be refused; down to 1e-7 the coordinates leave eps over the width, times some ten roundings.
+    strips = [o for o in outcomes.values() if "strip" in o.layout and o.floor_rad < 1e-8]
+    assert {o.aligned for o in strips} == {True, False}
+    for outcome in strips:
+        assert outcome.refused["solve"] == 0, outcome.layout
+        assert outcome.worst_rad["solve"] < 100 * outcome.floor_rad, outcome.layout
+
+
+def test_a_strip_along_the_axes_lies_along_them():
+    for aligned in (True, False):
+        source = _layout(np.random.default_rng(0), (1.0, 1e-3, 1e-3), 0.0, aligned)[0]
+        assert bool(np.ptp(source, axis=0)[1:].max() < 1e-3) is aligned
 
 
 def test_times_have_a_line_through_them():
     timings = measure_time(np.random.default_rng(0), most=100, repeats=2)
-    assert [timing.samples for timing in timings] == [SAMPLES[:4]] * 2
+    assert [timing.samples for timing in timings] == [SAMPLES[:5]] * 2
     for timing in timings:
         assert all(seconds > 0.0 for seconds in timing.seconds)
         assert 0.0 <= timing.r_squared <= 1.0
