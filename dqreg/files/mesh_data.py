@@ -72,10 +72,14 @@ def make_mesh(path: Path, vertices: FloatArray, faces: IntArray, units: str | No
         invalid = low if low < 0 else high
         expected = f"indices from 0 to {len(vertices) - 1}" if len(vertices) else "vertices"
         raise unreadable(path, f"a face that names vertex {invalid}", expected)
-    used, faces = np.unique(faces, return_inverse=True)
-    corners = np.asarray(vertices, dtype=np.float64)[used]
+    # As `np.unique` would find them, without sorting several copies of the faces.
+    named = np.zeros(len(vertices), dtype=bool)
+    named[faces] = True
+    corners = np.asarray(vertices, dtype=np.float64)[named]
     bad = int(np.count_nonzero(~np.isfinite(corners).all(axis=1)))
     if bad:
         raise unreadable(path, f"{bad} vertices of faces that are NaN or infinite", "finite vertices")
     corners, merged = merge_identical(corners)
-    return MeshData(vertices=corners, faces=merged[faces.reshape(-1, 3)], units=units)
+    places = np.zeros(len(vertices), dtype=np.int64)
+    places[named] = merged
+    return MeshData(vertices=corners, faces=places[faces.reshape(-1, 3)], units=units)

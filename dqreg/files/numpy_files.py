@@ -20,6 +20,8 @@ Array = np.ndarray[tuple[int, ...], np.dtype[np.generic]]
 
 # Arrays that change what `points` means: the file is then a packed sequence, its numbers no coordinates.
 PACKING_NAMES = ("offsets", "scale")
+# Numbers that an archive of any size may become, each of which takes a few float64 on its way; more of a larger one.
+MAX_NUMBERS = 3_000_000
 
 
 def read_npy(path: Path) -> CloudData:
@@ -38,6 +40,9 @@ def read_npy(path: Path) -> CloudData:
 def read_npz(path: Path) -> CloudData:
     """Cloud of the arrays ``points`` (n, 3) and, if present, ``normals`` (n, 3)."""
     arrays = read_arrays(path, ("points", "normals"), refused=PACKING_NAMES)
+    count = sum(array.size for array in arrays.values())
+    if count > max(MAX_NUMBERS, path.stat().st_size // 2):
+        raise unreadable(path, f"{path.stat().st_size} bytes that unpack to {count} numbers", "a scan")
     points = _as_table(path, arrays["points"], "the array points")
     normals = _as_table(path, arrays["normals"], "the array normals") if "normals" in arrays else None
     if points.shape[1] != 3 or (normals is not None and normals.shape != points.shape):

@@ -39,8 +39,8 @@ def read_obj(path: Path) -> MeshData:
             raise unreadable(path, f"the line {line.strip()[:60]!r}", _EXPECTED.get(kind, "faces only")) from error
         if kind == "f" and len(words) < 3:
             raise unreadable(path, "a face with fewer than three corners", "a whole file; was it cut short?")
-    points: FloatArray = np.array(vertices, dtype=np.float64).reshape(-1, 3)
-    cut = triangles(path, points, np.array(lengths, dtype=np.int64), np.array(corners, dtype=np.int64))
+    points: FloatArray = np.asarray(vertices).reshape(-1, 3)
+    cut = triangles(path, points, np.asarray(lengths), np.asarray(corners))
     return make_mesh(path, points, cut, _units(path))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from array import array
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -38,17 +39,21 @@ def _mesh(path: Path, rows: Iterator[list[str]]) -> MeshData:
         raise unreadable(path, f"the counts {' '.join(counts)[:40]!r}", "numbers of vertices and faces")
     points, polygons = int(counts[0]), int(counts[1])
     try:
-        vertices = [[float(word) for word in row[:3]] for row in itertools.islice(rows, points)]
-        faces = [[int(word) for word in row[1 : 1 + int(row[0])]] for row in _whole(itertools.islice(rows, polygons))]
-        table: FloatArray = np.array(vertices, dtype=np.float64).reshape(len(vertices), 3)
-        corners = np.array([corner for face in faces for corner in face], dtype=np.int64)
+        vertices, lengths, corners = array("d"), array("q"), array("q")
+        for row in itertools.islice(rows, points):
+            x, y, z = map(float, row[:3])
+            vertices.extend((x, y, z))
+        for row in _whole(itertools.islice(rows, polygons)):
+            lengths.append(int(row[0]))
+            corners.extend(map(int, row[1 : 1 + lengths[-1]]))
     except (ValueError, OverflowError) as error:
         raise unreadable(path, f"a damaged row ({error})", "x y z, then faces as a count and vertices") from error
-    if len(vertices) < points or len(faces) < polygons:
-        found = f"{len(vertices)} vertices and {len(faces)} faces"
+    if len(vertices) < 3 * points or len(lengths) < polygons:
+        found = f"{len(vertices) // 3} vertices and {len(lengths)} faces"
         raise unreadable(path, found, f"the {points} and {polygons} of its header; was it cut short?")
-    lengths = np.array([len(face) for face in faces], dtype=np.int64)
-    return make_mesh(path, table, triangles(path, table, lengths, corners))
+    table: FloatArray = np.asarray(vertices).reshape(-1, 3)
+    cut = triangles(path, table, np.asarray(lengths), np.asarray(corners))
+    return make_mesh(path, table, cut)
 
 
 def _whole(rows: Iterator[list[str]]) -> Iterator[list[str]]:

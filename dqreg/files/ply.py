@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import struct
-from collections.abc import Sequence
+from array import array
 from pathlib import Path
 
 import numpy as np
@@ -32,20 +32,23 @@ def text_polygons(path: Path, face: Element, lines: list[str]) -> tuple[IntArray
     if len(lines) < face.count:
         expected = f"the {face.count} of its header; was the file cut short?"
         raise unreadable(path, f"{len(lines)} face lines", expected)
-    polygons: list[list[int]] = []
+    lengths, corners = array("q"), array("q")
     try:
         for line in lines[: face.count]:
             words, at = line.split(), 0
             for column in face.properties[:index]:
                 at += 1 + (int(words[at]) if column.count_type else 0)
             count = int(words[at])
-            polygon = [int(word) for word in words[at + 1 : at + 1 + count]]
+            polygon = words[at + 1 : at + 1 + count]
             if len(polygon) != count:
                 raise ValueError(f"{count} corners are announced")
-            polygons.append(polygon)
+            corners.extend(map(int, polygon))
+            lengths.append(count)
+    except OverflowError as error:
+        raise unreadable(path, "a vertex index of more than 64 bits", "indices of vertices") from error
     except (ValueError, IndexError) as error:
-        raise unreadable(path, f"the face line {line!r}", "a count and as many vertex indices") from error
-    return _flat(path, polygons)
+        raise unreadable(path, f"the face line {line[:60]!r}", "a count and as many vertex indices") from error
+    return np.asarray(lengths), np.asarray(corners)
 
 
 def binary_polygons(path: Path, header: PlyHeader, face: Element) -> tuple[IntArray, IntArray]:
@@ -63,7 +66,7 @@ def binary_polygons(path: Path, header: PlyHeader, face: Element) -> tuple[IntAr
         if alike is not None:
             corners = alike[f"list {index}"].astype(np.int64)
             return np.full(face.count, corners.shape[1], dtype=np.int64), corners.ravel()
-        return _flat(path, _unlike_rows(body, face, header.byte_order, index))
+        return _unlike_rows(body, face, header.byte_order, index)
     except (struct.error, ValueError) as error:
         expected = f"{face.count} faces; was it cut short?"
         raise unreadable(path, "a file that ends within its faces", expected) from error
@@ -100,10 +103,9 @@ def _alike_rows(body: bytes, face: Element, order: str) -> np.ndarray[tuple[int]
     return rows if same else None
 
 
-def _unlike_rows(body: bytes, face: Element, order: str, index: int) -> list[tuple[int, ...]]:
+def _unlike_rows(body: bytes, face: Element, order: str, index: int) -> tuple[IntArray, IntArray]:
     # A row's place depends on the row before it, so this one loop cannot be an array operation.
-    at = 0
-    polygons: list[tuple[int, ...]] = []
+    at, lengths, corners = 0, array("q"), array("q")
     for _ in range(face.count):
         for k, column in enumerate(face.properties):
             length = 1
@@ -113,17 +115,10 @@ def _unlike_rows(body: bytes, face: Element, order: str, index: int) -> list[tup
             if length < 0 or at + length * int(column.type[1]) > len(body):
                 raise ValueError("a list is longer than the file")
             if k == index:
-                polygons.append(struct.unpack_from(f"{order}{length}{LETTERS[column.type]}", body, at))
+                corners.extend(struct.unpack_from(f"{order}{length}{LETTERS[column.type]}", body, at))
+                lengths.append(length)
             at += length * int(column.type[1])
-    return polygons
-
-
-def _flat(path: Path, polygons: Sequence[Sequence[int]]) -> tuple[IntArray, IntArray]:
-    lengths = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
-    try:
-        return lengths, np.array([corner for polygon in polygons for corner in polygon], dtype=np.int64)
-    except OverflowError as error:
-        raise unreadable(path, "a vertex index of more than 64 bits", "indices of vertices") from error
+    return np.asarray(lengths), np.asarray(corners)
 
 
 def read_ply(path: Path) -> CloudData | MeshData:

@@ -5,6 +5,7 @@ trimesh needs another package for this, Open3D and SciPy have none: fans, as eve
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,10 @@ SAME_AREA = 1e-7
 # Clipping ears takes time by the square of the corners.
 MAX_CORNERS = 1_000
 MAX_SEARCHES = 3
+# About two seconds for any file, and as much again for each megabyte.
+SQUARES, SQUARES_A_BYTE = 10_000_000, 10
+# Polygons that are looked at together: what that takes is a hundred times their bytes.
+AT_ONCE = 100_000
 
 
 def fans(lengths: IntArray, corners: IntArray, first: int = 0) -> IntArray:
@@ -33,6 +38,33 @@ def triangles(path: Path, vertices: FloatArray, lengths: IntArray, corners: IntA
 
     Shapes: vertices (v, 3), lengths (p,), corners (sum of lengths,).
     """
+    if len(lengths) and lengths.min() == lengths.max() == 3:
+        return corners.reshape(-1, 3)
+    ends, budget = np.cumsum(lengths), _Budget(path)
+    pieces = [np.zeros((0, 3), dtype=np.int64)]
+    for first in range(0, len(lengths), AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        from_, to = ends[some][0] - lengths[first], ends[some][-1]
+        pieces.append(_triangles(path, vertices, lengths[some], corners[from_:to], budget))
+    return np.concatenate(pieces)
+
+
+class _Budget:
+    """Squares of corners that may be clipped in one file, which is what it costs."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._left = path, SQUARES
+        with contextlib.suppress(OSError):
+            self._left += SQUARES_A_BYTE * path.stat().st_size
+
+    def spend(self, corners: int) -> None:
+        """Count a polygon."""
+        self._left -= corners**2
+        if self._left < 0:
+            raise unreadable(self._path, "too many concave faces of many corners", "triangles, or smaller faces")
+
+
+def _triangles(path: Path, vertices: FloatArray, lengths: IntArray, corners: IntArray, budget: _Budget) -> IntArray:
     # An index or a position that is invalid is refused with the mesh, in its words.
     valid = len(corners) and corners.min() >= 0 and corners.max() < len(vertices)
     if not valid or lengths.max() <= 3 or not np.isfinite(vertices[corners]).all():
@@ -47,7 +79,9 @@ def triangles(path: Path, vertices: FloatArray, lengths: IntArray, corners: IntA
         still = _overlapping(vertices, lengths, second)
         cut.append(second[~still[_pieces(lengths)[0]]])
         lengths, corners = _chosen(lengths, corners, np.flatnonzero(still))
-        cut += [_clipped(path, vertices, polygon) for polygon in np.split(corners, np.cumsum(lengths))[:-1]]
+        for polygon in np.split(corners, np.cumsum(lengths))[:-1]:
+            budget.spend(len(polygon))
+            cut.append(_clipped(path, vertices, polygon))
     return np.concatenate(cut)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,7 @@ def read_text(path: Path, skip_bytes: int = 0) -> str:
 
 def parse_rows(
     path: Path,
-    lines: list[str],
+    lines: Iterable[str],
     *,
     columns: int | None = None,
     delimiter: str | None = None,
@@ -38,7 +38,8 @@ def parse_rows(
     >>> parse_rows(Path("a.xyz"), ["1 2 3", "4 5 nan"]).shape
     (2, 3)
     """
-    if not lines:
+    count = len(lines) if isinstance(lines, list) else -1
+    if not count:
         return np.zeros((0, columns or 0))
     try:
         table = np.loadtxt(lines, dtype=np.float64, delimiter=delimiter, usecols=wanted, ndmin=2, comments=None)
@@ -47,9 +48,9 @@ def parse_rows(
         reason = str(error).split(";")[0].rstrip(".")
         found = f"{reason} (counted from the first row of numbers)"
         raise unreadable(path, found, "as many numbers in each row") from error
-    if columns is not None and table.shape != (len(lines), columns):
+    if columns is not None and table.shape != (count, columns):
         found = f"{len(table)} rows of {table.shape[1]} numbers"
-        raise unreadable(path, found, f"{len(lines)} rows of {columns}; was the file cut short?")
+        raise unreadable(path, found, f"{count} rows of {columns}; was the file cut short?")
     return table
 
 
@@ -112,15 +113,14 @@ def read_table(path: Path) -> CloudData:
     """
     names, lines = _split_header(path, read_text(path).splitlines())
     delimiter = _delimiter(lines[0])
-    lines = _tidy(lines, delimiter)
-    width = len(lines[0].split(delimiter))
+    width = len(next(_tidy(lines, delimiter)).split(delimiter))
     if names is not None and len(names) != width:
         raise unreadable(path, f"{len(names)} column names over {width} columns", "one name for each column")
     if names is None:
-        table = parse_rows(path, lines, delimiter=delimiter)
+        table = parse_rows(path, _tidy(lines, delimiter), delimiter=delimiter)
         return nameless_cloud(path, table, trust_normals=path.suffix.lower() == ".xyzn")
     positions, normals = find_columns(path, names)
-    table = parse_rows(path, lines, delimiter=delimiter, wanted=positions + (normals or []))
+    table = parse_rows(path, _tidy(lines, delimiter), delimiter=delimiter, wanted=positions + (normals or []))
     return make_cloud(path, table[:, :3], table[:, 3:] if normals else None)
 
 
@@ -175,7 +175,7 @@ def _words(line: str) -> list[str]:
 
 def _is_numbers(line: str) -> bool:
     delimiter = _delimiter(line)
-    fields = _tidy([line], delimiter)[0].split(delimiter)
+    fields = next(_tidy([line], delimiter)).split(delimiter)
     try:
         return bool([float(field) for field in fields])
     except ValueError:
@@ -187,11 +187,14 @@ def _delimiter(line: str) -> str | None:
     return next((sign for sign in (";", ",") if sign in line), None)
 
 
-def _tidy(lines: list[str], delimiter: str | None) -> list[str]:
-    rows = [line for line in lines if line and not line.isspace() and not line.lstrip().startswith(COMMENTS)]
-    if delimiter is None:
-        return rows
-    if delimiter == ";":
-        rows = [row.replace(",", ".") for row in rows]
+def _tidy(lines: Iterable[str], delimiter: str | None) -> Iterator[str]:
+    # One after the other: a row takes ten times its letters in memory.
     gap = re.compile(rf"(^|{delimiter})\s*(?={delimiter}|$)")
-    return [gap.sub(r"\1nan", row) if gap.search(row) else row for row in rows]
+    for line in lines:
+        if not line or line.isspace() or line.lstrip().startswith(COMMENTS):
+            continue
+        if delimiter is None:
+            yield line
+            continue
+        row = line.replace(",", ".") if delimiter == ";" else line
+        yield gap.sub(r"\1nan", row) if gap.search(row) else row

@@ -63,6 +63,8 @@ class _Models:
         self.wanted: list[str] = []
         self._spaces: dict[str, str] = {}
         self._inside: _Object | None = None
+        # Empty elements pack to a fiftieth of a byte each, and take as long to read as a triangle.
+        self._elements, self._most = 0, 2 * max_faces(path)
 
     def parse(self, file: str, archive: zipfile.ZipFile, name: str) -> None:
         """Read one model."""
@@ -88,6 +90,10 @@ class _Models:
         self._spaces[prefix or ""] = uri
 
     def _start(self, element: str, values: dict[str, str]) -> None:
+        self._elements += 1
+        if self._elements > self._most:
+            found = f"more than {self._most} elements in a file of {self.path.stat().st_size} bytes"
+            raise unreadable(self.path, found, "as many as its vertices and triangles take")
         kind = element.rpartition("}")[2]
         inside = self._inside
         if kind == "vertex" and inside is not None:
