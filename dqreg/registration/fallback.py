@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import BoolArray, FloatArray
 from dqreg.registration.assess import evidence_of, uncertainty_of
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose
@@ -26,8 +26,9 @@ OF_THE_SCAN: frozenset[str] = frozenset({"unconstrained", "alternative_poses", "
 # A better pose is taken if it is within this rotation and this fraction of the target's size of the initial pose that
 # was given: that one is rough, but it is meant. Farther off it has to be significantly better.
 MEANT_RAD, MEANT = np.deg2rad(40.0), 0.25
-# Poses within so much of the best explain the scan about as well.
-AS_WELL = 0.02
+# Poses within so much of the best mean log-likelihood explain the scan about as well; within so many standard errors,
+# and what is left of refinements that have not quite ended, they are as likely as the best.
+AS_WELL, ERRORS, ROUNDING = 0.02, 3.0, 5e-4
 # Poses of a search that are refined.
 TRIED = 8
 # Points that tell whether an initial pose is near.
@@ -55,13 +56,15 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
     if not is_asked and ((not is_given and not len(start.others)) or not is_doubtful(fit)):
         return known
     others = np.array([c.T_target_source for c in search.candidates()]).reshape(-1, 4, 4) if is_given else start.others
+    is_copy = _is_copy(fit, others)
     fits, last = [fit], fit
-    for T in others[:TRIED]:
+    for T in others[~is_copy][:TRIED]:
         last = last.resumed(T, search.kernel_scale if problem.options.method == "auto" else None)
         if last.problem.watch.is_over:
             break
         fits.append(last)
-    return _best(fits, start.T_target_source if is_given else None)
+    known = _best(fits, start.T_target_source if is_given else None)
+    return dataclasses.replace(known, others=np.concatenate([known.others, others[is_copy]]))
 
 
 def may_search(fit: Fit) -> bool:
@@ -86,6 +89,13 @@ def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
     return verdict.level != "accepted" and not OF_THE_SCAN.issuperset(verdict.codes)
 
 
+def _is_copy(fit: Fit, others: FloatArray) -> BoolArray:
+    """Which poses, (k, 4, 4), are the fit's after a symmetry of the part: no scan is explained better there."""
+    target = fit.problem.target
+    symmetry = target.pairs.symmetry if len(others) and fit.found and target.kind == "mesh" else None
+    return np.array([bool(symmetry and symmetry.between(fit.T_target_source, T)) for T in others], dtype=bool)
+
+
 def _was_near(fit: Fit) -> bool:
     """Whether the initial pose put most of the scan near the target: one somewhere else is a mistake to be told."""
     given = fit.problem.start
@@ -103,15 +113,16 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
     scores = scores_of(found[0], np.stack([fit.T_target_source for fit in found]))
     means = scores.means
     order = np.argsort(-means, kind="stable")
-    worse = scores.distinguishable(int(order[0]))
+    deficit, error = scores.deficit(int(order[0]))
+    worse = scores.distinguishable(int(order[0])) | (deficit > np.minimum(AS_WELL, ERRORS * error + ROUNDING))
     # Among equals the pose that the start leads to goes first, then the one nearest to the start.
-    likely = [int(k) for k in order if means[k] >= means[order[0]] - AS_WELL and not worse[k]]
+    likely = [int(k) for k in order if not worse[k]]
     likely.sort(key=lambda k: (found[k] is not fits[0], _offset(found[k], start)))
     best = next((k for k in likely if not is_doubtful(found[k], ask_mirror=True)), None)
     if best is None:
         best = likely[0]
-        gain, error = float(means[best] - means[0]), float(scores.deficit(best)[1][0])
-        is_better = gain > BETTER and (_offset(found[best], start) <= 1.0 or gain > SIGNIFICANT * error)
+        gain, sigma = float(means[best] - means[0]), float(scores.deficit(best)[1][0])
+        is_better = gain > BETTER and (_offset(found[best], start) <= 1.0 or gain > SIGNIFICANT * sigma)
         best = best if is_better or found[0] is not fits[0] else 0
     apart = scores.distinguishable(best)
     others = [k for k in range(len(found)) if k != best and means[k] >= means[best] - AS_WELL and not apart[k]]

@@ -25,6 +25,8 @@ BETTER, SIGNIFICANT = 0.02, 5.0
 JUDGES = 10_000
 # Better near-symmetric poses that follow one another.
 STEPS = 12
+# A pose that explains the scan worse by so much mean log-likelihood is no alternative.
+WORSE = 0.05
 # A shift is a period within this share of it.
 PERIOD = 0.05
 # The same where the time is up, and poses of the loop that are compared then.
@@ -123,7 +125,7 @@ def alternatives_of(fit: Fit, others: FloatArray) -> tuple[Alternative, ...]:
     deficit, error = scores.deficit(0)
     rms = np.sqrt((scores.distances**2).mean(axis=1))
     found = []
-    for k in range(1, len(poses)):
+    for k in np.flatnonzero(deficit[1:] <= WORSE) + 1:
         # Known where a global search has run.
         symmetry = target.pairs.symmetry if "pairs" in vars(target) else None
         axis = symmetry.between(poses[0], poses[k]) if symmetry else None
