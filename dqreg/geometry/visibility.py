@@ -87,6 +87,23 @@ def _is_visible(scene: RayScene, eye: FloatArray, points: FloatArray, faces: Int
     return np.asarray((first == faces) | (met >= lengths - SHORT))
 
 
+def blocked(mesh: Mesh, points: FloatArray, eyes: FloatArray, margin: float) -> BoolArray:
+    """Whether the mesh stands between each point, (n, 3), and every eye, (k, 3), by more than a margin before it, (n,).
+
+    The last part of each line of sight, as long as the margin, does not count.
+    """
+    scene = RayScene(mesh.vertices, mesh.faces, mesh.centre, mesh.diagonal)
+    found = np.ones(len(points), dtype=bool)
+    unit, short = (points - mesh.centre) / mesh.diagonal, margin / mesh.diagonal
+    for eye in (eyes - mesh.centre) / mesh.diagonal:
+        away = eye - unit
+        lengths = np.linalg.norm(away, axis=1)
+        rays = away / np.maximum(lengths, 1e-12)[:, None]
+        _, met = scene.first_faces(np.column_stack([unit + short * rays, rays]))
+        found &= met < lengths - short
+    return found
+
+
 class VisibleSurface(MeshSurface):
     """The faces of a mesh that were seen, as a surface; faces are numbered as in the whole mesh."""
 

@@ -9,6 +9,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.icp import find_correspondences
 from dqreg.registration.fit import Fit
+from dqreg.registration.free_space import looked_through_at
 from dqreg.trust import (
     Evidence,
     Information,
@@ -64,6 +65,7 @@ def evidence_of(
         size=fit.prepared.surface.diagonal,
         carriers=tuple(fit.information.carriers.tolist()) if uncertainty.directions else (),
         clutter=fit.problem.options.clutter,
+        looked_through=looked_through_at(fit),
     )
 
 

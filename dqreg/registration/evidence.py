@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.geometry import Scan, Surface
+from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
 from dqreg.registration.surroundings import Surroundings, surroundings_of
@@ -85,7 +85,11 @@ def agreement_of(
     else:
         local = _Local.of(pairs, width)
     clutter = has_border or bool(around.elsewhere.any())
-    strain = _strain(pairs, on if has_border else close, clutter=clutter, sparse=len(scan) < SPARSE and not has_border)
+    strain = Strain()
+    # Between the points of two clouds, tangent planes are guesses.
+    if not isinstance(surface, CloudSurface):
+        sparse = len(scan) < SPARSE and not has_border
+        strain = _strain(pairs, on if has_border else close, clutter=clutter, sparse=sparse)
     return Agreement(
         share_near=_share(on, close),
         near=near,
@@ -110,9 +114,6 @@ def agreement_of(
 
 def _strain(pairs: Correspondences, counted: BoolArray, *, clutter: bool, sparse: bool) -> Strain:
     """Strain of a scan against a part; a pattern of one in a sparse scan, which knows no covariance."""
-    if isinstance(pairs.closest.others, np.ndarray):
-        # Two clouds: between their points, tangent planes are guesses.
-        return Strain()
     counted = counted & pairs.closest.normals.any(axis=1)
     rows = np.flatnonzero(counted)[sample_rows(int(np.count_nonzero(counted)), STRAINED)]
     # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.

@@ -60,6 +60,8 @@ class Evidence:
         Number of points, about, that constrain each of the directions; empty where that was not counted.
     share_on, share_other, share_contradicting : float
         Fractions of the scan on the target, on other objects, and on surface of the part itself off the target.
+    looked_through : float
+        Fraction of the points compared that stand where a scanner looked through; NaN where its place is not known.
     clutter : str
         "allowed", or "none" where the scan is of the part alone.
     """
@@ -93,6 +95,7 @@ class Evidence:
     share_other: float = 0.0
     share_contradicting: float = 0.0
     clutter: str = "allowed"
+    looked_through: float = math.nan
 
     def length(self, value: float) -> str:
         """A length in words, with its unit where that is known.

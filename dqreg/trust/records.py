@@ -31,6 +31,7 @@ Code = Literal[
     "deviating_patches",
     "contradicting_surface",
     "clutter",
+    "looked_through",
     "disagreeing_normals",
     "outliers",
     "large_residuals",

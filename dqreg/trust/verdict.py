@@ -35,9 +35,10 @@ CHANCE = 0.25
 UNCERTAIN_RAD, UNCERTAIN = math.radians(2.0), 0.02
 # A motion constrained by fewer points than this, and by this fraction of the inliers, depends on a detail or outliers.
 DETAIL, DETAIL_SHARE = 30.0, 0.02
-# Surface of the part itself off the target, in shares of what is on it; points off a part that the scan is said to show
-# alone.
+# Surface of the part itself off the target, in shares of what is on it; points off a part that is said to be alone.
 CONTRADICTING, CLUTTER = 0.08, 0.05
+# Points where a scanner looked through: right poses of depth cameras and LiDARs came to 0.004, wrong ones to 0.05.
+LOOKED_THROUGH = 0.05
 # What to do about a loop that ended so.
 ADVICE: dict[Status, str] = {
     "iteration limit": "; raise max_iterations, or give a closer initial pose",
@@ -176,6 +177,14 @@ def _clutter(evidence: Evidence) -> Iterator[str]:
         )
 
 
+def _looked_through(evidence: Evidence) -> Iterator[str]:
+    if evidence.looked_through > LOOKED_THROUGH:
+        yield (
+            f"{100 * evidence.looked_through:.0f} % of the points compared stand where a scanner looked through: a "
+            "wrong pose, or things that moved between the scans"
+        )
+
+
 def _disagreeing_normals(evidence: Evidence) -> Iterator[str]:
     if not evidence.normals_apart <= NORMALS_APART:
         yield (
@@ -204,11 +213,9 @@ def _large_residuals(evidence: Evidence) -> Iterator[str]:
 def _stretched(evidence: Evidence) -> Iterator[str]:
     if not evidence.stretch:
         return
-    amount, longer = f"{100 * abs(evidence.stretch):.2g} %", evidence.stretch > 0.0
-    if any(evidence.stretched_along):
-        words = f"{amount} too {'long' if longer else 'short'} along {direction_words(evidence.stretched_along)}"
-    else:
-        words = f"{amount} too {'large' if longer else 'small'}"
+    along = evidence.stretched_along if any(evidence.stretched_along) else None
+    how = ("short", "long")[evidence.stretch > 0.0] if along else ("small", "large")[evidence.stretch > 0.0]
+    words = f"{100 * abs(evidence.stretch):.2g} % too {how}" + (f" along {direction_words(along)}" if along else "")
     yield f"the scan is {words}: another part, a scaled file, or a local minimum"
 
 
@@ -277,6 +284,7 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("deviating_patches", _deviating_patches),
     ("contradicting_surface", _contradicting_surface),
     ("clutter", _clutter),
+    ("looked_through", _looked_through),
     ("disagreeing_normals", _disagreeing_normals),
     ("outliers", _outliers),
     ("large_residuals", _large_residuals),

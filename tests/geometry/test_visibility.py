@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, MeshSurface
-from dqreg.geometry.visibility import VisibleSurface, visible_faces
+from dqreg.geometry.visibility import VisibleSurface, blocked, visible_faces
 from dqreg.synth.parts import box, bracket
 
 BOX = Mesh(*box((3.0, 2.0, 1.0)))
@@ -56,3 +56,12 @@ def test_a_visible_surface_answers_like_a_mesh_of_those_faces_in_the_numbers_of_
     assert seen[found.elements].all()
     np.testing.assert_array_equal(part.face_normals[found.elements], found.normals)
     assert surface.diagonal == part.diagonal
+
+
+def test_a_line_of_sight_through_a_part_is_blocked() -> None:
+    part = Mesh(*box((2.0, 2.0, 2.0)))
+    points = part.centre + np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [3.0, 0.0, -1.0]])
+    above, below = part.centre + np.array([0.0, 0.0, 9.0]), part.centre - np.array([0.0, 0.0, 9.0])
+    assert blocked(part, points, above[None], 0.05).tolist() == [False, True, False]
+    # What one of several eyes sees is seen.
+    assert blocked(part, points, np.stack([above, below]), 0.05).tolist() == [False, False, False]

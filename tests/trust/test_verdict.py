@@ -69,6 +69,11 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "6 % of the scan are off the target, which it is said to show alone",
         "clutter",
     ),
+    "looked through": (
+        {"looked_through": 0.18},
+        "18 % of the points compared stand where a scanner looked through",
+        "looked_through",
+    ),
     "normals": (
         {"normals_apart": NORMALS_APART + 0.01},
         "16 % of the inliers have normals that disagree with the target",
@@ -188,6 +193,7 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
         {"share_on": 0.1, "share_other": 0.9},
         {"share_on": 0.92, "share_contradicting": 0.08},
         {"share_on": 0.95, "clutter": "none"},
+        {"looked_through": 0.05},
         {"directions": (ROTATION,) * 6, "size": 2.01 / math.radians(2.0)},
         {"directions": (SHIFT,) * 6, "size": 50.1},
         # Few of few, as of a tactile scan, and few of many that are enough.

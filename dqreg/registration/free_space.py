@@ -1,0 +1,70 @@
+"""The scanner's lines of sight at the pose of a fit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry import Mesh, PointCloud
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.scan import measure_spacing
+from dqreg.geometry.visibility import blocked
+from dqreg.registration.fit import Fit
+from dqreg.rigid import pose
+from dqreg.trust.free_space import Seen, looked_through
+from dqreg.trust.patch_tests import ON
+
+# Points of each side that are compared, and rays that are cast at a part.
+COMPARED, RAYS = 6_000, 3_000
+# Distances between clouds below this many spacings of these are the gaps between their points.
+GAPS = 4.0
+# Rays begin so many widths and that share of the size before their point: the surface that it lies on is no obstacle.
+WIDTHS, SHARE = 10.0, 0.005
+
+
+def looked_through_at(fit: Fit) -> float:
+    """Share of what was compared that the scanner looked through at the pose; NaN where its place is not known."""
+    if not fit.found:
+        return np.nan
+    geometry = fit.target.geometry
+    if isinstance(geometry, Mesh):
+        return _through_mesh(fit, geometry)
+    return _between_clouds(fit, geometry)
+
+
+def _between_clouds(fit: Fit, target: PointCloud) -> float:
+    problem = fit.problem
+    points, origin = problem.source.cloud.points, problem.source.centred(np.zeros((1, 3)))[0]
+    source = Seen(_some(points, COMPARED), _viewpoint(fit), origin)
+    stands = Seen(_some(target.points, COMPARED), target.viewpoint, -problem.target.origin)
+    gap = GAPS * max(measure_spacing(NeighbourTree(side.points), side.points) for side in (source, stands))
+    return looked_through(source, stands, fit.T_target_source, gap + ON * fit.run.mixture.scale)
+
+
+def _through_mesh(fit: Fit, part: Mesh) -> float:
+    """Share of the lines of sight to the points that pass through the part."""
+    eyes = _viewpoints(fit)
+    if eyes is None:
+        return np.nan
+    points = pose.apply(fit.T_target_source, _some(fit.prepared.scan.points, RAYS))
+    margin = WIDTHS * fit.run.mixture.scale + SHARE * part.diagonal
+    return float(np.mean(blocked(part, points, pose.apply(fit.T_target_source, eyes), margin)))
+
+
+def _viewpoints(fit: Fit) -> FloatArray | None:
+    """Where the scanner stood, (k, 3), as the caller or the file says."""
+    if fit.problem.viewpoints is not None:
+        return fit.problem.source.centred(fit.problem.viewpoints)
+    place = fit.problem.source.cloud.viewpoint
+    return None if place is None else place[None]
+
+
+def _viewpoint(fit: Fit) -> FloatArray | None:
+    places = _viewpoints(fit)
+    return None if places is None or len(places) > 1 else places[0]
+
+
+def _some(points: FloatArray, count: int) -> FloatArray:
+    # At random: every tenth point of a scanner's own order may be on one of its lines.
+    rows = np.random.default_rng(0).choice(len(points), min(count, len(points)), replace=False)
+    return points[np.sort(rows)]

@@ -1,0 +1,127 @@
+"""Free space: what a scanner looked through speaks against a surface that a pose puts there."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy import ndimage
+
+from dqreg._arrays import BoolArray, FloatArray, bounds
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import sample_rows
+
+# Edge of a pixel in distances of neighbouring points, and pixels a side at most.
+PIXEL, LARGEST = 1.5, 1_000
+# Points count as behind or in front of what was seen from so many pixels on: surfaces may be seen at a grazing angle.
+STEP = 4.0
+# The origin of a cloud is taken for the scanner's place where at most this share of the points is behind others from
+# there, and it lies that share of the size outside of the points, or the far points are so many times as far as the
+# near ones, as around a LiDAR. Depth cameras came to 0.029, LiDARs to 0.04, several sides of a body to 0.06 and more.
+BEHIND, OUTSIDE, FAR = 0.045, 0.15, 4.5
+# Points compared that say something.
+FEWEST = 200
+
+
+@dataclasses.dataclass(frozen=True)
+class DepthImage:
+    """Ranges to a cloud by azimuth and elevation about a viewpoint."""
+
+    eye: FloatArray  # (3,)
+    axes: FloatArray  # (3, 3): Rows are right, up, and the line of sight
+    pixel: float  # Edge, radians
+    low: FloatArray  # (2,): Corner of the image
+    nearest: FloatArray  # (h, w): Range of the nearest point in each pixel and those around it
+    filled: BoolArray  # (h, w): Pixels that hold a point
+    behind: float  # Share of the points that stand behind others
+
+    @staticmethod
+    def of(points: FloatArray, eye: FloatArray) -> DepthImage:
+        """Image of points, (n, 3), from a viewpoint, (3,)."""
+        axes = _looking(points.mean(axis=0) - eye)
+        places, ranges = _project(points, axes, eye)
+        low, high = places.min(axis=0), places.max(axis=0)
+        pixel = max(PIXEL * _spacing(places), float((high - low).max()) / LARGEST, np.finfo(float).eps)
+        low = low - 1.5 * pixel
+        height, width = ((high - low) / pixel).astype(np.int64) + 3
+        rows, columns = ((places - low) / pixel).astype(np.int64).T
+        image = np.full(height * width, np.inf)
+        np.minimum.at(image, rows * width + columns, ranges)
+        behind = float(np.mean(ranges > (1.0 + STEP * pixel) * image[rows * width + columns]))
+        image = image.reshape(height, width)
+        return DepthImage(eye, axes, pixel, low, ndimage.minimum_filter(image, 3), np.isfinite(image), behind)
+
+    def compared(self, points: FloatArray, margin: float) -> tuple[int, int]:
+        """Points nearer than what was seen there by more than a margin, and those about as far.
+
+        Points behind it say nothing, nor do those where nothing was seen.
+        """
+        places, ranges = _project(points, self.axes, self.eye)
+        cells = np.floor((places - self.low) / self.pixel).astype(np.int64)
+        inside = (cells >= 0).all(axis=1) & (cells < self.filled.shape).all(axis=1)
+        rows, columns = cells[inside].T
+        seen = self.filled[rows, columns]
+        nearest, ranges = self.nearest[rows, columns][seen], ranges[inside][seen]
+        nearer, limit = nearest - ranges, margin + STEP * self.pixel * ranges
+        return int(np.count_nonzero(nearer > limit)), int(np.count_nonzero(np.abs(nearer) <= limit))
+
+
+@dataclasses.dataclass(frozen=True)
+class Seen:
+    """Points of one side, (n, 3), and where the scanner stood, if that is known; the origin of its frame else."""
+
+    points: FloatArray
+    viewpoint: FloatArray | None
+    origin: FloatArray
+
+    def image(self) -> DepthImage | None:
+        """What the scanner saw; None where its place is neither known nor likely."""
+        if self.viewpoint is not None:
+            return DepthImage.of(self.points, self.viewpoint)
+        low, high = bounds(self.points)
+        outside = np.linalg.norm(np.maximum(np.maximum(low - self.origin, self.origin - high), 0.0))
+        ranges = np.linalg.norm(self.points - self.origin, axis=1)
+        near, far = np.quantile(ranges, [0.05, 0.95])
+        if not outside >= OUTSIDE * np.linalg.norm(high - low) and not far >= FAR * near:
+            return None
+        image = DepthImage.of(self.points, self.origin)
+        return image if image.behind <= BEHIND else None
+
+
+def looked_through(source: Seen, target: Seen, T_target_source: FloatArray, margin: float) -> float:
+    """Share of the compared points of two clouds that stand where the other one's scanner looked through.
+
+    NaN where no scanner's place is known: both origins must be likely ones, or one viewpoint given.
+    """
+    images = source.image(), target.image()
+    known = source.viewpoint is not None, target.viewpoint is not None
+    if not any(known) and None in images:
+        return np.nan
+    R, t = T_target_source[:3, :3], T_target_source[:3, 3]
+    nearer = alike = 0
+    for image, points in zip(images, ((target.points - t) @ R, source.points @ R.T + t), strict=True):
+        if image is not None:
+            counts = image.compared(points, margin)
+            nearer, alike = nearer + counts[0], alike + counts[1]
+    return nearer / (nearer + alike) if nearer + alike >= FEWEST else np.nan
+
+
+def _project(points: FloatArray, axes: FloatArray, eye: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Azimuth and elevation, (n, 2), and range, (n,)."""
+    x, y, z = axes @ (points - eye).T
+    ranges = np.sqrt(x * x + y * y + z * z)
+    elevation = np.arcsin(np.clip(y / np.maximum(ranges, np.finfo(float).tiny), -1.0, 1.0))
+    return np.column_stack([np.arctan2(x, z), elevation]), ranges
+
+
+def _spacing(places: FloatArray) -> float:
+    flat = np.column_stack([places, np.zeros(len(places))])
+    return float(np.median(NeighbourTree(flat).nearest(flat[sample_rows(len(flat), 2_000)], 4)[1][:, -1]))
+
+
+def _looking(sight: FloatArray) -> FloatArray:
+    length = float(np.linalg.norm(sight))
+    sight = sight / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+    right = np.cross(sight, np.eye(3)[np.argmin(np.abs(sight))])
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(sight, right), sight])
