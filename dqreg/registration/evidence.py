@@ -8,12 +8,13 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import CloudSurface, Scan, Surface
+from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
-from dqreg.registration.surroundings import Surroundings, surroundings_of
 from dqreg.rigid import pose
 from dqreg.trust.chance import random_ratio
 from dqreg.trust.patch_tests import ON, patches_off, stretch_of
+from dqreg.trust.segments import Segments, segments_of
 from dqreg.trust.strain import Strain, strain_of
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
@@ -32,6 +33,8 @@ NEAR = 0.25
 SMOOTH, ROUGH = 0.4, 0.4
 # A scan whose noise is large against its spacing is rough everywhere: strays are rougher by this factor.
 MORE_THAN_USUAL = 2.5
+# Points of which segments are made, and the share of points off the target from which it is asked what they are.
+SEGMENTED, SOME_OFF = 5_000, 0.02
 # Points from which the strain is fitted.
 STRAINED = 3_000
 # Normals farther apart than this are of different faces.
@@ -72,9 +75,9 @@ def agreement_of(
     close = pairs.distances <= near
     if has_border:
         close &= on | (np.abs(pairs.point_to_plane) > width)
-        around = Surroundings(np.zeros(len(on), dtype=bool), float(np.mean(on)), float(np.mean(~on)), 0.0)
+        around = _Surroundings(np.zeros(len(on), dtype=bool), float(np.mean(on)), float(np.mean(~on)), 0.0)
     else:
-        around = surroundings_of(pairs, width, near)
+        around = _surroundings(pairs, width, near)
         close &= on | ~around.elsewhere
     kept = ~around.elsewhere
     patches, off = patches_off(
@@ -188,3 +191,46 @@ class _Local:
             normals_apart=_share(cosines < np.cos(APART_RAD), compared),
             noise=float(np.quantile(residuals, 0.3)) if len(residuals) else np.inf,
         )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Surroundings:
+    """What the points of a scan lie on, as shares of all; the rest is on edges, on no surface or hardly off."""
+
+    elsewhere: BoolArray  # (n,): Points of objects that reach far from the target
+    share_on: float  # On the target
+    share_other: float  # On other objects
+    share_contradicting: float  # On surface of the part itself, off the target
+
+
+def _surroundings(pairs: Correspondences, width: float, near: float) -> _Surroundings:
+    """What the points lie on, where the target is closed; within a width they are on it.
+
+    Objects that reach farther than ``near`` with most of their points are no part of it.
+    """
+    on = pairs.distances <= width
+    nowhere = np.zeros(len(on), dtype=bool)
+    if np.mean(on) >= 1.0 - SOME_OFF:
+        return _Surroundings(nowhere, float(np.mean(on)), 0.0, 0.0)
+    rows = sample_rows(len(on), SEGMENTED)
+    points, distances = pairs.moved[rows], pairs.distances[rows]
+    segments = segments_of(points, pairs.closest.normals[rows], distances, width)
+    far = _far_objects(segments, distances > near)
+    # Points between two segments go with the nearest one.
+    known = np.flatnonzero(segments.labels >= 0)
+    elsewhere = nowhere
+    if far.any():
+        elsewhere = ~on & far[known][NeighbourTree(points[known]).nearest(pairs.moved, 1)[0][:, 0]]
+    shares = (float(np.mean(side)) for side in (segments.on, segments.other, segments.contradicting))
+    return _Surroundings(elsewhere, *shares)
+
+
+def _far_objects(segments: Segments, far: BoolArray) -> BoolArray:
+    """Points of other objects of which most points are far, (n,)."""
+    known = segments.labels >= 0
+    count, of_far, wrong = (
+        np.bincount(segments.labels[known], side[known].astype(float))
+        for side in (np.ones_like(far), far, segments.contradicting)
+    )
+    objects = (of_far > 0.5 * count) & (wrong == 0.0)
+    return np.asarray(known & np.append(objects, False)[segments.labels])

@@ -12,14 +12,15 @@ from dqreg.geometry.visibility import blocked
 from dqreg.registration.fit import Fit
 from dqreg.rigid import pose
 from dqreg.trust.free_space import Seen, looked_through
-from dqreg.trust.patch_tests import ON
 
 # Points of each side that are compared, and rays that are cast at a part.
 COMPARED, RAYS = 6_000, 3_000
+# Ranges below this share of the largest are none.
+NOTHING = 1e-6
 # Distances between clouds below this many spacings of these are the gaps between their points.
 GAPS = 4.0
-# Rays begin so many widths and that share of the size before their point: the surface that it lies on is no obstacle.
-WIDTHS, SHARE = 10.0, 0.005
+# Rays begin so many standard deviations and that share of the size before their point, which lies on a surface.
+SIGMAS, SHARE = 10.0, 0.005
 
 
 def looked_through_at(fit: Fit) -> float:
@@ -34,11 +35,11 @@ def looked_through_at(fit: Fit) -> float:
 
 def _between_clouds(fit: Fit, target: PointCloud) -> float:
     problem = fit.problem
-    points, origin = problem.source.cloud.points, problem.source.centred(np.zeros((1, 3)))[0]
-    source = Seen(_some(points, COMPARED), _viewpoint(fit), origin)
-    stands = Seen(_some(target.points, COMPARED), target.viewpoint, -problem.target.origin)
+    origin = problem.source.centred(np.zeros((1, 3)))[0]
+    source = _seen(problem.source.cloud.points, _viewpoint(fit), origin)
+    stands = _seen(target.points, target.viewpoint, -problem.target.origin)
     gap = GAPS * max(measure_spacing(NeighbourTree(side.points), side.points) for side in (source, stands))
-    return looked_through(source, stands, fit.T_target_source, gap + ON * fit.run.mixture.scale)
+    return looked_through(source, stands, fit.T_target_source, gap)
 
 
 def _through_mesh(fit: Fit, part: Mesh) -> float:
@@ -47,7 +48,7 @@ def _through_mesh(fit: Fit, part: Mesh) -> float:
     if eyes is None:
         return np.nan
     points = pose.apply(fit.T_target_source, _some(fit.prepared.scan.points, RAYS))
-    margin = WIDTHS * fit.run.mixture.scale + SHARE * part.diagonal
+    margin = SIGMAS * fit.agreement.expected + SHARE * part.diagonal
     return float(np.mean(blocked(part, points, pose.apply(fit.T_target_source, eyes), margin)))
 
 
@@ -62,6 +63,13 @@ def _viewpoints(fit: Fit) -> FloatArray | None:
 def _viewpoint(fit: Fit) -> FloatArray | None:
     places = _viewpoints(fit)
     return None if places is None or len(places) > 1 else places[0]
+
+
+def _seen(points: FloatArray, viewpoint: FloatArray | None, origin: FloatArray) -> Seen:
+    # Rays that met nothing come as points at the origin.
+    some = _some(points, COMPARED)
+    ranges = np.linalg.norm(some - origin, axis=1)
+    return Seen(some[ranges > NOTHING * ranges.max()], viewpoint, origin)
 
 
 def _some(points: FloatArray, count: int) -> FloatArray:

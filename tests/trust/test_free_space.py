@@ -82,7 +82,11 @@ def test_an_image_counts_what_is_in_front_and_leaves_out_what_is_behind() -> Non
 
 
 def test_two_depth_images_are_accepted_and_a_wrong_pose_is_not() -> None:
-    right = dqreg.register(THERE, PointCloud(HERE), TRUTH, effort="fast", search="never")
+    # A tenth of the rays met nothing.
+    nothing = np.zeros((len(HERE) // 10, 3))
+    right = dqreg.register(
+        np.vstack([THERE, nothing]), PointCloud(np.vstack([HERE, nothing])), TRUTH, effort="fast", search="never"
+    )
     assert right.verdict.level == "accepted"
     # Locked, so that it cannot leave it.
     wrong = dqreg.register(THERE, PointCloud(HERE), turned(30.0), effort="fast", dof="tx")
