@@ -3,6 +3,7 @@
 - `solve` (also ``dqreg.solve``): the closed form of 1991 with plain squared distances; `solve_many` does thousands
   of small problems in one call; `likelihood_weights` and `normal_variance` give weights of noise.
 - `solve_rotation`: a rotation from directions alone, some of them exact; `cramer_rao`: the least covariance there is.
+- `hand_eye`, `robot_world_hand_eye`: AX = XB and AX = YB, a sensor on a robot or beside it.
 - `PoseCost`: the same cost for points, planes, lines, directions and priors together, additive over chunks, minimised
   by Newton's method; `Freedom` locks degrees of freedom in any frame.
 - `walker1991`, `svd`, `horn`: the same pose by the papers' own letters, slow and literal, to measure others by.
@@ -15,6 +16,7 @@ from dqreg.solvers.cramer_rao import cramer_rao
 from dqreg.solvers.dof import Freedom
 from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.fit import Fit, PoseFit
+from dqreg.solvers.hand_eye import HandEyeFit, RobotWorldFit, hand_eye, robot_world_hand_eye
 from dqreg.solvers.least_squares import solve
 from dqreg.solvers.matches import LikelihoodWeights, Matches, likelihood_weights, normal_variance, read_matches
 from dqreg.solvers.moments import Moments, moments_of
@@ -27,20 +29,24 @@ __all__ = [
     "Fit",
     "Fits",
     "Freedom",
+    "HandEyeFit",
     "LikelihoodWeights",
     "Matches",
     "Moments",
     "PoseCost",
     "PoseFit",
+    "RobotWorldFit",
     "RotationFit",
     "WalkerFit",
     "cost_of_pose",
     "cramer_rao",
+    "hand_eye",
     "horn",
     "likelihood_weights",
     "moments_of",
     "normal_variance",
     "read_matches",
+    "robot_world_hand_eye",
     "solve",
     "solve_many",
     "solve_moments",
