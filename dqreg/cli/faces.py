@@ -11,6 +11,7 @@ from dqreg.cli.outputs import as_json_option, consoles, print_json
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
+    from dqreg.geometry import Mesh
     from dqreg.inspection import Face
     from dqreg.report.table import Table
 
@@ -29,16 +30,10 @@ def faces_command(part: Path, near: tuple[float, float, float] | None, as_json: 
 
     Exit codes: 0, or 2 for bad input.
     """
-    from dqreg.files import read_geometry
-    from dqreg.files.mesh_data import MeshData
-    from dqreg.geometry import Mesh
     from dqreg.inspection import nearest_face, part_faces
     from dqreg.report.table import print_tables
 
-    read = read_geometry(part)
-    if not isinstance(read, MeshData):
-        raise InputError(f"{part} is a cloud of points and has no faces: give the part as a mesh")
-    mesh = Mesh(read.vertices, read.faces, units=read.units)
+    mesh = read_part(part)
     faces = part_faces(mesh)
     if near is not None:
         faces = (nearest_face(mesh, faces, near),)
@@ -48,6 +43,17 @@ def faces_command(part: Path, near: tuple[float, float, float] | None, as_json: 
     console, _ = consoles(quiet=False, as_json=False)
     print_tables(console, [_table(faces, mesh.units or "", part.name)])
     return 0
+
+
+def read_part(path: Path) -> Mesh:
+    """The mesh of a file; `InputError` where it holds a cloud."""
+    from dqreg.files import MeshData, read_geometry
+    from dqreg.geometry import Mesh
+
+    read = read_geometry(path)
+    if not isinstance(read, MeshData):
+        raise InputError(f"{path} is a cloud of points and has no faces: give the part as a mesh")
+    return Mesh(read.vertices, read.faces, units=read.units)
 
 
 def _table(faces: tuple[Face, ...], unit: str, name: str) -> Table:

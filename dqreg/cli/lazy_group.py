@@ -27,6 +27,7 @@ ENTRIES = {
     "batch": Entry("dqreg.cli.batch:batch", "many registrations: one result each, a summary table", USE),
     "multiway": Entry("dqreg.cli.multiway:multiway_command", "many scans into one frame, with a model", USE),
     "odometry": Entry("dqreg.cli.odometry:odometry_command", "a LiDAR sequence to a trajectory", USE),
+    "inspect": Entry("dqreg.cli.inspect:inspect_command", "a plan of datums and characteristics on a scan", USE),
     "faces": Entry("dqreg.cli.faces:faces_command", "faces of a part: shape, diameter, place", USE),
     "show": Entry("dqreg.cli.show:show", "picture, window or report of a saved result", USE),
     "evaluate": Entry("dqreg.cli.evaluate:evaluate", "errors of a pose against the truth", STUDY),

@@ -10,12 +10,15 @@ from dqreg.inspection.features import Feature, fit_feature
 from dqreg.inspection.measure import measure_deviations, why_unsigned
 from dqreg.inspection.membership import Counts
 from dqreg.inspection.part_faces import Face, nearest_face, part_faces
+from dqreg.inspection.plan import Plan, read_plan
+from dqreg.inspection.plan_run import Characteristic, Inspection, inspect
 from dqreg.inspection.regions import Region
 from dqreg.inspection.statistics import Band, Bands, Place, Summary
 
 __all__ = [
     "Band",
     "Bands",
+    "Characteristic",
     "Counts",
     "Datum",
     "DatumAlignment",
@@ -23,8 +26,10 @@ __all__ = [
     "Deviations",
     "Face",
     "Feature",
+    "Inspection",
     "OutOfTolerance",
     "Place",
+    "Plan",
     "PointAlignment",
     "Region",
     "Summary",
@@ -33,8 +38,10 @@ __all__ = [
     "colours_of",
     "decide",
     "fit_feature",
+    "inspect",
     "measure_deviations",
     "nearest_face",
     "part_faces",
+    "read_plan",
     "why_unsigned",
 ]

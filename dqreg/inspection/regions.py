@@ -97,7 +97,7 @@ def regions_of(deviations: Deviations, cut: Cut) -> tuple[Region, ...]:
     known = counts >= FEWEST
     if cut.areas is not None and known.any():
         density = counts / np.maximum(cut.areas[: len(counts)], np.finfo(float).tiny)
-        known &= density >= SCANNED * _weighted_median(density[known], counts[known])
+        known &= density >= SCANNED * weighted_median(density[known], counts[known])
     biggest = np.argsort(-counts, kind="stable")
     regions = []
     for number in biggest[known[biggest]]:
@@ -108,7 +108,8 @@ def regions_of(deviations: Deviations, cut: Cut) -> tuple[Region, ...]:
     return tuple(regions)
 
 
-def _weighted_median(values: FloatArray, weights: IntArray) -> float:
+def weighted_median(values: FloatArray, weights: IntArray) -> float:
+    """The value that half of the weight lies below."""
     order = np.argsort(values)
     reached = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(reached, 0.5 * reached[-1])])

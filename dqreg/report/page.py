@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.files.strict_json import plain
-from dqreg.inspection import Deviations
+from dqreg.inspection import Deviations, Inspection
 from dqreg.inspection.decision import REQUIRED_SHARE
 from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
@@ -21,6 +21,7 @@ from dqreg.report.colours import LEVELS
 from dqreg.report.facts import facts_of, hints_of, motions_of
 from dqreg.report.figure import encode
 from dqreg.report.html import data_uri, render
+from dqreg.report.inspection_table import inspection_of
 from dqreg.report.pictures import Panel, draw
 from dqreg.report.report_data import ReportData, checked_tolerance, collect, unit_of
 from dqreg.report.result_protocol import RegistrationResult
@@ -47,6 +48,7 @@ def write_report(
     start: ArrayLike | None = None,
     deviations: Deviations | None = None,
     required_share: float = REQUIRED_SHARE,
+    inspection: Inspection | None = None,
 ) -> Path:
     """Write the report of a registration, whole or not at all."""
     goal = require_writable(path)
@@ -54,16 +56,17 @@ def write_report(
     data = None
     if result.inputs is not None:
         data = collect(result, result.inputs, tolerance, start, reach, deviations, required_share)
-    write_atomically(goal, to_html(result, data))
+    write_atomically(goal, to_html(result, data, inspection))
     return goal
 
 
-def to_html(result: RegistrationResult, data: ReportData | None) -> str:
+def to_html(result: RegistrationResult, data: ReportData | None, inspection: Inspection | None = None) -> str:
     """The page of a result."""
     from markupsafe import Markup
 
     unit = unit_of(result)
     values = _words(result, data, unit) | _evidence(result, unit) | _shown(data)
+    values["inspection"] = inspection_of(inspection, unit)
     # Made by this package from numbers and escaped words.
     for name in ("convergence", "scene"):
         values[name] = Markup(values[name])

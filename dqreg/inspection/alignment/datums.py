@@ -214,19 +214,8 @@ def _covariance(datums: Sequence[Datum], T: FloatArray, centre: FloatArray) -> F
             if value <= 0.0:
                 continue
             nudge = NUDGE * float(np.sqrt(value)) * vector
-            other = [*datums[:k], dataclasses.replace(datum, measured=_nudged(datum.measured, nudge)), *datums[k + 1 :]]
+            other = [*datums[:k], dataclasses.replace(datum, measured=datum.measured.nudged(nudge)), *datums[k + 1 :]]
             moved, _ = _solved(other, T)
             change = twist.log(pose.about(moved @ pose.inverse(T), -centre)) / NUDGE
             total += np.outer(change, change)
     return total
-
-
-def _nudged(feature: Feature, step: FloatArray) -> Feature:
-    from dqreg.inspection.features.models import Shape
-
-    plain = [0.0 if np.isnan(x) else x for x in (feature.radius, feature.half_angle)]
-    shape = Shape(feature.point, feature.frame, *plain).moved(feature.kind, step)
-    axis = feature.axis if feature.kind == "sphere" else shape.axis
-    return dataclasses.replace(
-        feature, point=shape.point, axis=axis, frame=shape.frame, radius=shape.radius, half_angle=shape.half_angle
-    )

@@ -114,6 +114,47 @@ class Feature:
             self, point=pose.apply(T, self.point), axis=turn @ self.axis, frame=turn @ self.frame
         )
 
+    def reversed(self) -> Feature:
+        """The same feature with its normal or axis the other way round.
+
+        Returns
+        -------
+        Feature
+            Its parameters turned with it.
+        """
+        # Half a turn about the local x axis: what lies along y and z changes sign.
+        flip, other = np.diag([1.0, -1.0, -1.0]), {"tilt_y", "shift_y", "shift_z", "half_angle"}
+        signs = np.array([-1.0 if name in other else 1.0 for name in self.parameters])
+        return dataclasses.replace(
+            self,
+            axis=-self.axis,
+            frame=self.frame @ flip,
+            half_angle=-self.half_angle,
+            covariance=self.covariance * signs * signs[:, None],
+        )
+
+    def nudged(self, step: FloatArray) -> Feature:
+        """The feature after a small step of its parameters.
+
+        Parameters
+        ----------
+        step : ndarray, (k,)
+            In the order of ``parameters``.
+
+        Returns
+        -------
+        Feature
+            With the same covariance.
+        """
+        plain = [0.0 if np.isnan(x) else x for x in (self.radius, self.half_angle)]
+        shape = Shape(self.point, self.frame, *plain).moved(self.kind, step)
+        axis = self.axis if self.kind == "sphere" else shape.axis
+        radius = shape.radius if "radius" in self.parameters else self.radius
+        angle = shape.half_angle if "half_angle" in self.parameters else self.half_angle
+        return dataclasses.replace(
+            self, point=shape.point, frame=shape.frame, axis=axis, radius=radius, half_angle=angle
+        )
+
 
 def fit_feature(
     points: ArrayLike,
@@ -182,7 +223,9 @@ def fit_feature(
     elif method != "gauss":
         shape = fit_zone(kind, method, kept, shape)
     found = _feature(kind, method, shape, kept, len(chosen) - len(kept))
-    return found if sides is None or kind != "plane" else _towards(found, sides[used].mean(axis=0))
+    if sides is not None and kind == "plane" and found.axis @ sides[used].mean(axis=0) < 0.0:
+        return found.reversed()
+    return found
 
 
 def _check(points: FloatArray, kind: str, method: str) -> None:
@@ -243,17 +286,3 @@ def _form(kind: FeatureKind, rows: FloatArray, count: int) -> float:
     if kind == "circle":
         return float(np.ptp(rows[count:]))
     return float(np.ptp(rows))
-
-
-def _towards(found: Feature, direction: FloatArray) -> Feature:
-    """The same feature with its axis on the side of a direction."""
-    if found.axis @ direction >= 0.0:
-        return found
-    # Half a turn about the local x axis: the shape stays, its parameters about y and along y and z change sign.
-    flip = np.diag([1.0, -1.0, -1.0])
-    signs = np.array([{"tilt_y": -1.0, "shift_y": -1.0, "shift_z": -1.0}.get(name, 1.0) for name in found.parameters])
-    angle = -found.half_angle
-    covariance = found.covariance * signs * signs[:, None]
-    return dataclasses.replace(
-        found, axis=-found.axis, frame=found.frame @ flip, half_angle=angle, covariance=covariance
-    )

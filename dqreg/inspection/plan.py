@@ -1,0 +1,199 @@
+"""An inspection plan: datums, alignment and characteristics as one TOML file; every mistake names its entry."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import tomllib
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from dqreg.errors import InputError, did_you_mean
+
+CharacteristicKind = Literal[
+    "diameter", "distance", "angle", "form", "parallelism", "perpendicularity", "position", "profile"
+]
+AlignmentKind = Literal["best-fit", "datums"]
+# Who a face is: its number of `dqreg faces`, or the face that is nearest to a point.
+FaceName = int | tuple[float, float, float]
+
+# Faces that a characteristic is of; one of a distance or an angle is of two.
+FACES: dict[str, int] = {"distance": 2, "angle": 2}
+# Those that relate a face to a datum.
+TO_DATUM = ("parallelism", "perpendicularity")
+# Zones: their tolerance is a width from 0, and nothing is nominal.
+ZONES = ("form", "parallelism", "perpendicularity", "position", "profile")
+
+
+@dataclasses.dataclass(frozen=True)
+class PlannedDatum:
+    """A datum: its letter and its face."""
+
+    name: str
+    face: FaceName
+
+
+@dataclasses.dataclass(frozen=True)
+class PlannedCharacteristic:
+    """One line of the drawing."""
+
+    name: str
+    kind: CharacteristicKind
+    faces: tuple[FaceName, ...]
+    datum: str = ""  # Of an orientation
+    nominal: float | None = None  # Default: from the part
+    plus: float = 0.0  # Largest value above nominal; of a zone its width
+    minus: float = 0.0  # Largest value below nominal
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What is asked of a part.
+
+    Attributes
+    ----------
+    head : dict of str
+        Fields of the report's head as given: part, drawing, serial, operator, device, note.
+    datums : tuple of PlannedDatum
+        In their order of precedence.
+    alignment : {"best-fit", "datums"}
+        Which pose the characteristics are of.
+    characteristics : tuple of PlannedCharacteristic
+        In the order of the file.
+    """
+
+    head: dict[str, str]
+    datums: tuple[PlannedDatum, ...]
+    alignment: AlignmentKind
+    characteristics: tuple[PlannedCharacteristic, ...]
+
+
+def read_plan(path: str | os.PathLike[str]) -> Plan:
+    """Read a plan.
+
+    Parameters
+    ----------
+    path : str or path
+        TOML with the tables ``head``, ``alignment``, ``datum`` and ``characteristic``; see docs/howto_inspection.md.
+
+    Returns
+    -------
+    Plan
+        Checked as far as a plan can be without its part.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or an entry is wrong: the message names it.
+    """
+    try:
+        values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read the plan {path}: {error.strerror or error}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"the plan {path} is no TOML: {error}") from error
+    return plan_of(values, str(path))
+
+
+def plan_of(values: dict[str, Any], name: str = "plan") -> Plan:
+    """A plan from the values of a TOML file, each checked under the name of its entry."""
+    _known(values, ("head", "alignment", "datum", "characteristic"), name)
+    datums = tuple(_datum(entry, f"{name}: datum {k + 1}") for k, entry in enumerate(_list(values, "datum", name)))
+    letters = [datum.name for datum in datums]
+    for letter in letters:
+        if letters.count(letter) > 1:
+            raise InputError(f"{name}: datum {letter} is given twice")
+    rows = _list(values, "characteristic", name)
+    if not rows:
+        raise InputError(f"{name}: no [[characteristic]] is given, so there is nothing to inspect")
+    characteristics = tuple(
+        _characteristic(entry, f"{name}: characteristic {k + 1}", letters) for k, entry in enumerate(rows)
+    )
+    alignment = values.get("alignment", "datums" if datums else "best-fit")
+    _one_of(alignment, get_args(AlignmentKind), f"{name}: alignment")
+    if alignment == "datums" and not datums:
+        raise InputError(f'{name}: alignment = "datums" needs [[datum]] entries')
+    head = values.get("head", {})
+    if not isinstance(head, dict):
+        raise InputError(f"{name}: head must be a table of words")
+    return Plan({key: str(value) for key, value in head.items()}, datums, alignment, characteristics)
+
+
+def _datum(entry: Any, where: str) -> PlannedDatum:
+    _known(entry, ("name", "face", "near"), where)
+    letter = entry.get("name")
+    if not isinstance(letter, str) or not letter:
+        raise InputError(f'{where}: name must be a letter such as "A"; got {letter!r}')
+    return PlannedDatum(letter, _face(entry, where))
+
+
+def _characteristic(entry: Any, where: str, letters: list[str]) -> PlannedCharacteristic:
+    _known(entry, ("name", "kind", "face", "faces", "near", "datum", "nominal", "tolerance", "plus", "minus"), where)
+    kind = entry.get("kind")
+    _one_of(kind, get_args(CharacteristicKind), f"{where}: kind")
+    where = f"{where} ({entry.get('name', kind)})"
+    datum = entry.get("datum", "")
+    if kind in TO_DATUM or datum:
+        _one_of(datum, letters, f"{where}: datum")
+    if "tolerance" in entry:
+        plus = minus = _number(entry, "tolerance", where)
+    elif "plus" in entry or "minus" in entry:
+        plus, minus = (_number(entry, key, where) if key in entry else 0.0 for key in ("plus", "minus"))
+    else:
+        raise InputError(f"{where}: no tolerance is given; give tolerance, or plus and minus")
+    if plus < 0.0 or minus < 0.0 or plus + minus <= 0.0:
+        raise InputError(f"{where}: a tolerance is above 0; got plus {plus:g}, minus {minus:g}")
+    nominal = _number(entry, "nominal", where) if "nominal" in entry else None
+    return PlannedCharacteristic(
+        str(entry.get("name", kind)), kind, _faces(entry, kind, where), datum, nominal, plus, minus
+    )
+
+
+def _faces(entry: dict[str, Any], kind: str, where: str) -> tuple[FaceName, ...]:
+    wanted = FACES.get(kind, 1)
+    if wanted == 1:
+        return (_face(entry, where),)
+    given = entry.get("faces")
+    if not isinstance(given, list) or len(given) != wanted:
+        raise InputError(f"{where}: a {kind} is of two faces: faces = [3, 4]; got {given!r}")
+    return tuple(_face({"near": face} if isinstance(face, list) else {"face": face}, where) for face in given)
+
+
+def _face(entry: dict[str, Any], where: str) -> FaceName:
+    if "face" in entry:
+        number = entry["face"]
+        if isinstance(number, bool) or not isinstance(number, int) or number < 0:
+            raise InputError(f"{where}: face is a number of `dqreg faces`; got {number!r}")
+        return number
+    near = entry.get("near")
+    if isinstance(near, list) and len(near) == 3 and all(isinstance(x, (int, float)) for x in near):
+        return float(near[0]), float(near[1]), float(near[2])
+    raise InputError(f"{where}: give face = NUMBER of `dqreg faces`, or near = [x, y, z]; got {near!r}")
+
+
+def _list(values: dict[str, Any], key: str, name: str) -> list[Any]:
+    found = values.get(key, [])
+    if not isinstance(found, list):
+        raise InputError(f"{name}: {key} must be written as [[{key}]]")
+    return found
+
+
+def _known(entry: Any, known: tuple[str, ...], where: str) -> None:
+    if not isinstance(entry, dict):
+        raise InputError(f"{where} must be a table; got {entry!r:.60}")
+    for key in entry:
+        if key not in known:
+            raise InputError(f"{where}: {key!r} is not known{did_you_mean(key, known)}")
+
+
+def _one_of(value: Any, known: tuple[str, ...] | list[str], where: str) -> None:
+    if value not in known:
+        names = ", ".join(known) or "none is given"
+        raise InputError(f"{where} must be one of {names}; got {value!r}{did_you_mean(str(value), known)}")
+
+
+def _number(entry: dict[str, Any], key: str, where: str) -> float:
+    value = entry[key]
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < float("inf"):
+        raise InputError(f"{where}: {key} must be a number; got {value!r}")
+    return float(value)

@@ -1,0 +1,176 @@
+"""Plans, and what they measure on a virtual part whose faults are known because they were made."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.geometry import Mesh, MeshSurface, sample_mesh
+from dqreg.inspection import Deviations, inspect, measure_deviations, nearest_face, part_faces, read_plan
+from dqreg.inspection.characteristics import Measured
+from dqreg.inspection.plan import plan_of
+from dqreg.inspection.suggested_plan import suggested_plan
+from dqreg.rigid import pose, twist
+from dqreg.synth.parts import bracket
+
+PART = Mesh(*bracket())
+FACES = part_faces(PART)
+NOISE = 0.01
+BOTTOM, FRONT, SIDE, TOP = (
+    nearest_face(PART, FACES, p).number for p in ((60, 40, 0), (60, 0, 5), (120, 40, 5), (100, 40, 10))
+)
+HOLE = next(f.number for f in FACES if f.feature and f.is_hole and f.feature.diameter == pytest.approx(16.0, abs=1e-5))
+# What is wrong with the virtual part, mm: its base is thicker, its large hole wider and moved.
+THICKER, WIDER, MOVED = 0.05, 0.06, 0.04
+
+PLAN: dict[str, Any] = {
+    "head": {"part": "4711"},
+    "datum": [{"name": "A", "face": BOTTOM}, {"name": "B", "face": FRONT}, {"name": "C", "face": SIDE}],
+    "characteristic": [
+        {"name": "thickness", "kind": "distance", "faces": [BOTTOM, TOP], "tolerance": 0.1},
+        {"name": "hole", "kind": "diameter", "face": HOLE, "plus": 0.05, "minus": 0.02},
+        {"name": "hole place", "kind": "position", "face": HOLE, "tolerance": 0.1},
+        {"name": "flat", "kind": "form", "face": BOTTOM, "tolerance": 0.05},
+        {"name": "square", "kind": "perpendicularity", "near": [60, 0, 5], "datum": "A", "tolerance": 0.05},
+        {"name": "top", "kind": "profile", "face": TOP, "tolerance": 0.05},
+        {"name": "corner", "kind": "angle", "faces": [BOTTOM, SIDE], "tolerance": 0.1},
+    ],
+}
+TRUTH = {"thickness": 10.0 + THICKER, "hole": 16.0 + WIDER, "hole place": 2 * MOVED, "flat": 0.0, "square": 0.0,
+         "top": 2 * THICKER, "corner": 90.0}  # fmt: skip
+
+
+def scanned(seed: int, T: np.ndarray | None = None, count: int = 8_000) -> Deviations:
+    """A scan of the faulty part under a pose, with noise along the normals."""
+    rng = np.random.default_rng(seed)
+    cloud = sample_mesh(PART, count, rng)
+    surface = MeshSurface(PART)
+    points, normals = cloud.points.copy(), PART.face_normals[surface.closest(cloud.points).elements]
+    on = np.array([f.number for f in FACES])[_labels(surface, points)]
+    points[on == TOP, 2] += THICKER
+    hole = FACES[HOLE].feature
+    assert hole is not None
+    rows = on == HOLE
+    radial = (points[rows] - hole.point) * [1, 1, 0]
+    radial /= np.linalg.norm(radial, axis=1)[:, None]
+    points[rows] = hole.point * [1, 1, 0] + points[rows] * [0, 0, 1] + radial * (8.0 + WIDER / 2) + [MOVED, 0.0, 0.0]
+    normals[rows] = radial
+    points += rng.normal(0.0, NOISE, (len(points), 1)) * normals
+    points = points if T is None else pose.apply(T, points)
+    return measure_deviations(points, PART, surface, reach=2.0, noise=NOISE)
+
+
+def _labels(surface: MeshSurface, points: np.ndarray) -> np.ndarray:
+    from dqreg.inspection.regions import faces_of
+
+    return faces_of(PART)[1][surface.closest(points).elements]
+
+
+def test_the_plan_finds_the_faults_and_no_others() -> None:
+    found = inspect(scanned(1), plan_of(PLAN))
+    rows = {row.name: row for row in found.characteristics}
+    outcomes = {name: row.outcome for name, row in rows.items()}
+    assert outcomes == {"thickness": "pass", "hole": "fail", "hole place": "pass", "flat": "pass", "square": "pass",
+                        "top": "fail", "corner": "pass"}  # fmt: skip
+    assert found.outcome == "fail"
+    assert rows["hole"].nominal == pytest.approx(16.0, abs=1e-6)
+    assert (rows["hole"].low, rows["hole"].high) == pytest.approx((15.98, 16.05))
+    assert all(row.coverage > 0.8 for row in rows.values())
+
+
+def within(seed: int) -> list[bool]:
+    found = inspect(scanned(seed), plan_of(PLAN)).characteristics
+    return [abs(row.value - TRUTH[row.name]) <= row.uncertainty for row in found]
+
+
+@pytest.mark.parametrize("runs", [6, pytest.param(400, marks=pytest.mark.soak)])
+def test_values_lie_within_their_stated_uncertainty(runs: int) -> None:
+    # k = 2 promises 95 %; a profile and a form are zones, widened by noise, whose uncertainty covers that.
+    inside = np.array([within(s) for s in range(10, 10 + runs)])
+    # The chance that one of 42 independent values at 95 % lies outside more than eight times is below 1e-4.
+    assert np.count_nonzero(~inside) <= (8 if runs == 6 else 0.08 * inside.size)
+
+
+def test_a_datum_alignment_takes_the_pose_of_the_scan_out() -> None:
+    # 0.03 degrees and 0.2 mm off: the best fit's pose does not matter to what is measured from the datums.
+    T = twist.exp(np.array([4e-4, -3e-4, 5e-4, 0.1, -0.2, 0.1]))
+    straight, moved = (inspect(scanned(2, turn), plan_of(PLAN)) for turn in (None, T))
+    assert moved.alignment is not None
+    for one, other in zip(straight.characteristics, moved.characteristics, strict=True):
+        # The points that closest faces give to each feature may differ by a few at edges.
+        assert other.value == pytest.approx(one.value, abs=max(one.uncertainty, 2e-3))
+
+
+def test_decisions_follow_the_standard() -> None:
+    decide = [Measured(1.0, 0.1).decide(*limits) for limits in ((0.8, 1.2), (0.95, 1.2), (1.2, 1.5), (-np.inf, 1.05))]
+    assert decide == ["pass", "undecided", "fail", "undecided"]
+
+
+def test_the_suggested_plan_is_read_and_carried_out(tmp_path: Path) -> None:
+    (tmp_path / "plan.toml").write_text(suggested_plan(PART), encoding="utf-8")
+    plan = read_plan(tmp_path / "plan.toml")
+    assert [datum.name for datum in plan.datums] == ["A", "B", "C"]
+    kinds = {row.kind for row in inspect(scanned(3), plan).characteristics}
+    assert {"form", "perpendicularity", "diameter", "position", "profile"} <= kinds
+
+
+def changed(path: list[Any], value: Any) -> dict[str, Any]:
+    """The plan with one entry changed, or taken out where the value is None."""
+    plan = copy.deepcopy(PLAN)
+    *way, last = path
+    place: Any = plan
+    for key in way:
+        place = place[key]
+    if value is None:
+        del place[last]
+    else:
+        place[last] = value
+    return plan
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        (["characteristic"], [], "nothing to inspect"),
+        (["characteristic", 0, "faces"], [3], "of two faces"),
+        (["characteristic", 1, "kind"], "diamter", "did you mean diameter"),
+        (["characteristic", 1, "face"], -1, "face is a number"),
+        (["characteristic", 1, "plus"], "wide", "plus must be a number"),
+        (["characteristic", 2, "tolerance"], None, "no tolerance is given"),
+        (["characteristic", 2, "tolerance"], 0.0, "above 0"),
+        (["characteristic", 4, "datum"], "D", "datum must be one of A, B, C"),
+        (["characteristic", 4, "near"], [1, 2], "near"),
+        (["characteristic", 3, "tolerence"], 1.0, "did you mean tolerance"),
+        (["datum", 1, "name"], "A", "datum A is given twice"),
+        (["datum", 0, "face"], None, "give face = NUMBER"),
+        (["alignment"], "bestfit", "did you mean best-fit"),
+        (["datum"], {"name": "A"}, r"\[\[datum\]\]"),
+    ],
+)
+def test_a_wrong_entry_is_named(path: list[Any], value: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        plan_of(changed(path, value))
+
+
+def test_what_the_part_cannot_answer_is_named(tmp_path: Path) -> None:
+    found = scanned(4, count=2_000)
+    with pytest.raises(InputError, match="the part has no face 99; its faces are 0 to"):
+        inspect(found, plan_of(changed(["characteristic", 1, "face"], 99)))
+    with pytest.raises(InputError, match="a plane has no diameter"):
+        inspect(found, plan_of(changed(["characteristic", 1, "face"], TOP)))
+    with pytest.raises(DegenerateGeometryError, match="datums constrain 5 of six"):
+        inspect(found, plan_of(changed(["datum", 2, "face"], TOP)))
+    rows = found.points[:, 2] < 9.0
+    cut = measure_deviations(found.points[rows], PART, MeshSurface(PART), reach=2.0)
+    with pytest.raises(DegenerateGeometryError, match=f"face {TOP} was not scanned: 0 points"):
+        inspect(cut, plan_of(changed(["characteristic", 1, "face"], HOLE)))
+    with pytest.raises(InputError, match="cannot read the plan"):
+        read_plan(tmp_path / "none.toml")
+    (tmp_path / "bad.toml").write_text("a = [", encoding="utf-8")
+    with pytest.raises(InputError, match="is no TOML"):
+        read_plan(tmp_path / "bad.toml")
