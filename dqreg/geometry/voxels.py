@@ -9,7 +9,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray, bounds
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
-from dqreg.geometry.morton import BITS, morton_codes
+from dqreg.geometry.morton import BITS, morton_codes, sorted_rows
 
 # A cloud is downsampled from so many times the wanted points on: below, it costs accuracy and saves little.
 DENSE = 3.0
@@ -49,7 +49,8 @@ def cell_size(points: FloatArray, count: int) -> float:
     if len(points) <= count:
         return 0.0
     # Dropping three bits of a Morton code doubles the edge: one sort counts the cells of every such size.
-    codes = np.sort(morton_codes(points))
+    codes = morton_codes(points)
+    codes = codes[sorted_rows(codes)]
     changes = codes[1:] ^ codes[:-1]
     counts = []
     for _ in range(BITS + 1):
@@ -84,7 +85,7 @@ def voxel_means(cloud: PointCloud, size: float) -> PointCloud:
 
 def _runs(points: FloatArray, size: float) -> tuple[IntArray, IntArray]:
     codes = morton_codes(points, size)
-    order = np.argsort(codes, kind="stable")
+    order = sorted_rows(codes)
     walked = codes[order]
     return order, np.flatnonzero(np.r_[True, walked[1:] != walked[:-1]])
 

@@ -48,7 +48,9 @@ def descend(
     O(log n) boxes for a query near the surface. ``floor`` is the square of a length that is rounding.
     """
     half, n = len(boxes) // 2, len(packed)
-    node, waiting, slot, u, v = 1, 0, -1, 0.0, 0.0
+    node, waiting, u, v = 1, 0, 0.0, 0.0
+    # A literal -1 would be a type of its own, and what takes it compiled twice.
+    slot = waiting - 1
     reach, equals = best, 0
     while True:
         if node >= half:
@@ -64,7 +66,9 @@ def descend(
                     best = min(best, d)
                 else:
                     best, slot, u, v = d, t, a, b
-                reach = best + (best * EQUAL + floor if equals < EQUALS else 0.0)
+                # Only on its border has a face equals; boxes of its neighbours in one plane are as near as itself.
+                border = u == 0.0 or v == 0.0 or u + v >= 1.0
+                reach = best + (best * EQUAL + floor if border and equals < EQUALS else 0.0)
         else:
             near, far = 2 * node, 2 * node + 1
             d0, d1 = box_distance(boxes, near, x, y, z), box_distance(boxes, far, x, y, z)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg.kernels.cache import keep_beside_package
+from dqreg.kernels.morton import morton_cells, new_places, sorted_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 
 
@@ -12,4 +13,7 @@ def compile_all() -> None:
     """Compile every kernel for the arrays that it is called with, and keep the code for every user of the package."""
     keep_beside_package()
     corners = np.eye(3)[None] + np.arange(2.0)[:, None, None]
+    codes = np.zeros(2, dtype=np.uint64)
+    morton_cells(0, 2, corners[0], np.zeros(3), 1.0, codes)
+    new_places(corners[0], codes, sorted_rows(codes))
     TriangleTree.of(corners, np.ones((2, 3))).closest(np.zeros((1, 3)))

@@ -1,0 +1,82 @@
+"""Morton codes, and the order that they sort points into."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.kernels.compiled import compiled
+
+Codes = NDArray[np.uint64]
+
+# Bits of one coordinate's cell, and of a digit of the sort: six digits make up the 63 bits of a code.
+BITS = 21
+DIGIT, DIGITS = 11, 6
+BUCKETS = 1 << DIGIT
+# Shifts that leave two zero bits between each two bits of a cell number, and the bits kept after each.
+SHIFT_A, SHIFT_B, SHIFT_C, SHIFT_D, SHIFT_E = 32, 16, 8, 4, 2
+KEEP_A, KEEP_B, KEEP_C = 0x1F00000000FFFF, 0x1F0000FF0000FF, 0x100F00F00F00F00F
+KEEP_D, KEEP_E = 0x10C30C30C30C30C3, 0x1249249249249249
+
+
+@compiled
+def morton_cells(first: int, last: int, points: FloatArray, low: FloatArray, cells: float, codes: Codes) -> None:
+    """Write the codes of points first to last: cells of the edge ``1 / cells`` from the corner ``low`` on."""
+    for i in range(first, last):
+        code = np.uint64(0)
+        for k in range(3):
+            code = (code << np.uint64(1)) | _spread(np.uint64(np.int64((points[i, k] - low[k]) * cells)))
+        codes[i] = code
+
+
+@compiled
+def _spread(cell: np.uint64) -> np.uint64:
+    cell = cell & np.uint64((1 << BITS) - 1)
+    cell = (cell | (cell << np.uint64(SHIFT_A))) & np.uint64(KEEP_A)
+    cell = (cell | (cell << np.uint64(SHIFT_B))) & np.uint64(KEEP_B)
+    cell = (cell | (cell << np.uint64(SHIFT_C))) & np.uint64(KEEP_C)
+    cell = (cell | (cell << np.uint64(SHIFT_D))) & np.uint64(KEEP_D)
+    return (cell | (cell << np.uint64(SHIFT_E))) & np.uint64(KEEP_E)
+
+
+@compiled
+def sorted_rows(codes: Codes) -> IntArray:
+    """Stable order of codes below 2^63, as of ``np.argsort``: a radix sort, O(n)."""
+    n = len(codes)
+    counts = np.zeros((DIGITS, BUCKETS), np.int64)
+    for i in range(n):
+        for digit in range(DIGITS):
+            counts[digit, (codes[i] >> np.uint64(DIGIT * digit)) & np.uint64(BUCKETS - 1)] += 1
+    rows, keys = np.arange(n), codes.copy()
+    other_rows, other_keys = np.zeros(n, np.int64), np.zeros(n, np.uint64)
+    for digit in range(DIGITS):
+        shift, bucket = np.uint64(DIGIT * digit), counts[digit]
+        # A digit that all codes share orders nothing.
+        if n == 0 or bucket[(codes[0] >> shift) & np.uint64(BUCKETS - 1)] == n:
+            continue
+        place = 0
+        for b in range(BUCKETS):
+            held = bucket[b]
+            bucket[b] = place
+            place += held
+        for i in range(n):
+            b = (keys[i] >> shift) & np.uint64(BUCKETS - 1)
+            place = bucket[b]
+            bucket[b] = place + 1
+            other_rows[place], other_keys[place] = rows[i], keys[i]
+        rows, other_rows, keys, other_keys = other_rows, rows, other_keys, keys
+    return rows
+
+
+@compiled
+def new_places(points: FloatArray, codes: Codes, order: IntArray) -> tuple[BoolArray, bool]:
+    """Which points differ from the one before them in an order by codes, and whether two such share a cell. O(n)."""
+    new, mixed = np.ones(len(order), np.bool_), False
+    for i in range(1, len(order)):
+        a, b = order[i - 1], order[i]
+        if codes[a] == codes[b]:
+            same = points[a, 0] == points[b, 0] and points[a, 1] == points[b, 1] and points[a, 2] == points[b, 2]
+            new[i] = not same
+            mixed = mixed or not same
+    return new, mixed

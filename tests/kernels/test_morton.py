@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import itertools
+
+import hypothesis.extra.numpy as hnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dqreg._arrays import FloatArray
+from dqreg.kernels.morton import BITS, morton_cells, new_places, sorted_rows
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    hnp.arrays(np.uint64, st.integers(0, 60), elements=st.integers(0, 2**63 - 1)), st.sampled_from([1, 2**11, 2**40])
+)
+def test_the_order_is_that_of_numpy(codes: np.ndarray, coarse: int) -> None:
+    # Coarse ones are equal often: then the order of the rows counts.
+    codes = codes // np.uint64(coarse) * np.uint64(coarse)
+    before = codes.copy()
+    np.testing.assert_array_equal(sorted_rows(codes), np.argsort(codes, kind="stable"))
+    np.testing.assert_array_equal(codes, before)
+
+
+def plain_codes(points: FloatArray, low: FloatArray, cells: float) -> list[int]:
+    """The same one bit at a time."""
+    grid = ((points - low) * cells).astype(np.int64).tolist()
+    return [
+        sum((cell[axis] >> bit & 1) << (3 * bit + 2 - axis) for bit in range(BITS) for axis in range(3))
+        for cell in grid
+    ]
+
+
+@pytest.mark.parametrize("cells", [0.0, 1.0, 1e5, (2**BITS - 1) / 20.0])
+def test_codes_are_those_set_bit_by_bit(cells: float) -> None:
+    points = np.random.default_rng(0).uniform(-10.0, 10.0, size=(300, 3))
+    points[0], low = 10.0, np.full(3, -10.0)
+    codes = np.zeros(300, dtype=np.uint64)
+    morton_cells(0, 150, points, low, cells, codes)
+    morton_cells(150, 300, points, low, cells, codes)
+    assert codes.tolist() == plain_codes(points, low, cells)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 30))
+def test_new_is_what_differs_from_the_one_before(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.integers(0, 2, size=(count, 3)).astype(float)
+    codes = rng.integers(0, 2, size=count).astype(np.uint64)
+    order = np.argsort(codes, kind="stable")
+    differ = [bool((points[a] != points[b]).any()) for a, b in itertools.pairwise(order)]
+    shared = [bool(codes[a] == codes[b]) for a, b in itertools.pairwise(order)]
+    new, mixed = new_places(points, codes, order)
+    assert new.tolist() == [True] + [d or not s for d, s in zip(differ, shared, strict=True)]
+    assert mixed == any(d and s for d, s in zip(differ, shared, strict=True))
