@@ -13,7 +13,7 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
 from dqreg.rigid import pose
 from dqreg.trust.chance import random_ratio
-from dqreg.trust.patch_tests import ON, patches_off, stretch_of
+from dqreg.trust.patch_tests import ON, isolated, patches_off, stretch_of
 from dqreg.trust.segments import Segments, segments_of
 from dqreg.trust.strain import Strain, strain_of
 
@@ -79,7 +79,8 @@ def agreement_of(
     else:
         around = _surroundings(pairs, width, near)
         close &= on | ~around.elsewhere
-    kept = ~around.elsewhere
+    alone = isolated(pairs.moved, on)
+    kept = ~around.elsewhere & ~alone
     patches, off = patches_off(
         pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept], mixture.scale
     )
@@ -92,7 +93,7 @@ def agreement_of(
     # Between the points of two clouds, tangent planes are guesses.
     if not isinstance(surface, CloudSurface):
         sparse = len(scan) < SPARSE and not has_border
-        strain = _strain(pairs, on if has_border else close, clutter=clutter, sparse=sparse)
+        strain = _strain(pairs, on if has_border else close & ~alone, clutter=clutter, sparse=sparse)
     return Agreement(
         share_near=_share(on, close),
         near=near,

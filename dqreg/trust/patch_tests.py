@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
+from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.solvers.quadratic import plane_rows
 
 # Neighbouring points of a patch, and the kernel scales that its median may deviate: for 32 points of independent noise
@@ -16,9 +17,26 @@ from dqreg.solvers.quadratic import plane_rows
 PATCH, OFF = 32, 2.0
 # Kernel scales within which a point lies on a surface; real scans have longer tails than a Gaussian.
 ON = 4.0
+# A point off the target whose neighbour of this rank is so many times as far as for points on it is an outlier.
+NEIGHBOURS, SCATTERED = 5, 2.5
 # A patch whose plane holds more points far from the target than so many times those near it belongs to an object that
 # the part stands on or leans against.
 BACKGROUND = 1.0
+
+
+def isolated(points: FloatArray, on: BoolArray) -> BoolArray:
+    """Which points off the target have no neighbours as points of a surface have them, (n,): scattered outliers.
+
+    Together they would look like patches that deviate, but they are no surface that could contradict the pose.
+    """
+    off = np.flatnonzero(~on)
+    alone = np.zeros(len(points), dtype=bool)
+    if len(off) and len(points) - len(off) > NEIGHBOURS:
+        tree = NeighbourTree(points)
+        # The point itself is the first.
+        usual = float(np.median(tree.nearest(points[on], NEIGHBOURS + 1)[1][:, -1]))
+        alone[off] = tree.nearest(points[off], NEIGHBOURS + 1)[1][:, -1] > SCATTERED * usual
+    return alone
 
 
 def patches_off(
