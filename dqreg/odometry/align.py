@@ -21,7 +21,7 @@ from dqreg.icp import (
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import candidates, screen
-from dqreg.trust.verdict import fraction_fits
+from dqreg.trust.doubts import fraction_fits
 
 # Points of the coarse level.
 COARSE = 400

@@ -65,7 +65,7 @@ def frame_result(
     T = rigid(run.T_target_source)
     return Registration(
         T_target_source=T,
-        verdict=Verdict(verdict.level, reasons),
+        verdict=Verdict(verdict.level, reasons, verdict.checks),
         status=run.status,
         covariance=uncertainty.covariance,
         observability=uncertainty.directions,

@@ -23,8 +23,8 @@ from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
 from dqreg.registration.result import Registration
 from dqreg.rigid import Trajectory, pose
+from dqreg.trust.doubts import fraction_fits
 from dqreg.trust.records import Reason
-from dqreg.trust.verdict import fraction_fits
 
 # Points below which a frame gets no pose, and cannot begin a map.
 FEWEST_POINTS = 30

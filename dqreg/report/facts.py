@@ -24,6 +24,7 @@ def facts_of(result: RegistrationResult, unit: str) -> dict[str, Any]:
     middle = -(-len(settings) // 2)
     return {
         "motions": motions_of(result),
+        "checks": checks_of(result),
         "sigmas": _sigmas(result, unit) if found else None,
         "converted": _converted(result),
         "history": _history(result, unit),
@@ -32,6 +33,28 @@ def facts_of(result: RegistrationResult, unit: str) -> dict[str, Any]:
         "timings": [(name, f"{value:.3f}") for name, value in result.timings.items()],
         "versions": versions_of(),
     }
+
+
+def checks_of(result: RegistrationResult) -> list[dict[str, str]]:
+    """Rows of the questions that the verdict asked: the ones against the pose first, the ones not asked last."""
+    order = sorted(result.verdict.checks, key=lambda check: (check.passed, bool(np.isnan(check.value))))
+    return [
+        {
+            "sign": "✗" if not check.passed else "✓" if np.isfinite(check.value) or not check.unit else "–",
+            "level": "suspect" if not check.passed else "accepted",
+            "question": check.question,
+            "value": _figure(check.value, check.unit),
+            "limit": f"{check.relation} {_figure(check.limit, check.unit)}" if check.unit else "",
+            "code": check.code,
+        }
+        for check in order
+    ]
+
+
+def _figure(value: float, unit: str) -> str:
+    if not np.isfinite(value):
+        return "not asked" if unit else ""
+    return f"{text_of(100.0 * value, 2)} %" if unit == "%" else f"{text_of(value, 3)} {unit}".strip()
 
 
 def motions_of(result: RegistrationResult) -> list[dict[str, str]]:

@@ -78,12 +78,30 @@ class Reason(str):
         return str(self), self.code
 
 
+Relation = Literal["at least", "at most"]
+Unit = Literal["%", "times", "points", "motions", "poses", ""]
+
+
+@dataclasses.dataclass(frozen=True)
+class Check:
+    """A question of the verdict with its figure, whether it speaks against the pose or not."""
+
+    code: str  # Of the reason that it would be
+    question: str  # What is asked, in words
+    value: float  # Figure, a share where the unit is "%"; NaN where it was not asked for
+    relation: Relation  # How a figure that passes stands to the limit
+    limit: float
+    unit: Unit
+    passed: bool  # Whether it does not speak against the pose
+
+
 @dataclasses.dataclass(frozen=True)
 class Verdict:
     """Whether the pose may be trusted, and why."""
 
     level: Level  # What to do with the pose: use it, look at it, throw it away
     reasons: tuple[Reason, ...]  # Sentences, the weightiest first; each has a `code`
+    checks: tuple[Check, ...] = ()  # Every question with its figure; none where nothing was found, or of a file of old
 
     def __post_init__(self) -> None:
         reasons = tuple(reason if isinstance(reason, Reason) else Reason(reason) for reason in self.reasons)
@@ -98,7 +116,8 @@ class Verdict:
         """The verdict with one more doubt, before the others; one that failed stays as it is."""
         if self.level == "failed":
             return self
-        return Verdict("suspect", (doubt, *(reason for reason in self.reasons if reason.code != "accepted")))
+        reasons = (doubt, *(reason for reason in self.reasons if reason.code != "accepted"))
+        return Verdict("suspect", reasons, self.checks)
 
 
 @dataclasses.dataclass(frozen=True)

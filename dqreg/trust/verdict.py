@@ -2,48 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator
-
-from dqreg.solvers.motion_words import direction_words
-from dqreg.solvers.status import Status
+from dqreg.trust.checks import checks_of
+from dqreg.trust.doubts import DOUBTS, FEWEST_OF_ALL, counted
 from dqreg.trust.evidence import Evidence
-from dqreg.trust.records import Code, Level, Reason, Verdict
-
-# Inliers below this fraction of the points near the target: a local minimum, another part, or much clutter.
-FEW_INLIERS = 0.7
-# The same where all points count (odometry), and against the frames before.
-FEW_OF_ALL, FALL = 0.5, 0.75
-# Fewer inliers determine a pose of six unknowns with nothing left to check it.
-FEWEST_INLIERS = 30
-# Fewer fix no pose at all.
-FEWEST_OF_ALL = 3
-# Patches of neighbouring points that deviate as a whole; inliers with another normal; points that lie on no surface:
-# fractions above these speak against the pose.
-PATCHES_OFF, NORMALS_APART, STRAYS = 0.03, 0.15, 0.5
-# Two scans of one scene see different sides of things, and things move.
-PATCHES_OFF_BORDER = 0.12
-# Outliers take some patches along: so many more may deviate for each of them.
-OFF_PER_STRAY = 0.25
-# Residuals this many times the scan's own noise: the shapes differ, or the pose is wrong.
-ROUGH = 5.0
-# Mean log-likelihood that mirroring the scan may gain: good scans lose 0.25 and more, mirrored ones gain as much.
-MIRRORED = 0.015
-# Residuals over those at random poses: scans come to 0.09 at most, noise that was accepted to 0.4 and more.
-CHANCE = 0.25
-# Standard deviations of the pose beyond these are no answer: rotations, and translations in sizes of the target.
-UNCERTAIN_RAD, UNCERTAIN = math.radians(2.0), 0.02
-# A motion constrained by fewer points than this, and by this fraction of the inliers, depends on a detail or outliers.
-DETAIL, DETAIL_SHARE = 30.0, 0.02
-# Surface of the part itself off the target, in shares of what is on it; points off a part that is said to be alone.
-CONTRADICTING, CLUTTER = 0.08, 0.05
-# Points where a scanner looked through: right poses of depth cameras and LiDARs came to 0.004, wrong ones to 0.05.
-LOOKED_THROUGH = 0.05
-# What to do about a loop that ended so.
-ADVICE: dict[Status, str] = {
-    "iteration limit": "; raise max_iterations, or give a closer initial pose",
-    "stalled": "; the step size stopped decreasing: check the pose, or give a closer initial pose",
-}
+from dqreg.trust.records import Level, Reason, Verdict
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -63,7 +25,8 @@ def judge(evidence: Evidence) -> Verdict:
         return Verdict("failed", (_why_nothing(evidence),))
     doubts = tuple(Reason(sentence, code) for code, doubt in DOUBTS for sentence in doubt(evidence))
     level: Level = "suspect" if doubts else "accepted"
-    return Verdict(level, doubts or (Reason(_summary(evidence), "accepted"),))
+    checks = checks_of(evidence, {doubt.code for doubt in doubts})
+    return Verdict(level, doubts or (Reason(_summary(evidence), "accepted"),), checks)
 
 
 def _why_nothing(evidence: Evidence) -> Reason:
@@ -88,213 +51,10 @@ def _why_nothing(evidence: Evidence) -> Reason:
     return Reason(f"no pose: ICP ended with the status {evidence.status!r}", "no_pose")
 
 
-def _counts_all(evidence: Evidence) -> bool:
-    # As of a frame of a sequence.
-    return math.isinf(evidence.near)
-
-
-def _counted(evidence: Evidence) -> str:
-    # The points that the fraction of inliers is of.
-    return (
-        "the points" if _counts_all(evidence) else f"the points within {evidence.length(evidence.near)} of the target"
-    )
-
-
 def _summary(evidence: Evidence) -> str:
     words = (
         f"{evidence.inliers:.0f} inliers with residuals of {evidence.length(evidence.width)} (one sigma), "
-        f"{100 * evidence.share_near:.0f} % of {_counted(evidence)}; all degrees of freedom are constrained"
+        f"{100 * evidence.share_near:.0f} % of {counted(evidence)}; all degrees of freedom are constrained"
     )
     same = sorted({alternative.symmetry for alternative in evidence.alternatives if alternative.symmetry})
     return words + "".join(f"; {sentence}, so the pose is one of several equivalent ones" for sentence in same)
-
-
-# One function a test: it yields a sentence where the evidence is against the pose. Conditions are written as "not
-# enough" instead of "too little", because a number that is NaN must not pass.
-
-
-def _few_inliers(evidence: Evidence) -> Iterator[str]:
-    if not evidence.inliers >= FEWEST_INLIERS:
-        yield f"only {evidence.inliers:.0f} inliers: too few to check the pose"
-
-
-def _low_inlier_fraction(evidence: Evidence) -> Iterator[str]:
-    if not evidence.share_near >= (FEW_OF_ALL if _counts_all(evidence) else FEW_INLIERS):
-        if _counts_all(evidence):
-            cause = "the pose may have slipped"
-        else:
-            cause = "a local minimum, another part, or much clutter"
-        yield (
-            f"only {100 * evidence.share_near:.0f} % of {_counted(evidence)} are inliers (residuals of "
-            f"{evidence.length(evidence.width)}, one sigma): {cause}"
-        )
-
-
-def fraction_fits(fraction: float, usual: float) -> bool:
-    """Whether neither test of the fraction of inliers speaks against a frame.
-
-    >>> fraction_fits(0.6, 0.7), fraction_fits(0.6, 0.9), fraction_fits(0.4, math.nan)
-    (True, False, False)
-    """
-    return fraction >= FEW_OF_ALL and not fraction < FALL * usual
-
-
-def _falling_inlier_fraction(evidence: Evidence) -> Iterator[str]:
-    if evidence.share_near < FALL * evidence.usual:
-        yield (
-            f"{100 * evidence.share_near:.0f} % of {_counted(evidence)} are inliers, after "
-            f"{100 * evidence.usual:.0f} % in the frames before: the pose may have slipped, or the view is new"
-        )
-
-
-def _mirrored(evidence: Evidence) -> Iterator[str]:
-    if evidence.mirror_gain > MIRRORED:
-        yield "the scan fits better when mirrored: it shows the part's mirror image, or comes from a left-handed frame"
-
-
-def _deviating_patches(evidence: Evidence) -> Iterator[str]:
-    allowed = PATCHES_OFF_BORDER if evidence.has_border else PATCHES_OFF
-    if not evidence.patches_off <= allowed + OFF_PER_STRAY * evidence.strays:
-        yield (
-            f"{100 * evidence.patches_off:.0f} % of the patches of points within {evidence.length(evidence.near)} of "
-            "the target deviate as a whole: a local minimum, another part, or an object that touches the part"
-        )
-
-
-def _contradicting_surface(evidence: Evidence) -> Iterator[str]:
-    if not evidence.share_contradicting <= CONTRADICTING * (evidence.share_on + evidence.share_contradicting):
-        yield (
-            f"{100 * evidence.share_contradicting:.0f} % of the scan are faces that continue beyond the target or meet "
-            f"it in a convex edge, and {100 * evidence.share_on:.0f} % are on it: another part, or a wrong pose"
-        )
-
-
-def _clutter(evidence: Evidence) -> Iterator[str]:
-    if evidence.clutter == "none" and not evidence.share_on >= 1.0 - CLUTTER:
-        yield (
-            f"{100 * (1.0 - evidence.share_on):.0f} % of the scan are off the target, which it is said to show alone "
-            '(clutter="none"): a wrong pose, another part, or other objects'
-        )
-
-
-def _looked_through(evidence: Evidence) -> Iterator[str]:
-    if evidence.looked_through > LOOKED_THROUGH:
-        yield (
-            f"{100 * evidence.looked_through:.0f} % of the points compared stand where a scanner looked through: a "
-            "wrong pose, or things that moved between the scans"
-        )
-
-
-def _disagreeing_normals(evidence: Evidence) -> Iterator[str]:
-    if not evidence.normals_apart <= NORMALS_APART:
-        yield (
-            f"{100 * evidence.normals_apart:.0f} % of the inliers have normals that disagree with the target: a local "
-            "minimum or another part"
-        )
-
-
-def _outliers(evidence: Evidence) -> Iterator[str]:
-    if not evidence.strays <= STRAYS:
-        yield (
-            f"{100 * evidence.strays:.0f} % of all points are outliers that lie on no surface, and only "
-            f"{evidence.inliers:.0f} are inliers: clean the scan, or check the pose"
-        )
-
-
-def _large_residuals(evidence: Evidence) -> Iterator[str]:
-    if evidence.expected > 0.0 and not evidence.width <= ROUGH * evidence.expected:
-        yield (
-            f"the residuals are {evidence.length(evidence.width)} (one sigma), "
-            f"{evidence.width / evidence.expected:.0f} times the scan's own noise "
-            f"({evidence.length(evidence.expected)}): the shapes differ, or the pose is wrong"
-        )
-
-
-def _stretched(evidence: Evidence) -> Iterator[str]:
-    if not evidence.stretch:
-        return
-    along = evidence.stretched_along if any(evidence.stretched_along) else None
-    how = ("short", "long")[evidence.stretch > 0.0] if along else ("small", "large")[evidence.stretch > 0.0]
-    words = f"{100 * abs(evidence.stretch):.2g} % too {how}" + (f" along {direction_words(along)}" if along else "")
-    yield f"the scan is {words}: another part, a scaled file, or a local minimum"
-
-
-def _bent(evidence: Evidence) -> Iterator[str]:
-    if evidence.bend:
-        yield f"the scan is bent by {100 * evidence.bend:.2g} % of its length against the target"
-
-
-def _random_fit(evidence: Evidence) -> Iterator[str]:
-    if not evidence.random_ratio <= CHANCE:
-        yield (
-            f"the residuals are {100 * evidence.random_ratio:.0f} % of those at random poses: the scan does not show "
-            "the shape of the target"
-        )
-
-
-def _unconstrained(evidence: Evidence) -> Iterator[str]:
-    return (direction.words for direction in evidence.directions if direction.is_free)
-
-
-def _large_uncertainty(evidence: Evidence) -> Iterator[str]:
-    # A rotation by its displacement at half the diagonal.
-    limits = {"rotation": 0.5 * UNCERTAIN_RAD * evidence.size, "translation": UNCERTAIN * evidence.size}
-    for direction in evidence.directions:
-        if direction.kind in limits and direction.sigma > limits[direction.kind]:
-            yield (
-                f"the pose is uncertain by {evidence.length(direction.sigma)} (one sigma, "
-                f"{100 * direction.sigma / evidence.size:.0f} % of the size): {direction.words}"
-            )
-
-
-def _weakly_constrained(evidence: Evidence) -> Iterator[str]:
-    for direction, carriers in zip(evidence.directions, evidence.carriers, strict=False):
-        if not direction.is_free and carriers < min(DETAIL, DETAIL_SHARE * evidence.inliers):
-            yield f"one motion depends on about {carriers:.0f} points: {direction.words}"
-
-
-def _alternative_poses(evidence: Evidence) -> Iterator[str]:
-    others = [alternative for alternative in evidence.alternatives if not alternative.symmetry]
-    if others:
-        some = "another pose is" if len(others) == 1 else f"{len(others)} other poses are"
-        where = f"; the scan fits as well {others[0].words}" if others[0].words else ""
-        yield f"{some} equally likely: see alternatives{where}"
-
-
-def _search_time_limit(evidence: Evidence) -> Iterator[str]:
-    if evidence.search not in ("", "judged"):
-        yield (
-            f'the time limit ended the global search after its stage "{evidence.search}": its poses were not compared; '
-            "allow more time, or give an initial pose"
-        )
-
-
-def _not_converged(evidence: Evidence) -> Iterator[str]:
-    if evidence.status != "converged":
-        advice = "" if _counts_all(evidence) else ADVICE.get(evidence.status, "")
-        yield f"ICP did not converge: {evidence.status}{advice}"
-
-
-# In the order in which a verdict names them.
-DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
-    ("few_inliers", _few_inliers),
-    ("low_inlier_fraction", _low_inlier_fraction),
-    ("falling_inlier_fraction", _falling_inlier_fraction),
-    ("mirrored", _mirrored),
-    ("deviating_patches", _deviating_patches),
-    ("contradicting_surface", _contradicting_surface),
-    ("clutter", _clutter),
-    ("looked_through", _looked_through),
-    ("disagreeing_normals", _disagreeing_normals),
-    ("outliers", _outliers),
-    ("large_residuals", _large_residuals),
-    ("stretched", _stretched),
-    ("bent", _bent),
-    ("random_fit", _random_fit),
-    ("unconstrained", _unconstrained),
-    ("large_uncertainty", _large_uncertainty),
-    ("weakly_constrained", _weakly_constrained),
-    ("alternative_poses", _alternative_poses),
-    ("search_time_limit", _search_time_limit),
-    ("not_converged", _not_converged),
-)

@@ -9,7 +9,7 @@ from dqreg.rigid import pose
 from dqreg.rigid.rotations import about_axis, angle_of
 from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror, near_flips, near_mirrors, ring_steps
 from dqreg.synth.parts import block, box, bracket, cylinder, gear
-from dqreg.trust.verdict import MIRRORED
+from dqreg.trust.doubts import MIRRORED
 
 # Half a turn about an axis leaves this block in place but for one small feature.
 BLOCK = Mesh(*block())

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import get_args
 
 import dqreg
+from dqreg.trust.doubts import DOUBTS
 from dqreg.trust.records import Code
-from dqreg.trust.verdict import DOUBTS
 
 PACKAGE = Path(dqreg.__file__).parent
 CODES = set(get_args(Code))

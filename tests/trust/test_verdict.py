@@ -9,7 +9,7 @@ import pytest
 
 from dqreg.registration.result import Alternative, Direction
 from dqreg.trust import Evidence, judge
-from dqreg.trust.verdict import (
+from dqreg.trust.doubts import (
     CHANCE,
     DOUBTS,
     FALL,

@@ -1,0 +1,116 @@
+"""Why a pose should be believed: every question of the verdict with its figure and its limit, passed or not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection
+
+from dqreg.trust import doubts as limits
+from dqreg.trust.evidence import Evidence
+from dqreg.trust.records import Check, Code, Relation, Unit
+
+Figures = Callable[[Evidence], tuple[float, float]]
+
+
+def checks_of(evidence: Evidence, against: Collection[str]) -> tuple[Check, ...]:
+    """All questions in the order of the verdict, given the codes of those that speak against the pose."""
+    checks = []
+    for code, _ in limits.DOUBTS:
+        question, relation, unit, figures = QUESTIONS[code]
+        value, limit = figures(evidence)
+        value = value if math.isfinite(value) else math.nan
+        checks.append(Check(code, question, value, relation, limit, unit, code not in against))
+    return tuple(checks)
+
+
+def _inlier_share(evidence: Evidence) -> tuple[float, float]:
+    return evidence.share_near, limits.FEW_OF_ALL if limits.counts_all(evidence) else limits.FEW_INLIERS
+
+
+def _patches(evidence: Evidence) -> tuple[float, float]:
+    allowed = limits.PATCHES_OFF_BORDER if evidence.has_border else limits.PATCHES_OFF
+    return evidence.patches_off, allowed + limits.OFF_PER_STRAY * evidence.strays
+
+
+def _contradicting(evidence: Evidence) -> tuple[float, float]:
+    both = evidence.share_on + evidence.share_contradicting
+    return evidence.share_contradicting / both if both > 0.0 else math.nan, limits.CONTRADICTING
+
+
+def _clutter(evidence: Evidence) -> tuple[float, float]:
+    return 1.0 - evidence.share_on if evidence.clutter == "none" else math.nan, limits.CLUTTER
+
+
+def _residuals(evidence: Evidence) -> tuple[float, float]:
+    return evidence.width / evidence.expected if evidence.expected > 0.0 else math.nan, limits.ROUGH
+
+
+def _free(evidence: Evidence) -> tuple[float, float]:
+    return float(sum(direction.is_free for direction in evidence.directions)), 0.0
+
+
+def _uncertainty(evidence: Evidence) -> tuple[float, float]:
+    # A rotation as its displacement at half the diagonal.
+    sizes = {"rotation": limits.UNCERTAIN_RAD / 2.0, "translation": limits.UNCERTAIN}
+    known = [d.sigma / (sizes[d.kind] * evidence.size) for d in evidence.directions if d.kind in sizes]
+    return max((value for value in known if math.isfinite(value)), default=math.nan), 1.0
+
+
+def _carriers(evidence: Evidence) -> tuple[float, float]:
+    held = zip(evidence.directions, evidence.carriers, strict=False)
+    fewest = min((carriers for direction, carriers in held if not direction.is_free), default=math.nan)
+    return fewest, min(limits.DETAIL, limits.DETAIL_SHARE * evidence.inliers)
+
+
+def _others(evidence: Evidence) -> tuple[float, float]:
+    return float(sum(not alternative.symmetry for alternative in evidence.alternatives)), 0.0
+
+
+# What is asked, how the figure stands to its limit, and in which unit; a figure of NaN was not asked for.
+QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
+    "few_inliers": ("Inliers", "at least", "points", lambda e: (e.inliers, limits.FEWEST_INLIERS)),
+    "low_inlier_fraction": ("Inliers among the points near the target", "at least", "%", _inlier_share),
+    "falling_inlier_fraction": (
+        "Inliers against the frames before",
+        "at least",
+        "%",
+        lambda e: (e.share_near if math.isfinite(e.usual) else math.nan, limits.FALL * e.usual),
+    ),
+    "mirrored": (
+        "Log-likelihood that mirroring the scan gains",
+        "at most",
+        "",
+        lambda e: (e.mirror_gain, limits.MIRRORED),
+    ),
+    "deviating_patches": ("Patches that deviate as a whole", "at most", "%", _patches),
+    "contradicting_surface": ("Surface of the part itself off the target", "at most", "%", _contradicting),
+    "clutter": ("Points off the target, of a scan of the part alone", "at most", "%", _clutter),
+    "looked_through": (
+        "Points where a scanner looked through",
+        "at most",
+        "%",
+        lambda e: (e.looked_through, limits.LOOKED_THROUGH),
+    ),
+    "disagreeing_normals": (
+        "Inliers with another normal than the target",
+        "at most",
+        "%",
+        lambda e: (e.normals_apart, limits.NORMALS_APART),
+    ),
+    "outliers": ("Points on no surface", "at most", "%", lambda e: (e.strays, limits.STRAYS)),
+    "large_residuals": ("Residuals against the noise of the scan", "at most", "times", _residuals),
+    "stretched": ("Significant strain against the target", "at most", "%", lambda e: (abs(e.stretch), 0.0)),
+    "bent": ("Significant bend, sagitta over length", "at most", "%", lambda e: (e.bend, 0.0)),
+    "random_fit": (
+        "Residuals against those at random poses",
+        "at most",
+        "%",
+        lambda e: (e.random_ratio, limits.CHANCE),
+    ),
+    "unconstrained": ("Unconstrained motions", "at most", "motions", _free),
+    "large_uncertainty": ("Standard deviation against 2 degrees or 2 % of the size", "at most", "times", _uncertainty),
+    "weakly_constrained": ("Points that constrain the weakest motion", "at least", "points", _carriers),
+    "alternative_poses": ("Other poses that are equally likely", "at most", "poses", _others),
+    "search_time_limit": ("The global search was finished", "at most", "", lambda e: (math.nan, 0.0)),
+    "not_converged": ("ICP converged", "at most", "", lambda e: (math.nan, 0.0)),
+}

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+
+from dqreg.trust import judge
+from dqreg.trust.checks import QUESTIONS
+from dqreg.trust.doubts import DOUBTS, ROUGH
+from dqreg.trust.records import Check
+from tests.trust.test_verdict import CAUSES, GOOD
+
+
+def by_code(**changes: object) -> dict[str, Check]:
+    return {check.code: check for check in judge(dataclasses.replace(GOOD, **changes)).checks}
+
+
+def test_every_test_of_the_verdict_is_a_question_in_its_order() -> None:
+    assert tuple(QUESTIONS) == tuple(code for code, _ in DOUBTS)
+    assert tuple(by_code()) == tuple(QUESTIONS)
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_the_check_of_a_cause_is_the_one_that_fails_and_its_figure_is_beyond_the_limit(cause: str) -> None:
+    changes, _, code = CAUSES[cause]
+    checks = by_code(**changes)
+    assert [name for name, check in checks.items() if not check.passed] == [code]
+    failed = checks[code]
+    if math.isfinite(failed.value):
+        assert failed.value < failed.limit if failed.relation == "at least" else failed.value > failed.limit
+
+
+def test_what_passes_is_within_its_limit() -> None:
+    for check in by_code(looked_through=0.01, mirror_gain=-0.3, random_ratio=0.05).values():
+        assert check.passed
+        if math.isfinite(check.value):
+            assert check.value >= check.limit if check.relation == "at least" else check.value <= check.limit
+
+
+def test_a_figure_is_what_the_sentence_says_and_nan_where_it_was_not_asked() -> None:
+    checks = by_code(width=0.02)
+    assert checks["large_residuals"].value == pytest.approx(2.0)
+    assert checks["large_residuals"].limit == ROUGH
+    for code in ("looked_through", "mirrored", "clutter", "falling_inlier_fraction"):
+        assert math.isnan(checks[code].value)
+
+
+def test_nothing_found_has_no_checks_and_a_later_doubt_keeps_them() -> None:
+    assert judge(dataclasses.replace(GOOD, found=False)).checks == ()
+    verdict = judge(GOOD)
+    assert verdict.doubted(verdict.reasons[0]).checks == verdict.checks
