@@ -36,7 +36,11 @@ def lines_of(name: str, value: object) -> list[str]:
     """A name with its signature, and the public methods where it is a class."""
     if inspect.ismodule(value):
         inner = [key for key in getattr(value, "__all__", None) or vars(value) if not key.startswith("_")]
-        own = [key for key in inner if getattr(getattr(value, key), "__module__", "").startswith("dqreg.rigid")]
+        own = [
+            key
+            for key in inner
+            if getattr(getattr(value, key), "__module__", "").startswith(("dqreg.rigid", "dqreg.solvers"))
+        ]
         return [f"{name}.{key}{signature_of(getattr(value, key))}" for key in own]
     lines = [f"{name}{signature_of(value) if callable(value) else ''}"]
     if inspect.isclass(value) and not issubclass(value, Exception):

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
@@ -17,6 +16,7 @@ from dqreg.rigid import _dual_parts, pose
 from dqreg.rigid._dual_algebra import DualAlgebra
 from dqreg.rigid._matrices import to_matrix
 from dqreg.rigid._operands import as_lines, as_planes, as_triples, require_meeting
+from dqreg.rigid._pose_action import shifted_lines, shifted_planes
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
@@ -107,9 +107,7 @@ class DualAction(DualAlgebra):
             Lines in the target frame.
         """
         lines = as_lines(lines_source, "lines_source")
-        direction = self.rotate(lines[..., :3])
-        moment = self.rotate(lines[..., 3:]) + np.cross(self.translation, direction)
-        return np.concatenate([direction, moment], axis=-1)
+        return shifted_lines(self.rotate(lines[..., :3]), self.rotate(lines[..., 3:]), self.translation)
 
     def move_planes(self, planes_source: ArrayLike) -> FloatArray:
         """Move planes ``a x + b y + c z + d = 0``.
@@ -125,9 +123,7 @@ class DualAction(DualAlgebra):
             Planes in the target frame, with normals of the same length.
         """
         planes = as_planes(planes_source, "planes_source")
-        normal = self.rotate(planes[..., :3])
-        offset = planes[..., 3:] - np.sum(normal * self.translation, axis=-1, keepdims=True)
-        return np.concatenate([normal, offset], axis=-1)
+        return shifted_planes(self.rotate(planes[..., :3]), planes[..., 3:], self.translation)
 
     def _motion(self) -> Self:
         """Itself, if it is one."""

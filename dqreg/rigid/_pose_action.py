@@ -98,8 +98,7 @@ def move_lines(T_target_source: ArrayLike, lines_source: ArrayLike) -> FloatArra
     [0.0, 0.0, 1.0, 2.0, -1.0, 0.0]
     """
     T, lines = as_poses(T_target_source, "T_target_source"), as_lines(lines_source, "lines_source")
-    direction = rotate(T, lines[..., :3])
-    return np.concatenate([direction, rotate(T, lines[..., 3:]) + np.cross(T[..., :3, 3], direction)], axis=-1)
+    return shifted_lines(rotate(T, lines[..., :3]), rotate(T, lines[..., 3:]), T[..., :3, 3])
 
 
 def move_planes(T_target_source: ArrayLike, planes_source: ArrayLike) -> FloatArray:
@@ -125,9 +124,19 @@ def move_planes(T_target_source: ArrayLike, planes_source: ArrayLike) -> FloatAr
     [0.0, 0.0, 1.0, -13.0]
     """
     T, planes = as_poses(T_target_source, "T_target_source"), as_planes(planes_source, "planes_source")
-    normal = rotate(T, planes[..., :3])
-    offset = planes[..., 3:] - np.sum(normal * T[..., :3, 3], axis=-1, keepdims=True)
-    return np.concatenate([normal, offset], axis=-1)
+    return shifted_planes(rotate(T, planes[..., :3]), planes[..., 3:], T[..., :3, 3])
+
+
+def shifted_lines(direction: FloatArray, moment: FloatArray, t: FloatArray) -> FloatArray:
+    """Lines (..., 6) of rotated directions and moments, moved by t; (..., 3) each."""
+    both = np.broadcast_arrays(direction, moment + np.cross(t, direction))
+    return np.concatenate(both, axis=-1)
+
+
+def shifted_planes(normal: FloatArray, offset: FloatArray, t: FloatArray) -> FloatArray:
+    """Planes (..., 4) of rotated normals (..., 3) and offsets (..., 1), moved by t, (..., 3)."""
+    moved = offset - np.sum(normal * t, axis=-1, keepdims=True)
+    return np.concatenate([np.broadcast_to(normal, (*moved.shape[:-1], 3)), moved], axis=-1)
 
 
 def _times(T: FloatArray, vectors: FloatArray) -> FloatArray:

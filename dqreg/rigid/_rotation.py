@@ -239,14 +239,32 @@ def interpolate_axis_angle(r1: ArrayLike, r2: ArrayLike, fraction: ArrayLike) ->
     return from_axis_angle(interpolate_axis(u1, u2, tau), angle_rad)
 
 
-def interpolate_axis(u1: FloatArray, u2: FloatArray, fraction: ArrayLike) -> FloatArray:
+def interpolate_axis(u1: ArrayLike, u2: ArrayLike, fraction: ArrayLike) -> FloatArray:
     """Move a unit vector evenly along the shorter great arc to another (eqs. 30-32).
 
-    Equation 32 divides by sin(phi). Its equal ``cos(tau phi) u1 + sin(tau phi) (n x u1)``, the rotation about n that it
-    comes from, does not, and holds for opposite vectors as well.
+    Equation 32 divides by sin(phi), and equation 30, ``u1 x u2`` over its length, is 0 / 0 for equal vectors. The
+    rotation about n that they come from, ``cos(tau phi) u1 + sin(tau phi) (n x u1)``, needs neither; opposite vectors
+    meet in the plane through the vertical, on the side of
+    ``(z x u1) x u1``.
 
-    Shapes: u1, u2 (..., 3), returns (..., 3).
+    Parameters
+    ----------
+    u1, u2 : array_like, (..., 3)
+        Axes; only their directions count.
+    fraction : array_like, (...)
+        tau: 0 at u1, 1 at u2.
+
+    Returns
+    -------
+    ndarray, (..., 3)
+        Unit vectors.
+
+    Examples
+    --------
+    >>> interpolate_axis([1, 0, 0], [0, 1, 0], 0.5).round(6).tolist()
+    [0.707107, 0.707107, 0.0]
     """
+    u1, u2 = np.broadcast_arrays(as_directions(u1, "u1"), as_directions(u2, "u2"))
     normal = np.cross(u1, u2)
     sine = np.linalg.norm(normal, axis=-1, keepdims=True)
     # Eq. 31 by atan2: the arc cosine loses half of the digits near 0 and pi.

@@ -10,6 +10,7 @@
 - `moments_of`, `Moments`, `solve_moments`, `cost_of_pose`: the parts, for loops that have checked their arrays.
 """
 
+from dqreg.solvers import jia, walker
 from dqreg.solvers.batched import Fits, solve_many
 from dqreg.solvers.closed_form import solve_moments
 from dqreg.solvers.cramer_rao import cramer_rao
@@ -42,6 +43,7 @@ __all__ = [
     "cramer_rao",
     "hand_eye",
     "horn",
+    "jia",
     "likelihood_weights",
     "moments_of",
     "normal_variance",
@@ -52,5 +54,6 @@ __all__ = [
     "solve_moments",
     "solve_rotation",
     "svd",
+    "walker",
     "walker1991",
 ]

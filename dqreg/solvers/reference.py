@@ -12,9 +12,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray
 from dqreg.rigid.quaternion import to_matrix
 from dqreg.solvers.fit import Fit
+from dqreg.solvers.jia import M
 from dqreg.solvers.least_squares import centre, fit_of_rotation
 from dqreg.solvers.matches import read_matches
 
@@ -124,27 +124,10 @@ def horn(
         points_source, points_target, directions_source, directions_target, point_weights, direction_weights
     )
     c = centre(matches)  # p', q' with sums zero: (11), (12)
-    m, n = matches.directions_source, matches.directions_target
-    M = np.einsum("i,iab,iac->bc", c.beta, P(c.p), Q(c.q))  # M = sum P_i^T Q_i, after (17)
-    M += np.einsum("i,iab,iac->bc", c.alpha, P(m), Q(n))
-    values, vectors = np.linalg.eigh(M)  # M is symmetric: lambda_1 >= ... >= lambda_4
+    # The sum of both kinds of matches, after (17)
+    total = M(c.p, c.q, c.beta) + M(matches.directions_source, matches.directions_target, c.alpha)
+    values, vectors = np.linalg.eigh(total)  # M is symmetric: lambda_1 >= ... >= lambda_4
     q = vectors[:, 3]  # maximises (16), hence (15), hence minimises (14)
     return fit_of_rotation(
         to_matrix(q), float(values[3]), float(values[2]), matches, c, absolute_weights=absolute_weights
     )  # b by (13)
-
-
-def P(p: FloatArray) -> FloatArray:
-    """Matrices P_i with ``P_i q = q p_i`` for vectors p_i (Jia section 5, after eq. 17). Shapes: returns (n, 4, 4)."""
-    p1, p2, p3 = p.T
-    o = np.zeros(len(p))
-    rows = [[o, -p1, -p2, -p3], [p1, o, p3, -p2], [p2, -p3, o, p1], [p3, p2, -p1, o]]
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
-def Q(q: FloatArray) -> FloatArray:
-    """Matrices Q_i with ``Q_i q = q_i q`` for vectors q_i (Jia section 5, after eq. 17). Shapes: returns (n, 4, 4)."""
-    q1, q2, q3 = q.T
-    o = np.zeros(len(q))
-    rows = [[o, -q1, -q2, -q3], [q1, o, -q3, q2], [q2, q3, o, -q1], [q3, -q2, q1, o]]
-    return np.moveaxis(np.array(rows), 2, 0)

@@ -13,14 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import DegenerateGeometryError
+from dqreg.rigid._operands import as_quaternions, as_triples
 from dqreg.solvers.closed_form import require_determined
 from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.least_squares import weights_of, with_uncertainty
 from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
 from dqreg.solvers.undetermined import no_weight_message, undetermined
+
+__all__ = ["E", "Q", "W", "WalkerFit", "direction_quaternions", "position_quaternions", "walker1991"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +38,20 @@ class WalkerFit(Fit):
         Largest eigenvalue of A (eq. 46).
     constant : float
         Eq. (38), which holds for directions of unit length; then ``cost = constant - lambda_1`` (eq. 50).
+    C1, C2, C3 : ndarray, (4, 4)
+        Eqs. (35) to (37): the error is ``r^T C1 r + s^T C2 s + s^T C3 r + constant`` (eq. 34).
+    A : ndarray, (4, 4)
+        Eq. (47), whose largest eigenvector is r.
     """
 
     r: FloatArray
     s: FloatArray
     lambda_1: float
     constant: float
+    C1: FloatArray
+    C2: FloatArray
+    C3: FloatArray
+    A: FloatArray
 
 
 def walker1991(
@@ -96,10 +107,8 @@ def walker1991(
     beta, alpha = weights_of(matches)
     if not beta.sum() > 0.0:
         raise DegenerateGeometryError(no_weight_message())
-    p0 = 0.5 * _with_zero(matches.points_source)  # (26)
-    p = 0.5 * _with_zero(matches.points_target)  # (26)
-    n0 = _with_zero(matches.directions_source)  # (27)
-    n = _with_zero(matches.directions_target)  # (27)
+    p0, p = position_quaternions(matches.points_source), position_quaternions(matches.points_target)  # (26)
+    n0, n = direction_quaternions(matches.directions_source), direction_quaternions(matches.directions_target)  # (27)
     C1 = -2.0 * _sum_QtW(alpha, n, n0) - 2.0 * _sum_QtW(beta, p, p0)  # (35)
     C2 = beta.sum() * np.eye(4)  # (36)
     C3 = 2.0 * np.einsum("i,iab->ab", beta, W(p0) - Q(p))  # (37)
@@ -109,19 +118,129 @@ def walker1991(
     values, vectors = np.linalg.eigh(A)  # (46)
     r = vectors[:, 3]  # of the largest eigenvalue: (50)
     s = -inverse @ C3 @ r  # (45)
-    fit = _as_fit(r, s, values, float(constant), matches)
+    fit = _as_fit(r, s, values, float(constant), matches, (C1, C2, C3, A))
     quarter = replace(matches, point_weights=0.25 * beta)
     return with_uncertainty(fit, quarter, absolute_weights=absolute_weights)
 
 
-def Q(a: FloatArray) -> FloatArray:
-    """Matrices of a product from the left, ``Q(a) b = a b`` (eq. 15). Shapes: a (..., 4), returns (..., 4, 4)."""
-    return _matrix(a, 1.0)
+def position_quaternions(points: ArrayLike) -> FloatArray:
+    """Half of each point, with a scalar of zero (eq. 26).
+
+    Parameters
+    ----------
+    points : array_like, (..., 3)
+        Points.
+
+    Returns
+    -------
+    ndarray, (..., 4)
+        In the paper's order, the scalar last.
+
+    Examples
+    --------
+    >>> position_quaternions([1, 2, 3]).tolist()
+    [0.5, 1.0, 1.5, 0.0]
+    """
+    return _with_zero(0.5 * as_triples(points, "points"))
 
 
-def W(a: FloatArray) -> FloatArray:
-    """Matrices of a product from the right, ``W(a) b = b a`` (eq. 16). Shapes: a (..., 4), returns (..., 4, 4)."""
-    return _matrix(a, -1.0)
+def direction_quaternions(directions: ArrayLike) -> FloatArray:
+    """Each direction, with a scalar of zero (eq. 27).
+
+    Parameters
+    ----------
+    directions : array_like, (..., 3)
+        Unit directions.
+
+    Returns
+    -------
+    ndarray, (..., 4)
+        In the paper's order, the scalar last.
+
+    Examples
+    --------
+    >>> direction_quaternions([0, 0, 1]).tolist()
+    [0.0, 0.0, 1.0, 0.0]
+    """
+    return _with_zero(as_triples(directions, "directions"))
+
+
+def E(
+    T_target_source: ArrayLike,
+    points_source: ArrayLike,
+    points_target: ArrayLike,
+    directions_source: ArrayLike | None = None,
+    directions_target: ArrayLike | None = None,
+    point_weights: ArrayLike | None = None,
+    direction_weights: ArrayLike | None = None,
+) -> float:
+    """Error of a pose in the paper's scale (eq. 31); `walker1991` minimises it.
+
+    Parameters
+    ----------
+    T_target_source : array_like, (4, 4)
+        Any pose.
+    points_source, points_target, directions_source, directions_target, point_weights, direction_weights : array_like
+        As in `walker1991`.
+
+    Returns
+    -------
+    float
+        ``sum alpha |n~ - R n^0|^2 + sum beta |p~ - (R p^0 + t)|^2 / 4``: a position quaternion is half the point.
+
+    Examples
+    --------
+    >>> E(np.eye(4), [[0, 0, 0]], [[0, 0, 2]])
+    1.0
+    """
+    matches = read_matches(
+        points_source, points_target, directions_source, directions_target, point_weights, direction_weights
+    )
+    refuse_bad_values(matches)
+    point_cost, direction_cost = cost_of_pose(as_pose(T_target_source, "T_target_source"), matches)
+    return 0.25 * point_cost + direction_cost
+
+
+def Q(a: ArrayLike) -> FloatArray:
+    """Matrices of a product from the left, ``Q(a) b = a b`` (eq. 15).
+
+    Parameters
+    ----------
+    a : array_like, (..., 4)
+        Quaternions in the paper's order, the scalar last.
+
+    Returns
+    -------
+    ndarray, (..., 4, 4)
+        Matrices for that order; `quaternion.left_matrix` is the one for ours.
+
+    Examples
+    --------
+    >>> (Q([1, 0, 0, 0]) @ [0, 1, 0, 0]).tolist()
+    [0.0, 0.0, 1.0, 0.0]
+    """
+    return _matrix(as_quaternions(a, "a"), 1.0)
+
+
+def W(a: ArrayLike) -> FloatArray:
+    """Matrices of a product from the right, ``W(a) b = b a`` (eq. 16).
+
+    Parameters
+    ----------
+    a : array_like, (..., 4)
+        Quaternions in the paper's order, the scalar last.
+
+    Returns
+    -------
+    ndarray, (..., 4, 4)
+        Matrices for that order; `quaternion.right_matrix` is the one for ours.
+
+    Examples
+    --------
+    >>> (W([1, 0, 0, 0]) @ [0, 1, 0, 0]).tolist()
+    [0.0, 0.0, -1.0, 0.0]
+    """
+    return _matrix(as_quaternions(a, "a"), -1.0)
 
 
 def _matrix(a: FloatArray, side: float) -> FloatArray:
@@ -137,10 +256,17 @@ def _sum_QtW(weights: FloatArray, measured: FloatArray, model: FloatArray) -> Fl
 
 
 def _with_zero(vectors: FloatArray) -> FloatArray:
-    return np.concatenate([vectors, np.zeros((len(vectors), 1))], axis=1)
+    return np.concatenate([vectors, np.zeros((*vectors.shape[:-1], 1))], axis=-1)
 
 
-def _as_fit(r: FloatArray, s: FloatArray, values: FloatArray, constant: float, matches: Matches) -> WalkerFit:
+def _as_fit(
+    r: FloatArray,
+    s: FloatArray,
+    values: FloatArray,
+    constant: float,
+    matches: Matches,
+    matrices: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+) -> WalkerFit:
     # A is 2 N plus a multiple of the identity; lambda_1 of N, which the gap relates to, needs that multiple taken out.
     centre = values.mean()
     gap = require_determined(
@@ -163,4 +289,8 @@ def _as_fit(r: FloatArray, s: FloatArray, values: FloatArray, constant: float, m
         s=s,
         lambda_1=float(values[3]),
         constant=constant,
+        C1=matrices[0],
+        C2=matrices[1],
+        C3=matrices[2],
+        A=matrices[3],
     )

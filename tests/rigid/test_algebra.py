@@ -13,6 +13,7 @@ i, j, k = np.eye(4)[1:]
 
 
 def test_hamiltons_rules():
+    # Jia eqs. 1, 2.
     one = np.eye(4)[0]
     for square in (
         quat.multiply(i, i),
@@ -45,6 +46,7 @@ def test_ring(p, q, r):
 @fast
 @given(quaternions(), quaternions())
 def test_product_agrees_with_equation_3(p, q):
+    # Jia eq. 3.
     vector = p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])
     expected = np.array([p[0] * q[0] - p[1:] @ q[1:], *vector])
     np.testing.assert_allclose(
@@ -55,6 +57,7 @@ def test_product_agrees_with_equation_3(p, q):
 @fast
 @given(quaternions(), quaternions())
 def test_conjugate_norm_and_inverse(p, q):
+    # Jia eq. 4.
     one = [1.0, 0.0, 0.0, 0.0]
     np.testing.assert_array_equal(quat.conjugate(quat.conjugate(q)), q)
     np.testing.assert_array_equal(quat.add(q, quat.conjugate(q)), [2 * q[0], 0, 0, 0])
@@ -83,6 +86,7 @@ def test_canonical_form_is_one_of_the_two_and_the_same_for_both(q):
 @fast
 @given(unit_vectors(), unit_vectors())
 def test_cross_matrix(u, v):
+    # Walker eq. 5.
     np.testing.assert_allclose(quat.cross_matrix(u) @ v, np.cross(u, v), atol=1e-15)
     np.testing.assert_array_equal(quat.cross_matrix(u).T, -quat.cross_matrix(u))
 

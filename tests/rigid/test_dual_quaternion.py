@@ -49,6 +49,7 @@ def test_matrix_there_and_back(T):
 @fast
 @given(poses())
 def test_components_agree_with_scipy(T):
+    # Walker eqs. 6, 7.
     if not hasattr(transform, "RigidTransform"):
         pytest.skip("the oracle came with SciPy 1.16")
     theirs = transform.RigidTransform.from_matrix(T).as_dual_quat(scalar_first=True)
@@ -218,6 +219,7 @@ def test_long_products_keep_the_constraints():
     ],
 )
 def test_what_is_not_unit_is_refused(real, dual, words):
+    # Walker eqs. 13, 14.
     with pytest.raises(InputError, match=words):
         DualQuaternion(real, dual)
 

@@ -63,6 +63,7 @@ def printed(p, q, v):
 @fast
 @given(unit_quaternions(), unit_quaternions(), unit_vectors())
 def test_against_finite_differences_and_the_printed_matrix(name, p, q, v):
+    # Jia eqs. 35 to 42.
     _, matrix, problem = CASES[name]
     p, v = 1.5 * p, 3.0 * v  # nothing here asks for unit length
     np.testing.assert_allclose(matrix(p, q, v), jacobian(*problem(p, q, v)), atol=ROUNDING)
@@ -96,6 +97,7 @@ def sandwich(q, v):
 @fast
 @given(unit_quaternions(), unit_vectors())
 def test_by_the_vector(q, v):
+    # Jia eqs. 43 to 45.
     np.testing.assert_allclose(quat.d_rotate_d_v(q), jacobian(lambda x: sandwich(q, x), v), atol=ROUNDING)  # eq. 43
     backward = jacobian(lambda x: sandwich(quat.conjugate(q), x), v)
     np.testing.assert_allclose(quat.d_rotate_frame_d_v(q), backward, atol=ROUNDING)  # eqs. 44-45
@@ -106,6 +108,7 @@ def test_by_the_vector(q, v):
 @fast
 @given(unit_quaternions(), unit_vectors())
 def test_by_the_four_components(q, v):
+    # Jia eq. 46.
     q, v = 1.5 * q, 2.0 * v
     np.testing.assert_allclose(quat.d_rotate_d_q(q, v), jacobian(lambda x: sandwich(x, v), q), atol=ROUNDING)  # eq. 46
     # Euler: the sandwich is of degree two in q.
@@ -115,6 +118,7 @@ def test_by_the_four_components(q, v):
 @fast
 @given(unit_quaternions(), unit_vectors())
 def test_in_the_tangent_space_of_the_unit_sphere(q, v):
+    # Jia eq. 46.
     v = 3.0 * v
 
     def turned(w):

@@ -22,6 +22,7 @@ def motion(q0, a, b):
 @fast
 @given(unit_quaternions(), triples, triples)
 def test_derivatives_against_central_differences(q0, a, b):
+    # Jia eqs. 22, 25, 26 and 28.
     # For u(0) = 0: omega = J(u) u' = a, and alpha = 2 b, since the first-order term of J is u' x u' / 2 = 0.
     q, h = motion(q0, a, b), 1e-4
     first = (q(h) - q(-h)) / (2 * h)
@@ -33,6 +34,7 @@ def test_derivatives_against_central_differences(q0, a, b):
 @fast
 @given(unit_quaternions(), triples, triples)
 def test_rates_come_back(q, omega, alpha):
+    # Jia eq. 27.
     q_dot, q_ddot = quat.derivative(q, omega), quat.second_derivative(q, omega, alpha)
     np.testing.assert_allclose(quat.angular_velocity(q, q_dot), omega, atol=1e-13)
     np.testing.assert_allclose(quat.angular_acceleration(q, q_dot, q_ddot), alpha, atol=1e-12)
@@ -139,6 +141,7 @@ def test_rk4_beats_euler_and_stays_on_the_sphere():
 @fast
 @given(unit_quaternions(), triples)
 def test_constant_velocity_is_exact_in_one_step(q, omega):
+    # Jia eqs. 23, 24.
     expected = quat.multiply(quat.exp([0, *(omega * 0.7 / 2)]), q)
     np.testing.assert_allclose(quat.integrate(q, lambda t: omega, [0.3, 1.0])[-1], expected, atol=1e-13)
 

@@ -20,6 +20,7 @@ def dual_product(a, b):
 @fast
 @given(points(2), unit_vectors(), unit_vectors())
 def test_equations_10_52_and_57_the_dual_cosine_is_the_scalar_product(p, n1, n2):
+    # Walker eq. 52.
     a, b = lines.through(p[0], n1), lines.through(p[1], n2)
     assume(np.linalg.norm(np.cross(n1, n2)) > 1e-3)
     cosine, length = lines.dual_angle(a, b).cos(), 1 + np.abs(p).max()

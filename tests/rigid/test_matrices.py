@@ -38,6 +38,7 @@ def test_there_and_back(q):
 @pytest.mark.parametrize("axis", [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1], [1e-9, 0, 1], [-3, 2, 1]])
 @pytest.mark.parametrize("gap_rad", [0.0, 1e-15, 1e-7, 1e-4, -1e-7])
 def test_every_branch_near_half_turns(axis, gap_rad):
+    # Walker eqs. 23, 24.
     u = np.asarray(axis) / np.linalg.norm(axis)
     q = quat.from_axis_angle(u, np.pi - gap_rad)
     back = quat.from_matrix(quat.to_matrix(q))
@@ -51,6 +52,7 @@ def test_tiny_turns_keep_their_digits():
 
 
 def test_walkers_equations_21_to_24():
+    # Walker eqs. 21 to 24.
     R = Rotation.from_rotvec([0.3, -0.7, 0.4]).as_matrix()
     r4 = np.sqrt(np.trace(R) + 1) / 2  # eq. 21
     r = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / (4 * r4)  # eq. 22

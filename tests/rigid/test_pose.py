@@ -23,6 +23,7 @@ def reach(*matrices):
 @fast
 @given(poses(), points())
 def test_apply_and_rotate_agree_with_scipy(T, p):
+    # Walker eq. 1.
     scale = 1e-13 * (reach(T) + np.abs(p).max(initial=0))
     if not hasattr(transform, "RigidTransform"):
         pytest.skip("the oracle came with SciPy 1.16")

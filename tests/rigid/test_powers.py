@@ -15,6 +15,7 @@ fast = settings(deadline=None, max_examples=50)
 @fast
 @given(quaternions())
 def test_polar_form(q):
+    # Jia eq. 18.
     length, axis, angle_rad = quat.polar(q)
     assert 0 <= angle_rad <= np.pi
     assert np.linalg.norm(axis) == pytest.approx(1, abs=1e-15)
@@ -25,19 +26,31 @@ def test_polar_form(q):
 @fast
 @given(quaternions())
 def test_exp_undoes_log(q):
+    # Jia eq. 21.
     np.testing.assert_allclose(quat.exp(quat.log(q)), q, rtol=0, atol=1e-13 * np.linalg.norm(q))
 
 
 @fast
 @given(unit_vectors(), floats(0, 3.14), floats(-2, 2))
 def test_log_undoes_exp(u, angle_rad, scalar):
+    # Jia eq. 21.
     q = np.array([scalar, *(angle_rad * u)])
     np.testing.assert_allclose(quat.log(quat.exp(q)), q, atol=1e-12)
+
+
+def test_log_undoes_exp_within_pi_only():
+    # Jia, appendix A: eqs. 20 and 21 are inverses of each other only up to a length of pi of the vector part.
+    u = np.array([0.6, 0.0, 0.8])
+    for angle_rad in (3.0, 4.0):
+        q = np.array([0.5, *(angle_rad * u)])
+        off = np.linalg.norm(quat.log(quat.exp(q)) - q)
+        assert off == pytest.approx(0.0 if angle_rad < np.pi else 2 * np.pi, abs=1e-12)
 
 
 @fast
 @given(unit_vectors(), floats(0, 3), floats(-2, 2))
 def test_exp_is_the_power_series(u, angle_rad, scalar):
+    # Jia eq. 20.
     # The matrix of a product turns the series over quaternions into the matrix exponential.
     q = np.array([scalar, *(angle_rad * u)])
     np.testing.assert_allclose(quat.left_matrix(quat.exp(q)), expm(quat.left_matrix(q)), atol=1e-12)
@@ -61,6 +74,7 @@ def test_small_angles_keep_all_digits(angle_rad):
 @fast
 @given(quaternions(), floats(-3, 3), floats(-3, 3))
 def test_laws_of_powers(q, a, b):
+    # Jia eq. 19.
     product = quat.multiply(quat.power(q, a), quat.power(q, b))
     np.testing.assert_allclose(product, quat.power(q, a + b), rtol=0, atol=1e-12 * np.linalg.norm(q) ** (a + b))
 
@@ -68,6 +82,7 @@ def test_laws_of_powers(q, a, b):
 @fast
 @given(quaternions())
 def test_whole_powers(q):
+    # Jia eq. 19.
     n = np.linalg.norm(q)
     np.testing.assert_allclose(quat.power(q, 0), [1, 0, 0, 0], atol=1e-15)
     np.testing.assert_allclose(quat.power(q, 1), q, rtol=0, atol=1e-14 * n)

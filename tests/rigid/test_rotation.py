@@ -16,6 +16,7 @@ fast = settings(deadline=None, max_examples=40)
 @fast
 @given(unit_quaternions(), points(1))
 def test_rotation_is_q_v_q_star_and_agrees_with_scipy(q, v):
+    # Jia eq. 5.
     rotated = quat.rotate(q, v)
     pure = np.column_stack([np.zeros(len(v)), v])
     sandwich = quat.multiply(quat.multiply(q, pure), quat.conjugate(q))
@@ -37,6 +38,7 @@ def test_axis_stays(q):
 @fast
 @given(unit_vectors(), angles(), unit_vectors())
 def test_equation_8(u, angle_rad, v):
+    # Jia eq. 8; Walker eq. 3.
     cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
     expected = cosine * v + (1 - cosine) * (u @ v) * u + sine * np.cross(u, v)
     np.testing.assert_allclose(quat.rotate(quat.from_axis_angle(u, angle_rad), v), expected, atol=1e-14)
@@ -45,6 +47,7 @@ def test_equation_8(u, angle_rad, v):
 @fast
 @given(unit_vectors(), angles())
 def test_the_part_across_the_axis_turns_by_the_angle(u, angle_rad):
+    # Jia eq. 7.
     # Eq. 7: L_q(n) = cos(theta) n + sin(theta) u x n for n across u.
     n = np.cross(u, np.eye(3)[np.argmin(np.abs(u))])
     expected = np.cos(angle_rad) * n + np.sin(angle_rad) * np.cross(u, n)
@@ -74,6 +77,7 @@ def test_sequences(p, q, r, v):
 @fast
 @given(angles(), angles())
 def test_example_3_satellite_tracking(bearing_rad, elevation_rad):
+    # Jia eq. 9.
     # Eq. 9 and the lines after it, with the notes' alpha and beta.
     a, b = bearing_rad / 2, elevation_rad / 2
     composite = quat.compose_frames(
@@ -85,9 +89,32 @@ def test_example_3_satellite_tracking(bearing_rad, elevation_rad):
     assert np.cos(quat.to_axis_angle(composite)[1]) == pytest.approx(cosine, abs=1e-14)
 
 
+def test_example_3_a_positive_elevation_points_down():
+    # Jia, example 3 and eq. 9: the new x axis is to point towards the satellite, above the horizon.
+    bearing_rad, elevation_rad = 0.5, 0.3
+    composite = quat.compose_frames(
+        quat.from_axis_angle([0, 0, 1], bearing_rad), quat.from_axis_angle([0, 1, 0], elevation_rad)
+    )
+    x_axis = quat.rotate(composite, [1, 0, 0])
+    assert x_axis[2] == pytest.approx(-np.sin(elevation_rad), abs=1e-15)
+    assert np.arctan2(x_axis[1], x_axis[0]) == pytest.approx(bearing_rad, abs=1e-15)
+
+
+def test_equation_30_is_open_for_equal_axes():
+    # Jia eq. 30, as printed: u1 x u2 over its length. Two rotations about one axis by different angles differ.
+    u = np.array([0.6, 0.0, 0.8])
+    normal = np.cross(u, u)
+    assert np.linalg.norm(normal) == 0.0
+    r1, r2 = quat.from_axis_angle(u, 0.4), quat.from_axis_angle(u, 1.0)
+    np.testing.assert_allclose(quat.interpolate_axis(u, u, 0.3), u, atol=1e-15)
+    expected = quat.from_axis_angle(u, 0.7)
+    np.testing.assert_allclose(quat.interpolate_axis_angle(r1, r2, 0.5), expected, atol=1e-15)
+
+
 @fast
 @given(unit_vectors(), angles())
 def test_axis_and_angle_there_and_back(u, angle_rad):
+    # Jia eq. 6.
     q = quat.from_axis_angle(u, angle_rad)
     axis, back_rad = quat.to_axis_angle(q)
     assert back_rad == pytest.approx(angle_rad, abs=1e-14)
@@ -130,6 +157,7 @@ FRACTIONS = np.linspace(0, 1, 11)
 @arcs
 @given(unit_quaternions(), unit_quaternions())
 def test_slerp_ends_and_constant_speed(r1, r2):
+    # Jia eq. 34.
     path = quat.slerp(r1, r2, FRACTIONS, shorter_turn=False)
     np.testing.assert_allclose(path[[0, -1]], [r1, r2], atol=1e-14)
     np.testing.assert_allclose(quat.norm(path), 1, atol=1e-14)
@@ -141,6 +169,7 @@ def test_slerp_ends_and_constant_speed(r1, r2):
 @arcs
 @given(unit_quaternions(), unit_quaternions(), floats(0, 1))
 def test_slerp_is_the_great_arc(r1, r2, tau):
+    # Jia eq. 34.
     cosine = np.clip(r1 @ r2, -1, 1)
     phi = np.arctan2(np.linalg.norm(r2 - cosine * r1), cosine)
     assume(1e-3 < phi < np.pi - 1e-3)
@@ -178,6 +207,7 @@ def test_axis_and_angle_interpolation_ends(r1, r2):
 @arcs
 @given(unit_quaternions(), unit_quaternions())
 def test_axis_and_angle_change_at_constant_rates(r1, r2):
+    # Jia eq. 29.
     for r in (r1, r2):
         # The axis must be readable all the way: 1e-3 keeps its rounding below 1e-12.
         assume(np.linalg.norm(r[1:]) > 1e-3)
@@ -191,6 +221,7 @@ def test_axis_and_angle_change_at_constant_rates(r1, r2):
 @arcs
 @given(unit_quaternions(), unit_quaternions(), floats(0, 1))
 def test_equation_33(r1, r2, tau):
+    # Jia eqs. 30 to 33.
     assume(min(np.linalg.norm(r1[1:]), np.linalg.norm(r2[1:])) > 1e-3)
     (u1, theta1), (u2, theta2) = quat.to_axis_angle(r1), quat.to_axis_angle(r2)
     phi = np.arctan2(np.linalg.norm(np.cross(u1, u2)), u1 @ u2)  # eq. 31
@@ -204,12 +235,16 @@ def test_equation_33(r1, r2, tau):
 @arcs
 @given(unit_vectors(), floats(0, 1))
 def test_opposite_axes_meet_in_the_vertical_plane(u, tau):
+    # Jia eqs. 30 to 32.
     # After eq. 30: the plane's normal is (-u_y, u_x, 0), or x for vertical axes.
     middle = interpolate_axis(u, -u, tau)
     normal = np.array([-u[1], u[0], 0]) if np.hypot(u[0], u[1]) > 0 else np.array([1.0, 0, 0])
     assert np.linalg.norm(middle) == pytest.approx(1, abs=1e-14)
     assert middle @ normal == pytest.approx(0, abs=1e-14)
     assert u @ middle == pytest.approx(np.cos(tau * np.pi), abs=1e-14)
+    # The side follows the sign of that normal: the axis turns about it, right-handed.
+    side = np.cross(normal, u) / np.linalg.norm(normal)
+    np.testing.assert_allclose(middle, np.cos(tau * np.pi) * u + np.sin(tau * np.pi) * side, atol=1e-14)
 
 
 @pytest.mark.parametrize("gap_rad", [0.0, 1e-15, 1e-9, 1e-7])

@@ -27,6 +27,7 @@ def matrix_of(screw):
 @fast
 @given(unit_vectors(), floats(-7, 7), floats(-5, 5), places)
 def test_from_screw_is_the_motion_of_equation_61(n, theta, d, p):
+    # Walker eqs. 8 to 10 and 60 to 62.
     q = DualQuaternion.from_screw(n, theta, d, p)
     np.testing.assert_allclose(q.as_matrix(), matrix_of(Screw(n, theta, d, p)), atol=1e-13)
     # A point of the line moves along it only.
@@ -36,6 +37,7 @@ def test_from_screw_is_the_motion_of_equation_61(n, theta, d, p):
 @fast
 @given(unit_vectors(), floats(-7, 7), floats(-5, 5), places)
 def test_equations_11_12_and_61_to_66(n, theta, d, p):
+    # Walker eqs. 11 to 14 and 63 to 66.
     real, dual = _dual_parts.from_screw(n, theta, d, p)
     sine, cosine, moment, K = np.sin(theta / 2), np.cos(theta / 2), np.cross(p, n), quat.cross_matrix(n)
     np.testing.assert_allclose(real, [cosine, *(sine * n)], atol=1e-15)  # eq. 11
@@ -56,6 +58,7 @@ def test_equations_11_12_and_61_to_66(n, theta, d, p):
 @fast
 @given(unit_vectors(), floats(0.01, 3.14), floats(-5, 5), places)
 def test_equation_70_has_the_other_sign(n, theta, d, p):
+    # Walker eq. 70.
     _, dual = _dual_parts.from_screw(n, theta, d, p)
     assert -2 * dual[0] / np.sin(theta / 2) == pytest.approx(d, abs=1e-11)
     if abs(d) > 0.1:
@@ -65,6 +68,7 @@ def test_equation_70_has_the_other_sign(n, theta, d, p):
 @fast
 @given(unit_vectors(), floats(0.01, 3.14), floats(-5, 5), places, floats(-3, 3))
 def test_equations_71_to_75(n, theta, d, p, alpha):
+    # Walker eqs. 71 to 75.
     _, dual = _dual_parts.from_screw(n, theta, d, p)
     s, sine = dual[1:], np.sin(theta / 2)
     m = (s - d / 2 * np.cos(theta / 2) * n) / sine  # eqs. 71-72
@@ -78,6 +82,7 @@ def test_equations_71_to_75(n, theta, d, p, alpha):
 
 
 def test_equation_75_as_printed_misses_the_line():
+    # Walker eq. 75.
     # A line along x through (0, 0, 1): printed, its point is a multiple of (0, 0, 0).
     n, p = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
     printed = np.array([0, -n[2], n[1]]) / n[0]
@@ -176,6 +181,7 @@ def matrix(a):
 @fast
 @given(dual_numbers, dual_numbers)
 def test_equation_51(a, b):
+    # Walker eq. 51.
     np.testing.assert_array_equal(matrix(a + b), matrix(a) + matrix(b))
     np.testing.assert_array_equal(matrix(a - b), matrix(a) - matrix(b))
     np.testing.assert_allclose(matrix(a * b), matrix(a) @ matrix(b), rtol=0, atol=1e-13)
@@ -184,6 +190,7 @@ def test_equation_51(a, b):
 @fast
 @given(dual_numbers)
 def test_equations_53_and_54(a):
+    # Walker eqs. 53, 54.
     assert a * a.conjugate() == DualNumber(a.real * a.real, 0.0)
     assert a.modulus() == a.real
 
@@ -191,6 +198,7 @@ def test_equations_53_and_54(a):
 @fast
 @given(floats(-3, 3), floats(-10, 10))
 def test_equations_55_to_59(theta, d):
+    # Walker eqs. 55 to 57.
     # sin and cos of a dual angle (eq. 52); eq. 59 with eps^2 = 0 is a derivative, so differences are its oracle.
     angle = DualNumber(theta, d)
     h = 1e-5
@@ -206,6 +214,7 @@ def test_equations_55_to_59(theta, d):
 @fast
 @given(dual_numbers)
 def test_a_power_series_ends_after_the_slope(a):
+    # Walker eqs. 58, 59.
     # Eqs. 58-59 for x^3: the product of three equals f(a) + eps b f'(a).
     cube = a * a * a
     extended = a.extend(lambda x: x**3, lambda x: 3 * x**2)

@@ -34,6 +34,7 @@ def WM(a):
 @fast
 @given(quaternions())
 def test_equations_15_and_16_as_printed(a):
+    # Walker eqs. 2 and 15, 16.
     r, r4, K = a[:3], a[3], quat.cross_matrix(a[:3])
     top = r[:, None]
     np.testing.assert_array_equal(QM(a), np.block([[r4 * np.eye(3) + K, top], [-r, r4]]))
@@ -57,6 +58,7 @@ def test_table_2(a, b):
 @fast
 @given(unit_quaternions())
 def test_equations_4_17_and_18(q):
+    # Walker eqs. 4 and 17, 18.
     r = paper(q)
     R = (r[3] ** 2 - r[:3] @ r[:3]) * np.eye(3) + 2 * np.outer(r[:3], r[:3]) + 2 * r[3] * quat.cross_matrix(r[:3])
     np.testing.assert_allclose(quat.to_matrix(q), R, atol=1e-15)
@@ -68,6 +70,7 @@ def test_equations_4_17_and_18(q):
 @fast
 @given(poses())
 def test_equations_19_20_25_and_67_to_69(T):
+    # Walker eqs. 19, 20, 25 and 67 to 69.
     q = DualQuaternion.from_matrix(T)
     r, s, t = paper(q.real), paper(q.dual), np.array([*(T[:3, 3] / 2), 0.0])  # eqs. 20 and 68
     scale = EPS * (1 + np.linalg.norm(t))

@@ -8,8 +8,8 @@ from hypothesis.extra.numpy import arrays
 
 from dqreg.rigid.quaternion import conjugate, from_matrix, left_matrix, multiply, right_matrix
 from dqreg.solvers import horn, read_matches
+from dqreg.solvers.jia import P, Q
 from dqreg.solvers.least_squares import centre
-from dqreg.solvers.reference import P, Q
 from tests.solvers.problems import euclidean_cost, fast, problems
 from tests.strategies import floats, unit_quaternions
 
@@ -30,6 +30,7 @@ def test_P_and_Q_are_products_with_a_vector(v, q):
 @fast
 @given(vectors, vectors, unit_quaternions())
 def test_17_the_turned_product_moves_to_the_other_side(p, q, r):
+    # Jia eq. 17.
     pure_p, pure_q = np.array([0.0, *p]), np.array([0.0, *q])
     turned = multiply(multiply(r, pure_p), conjugate(r))
     assert turned @ pure_q == pytest.approx(multiply(r, pure_p) @ multiply(pure_q, r), abs=1e-11)
@@ -38,6 +39,7 @@ def test_17_the_turned_product_moves_to_the_other_side(p, q, r):
 @fast
 @given(pointwise)
 def test_11_12_the_sums_about_the_means_are_zero(problem):
+    # Jia eqs. 11, 12.
     c = centre(read_matches(*problem.args))
     np.testing.assert_allclose(c.p.sum(axis=0), np.zeros(3), rtol=0, atol=1e-13)
     np.testing.assert_allclose(c.q.sum(axis=0), np.zeros(3), rtol=0, atol=1e-13)
@@ -46,6 +48,7 @@ def test_11_12_the_sums_about_the_means_are_zero(problem):
 @fast
 @given(pointwise)
 def test_10_13_14_the_translation_joins_the_means(problem):
+    # Jia eqs. 10 and 13, 14.
     fit, c = horn(*problem.args), centre(read_matches(*problem.args))
     R, b = fit.T_target_source[:3, :3], fit.T_target_source[:3, 3]
     np.testing.assert_allclose(b, c.mean_target - R @ c.mean_source, rtol=0, atol=1e-13)  # (13)
@@ -56,6 +59,7 @@ def test_10_13_14_the_translation_joins_the_means(problem):
 @fast
 @given(pointwise, unit_quaternions())
 def test_15_16_no_other_unit_quaternion_fits_better(problem, other):
+    # Jia eqs. 15, 16.
     c = centre(read_matches(*problem.args))
     M = np.einsum("iab,iac->bc", P(c.p), Q(c.q))
     np.testing.assert_allclose(M, M.T, rtol=0, atol=1e-11)

@@ -9,7 +9,7 @@ from dqreg.rigid import pose
 from dqreg.rigid.quaternion import left_matrix, right_matrix
 from dqreg.solvers import solve, walker1991
 from dqreg.solvers.walker import Q, W
-from tests.solvers.problems import TETRAHEDRON, Problem, assert_same_pose, euclidean_cost, fast, problems
+from tests.solvers.problems import TETRAHEDRON, assert_same_pose, euclidean_cost, fast, problems
 from tests.strategies import quaternions
 
 LAST = [1, 2, 3, 0]  # scalar first to the paper's order
@@ -50,6 +50,7 @@ def paper_matrices(problem):
 @fast
 @given(quaternions())
 def test_15_16_matrices_are_those_of_the_products(a):
+    # Walker eqs. 15, 16.
     first = a[[3, 0, 1, 2]]
     np.testing.assert_array_equal(Q(a), left_matrix(first)[np.ix_(LAST, LAST)])
     np.testing.assert_array_equal(W(a), right_matrix(first)[np.ix_(LAST, LAST)])
@@ -58,6 +59,7 @@ def test_15_16_matrices_are_those_of_the_products(a):
 @fast
 @given(near)
 def test_beta_weighs_a_quarter_of_the_squared_distance(problem):
+    # Walker eq. 26.
     p, q, m, n, beta, alpha = problem.args
     paper, ours = walker1991(*problem.args), solve(p, q, m, n, beta / 4, alpha)
     assert_same_pose(paper.T_target_source, ours.T_target_source)
@@ -78,6 +80,7 @@ def test_with_directions_the_quarter_matters():
 @fast
 @given(near)
 def test_50_cost_is_the_constant_less_the_largest_eigenvalue(problem):
+    # Walker eqs. 31 and 50.
     fit = walker1991(*problem.args)
     assert fit.cost == pytest.approx(fit.constant - fit.lambda_1, abs=1e-10 * fit.constant)
     problem.beta = problem.beta / 4
@@ -87,6 +90,7 @@ def test_50_cost_is_the_constant_less_the_largest_eigenvalue(problem):
 @fast
 @given(near)
 def test_28_29_30_the_dual_quaternion_moves_points_and_directions(problem):
+    # Walker eqs. 27 to 30.
     fit = walker1991(*problem.args)
     rotation = W(fit.r).T @ Q(fit.r)
     p, m = problem.points[0][0], problem.points[0][1] / np.linalg.norm(problem.points[0][1])
@@ -101,6 +105,7 @@ def test_28_29_30_the_dual_quaternion_moves_points_and_directions(problem):
 @fast
 @given(problems(far=False))
 def test_32_33_squared_differences_are_quadratic_forms(problem):
+    # Walker eqs. 32, 33.
     fit = walker1991(*problem.args)
     r, s, T = fit.r, fit.s, fit.T_target_source
     n0, n1 = direction(problem.directions[0][0]), direction(problem.directions[1][0])
@@ -115,6 +120,7 @@ def test_32_33_squared_differences_are_quadratic_forms(problem):
 @fast
 @given(near)
 def test_34_to_38_the_error_is_one_quadratic_form(problem):
+    # Walker eqs. 34 to 38.
     C1, C2, C3, constant = paper_matrices(problem)
     fit = walker1991(*problem.args)
     r, s = fit.r, fit.s
@@ -125,6 +131,7 @@ def test_34_to_38_the_error_is_one_quadratic_form(problem):
 @fast
 @given(near)
 def test_39_to_49_the_answer_meets_the_conditions_of_the_minimum(problem):
+    # Walker eqs. 39 to 49.
     C1, C2, C3, constant = paper_matrices(problem)
     fit = walker1991(*problem.args)
     r, s, lambda_1 = fit.r, fit.s, fit.lambda_1
@@ -139,23 +146,3 @@ def test_39_to_49_the_answer_meets_the_conditions_of_the_minimum(problem):
     assert lambda_1 == pytest.approx(np.linalg.eigvalsh(A)[-1], rel=1e-12)
     assert r @ C1 @ r == pytest.approx(-0.5 * s @ C3 @ r - lambda_1, abs=1e-12 * constant)  # (48)
     assert s @ C2 @ s == pytest.approx(-0.5 * s @ C3 @ r, abs=1e-12 * constant)  # (49)
-
-
-def test_box_result_maps_model_to_measurement_as_equation_28_says():
-    # The box gives the superscript 0 to the measurements. Read so, the algorithm would return the inverse pose.
-    T = np.array([[0.0, -1, 0, 7], [1, 0, 0, 8], [0, 0, 1, 13], [0, 0, 0, 1]])
-    model, measured = TETRAHEDRON, pose.apply(T, TETRAHEDRON)
-    assert_same_pose(walker1991(model, measured).T_target_source, T)
-    assert_same_pose(walker1991(measured, model).T_target_source, pose.inverse(T))
-
-
-def test_box_counts_k_and_l_are_swapped_against_equation_31():
-    # (31) and the sums of the box have k directions and l points; the inputs of the box k points and l directions.
-    # With four points and two directions the sum of (36) up to the box's l = 2 leaves two points out.
-    model = TETRAHEDRON
-    measured = model + np.array([[0.3, 0, 0], [0, 0, 0.2], [0, -0.1, 0], [0, 0.1, 0]])
-    m, n = np.eye(3)[:2], np.array([[0.6, 0.8, 0], [-0.8, 0.6, 0]])
-    right, box = walker1991(model, measured, m, n), walker1991(model[:2], measured[:2], m, n)
-    problem = Problem(np.eye(4), (model, measured), (m, n), np.full(4, 0.25), np.ones(2))
-    assert right.constant - right.lambda_1 == pytest.approx(right.cost, rel=1e-10)
-    assert euclidean_cost(box.T_target_source, problem) > 1.01 * right.cost
