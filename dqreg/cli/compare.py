@@ -37,6 +37,8 @@ NOT_OF_TRUST = ("engines", "files", "start", "truth", "source_units", "target_un
 @click.option("--seeds", type=click.IntRange(min=1), help="With --sweep trust: tasks of each kind  [default: 10].")
 @click.option("--first-seed", type=click.IntRange(min=0), help="With --sweep trust: seed of the first.")
 @click.option("--workers", type=click.IntRange(min=1), help="With --sweep trust: processes  [default: 2].")
+@click.option("--multiway", is_flag=True, help="The inputs are many scans of one object; --truth holds the true pose "
+              "of each.")  # fmt: skip
 @click.option("--engine", "-e", "engines", multiple=True, help="Only this engine; may be repeated  [default: all].")
 @click.option("--engine-file", "files", multiple=True, type=FILE, help="Python file with your own engine; may be "
               "repeated.")  # fmt: skip
@@ -71,6 +73,7 @@ def compare(inputs: tuple[Path, ...], show: bool, as_json: bool, quiet: bool, **
     dqreg compare scan.ply part.stl --start nominal.txt --truth truth.txt
     dqreg compare --sweep standard --report report.html  convergence basin, accuracy, speed: half an hour, resumable
     dqreg compare my_case --engine-file my_engine.py     your own method against all others
+    dqreg compare scans/*.ply --multiway --truth poses.txt   many scans in one frame, ours and Open3D's
     dqreg compare --sweep trust --report trust.html      false and missed acceptances, kind by kind
     """
     console, shown = consoles(quiet=quiet, as_json=as_json, width=PIPE_WIDTH)
@@ -79,6 +82,10 @@ def compare(inputs: tuple[Path, ...], show: bool, as_json: bool, quiet: bool, **
 
         _list(console, engine_specs(_engines(options)), as_json=as_json)
         return 0
+    if options.pop("multiway"):
+        from dqreg.cli.many_compare import run_many
+
+        return run_many(console, shown, inputs, options, as_json=as_json)
     if options["sweep"] == "trust":
         return _trust(console, shown, inputs, options, as_json=as_json)
     _refuse(options, OF_TRUST, "goes with --sweep trust")

@@ -27,8 +27,11 @@ ROUNDS, STEPS = 25, 4
 STILL, SETTLED = 1e-4, 0.02
 # Points a direction of a pair: all pairs together have so many, and each at least the second number.
 ALL_POINTS, FEWEST_POINTS = 4_000_000, 500
-# Largest distance of a correspondence: in spacings, and in scales of the distances of the round before.
-REACH, NARROW = 3.0, 5.0
+# Largest distance of a correspondence: in spacings, in scales of the distances of the round before, and at first in
+# times the first number.
+REACH, NARROW, WIDEST = 2.0, 5.0, 2.0
+# The first rounds are with so many times fewer points, until the scans move by less than this in a round, in spacings.
+COARSER, COARSE_STILL = 8, 0.03
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,12 +73,15 @@ def refine_jointly(
     """
     ways = [way for i, j in pairs for way in ((i, j), (j, i)) if bodies[way[1]].scan is not None]
     budget = int(np.clip(ALL_POINTS // max(len(ways), 1), FEWEST_POINTS, points))
-    sampled = {j: _thinned(bodies[j], budget) for _, j in ways}
+    few = max(budget // COARSER, FEWEST_POINTS)
+    sampled = {j: _thinned(bodies[j], few) for _, j in ways}
     T = T_world_body.copy()
     found: dict[tuple[int, int], Planes] = {}
-    rounds, moved = 0, np.inf
+    rounds, moved, coarse = 0, np.inf, few < budget
     while rounds < ROUNDS and moved >= STILL and not is_over():
         rounds += 1
+        if coarse and (moved < COARSE_STILL or rounds > ROUNDS // 2):
+            coarse, sampled = False, {j: _thinned(bodies[j], budget) for _, j in ways}
         found = _correspond(bodies, sampled, T, ways, found, first=rounds == 1)
         before = T
         for _ in range(STEPS):
@@ -117,7 +123,7 @@ def _correspond(
 
 def _reach(bodies: Sequence[Body], i: int, j: int, known: Planes | None) -> float:
     spacing = max(scan.spacing for scan in (bodies[i].scan, bodies[j].scan) if scan is not None)
-    widest = 4.0 * REACH * spacing
+    widest = WIDEST * REACH * spacing
     return widest if known is None else float(np.clip(NARROW * known.sigma, REACH * spacing, widest))
 
 

@@ -21,6 +21,8 @@ FACING = np.cos(np.deg2rad(45.0))
 # Distances along the normals below this fraction of the spacing: the planes alone count then. Discs, which hold a
 # little along the surface too, suit noisy clouds; here they would drag the poses towards the nearest points.
 WELL_BELOW = 0.4
+# Fraction of the information in one cell that is believed at most.
+MOST_LEVERAGE = 0.9
 # Rounds that fit the scale of the distances.
 ROUNDS = 20
 
@@ -62,10 +64,37 @@ class Planes:
         x, n = self.pairs.moved[kept], self.pairs.closest.normals[kept]
         along = self.pairs.point_to_plane[kept] * self.weights[kept] / self.sigma**2
         x, n = pose.apply(T_world_target, x), n @ T_world_target[:3, :3].T
-        rows = np.hstack([np.cross(x, n), n]) * along[:, None]
+        rows = np.hstack([np.cross(x, n), n])
         cells, group = np.unique(cell_numbers(x, cell), return_inverse=True)
-        slopes: FloatArray = np.column_stack([np.bincount(group, column, len(cells)) for column in rows.T])
-        return cells, slopes
+        slopes: FloatArray = np.column_stack([np.bincount(group, column * along, len(cells)) for column in rows.T])
+        leverage = _leverage(rows * np.sqrt(self.weights[kept])[:, None], group, len(cells))
+        return cells, slopes / (1.0 - np.minimum(leverage, MOST_LEVERAGE))[:, None]
+
+
+def _leverage(rows: FloatArray, group: IntArray, cells: int) -> FloatArray:
+    """Largest fraction of the information about any motion that each cell holds by itself, (cells,).
+
+    A cell that alone holds a motion has residuals of zero there, whatever its error: the jackknife divides by what the
+    others leave open (MacKinnon and White 1985).
+    """
+    total = rows.T @ rows
+    scale = np.sqrt(np.maximum(np.diag(total), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(total / scale / scale[:, None])
+    whitened = (rows / scale) @ (vectors / np.sqrt(np.maximum(values, 1e-12)))
+    # The trace bounds the largest eigenvalue, and is it where one motion hangs on the cell.
+    return np.minimum(np.bincount(group, (whitened**2).sum(axis=1), cells), 1.0)
+
+
+def _sureness(pairs: Correspondences, sigma: float) -> FloatArray:
+    """Share of the variance of each distance that is not due to the tilt of its plane, (n,).
+
+    A plane that is tilted by a little errs by so much of the way from its point to the foot: fits across an edge do.
+    """
+    variances = pairs.closest.variances
+    if variances is None:
+        return np.ones(len(pairs.distances))
+    along = np.maximum(pairs.distances**2 - pairs.point_to_plane**2, 0.0)
+    return np.asarray(sigma**2 / (sigma**2 + variances * along))
 
 
 def planes_of(
@@ -94,7 +123,7 @@ def planes_of(
         return None
     aside = np.abs(pairs.point_to_plane)
     mixture = InlierMixture.widest(reach, floor).fit(aside[kept], floor=floor, rounds=ROUNDS)
-    weights = np.where(kept, mixture.weight(aside), 0.0)
+    weights = np.where(kept, mixture.weight(aside), 0.0) * _sureness(pairs, mixture.scale)
     # Below a millionth the weight is rounding.
     weights[weights < 1e-6] = 0.0
     found = Planes(*nodes, pairs, weights, mixture.scale)

@@ -1,0 +1,104 @@
+"""Engines that place many scans, on one case with known poses, scored by one judge."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry import PointCloud
+from dqreg.multiway.peers import ENGINES, ManyTask, ours, size_of
+from dqreg.report.table import Column, Table
+from dqreg.rigid import pose
+from dqreg.solvers import solve
+
+# Points of a scan that an error is measured on, and errors of a scan that is right: in sizes of a scan.
+POINTS, RIGHT = 1_000, 0.01
+
+
+@dataclasses.dataclass(frozen=True)
+class ManyScore:
+    """How far an engine's poses are from the true ones, once all scans together were moved to fit them best."""
+
+    engine: str
+    placed: int  # Scans with a pose
+    right: int  # Scans with an rms error below a hundredth of their size
+    rms: float  # Of all points of all placed scans
+    worst: float  # Largest rms of a scan
+    worst_deg: float  # Largest rotation error of a scan
+    seconds: float
+    remark: str = ""
+
+
+def compare_many(
+    clouds: Sequence[PointCloud],
+    truth: FloatArray,
+    *,
+    observe: Callable[[str], object] | None = None,
+    **options: Any,
+) -> list[ManyScore]:
+    """Scores of all engines; options are those of `dqreg.register_many`. Shapes: truth (n, 4, 4), T_world_scan."""
+    began = time.perf_counter()
+    result = ours(clouds, **options)
+    spent = time.perf_counter() - began
+    task = ManyTask(clouds, result, size_of(clouds))
+    scores = []
+    for name, engine in ENGINES.items():
+        if observe is not None:
+            observe(name)
+        began = time.perf_counter()
+        T = engine(task)
+        seconds = time.perf_counter() - began + (spent if engine is ENGINES["dqreg multiway"] else 0.0)
+        remark = result.verdict.level if engine is ENGINES["dqreg multiway"] else ""
+        scores.append(dataclasses.replace(score(name, T, truth, clouds, task.size), seconds=seconds, remark=remark))
+    return scores
+
+
+def score(name: str, T: FloatArray, truth: FloatArray, clouds: Sequence[PointCloud], size: float) -> ManyScore:
+    """Errors of poses after the best common motion of all scans, by the closed form on their points."""
+    placed = np.flatnonzero(np.isfinite(T).all(axis=(1, 2)))
+    if len(placed) < 2:
+        return ManyScore(name, len(placed), 0, np.nan, np.nan, np.nan, np.nan)
+    some = [cloud.points[:: max(1, len(cloud.points) // POINTS)] for cloud in clouds]
+    there = [pose.apply(T[k], some[k]) for k in placed]
+    exact = [pose.apply(truth[k], some[k]) for k in placed]
+    common = solve(np.concatenate(there), np.concatenate(exact)).T_target_source
+    errors = [pose.apply(common, a) - b for a, b in zip(there, exact, strict=True)]
+    each = np.array([np.sqrt((error**2).sum(axis=1).mean()) for error in errors])
+    turns = [float(pose.angle_between(common @ T[k], truth[k])) for k in placed]
+    return ManyScore(
+        name,
+        len(placed),
+        int((each <= RIGHT * size).sum()),
+        float(np.sqrt(np.concatenate([(error**2).sum(axis=1) for error in errors]).mean())),
+        float(each.max()),
+        float(np.rad2deg(max(turns))),
+        np.nan,
+    )
+
+
+def many_table(scores: Sequence[ManyScore], count: int) -> Table:
+    """One row an engine."""
+    columns = (
+        Column("engine"),
+        Column("placed", align="right"),
+        Column("right", align="right"),
+        Column("rms", align="right"),
+        Column("worst scan", align="right"),
+        Column("worst rotation", "deg", align="right"),
+        Column("time", "s", align="right"),
+        Column("remark", wraps=True),
+    )
+    rows = tuple(
+        (s.engine, f"{s.placed}/{count}", f"{s.right}/{count}", s.rms, s.worst, s.worst_deg, s.seconds, s.remark)
+        for s in scores
+    )
+    note = (
+        "Errors after the best common motion of all scans, in the unit of the scans; right: within a hundredth of a "
+        "scan's size. Peers without a search of their own start at the pairs that dqreg found; their time is without."
+    )
+    return Table("many", f"{count} scans in one frame", columns, rows, note)

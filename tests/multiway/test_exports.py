@@ -1,0 +1,51 @@
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from dqreg.multiway.exports import factors_of, to_g2o, to_trajectory
+from dqreg.rigid import pose
+from tests.multiway.edges_of_truth import edges_of, world
+
+
+def used(count: int):
+    import dataclasses
+
+    T = world(count, seed=0)
+    edges = edges_of(T, combinations(range(count), 2), 1e-3, seed=1)
+    return T, [dataclasses.replace(edge, used=True) for edge in edges]
+
+
+def test_factors_are_right_increments_in_the_frame_of_the_source() -> None:
+    """The chi-square of any pose is the same in both conventions, to first order."""
+    _, edges = used(3)
+    factors = factors_of(edges, 3)
+    for k, edge in enumerate(edges):
+        result = edge.registration
+        twist = 1e-4 * np.arange(1.0, 7.0)
+        moved = pose.about(pose.exp(twist), np.array(result.settings["centre"])) @ result.T_target_source
+        right = pose.log(pose.inverse(result.T_target_source) @ moved)
+        ours = twist @ np.linalg.solve(result.covariance, twist)
+        assert right @ np.linalg.solve(factors.covariances[k], right) == pytest.approx(ours, rel=1e-4)
+
+
+def test_gtsam_takes_the_file_as_it_is(tmp_path) -> None:
+    gtsam = pytest.importorskip("gtsam")
+    T, edges = used(5)
+    path = tmp_path / "graph.g2o"
+    path.write_text(to_g2o(T, edges, 0))
+    graph, values = gtsam.readG2o(str(path), True)
+    assert (graph.size(), values.size()) == (10, 5)
+    # Half of the sum of chi-squares, at the true poses.
+    from dqreg.multiway.edges import graph_of
+
+    exact = graph_of(edges, 5).chi2(np.concatenate([T, np.eye(4)[None]])).sum()
+    assert 2.0 * graph.error(values) == pytest.approx(exact, rel=1e-2)
+
+
+def test_trajectories_say_which_scans_are_not_placed() -> None:
+    T = world(3, seed=0)
+    T[1] = np.nan
+    kitti = np.array([line.split() for line in to_trajectory(T, "kitti").splitlines()], dtype=float)
+    assert np.isnan(kitti).all(axis=1).tolist() == [False, True, False]
+    assert [line.split()[0] for line in to_trajectory(T, "tum").splitlines()] == ["0.000000000", "2.000000000"]

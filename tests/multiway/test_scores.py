@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+
+from dqreg.geometry import PointCloud
+from dqreg.multiway.scores import compare_many, many_table, score
+from dqreg.rigid import pose
+from dqreg.synth.many_views import room_stops, turntable_views
+from dqreg.synth.parts import bracket
+
+
+def test_errors_are_measured_after_the_best_common_motion() -> None:
+    rng = np.random.default_rng(0)
+    clouds = [PointCloud(rng.normal(size=(200, 3))) for _ in range(4)]
+    truth = pose.random(rng, reach=2.0, shape=(4,))
+    moved = pose.random(rng, reach=5.0) @ truth
+    exact = score("exact", moved, truth, clouds, size=4.0)
+    assert (exact.placed, exact.right) == (4, 4)
+    assert exact.worst < 1e-12
+    # One scan of three off by 0.4: the common motion takes a third of it back, and a little by a rotation.
+    moved[2] = moved[2] @ pose.from_parts(np.eye(3), [0.4, 0.0, 0.0])
+    moved[3] = np.nan
+    off = score("off", moved, truth, clouds, size=4.0)
+    assert (off.placed, off.right) == (3, 0)
+    assert off.worst == pytest.approx(0.4 * 2 / 3, rel=0.3)
+
+
+def test_the_steps_of_a_turntable_are_one_motion_and_its_views_fit_together() -> None:
+    rng = np.random.default_rng(1)
+    part = bracket()
+    made = turntable_views(part, 6, pixels=40, noise=0.0, rng=rng)
+    T = made.T_world_scan
+    steps = pose.inverse(T[:-1]) @ T[1:]
+    np.testing.assert_allclose(steps, np.broadcast_to(steps[0], steps.shape), atol=1e-9 * np.ptp(part[0]))
+    assert float(pose.angle_between(steps[0], np.eye(4))) == pytest.approx(2 * np.pi / 6)
+    low, high = part[0].min(axis=0), part[0].max(axis=0)
+    for points, pose_of in zip(made.scans, T, strict=True):
+        placed = pose.apply(pose_of, points)
+        assert (placed > low - 1e-6).all()
+        assert (placed < high + 1e-6).all()
+
+
+def test_the_stops_in_a_room_see_its_walls() -> None:
+    made = room_stops(3, rings=12, noise=0.0, rng=np.random.default_rng(2))
+    for points, T in zip(made.scans, made.T_world_scan, strict=True):
+        placed = np.abs(pose.apply(T, points))
+        np.testing.assert_allclose(placed.max(axis=0), [4.0, 3.0, 1.5], atol=1e-6)
+
+
+def test_all_engines_are_scored_on_the_same_scans() -> None:
+    made = turntable_views(bracket(), 12, pixels=60, rng=np.random.default_rng(3))
+    clouds, truth = [PointCloud(points) for points in made.scans[:2]], made.T_world_scan[:2]
+    scores = compare_many(clouds, truth, starts=truth, effort="fast", workers=1)
+    assert [each.engine for each in scores] == [
+        "dqreg multiway",
+        "Open3D, its example",
+        "Open3D, our pairs",
+        "chain of ICP, our pairs",
+    ]
+    assert scores[0].right == 2
+    assert scores[0].remark == "accepted"
+    assert len(many_table(scores, 2).rows) == 4

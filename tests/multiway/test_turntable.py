@@ -1,0 +1,35 @@
+from itertools import pairwise
+
+import numpy as np
+
+from dqreg.multiway.edges import Edge
+from dqreg.multiway.turntable import step_of
+from dqreg.rigid import DualQuaternion, pose
+from tests.multiway.edges_of_truth import registration
+
+
+def neighbours(count: int, sigma: float, seed: int, wrong: int = 0) -> tuple[list[tuple[int, Edge]], DualQuaternion]:
+    rng = np.random.default_rng(seed)
+    step = DualQuaternion.from_screw([0.2, 1.0, -0.3], 2 * np.pi / count, 0.0, [3.0, 0.0, 1.0])
+    found = []
+    for i, j in pairwise(range(count)):
+        T = pose.exp(sigma * rng.normal(size=6)) @ step.as_matrix()
+        T = pose.random(rng, reach=3.0) if i < wrong else T
+        found.append((j - i, Edge(i, j, registration(T, 1e-6 * np.eye(6), np.zeros(3)))))
+    return found, step
+
+
+def test_the_step_is_the_mean_of_those_that_agree() -> None:
+    steps, exact = neighbours(24, 1e-3, seed=0, wrong=8)
+    table = step_of(steps, 24)
+    assert table is not None
+    assert table.agreeing >= 15
+    # The mean of fifteen: four standard errors.
+    np.testing.assert_allclose(table.step.as_matrix(), exact.as_matrix(), atol=4 * 3e-3 / np.sqrt(15))
+    np.testing.assert_allclose(table.between(3, 1), pose.inverse(table.between(1, 3)), atol=1e-12)
+    assert abs(table.step_deg - 15.0) < 0.1
+
+
+def test_motions_that_do_not_agree_make_no_table() -> None:
+    steps, _ = neighbours(8, 1e-3, seed=1, wrong=7)
+    assert step_of(steps, 8) is None
