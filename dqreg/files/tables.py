@@ -139,7 +139,9 @@ def nameless_cloud(path: Path, table: FloatArray, *, trust_normals: bool = False
         raise unreadable(path, f"{width} columns", "3 (x y z) or 6 (with normals); name others in a first line")
     if width == 3:
         return make_cloud(path, table)
-    lengths = np.linalg.norm(table[:, 3:], axis=1)
+    # What is too long to be squared is no normal of length 1.
+    with np.errstate(over="ignore"):
+        lengths = np.linalg.norm(table[:, 3:], axis=1)
     lengths = lengths[np.isfinite(lengths) & (lengths > 0.0)]
     # Colours of 0..1 have a typical length near 1 too, but no row has just that.
     if not trust_normals and len(lengths) and np.mean(np.abs(lengths - 1.0) < ROUNDED_NORMAL) < MOST_ROWS:
