@@ -47,6 +47,10 @@ def load_open3d() -> ModuleType:
         # A wheel that does not fit NumPy or the system fails in its own ways; each means that there is no Open3D.
         raise MissingDependencyError(explain(error)) from error
     open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)
+    # Its pool of threads, unlike BLAS, OpenMP and our own kernels, does not look there by itself.
+    asked = os.environ.get("OMP_NUM_THREADS", "")
+    if asked.isdecimal() and int(asked) > 0 and hasattr(open3d.utility, "set_max_threads"):
+        open3d.utility.set_max_threads(min(int(asked), os.cpu_count() or 1))
     return open3d
 
 

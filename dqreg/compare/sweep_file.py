@@ -110,8 +110,8 @@ def _table(data: Any, key: str, name: str) -> dict[str, Any]:
 
 
 def _positive(value: Any, name: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < float("inf"):
-        raise InputError(f"sweep {name} must be a number above 0; got {value!r}")
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < 1e300:
+        raise InputError(f"sweep {name} must be a number above 0; got {value!r:.60}")
     return float(value)
 
 

@@ -35,9 +35,13 @@ def read_start(text: str | os.PathLike[str]) -> FloatArray | str | None:
     """Initial pose of a word or a file, as `dqreg.register` takes it."""
     if text in START_WORDS:
         return None if text == "none" else str(text)
-    if not Path(text).is_file():
+    try:
+        found = Path(text).is_file()
+    except OSError:
+        found = False  # a name too long for the system
+    if not found:
         raise InputError(
-            f"start must be none, identity or a file with a 4x4 pose; there is no file {os.fspath(text)!r}"
+            f"start must be none, identity or a file with a 4x4 pose; there is no file {os.fspath(text)!r:.300}"
         )
     T = read_pose(text)
     if np.isnan(T).all():

@@ -162,17 +162,21 @@ def _unfolded(path: Path, models: _Models) -> tuple[FloatArray, IntArray]:
         if size > max_faces(path) or steps > MOST_PLACES:
             raise unreadable(path, "objects that expand to more than a million", "a part")
         if len(body.faces):
-            vertices = np.array(body.vertices).reshape(-1, 3) @ turn + shift
+            # What overflows is refused with the mesh, as a vertex that is not finite.
+            with np.errstate(over="ignore", invalid="ignore"):
+                vertices = np.array(body.vertices).reshape(-1, 3) @ turn + shift
             faces = np.array(body.faces, dtype=np.int64).reshape(-1, 3)
             # An index outside its own body must not land in the next one.
             invalid = (faces < 0) | (faces >= len(vertices))
-            mirrored = np.linalg.det(turn) < 0.0
+            with np.errstate(over="ignore", invalid="ignore"):
+                mirrored = np.linalg.det(turn) < 0.0
             all_faces.append(np.where(invalid, -1, faces + count)[:, :: -1 if mirrored else 1])
             all_vertices.append(vertices)
             count += len(vertices)
         for part, text in reversed(body.parts):
             inner, moved = _placement(path, text)
-            waiting.append((part, (inner @ turn, moved @ turn + shift), depth + 1))
+            with np.errstate(over="ignore", invalid="ignore"):
+                waiting.append((part, (inner @ turn, moved @ turn + shift), depth + 1))
     return np.concatenate(all_vertices), np.concatenate(all_faces)
 
 

@@ -117,7 +117,9 @@ def _read_file(file: Path) -> FrameData:
             raise InputError(
                 f"{file} has {len(raw)} bytes; KITTI's frames are four float32 (x, y, z, intensity) a point"
             )
-        return FrameData(np.frombuffer(raw, dtype="<f4").reshape(-1, 4)[:, :3].astype(np.float64))
+        # The cast of a signalling NaN warns; as any NaN it is dropped and counted later.
+        with np.errstate(invalid="ignore"):
+            return FrameData(np.frombuffer(raw, dtype="<f4").reshape(-1, 4)[:, :3].astype(np.float64))
     if kind == ".npz":
         arrays = read_arrays(require_readable(file), ("points", *TIME_NAMES))
         points = numbers(file, arrays["points"], "points", (None, 3))

@@ -86,8 +86,10 @@ def read_poses(path: str | Path) -> tuple[FloatArray, FloatArray | None]:
         poses[:, :3, :3], poses[:, :3, 3] = quaternion.to_matrix(w_first / length), rows[:, 1:4]
     else:
         poses[:, :3] = rows.reshape(len(rows), -1, 4)[:, :3]
-    gap = np.abs(poses[:, :3, :3].transpose(0, 2, 1) @ poses[:, :3, :3] - np.eye(3)).max()
-    if gap > 1e-2 or not (np.linalg.det(poses[:, :3, :3]) > 0.0).all():
+    # What overflows is no rotation.
+    with np.errstate(over="ignore", invalid="ignore"):
+        gap = np.abs(poses[:, :3, :3].transpose(0, 2, 1) @ poses[:, :3, :3] - np.eye(3)).max()
+    if not gap <= 1e-2 or not (np.linalg.det(poses[:, :3, :3]) > 0.0).all():
         raise InputError(f"{path}: a rotation block departs from a rotation by {gap:.3g}; expected rigid poses")
     U, _, Vt = np.linalg.svd(poses[:, :3, :3])
     poses[:, :3, :3] = U @ Vt

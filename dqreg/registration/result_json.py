@@ -71,6 +71,9 @@ def _settings(values: dict[str, Any]) -> dict[str, Any]:
     for name in ("source_units", "target_units", "source", "target"):
         if name in values:
             _of((str, type(None)), values[name])
+    for name in ("source_points", "used_points", "source_dropped"):
+        if name in values and _of(int, values[name]) < 0:
+            raise ValueError(f"{name} of {values[name]!r:.60}")
     if "seed" in values and _of(int, values["seed"]) < 0:
         raise ValueError(f"seed of {values['seed']!r:.60}")
     if values.get("scale_sigma") is not None and not 0.0 <= _of((int, float), values["scale_sigma"]) < np.inf:

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_vectors
+from dqreg._arrays import FloatArray, as_vectors, require_workable
 from dqreg.errors import InputError
 
 
@@ -37,6 +37,7 @@ MOST_RAYS = 20_000_000
 def check_views(views: object, stand_off: object) -> FloatArray:
     """Return the checked directions from the part to its sensors."""
     directions = as_vectors(views, "views")
+    require_workable(np.vstack([directions, np.zeros(3)]), "views")
     if not len(directions) or not np.linalg.norm(directions, axis=1).all():
         raise InputError(f"views must be one or more directions that are not zero; got {views!r}")
     if not is_within(stand_off, 0.5, 1e6):

@@ -17,11 +17,11 @@ from tests.hostile import good_files as made
 
 # The promise is 20 bytes of memory a byte of the file, and 200 MB; here the files are too small for the second part to
 # matter, and what Python itself keeps of them takes its place.
-A_BYTE, ALWAYS = 20, 2_000_000
+A_BYTE, ALWAYS = 20, 1_000_000
 # Triangles and quadrilaterals by turns, with indices of one letter or byte, take more: the promise then holds up to
 # files of 10 MB. Such a file has at most 256 vertices.
 MIXED = 40
-ROWS = 20_000
+ROWS = 10_000
 NINE = "".join(f"{a} {b} {c}\n" for a, b, c in np.random.default_rng(0).integers(0, 9, (9, 3)))
 
 

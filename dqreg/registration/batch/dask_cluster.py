@@ -10,93 +10,28 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import contextlib
-import importlib.metadata
+import dataclasses
 import itertools
-import logging
 import secrets
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from dqreg.errors import DqregError, InputError, load_package
+from dqreg.errors import DqregError, InputError
+from dqreg.registration.batch.dask_client import connected, load_distributed, within
 from dqreg.registration.batch.pool import POLL_SECONDS, Answer, Stop
 from dqreg.registration.batch.row import Row, RowResult, Thumbnail, row_worker, run_isolated
 from dqreg.registration.batch.worker import Worker
 
-CONNECT_SECONDS = 20
-
-
-@contextlib.contextmanager
-def connected(address: str) -> Iterator[Any]:
-    """A client of a running cluster."""
-    distributed = load_distributed()
-    with _quiet():
-        try:
-            client = distributed.Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
-        except (OSError, ValueError, TypeError) as error:
-            raise InputError(f"no Dask scheduler answers at {address}: {str(error).splitlines()[0]}") from error
-        try:
-            _require_dqreg(client, address)
-            yield client
-        finally:
-            # A scheduler that is gone must not hold up the end.
-            with contextlib.suppress(Exception):
-                client.close(timeout=5)
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """What Dask logs about lost connections, page after page, is said by one error of ours."""
-    names = ["distributed", *(name for name in logging.root.manager.loggerDict if name.startswith("distributed."))]
-    before = [(logging.getLogger(name), logging.getLogger(name).level) for name in names]
-    for logger, _ in before:
-        logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for logger, level in before:
-            logger.setLevel(level)
-
-
-def load_distributed() -> Any:
-    """The package ``distributed``."""
-    return load_package("distributed", "'dqreg[cluster]'", "a Dask cluster")
-
-
-def slots(client: Any) -> int:
-    """How many tasks the cluster runs at once, as of now."""
-    return sum(client.nthreads().values())
-
-
-def _require_dqreg(client: Any, address: str) -> None:
-    try:
-        client.wait_for_workers(1, timeout=CONNECT_SECONDS)
-        versions = client.run(_version)
-    except TimeoutError as error:
-        # In safe-path mode: Dask's own processes import from their working folder as well.
-        raise InputError(
-            f"the Dask cluster at {address} has no workers; start one: python -P -m dask worker {address}"
-        ) from error
-    except ImportError as error:
-        raise InputError(f"the workers at {address} cannot load dqreg ({error}); install it where they run") from error
-    here = _version()
-    other = {str(version) for version in versions.values()} - {here}
-    if other:
-        raise InputError(
-            f"the workers at {address} have dqreg {', '.join(sorted(other))}, and here is {here}; install the same "
-            "on both sides"
-        )
-
-
-def _version() -> str:
-    return importlib.metadata.version("dqreg")
-
-
+# A scheduler that does not say within these how many threads there are is gone.
+SILENT_SECONDS = 15.0
 # Seconds after which a child on a cluster ends by itself: its memory belongs to others again.
 IDLE_SECONDS = 60.0
 # Seconds that a cluster may be without any worker.
 DESERTED_SECONDS = 60.0
+# Ends of a process that another machine may not come to.
+DEATHS = ("crashed", "memory")
 CANCELLED = (asyncio.CancelledError, concurrent.futures.CancelledError)
 
 # Children of this Dask worker: those that have nothing to do, and those at work with the batch that they work for.
@@ -137,6 +72,9 @@ class _RowTasks:
         self._waiting = list(reversed(rows))
         self._running: dict[Any, Row] = {}
         self._last_seen = time.monotonic()
+        self._places: tuple[str, ...] = ()
+        # Where a row's process died the first time.
+        self._died: dict[str, str] = {}
 
     @property
     def left(self) -> int:
@@ -152,14 +90,27 @@ class _RowTasks:
             if future.status in ("cancelled", "lost"):
                 self._waiting.append(row)  # the scheduler forgot it; nothing came of it yet
                 continue
-            yield row, _done(future)
+            done, place = _done(future)
             future.release()
+            first = self._died.get(row.name)
+            if done.status not in DEATHS:
+                yield row, done
+            elif first is None:
+                # Of the machine, perhaps: once more, elsewhere.
+                self._died[row.name] = place
+                self._waiting.append(row)
+            else:
+                places = " and ".join(dict.fromkeys(filter(None, (first, place))))
+                yield row, dataclasses.replace(done, message=f"{done.message} (tried twice, on {places})")
 
     def _start(self) -> None:
         for _ in range(min(len(self._waiting), self._slots() - len(self._running))):
             row = self._waiting.pop()
             key = f"dqreg-{self._token}-{next(self._numbers)}"
-            self._running[self._client.submit(do_row, row, self._token, *self._order, pure=False, key=key)] = row
+            others = [each for each in self._places if each != self._died[row.name]] if row.name in self._died else []
+            where: dict[str, Any] = {"workers": others, "allow_other_workers": True} if others else {}
+            future = self._client.submit(do_row, row, self._token, *self._order, pure=False, key=key, **where)
+            self._running[future] = row
 
     def _wait(self, seconds: float) -> None:
         from distributed import wait
@@ -174,7 +125,8 @@ class _RowTasks:
         try:
             if self._client.status != "running":
                 raise OSError(self._client.status)
-            count = slots(self._client)
+            threads = within(SILENT_SECONDS, self._client.nthreads)
+            self._places, count = tuple(threads), int(sum(threads.values()))
         except OSError as error:
             raise InputError(
                 f"the Dask scheduler at {self._address} is gone; rows done so far are kept: resume with --resume"
@@ -193,30 +145,36 @@ class _RowTasks:
         if not self._running:
             return
         with contextlib.suppress(Exception, *CANCELLED):
-            self._client.cancel(list(self._running), force=True)
-            self._client.run(end_children, self._token)
+            within(5.0, lambda: self._client.cancel(list(self._running), force=True))
+            within(5.0, lambda: self._client.run(end_children, self._token))
 
 
-def _done(future: Any) -> RowResult:
+def _done(future: Any) -> tuple[RowResult, str]:
+    """What came of a row, and the worker that it came from."""
     if future.status == "finished":
-        found: RowResult = future.result()
+        found: tuple[RowResult, str] = future.result()
         return found
     error = future.exception()
     if isinstance(error, DqregError):
         raise error
     if type(error).__name__ == "KilledWorker":
         # Dask tries a task on several workers before it takes their deaths for its fault.
-        return RowResult("crashed", "every Dask worker that took it died")
-    return RowResult("crashed", f"{type(error).__name__}: {error}")
+        return RowResult("error", "every Dask worker that took it died"), ""
+    return RowResult("error", f"{type(error).__name__}: {error}"), ""
 
 
-def do_row(row: Row, batch: str, threads: int, timeout: float | None, thumbnail: Thumbnail | None) -> RowResult:
-    """Have a row done by a child of this Dask worker; runs there."""
+def do_row(
+    row: Row, batch: str, threads: int, timeout: float | None, thumbnail: Thumbnail | None
+) -> tuple[RowResult, str]:
+    """Have a row done by a child of this Dask worker, within its memory; runs there."""
+    here = load_distributed().get_worker()
+    limit = here.memory_manager.memory_limit
+    memory = None if not limit else limit / max(1, here.state.nthreads)
     with _lock:
         child = _idle.pop() if _idle else row_worker(threads, IDLE_SECONDS)
         _busy[child] = batch
     try:
-        return run_isolated(child, row, timeout, thumbnail)
+        return run_isolated(child, row, timeout, thumbnail, memory), str(here.address)
     finally:
         with _lock:
             del _busy[child]

@@ -152,10 +152,14 @@ def row_worker(threads: int, idle: float | None = None) -> Worker:
 
 
 def run_isolated(
-    worker: Worker, row: Row, timeout: float | None = None, thumbnail: Thumbnail | None = None
+    worker: Worker,
+    row: Row,
+    timeout: float | None = None,
+    thumbnail: Thumbnail | None = None,
+    memory: float | None = None,
 ) -> RowResult:
-    """Register one row in a worker process."""
-    answer = worker.call(partial(_run_here, row, thumbnail), timeout)
+    """Register one row in a worker process, within seconds and bytes."""
+    answer = worker.call(partial(_run_here, row, thumbnail), timeout, memory)
     return RowResult(answer.kind, answer.message) if isinstance(answer, Failure) else answer
 
 

@@ -209,7 +209,7 @@ def resident_memory(pid: int) -> float:
 
     try:
         return float(psutil.Process(pid).memory_info().rss)
-    except psutil.Error:
+    except (psutil.Error, ValueError):
         return 0.0
 
 

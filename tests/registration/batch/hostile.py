@@ -29,6 +29,11 @@ def behave(kind):
         os._exit(3)
     if kind == "raise":
         raise LookupError("nobody home")
+    if kind == "threads":
+        from dqreg._open3d import load_open3d
+        from dqreg.kernels.threads import thread_count
+
+        return load_open3d().utility.get_max_threads(), thread_count()
     if kind == "greedy":
         hoard = []
         while True:

@@ -37,6 +37,10 @@ def test_messages_arrive_whole_or_not_at_all(message):
             receive(io.BytesIO(data[:cut]))
 
 
+def test_the_number_of_threads_reaches_open3d_and_the_kernels(worker):
+    assert worker.call(partial(behave, "threads"), 120.0) == (1, 1)
+
+
 def test_it_is_replaced_when_it_dies_is_late_or_takes_too_much(worker):
     first = worker.call(GOOD, 60.0)
     assert worker.call(GOOD) == first
