@@ -12,6 +12,8 @@ from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose
 from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, mirror_gain, scores_of
 from dqreg.rigid import pose
+from dqreg.rigid.rotations import angle_of
+from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust import judge
 
@@ -29,6 +31,8 @@ MEANT_RAD, MEANT = np.deg2rad(40.0), 0.25
 # Poses within so much of the best mean log-likelihood explain the scan about as well; within so many standard errors,
 # and what is left of refinements that have not quite ended, they are as likely as the best.
 AS_WELL, ERRORS, ROUNDING = 0.02, 3.0, 5e-4
+# A pose this near to a symmetric copy of another one, in radians and sizes, is that copy.
+COPY = 2e-3
 # Poses of a search that are refined.
 TRIED = 8
 # Points that tell whether an initial pose is near.
@@ -92,8 +96,18 @@ def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
 def _is_copy(fit: Fit, others: FloatArray) -> BoolArray:
     """Which poses, (k, 4, 4), are the fit's after a symmetry of the part: no scan is explained better there."""
     target = fit.problem.target
-    symmetry = target.pairs.symmetry if len(others) and fit.found and target.kind == "mesh" else None
-    return np.array([bool(symmetry and symmetry.between(fit.T_target_source, T)) for T in others], dtype=bool)
+    found = np.zeros(len(others), dtype=bool)
+    if not len(others) or not fit.found or target.pairs.symmetry is None:
+        return found
+    for k, T in enumerate(others):
+        motion = T @ pose.inverse(fit.T_target_source)
+        axis, angle = target.pairs.symmetry.between(fit.T_target_source, T), angle_of(motion[:3, :3])
+        if axis is None or angle < SAME_AXIS_RAD:
+            continue
+        step = 2.0 * np.pi / axis.order if axis.order else angle
+        shift = float(np.linalg.norm(pose.apply(motion, axis.point[None])[0] - axis.point))
+        found[k] = max(abs(angle - step * round(angle / step)), shift / target.surface.diagonal) <= COPY
+    return found
 
 
 def _was_near(fit: Fit) -> bool:
