@@ -81,7 +81,7 @@ def _crowded(points: FloatArray, normals: FloatArray, size: float) -> FloatArray
     found = np.argwhere(top)
     found = found[((found + low) @ [1_000_000, 1_000, 1]) > 0]
     found = found[np.argsort(-near[tuple(found.T)], kind="stable")][:CROWDS]
-    blocks = [tuple(slice(k - 1, k + 2) for k in cell) for cell in found]
+    blocks = [tuple(slice(max(k - 1, 0), k + 2) for k in cell) for cell in found]
     return np.array([[total[block].sum() / counts[block].sum() for total in sums] for block in blocks]).reshape(-1, 3)
 
 
