@@ -129,10 +129,13 @@ def closest_places(
         x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
         if len(guesses):
             slot = slots[guesses[i]]
-        best = bound * bound
+        most = best = bound * bound
         if slot >= 0:
             best = min(best, closest_on(packed, slot, x, y, z)[0] * WIDER + 2.0 * floor)
         best, slot, u, v = descend(boxes, packed, leaf, faces, x, y, z, best, floor, stack, away)
+        if slot < 0 and best < most:
+            # Very near to the guess, its distance and that of its box differ by more than either is of itself.
+            best, slot, u, v = descend(boxes, packed, leaf, faces, x, y, z, most, floor, stack, away)
         if slot < 0:
             points[i], normals[i], distances[i], found[i] = np.nan, np.nan, np.inf, -1
             continue

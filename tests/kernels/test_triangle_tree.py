@@ -7,8 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg._arrays import FloatArray
+from dqreg.geometry import Mesh
 from dqreg.kernels import threads
 from dqreg.kernels.triangle_tree import LEAF, TriangleTree
+from dqreg.synth.parts import bracket
 from tests.geometry.oracles import brute_triangles
 
 
@@ -143,3 +145,16 @@ def test_a_million_faces_against_those_near_by() -> None:
 def near_by(corners: FloatArray, query: FloatArray) -> FloatArray:
     """Triangles with a corner within 0.2 of a query that is nearer than 0.1 to the sheet."""
     return corners[(np.linalg.norm(corners[:, 0] - query, axis=1) < 0.2)]
+
+
+def test_a_query_that_all_but_touches_the_face_of_its_guess_is_answered() -> None:
+    # Corners, and places beside them by less than squares of differences keep digits of.
+    vertices, faces = bracket()
+    part = Mesh(vertices, faces)
+    tree = TriangleTree.of(part.corners, part.face_normals)
+    rng = np.random.default_rng(4)
+    places = vertices[rng.integers(len(vertices), size=4_000)] + 4e-7 * rng.normal(size=(4_000, 3))
+    without = tree.closest(places)
+    found = tree.closest(places, without[3])
+    assert np.isfinite(found[2]).all()
+    np.testing.assert_allclose(found[2], without[2], atol=1e-13 * part.diagonal)
