@@ -190,3 +190,13 @@ def test_size_measures_time_memory_and_truth(tmp_path):
     assert names["row_words"](row).count("|") == names["HEAD"].splitlines()[0].count("|")
     names["draw"]([row], tmp_path / "size.png")
     assert (tmp_path / "size.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_scanner_on_a_robot_is_calibrated(tmp_path, capsys):
+    fit, T_hand_eye = main_of("hand_eye")(tmp_path)
+    # Three true standard deviations of each of three components are left in 0.8 % of all draws; this is one draw.
+    sigma = np.sqrt(fit.covariance.diagonal()[9:])
+    assert (np.abs(fit.Y[:3, 3] - T_hand_eye[:3, 3]) < 4.0 * sigma).all()
+    assert sigma.max() < 0.01
+    assert (tmp_path / "stations.json").is_file()
+    assert "stations; scanner on the hand" in capsys.readouterr().out

@@ -29,6 +29,9 @@ ENTRIES = {
     "odometry": Entry("dqreg.cli.odometry:odometry_command", "a LiDAR sequence to a trajectory", USE),
     "inspect": Entry("dqreg.cli.inspect:inspect_command", "a plan of datums and characteristics on a scan", USE),
     "faces": Entry("dqreg.cli.faces:faces_command", "faces of a part: shape, diameter, place", USE),
+    "hand-eye": Entry(
+        "dqreg.cli.hand_eye:hand_eye_command", "the pose of a sensor on a robot's hand or beside it", USE
+    ),
     "show": Entry("dqreg.cli.show:show", "picture, window or report of a saved result", USE),
     "evaluate": Entry("dqreg.cli.evaluate:evaluate", "errors of a pose against the truth", STUDY),
     "compare": Entry("dqreg.cli.compare:compare", "dqreg and its peers on the same tasks", STUDY),

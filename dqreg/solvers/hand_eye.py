@@ -20,10 +20,12 @@ from dqreg.solvers.hand_eye_model import Estimate, Noise, estimate
 from dqreg.solvers.hand_eye_start import require_axes, starts
 
 # Rounds of estimating the noise from the residuals and X with that noise; they settle in three or four.
-ROUNDS = 12
-SETTLED = 1e-4
+ROUNDS = 8
+SETTLED = 1e-3
 # Noise that stands for none: the rounding of a unit, of angles and of the largest length.
 NONE = 1e-16
+# Degrees of freedom of residuals that stand for none.
+FEWEST = 1e-3
 # Stations up to which every two of them are a motion for the first estimate.
 MANY = 30
 
@@ -38,7 +40,8 @@ class HandEyeFit:
         The transform with ``A X = X B``: T_hand_eye for motions A of the hand and B of the eye.
     covariance : ndarray, (6, 6)
         Of the left increment of X about its own origin ``X[:3, 3]``, rotation vector in radians first, then
-        translation: ``X_true = pose.about(exp(e), X[:3, 3]) @ X``. NaN where no residual is left to estimate the noise.
+        translation: ``X_true = pose.about(exp(e), X[:3, 3]) @ X``. Where the noise is estimated, it is that of
+        Student's t; NaN where two degrees of freedom or fewer are left for it.
     rotation_residuals : ndarray, (n,)
         Angle in radians between each B and what A and X predict of it.
     translation_residuals : ndarray, (n,)
@@ -215,11 +218,11 @@ def _most_likely(
     best = min(ends, key=lambda end: end.cost)
     if given is not None:
         return best, given
-    left = max(3 * len(A) - len(best.information) // 2, 1)
     Y = None if found[0][1] is None else best.Y
     for _ in range(ROUNDS):
         before = noise
-        rotation, shift = (np.sqrt(np.square(r).sum() / left) for r in (best.rotations, best.translations))
+        squares = [float(np.square(r).sum()) for r in (best.rotations, best.translations)]
+        rotation, shift = (np.sqrt(s / max(left, FEWEST)) for s, left in zip(squares, best.left, strict=True))
         noise = replace(noise, turn_b=max(rotation, NONE), shift_b=max(shift, NONE * length))
         best = estimate(A, B, best.X, None if Y is None else best.Y, noise)
         change = [noise.turn_b / before.turn_b, noise.shift_b / before.shift_b]
@@ -236,10 +239,16 @@ def _noise_of(noise: Noise, given: Noise | None) -> float:
 def _results(
     best: Estimate, noise: Noise, given: Noise | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
-    left = 3 * len(best.rotations) - len(best.information) // 2
+    information = best.information
+    if given is None:
+        # Estimated noise is uncertain itself: the errors follow Student's t, with a variance larger by v / (v - 2).
+        left = np.array(best.left)
+        shrunk = np.repeat(np.sqrt(np.maximum(1.0 - 2.0 / np.maximum(left, FEWEST), 0.0)), 3)
+        J = best.jacobian * shrunk[:, None]
+        information = np.einsum("nij,nik->jk", J, J)
     scale = np.sqrt(best.information.diagonal())
-    covariance = np.linalg.inv(best.information / scale / scale[:, None]) / scale / scale[:, None]
-    if given is None and left <= 0:
+    covariance = np.linalg.pinv(information / scale / scale[:, None], hermitian=True) / scale / scale[:, None]
+    if given is None and min(best.left) <= 2.0:
         covariance = np.full_like(covariance, np.nan)
     residuals = (np.linalg.norm(r, axis=1) for r in (best.rotations, best.translations))
     return covariance, *residuals, noise.turn_b, noise.shift_b

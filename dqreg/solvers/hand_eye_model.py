@@ -20,7 +20,7 @@ from dqreg._arrays import FloatArray
 from dqreg.rigid import pose, quaternion
 from dqreg.rigid.rotations import from_rotation_vector
 
-STEPS = 60
+STEPS = 25
 # Steps, in standard deviations, that are none, and those so small that they are taken without a look at the cost: the
 # weights of the residuals move a little with X, and the cost with them.
 AT_REST, SMALL = 1e-7, 1e-2
@@ -46,6 +46,17 @@ class Estimate:
     translations: FloatArray  # (n, 3): d, turned by R_Y
     cost: float  # Sum of the squared residuals in standard deviations
     information: FloatArray  # (k, k): rotation and translation of X, then of Y where it is apart
+    jacobian: FloatArray  # (n, 6, k): of the residuals in standard deviations
+
+    @property
+    def left(self) -> tuple[float, float]:
+        """Degrees of freedom of the residuals of rotation and of translation, less what the fit takes from each."""
+        scale = np.sqrt(self.information.diagonal())
+        J = self.jacobian / scale
+        inverse = np.linalg.pinv(self.information / scale / scale[:, None], hermitian=True)
+        used = np.einsum("nij,jk,nik->i", J, inverse, J)
+        count = 3 * len(J)
+        return count - float(used[:3].sum()), count - float(used[3:].sum())
 
 
 def estimate(A: FloatArray, B: FloatArray, X: FloatArray, Y: FloatArray | None, noise: Noise) -> Estimate:
@@ -92,7 +103,7 @@ def _at(A: FloatArray, B: FloatArray, X: FloatArray, Y: FloatArray | None, noise
     J = np.linalg.solve(root, J)
     information = np.einsum("nij,nik->jk", J, J)
     slope = -np.einsum("nij,ni->j", J, r)
-    return Estimate(X, Y, e, d, float(np.square(r).sum()), information), slope
+    return Estimate(X, Y, e, d, float(np.square(r).sum()), information, J), slope
 
 
 def _covariances(u: FloatArray, noise: Noise) -> FloatArray:

@@ -86,7 +86,12 @@ def require_axes(A: FloatArray, noise_rad: float = 0.0) -> None:
             f"{'s' * (len(A) != 1)}: one motion leaves a rotation about its axis and a translation along it open"
         )
     spread = np.linalg.svd(pose.log(A)[:, :3], compute_uv=False) / np.sqrt(len(A))
-    if not spread[0] > max(STILL_RAD, 3.0 * noise_rad):
+    if spread[0] > STILL_RAD and not spread[0] > 3.0 * noise_rad:
+        raise DegenerateGeometryError(
+            f"the rotations of A and B differ by {np.rad2deg(noise_rad):.3g} degrees rms a component, and A rotates by "
+            f"{np.rad2deg(spread[0]):.3g} only: are the poses of one side inverted, or do rows not belong together?"
+        )
+    if not spread[0] > STILL_RAD:
         raise DegenerateGeometryError(
             f"no motion rotates (by {np.rad2deg(spread[0]):.3g} degrees at most, rms), so the translation of X is not "
             "determined; add motions that rotate, by 30 degrees and more, about two axes that are not parallel"
