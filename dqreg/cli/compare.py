@@ -24,7 +24,7 @@ FILE = click.Path(path_type=Path)
 # A pipe has no width of its own; the tables need more than the usual 80.
 PIPE_WIDTH = 200
 STOPPED = 130
-OF_TRUST = ("kinds", "seeds", "first_seed", "workers")
+OF_TRUST = ("kinds", "seeds", "first_seed", "workers", "fit_confidence")
 NOT_OF_TRUST = ("engines", "files", "start", "truth", "source_units", "target_units", "timeout", "plots")
 
 
@@ -39,6 +39,8 @@ NOT_OF_TRUST = ("engines", "files", "start", "truth", "source_units", "target_un
 @click.option("--workers", type=click.IntRange(min=1), help="With --sweep trust: processes  [default: 2].")
 @click.option("--multiway", is_flag=True, help="The inputs are many scans of one object; --truth holds the true pose "
               "of each.")  # fmt: skip
+@click.option("--fit-confidence", is_flag=True, help="With --sweep trust: fit the coefficients of "
+              "`verdict.confidence` to its tasks and print them.")  # fmt: skip
 @click.option("--engine", "-e", "engines", multiple=True, help="Only this engine; may be repeated  [default: all].")
 @click.option("--engine-file", "files", multiple=True, type=FILE, help="Python file with your own engine; may be "
               "repeated.")  # fmt: skip

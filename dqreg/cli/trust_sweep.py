@@ -27,7 +27,6 @@ def run_trust_sweep(
     """Run the sweep, show and write what came of it; None where it was stopped."""
     from dqreg.compare.output import Goals
     from dqreg.compare.trust import output, trust_sweep
-    from dqreg.compare.trust.rates import tables
     from dqreg.report.table import print_tables
     from dqreg.report.work_bar import WorkBar
 
@@ -52,11 +51,15 @@ def run_trust_sweep(
         kept = f"; the tasks so far are in {goals.lines}: the same command resumes from there" if goals.lines else ""
         click.echo(f"dqreg: stopped by the user{kept}", err=True)
         return None
-    print_tables(console, tables(found))
+    print_tables(console, output.tables_of(found))
     console.print()
     console.print(output.note_of(found), style="dim", markup=False, soft_wrap=True)
     if len(found.trials) == 1:
         _sentences(console, found)
+    if options["fit_confidence"]:
+        from dqreg.compare.trust.calibration import as_code, fit_confidence
+
+        say(console, as_code(*fit_confidence(found.trials)))
     for path in output.write(found, goals, command):
         say(console, f"wrote {path}")
     if as_json:

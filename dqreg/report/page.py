@@ -25,7 +25,7 @@ from dqreg.report.inspection_table import inspection_of
 from dqreg.report.pictures import Panel, draw
 from dqreg.report.report_data import ReportData, checked_tolerance, collect, unit_of
 from dqreg.report.result_protocol import RegistrationResult
-from dqreg.report.summary import ALIGNMENT
+from dqreg.report.summary import ALIGNMENT, confidence_words
 from dqreg.report.text import pose_forms, text_of
 from dqreg.report.view3d import ELLIPSOID, scene_of
 
@@ -84,6 +84,7 @@ def _words(result: RegistrationResult, data: ReportData | None, unit: str) -> di
         "sign": tables.SIGNS[level],
         "advice": tables.ADVICE[level],
         "reasons": result.verdict.reasons,
+        "confidence": confidence_words(result),
         "hints": hints_of(result, data),
         "source": _file_name(settings.get("source")),
         "target": _file_name(settings.get("target")),

@@ -33,6 +33,8 @@ def summary_rows(result: RegistrationResult) -> list[tuple[str, str]]:
             f"correspondences up to {settings['max_distance']:.4g} {unit}",
         ),
     ]
+    if words := confidence_words(result):
+        rows.insert(0, ("confidence", words))
     if words := scale_words(result):
         rows.append(("scale", words))
     elif settings["source_scale"] != 1.0:
@@ -44,6 +46,16 @@ def summary_rows(result: RegistrationResult) -> list[tuple[str, str]]:
         weakest = result.observability[0]
         rows.append(("weakest", f"{weakest.words} (one sigma {weakest.sigma:.2g} {unit})"))
     return rows
+
+
+def confidence_words(result: RegistrationResult) -> str:
+    """How probable it is that the pose is right; empty where that is not known."""
+    confidence = result.verdict.confidence
+    if not np.isfinite(confidence):
+        return ""
+    # A fit to some hundred tasks knows no more than this.
+    shown = f"{100.0 * confidence:.0f}" if 0.01 < confidence < 0.99 else ("above 99" if confidence > 0.5 else "below 1")
+    return f"the pose is right with a probability of {shown} %"
 
 
 def scale_words(result: RegistrationResult) -> str:

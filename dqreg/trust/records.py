@@ -102,6 +102,8 @@ class Verdict:
     level: Level  # What to do with the pose: use it, look at it, throw it away
     reasons: tuple[Reason, ...]  # Sentences, the weightiest first; each has a `code`
     checks: tuple[Check, ...] = ()  # Every question with its figure; none where nothing was found, or of a file of old
+    # Probability that the pose is right, see `dqreg.trust.confidence`; NaN where it is not known
+    confidence: float = dataclasses.field(default=math.nan, compare=False)
 
     def __post_init__(self) -> None:
         reasons = tuple(reason if isinstance(reason, Reason) else Reason(reason) for reason in self.reasons)

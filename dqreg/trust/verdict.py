@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dqreg.trust.checks import checks_of
+from dqreg.trust.confidence import confidence_of
 from dqreg.trust.doubts import DOUBTS, FEWEST_OF_ALL, counted
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.records import Level, Reason, Verdict
@@ -26,7 +27,8 @@ def judge(evidence: Evidence) -> Verdict:
     doubts = tuple(Reason(sentence, code) for code, doubt in DOUBTS for sentence in doubt(evidence))
     level: Level = "suspect" if doubts else "accepted"
     checks = checks_of(evidence, {doubt.code for doubt in doubts})
-    return Verdict(level, doubts or (Reason(_summary(evidence), "accepted"),), checks)
+    confidence = confidence_of(evidence, [doubt.code for doubt in doubts])
+    return Verdict(level, doubts or (Reason(_summary(evidence), "accepted"),), checks, confidence)
 
 
 def _why_nothing(evidence: Evidence) -> Reason:

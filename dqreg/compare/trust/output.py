@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dqreg.compare.output import Goals, to_html
+from dqreg.compare.trust.calibration import calibration_of, calibration_table
+from dqreg.compare.trust.plots import reliability_plot
 from dqreg.compare.trust.rates import Rate, rates, tables
 from dqreg.compare.trust.sweep import FORMAT, TrustSweep
 from dqreg.files.atomic import write_atomically
@@ -25,6 +27,7 @@ def to_json(sweep: TrustSweep) -> str:
         "seeds": sweep.seeds[1],
         "sessions": sweep.sessions,
         "rates": rates(sweep),
+        "calibration": calibration_of(sweep.trials),
         "trials": sweep.trials,
     }
     return json.dumps(plain(values), allow_nan=False) + "\n"
@@ -34,6 +37,12 @@ def to_rows(made: Sequence[Rate]) -> str:
     """The rates at full precision as CSV."""
     names = [field.name for field in dataclasses.fields(Rate) if field.name != "codes"]
     return to_csv(names, ([getattr(rate, name) for name in names] for rate in made))
+
+
+def tables_of(sweep: TrustSweep) -> list[Table]:
+    """All tables of a sweep: the rates, how well the confidence is calibrated, and what was judged wrongly."""
+    made, found = tables(sweep), calibration_of(sweep.trials)
+    return [*made[:2], calibration_table(found), *made[2:]] if found.trials else made
 
 
 def note_of(sweep: TrustSweep) -> str:
@@ -47,7 +56,7 @@ def note_of(sweep: TrustSweep) -> str:
 
 def write(sweep: TrustSweep, goals: Goals, command: str) -> list[Path]:
     """Write all that is asked for."""
-    made: list[Table] = tables(sweep)
+    made, found = tables_of(sweep), calibration_of(sweep.trials)
     contents: dict[Path, str] = {}
     if goals.out is not None:
         contents[goals.out] = to_json(sweep)
@@ -56,7 +65,9 @@ def write(sweep: TrustSweep, goals: Goals, command: str) -> list[Path]:
     if goals.csv is not None:
         contents[goals.csv] = to_rows(rates(sweep))
     if goals.report is not None:
-        contents[goals.report] = to_html(TITLE, made, [], note_of(sweep), command)
+        contents[goals.report] = to_html(
+            TITLE, made, [reliability_plot(found)] if found.bins else [], note_of(sweep), command
+        )
     for path, content in contents.items():
         write_atomically(path, content)
     return list(contents)

@@ -13,6 +13,7 @@ from dqreg.errors import DqregError
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.rigid import pose
 from dqreg.synth.truth import closest_truth, displacements
+from dqreg.trust.confidence import figures_taken
 
 # A pose is right if no point of the part is displaced by more than this share of its diagonal.
 RIGHT = 0.02
@@ -38,6 +39,7 @@ class Trial:
     points: int
     seconds: float
     confidence: float = float("nan")  # What the verdict gives as the probability of a right pose
+    figures: tuple[float, ...] = ()  # Of the evidence, in the order of `dqreg.trust.confidence.figures_of`
     named: bool | None = None  # Whether the equally good poses stand in the alternatives; None where there are none
 
     @property
@@ -57,7 +59,8 @@ def _registered(kind: Kind, seed: int, task: Task) -> Trial:
 
     began = time.perf_counter()
     try:
-        result = register(task.source, task.target, task.start, **task.options)
+        with figures_taken() as figures:
+            result = register(task.source, task.target, task.start, **task.options)
     except DqregError as error:
         seconds = time.perf_counter() - began
         words = f"{type(error).__name__}: {error}"
@@ -76,7 +79,9 @@ def _registered(kind: Kind, seed: int, task: Task) -> Trial:
         reason=str(verdict.reasons[0]),
         points=len(task.source),
         seconds=seconds,
-        confidence=float(getattr(verdict, "confidence", np.nan)),
+        confidence=verdict.confidence,
+        # The last verdict is the answer's; those before it chose between poses.
+        figures=figures[-1] if figures else (),
         named=_names_rivals(result, task) if len(task.rivals) else None,
     )
 

@@ -1,0 +1,108 @@
+"""Whether the confidence of the verdicts is what it says, and its coefficients fitted anew."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import minimize
+
+from dqreg._arrays import FloatArray
+from dqreg.compare.trust.rates import interval, percent
+from dqreg.compare.trust.trial import Trial
+from dqreg.errors import InputError
+from dqreg.report.table import Column, Table
+from dqreg.trust.confidence import NAMES
+
+# Bins of equal width; trials without which a fit is a guess; penalty of squared weights, in trials.
+BINS, FEWEST, PENALTY = 10, 150, 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Bin:
+    """Trials of one range of confidence."""
+
+    low: float
+    high: float
+    trials: int
+    confidence: float  # Mean
+    right: float  # Fraction of right poses
+    right_low: float  # 95 % interval of it
+    right_high: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration:
+    """Confidence against the fraction of right poses."""
+
+    bins: tuple[Bin, ...]
+    trials: int
+    # Mean distance of confidence and fraction over the bins, weighed by their trials; and what a perfectly calibrated
+    # confidence would come to with so few trials
+    error: float
+    expected_by_chance: float
+
+
+def calibration_of(trials: Sequence[Trial], bins: int = BINS) -> Calibration:
+    """Reliability of the trials that have a confidence."""
+    known = [one for one in trials if math.isfinite(one.confidence)]
+    p, right = np.array([one.confidence for one in known]), np.array([one.right for one in known], dtype=np.float64)
+    at = np.minimum((p * bins).astype(np.int64), bins - 1) if len(known) else np.zeros(0, dtype=np.int64)
+    made, error, chance = [], 0.0, 0.0
+    for index in range(bins):
+        here = at == index
+        count = int(here.sum())
+        if not count:
+            continue
+        mean, share = float(p[here].mean()), float(right[here].mean())
+        made.append(Bin(index / bins, (index + 1) / bins, count, mean, share, *interval(round(share * count), count)))
+        error += count * abs(mean - share) / len(known)
+        # Mean absolute deviation of a binomial share, by the normal law.
+        chance += count * math.sqrt(2.0 / math.pi * float((p[here] * (1.0 - p[here])).sum())) / count / len(known)
+    return Calibration(tuple(made), len(known), error if known else math.nan, chance if known else math.nan)
+
+
+def calibration_table(found: Calibration) -> Table:
+    """The bins as a table."""
+    heads = ("confidence", "tasks", "mean confidence", "right poses", "95 % interval")
+    rows = tuple(
+        (
+            f"{percent(one.low)} - {percent(one.high)}", one.trials, percent(one.confidence), percent(one.right),
+            f"{percent(one.right_low)} - {percent(one.right_high)}",
+        )
+        for one in found.bins
+    )  # fmt: skip
+    note = (
+        f"Expected calibration error {percent(found.error)} over {found.trials} tasks; so few tasks would give "
+        f"{percent(found.expected_by_chance)} by chance where it is perfect."
+    )
+    columns = tuple(Column(head, align="left" if head == heads[0] else "right") for head in heads)
+    return Table("calibration", "Confidence of the verdict against the fraction of right poses", columns, rows, note)
+
+
+def fit_confidence(trials: Sequence[Trial]) -> tuple[float, dict[str, float]]:
+    """Offset and weights of the logistic map, by penalised likelihood."""
+    known = [one for one in trials if len(one.figures) == len(NAMES)]
+    if len(known) < FEWEST:
+        raise InputError(f"{FEWEST} tasks are needed to fit the confidence; got {len(known)}: ask for more --seeds")
+    X = np.array([one.figures for one in known], dtype=np.float64)
+    right = np.array([one.right for one in known], dtype=np.float64)
+    rows = np.column_stack([np.ones(len(X)), X])
+
+    def cost(weights: FloatArray) -> tuple[float, FloatArray]:
+        logit = rows @ weights
+        loss = float(np.logaddexp(0.0, logit).sum() - right @ logit) + PENALTY * float(weights[1:] @ weights[1:])
+        slope = rows.T @ (1.0 / (1.0 + np.exp(-logit)) - right)
+        slope[1:] += 2.0 * PENALTY * weights[1:]
+        return loss, slope
+
+    found = minimize(cost, np.zeros(rows.shape[1]), jac=True, method="L-BFGS-B").x
+    return float(found[0]), {name: float(weight) for name, weight in zip(NAMES, found[1:], strict=True)}
+
+
+def as_code(offset: float, weights: dict[str, float]) -> str:
+    """The lines of `dqreg.trust.confidence` that hold them."""
+    rows = "".join(f'    "{name}": {weight:.4f},\n' for name, weight in weights.items())
+    return f"OFFSET = {offset:.4f}\nWEIGHTS: dict[str, float] = {{\n{rows}}}\n"

@@ -1,0 +1,105 @@
+"""Confidence of a verdict: the probability that the pose is right, from the figures of the evidence.
+
+A logistic map, fitted on tasks of the trust sweep; `dqreg compare --sweep trust --fit-confidence` fits it anew. It is a
+probability among such tasks, of which about a third are good: where bad ones are rarer, right poses are more probable.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator, Sequence
+from contextvars import ContextVar
+
+from dqreg.trust.evidence import Evidence
+
+# Weight of each figure in the logarithm of the odds, and what is added to all of them.
+OFFSET = -3.1543
+WEIGHTS: dict[str, float] = {
+    "suspect": -0.4241,
+    "doubts": -0.4125,
+    "inliers": 0.7314,
+    "inliers_near": 0.0748,
+    "patches_off": -0.2267,
+    "normals_apart": 0.4981,
+    "width": -0.7557,
+    "random_ratio": -0.3098,
+    "sigma": -0.6148,
+    "carriers": -0.1890,
+    "rivals": -1.1923,
+    "strays": 0.0149,
+    "contradicting": -0.7077,
+    "other_objects": 0.0638,
+    "strain": -0.9942,
+    "border": 0.3191,
+    "searched": 0.1309,
+    "unconverged": -0.1199,
+}
+
+NAMES = tuple(WEIGHTS)
+
+_taken: ContextVar[list[tuple[float, ...]] | None] = ContextVar("figures", default=None)
+
+
+def figures_of(evidence: Evidence, codes: Sequence[str]) -> dict[str, float]:
+    """The figures by name: ratios, shares and logarithms, each of the order of one; codes of the doubts."""
+    sigmas = [direction.sigma / evidence.size for direction in evidence.directions]
+    wide = evidence.width / evidence.expected if evidence.expected > 0.0 else 1.0
+    figures = {
+        "suspect": float(bool(codes)),
+        "doubts": float(min(len(set(codes)), 4)),
+        "inliers": _log(evidence.inliers, 0.0, 4.0),
+        "inliers_near": evidence.share_near,
+        "patches_off": min(10.0 * evidence.patches_off, 3.0),
+        "normals_apart": min(10.0 * evidence.normals_apart, 3.0),
+        "width": _log(wide, -1.0, 1.5),
+        "random_ratio": min(10.0 * evidence.random_ratio, 5.0),
+        "sigma": max((_log(sigma, -5.0, 0.0) for sigma in sigmas), default=0.0),
+        "carriers": min((_log(carriers, 0.0, 3.0) for carriers in evidence.carriers), default=0.0),
+        "rivals": float(min(sum(not other.symmetry for other in evidence.alternatives), 2)),
+        "strays": evidence.strays,
+        "contradicting": min(10.0 * evidence.share_contradicting, 3.0),
+        "other_objects": evidence.share_other,
+        "strain": min(100.0 * abs(evidence.stretch), 3.0),
+        "border": float(evidence.has_border),
+        "searched": float(bool(evidence.search)),
+        "unconverged": float(evidence.status != "converged"),
+    }
+    return {name: value if math.isfinite(value) else 0.0 for name, value in figures.items()}
+
+
+def confidence_of(evidence: Evidence, codes: Sequence[str]) -> float:
+    """Probability that the pose is right; NaN where there is none, and for frames of a sequence, which have no size."""
+    if not evidence.found or math.isinf(evidence.near):
+        return math.nan
+    figures = figures_of(evidence, codes)
+    taken = _taken.get()
+    if taken is not None:
+        taken.append(tuple(figures.values()))
+    return probability(figures)
+
+
+def probability(figures: dict[str, float]) -> float:
+    """The logistic map.
+
+    >>> 0.0 < probability({"inliers": 3.0}) < 1.0
+    True
+    """
+    logit = OFFSET + sum(WEIGHTS.get(name, 0.0) * value for name, value in figures.items())
+    return 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, logit))))
+
+
+@contextlib.contextmanager
+def figures_taken() -> Iterator[list[tuple[float, ...]]]:
+    """The figures of every verdict within the block, in their order: what the map is fitted to."""
+    taken: list[tuple[float, ...]] = []
+    token = _taken.set(taken)
+    try:
+        yield taken
+    finally:
+        _taken.reset(token)
+
+
+def _log(value: float, low: float, high: float) -> float:
+    # A motion that is free, or a number that is missing, is the worst there is.
+    return high if math.isnan(value) else min(max(math.log10(max(value, 1e-300)), low), high)

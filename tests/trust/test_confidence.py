@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+import dqreg
+from dqreg.synth.parts import bracket
+from dqreg.trust import confidence as room
+from dqreg.trust.confidence import figures_of, figures_taken, probability
+
+
+def test_a_right_pose_is_more_probable_than_noise_and_both_survive_the_file(tmp_path):
+    part = dqreg.Mesh(*bracket())
+    rng = np.random.default_rng(0)
+    points = dqreg.geometry.sample_mesh(part, 1500, rng).points + 0.02 * rng.normal(size=(1500, 3))
+    good = dqreg.register(points, part, "identity", search="never")
+    bad = dqreg.register(rng.normal(size=(200, 3)) * 20 + part.centre, part, "identity", search="never")
+    assert good.verdict.level == "accepted"
+    assert good.verdict.confidence > 0.9
+    assert bad.verdict.confidence < 0.2
+    good.save(tmp_path / "r.json")
+    assert dqreg.Registration.load(tmp_path / "r.json").verdict.confidence == good.verdict.confidence
+    assert good.to_dict()["verdict"]["confidence"] == good.verdict.confidence
+
+
+def test_no_pose_and_a_later_doubt_have_no_confidence():
+    from dqreg.trust.records import Reason, Verdict
+
+    verdict = Verdict("accepted", (Reason("fits", "accepted"),), confidence=0.97)
+    assert math.isnan(verdict.doubted(Reason("late", "time_stamp")).confidence)
+    assert math.isnan(Verdict("failed", ("no pose",)).confidence)
+    assert verdict == dataclasses.replace(verdict, confidence=math.nan), "a probability is no part of what is decided"
+
+
+def test_the_names_of_the_weights_are_those_of_the_figures():
+    part = dqreg.Mesh(*bracket())
+    with figures_taken() as taken:
+        dqreg.register(part, part, "identity", effort="fast", search="never")
+    assert taken
+    assert all(len(figures) == len(room.NAMES) and np.isfinite(figures).all() for figures in taken)
+    assert tuple(room.WEIGHTS) == room.NAMES
+
+
+def test_probability_is_logistic(monkeypatch):
+    monkeypatch.setattr(room, "OFFSET", 1.0)
+    monkeypatch.setattr(room, "WEIGHTS", {"inliers": 2.0})
+    assert probability({"inliers": 0.5}) == 1.0 / (1.0 + math.exp(-2.0))
+    assert probability({"inliers": -1e9}) < 1e-12
+    assert figures_of.__doc__
