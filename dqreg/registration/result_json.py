@@ -93,6 +93,9 @@ def read_verdict(values: Any) -> Verdict:
     # A result of old has no codes.
     codes = _of(list, values.pop("codes", [""] * len(sentences)))
     reasons = tuple(Reason(_of(str, words), _of(str, code)) for words, code in zip(sentences, codes, strict=True))
+    confidence = values.get("confidence")
+    if confidence is not None and not 0.0 <= _of((int, float), confidence) <= 1.0:
+        raise ValueError(f"confidence of {confidence!r:.60}")
     return record_from(Verdict, values, {"reasons": lambda _: reasons})
 
 

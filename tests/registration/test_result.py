@@ -132,7 +132,7 @@ def test_the_file_is_strict_json_with_the_documented_keys(tmp_path: Path, make: 
         "scale",
         "scale_sigma",
     }
-    assert set(content["verdict"]) == {"level", "reasons", "codes", "checks"}
+    assert set(content["verdict"]) == {"level", "reasons", "codes", "checks", "confidence"}
     if make is failed:
         assert content["dual_quaternion"] is None
         assert content["rms"] is None
@@ -176,6 +176,7 @@ DAMAGES: dict[str, Callable[[dict[str, Any]], None]] = {
     "reasons are one text": change("verdict", "reasons", to="because"),
     "reasons are numbers": change("verdict", "reasons", to=[1]),
     "codes are one text": change("verdict", "codes", to="because"),
+    "a confidence of two": change("verdict", "confidence", to=2.0),
     "codes are numbers": change("verdict", "codes", to=[1, 2]),
     "a code is missing": change("verdict", "codes", to=["unconstrained"]),
     "status is a number": change("status", to=1),
