@@ -109,7 +109,7 @@ class _Sides:
         whole, count_on, count_off = self.counted(self.labels >= 0), self.counted(self.on), self.counted(self.off)
         is_on, is_off = ((count >= FEWEST) & (count > MOST * whole) for count in (count_on, count_off))
         a, b = (np.flatnonzero((self.labels >= 0) & np.append(side, False)[self.labels]) for side in (is_on, is_off))
-        a = a[self.on[a]]
+        on = np.flatnonzero(self.on)
         if not len(a) or not len(b):
             return np.zeros(len(whole), dtype=bool)
         found, apart = NeighbourTree(self.points[b]).nearest(self.points[a], 4)
@@ -117,7 +117,10 @@ class _Sides:
         near = apart <= OVER * np.minimum(self.spacing[one], self.spacing[two])
         near &= np.abs(np.einsum("ij,ij->i", self.own[one], self.own[two])) < EDGE_COS
         one, two, apart = one[near], two[near], apart[near]
-        height = np.einsum("ij,ij->i", self.normals[one], self.points[two] - self.points[one])
+        # Where a face runs on beyond the target, its outward side is that of its nearest point on it.
+        outward = self.normals[on[NeighbourTree(self.points[on]).nearest(self.points[one], 1)[0][:, 0]]]
+        side = np.sign(np.einsum("ij,ij->i", outward, self.own[one]))
+        height = side * np.einsum("ij,ij->i", self.own[one], self.points[two] - self.points[one])
         convex, concave = (
             np.bincount(self.labels[two[side]], minlength=len(whole))
             for side in (height < -BELOW * apart, height > BELOW * apart)

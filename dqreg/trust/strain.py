@@ -23,6 +23,8 @@ SINGULAR = 1e-10
 USUAL = 0.2
 # Smaller strains are no fault: parts shrink, and sensors are calibrated to as much.
 LEAST, LEAST_BEND = 0.003, 0.002
+# Larger ones are none: both sides of a sheet came together.
+LARGEST = 0.5
 # Standard deviations that are no chance: the largest of many directions, of noise that is not quite independent. Beside
 # other objects, and at an open target, the points left out make a pattern too: scans of a range scanner and of a LiDAR
 # at the true pose came to 10.1 there, to 6.6 on a part alone.
@@ -45,7 +47,7 @@ class Strain:
     @property
     def is_strained(self) -> bool:
         """Whether the elongation matters and is significant."""
-        return abs(self.value) >= LEAST and abs(self.value) >= self.significant * self.sigma
+        return LEAST <= abs(self.value) <= LARGEST and abs(self.value) >= self.significant * self.sigma
 
     @property
     def is_bent(self) -> bool:

@@ -76,6 +76,15 @@ def test_a_face_that_meets_the_part_in_a_convex_edge_is_not_another_object() -> 
     assert not found.contradicting[~end].any()
 
 
+def test_the_end_of_a_block_that_is_a_little_longer_is_of_the_same_body() -> None:
+    # Its sides run on beyond the target by a few spacings only; its end hangs in the air.
+    points = faces((114.0, 60.0, 40.0), LOW, 5_000, 12)
+    end = points[:, 0] > HIGH[0] + 14.0 - 5.0 * NOISE
+    found = seen(points)
+    assert found.contradicting[end].mean() >= 0.5
+    assert not found.contradicting[points[:, 0] < HIGH[0] - 1.0].any()
+
+
 def test_shares_follow_no_unit_and_no_rigid_motion() -> None:
     points = np.vstack([faces((140.0, 60.0, 40.0), LOW, 3_000, 6), table(7, 2_000)])
     plain = seen(points)
