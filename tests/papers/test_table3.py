@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.papers.table3 import PRINTED_ROWS, measure_table3, pooled, table3_section
+from dqreg.papers.table3 import PRINTED_ROWS, _deviations, measure_table3, pooled, table3_section
 from dqreg.papers.trials import SURE
 from dqreg.synth.parts.blocks import FEEDER_SIZE, feeder_vertices
 
@@ -79,3 +79,10 @@ def test_section_holds_the_printed_values_and_the_stand_in(rows):
         assert cells[count, "paper: dual number"] == dual
     # The printed rotations are the same for both methods, as they must be; only the translations differ.
     assert all(svd[3] == dual[3] for svd, dual in PRINTED_ROWS.values())
+
+
+def test_deviations_divide_by_one_less_than_the_trials():
+    # Two trials at +1 and -1 about their mean: the sample variance is 2, and its root sqrt(2), not 1.
+    T = np.tile(np.eye(4), (3, 2, 1, 1))
+    T[:, 0, 0, 3], T[:, 1, 0, 3] = 1.0, -1.0
+    assert values(_deviations(T, np.zeros((3, 3)))) == pytest.approx([np.sqrt(2.0), 0.0, 0.0, 0.0])
