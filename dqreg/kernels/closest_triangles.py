@@ -8,8 +8,7 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled
 from dqreg.kernels.triangle import closest_on, height_square
 
-# A balanced heap is no deeper, whatever fits into memory.
-DEEPEST = 64
+DEEPEST = 64  # no balanced heap that fits into memory is deeper
 # Two faces are equally near within this share of a squared distance, or within this square of the size. Then the one
 # counts that the query stands higher above; without that rule rounding would choose the normal beside every edge.
 EQUAL, LEVEL, ROUNDING = 2e-12, 1e-6, 1e-30
@@ -49,8 +48,7 @@ def descend(
     """
     half, n = len(boxes) // 2, len(packed)
     node, waiting, u, v = 1, 0, 0.0, 0.0
-    # A literal -1 would be a type of its own, and what takes it compiled twice.
-    slot = waiting - 1
+    slot = waiting - 1  # a literal -1 would be a type of its own, and what takes it compiled twice
     reach, equals = best, 0
     while True:
         if node >= half:

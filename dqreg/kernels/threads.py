@@ -46,7 +46,8 @@ def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: 
                 return
             kernel(first, min(first + chunk, total), *arguments)
 
-    helpers = [_pool().submit(work) for _ in range(min(thread_count(), len(starts)) - 1)]
+    asked = [_submit(work) for _ in range(min(thread_count(), len(starts)) - 1)]
+    helpers = [helper for helper in asked if helper is not None]
     try:
         work()
     finally:
@@ -65,8 +66,16 @@ def as_plain(values: FloatArray) -> FloatArray:
 
 def aside(kernel: Callable[..., Any], *arguments: Any) -> Any:
     """Result of a kernel that takes long, computed on another thread: an interrupt of this one is seen at once."""
-    future: Future[Any] = _pool().submit(kernel, *arguments)
-    return future.result()
+    future = _submit(kernel, *arguments)
+    return kernel(*arguments) if future is None else future.result()
+
+
+def _submit(call: Callable[..., Any], *arguments: Any) -> Future[Any] | None:
+    # At the end of the interpreter pools take nothing any more; what runs there, in atexit say, does without.
+    try:
+        return _pool().submit(call, *arguments)
+    except RuntimeError:
+        return None
 
 
 def _pool() -> ThreadPoolExecutor:

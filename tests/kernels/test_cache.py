@@ -5,57 +5,57 @@ import pty
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from dqreg.kernels import cache
+from dqreg.kernels import cache, compiled
 from tests.registration.batch.scenes import environment
 
-# One small kernel, called; which folder took it, and whether it was found there.
 CODE = """
-import sys, warnings
-from dqreg.kernels import cache
-if "unwritable" in sys.argv:
-    refused = sys.argv[sys.argv.index("unwritable") + 1:]
-    writable = cache.is_writable
-    cache.is_writable = lambda folder: not any(str(folder).startswith(r) for r in refused) and writable(folder)
-with warnings.catch_warnings(record=True) as caught:
-    warnings.simplefilter("always")
-    from dqreg.kernels.compiled import compiled
-    @compiled
-    def doubled(x):
-        return x + x
-    @compiled
-    def negative(x):
-        return -x
-    assert doubled(2.0) == 4.0 and negative(2.0) == -2.0
-kept = sum(doubled.stats.cache_hits.values())
-print(len(caught), kept, doubled._cache.cache_path, *[w.message for w in caught])
+from dqreg.kernels.compiled import compiled
+@compiled
+def doubled(x):
+    return x + x
+@compiled
+def negative(x):
+    return -x
+assert doubled(2.0) == 4.0 and negative(2.0) == -2.0
 """
 
 
-def run(*words: str, **variables: str) -> list[str]:
-    env = {k: v for k, v in environment().items() if k not in ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "HOME")}
-    done = subprocess.run(
-        [sys.executable, "-c", CODE, *words], env={**env, **variables}, capture_output=True, text=True, check=False
-    )
-    assert (done.returncode, done.stderr) == (0, ""), done.stderr
-    return done.stdout.split(maxsplit=3)
+def doubled(x: float) -> float:
+    return x + x
 
 
-def test_what_was_compiled_is_found_again_and_a_damaged_file_counts_as_absent(tmp_path: Path) -> None:
-    first = run(XDG_CACHE_HOME=str(tmp_path))
-    assert first[:3] == ["0", "0", str(tmp_path / "dqreg" / cache.beside_package().name)]
-    (kept,) = Path(first[2]).glob("*doubled*")
-    kept.write_bytes(kept.read_bytes()[:100])
-    assert run(XDG_CACHE_HOME=str(tmp_path))[:2] == ["0", "0"]
-    assert run(XDG_CACHE_HOME=str(tmp_path))[:2] == ["0", "1"]
+def was_kept() -> bool:
+    """Call a function as a new process would: whether its code was found."""
+    function: Any = compiled.compiled(doubled)
+    assert function(2.0) == 4.0
+    return sum(function.stats.cache_hits.values()) == 1
 
 
-def test_with_nothing_to_write_to_it_runs_and_says_so_once(tmp_path: Path) -> None:
-    found = run("unwritable", "/", HOME=str(tmp_path), TMPDIR=str(tmp_path))
-    assert found[:3] == ["1", "0", "None"]
-    assert "in this process alone" in found[3]
+def test_what_was_compiled_is_found_again_and_a_damaged_file_counts_as_absent(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(compiled, "folders", lambda: ((tmp_path / "none", tmp_path), tmp_path))
+    assert [was_kept(), was_kept()] == [False, True]
+    (kept,) = tmp_path.iterdir()
+    whole = kept.read_bytes()
+    for damaged in (b"", whole[:100], b"junk" * 30):
+        kept.write_bytes(damaged)
+        assert [was_kept(), was_kept()] == [False, True]
+    # One that is read only is read, and what cannot be written is no error.
+    monkeypatch.setattr(compiled, "folders", lambda: ((tmp_path,), tmp_path / "gone"))
+    assert was_kept()
+    kept.unlink()
+    assert not was_kept()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_with_nothing_to_write_to_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled, "folders", lambda: ((), None))
+    assert not was_kept()
 
 
 def found_folder(monkeypatch: pytest.MonkeyPatch, *refused: Path) -> Path | None:

@@ -103,3 +103,19 @@ def test_an_interrupt_is_seen_between_ranges_and_beside_a_long_kernel() -> None:
             call()
         # The work itself would take seconds; an interrupted one does not go on to its end.
         assert time.monotonic() - began < 0.95
+
+
+def test_at_the_end_of_the_interpreter_the_caller_works_alone() -> None:
+    code = """
+import atexit
+from dqreg.kernels import threads
+threads.thread_count = lambda: 3
+rows = []
+def late():
+    threads.over_chunks(lambda first, last: rows.append(first), 5, chunk=2)
+    print(rows, threads.aside(abs, -1))
+threads.aside(abs, -1)
+atexit.register(late)
+"""
+    done = subprocess.run([sys.executable, "-c", code], env=environment(), capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("[0, 2, 4] 1\n", "")
