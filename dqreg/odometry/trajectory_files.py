@@ -80,9 +80,11 @@ def read_poses(path: str | Path) -> tuple[FloatArray, FloatArray | None]:
     times = None
     if rows.shape[1] == 8:
         times, w_first = rows[:, 0], rows[:, [7, 4, 5, 6]]
-        length = np.linalg.norm(w_first, axis=1, keepdims=True)
-        if not (length > 0.5).all():
-            raise InputError(f"{path}: a quaternion of length {length.min():.3g}; expected unit quaternions x y z w")
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(w_first, axis=1, keepdims=True)
+        if not ((length > 0.5) & (length < 1e3)).all():
+            worst = float(length[np.argmax(np.abs(length - 1.0))][0])
+            raise InputError(f"{path}: a quaternion of length {worst:.3g}; expected unit quaternions x y z w")
         poses[:, :3, :3], poses[:, :3, 3] = quaternion.to_matrix(w_first / length), rows[:, 1:4]
     else:
         poses[:, :3] = rows.reshape(len(rows), -1, 4)[:, :3]

@@ -57,9 +57,8 @@ def require_rays(views: int, **counts: object) -> None:
         total *= count
     if total > MOST_RAYS:
         name, count = next(iter(counts.items()))
-        raise InputError(
-            f"{name} is too large: {count!r} makes {total:.3g} rays in all {views} views; at most {MOST_RAYS:.3g}"
-        )
+        rays = f"{min(total, 10**300):.3g} rays in all {views} views"  # a number of any size
+        raise InputError(f"{name} is too large: {count!r:.40} makes {rays}; at most {MOST_RAYS:.3g}")
 
 
 def unit(vectors: FloatArray) -> FloatArray:
