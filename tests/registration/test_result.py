@@ -216,9 +216,9 @@ def test_a_damaged_file_is_refused_and_named(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "is no readable result file"),
+        (b"", "found an empty file"),
         (b'{"format": "dqreg registration 1"', "is no readable result file"),
-        (b"\xff\xfe\x00", "is no readable result file"),
+        (b"\xff\xfe\x00", "found bytes that are no UTF-8 text"),
         (b"[" * 100_000, "is no readable result file"),
         (b"[1, 2]", "is no dqreg result"),
         (b"{}", "is no dqreg result"),
@@ -229,13 +229,13 @@ def test_a_damaged_file_is_refused_and_named(tmp_path: Path, name: str) -> None:
 def test_what_is_no_result_is_refused_in_words(tmp_path: Path, content: bytes, message: str) -> None:
     path = tmp_path / "other.json"
     path.write_bytes(content)
-    with pytest.raises(InputError, match=rf"other\.json {message}"):
+    with pytest.raises(InputError, match=rf"other\.json:? {message}"):
         Registration.load(path)
 
 
 def test_a_missing_file_or_a_folder_is_refused(tmp_path: Path) -> None:
     for path in (tmp_path / "gone.json", tmp_path):
-        with pytest.raises(InputError, match="is no readable result file"):
+        with pytest.raises(InputError, match="cannot read"):
             Registration.load(path)
 
 
