@@ -88,9 +88,14 @@ def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
     # Two scans of one scene always differ somewhere, and the noise between them is not known as well.
     if not fit.has_border and (is_off or found.width > MISFIT * found.expected > 0.0):
         return True
+    return not is_sound(fit, ask_mirror=ask_mirror)
+
+
+def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
+    """Whether the verdict has nothing against a pose that another one might mend."""
     gain = mirror_gain(fit, always=ask_mirror)
     verdict = judge(evidence_of(fit, uncertainty_of(fit), mirror_gain=gain))
-    return verdict.level != "accepted" and not OF_THE_SCAN.issuperset(verdict.codes)
+    return verdict.level == "accepted" or OF_THE_SCAN.issuperset(verdict.codes)
 
 
 def _is_copy(fit: Fit, others: FloatArray) -> BoolArray:
@@ -132,14 +137,18 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
     # Among equals the pose that the start leads to goes first, then the one nearest to the start.
     likely = [int(k) for k in order if not worse[k]]
     likely.sort(key=lambda k: (found[k] is not fits[0], _offset(found[k], start)))
-    best = next((k for k in likely if not is_doubtful(found[k], ask_mirror=True)), None)
+    sound = [is_sound(each, ask_mirror=True) for each in found]
+    best = next((k for k in likely if sound[k] and not is_doubtful(found[k], ask_mirror=True)), None)
+    if best is None and found[0] is fits[0] and sound[0]:
+        # In doubt, but no other pose is free of it: what the verdict refuses displaces nothing.
+        best = 0
     if best is None:
         best = likely[0]
         gain, sigma = float(means[best] - means[0]), float(scores.deficit(best)[1][0])
         is_better = gain > BETTER and (_offset(found[best], start) <= 1.0 or gain > SIGNIFICANT * sigma)
         best = best if is_better or found[0] is not fits[0] else 0
-    apart = scores.distinguishable(best)
-    others = [k for k in range(len(found)) if k != best and means[k] >= means[best] - AS_WELL and not apart[k]]
+    apart = scores.distinguishable(best) | (scores.deficit(best)[0] > AS_WELL)
+    others = [k for k in range(len(found)) if k != best and not apart[k] and (sound[k] or not sound[best])]
     return Known(found[best], np.array([found[k].T_target_source for k in others]).reshape(-1, 4, 4), searched=True)
 
 

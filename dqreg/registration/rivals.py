@@ -17,6 +17,7 @@ from dqreg.search.poses import Poses
 from dqreg.search.scoring import PoseScores, score_poses
 from dqreg.search.stages import FINE_APART
 from dqreg.solvers.motion_words import axis_words, direction_words
+from dqreg.trust.patch_tests import ON
 from dqreg.trust.records import Alternative
 
 # A pose is better by so much mean log-likelihood at least, and by so many of its standard errors.
@@ -40,10 +41,15 @@ def limit_of(fit: Fit) -> float:
 
 
 def scores_of(fit: Fit, poses: FloatArray, count: int = JUDGES) -> PoseScores:
-    """How some poses, (k, 4, 4), explain so many points of the scan of a fit."""
+    """How some poses, (k, 4, 4), explain those of so many points of the scan that one of them puts on the target.
+
+    What lies on it under none is another object, the same to all; among much of it no difference would be left.
+    """
     scan, surface = fit.prepared.scan, fit.prepared.surface
     points = scan.points[sample_rows(len(scan), count)]
-    return score_poses(Poses.of(poses), points, surface, limit_of(fit), fit.floor)
+    scores = score_poses(Poses.of(poses), points, surface, limit_of(fit), fit.floor)
+    on = scores.distances.min(axis=0) <= ON * scores.width
+    return PoseScores(scores.likelihoods[:, on], scores.distances[:, on], scores.width) if on.any() else scores
 
 
 def best_seen(fit: Fit, start: FloatArray) -> Fit:
@@ -68,8 +74,9 @@ def near_symmetric_poses(fit: Fit) -> FloatArray:
     if not len(others):
         return others
     # Few points may tell them apart where their mean does not.
-    worse = scores_of(fit, np.concatenate([fit.T_target_source[None], others])).distinguishable(0)[1:]
-    return others[~worse]
+    scores = scores_of(fit, np.concatenate([fit.T_target_source[None], others]))
+    worse = scores.distinguishable(0) | (scores.deficit(0)[0] > BETTER)
+    return others[~worse[1:]]
 
 
 def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]:
