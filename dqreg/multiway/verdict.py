@@ -51,7 +51,9 @@ def judge_scans(
 def _summary(belief: Belief, placed: Sequence[int]) -> Reason:
     used = sum(edge.used for edge in belief.edges)
     closing = int(np.count_nonzero(_used_loops(belief)))
-    loops = f"; {closing} loops of three close" if closing else "; no loop of three checks them"
+    loops = "; no loop of three checks them"
+    if closing:
+        loops = f"; {closing} {'loops' if closing > 1 else 'loop'} of three {'close' if closing > 1 else 'closes'}"
     return Reason(f"{len(placed)} scans placed by {used} edges{loops}", "accepted")
 
 

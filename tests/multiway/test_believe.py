@@ -26,7 +26,7 @@ def test_right_edges_are_used_and_their_loops_close() -> None:
     np.testing.assert_allclose(belief.T_world_scan[:8], T, atol=10 * SIGMA)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_third_of_wrong_edges_changes_nothing_beyond_the_covariance(seed: int) -> None:
     T = world(10, seed=seed)
     pairs = list(combinations(range(10), 2))

@@ -13,7 +13,7 @@ from dqreg.geometry import Mesh, sample_mesh
 from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
 
-POINTS, STEP_RAD = 2000, 0.6
+POINTS, STEP_RAD = 1500, 0.5
 Turned = tuple[list[np.ndarray], np.ndarray, dqreg.Multiway]
 
 
@@ -135,7 +135,7 @@ def test_what_cannot_be_used_is_left_out_and_the_rest_is_placed() -> None:
 
 def test_a_scan_of_something_else_is_left_out_and_named() -> None:
     scans, truth = views_of_a_part(3)
-    ball = np.random.default_rng(0).normal(size=(1500, 3))
+    ball = np.random.default_rng(0).normal(size=(500, 3))
     ball *= 0.3 * np.ptp(scans[0]) / np.linalg.norm(ball, axis=1, keepdims=True)
     pairs = [(0, 1), (1, 2), (0, 2), (0, 3)]
     result = dqreg.register_many([*scans, ball], starts=[*truth, None], effort="fast", workers=1, edges=pairs)
