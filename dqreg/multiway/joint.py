@@ -16,12 +16,12 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Scan, Surface
 from dqreg.multiway import dual_poses
 from dqreg.multiway.graph import PoseGraph, factorised, normal_matrix
-from dqreg.multiway.planes import Planes, planes_of
+from dqreg.multiway.planes import FACING, STRICT, Planes, planes_of
 from dqreg.rigid import pose
 from dqreg.solvers.quadratic import derivatives
 
 # Rounds of new correspondences, and steps for each.
-ROUNDS, STEPS = 25, 4
+ROUNDS, STRICT_ROUNDS, STEPS = 25, 6, 4
 # The refinement has ended when the scans move by less than this in a round, in spacings; and it has converged when they
 # move by less than the second number in the last round: nearest points change from round to round.
 STILL, SETTLED = 1e-4, 0.02
@@ -66,10 +66,14 @@ def refine_jointly(
     points: int,
     observe: Callable[[int, float], object] | None = None,
     is_over: Callable[[], bool] = lambda: False,
+    strict: bool = False,
 ) -> Joint:
     """Poses of the bodies with the least cost over all pairs (target, source), by Gauss-Newton steps.
 
-    The part, a body without points, is the target only. Shapes: T_world_body (n, 4, 4).
+    The part, a body without points, is the target only. Strict asks for half of the reach and for normals that agree
+    closely: what that changes in poses that are refined already hangs on doubtful correspondences.
+
+    Shapes: T_world_body (n, 4, 4).
     """
     ways = [way for i, j in pairs for way in ((i, j), (j, i)) if bodies[way[1]].scan is not None]
     budget = int(np.clip(ALL_POINTS // max(len(ways), 1), FEWEST_POINTS, points))
@@ -77,12 +81,14 @@ def refine_jointly(
     sampled = {j: _thinned(bodies[j], few) for _, j in ways}
     T = T_world_body.copy()
     found: dict[tuple[int, int], Planes] = {}
-    rounds, moved, coarse = 0, np.inf, few < budget
-    while rounds < ROUNDS and moved >= STILL and not is_over():
+    rounds, moved, coarse = 0, np.inf, few < budget and not strict
+    if strict:
+        sampled = {j: _thinned(bodies[j], budget) for _, j in ways}
+    while rounds < (STRICT_ROUNDS if strict else ROUNDS) and moved >= STILL and not is_over():
         rounds += 1
         if coarse and (moved < COARSE_STILL or rounds > ROUNDS // 2):
             coarse, sampled = False, {j: _thinned(bodies[j], budget) for _, j in ways}
-        found = _correspond(bodies, sampled, T, ways, found, first=rounds == 1)
+        found = _correspond(bodies, sampled, T, ways, found, first=rounds == 1, strict=strict)
         before = T
         for _ in range(STEPS):
             T, motion = _stepped(T, list(found.values()), free)
@@ -107,6 +113,7 @@ def _correspond(
     before: dict[tuple[int, int], Planes],
     *,
     first: bool,
+    strict: bool,
 ) -> dict[tuple[int, int], Planes]:
     found = {}
     for i, j in ways:
@@ -115,7 +122,9 @@ def _correspond(
             continue
         relative = pose.inverse(T[i]) @ T[j]
         floor = max(bodies[i].noise_floor, bodies[j].noise_floor)
-        planes = planes_of((i, j), sampled[j], bodies[i].surface, relative, _reach(bodies, i, j, known), floor, known)
+        reach = _reach(bodies, i, j, known)
+        gates = (0.5 * reach, STRICT) if strict else (reach, FACING)
+        planes = planes_of((i, j), sampled[j], bodies[i].surface, relative, gates[0], floor, known, gates[1])
         if planes is not None:
             found[i, j] = planes
     return found

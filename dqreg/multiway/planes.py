@@ -16,8 +16,8 @@ from dqreg.rigid import pose
 from dqreg.solvers.quadratic import QuadraticForm, plane_form
 from dqreg.solvers.robust import InlierMixture
 
-# Normals farther apart than this are of different faces.
-FACING = np.cos(np.deg2rad(45.0))
+# Normals farther apart than this are of different faces; the second is for a look at what hangs on the first.
+FACING, STRICT = float(np.cos(np.deg2rad(45.0))), float(np.cos(np.deg2rad(15.0)))
 # Distances along the normals below this fraction of the spacing: the planes alone count then. Discs, which hold a
 # little along the surface too, suit noisy clouds; here they would drag the poses towards the nearest points.
 WELL_BELOW = 0.4
@@ -105,6 +105,7 @@ def planes_of(
     reach: float,
     floor: float,
     before: Planes | None = None,
+    facing: float = FACING,
 ) -> Planes | None:
     """Correspondences within reach, robustly weighed; None where there are too few.
 
@@ -116,7 +117,7 @@ def planes_of(
     moved = pose.apply(T_target_source, scan.points)
     pairs = Correspondences(scan, T_target_source, surface.closest(moved, hint), scan.oriented and surface.oriented)
     cosines = pairs.normal_cosines if pairs.same_sign else np.abs(pairs.normal_cosines)
-    kept = (pairs.distances <= reach) & (cosines >= FACING)
+    kept = (pairs.distances <= reach) & (cosines >= facing)
     for rejects in boundary_rejectors(surface, reach):
         kept &= rejects(pairs) > 0.0
     if np.count_nonzero(kept) < FEWEST_PLANES:

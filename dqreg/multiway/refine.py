@@ -21,6 +21,8 @@ from dqreg.rigid import pose
 OVERLAP = 0.08
 # Points of a scan in the joint cost.
 POINTS: dict[str, int] = {"fast": 5_000, "normal": 20_000, "best": 10**9}
+# Refinements from the poses of the one before, and motion below which the next would find the same, in spacings.
+AGAIN, SAME = 3, 0.02
 # Edge of the cells whose residuals are independent of the next one's: in spacings, and in sizes of a scan.
 PATCH_SPACINGS, PATCH = 8.0, 0.02
 
@@ -56,13 +58,25 @@ def refined(views: Sequence[View], part: Target | None, belief: Belief, size: fl
     if not pairs or len(placed) < 1:
         return Refined(T, covariance, np.zeros(3), converged=False, rounds=0)
     joint = refine_jointly(bodies, np.array(poses), pairs, free, POINTS[effort])
+    spacing = typical_spacing([views[k] for k in placed])
+    for _ in range(AGAIN):
+        # Poses of pairs can be so far off that wrong faces met at first: from the better ones, others do.
+        before, joint = joint, refine_jointly(bodies, joint.T_world_body, pairs, free, POINTS[effort])
+        moved = np.linalg.norm(joint.T_world_body[:, :3, 3] - before.T_world_body[:, :3, 3], axis=1)
+        if moved.max() <= SAME * spacing:
+            break
     found = np.full((count, 4, 4), np.nan)
     for k, body, T_world_body in zip(placed, bodies, joint.T_world_body, strict=False):
         found[k] = T_world_body @ _shift(-body.origin)
     centre = np.mean(joint.T_world_body[: len(placed), :3, 3], axis=0)
-    cell = max(PATCH_SPACINGS * typical_spacing([views[k] for k in placed]), PATCH * size)
+    cell = max(PATCH_SPACINGS * spacing, PATCH * size)
     about = _shift(-centre) @ joint.T_world_body
     spread = joint_covariance(about, joint.planes, free, cell, size)
+    # Doubtful correspondences (blends of two faces, places that only one of two scans sees) bias motions that little
+    # else holds. What the poses change by without them is an error that no scatter shows.
+    strict = refine_jointly(bodies, joint.T_world_body, pairs, free, POINTS[effort], strict=True)
+    change = pose.log(_shift(-centre) @ strict.T_world_body @ pose.inverse(about))[free].ravel()
+    spread = spread + np.outer(change, change)
     rows = np.concatenate([6 * placed[k] + np.arange(6) for k in free if k < len(placed)] or [np.zeros(0, int)])
     kept = np.concatenate([6 * n + np.arange(6) for n, k in enumerate(free) if k < len(placed)] or [np.zeros(0, int)])
     for k in placed:
