@@ -175,9 +175,9 @@ def _narrow_words(outcomes: tuple[Outcome, ...]) -> str:
         whole = [name for name, row in kept.items() if all(row)]
         part = {name: sum(row) for name, row in kept.items() if not all(row)}
         how = (
-            f"{', '.join(whole)} keep the digits of the data at every width"
+            f"the digits of the data are kept at every width by {', '.join(whole)}"
             if whole
-            else "no method does at every width"
+            else "no method keeps them at every width"
         )
         rest = ", ".join(f"{name} at {count} of {len(strips)}" for name, count in part.items())
         words.append(f"{_place(aligned).capitalize()}: {how}{f'; {rest}' if rest else ''}.")

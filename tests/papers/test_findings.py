@@ -125,7 +125,10 @@ def test_accuracy():
     lost = accuracy(refused={"a million sizes away": {"walker1991": 5}})
     says(lost, "walker1991 has lost its digits and is refused")
     narrow = "strip along the axes, width 1e-5 of the length"
-    assert "Strip along the axes: solve, walker1991, svd, horn keep the digits" in accuracy().text[1]
+    assert (
+        "Strip along the axes: the digits of the data are kept at every width by solve, walker1991, svd, horn"
+        in accuracy().text[1]
+    )
     assert "solve at 0 of 1" in accuracy({narrow: {"solve": 4e-6}}).text[1]
     assert "horn at 0 of 1" in accuracy(refused={narrow: {"horn": 1}}).text[1]
 
