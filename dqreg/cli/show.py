@@ -100,6 +100,11 @@ def _record(result: Registration, data: ReportData, files: list[Path]) -> dict[s
 
 def attach(result: Registration, source: Path | None, target: Path | None) -> Registration:
     """A loaded result with its two sides, from the files given or those that it names."""
+    missing = [name for name in ("max_distance", "centre", "diagonal") if name not in result.settings]
+    if missing:
+        raise InputError(
+            f"the result does not say its {' and '.join(missing)}; it was changed, or is not of dqreg register"
+        )
     sides = {name: _side(result, name, given) for name, given in (("source", source), ("target", target))}
     return result.attached(**sides)
 

@@ -71,6 +71,9 @@ def _settings(values: dict[str, Any]) -> dict[str, Any]:
     for name in ("source_units", "target_units", "source", "target"):
         if name in values:
             _of((str, type(None)), values[name])
+    for name in ("source_noise", "source_spacing", "width", "near", "reach", "cell_size"):
+        if values.get(name) is not None and not 0.0 <= _of((int, float), values[name]) < np.inf:
+            raise ValueError(f"{name} of {values[name]!r:.60}")
     for name in ("source_points", "used_points", "source_dropped"):
         if name in values and _of(int, values[name]) < 0:
             raise ValueError(f"{name} of {values[name]!r:.60}")

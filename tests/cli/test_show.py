@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from PIL import Image
 from dqreg.cli.main import main
 from dqreg.registration.result import Registration
 from dqreg.synth import demo_case, load_case
+from tests.registration.test_result import good
 
 
 def run(*arguments: object) -> int:
@@ -103,3 +105,13 @@ def test_a_missing_side_names_its_option(saved, tmp_path, capsys):
     (tmp_path / "moved.json").write_text(text, encoding="utf-8")
     assert run("show", tmp_path / "moved.json", "--save", tmp_path / "view.png") == 2
     assert "--source FILE" in capsys.readouterr().err
+
+
+def test_a_result_without_its_settings_is_one_line(tmp_path, capsys):
+    good().save(tmp_path / "result.json")
+    values = json.loads((tmp_path / "result.json").read_text())
+    (tmp_path / "result.json").write_text(json.dumps({**values, "settings": {}}))
+    with pytest.raises(SystemExit) as ended:
+        main(["show", str(tmp_path / "result.json"), "--report", str(tmp_path / "a.html")])
+    assert ended.value.code == 2
+    assert "does not say its max_distance" in capsys.readouterr().err

@@ -169,6 +169,7 @@ SETTINGS = good(source_scale=1.0, target_units="mm").to_dict()["settings"]
         {"settings": {**SETTINGS, "max_distance": -1.0}},
         {"settings": {**SETTINGS, "target_units": ["mm"]}},
         {"settings": {**SETTINGS, "seed": -1}},
+        *({"settings": {**SETTINGS, name: "abc"}} for name in ("source_noise", "source_spacing", "used_points")),
         {"settings": {**SETTINGS, "seed": "7"}},
         {"settings": {**SETTINGS, "centre": [0, 0]}},
         {"settings": {**SETTINGS, "centre": [0, 0, 1e999]}},

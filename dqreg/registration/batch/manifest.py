@@ -132,7 +132,7 @@ def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None
             row = _row(line, values, base, defaults)
             row = dataclasses.replace(row, name=seen.named(row, given=bool(values.get("name"))))
         except DqregError as error:
-            fault = f"line {line}: {error}" if place.is_file() else str(error)
+            fault = printable(f"line {line}: {error}" if place.is_file() else str(error))
             row = Row("", *_as_written(values, base, defaults), line=line, fault=fault)
             row = dataclasses.replace(row, name=seen.named(row, given=False))
             faults.append(fault)
