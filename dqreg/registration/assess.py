@@ -7,9 +7,13 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.geometry import MeshSurface
+from dqreg.geometry.morton import distinct_in_order
+from dqreg.geometry.normals import sample_rows
 from dqreg.icp import find_correspondences
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import looked_through_at
+from dqreg.rigid import pose
 from dqreg.trust import (
     Evidence,
     Information,
@@ -17,10 +21,15 @@ from dqreg.trust import (
     observe_directions,
     without_free_motion,
 )
+from dqreg.trust.patch_tests import ON
 from dqreg.trust.records import Alternative, Direction
+from dqreg.trust.segments import OFF
+from dqreg.trust.strain import drift_of
 
 # Fraction of the inliers that must remain where a drift along an unconstrained motion is taken back.
 STAYS = 0.99
+# Points from which a drift along the scan is fitted.
+DRIFTING = 3_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,6 +59,7 @@ def evidence_of(
     mirror_gain: float = -np.inf,
 ) -> Evidence:
     """All that the verdict on a fit is made of; see `Evidence` for the meaning of each number."""
+    drift, drift_rad = _drift(fit)
     return Evidence(
         **vars(fit.agreement),
         status=fit.run.status,
@@ -66,7 +76,28 @@ def evidence_of(
         carriers=tuple(fit.information.carriers.tolist()) if uncertainty.directions else (),
         clutter=fit.problem.options.clutter,
         looked_through=looked_through_at(fit),
+        drift=drift,
+        drift_rad=drift_rad,
     )
+
+
+def _drift(fit: Fit) -> tuple[float, float]:
+    """Significant displacement and rotation of the pose along a scan of a part, in the order of its points."""
+    surface, points = fit.prepared.surface, fit.problem.source.cloud.points
+    if not fit.found or not isinstance(surface, MeshSurface) or fit.problem.source.mesh is not None:
+        return 0.0, 0.0
+    rows = sample_rows(len(points), DRIFTING)
+    placed = pose.apply(fit.T_target_source, points[rows])
+    order = distinct_in_order(placed)
+    placed, times = placed[order], rows[order] / len(points) - 0.5
+    closest = surface.closest(placed)
+    # Farther off, tables and clamps begin.
+    near = closest.distances <= min(fit.agreement.near, OFF * ON * fit.run.mixture.scale)
+    residuals = np.einsum("ij,ij->i", placed - closest.points, closest.normals)[near]
+    found = drift_of(closest.points[near], closest.normals[near], residuals, times[near])
+    if not found.matters(surface.diagonal):
+        return 0.0, 0.0
+    return found.displacement, found.rotation_rad
 
 
 def without_drift(fit: Fit, start: FloatArray) -> Fit:

@@ -45,6 +45,10 @@ def _residuals(evidence: Evidence) -> tuple[float, float]:
     return evidence.width / evidence.expected if evidence.expected > 0.0 else math.nan, limits.ROUGH
 
 
+def _drift(evidence: Evidence) -> tuple[float, float]:
+    return evidence.drift / evidence.size if evidence.size > 0.0 else evidence.drift, 0.0
+
+
 def _free(evidence: Evidence) -> tuple[float, float]:
     return float(sum(direction.is_free for direction in evidence.directions)), 0.0
 
@@ -101,6 +105,7 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
     "large_residuals": ("Residuals against the noise of the scan", "at most", "times", _residuals),
     "stretched": ("Significant strain against the target", "at most", "%", lambda e: (abs(e.stretch), 0.0)),
     "bent": ("Significant bend, sagitta over length", "at most", "%", lambda e: (e.bend, 0.0)),
+    "drift": ("Significant drift of the pose along the scan, of the size", "at most", "%", _drift),
     "random_fit": (
         "Residuals against those at random poses",
         "at most",

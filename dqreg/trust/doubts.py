@@ -171,6 +171,14 @@ def _bent(evidence: Evidence) -> Iterator[str]:
         yield f"the scan is bent by {100 * evidence.bend:.2g} % of its length against the target"
 
 
+def _drift(evidence: Evidence) -> Iterator[str]:
+    if evidence.drift:
+        yield (
+            f"the pose drifts by {evidence.length(evidence.drift)} and {math.degrees(evidence.drift_rad):.2g} degrees "
+            "from the first point of the scan to the last: part or scanner moved, or its views do not fit together"
+        )
+
+
 def _random_fit(evidence: Evidence) -> Iterator[str]:
     if not evidence.random_ratio <= CHANCE:
         yield (
@@ -237,6 +245,7 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("large_residuals", _large_residuals),
     ("stretched", _stretched),
     ("bent", _bent),
+    ("drift", _drift),
     ("random_fit", _random_fit),
     ("unconstrained", _unconstrained),
     ("large_uncertainty", _large_uncertainty),

@@ -62,6 +62,8 @@ class Evidence:
         Fractions of the scan on the target, on other objects, and on surface of the part itself off the target.
     looked_through : float
         Fraction of the points compared that stand where a scanner looked through; NaN where its place is not known.
+    drift, drift_rad : float
+        Significant displacement and rotation of the pose from the first point of the scan to the last; else 0.
     clutter : str
         "allowed", or "none" where the scan is of the part alone.
     """
@@ -96,6 +98,8 @@ class Evidence:
     share_contradicting: float = 0.0
     clutter: str = "allowed"
     looked_through: float = math.nan
+    drift: float = 0.0
+    drift_rad: float = 0.0
 
     def length(self, value: float) -> str:
         """A length in words, with its unit where that is known.

@@ -37,6 +37,7 @@ Code = Literal[
     "large_residuals",
     "stretched",
     "bent",
+    "drift",
     "random_fit",
     "unconstrained",
     "large_uncertainty",

@@ -1,4 +1,4 @@
-"""Strain that is left between scan and target: scale, stretch, shear and bend, fitted with their covariance."""
+"""What is left between scan and target beside the pose, fitted with its covariance: a strain, a bend, a drift."""
 
 from __future__ import annotations
 
@@ -31,6 +31,9 @@ LARGEST = 0.5
 SIGNIFICANT, SIGNIFICANT_CLUTTER = 8.0, 15.0
 # Principal strains are alike, a scale, where the smallest is more than this share of the largest.
 ALIKE = 0.6
+# Of a drift along the scan: correspondences without which none is asked for; displacements, in sizes of the target, and
+# standard deviations from which on it matters and is no chance. Scans in the order of lines or views bend along it too.
+FEWEST_DRIFT, LEAST_DRIFT, SIGNIFICANT_DRIFT = 500, 0.003, 15.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +76,7 @@ def strain_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, *,
     rows = np.vstack(
         [plane_rows(points, normals, middle, lever), _strain_rows(points - middle, normals, axes[:, ::-1]) / lever]
     )
-    fitted, weights = _robust_fit(rows, residuals, lever, _weights(residuals) if clutter else np.ones(len(residuals)))
+    fitted, weights = robust_fit(rows, residuals, lever, weights_of(residuals) if clutter else np.ones(len(residuals)))
     left = residuals - fitted @ rows
     variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
     known = np.eye(len(rows)) * variance / (USUAL * lever) ** 2
@@ -102,7 +105,7 @@ def _strain_rows(p: FloatArray, n: FloatArray, axes: FloatArray) -> FloatArray:
     return rows
 
 
-def _robust_fit(
+def robust_fit(
     rows: FloatArray, residuals: FloatArray, lever: float, first: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Least squares with Tukey's biweight, from the first weights; and the last weights."""
@@ -115,11 +118,12 @@ def _robust_fit(
         ridge = variance / (USUAL * lever) ** 2 + SINGULAR * float(np.trace(information))
         solved = np.linalg.solve(information + ridge * np.eye(len(rows)), rows @ (weights * residuals))
         fitted = np.asarray(solved, dtype=np.float64)
-        weights = _weights(residuals - fitted @ rows)
+        weights = weights_of(residuals - fitted @ rows)
     return fitted, weights
 
 
-def _weights(residuals: FloatArray) -> FloatArray:
+def weights_of(residuals: FloatArray) -> FloatArray:
+    """Tukey's biweight of residuals, (n,), from their own median."""
     limit = TUKEY * 1.4826 * float(np.median(np.abs(residuals))) + np.finfo(float).tiny
     # Beyond the limit nothing counts, and exact data would overflow.
     inner = np.minimum(np.abs(residuals), limit) / limit
@@ -142,3 +146,44 @@ def _principal(strain: FloatArray, covariance: FloatArray) -> tuple[float, float
     k = int(np.argmax(np.where(np.abs(values) >= LEAST, z, 1e-3 * z)))
     axis = axes[:, k] * np.sign(axes[np.abs(axes[:, k]).argmax(), k])
     return float(values[k]), float(sigmas[k]), (float(axis[0]), float(axis[1]), float(axis[2]))
+
+
+@dataclasses.dataclass(frozen=True)
+class Drift:
+    """How the pose changes from the first point of a scan to the last; zeros where nothing was fitted."""
+
+    rotation_rad: float = 0.0
+    displacement: float = 0.0  # Root mean square over the points, a length
+    significance: float = 0.0  # Standard deviations
+
+    def matters(self, size: float) -> bool:
+        """Whether it is significant, and not small against a size."""
+        return self.significance >= SIGNIFICANT_DRIFT and self.displacement >= LEAST_DRIFT * size
+
+
+def drift_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, times: FloatArray) -> Drift:
+    """Drift from distances along the target's normals, fitted together with the motion that remains.
+
+    Shapes: points (n, 3) in the order of a space-filling curve, normals (n, 3), residuals (n,), times (n,) from -1/2 to
+    1/2.
+    """
+    if len(residuals) < FEWEST_DRIFT:
+        return Drift()
+    middle = points.mean(axis=0)
+    lever = float(np.sqrt(((points - middle) ** 2).sum(axis=1).mean()))
+    if not lever > 0.0:
+        return Drift()
+    still = plane_rows(points, normals, middle, lever)
+    rows = np.vstack([still, times * still])
+    fitted, weights = robust_fit(rows, residuals, lever, weights_of(residuals))
+    left = residuals - fitted @ rows
+    variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
+    known = np.eye(len(rows)) * variance / (USUAL * lever) ** 2
+    scatter = scatter_of(rows, points, normals, left, weights, known, variance)
+    if scatter is None:
+        return Drift()
+    twist = fitted[6:]
+    square = float(twist @ np.linalg.solve(scatter[6:, 6:] + np.eye(6) * 1e-12 * np.trace(scatter), twist))
+    moved = np.cross(twist[:3] / lever, points - middle) + twist[3:]
+    displacement = float(np.sqrt((moved**2).sum(axis=1).mean()))
+    return Drift(float(np.linalg.norm(twist[:3])) / lever, displacement, float(np.sqrt(max(square, 0.0))))

@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import dqreg
+from dqreg.geometry import Mesh, sample_mesh
+from dqreg.geometry.morton import distinct_in_order
+from dqreg.synth.parts import bracket
+from dqreg.trust.strain import FEWEST_DRIFT, Drift, drift_of
+from tests.trust.shapes import box, plane
+
+NOISE, SIZE = 0.003, 14.0**0.5
+
+
+def swept(rotation: float, shift: float, make=box, *, seed: int = 0, noise: float = NOISE) -> Drift:
+    """A box of 3 x 2 x 1, scanned in random order while it turned about z and moved along x."""
+    rng = np.random.default_rng(seed)
+    points, normals = make(rng, 3_000)
+    order = distinct_in_order(points)
+    points, normals, times = points[order], normals[order], rng.uniform(-0.5, 0.5, len(order))
+    turn = np.cross([0.0, 0.0, rotation], points) + np.array([shift, 0.0, 0.0])
+    residuals = times * np.einsum("ij,ij->i", turn, normals) + noise * rng.normal(size=len(points))
+    return drift_of(points, normals, residuals, times)
+
+
+@pytest.mark.parametrize(("rotation", "shift"), [(0.02, 0.0), (0.0, 0.05), (0.01, -0.1)])
+def test_a_drift_is_found_with_its_size(rotation: float, shift: float) -> None:
+    found = swept(rotation, shift)
+    assert found.matters(SIZE)
+    assert found.rotation_rad == pytest.approx(rotation, abs=1e-3)
+    # Of a rotation about the middle, and a shift: 0.9 is the root mean square distance of the points from the axis.
+    assert found.displacement == pytest.approx(np.hypot(shift, rotation * 1.35), rel=0.1)
+
+
+@pytest.mark.parametrize("make", [box, plane])
+def test_noise_does_not_drift(make) -> None:
+    for seed in range(10):
+        assert not swept(0.0, 0.0, make, seed=seed).matters(SIZE)
+
+
+def test_a_small_drift_and_few_points_are_none() -> None:
+    assert not swept(0.0, 0.002, noise=1e-5).matters(SIZE)
+    few = np.ones((FEWEST_DRIFT - 1, 3))
+    assert drift_of(few, few, few[:, 0], few[:, 0]) == Drift()
+
+
+@pytest.mark.parametrize("shift", [0.0, 3.0])
+def test_a_part_that_moved_during_the_sweep_is_suspect(shift: float) -> None:
+    part = Mesh(*bracket())
+    rng = np.random.default_rng(0)
+    points = sample_mesh(part, 6_000, rng).points + 0.05 * rng.normal(size=(6_000, 3))
+    # In the order of the scan, by 2 % of the size in all.
+    points[:, 0] += np.linspace(-0.5, 0.5, len(points)) * shift
+    verdict = dqreg.register(points, part, "identity", effort="fast", search="never").verdict
+    assert ("drift" in verdict.codes) == (shift > 0.0)
+    assert (verdict.level == "accepted") == (shift == 0.0)
