@@ -125,7 +125,7 @@ def _radians(table: Mapping[str, Any], name: str) -> float | tuple[float, ...]:
     """One angle, or a list of them, which may be negative."""
     value = table[name.rpartition(".")[2]]
     if not isinstance(value, list):
-        return float(np.deg2rad(get_number(table, name, 0.0)))
+        return float(np.deg2rad(float(get_number(table, name, 0.0))))
     if not all(isinstance(v, (int, float)) and not isinstance(v, bool) and abs(v) < 1e300 for v in value):
         raise InputError(f"recipe: {name} must be a list of numbers; got {value!r}")
-    return tuple(float(np.deg2rad(v)) for v in value)
+    return tuple(float(np.deg2rad(float(v))) for v in value)
