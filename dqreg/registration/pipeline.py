@@ -51,11 +51,13 @@ def align(problem: Problem) -> Registration:
         fit = best_seen(fit, start.T_target_source)
     with watch.stage("second try"):
         fit, near = best_near_symmetric(fit, search.kernel_scale) if is_given else (fit, NO_POSES)
+        # What is asked of a pose is asked of the answer, with its unconstrained motions as they were given.
+        fit = without_drift(fit, start.T_target_source) if is_given else fit
         known = best_known(fit, start, search)
         if is_given and known.fit is not fit:
             near = near_symmetric_poses(known.fit)
         fit, others = known.fit, np.concatenate([known.others, near])
-        fit = without_drift(fit, start.T_target_source) if is_given else fit
+        fit = without_drift(fit, start.T_target_source) if is_given and known.searched else fit
     gain = mirror_gain(fit, always=known.searched)
     if problem.viewpoints is not None:
         with watch.stage("viewpoint"):
