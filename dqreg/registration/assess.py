@@ -24,10 +24,12 @@ from dqreg.trust import (
 from dqreg.trust.patch_tests import ON
 from dqreg.trust.records import Alternative, Direction
 from dqreg.trust.segments import OFF
-from dqreg.trust.strain import drift_of
+from dqreg.trust.strain import LEAST_DRIFT, drift_of
 
 # Fraction of the inliers that must remain where a drift along an unconstrained motion is taken back.
 STAYS = 0.99
+# Share of a displacement during the scan that its residuals show at least: 0.29 of its range, 0.58 of its direction.
+SHOWN = 0.15
 # Points from which a drift along the scan is fitted.
 DRIFTING = 3_000
 
@@ -85,6 +87,9 @@ def _drift(fit: Fit) -> tuple[float, float]:
     """Significant displacement and rotation of the pose along a scan of a part, in the order of its points."""
     surface, points = fit.prepared.surface, fit.problem.source.cloud.points
     if not fit.found or not isinstance(surface, MeshSurface) or fit.problem.source.mesh is not None:
+        return 0.0, 0.0
+    if fit.agreement.width < SHOWN * LEAST_DRIFT * surface.diagonal:
+        # A drift that matters would have left larger residuals.
         return 0.0, 0.0
     rows = sample_rows(len(points), DRIFTING)
     placed = pose.apply(fit.T_target_source, points[rows])
