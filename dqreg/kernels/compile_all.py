@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg.kernels.cache import keep_beside_package
+from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.morton import morton_cells, new_places, sorted_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 
@@ -17,3 +18,4 @@ def compile_all() -> None:
     morton_cells(0, 2, corners[0], np.zeros(3), 1.0, codes)
     new_places(corners[0], codes, sorted_rows(codes))
     TriangleTree.of(corners, np.ones((2, 3))).closest(np.zeros((1, 3)))
+    largest_eigenvectors(0, 1, np.eye(3)[:, :, None].copy(), np.zeros((3, 1)), np.zeros((4, 1)))

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.errors import InputError
+from dqreg.kernels.threads import as_plain
 from dqreg.solvers.batched_input import FeatureSet, Sides, read_features
 from dqreg.solvers.batched_sums import BatchSums, residual_sums, sum_block
 from dqreg.solvers.closed_form import SMALLEST_DIFFERENCE, narrow_floor
@@ -172,15 +173,14 @@ def _solve_block(
     # Lengths whose squares leave float64 make their own problem degenerate, not the others.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         sums = sum_block(p, q, beta, sides)
-        forms = _quaternion_forms(sums.H)
-        tame = np.isfinite(forms).all(axis=(1, 2)) & np.isfinite(sums.reach) & ~sums.faint
-        values, vectors = np.linalg.eigh(np.where(tame[:, None, None], forms, 0.0))
-        R = _rotations(vectors[:, :, 3].T)
-        lambda_1, lambda_2 = values[:, 3], values[:, 2]
+        # No eigenvalue is more than the reach.
+        tame = np.isfinite(sums.H).all(axis=(0, 1)) & np.isfinite(sums.reach) & ~sums.faint
+        (lambda_1, lambda_2, lambda_3), r = _eigenvectors(np.where(tame, sums.H, 0.0))
+        R = _rotations(r)
         difference = lambda_1 - lambda_2
         floor = sums.floor + SMALLEST_DIFFERENCE * sums.reach
         # lambda_1 + lambda_3 is 2 s2 and lambda_1 + lambda_2 is 2 s1: see `closed_form`.
-        narrow = np.flatnonzero((lambda_1 + values[:, 1] <= NARROW * (lambda_1 + lambda_2)) & tame)
+        narrow = np.flatnonzero((lambda_1 + lambda_3 <= NARROW * (lambda_1 + lambda_2)) & tame)
         if narrow.size:
             R[:, :, narrow], lambda_1[narrow], difference[narrow] = _narrow_rotations(sums, sides, beta, narrow)
             floor[narrow] = sums.floor[narrow] + narrow_floor(sums.reach[narrow], lambda_1[narrow])
@@ -219,15 +219,14 @@ def _narrow_rotations(
     return np.einsum("ijr,jkr,lkr->ilr", B, roll, A), H[0, 0] + held, 2.0 * held
 
 
-def _quaternion_forms(H: FloatArray) -> FloatArray:
-    """`closed_form.quaternion_form` of every H in a stack (3, 3, b)."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = H
-    N = np.zeros((H.shape[2], 4, 4))
-    # eigh reads the lower triangle only.
-    N[:, 0, 0], N[:, 1, 1], N[:, 2, 2], N[:, 3, 3] = xx + yy + zz, xx - yy - zz, yy - xx - zz, zz - xx - yy
-    N[:, 1, 0], N[:, 2, 0], N[:, 3, 0] = zy - yz, xz - zx, yx - xy
-    N[:, 2, 1], N[:, 3, 1], N[:, 3, 2] = xy + yx, xz + zx, yz + zy
-    return N
+def _eigenvectors(H: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Largest three eigenvalues (3, c) of each H's `closed_form.quaternion_form`, and vectors (4, c) of the first."""
+    # Here, so that who solves one problem at a time never loads Numba.
+    from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
+
+    values, vectors = np.zeros((3, H.shape[2])), np.zeros((4, H.shape[2]))
+    largest_eigenvectors(0, H.shape[2], as_plain(H), values, vectors)
+    return values, vectors
 
 
 def _rotations(r: FloatArray) -> FloatArray:
