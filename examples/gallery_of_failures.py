@@ -67,8 +67,8 @@ def gallery(seed: int = 0) -> Iterator[Failure]:
     yield Failure("wrong part", off(whole, 5.0, 0.02, rng), BLOCK, "identity", "check the part number")
     yield Failure("wrong units", off(whole, 5.0, 0.02, rng) / 25.4, BRACKET, "identity", 'name the unit: source_units='
                   '"inch", target_units="mm"')  # fmt: skip
-    yield Failure("start too far off", off(whole, 150.0, 0.1, rng), BRACKET, "identity", "give no start: start=None "
-                  "finds one")  # fmt: skip
+    yield Failure("start too far off", off(whole, 150.0, 0.1, rng), BRACKET, "identity", "nothing: a second try found "
+                  "the pose; start=None finds it at once")  # fmt: skip
     yield Failure("symmetric part", off(scanned(BLOCK, rng), 60.0, 0.3, rng), BLOCK, None, "any of the alternatives "
                   "will do, or choose by a feature")  # fmt: skip
 

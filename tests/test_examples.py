@@ -104,7 +104,7 @@ def test_each_failure_has_its_verdict(capsys):
     for words in (
         "unconstrained: rotation",
         "unconstrained: translation",
-        "deviate as a whole",
+        "faces that continue beyond the target",
         "inch",
         "looks the same after a",
     ):

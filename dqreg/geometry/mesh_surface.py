@@ -31,6 +31,7 @@ class MeshSurface:
 
     Examples
     --------
+    >>> import numpy as np
     >>> mesh = Mesh([[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0, 1, 2]])
     >>> MeshSurface(mesh).closest(np.array([[0.5, 0.5, 3.0], [-1.0, -1.0, 0.0]])).points.tolist()
     [[0.5, 0.5, 0.0], [0.0, 0.0, 0.0]]

@@ -168,7 +168,7 @@ def _shown(table: Table, columns: Sequence[int], *, terminal: bool) -> RichTable
     shown = RichTable(box=box.SIMPLE_HEAD if terminal else None, pad_edge=False)
     for index in columns:
         justify: Literal["left", "right"] = "right" if table.is_right(index) else "left"
-        head = Text(printable(table.head[index]))
+        head = Text(_lines(table.head[index]))
         shown.add_column(head, justify=justify, overflow="fold", no_wrap=not table.wraps(index))
     for row in table.text:
         shown.add_row(*(Text(_lines(row[index])) for index in columns))

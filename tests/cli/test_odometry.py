@@ -81,7 +81,7 @@ def test_kiss_icp_runs_through_the_same_command(sequence, tmp_path):
         (["absent"], "no such file or folder"),
         (["good.npz", "--voxel-size", "-1"], "voxel_size must be a length above 0"),
         (["good.npz", "--first", "0"], "--first must be at least 1"),
-        (["good.npz", "--truth", "good.npz"], "cannot read the trajectory"),
+        (["good.npz", "--truth", "good.npz"], "expected a trajectory"),
         (["good.npz", "--out", "no/such/folder/a.txt"], "does not exist"),
         (["good.npz", "--method", "magic"], "unknown method"),
     ],

@@ -94,3 +94,15 @@ def test_a_narrow_screen_gets_pieces_and_loses_no_digit(width):
     shown = screen.file.getvalue()
     assert max(map(len, shown.splitlines())) <= width
     assert all(text in shown for text in table.text[0])
+
+
+def test_heads_of_two_lines_stand_on_two_lines() -> None:
+    # Control characters of names are escaped; the line breaks of our own heads are not.
+    from rich.console import Console
+
+    table = Table("speed", "", (Column("engine"), Column("frames\na second")), (("a\x1b[31m", "3"),))
+    with (console := Console(width=80)).capture() as told:
+        print_tables(console, [table])
+    assert "\\n" not in told.get()
+    assert "\x1b" not in told.get()
+    assert "a second" in told.get()
