@@ -97,7 +97,7 @@ def solve_many(
     directions_source, directions_target : array_like, (b, m, 3) or (total, 3), optional
         Matched directions, weighed as given.
     point_weights, direction_weights : array_like, (b, n) or (total,), or float, optional
-        beta and alpha >= 0; 1 where not given, 0 rejects the match.
+        beta and alpha >= 0, finite; 1 where not given, 0 rejects the match.
     offsets, direction_offsets : array_like of int, (b + 1,), optional
         From 0 up to the number of rows; equal neighbours are a problem without rows.
     absolute_weights : bool

@@ -96,6 +96,11 @@ def _read_weights(weights: ArrayLike | None, shape: tuple[int, ...], kind: str) 
         return np.ones(total)
     name = f"{kind.removesuffix('s')}_weights"
     array = as_float(weights, name)
+    if (array == np.inf).any():
+        raise InputError(
+            f"{name} holds {np.count_nonzero(array == np.inf)} infinite weights; exact matches are solved one problem "
+            "at a time, by dqreg.solve"
+        )
     if array.ndim and array.shape != shape:
         raise InputError(f"{name} must be one number or have shape {shape}; got shape {array.shape}")
     return as_weights(array if not array.ndim else array.ravel(), name, total)

@@ -13,6 +13,7 @@ from dqreg._arrays import FloatArray, require_workable
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.solvers.closed_form import SAME_POINT, fit_of_moments, require_determined
 from dqreg.solvers.exact_cost import cost_of_pose
+from dqreg.solvers.exact_matches import solve_beside, split_weights
 from dqreg.solvers.feature_sums import BLOCK
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
@@ -56,7 +57,8 @@ def solve(
         beta >= 0, one a point; 1 where not given, 0 rejects the match.
     direction_weights : array_like, (m,) or float, optional
         alpha >= 0, one a direction, in squared lengths if the cost is to be one; 1 where not given, 0 rejects the
-        match. `likelihood_weights` derives both kinds from the noise.
+        match. `likelihood_weights` derives both kinds from the noise. An infinite weight of either kind makes its
+        match exact: exact matches are met first, and the others fit what they leave open.
     absolute_weights : bool
         Whether the weights are 1 / variance, as `likelihood_weights` gives them, and the covariance follows from them
         alone. Else they are in proportion to it, and the residuals give the scale.
@@ -65,16 +67,17 @@ def solve(
     -------
     Fit
         ``T_target_source``, ``dual_quaternion``, ``cost``, ``rms`` of the points, ``eigenvalue_gap``, ``covariance``
-        (computed when first asked for) about ``centre``. The cost is the
-        sum of the squared residuals, right and never negative for an exact fit too. Only of some thousand matches
-        and more, and where it is at least 1e-7 of the sums it is the difference of, is it taken as that difference,
-        which holds eight digits of it and saves a pass.
+        (computed when first asked for) about ``centre``. The cost is the sum of the squared residuals, right and never
+        negative for an exact fit too. Only of some thousand matches and more, and where it is at least 1e-7 of the
+        sums it is the difference of, is it taken as that difference, which holds eight digits of it and saves a pass.
+        Exact matches enter neither cost nor rms; beside them the gap is that of `RotationFit`.
 
     Raises
     ------
     InputError
         If a shape or count is wrong, a number is not finite, a weight is negative, there are no matches, or the
-        lengths are too large or too small for their squares.
+        lengths are too large or too small for their squares, or exact matches contradict each other by more than
+        1e-9 of their extent.
     DegenerateGeometryError
         If the matches leave part of the pose free: no weight on any point, all points in one place or on one line
         without a direction across it. The message holds the measured relative gap, the cause and the remedy.
@@ -88,9 +91,11 @@ def solve(
     >>> bool(np.allclose(fit.T_target_source[:3, :3], quarter_turn)), bool(fit.rms < 1e-15)
     (True, True)
     """
-    matches = read_matches(
-        points_source, points_target, directions_source, directions_target, point_weights, direction_weights
-    )
+    beta, exact_points = split_weights(point_weights, "point_weights")
+    alpha, exact_directions = split_weights(direction_weights, "direction_weights")
+    matches = read_matches(points_source, points_target, directions_source, directions_target, beta, alpha)
+    if exact_points is not None or exact_directions is not None:
+        return solve_beside(matches, exact_points, exact_directions, absolute_weights=absolute_weights)
     # What is not finite shows in the sums, and only then is looked for: the check costs no pass of its own.
     with np.errstate(over="ignore", invalid="ignore"):
         moments = moments_of(

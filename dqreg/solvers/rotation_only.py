@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +10,12 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, as_float, as_weights
 from dqreg.errors import InputError
 from dqreg.rigid import quaternion
-from dqreg.solvers.closed_form import SMALLEST_DIFFERENCE, best_rotation
+from dqreg.solvers.closed_form import best_rotation
 from dqreg.solvers.exact_cost import cost_of_pose
+from dqreg.solvers.exact_matches import require_squares, rotation_beside
 from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
 from dqreg.solvers.moments import moments_of
-from dqreg.solvers.narrow import cross_in_axes, is_narrow, long_axes, rotation_of
 from dqreg.solvers.uncertainty import counted, residual_variance, rotation_covariance
-from dqreg.solvers.undetermined import undetermined
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,27 +127,12 @@ def _read(source: ArrayLike, target: ArrayLike, weights: ArrayLike | None) -> tu
 
 def _beside_exact(matches: Matches, exact: np.ndarray, *, absolute_weights: bool) -> RotationFit:
     m, n, alpha = matches.directions_source, matches.directions_target, matches.direction_weights
-    none = matches.points_source
-    held = moments_of(none, none, None, m[exact], n[exact])
-    if not is_narrow(held.direction_cross):
-        r, *_ = best_rotation(held, Matches(none, none, m[exact], n[exact]))
-        R = quaternion.to_matrix(r)
-        return RotationFit(R, _cost(R, matches), math.inf, np.zeros((3, 3)))
-    # One direction is exact: what is left is the rotation about it, as of narrow matches.
-    axes = long_axes(held.direction_cross)
-    nowhere = (np.zeros(3), np.zeros(3))
-    R, _, gap = rotation_of(cross_in_axes((m, n), alpha, nowhere, axes), axes)
-    weights = np.ones(len(m)) if alpha is None else alpha
-    reach = math.sqrt(weights @ (m * m).sum(axis=1)) * math.sqrt(weights @ (n * n).sum(axis=1))
-    if not gap > SMALLEST_DIFFERENCE * reach:
-        raise undetermined(
-            f"one direction is exact, and the others hold the rotation about it with {gap:.3g} of {reach:.3g} "
-            "(relative gap below 1e-12). Add a direction across it of positive weight"
-        )
-    cost = _cost(R, matches)
-    variance = 1.0 if absolute_weights else residual_variance(cost, 0, _counted(matches), 1)
-    along = axes[1][:, 0]
-    return RotationFit(R, cost, gap / reach, variance * np.outer(along, along) / (0.5 * gap))
+    require_squares(np.ones(1) if alpha is None else alpha, m, n)
+    found = rotation_beside((m[exact], n[exact]), (m, n), alpha)
+    cost, variance = _cost(found.R, matches), 1.0
+    if found.free and not absolute_weights:
+        variance = residual_variance(cost, 0, _counted(matches), found.free)
+    return RotationFit(found.R, cost, found.gap, variance * found.covariance)
 
 
 def _cost(R: FloatArray, matches: Matches) -> float:

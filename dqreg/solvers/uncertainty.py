@@ -27,12 +27,15 @@ class Uncertainty:
     centre: FloatArray  # (..., 3): Weighted mean of the target points
     # (...,): Variance of a match of weight 1; NaN where no residual is left to estimate it from
     variance: FloatArray | float
+    # (..., 3, 3): Covariance of the rotation for weights 1 / variance, where exact matches decide it and not H alone
+    rotation: FloatArray | None = None
 
     def covariance(self, R: FloatArray, gap: FloatArray | float) -> FloatArray:
         """Covariance of the left increment about the centre. Shapes: R (..., 3, 3), returns (..., 6, 6)."""
         total = np.zeros((*R.shape[:-2], 6, 6))
         variance = np.asarray(self.variance)[..., None, None]
-        total[..., :3, :3] = variance * rotation_covariance(self.H, R, gap)
+        rotation = rotation_covariance(self.H, R, gap) if self.rotation is None else self.rotation
+        total[..., :3, :3] = variance * rotation
         total[..., 3:, 3:] = variance / np.asarray(self.weight)[..., None, None] * np.eye(3)
         return total
 

@@ -53,7 +53,11 @@ WRONG: dict[str, tuple[Any, ...]] = {
     "collinear": (np.outer(np.arange(6), [1, 2, 3]), np.outer(np.arange(6), [1, 2, 3])),
     "negative weight": (P, Q, None, None, [1, 1, 1, 1, 1, -1]),
     "NaN weight": (P, Q, None, None, [1, 1, 1, 1, 1, NAN]),
-    "infinite weight": (P, Q, None, None, [1, 1, 1, 1, 1, INF]),
+    "minus infinite weight": (P, Q, None, None, [1, 1, 1, 1, 1, -INF]),
+    "one exact point alone": (P[:1], Q[:1], None, None, INF),
+    "exact points that contradict": (P, P * [1, 2, 3], None, None, INF),
+    "exact direction of length zero": (P, Q, 0.0 * M, N, None, INF),
+    "exact directions beyond squares": (P, Q, 1e200 * M, N, None, INF),
     "weights zero": (P, Q, None, None, np.zeros(6)),
     "too few weights": (P, Q, None, None, [1, 1]),
     "text weights": (P, Q, None, None, "even"),
@@ -66,6 +70,15 @@ WRONG: dict[str, tuple[Any, ...]] = {
 def test_no_solver_takes_what_is_wrong(solver: Callable[..., Any], name: str) -> None:
     with pytest.raises(DqregError):
         solver(*WRONG[name])
+
+
+@pytest.mark.parametrize("solver", [svd, horn, walker1991, solve_many])
+def test_only_solve_takes_an_infinite_weight(solver: Callable[..., Any]) -> None:
+    beta = np.array([1.0, 1, 1, 1, 1, INF])
+    rows = (P[None], Q[None], None, None, beta[None]) if solver is solve_many else (P, Q, None, None, beta)
+    with pytest.raises(InputError, match="infinite"):
+        solver(*rows)
+    np.testing.assert_allclose(solve(P, Q, None, None, beta).T_target_source, T, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize(

@@ -87,6 +87,7 @@ BAD = {
     "minus infinity": (InputError, (np.eye(3), np.eye(3), [1, -np.inf, 1]), "weights"),
     "none": (InputError, (np.zeros((0, 3)), np.zeros((0, 3))), "no rows"),
     "zero exact": (InputError, ([[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [1, 0, 0]], [np.inf, 1]), "length zero"),
+    "huge exact": (InputError, (np.eye(3) * 1e200, np.eye(3), [np.inf, 1, 1]), "unit length"),
     "huge": (InputError, (np.eye(3) * 1e200, np.eye(3)), "unit length"),
 }
 

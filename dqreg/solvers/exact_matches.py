@@ -1,0 +1,189 @@
+"""Exact matches, those of infinite weight: they are met first, and what they leave open is fitted to the others.
+
+An exact point is an origin on either side: about it all other points are directions of their lengths, and further exact
+points are exact directions. So the pose is a rotation beside exact directions and, where no point is exact, the
+translation of the means. One exact direction, or several that are parallel, leaves a rotation about it, which follows
+from the sums across it in closed form (`narrow.rotation_of`); two that are not parallel leave nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg._arrays import BoolArray, FloatArray, as_float
+from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.rigid import quaternion
+from dqreg.solvers.closed_form import SAME_POINT, SMALLEST_DIFFERENCE, best_rotation
+from dqreg.solvers.exact_cost import cost_of_pose
+from dqreg.solvers.fit import Fit
+from dqreg.solvers.matches import Matches, refuse_bad_values
+from dqreg.solvers.moments import moments_of
+from dqreg.solvers.narrow import cross_in_axes, is_narrow, long_axes, rotation_of
+from dqreg.solvers.uncertainty import Uncertainty, counted, residual_variance, rotation_covariance
+from dqreg.solvers.undetermined import no_weight_message, undetermined
+
+Pair = tuple[FloatArray, FloatArray]
+
+# Exact matches agree to this part of their extent, or in radians: typed coordinates do, measured ones do not.
+AGREED = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RotationBeside:
+    """The rotation that meets exact directions and fits the others."""
+
+    R: FloatArray  # (3, 3)
+    gap: float  # As `RotationFit.eigenvalue_gap`
+    covariance: FloatArray  # (3, 3): For weights 1 / variance
+    free: int  # Rotations that the exact directions leave to the others: 0, 1 or 3
+
+
+def split_weights(weights: ArrayLike | None, name: str) -> tuple[ArrayLike | None, BoolArray | None]:
+    """The weights with zeros for infinite ones, and where these are; None where there are none."""
+    if weights is None:
+        return None, None
+    given = as_float(weights, name)
+    exact = given == np.inf
+    return (np.where(exact, 0.0, given), exact) if exact.any() else (weights, None)
+
+
+def require_squares(weights: FloatArray, *sides: FloatArray) -> None:
+    """Raise if a weighted square leaves float64."""
+    with np.errstate(over="ignore"):
+        largest = max(1.0, float(weights.max(initial=0.0))) * max(float((side * side).sum()) for side in sides)
+    if not math.isfinite(largest):
+        raise InputError("the matches are finite, but their weighted squares are not; give directions in unit length")
+
+
+def rotation_beside(exact: Pair, others: Pair, weights: FloatArray | None, least_angle: float = 0.0) -> RotationBeside:
+    """Rotation that meets exact directions, as well as can be, and fits others. Shapes: pairs (n, 3), weights (n,).
+
+    Exact directions within ``least_angle`` of each other count as parallel.
+    """
+    none = np.zeros((0, 3))
+    if len(exact[0]):
+        held = moments_of(none, none, None, *exact)
+        try:
+            r, _, gap, _ = best_rotation(held, Matches(none, none, *exact))
+            if gap > least_angle**2:
+                return RotationBeside(quaternion.to_matrix(r), math.inf, np.zeros((3, 3)), 0)
+        except DegenerateGeometryError:
+            if not is_narrow(held.direction_cross):
+                raise
+        return _about_axis(long_axes(held.direction_cross), others, weights)
+    r, _, gap, H = best_rotation(
+        moments_of(none, none, None, *others, weights), Matches(none, none, *others, None, weights)
+    )
+    R = quaternion.to_matrix(r)
+    return RotationBeside(R, gap, rotation_covariance(H, R, gap), 3)
+
+
+def _about_axis(axes: Pair, others: Pair, weights: FloatArray | None) -> RotationBeside:
+    nowhere = (np.zeros(3), np.zeros(3))
+    R, _, gap = rotation_of(cross_in_axes(others, weights, nowhere, axes), axes)
+    w = np.ones(len(others[0])) if weights is None else weights
+    reach = math.prod(math.sqrt(w @ (side * side).sum(axis=1)) for side in others)
+    if not gap > SMALLEST_DIFFERENCE * reach:
+        raise undetermined(
+            f"one direction is exact, and the others hold the rotation about it with {gap:.3g} of {reach:.3g} "
+            "(relative gap below 1e-12). Add a direction across it of positive weight"
+        )
+    along = axes[1][:, 0]
+    return RotationBeside(R, gap / reach, np.outer(along, along) / (0.5 * gap), 1)
+
+
+def solve_beside(
+    matches: Matches, exact_points: BoolArray | None, exact_directions: BoolArray | None, *, absolute_weights: bool
+) -> Fit:
+    """`solve` where some rows, of weight zero in ``matches``, are exact: masks, an entry a row or one for all."""
+    m = matches
+    held, beta = _rows(exact_points, m.point_weights, len(m.points_source))
+    along, alpha = _rows(exact_directions, m.direction_weights, len(m.directions_source))
+    refuse_bad_values(replace(m, direction_weights=alpha + along))
+    require_squares(beta, m.points_source, m.points_target)
+    require_squares(alpha, m.directions_source, m.directions_target)
+    if not (held.any() or beta.any()):
+        raise DegenerateGeometryError(no_weight_message())
+    # One of the exact points and not their mean, which would round: two leave one direction, and no angle beside it.
+    p0, q0 = (
+        side[held.argmax()] if held.any() else beta @ side / beta.sum() for side in (m.points_source, m.points_target)
+    )
+    about = _about(m.points_source, p0), _about(m.points_target, q0)
+    found = _rotation(m, held, along, about, np.concatenate([beta, alpha]))
+    T = np.eye(4)
+    T[:3, :3] = found.R
+    T[:3, 3] = (q0 - p0) - (found.R - np.eye(3)) @ p0
+    _refuse_contradictions(found.R, m, held, along, about)
+    point_cost, direction_cost = cost_of_pose(T, m)
+    weight, free = float(beta.sum()), found.free + (0 if held.any() else 3)
+    variance = 1.0
+    if free and not absolute_weights:
+        variance = residual_variance(point_cost + direction_cost, counted(beta, 0), counted(alpha, 0), free)
+    sums = Uncertainty(np.zeros((3, 3)), math.inf if held.any() else weight, q0, variance, found.covariance)
+    rms = math.sqrt(point_cost / weight) if weight > 0.0 else 0.0
+    return Fit(T, point_cost + direction_cost, rms, found.gap, uncertainty=sums)
+
+
+def _rows(exact: BoolArray | None, weights: FloatArray | None, count: int) -> tuple[BoolArray, FloatArray]:
+    """Mask and finite weight of every row, (count,) each."""
+    mask: BoolArray = np.zeros(count, dtype=bool) | (False if exact is None else exact)
+    return mask, np.ones(count) if weights is None else weights
+
+
+def _about(points: FloatArray, origin: FloatArray) -> FloatArray:
+    """Points less the origin; zero where that is rounding of the coordinates."""
+    away = points - origin
+    grain = SAME_POINT * np.maximum(np.linalg.norm(points, axis=1), np.linalg.norm(origin))
+    away[np.linalg.norm(away, axis=1) <= grain] = 0.0
+    return away
+
+
+def _rotation(m: Matches, held: BoolArray, along: BoolArray, about: Pair, weights: FloatArray) -> RotationBeside:
+    # A place counts where both sides have one; in units of their extent lengths weigh as directions do.
+    apart = held & about[0].any(axis=1) & about[1].any(axis=1)
+    source, target = (
+        np.vstack([points[apart] / (_longest(points[apart]) or 1.0), directions])
+        for points, directions in zip(about, _units(m, along), strict=True)
+    )
+    rows = np.vstack([about[0], m.directions_source]), np.vstack([about[1], m.directions_target])
+    extent, far = _reach(m, held, about)
+    least_angle = 10.0 * AGREED + (4.0 * SAME_POINT * far / extent if extent > 0.0 else 0.0)
+    try:
+        return rotation_beside((source, target), rows, weights, least_angle)
+    except DegenerateGeometryError as error:
+        raise DegenerateGeometryError(
+            f"the exact matches (infinite weight: {int(held.sum())} points, {int(along.sum())} directions) and the "
+            "others about them leave a rotation open. Add a point or a direction of positive weight off their line"
+        ) from error
+
+
+def _refuse_contradictions(R: FloatArray, m: Matches, held: BoolArray, along: BoolArray, about: Pair) -> None:
+    units = _units(m, along)
+    miss, tilt = _longest(about[0][held] @ R.T - about[1][held]), _longest(units[0] @ R.T - units[1])
+    extent, far = _reach(m, held, about)
+    if miss > AGREED * extent + 4.0 * SAME_POINT * far or tilt > AGREED:
+        raise InputError(
+            f"the exact matches (infinite weight) contradict each other: at best points miss by {miss:.3g} of an "
+            f"extent of {extent:.3g} and directions by {tilt:.3g} rad; they must agree to {AGREED:g}. Give those that "
+            "are measured a large finite weight, such as 1e6 times that of the others"
+        )
+
+
+def _reach(m: Matches, held: BoolArray, about: Pair) -> tuple[float, float]:
+    """Extent of the exact points, and their distance from the origin."""
+    return max(_longest(side[held]) for side in about), max(
+        _longest(side[held]) for side in (m.points_source, m.points_target)
+    )
+
+
+def _units(m: Matches, along: BoolArray) -> Pair:
+    source, target = m.directions_source[along], m.directions_target[along]
+    return source / np.linalg.norm(source, axis=1)[:, None], target / np.linalg.norm(target, axis=1)[:, None]
+
+
+def _longest(rows: FloatArray) -> float:
+    return float(np.linalg.norm(rows, axis=1).max(initial=0.0))
