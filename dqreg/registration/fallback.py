@@ -62,13 +62,15 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
     others = np.array([c.T_target_source for c in search.candidates()]).reshape(-1, 4, 4) if is_given else start.others
     is_copy = _is_copy(fit, others)
     fits, last = [fit], fit
-    for T in others[~is_copy][:TRIED]:
+    # A part that is nearly symmetric has copies that are wrong: the points decide, after the other poses.
+    for T in others[np.argsort(is_copy, kind="stable")][:TRIED]:
         last = last.resumed(T, search.kernel_scale if problem.options.method == "auto" else None)
         if last.problem.watch.is_over:
             break
         fits.append(last)
+    fits, copies = _without_equal_copies(fits)
     known = _best(fits, start.T_target_source if is_given else None)
-    return dataclasses.replace(known, others=np.concatenate([known.others, others[is_copy]]))
+    return dataclasses.replace(known, others=np.concatenate([known.others, copies]))
 
 
 def may_search(fit: Fit) -> bool:
@@ -113,6 +115,21 @@ def _is_copy(fit: Fit, others: FloatArray) -> BoolArray:
         shift = float(np.linalg.norm(pose.apply(motion, axis.point[None])[0] - axis.point))
         found[k] = max(abs(angle - step * round(angle / step)), shift / target.surface.diagonal) <= COPY
     return found
+
+
+def _without_equal_copies(fits: list[Fit]) -> tuple[list[Fit], FloatArray]:
+    """Fits without the symmetric copies of the first that explain the scan no better, and those copies, (k, 4, 4)."""
+    found = [fit for fit in fits if fit.found]
+    if len(found) < 2 or not fits[0].found:
+        return fits, NO_POSES
+    poses = np.stack([fit.T_target_source for fit in found])
+    is_copy = _is_copy(fits[0], poses)
+    is_copy[0] = False
+    if not is_copy.any():
+        return fits, NO_POSES
+    deficit, error = scores_of(found[0], poses).deficit(0)
+    is_copy &= -deficit <= np.maximum(BETTER, SIGNIFICANT * error)
+    return [fit for fit, drop in zip(found, is_copy, strict=True) if not drop], poses[is_copy]
 
 
 def _was_near(fit: Fit) -> bool:
