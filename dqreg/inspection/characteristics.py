@@ -16,7 +16,8 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.inspection.decision import COVERAGE, MEDIAN_SIGMA, PLACE
 from dqreg.inspection.features import Feature
-from dqreg.inspection.regions import ROBUST, Outcome
+from dqreg.inspection.regions import Outcome
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 # Step of the numerical derivatives, in standard deviations of a feature's parameters.
 NUDGE = 1e-2
@@ -169,5 +170,5 @@ def _smoothed(values: FloatArray, points: FloatArray) -> tuple[FloatArray, float
         return values, 0.0
     around = values[cKDTree(points).query(points, k=PLACE)[1]]
     medians: FloatArray = np.median(around, axis=1)
-    spread = ROBUST * float(np.median(np.abs(around - medians[:, None])))
+    spread = GAUSSIAN_MEDIAN * float(np.median(np.abs(around - medians[:, None])))
     return medians, MEDIAN_SIGMA * spread / math.sqrt(PLACE)

@@ -10,8 +10,9 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.errors import InputError
 from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.regions import ROBUST, Cut, Outcome, Region, cut_of, regions_of
+from dqreg.inspection.regions import Cut, Outcome, Region, cut_of, regions_of
 from dqreg.inspection.statistics import PROBED
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 # Share of the points that must be within the tolerance, of the scan and of each region, unless another one is asked.
 REQUIRED_SHARE = 0.95
@@ -217,7 +218,7 @@ def _medians(deviations: Deviations, rows: IntArray, asked: IntArray) -> tuple[F
     _, beside = cKDTree(feet[::step]).query(feet[asked], k=PLACE)
     around = values[::step][beside]
     medians = np.median(around, axis=1)
-    spreads = ROBUST * np.median(np.abs(around - medians[:, None]), axis=1)
+    spreads = GAUSSIAN_MEDIAN * np.median(np.abs(around - medians[:, None]), axis=1)
     return medians, MEDIAN_SIGMA * spreads / math.sqrt(PLACE)
 
 

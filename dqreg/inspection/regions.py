@@ -10,6 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray, bounds
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.inspection.deviations import Deviations
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 Outcome = Literal["pass", "fail", "undecided"]
 
@@ -23,8 +24,6 @@ SCANNED = 0.08
 MOST_FACES = 400
 # Points from which on a region is judged.
 FEWEST = 30
-# Standard deviation from the median distance of normal values.
-ROBUST = 1.4826
 # A region is flat where its normals agree to that much.
 FLAT = 0.9998
 FACES = "The part's faces that were scanned, cut where its surface turns sharply or a plane ends."
@@ -177,7 +176,7 @@ def _region(number: int, values: FloatArray, name: str, centre: FloatArray) -> R
         points=len(values),
         median=median,
         # Strays near a face are not the face's: half the points may be any without moving these two much.
-        spread=float(ROBUST * np.median(np.abs(values - median))),
+        spread=float(GAUSSIAN_MEDIAN * np.median(np.abs(values - median))),
         within=float(np.quantile(np.abs(values), 0.95)),
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.solvers.quadratic import plane_rows
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.sandwich import scatter_of
 
 # Correspondences without which no strain is asked for, and those that are looked at.
@@ -124,7 +125,7 @@ def robust_fit(
 
 def weights_of(residuals: FloatArray) -> FloatArray:
     """Tukey's biweight of residuals, (n,), from their own median."""
-    limit = TUKEY * 1.4826 * float(np.median(np.abs(residuals))) + np.finfo(float).tiny
+    limit = TUKEY * GAUSSIAN_MEDIAN * float(np.median(np.abs(residuals))) + np.finfo(float).tiny
     # Beyond the limit nothing counts, and exact data would overflow.
     inner = np.minimum(np.abs(residuals), limit) / limit
     return np.asarray((1.0 - inner**2) ** 2)

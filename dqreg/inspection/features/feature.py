@@ -14,6 +14,7 @@ from dqreg.inspection.features.gauss import fit_gauss
 from dqreg.inspection.features.models import FEWEST, PARAMETERS, FeatureKind, Shape, distances
 from dqreg.inspection.features.zone import fit_zone
 from dqreg.rigid import pose
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 FeatureMethod = Literal["gauss", "chebyshev", "inscribed", "circumscribed"]
 
@@ -212,7 +213,7 @@ def fit_feature(
         if cut is None:
             break
         sizes = np.abs(_offsets(kind, shape, chosen))
-        inside = sizes <= max(cut * 1.4826 * float(np.median(sizes[used])), 1e-12 * float(np.ptp(chosen)))
+        inside = sizes <= max(cut * GAUSSIAN_MEDIAN * float(np.median(sizes[used])), 1e-12 * float(np.ptp(chosen)))
         if (inside == used).all() or inside.sum() < FEWEST[kind]:
             break
         used = inside
