@@ -1,6 +1,6 @@
 """The data of the interactive view: thinned, in 16-bit steps, so that a million points stay a small file.
 
-A viewer of our own (`templates/viewer.js`, WebGL 2) instead of plotly.js: 20 kB in the place of 4.5 MB, it draws
+A viewer of our own (`templates/view3d.js`, WebGL 2) instead of plotly.js: 20 kB in the place of 4.5 MB, it draws
 hundreds of thousands of points on a phone, and nothing has to be fetched.
 """
 
