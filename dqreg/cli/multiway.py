@@ -129,10 +129,11 @@ def _folder(out: Path | None, *, resume: bool) -> Path | None:
 def _check(options: dict[str, Any]) -> None:
     from dqreg.errors import InputError
     from dqreg.files.atomic import require_writable
+    from dqreg.report.page_file import page_path
 
     for name in ("out", "fused", "report", "graph"):
         if options[name] is not None:
-            require_writable(options[name])
+            (page_path if name == "report" else require_writable)(options[name])
     if options["fused"] is not None and options["fused"].suffix.lower() != ".ply":
         raise InputError(f"--fused writes PLY; give a name that ends in .ply, not {options['fused'].name!r}")
     if options["graph"] is not None and options["graph"].suffix.lower() != ".g2o":

@@ -181,10 +181,13 @@ def _check(
 ) -> None:
     from dqreg.files.atomic import require_writable
     from dqreg.inspection.deviation_files import require_suffix
+    from dqreg.report.page_file import page_path
 
-    for path in (out, aligned, deviations, report):
+    for path in (out, aligned, deviations):
         if path is not None:
             require_writable(path)
+    if report is not None:
+        page_path(report)
     if deviations is not None:
         require_suffix(deviations)
     for name, length in lengths.items():

@@ -53,9 +53,9 @@ def show(
     dqreg show result.json --json                   verdict, pose and deviations; opens no window
     dqreg show result.json                          a window, where there is a display
     """
-    from dqreg.files.atomic import require_writable, write_atomically
     from dqreg.registration.result import Registration
     from dqreg.report.page import to_html
+    from dqreg.report.page_file import page_path, write_page
     from dqreg.report.pictures import parse_panels, picture_path, save_picture
     from dqreg.report.report_data import collect
     from dqreg.report.window import open_window, require_display
@@ -65,7 +65,7 @@ def show(
     if save is not None:
         picture_path(save)
     if report is not None:
-        require_writable(report)
+        page_path(report)
     in_a_window = save is None and report is None and not as_json
     if in_a_window:
         require_display()
@@ -75,7 +75,7 @@ def show(
     console, _ = consoles(quiet=quiet, as_json=as_json)
     data = collect(attached, attached.inputs, tolerance, began)
     if report is not None:
-        write_atomically(report, to_html(attached, data))
+        write_page(report, to_html(attached, data))
         say(console, f"wrote {report}")
     if in_a_window:
         open_window(data)

@@ -15,6 +15,7 @@ from dqreg.errors import InputError
 from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.files.strict_json import plain
 from dqreg.report.html import data_uri, render
+from dqreg.report.page_file import page_content, page_path
 from dqreg.report.table import Table, to_csv, to_markdown
 
 
@@ -45,6 +46,8 @@ class Goals:
         for path in (self.out, self.lines, self.report, self.markdown, self.csv):
             if path is not None:
                 require_writable(path)
+        if self.report is not None:
+            page_path(self.report)
         if self.out is not None and self.out == self.lines:
             raise InputError(f"--out {self.out}: give a .json file; the single runs go to {self.lines} beside it")
         if self.plots is not None:
@@ -65,7 +68,7 @@ def write(found: Comparison, made: Sequence[Table], goals: Goals, note: str, com
     if goals.csv is not None:
         contents[goals.csv] = summary_csv(summarise(found.runs))
     if goals.report is not None:
-        contents[goals.report] = to_html(found.title, made, pictures, note, command)
+        contents[goals.report] = page_content(goals.report, to_html(found.title, made, pictures, note, command))
     if goals.plots is not None:
         contents |= {goals.plots / f"{plot.key}.png": plot.png for plot in pictures}
     for path, content in contents.items():

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.multiway import tables
 from dqreg.multiway.figures import graph_figure, overlap_figure
 from dqreg.multiway.result_protocol import ManyScans
@@ -17,6 +16,7 @@ from dqreg.report.cameras import VIEWS
 from dqreg.report.colours import TARGET, rgb
 from dqreg.report.figure import PALETTE, encode
 from dqreg.report.html import data_uri, render
+from dqreg.report.page_file import page_path, write_page
 from dqreg.report.page_tables import SIGNS
 from dqreg.report.raster import Dots, PartScene, frame_of
 from dqreg.report.text import text_of
@@ -33,9 +33,8 @@ WIDTH, HEIGHT, DOTS, DOT = 560, 420, 12_000, 0.0035
 
 def write_report(result: ManyScans, path: str | Path) -> Path:
     """Write the report of a result, whole or not at all."""
-    goal = require_writable(path)
-    write_atomically(goal, to_html(result))
-    return goal
+    goal = page_path(path)
+    return write_page(goal, to_html(result))
 
 
 def to_html(result: ManyScans) -> str:

@@ -36,10 +36,24 @@ def data_uri(picture: bytes, kind: str = "png") -> str:
 def _environment() -> jinja2.Environment:
     import jinja2
 
-    return jinja2.Environment(
+    made = jinja2.Environment(
         loader=jinja2.PackageLoader("dqreg.report"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.filters["css_text"] = css_text
+    return made
+
+
+def css_text(words: object) -> Markup:
+    r"""Words as a string of a stylesheet: what is no letter, digit or blank is written by its number.
+
+    >>> print(css_text('a"</style>'))
+    "a\22 \3c \2f style\3e "
+    """
+    from markupsafe import Markup
+
+    plain = Markup(words).unescape() if isinstance(words, Markup) else str(words)
+    return Markup('"' + "".join(c if c.isalnum() or c == " " else f"\\{ord(c):x} " for c in plain.strip()) + '"')

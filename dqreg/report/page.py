@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.files.strict_json import plain
 from dqreg.inspection import Deviations, Inspection
 from dqreg.inspection.decision import REQUIRED_SHARE
@@ -22,6 +21,7 @@ from dqreg.report.facts import facts_of, hints_of, motions_of
 from dqreg.report.figure import encode
 from dqreg.report.html import data_uri, render
 from dqreg.report.inspection_table import inspection_of
+from dqreg.report.page_file import page_path, write_page
 from dqreg.report.pictures import Panel, draw
 from dqreg.report.report_data import ReportData, checked_tolerance, collect, unit_of
 from dqreg.report.result_protocol import RegistrationResult
@@ -51,13 +51,12 @@ def write_report(
     inspection: Inspection | None = None,
 ) -> Path:
     """Write the report of a registration, whole or not at all."""
-    goal = require_writable(path)
+    goal = page_path(path)
     checked_tolerance(tolerance)
     data = None
     if result.inputs is not None:
         data = collect(result, result.inputs, tolerance, start, reach, deviations, required_share)
-    write_atomically(goal, to_html(result, data, inspection))
-    return goal
+    return write_page(goal, to_html(result, data, inspection))
 
 
 def to_html(result: RegistrationResult, data: ReportData | None, inspection: Inspection | None = None) -> str:

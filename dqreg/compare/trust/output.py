@@ -14,6 +14,7 @@ from dqreg.compare.trust.rates import Rate, rates, tables
 from dqreg.compare.trust.sweep import FORMAT, TrustSweep
 from dqreg.files.atomic import write_atomically
 from dqreg.files.strict_json import plain
+from dqreg.report.page_file import page_content
 from dqreg.report.table import Table, to_csv, to_markdown
 
 TITLE = "how far the verdict can be trusted"
@@ -57,7 +58,7 @@ def note_of(sweep: TrustSweep) -> str:
 def write(sweep: TrustSweep, goals: Goals, command: str) -> list[Path]:
     """Write all that is asked for."""
     made, found = tables_of(sweep), calibration_of(sweep.trials)
-    contents: dict[Path, str] = {}
+    contents: dict[Path, str | bytes] = {}
     if goals.out is not None:
         contents[goals.out] = to_json(sweep)
     if goals.markdown is not None:
@@ -65,9 +66,9 @@ def write(sweep: TrustSweep, goals: Goals, command: str) -> list[Path]:
     if goals.csv is not None:
         contents[goals.csv] = to_rows(rates(sweep))
     if goals.report is not None:
-        contents[goals.report] = to_html(
-            TITLE, made, [reliability_plot(found)] if found.bins else [], note_of(sweep), command
-        )
+        plots = [reliability_plot(found)] if found.bins else []
+        page = to_html(TITLE, made, plots, note_of(sweep), command)
+        contents[goals.report] = page_content(goals.report, page)
     for path, content in contents.items():
         write_atomically(path, content)
     return list(contents)
