@@ -28,7 +28,7 @@ def blocks(page: str, language: str) -> list[str]:
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")])
 def test_python_on_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
     if page == "howto_perception.md":
-        pytest.importorskip("kiss_icp", reason="the page ends with odometry: dqreg[odometry]")
+        pytest.importorskip("kiss_icp", reason="the page ends with odometry: kiss-icp")
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     for body in blocks(page, "python"):

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import importlib.util
 from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_float
+from dqreg._arrays import FloatArray, as_float, warn_of_old_name
 from dqreg.errors import InputError
 from dqreg.odometry.kiss import load_kiss, rigid
 from dqreg.odometry.trajectory import bridge_gaps, found_rows
@@ -32,9 +30,12 @@ class Errors:
     kiss_ate: tuple[float, float]  # KISS-ICP's absolute trajectory error: rotation in rad, translation
     # KISS-ICP's (KITTI's) mean error over 100 to 800 units of path: per cent, degrees a unit; NaN on shorter paths
     kiss_segments: tuple[float, float]
-    # The same as ``absolute_rmse`` by the package ``evo``; NaN where it is not installed, or refuses to align a path
-    # that is straight
-    evo_ape_rmse: float
+
+    @property
+    def evo_ape_rmse(self) -> float:
+        """The old name of ``absolute_rmse``."""
+        warn_of_old_name("evo_ape_rmse", "absolute_rmse")
+        return self.absolute_rmse
 
 
 def evaluate(poses: Any, truth: Any, steps: tuple[int, ...] = (1, 10)) -> Errors:
@@ -81,7 +82,6 @@ def evaluate(poses: Any, truth: Any, steps: tuple[int, ...] = (1, 10)) -> Errors
         absolute_rmse=_aligned_rmse(estimated[:, :3, 3], true[:, :3, 3]),
         kiss_ate=(kiss_ate[0], kiss_ate[1]),
         kiss_segments=(segments[0], segments[1]) if _path(true) > 100.0 else (np.nan, np.nan),
-        evo_ape_rmse=_evo(estimated, true),
     )
 
 
@@ -131,20 +131,3 @@ def _aligned_rmse(places: FloatArray, truth: FloatArray) -> float:
 
 def _path(truth: FloatArray) -> float:
     return float(np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1).sum())
-
-
-def _evo(poses: FloatArray, truth: FloatArray) -> float:
-    if importlib.util.find_spec("evo") is None:
-        return np.nan
-    metrics: Any = importlib.import_module("evo.core.metrics")
-    trajectory: Any = importlib.import_module("evo.core.trajectory")
-    geometry: Any = importlib.import_module("evo.core.geometry")
-    reference, estimate = (trajectory.PosePath3D(poses_se3=list(rows)) for rows in (truth, poses))
-    try:
-        estimate.align(reference)
-    except geometry.GeometryException:
-        # The turn about a straight path is open, though the distance that is left does not depend on it.
-        return np.nan
-    ape = metrics.APE(metrics.PoseRelation.translation_part)
-    ape.process_data((reference, estimate))
-    return float(ape.get_statistic(metrics.StatisticsType.rmse))

@@ -6,6 +6,8 @@ with kiss-icp 1.3): poses are made rigid and such times are dropped before anyth
 
 from __future__ import annotations
 
+import platform
+import sys
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,15 @@ from dqreg.odometry.settings import Resolved
 
 def load_kiss(module: str) -> Any:
     """A module of KISS-ICP."""
-    return load_package(f"kiss_icp.{module}", '"kiss-icp>=1.2"', "odometry")
+    return load_package(f"kiss_icp.{module}", '"kiss-icp>=1.2"', f"odometry{_without_wheel()}")
+
+
+def _without_wheel() -> str:
+    """What a machine lacks for which KISS-ICP 1.3 has no wheel, in brackets; as in pyproject.toml."""
+    has_wheel = sys.version_info < (3, 14) and (sys.platform != "darwin" or platform.machine() == "arm64")
+    here = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
+    wheels = "Python 3.11 to 3.13 on Linux, Windows and Apple silicon have one"
+    return "" if has_wheel else f" (there is no wheel of KISS-ICP for {here}; {wheels}, else a C++ compiler is needed)"
 
 
 def rigid(T: FloatArray) -> FloatArray:

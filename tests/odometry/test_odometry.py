@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from packaging.requirements import Requirement
 
 pytest.importorskip("kiss_icp")
 
@@ -13,6 +15,8 @@ from dqreg.odometry import Odometry, evaluate, kiss, nees
 from dqreg.odometry.evaluation import relative_errors
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
+
+PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 
 
 def run(frames, times=None, **options) -> tuple[Odometry, list[Registration]]:
@@ -192,6 +196,35 @@ def test_a_missing_package_is_named_with_the_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "kiss_icp.mapping", None)
     with pytest.raises(MissingDependencyError, match="pip install"):
         kiss.load_kiss("mapping")
+
+
+@pytest.mark.parametrize(
+    ("system", "machine", "version", "has_wheel"),
+    [
+        ("linux", "x86_64", (3, 13), True),
+        ("linux", "aarch64", (3, 11), True),
+        ("darwin", "arm64", (3, 12), True),
+        ("darwin", "x86_64", (3, 12), False),
+        ("linux", "x86_64", (3, 14), False),
+    ],
+)
+def test_a_machine_without_a_wheel_of_kiss_icp_is_named(monkeypatch, system, machine, version, has_wheel):
+    # From the wheels' names at PyPI, kiss-icp 1.3.0; the marker in pyproject.toml says the same.
+    monkeypatch.setitem(sys.modules, "kiss_icp.mapping", None)
+    monkeypatch.setattr(kiss.sys, "platform", system)
+    monkeypatch.setattr(kiss.sys, "version_info", version)
+    monkeypatch.setattr(kiss.platform, "machine", lambda: machine)
+    with pytest.raises(MissingDependencyError) as caught:
+        kiss.load_kiss("mapping")
+    assert ("no wheel of KISS-ICP" in str(caught.value)) is not has_wheel
+    wanted = next(
+        Requirement(each)
+        for each in tomllib.loads(PROJECT.read_text())["project"]["dependencies"]
+        if each.startswith("kiss-icp")
+    )
+    marked = {"sys_platform": system, "platform_machine": machine, "python_version": "{}.{}".format(*version)}
+    assert wanted.marker is not None
+    assert wanted.marker.evaluate(marked) is has_wheel
 
 
 def test_three_changed_lines_of_a_kiss_icp_user(jerky):
