@@ -20,8 +20,12 @@ BoolArray = NDArray[np.bool_]
 
 # A rotation read from a text file with seven digits is good to about 1e-6.
 RIGID_TOLERANCE = 1e-5
+# Rotations that people round to two or three digits depart from orthonormal by up to this, a scale of 1 % by twice it.
+ROUNDED = 1e-2
 # Lengths within this of zero, and sizes above its inverse, can be squared and squared again in float64.
 LARGEST = 1e60
+# How classes of poses give their matrix.
+MATRICES = ("as_matrix", "matrix", "homogeneous")
 # Points that stand side by side where three numbers a row are too few for NumPy to be quick about.
 WIDE = 256
 
@@ -91,9 +95,12 @@ def as_weights(value: Any, name: str, count: int) -> FloatArray:
     return array
 
 
-def as_pose(value: Any, name: str) -> FloatArray:
-    """Rigid 4x4 pose, as numbers or as an object that writes itself as a matrix."""
-    T = as_float(pose_of(value), name)
+def as_pose(value: Any, name: str, limit: float = ROUNDED) -> FloatArray:
+    """Rigid 4x4 pose, of numbers (4x4 or 3x4) or an object that writes itself as a matrix.
+
+    The rotation is the one nearest to what was given: rounded numbers are no rotation.
+    """
+    T = with_last_row(as_float(pose_of(value), name))
     if T.shape != (4, 4):
         raise InputError(f"{name} must be a 4x4 matrix; got shape {T.shape}")
     require_finite(T, name)
@@ -106,10 +113,10 @@ def as_pose(value: Any, name: str) -> FloatArray:
         gap = np.abs(R.T @ R - np.eye(3)).max()
     if determinant < 0.0:
         raise InputError(f"{name} holds a mirror image (determinant {determinant:.6g}); a rigid pose has +1")
-    if not gap <= RIGID_TOLERANCE:
+    if not gap <= limit:
         raise InputError(
             f"{name} is not rigid: its rotation block departs from orthonormal by {gap:.3g} "
-            f"(allowed {RIGID_TOLERANCE:g}). Remove any scale or shear first"
+            f"(allowed {limit:g}). Remove any scale or shear first"
         )
     if np.abs(T[:3, 3]).max() > LARGEST:
         raise InputError(
@@ -122,14 +129,31 @@ def as_pose(value: Any, name: str) -> FloatArray:
     return pose
 
 
+def departure(value: Any, pose: FloatArray) -> float:
+    """How far the rotation of a pose that was given lies from the one that `as_pose` made of it (Frobenius norm)."""
+    return float(np.linalg.norm(as_float(pose_of(value), "pose")[:3, :3] - pose[:3, :3]))
+
+
+def with_last_row(poses: FloatArray) -> FloatArray:
+    """Poses without their last row get it; all else as it is. Shapes: poses (..., 3, 4), returns (..., 4, 4)."""
+    if poses.shape[-2:] != (3, 4):
+        return poses
+    last = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (*poses.shape[:-2], 1, 4))
+    return np.concatenate([poses, last], axis=-2)
+
+
 def pose_of(value: Any) -> Any:
-    """Matrix of a SciPy ``RigidTransform`` or ``Rotation``, or of a dual quaternion; all else as it is.
+    """Matrix of a pose that is an object (SciPy, gtsam, Sophus, Pinocchio, dqreg, tensors); all else as it is.
 
     Shapes: returns (..., 4, 4) of such an object.
     """
-    if isinstance(value, np.ndarray) or not hasattr(value, "as_matrix"):
+    if isinstance(value, np.ndarray):
         return value
-    matrix = np.asarray(value.as_matrix())
+    # SciPy and dqreg; gtsam and Sophus; Pinocchio.
+    written = next((found for word in MATRICES if (found := getattr(value, word, None)) is not None), None)
+    if written is None:
+        return value.numpy() if hasattr(value, "numpy") else value  # NumPy itself cannot read Open3D's tensors
+    matrix = np.asarray(written() if callable(written) else written)
     if matrix.shape[-2:] != (3, 3):
         return matrix
     T = np.zeros((*matrix.shape[:-2], 4, 4))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
-from dqreg._arrays import RIGID_TOLERANCE, as_float, as_pose, as_vectors, as_weights, require_finite
+from dqreg._arrays import RIGID_TOLERANCE, ROUNDED, as_float, as_pose, as_vectors, as_weights, departure, require_finite
 from dqreg.errors import InputError
 
 ANY = hnp.arrays(np.float64, hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4))
@@ -155,6 +155,20 @@ def test_seven_digits_of_a_text_file_are_enough() -> None:
     np.testing.assert_allclose(as_pose(T, "start"), T, atol=9 * 1e-7)
 
 
+def test_two_digits_of_a_tutorial_are_enough() -> None:
+    """The nearest rotation minimises the Frobenius norm, so no other one, SciPy's of the same numbers, is nearer."""
+    R = np.array([[0.862, 0.011, -0.507], [-0.139, 0.967, -0.215], [0.487, 0.255, 0.835]])
+    T = pose(R=R, t=[0.5, 0.7, -1.4])
+    found = as_pose(T, "start")
+    np.testing.assert_allclose(found[:3, :3] @ found[:3, :3].T, np.eye(3), atol=1e-14)
+    assert departure(T, found) <= np.linalg.norm(Rotation.from_matrix(R).as_matrix() - R) + 1e-15
+    assert 1e-4 < departure(T, found) < 1e-3  # three digits
+    assert departure(found, found) == 0.0
+    np.testing.assert_array_equal(as_pose(T[:3], "start"), found)
+    with pytest.raises(InputError, match="allowed 1e-05"):
+        as_pose(T, "T_target_source", RIGID_TOLERANCE)
+
+
 def pose(**parts: Any) -> np.ndarray:
     T = np.eye(4)
     T[:3, :3] = parts.get("R", T[:3, :3])
@@ -167,14 +181,14 @@ def pose(**parts: Any) -> np.ndarray:
     ("value", "message"),
     [
         (np.eye(3), r"a 4x4 matrix; got shape \(3, 3\)"),
-        (np.eye(4)[:3], r"got shape \(3, 4\)"),
+        (np.ones((2, 3, 4)), r"got shape \(2, 4, 4\)"),
         (pose(t=[1, np.nan, 0]), r"1 numbers that are NaN or infinite, the first at \(1, 3\)"),
         (pose(t=[1, 2, 3]).T, "the last row 0 0 0 1; got .* Was it transposed"),
         (pose(last=[0, 0, 0, 2]), "the last row"),
         (pose(R=np.diag([1, 1, -1])), "a mirror image .determinant -1"),
         (pose(R=2 * np.eye(3)), "not rigid: .* Remove any scale"),
         (pose(R=[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]), "not rigid"),
-        (pose(R=(1 + RIGID_TOLERANCE) * np.eye(3)), "not rigid"),
+        (pose(R=(1 + ROUNDED) * np.eye(3)), "not rigid: .* by 0.0201"),
         (pose(R=np.zeros((3, 3))), "not rigid"),
         (pose(R=1e200 * np.eye(3)), "not rigid"),
         # Without fused multiply-add the overflow leaves NaN here, which no comparison finds too large.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_float, as_pose
+from dqreg._arrays import FloatArray, as_float, as_pose, with_last_row
 from dqreg.errors import InputError
 from dqreg.files.tables import read_text
 from dqreg.files.untrusted import read_record, require_readable, unreadable
@@ -92,11 +92,9 @@ def _with_nan(rows: Any) -> Any:
 
 def _matrix(rows: Any, path: Path) -> FloatArray:
     try:
-        T = as_float(rows, str(path))
+        T = with_last_row(as_float(rows, str(path)))
     except InputError as error:
         raise InputError(f"{path}: {POSE} must be 4x4 numbers ({error})") from error
-    if T.shape == (3, 4):
-        T = np.vstack([T, [0.0, 0.0, 0.0, 1.0]])
     if T.shape != (4, 4):
         raise InputError(f"{path}: a pose is 4x4 numbers; got shape {T.shape}")
     return T

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_pose
+from dqreg._arrays import RIGID_TOLERANCE, FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.files.strict_json import fields_from, plain, record_from
 from dqreg.multiway.edges import WORDS, Edge
@@ -62,7 +62,7 @@ def _fields(values: dict[str, Any], loop: type) -> dict[str, Any]:
     n = len(names)
     poses = _array(values["T_world_scan"], (n, 4, 4))
     for T in poses[np.isfinite(poses).all(axis=(1, 2))]:
-        as_pose(T, "T_world_scan")
+        as_pose(T, "T_world_scan", RIGID_TOLERANCE)
     joint = values["joint"]
     if joint is None:
         joint = np.full((6 * n, 6 * n), np.nan)

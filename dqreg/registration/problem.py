@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_float, as_pose, require_workable
+from dqreg._arrays import FloatArray, as_float, as_pose, departure, require_workable
 from dqreg.errors import InputError
 from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
 from dqreg.geometry.opening import describe
@@ -150,6 +150,7 @@ class Problem(SourceAndTarget):
             "target_units": units[1],
             "start": "search" if T_start is None else start if isinstance(start, str) else "given",
             "T_start": None if T_start is None else T_start.tolist(),
+            "start_departure": _departure(start, options.prior, T_start),
             "dof": None if options.dof is None else str(options.freedom),
             "prior": options.prior is not None,
             "viewpoint": None if viewpoints is None else viewpoints.tolist(),
@@ -199,6 +200,13 @@ def read_start(start: Any, prior: Any, dof: Any) -> FloatArray | None:
             raise InputError(f'start must be None, "identity" or a 4x4 pose T_target_source; got {start!r}')
         return np.eye(4)
     return as_pose(start, "start")
+
+
+def _departure(start: Any, prior: Any, T_start: FloatArray | None) -> float | None:
+    """How far the rotation that was given lay from the one it was projected to."""
+    if T_start is None or isinstance(start, str):
+        return None
+    return departure(prior[0] if start is None else start, T_start)
 
 
 def as_viewpoints(value: Any) -> FloatArray | None:

@@ -57,7 +57,7 @@ def register(
         The part or the other scan, which stands. A mesh is used as it is, never sampled.
     start : None, "identity" or (4, 4) array_like
         Initial pose. None searches for it; a matrix is ``T_target_source``, right to about 15 degrees and a tenth of
-        the part's size.
+        the part's size. Rounded numbers are projected to the nearest rotation (``settings["start_departure"]`` away).
     method : {"auto", "dq", "dq-points", "svd", "plane", "generalised"}
         Pose step: the dual-quaternion closed form on points and normals, on points alone, Arun's SVD, point-to-plane,
         or plane-to-plane. Auto takes "dq" until the basin is found, then "plane", or "generalised" between clouds with

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_pose, require_finite
+from dqreg._arrays import RIGID_TOLERANCE, FloatArray, as_pose, require_finite
 from dqreg.errors import InputError
 from dqreg.files.strict_json import fields_from, plain, record_from
 from dqreg.files.untrusted import read_record
@@ -123,7 +123,7 @@ def _pose(rows: Any) -> FloatArray:
     T = _array(rows, (4, 4))
     if not np.isnan(T).all():
         # Looked at, but kept as it was: to the last bit.
-        as_pose(T, "T_target_source")
+        as_pose(T, "T_target_source", RIGID_TOLERANCE)
     return T
 
 

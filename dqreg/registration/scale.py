@@ -176,6 +176,7 @@ def _with_scale(result: Registration, step: ScaleStep | None, doubt: Reason | No
         "source": task.name,
         "start": task.problem.asked["start"],
         "T_start": task.problem.asked["T_start"],
+        "start_departure": task.problem.asked["start_departure"],
         "time_limit": task.options.time_limit,
         "units": task.options.units,
         "scale_sigma": total * sigma,

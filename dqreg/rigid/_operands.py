@@ -8,7 +8,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import RIGID_TOLERANCE, FloatArray, as_float, pose_of, require_finite
+from dqreg._arrays import (
+    RIGID_TOLERANCE,
+    ROUNDED,
+    BoolArray,
+    FloatArray,
+    as_float,
+    pose_of,
+    require_finite,
+    with_last_row,
+)
 from dqreg.errors import InputError
 
 # What a product of a few rotations departs from orthonormal.
@@ -59,12 +68,24 @@ def as_directions(value: ArrayLike, name: str) -> FloatArray:
 
 
 def as_rotations(value: ArrayLike, name: str) -> FloatArray:
-    """Rotation matrices, as given, or a SciPy Rotation. Shapes: value (..., 3, 3), returns (..., 3, 3)."""
+    """Rotation matrices, or a SciPy Rotation; rounded ones are projected.
+
+    Shapes: value (..., 3, 3), returns (..., 3, 3).
+    """
     if hasattr(value, "as_matrix"):
         value = value.as_matrix()
     R = _with_last_axes(value, name, (3, 3), "3x3 matrices in the last two axes")
-    _require_rotations(R, name)
-    return R
+    return _nearest(R, _require_rotations(R, name) > RIGID_TOLERANCE)
+
+
+def _nearest(R: FloatArray, worn: BoolArray) -> FloatArray:
+    """Nearest rotations where they are worn, as they are elsewhere: few are, and it costs a hundred looks."""
+    if not worn.any():
+        return R
+    U, _, Vt = np.linalg.svd(R[worn])
+    found = R.copy()
+    found[worn] = U @ Vt
+    return found
 
 
 def _require_rotations(R: FloatArray, name: str) -> FloatArray:
@@ -75,10 +96,10 @@ def _require_rotations(R: FloatArray, name: str) -> FloatArray:
     for j, k in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)):
         one, two = columns[j], columns[k]
         gap = np.maximum(gap, np.abs(one[0] * two[0] + one[1] * two[1] + one[2] * two[2] - (j == k)))
-    if not np.all(gap <= RIGID_TOLERANCE):
+    if not np.all(gap <= ROUNDED):
         raise InputError(
             f"{name} must be a rotation; it departs from orthonormal by {np.max(gap):.3g} "
-            f"(allowed {RIGID_TOLERANCE:g}). Remove any scale or shear first"
+            f"(allowed {ROUNDED:g}). Remove any scale or shear first"
         )
     (a, b, c), (d, e, f), (g, h, i) = columns
     if np.any(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0):
@@ -91,7 +112,9 @@ def as_poses(value: ArrayLike, name: str) -> FloatArray:
 
     Shapes: value (..., 4, 4), returns (..., 4, 4).
     """
-    return _with_last_axes(pose_of(value), name, (4, 4), "4x4 poses in the last two axes")
+    given = pose_of(value)
+    T = given if isinstance(given, np.ndarray) and given.dtype == np.float64 else as_float(given, name)
+    return _with_last_axes(with_last_row(T), name, (4, 4), "4x4 poses in the last two axes")
 
 
 def as_rigid_poses(value: ArrayLike, name: str) -> FloatArray:
@@ -106,12 +129,8 @@ def as_rigid_poses(value: ArrayLike, name: str) -> FloatArray:
     R = T[..., :3, :3]
     gap = _require_rotations(R, name)
     poses = T.copy()
+    poses[..., :3, :3] = _nearest(R, gap > ROUNDING)
     poses[..., 3, :] = [0.0, 0.0, 0.0, 1.0]
-    # Few need it, and it costs a hundred times as much as the look.
-    worn = gap > ROUNDING
-    if worn.any():
-        U, _, Vt = np.linalg.svd(R[worn])
-        poses[worn, :3, :3] = U @ Vt
     return poses
 
 

@@ -67,6 +67,6 @@ def as_frame(value: ArrayLike | None, name: str) -> FloatArray:
     if array.shape == (3,):
         require_finite(array, name)
         return pose.from_parts(np.eye(3), array)
-    if array.shape != (4, 4):
+    if array.shape not in ((4, 4), (3, 4)):
         raise InputError(f"{name} must be a 4x4 pose T_target_frame, or its origin, three numbers; got {array.shape}")
     return as_pose(array, name)

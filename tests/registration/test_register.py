@@ -134,6 +134,13 @@ def test_a_start_is_target_from_source(expected: Registration) -> None:
     result = register(pose.apply(elsewhere, SCAN), PART, START @ pose.inverse(elsewhere))
     assert worst(result.T_target_source @ elsewhere, expected.T_target_source) <= 1e-9 * SIZE
     assert result.settings["start"] == "given"
+    # Three digits of the same start, as 3x4: projected, and settings say by how much (each number by 5e-4 at most).
+    rounded = (START @ pose.inverse(elsewhere))[:3].copy()
+    rounded[:, :3] = rounded[:, :3].round(3)
+    again = register(pose.apply(elsewhere, SCAN), PART, rounded, effort="fast")
+    assert 0.0 < again.settings["start_departure"] < 3 * 5e-4
+    assert result.settings["start_departure"] < 1e-14
+    assert worst(again.T_target_source @ elsewhere, expected.T_target_source) <= 1e-4 * SIZE
     near = register(pose.apply(START, SCAN), PART, "identity")
     assert worst(near.T_target_source @ START, expected.T_target_source) <= 1e-6 * SIZE
     assert near.settings["start"] == "identity"

@@ -114,6 +114,25 @@ def test_poses_of_scipy_are_taken_wherever_a_pose_is():
     np.testing.assert_allclose(quaternion.from_matrix(R), quaternion.from_matrix(T[:3, :3]), atol=1e-15)
 
 
+@pytest.mark.parametrize("package", ["gtsam", "open3d", "rows"])
+def test_poses_of_others_are_taken_wherever_a_pose_is(package):
+    from dqreg.registration.problem import read_start
+
+    T = pose.exp([0.4, -0.7, 0.2, 1.0, 2.0, -3.0])
+    if package == "gtsam":
+        given = pytest.importorskip("gtsam").Pose3(T)
+    elif package == "open3d":
+        from dqreg._open3d import load_open3d
+
+        given = load_open3d().core.Tensor(T)
+    else:
+        given = T[:3]
+    np.testing.assert_allclose(read_start(given, None, None), T, atol=1e-15)
+    np.testing.assert_allclose(pose.log(given), pose.log(T), atol=1e-14)
+    np.testing.assert_allclose(DualQuaternion.from_matrix(given).as_matrix(), T, atol=1e-15)
+    np.testing.assert_allclose(dqreg.solvers.Freedom.only("rz", frame=given).frame, T, atol=1e-15)
+
+
 def test_an_old_scipy_is_named(monkeypatch):
     import scipy.spatial.transform
 

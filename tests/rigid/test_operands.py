@@ -9,6 +9,7 @@ from dqreg.rigid._operands import (
     as_directions,
     as_poses,
     as_quaternions,
+    as_rigid_poses,
     as_rotations,
     as_triples,
     as_unit_quaternions,
@@ -53,7 +54,7 @@ def test_rotations_pass_and_their_mirror_images_do_not(R):
         (as_triples, np.zeros((3, 2))),
         (as_directions, [[0, 0, 1], [0, 0, 0]]),
         (as_directions, [0, 0, np.inf]),
-        (as_rotations, np.eye(3) * 1.001),
+        (as_rotations, np.eye(3) * 1.01),
         (as_poses, np.eye(3)),
         (as_triples, "abc"),
     ],
@@ -61,3 +62,17 @@ def test_rotations_pass_and_their_mirror_images_do_not(R):
 def test_errors_name_the_argument(check, bad):
     with pytest.raises(InputError, match=r"^thing must"):
         check(bad, "thing")
+
+
+def test_rounded_rotations_are_projected_and_good_ones_untouched():
+    """Of a stack, only those that were rounded change, each to the rotation that one alone becomes."""
+    good = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    rounded = np.array([[0.862, 0.011, -0.507], [-0.139, 0.967, -0.215], [0.487, 0.255, 0.835]])
+    found = as_rotations(np.stack([good, rounded]), "R")
+    np.testing.assert_array_equal(found[0], good)
+    np.testing.assert_array_equal(found[1], as_rotations(rounded, "R"))
+    np.testing.assert_allclose(found[1] @ found[1].T, np.eye(3), atol=1e-15)
+    T = np.tile(np.eye(4)[:3], (2, 1, 1))
+    T[:, :, :3] = np.stack([good, rounded])
+    np.testing.assert_array_equal(as_rigid_poses(T, "T")[:, :3, :3], found)
+    assert as_poses(T, "T").shape == (2, 4, 4)
