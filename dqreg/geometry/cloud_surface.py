@@ -11,7 +11,7 @@ from dqreg.errors import InputError
 from dqreg.geometry.boundary import CloudBoundary
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.morton import distinct_in_order
-from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.neighbours import KdTree, NeighbourTree
 from dqreg.geometry.normals import fit_planes_around
 from dqreg.geometry.surface import Closest, Hint
 
@@ -53,7 +53,7 @@ class CloudSurface:
         given = fitted if given is None else given
         self._fits = np.zeros((size, 4)) if given is None else given
         self._known = np.full(size, given is not None)
-        self._tree = NeighbourTree(self._points)
+        self._search = KdTree(self._points)
         low, high = bounds(self._points)
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))
@@ -92,7 +92,7 @@ class CloudSurface:
         """Nearest cloud point for each query.
 
         A query that moved by m since the hint has no other point nearer than ``others - m``; while the old match is
-        nearer than that, it is the match still, and the tree is not asked.
+        nearer than that, it is the match still, and the KD-tree is not asked.
 
         Parameters
         ----------
@@ -110,7 +110,7 @@ class CloudSurface:
         known = None if hint is None else self._closest_near(points, *hint)
         if known is not None:
             return known
-        indices, distances = self._tree.nearest(points, 2)
+        indices, distances = self._search.nearest(points, 2)
         others = distances[:, 1] if distances.shape[1] > 1 else np.full(len(points), np.inf)
         return self._answer(indices[:, 0], distances[:, 0], others)
 
@@ -121,7 +121,7 @@ class CloudSurface:
         distances = _lengths(points - before.points)
         rows = self._ranks[before.elements]
         asked = np.flatnonzero(distances >= others)
-        indices, found = self._tree.nearest(np.take(points, asked, axis=0), 2)
+        indices, found = self._search.nearest(np.take(points, asked, axis=0), 2)
         if found.shape[1] > 1:
             rows[asked], distances[asked], others[asked] = indices[:, 0], found[:, 0], found[:, 1]
         return self._answer(rows, distances, others)
@@ -159,6 +159,10 @@ class CloudSurface:
             True on the boundary.
         """
         return self._boundary.at(self._ranks[closest.elements], closest.normals)
+
+    @cached_property
+    def _tree(self) -> NeighbourTree:
+        return NeighbourTree(self._points)
 
     @cached_property
     def _boundary(self) -> CloudBoundary:

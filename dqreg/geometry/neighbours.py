@@ -1,4 +1,4 @@
-"""Open3D's KD-tree over points, in float64: the one place that builds and queries it."""
+"""Nearest points of a cloud: a compiled tree for neighbourhoods, Open3D's KD-tree for correspondences."""
 
 from __future__ import annotations
 
@@ -15,27 +15,18 @@ AROUND = 24
 
 
 class NeighbourTree:
-    """KD-tree of points; built once, read-only afterwards.
-
-    Always ``knn_search``: asking for one neighbour within a radius (``hybrid_search``) takes 25 times as long.
-    """
+    """Compiled tree of points; built once, read-only afterwards."""
 
     def __init__(self, points: FloatArray) -> None:
-        open3d = load_open3d()
+        from dqreg.kernels.point_tree import PointTree
+
         self.size = len(points)
         self._points = points
-        self._centre = 0.5 * np.add(*bounds(points))
-        self._search = open3d.core.nns.NearestNeighborSearch(open3d.core.Tensor(points - self._centre))
-        self._search.knn_index()
+        self._tree = PointTree.of(points)
 
     def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
         """Nearest points of each query, closest first. Shapes: indices (m, k), distances (m, k)."""
-        count = min(count, self.size)
-        if not len(queries):
-            return np.zeros((0, count), dtype=np.int64), np.zeros((0, count))
-        tensor = load_open3d().core.Tensor(queries - self._centre)
-        indices, squared = self._search.knn_search(tensor, count)
-        return indices.numpy().astype(np.int64).reshape(-1, count), np.sqrt(squared.numpy()).reshape(-1, count)
+        return self._tree.nearest(queries, count)
 
     def around(self, rows: IntArray) -> tuple[NDArray[np.int32], FloatArray]:
         """Nearest points of points of the cloud itself, each found once.
@@ -56,3 +47,26 @@ class NeighbourTree:
     @cached_property
     def _around(self) -> tuple[NDArray[np.int32], FloatArray]:
         return np.zeros((self.size, min(AROUND, self.size)), dtype=np.int32), np.full(self.size, -1.0)
+
+
+class KdTree:
+    """Open3D's KD-tree of points, in float64: the correspondences between clouds.
+
+    Always ``knn_search``: asking for one neighbour within a radius (``hybrid_search``) takes 25 times as long.
+    """
+
+    def __init__(self, points: FloatArray) -> None:
+        open3d = load_open3d()
+        self._size = len(points)
+        self._centre = 0.5 * np.add(*bounds(points))
+        self._search = open3d.core.nns.NearestNeighborSearch(open3d.core.Tensor(points - self._centre))
+        self._search.knn_index()
+
+    def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
+        """Nearest points of each query, closest first. Shapes: indices (m, k), distances (m, k)."""
+        count = min(count, self._size)
+        if not len(queries):
+            return np.zeros((0, count), dtype=np.int64), np.zeros((0, count))
+        tensor = load_open3d().core.Tensor(queries - self._centre)
+        indices, squared = self._search.knn_search(tensor, count)
+        return indices.numpy().astype(np.int64).reshape(-1, count), np.sqrt(squared.numpy()).reshape(-1, count)

@@ -40,8 +40,9 @@ def kd_order(places: FloatArray, leaf: int) -> IntArray:
             for i in range(low, high):
                 keys[i] = places[order[i], axis]
             _part(keys, order, low, high - 1, middle)
-        stack[waiting] = first, count // 2
-        stack[waiting + 1] = first + count // 2, count // 2
+        # Number by number: a pair at once would compile checks of shapes for seconds.
+        stack[waiting, 0], stack[waiting, 1] = first, count // 2
+        stack[waiting + 1, 0], stack[waiting + 1, 1] = first + count // 2, count // 2
         waiting += 2
     return order
 

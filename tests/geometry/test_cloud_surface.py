@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from dqreg.errors import InputError
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, sample_mesh
-from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.neighbours import KdTree
 from dqreg.rigid import twist
 from dqreg.synth.parts import bracket
 from tests.strategies import floats
@@ -18,7 +18,7 @@ PART = Mesh(*bracket(segments=8))
 CLOUD = PointCloud(sample_mesh(PART, 4_000, np.random.default_rng(0)).points)
 
 
-class Counted(NeighbourTree):
+class Counted(KdTree):
     """A tree that counts what it is asked."""
 
     asked = 0
@@ -56,7 +56,7 @@ def test_a_skipped_search_finds_exactly_what_a_full_search_finds(seed: int, size
 
 def test_a_small_motion_is_hardly_searched_and_a_large_one_is() -> None:
     surface = CloudSurface(CLOUD)
-    surface._tree = tree = Counted(CLOUD.points[surface.order])
+    surface._search = tree = Counted(CLOUD.points[surface.order])
     places = CLOUD.points + 1e-3 * PART.diagonal
     found = surface.closest(places)
     _ = surface.normals

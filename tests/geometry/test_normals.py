@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,16 +8,13 @@ from scipy.stats import chi2
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import (
     CHUNK,
-    ELEMENTS,
     NEIGHBOURS,
     PlaneFits,
     fit_planes,
     fit_planes_around,
-    least_axes,
     orient_towards,
     sample_rows,
 )
-from dqreg.rigid import quaternion
 from tests.strategies import FloatArray, floats, rotations, unit_vectors
 
 
@@ -172,80 +168,3 @@ def test_a_tree_of_few_points_remembers_all_of_them() -> None:
     indices, farthest = tree.around(np.array([0]))
     assert indices.tolist() == [[0, 1, 2]]
     assert farthest.tolist() == [np.sqrt(108.0)]
-
-
-components = st.floats(-1.0, 1.0)
-ROWS, COLUMNS = np.array(ELEMENTS).T
-
-
-def symmetric(values: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-    return np.einsum("nij,nj,nkj->nik", rotations, values, rotations)
-
-
-def rotations(count: int, seed: int = 0) -> np.ndarray:
-    q = np.random.default_rng(seed).normal(size=(count, 4))
-    return quaternion.to_matrix(q / np.linalg.norm(q, axis=1, keepdims=True))
-
-
-def residual(matrices: np.ndarray, axes: np.ndarray, least: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(np.einsum("nij,nj->ni", matrices, axes) - least[:, None] * axes, axis=1)
-
-
-@settings(deadline=None, max_examples=200)
-@given(st.lists(components, min_size=9, max_size=9), st.floats(-12.0, 12.0))
-def test_any_scatter_has_the_values_and_the_least_axis_of_lapack(numbers: list[float], exponent: float) -> None:
-    spread = np.array(numbers).reshape(3, 3) * 10.0**exponent
-    matrix = spread @ spread.T
-    values, axes = least_axes(matrix[ROWS, COLUMNS][:, None])
-    expected = np.linalg.eigvalsh(matrix)
-    size = max(expected[2], np.finfo(float).tiny)
-    assert np.abs(values[0] - expected).max() <= 1e-7 * size
-    assert abs(values[0, 0] - expected[0]) <= 1e-13 * size
-    assert abs(np.linalg.norm(axes[0]) - 1.0) <= 1e-12
-    assert residual(matrix[None], axes, values[:, 0])[0] <= 1e-9 * size
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        (0.0, 1.0, 1.0),
-        (0.0, 1.0, 1.0 + 1e-9),
-        (1e-14, 1.0, 1e3),
-        (1e-9, 1e-4, 1.0),
-        (1e-3, 1.0, 2.0),
-        (1.0, 1.0, 1.0),
-        (1.0, 1.0, 2.0),
-        (0.0, 0.0, 1.0),
-        (0.0, 0.0, 0.0),
-        (1.0, 1.0 + 1e-12, 1.0 + 2e-12),
-    ],
-)
-def test_degenerate_scatters_keep_their_digits(values: tuple[float, float, float]) -> None:
-    turns = rotations(200)
-    matrices = symmetric(np.tile(values, (200, 1)), turns)
-    found, axes = least_axes(np.ascontiguousarray(matrices[:, ROWS, COLUMNS].T))
-    size = max(values[2], 1e-300)
-    # What a residual of a flat neighbourhood is made of: the smallest value, to rounding.
-    assert np.abs(found[:, 0] - values[0]).max() <= 3e-15 * size
-    assert np.abs(found[:, 1:] - np.array(values)[1:]).max() <= 1e-7 * size
-    assert np.abs(np.linalg.norm(axes, axis=1) - 1.0).max() <= 1e-12
-    gap = values[1] - values[0]
-    assert residual(matrices, axes, found[:, 0]).max() <= 1e-14 * size if gap <= 1e-6 else 1e-9 * size
-    if gap > 1e-6 * size:
-        aside = 1.0 - np.abs(np.einsum("nj,nj->n", axes, turns[:, :, 0]))
-        assert aside.max() <= 1e-12 * size / gap
-
-
-@pytest.mark.parametrize("values", [(0.0, 2e-5, 1.0), (1e-9, 1e-4, 1.0), (0.0, 1e-3, 1.0), (0.98, 1.0, 1.0)])
-def test_the_axis_is_good_to_rounding_over_the_gap(values: tuple[float, float, float]) -> None:
-    # No method beats the rounding of the elements over the gap between the eigenvalues.
-    turns = rotations(1_000)
-    matrices = symmetric(np.tile(values, (1_000, 1)), turns)
-    _, axes = least_axes(np.ascontiguousarray(matrices[:, ROWS, COLUMNS].T))
-    off = np.linalg.norm(np.cross(axes, turns[:, :, 0]), axis=1)
-    assert off.max() <= 8.0 * np.finfo(float).eps / (values[1] - values[0])
-
-
-def test_no_matrices_are_fine() -> None:
-    values, axes = least_axes(np.zeros((6, 0)))
-    assert values.shape == axes.shape == (0, 3)

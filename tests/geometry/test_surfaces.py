@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, sample_mesh
-from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.neighbours import KdTree, NeighbourTree
 from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
 from tests.geometry.oracles import FloatArray, brute_points, brute_triangles
@@ -185,12 +185,13 @@ def test_points_on_long_facets_are_found_on_them() -> None:
     assert off.max() < 1e-14
 
 
+@pytest.mark.parametrize("tree", [KdTree, NeighbourTree])
 @pytest.mark.parametrize("origin", [0.0, 5e6])
 @pytest.mark.parametrize("count", [1, 16])
-def test_neighbours_are_those_of_scipy(origin: float, count: int) -> None:
+def test_neighbours_are_those_of_scipy(tree: type[KdTree | NeighbourTree], origin: float, count: int) -> None:
     rng = np.random.default_rng(0)
     points, queries = rng.normal(size=(500, 3)) + origin, 2.0 * rng.normal(size=(400, 3)) + origin
-    indices, distances = NeighbourTree(points).nearest(queries, count)
+    indices, distances = tree(points).nearest(queries, count)
     middle = points.mean(axis=0)
     expected, rows = cKDTree(points - middle).query(queries - middle, k=count)
     np.testing.assert_array_equal(indices, rows.reshape(400, count))
@@ -198,8 +199,9 @@ def test_neighbours_are_those_of_scipy(origin: float, count: int) -> None:
     assert indices.dtype == np.int64
 
 
-def test_fewer_points_than_neighbours_give_all_points() -> None:
-    tree = NeighbourTree(np.array([[0.0, 0, 0], [3, 0, 0]]))
+@pytest.mark.parametrize("kind", [KdTree, NeighbourTree])
+def test_fewer_points_than_neighbours_give_all_points(kind: type[KdTree | NeighbourTree]) -> None:
+    tree = kind(np.array([[0.0, 0, 0], [3, 0, 0]]))
     indices, distances = tree.nearest(np.array([[1.0, 0, 0]]), 16)
     assert (indices.tolist(), distances.tolist()) == ([[0, 1]], [[1.0, 2.0]])
     assert tree.nearest(np.zeros((0, 3)), 16)[0].shape == (0, 2)

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dqreg.kernels import threads
+from dqreg.kernels.point_tree import CHUNK, PointTree
+
+
+def brute_force(points: np.ndarray, queries: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """All distances, sorted by distance and then by row."""
+    x, y, z = np.moveaxis(points[None] - queries[:, None], 2, 0)
+    squares = x * x + y * y + z * z
+    rows = np.argsort(squares, axis=1, kind="stable")[:, :count]
+    return rows, np.sqrt(np.take_along_axis(squares, rows, axis=1))
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 300), st.integers(1, 20), st.sampled_from([1, 3, 1000]))
+def test_neighbours_are_those_of_brute_force(seed: int, size: int, count: int, places: int) -> None:
+    rng = np.random.default_rng(seed)
+    # Of few places many are equally near, and many points are in one.
+    points = rng.integers(0, places, size=(size, 3)) / 3.0
+    queries = np.concatenate([points[:40], rng.integers(-2, places + 2, size=(20, 3)) / 3.0, points[:1] + 1e3])
+    count = min(count, size)
+    rows, distances = PointTree.of(points).nearest(queries, count)
+    expected, apart = brute_force(points, queries, count)
+    np.testing.assert_array_equal(rows, expected)
+    np.testing.assert_array_equal(distances, apart)
+
+
+def test_any_number_of_threads_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    points, queries = rng.normal(size=(3_000, 3)), rng.normal(size=(3 * CHUNK + 7, 3))
+    tree, found = PointTree.of(points), []
+    for count in (1, 2, 8):
+        monkeypatch.setattr(threads, "thread_count", lambda count=count: count)
+        found.append(tree.nearest(queries, 5))
+    for rows, distances in found[1:]:
+        np.testing.assert_array_equal(rows, found[0][0])
+        np.testing.assert_array_equal(distances, found[0][1])
+
+
+def test_far_from_the_points_and_far_from_the_origin() -> None:
+    rng = np.random.default_rng(0)
+    points, queries = rng.normal(size=(400, 3)) + 5e6, rng.normal(size=(50, 3)) * 1e4 + 5e6
+    rows, distances = PointTree.of(points).nearest(queries, 3)
+    expected, apart = brute_force(points, queries, 3)
+    np.testing.assert_array_equal(rows, expected)
+    np.testing.assert_array_equal(distances, apart)
