@@ -53,7 +53,7 @@ def read_part(path: Path) -> Mesh:
     read = read_geometry(path)
     if not isinstance(read, MeshData):
         raise InputError(f"{path} is a cloud of points and has no faces: give the part as a mesh")
-    return Mesh(read.vertices, read.faces, units=read.units)
+    return Mesh(read.vertices, read.faces, units=read.units, regions=read.regions)
 
 
 def _table(faces: tuple[Face, ...], unit: str, name: str) -> Table:

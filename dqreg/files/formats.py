@@ -19,6 +19,7 @@ from dqreg.files.obj import read_obj
 from dqreg.files.off import read_off
 from dqreg.files.pcd import read_pcd
 from dqreg.files.ply import read_ply
+from dqreg.files.step import read_step
 from dqreg.files.tables import read_table
 from dqreg.files.threemf import read_3mf
 from dqreg.files.untrusted import require_own_kind, require_readable, unreadable
@@ -38,13 +39,15 @@ READERS: dict[str, Callable[[Path], CloudData | MeshData]] = {
     ".glb": read_mesh_file,
     ".gltf": read_mesh_file,
     ".3mf": read_3mf,
+    ".step": read_step,
+    ".stp": read_step,
 }
 
 _EXACT = "exact CAD surfaces; export the part as STL, PLY or OBJ from the CAD program"
 _SCAN = "a scanner's format; export the scan as PLY, for example with CloudCompare"
 # Formats that users do have, and what to do about them.
 FOREIGN = {
-    **dict.fromkeys((".step", ".stp", ".iges", ".igs", ".brep", ".x_t", ".sldprt", ".ipt", ".3dm"), _EXACT),
+    **dict.fromkeys((".iges", ".igs", ".brep", ".x_t", ".sldprt", ".ipt", ".3dm"), _EXACT),
     **dict.fromkeys((".las", ".laz", ".e57", ".pts", ".ptx", ".bin"), _SCAN),
 }
 

@@ -51,11 +51,14 @@ class MeshData:
         Vertex indices of each triangle, f >= 1, counter-clockwise from outside if the file keeps to that.
     units : str or None
         Length unit ("m", "mm", ...), if the format states one.
+    regions : ndarray, (f,) int64, or None
+        Number of the part's face that each triangle is of, if the format tells.
     """
 
     vertices: FloatArray
     faces: IntArray
     units: str | None = None
+    regions: IntArray | None = None
 
 
 def make_mesh(path: Path, vertices: FloatArray, faces: IntArray, units: str | None = None) -> MeshData:

@@ -20,7 +20,7 @@ SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
     (b"\x93NUMPY", "a NumPy .npy file", (".npy",)),
     (b"PK\x03\x04", "a zip archive", (".npz", ".3mf")),
     (b"glTF", "a binary glTF (.glb) file", (".glb",)),
-    (b"ISO-10303-21", "a STEP file", ()),
+    (b"ISO-10303-21", "a STEP file", (".step", ".stp")),
     (b"\xff\xd8\xff", "a JPEG image", ()),
     (b"\x89PNG", "a PNG image", ()),
     (b"%PDF", "a PDF document", ()),

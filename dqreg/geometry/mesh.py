@@ -30,6 +30,8 @@ class Mesh:
         Faces left out so far because they have no area; those found here are added.
     flat : array_like of int, (k, 3), optional
         Faces without area found so far. They are no surface, but they may close the seam between two others.
+    regions : array_like of int, (f,), optional
+        Number of the part's face that each triangle is of, where its file tells (STEP).
 
     Raises
     ------
@@ -49,6 +51,7 @@ class Mesh:
     units: str | None = None
     dropped: int = 0
     flat: IntArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64), repr=False)
+    regions: IntArray | None = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         vertices = as_vectors(self.vertices, "vertices", finite=False)
@@ -63,6 +66,8 @@ class Mesh:
         solid = doubled_area > np.finfo(float).eps * length * np.maximum(length, np.abs(corners).max(axis=(1, 2)))
         if not solid.any():
             raise InputError(f"the mesh has {len(faces)} faces, none with an area; a target needs triangles")
+        if self.regions is not None:
+            object.__setattr__(self, "regions", _checked_regions(self.regions, len(faces))[solid])
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", np.ascontiguousarray(faces[solid]))
         object.__setattr__(self, "flat", np.concatenate([self.flat, faces[~solid]]))
@@ -197,6 +202,13 @@ def _checked_faces(value: Any, vertex_count: int) -> IntArray:
     if faces.min() < 0 or faces.max() >= vertex_count:
         raise InputError(f"faces refer to vertices {faces.min()}..{faces.max()}, but there are {vertex_count}")
     return faces.astype(np.int64)
+
+
+def _checked_regions(value: Any, face_count: int) -> IntArray:
+    regions = np.asarray(value)
+    if regions.shape != (face_count,) or regions.dtype.kind not in "iu" or (regions < 0).any():
+        raise InputError(f"regions must be one number from 0 for each of {face_count} faces; got shape {regions.shape}")
+    return regions.astype(np.int64)
 
 
 def _doubled_area_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:

@@ -22,7 +22,7 @@ def open_geometry(value: Any, name: str) -> PointCloud | Mesh:
     try:
         if isinstance(data, CloudData):
             return PointCloud(data.points, data.normals, data.viewpoint, data.units, data.dropped)
-        return Mesh(data.vertices, data.faces, data.units)
+        return Mesh(data.vertices, data.faces, data.units, regions=data.regions)
     except InputError as error:
         raise InputError(f"{name} {os.fspath(value)}: {error}") from error
 

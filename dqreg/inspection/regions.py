@@ -115,7 +115,11 @@ def weighted_median(values: FloatArray, weights: IntArray) -> float:
 
 
 def faces_of(mesh: Mesh) -> tuple[int, IntArray]:
-    """Faces of a part: triangles connected without a sharp turn. Shapes: labels (f,)."""
+    """Faces of a part: as its file tells them, else triangles connected without a sharp turn. Shapes: labels (f,)."""
+    if mesh.regions is not None:
+        # Numbers without gaps: a face of the file may have lost all its triangles.
+        numbers, labels = np.unique(mesh.regions, return_inverse=True)
+        return len(numbers), labels.astype(np.int64)
     ends, owners = weld_edges(mesh.vertices, mesh.faces)
     # Two triangles at an edge are neighbours; at an edge with one, three or more, the surface ends or branches.
     starts = np.flatnonzero(np.r_[True, (ends[1:] != ends[:-1]).any(axis=1)])

@@ -27,7 +27,7 @@ from dqreg.registration.source import require_spread
 from dqreg.registration.target_index import TargetIndex
 
 FORMAT, VERSION = "dqreg target", 2
-ARRAYS = ("origin", "vertices", "faces", "flat", "points", "normals", "viewpoint", "fitted")
+ARRAYS = ("origin", "vertices", "faces", "flat", "regions", "points", "normals", "viewpoint", "fitted")
 # What Open3D's tree of a cloud takes beside the arrays: a copy of the coordinates, the permutation and a few nodes.
 TREE_BYTES_A_POINT = 48
 
@@ -51,6 +51,7 @@ def save_target(indexed: TargetIndex, path: str | Path) -> None:
     arrays: dict[str, Any] = {"origin": indexed.origin}
     if isinstance(geometry, Mesh):
         arrays |= {"vertices": geometry.vertices, "faces": geometry.faces, "flat": geometry.flat}
+        arrays |= {"regions": geometry.regions}
     else:
         fitted = indexed.surface.fitted if isinstance(indexed.surface, CloudSurface) else None
         arrays |= {"points": geometry.points, "normals": geometry.normals, "viewpoint": geometry.viewpoint}
@@ -92,7 +93,8 @@ def _indexed(path: Path, header: Header, arrays: dict[str, NDArray[Any]]) -> Tar
     factor(units, None)
     if header.kind == "mesh":
         vertices = read("vertices", None, 3)
-        mesh = Mesh(vertices, arrays["faces"], units, dropped, _faces(arrays["flat"], len(vertices)))
+        flat = _faces(arrays["flat"], len(vertices))
+        mesh = Mesh(vertices, arrays["faces"], units, dropped, flat, arrays.get("regions"))
         return TargetIndex(mesh, origin, header.name)
     if header.kind != "cloud" or dropped < 0:
         raise ValueError(f"a {header.kind!r:.20} with {dropped} rows dropped")

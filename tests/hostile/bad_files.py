@@ -115,7 +115,7 @@ BAD_FILES: dict[str, tuple[str, bytes, str | None]] = {
     "one byte": ("a.ply", b"p", "begins with"),
     "no extension": ("scan", b"1 2 3\n", "extension"),
     "unknown extension": ("scan.xyzzy", b"1 2 3\n", "xyzzy"),
-    "a STEP file": ("part.step", b"ISO-10303-21;", "STL"),
+    "a STEP file named iges": ("part.iges", b"ISO-10303-21;", "STL"),
     "an E57 scan": ("scan.e57", b"ASTM-E57", "PLY"),
     "ply named stl": ("a.stl", GOOD["ply mesh little"][1], "PLY file"),
     "stl named ply": ("a.ply", GOOD["stl binary"][1], "begins with"),

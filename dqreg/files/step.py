@@ -1,0 +1,222 @@
+"""STEP files: exact surfaces, cut into triangles as finely as asked, each with the face that it is of.
+
+OpenCASCADE reads them (package cascadio). Damaged files end it by a segmentation fault or keep it busy for ever, so it
+runs in a process of its own, with limits of time and memory.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.errors import MissingDependencyError
+from dqreg.files.mesh_data import MeshData, make_mesh
+from dqreg.files.units import METRES, UNIT_WORDS
+from dqreg.files.untrusted import max_faces, unreadable
+
+# Largest distance of a triangle from its surface, in sizes of the part: below the noise of any optical scanner.
+CHORD = 1e-5
+# Largest turn between the normals of neighbouring triangles, radians.
+TURN = 0.25
+# The size by the points of the file may be off by that factor before the triangles are made anew.
+GUESSED = 3.0
+# Seconds and bytes that a file may take, and those for each of its bytes.
+SECONDS, SECONDS_EACH = 20.0, 20e-6
+MEMORY, MEMORY_EACH = 2 << 30, 300
+# Faces on one cylinder, cone, sphere or torus agree to that share of the part's size: CAD programs cut a hole in two.
+SAME_SURFACE = 1e-7
+# Bytes of a statement that is searched for, and statements of units that are looked at.
+STATEMENT, STATEMENTS = 2_000, 100
+
+CHILD = """
+import sys
+path, out, chord, turn, seconds, memory = sys.argv[1:]
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 5))
+    resource.setrlimit(resource.RLIMIT_AS, (int(memory), int(memory)))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+except (ImportError, ValueError):
+    pass
+import cascadio
+sys.exit(cascadio.step_to_glb(path, out, float(chord), float(turn), include_brep=True))
+"""
+
+
+def read_step(path: Path, chord: float | None = None) -> MeshData:
+    """Mesh of a STEP file in the file's own unit, with the faces of its surfaces as regions.
+
+    ``chord`` is the largest distance of a triangle from its surface, in the file's unit; default: 1e-5 of the size.
+    """
+    if importlib.util.find_spec("cascadio") is None:
+        raise MissingDependencyError(
+            f"{path}: STEP files are read by cascadio; run: pip install 'dqreg[step]', or export the part as STL"
+        )
+    data = path.read_bytes()
+    if not data.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"ISO-10303-21"):
+        raise unreadable(path, "no line ISO-10303-21 at its beginning", "a STEP file")
+    unit = _unit(data)
+    per_mm = float(METRES["mm"] / METRES[unit])
+    guessed = _size(data)
+    wanted = chord if chord is not None else CHORD * guessed
+    mesh = _tessellated(path, wanted / per_mm, unit)
+    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    if chord is None and not size / GUESSED < guessed < GUESSED * size:
+        mesh = _tessellated(path, CHORD * size / per_mm, unit)
+    return mesh
+
+
+def _tessellated(path: Path, chord_mm: float, unit: str) -> MeshData:
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "part.glb"
+        _run(path, out, chord_mm)
+        bodies = _bodies(path, out)
+    vertices, faces, labels, surfaces = _joined(bodies)
+    if len(faces) > max_faces(path):
+        raise unreadable(path, f"surfaces that take {len(faces)} triangles", f"at most {max_faces(path)}")
+    mesh = make_mesh(path, vertices * float(METRES["m"] / METRES[unit]), faces, unit)
+    regions = _same_surfaces(mesh.faces, labels, surfaces)
+    return MeshData(mesh.vertices, mesh.faces, unit, regions)
+
+
+def _run(path: Path, out: Path, chord_mm: float) -> None:
+    size = path.stat().st_size
+    seconds, memory = SECONDS + SECONDS_EACH * size, MEMORY + MEMORY_EACH * size
+    words = [path.resolve(), out, chord_mm, TURN, int(seconds), int(memory)]
+    command = [sys.executable, "-P", "-c", CHILD, *map(str, words)]
+    expected = "a whole STEP file; try to export it anew, or as STL"
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=10.0 * seconds, check=False)
+    except subprocess.TimeoutExpired as error:
+        raise unreadable(path, "what OpenCASCADE does not get done with", expected) from error
+    if done.returncode or not out.is_file():
+        # A negative code is the signal that ended it: out of memory, out of time, or lost in a damaged file.
+        found = f"what ends OpenCASCADE by signal {-done.returncode}" if done.returncode < 0 else "no shape in it"
+        raise unreadable(path, found, expected)
+
+
+Body = tuple[FloatArray, Any]
+
+
+def _bodies(path: Path, out: Path) -> list[Body]:
+    """Placement, and the body with its faces, of each body of the scene; metres."""
+    import cascadio.extension  # noqa: F401  It tells trimesh how faces are written.
+    import trimesh
+
+    try:
+        scene = trimesh.load_scene(out, process=False, skip_materials=True)
+        placed = (scene.graph[node] for node in scene.graph.nodes_geometry)
+        bodies = [(np.asarray(pose, dtype=np.float64), scene.geometry[name]) for pose, name in placed]
+    except Exception as error:
+        # What a parser raises over what a damaged file became means the same to the user.
+        found = f"what trimesh cannot parse ({type(error).__name__}: {error})"
+        raise unreadable(path, found, "a STEP file of surfaces") from error
+    bodies = [(pose, body) for pose, body in bodies if len(getattr(body, "faces", ()))]
+    if not bodies:
+        raise unreadable(path, "no surface in it", "a STEP file of a part, not of curves or points")
+    return bodies
+
+
+def _joined(bodies: list[Body]) -> tuple[FloatArray, IntArray, IntArray, list[tuple[Any, ...]]]:
+    """All bodies as one, the face of each triangle, and the surface of each face."""
+    all_vertices, all_faces, all_labels, count = [], [], [], 0
+    surfaces: list[tuple[Any, ...]] = []
+    for number, (pose, body) in enumerate(bodies):
+        vertices = np.asarray(body.vertices, dtype=np.float64) @ pose[:3, :3].T + pose[:3, 3]
+        faces = np.asarray(body.faces, dtype=np.int64)
+        labels = np.asarray(body.face_attributes.get("brep_index", np.zeros(len(faces))), dtype=np.int64)
+        known = body.metadata.get("cascadio", {}).get("brep_primitives", [])
+        mirrored = np.linalg.det(pose[:3, :3]) < 0.0
+        all_vertices.append(vertices)
+        all_faces.append(faces[:, :: -1 if mirrored else 1] + count)
+        all_labels.append(labels + len(surfaces))
+        count += len(vertices)
+        primitives = [*known, *[None] * (int(labels.max()) + 1 - len(known))]
+        surfaces += [_surface(primitive, number) for primitive in primitives]
+    return np.concatenate(all_vertices), np.concatenate(all_faces), np.concatenate(all_labels), surfaces
+
+
+def _surface(primitive: Any, body: int) -> tuple[Any, ...]:
+    """What is equal for faces that are cut out of one round surface; of another one, nothing is."""
+    kind = type(primitive).__name__
+    if kind not in ("Cylinder", "Cone", "Sphere", "Torus"):
+        return ()
+    values = {key: np.atleast_1d(value) for key, value in vars(primitive).items() if not key.startswith("extent")}
+    values.pop("face_index", None)
+    point = np.asarray(values.pop("origin", values.pop("apex", values.pop("center", None))), dtype=np.float64)
+    axis = np.asarray(values.pop("axis", np.zeros(3)), dtype=np.float64)
+    if kind == "Cylinder":
+        point = point - (point @ axis) * axis
+    # A cone's reference radius is that of a plane which every face may choose anew.
+    values.pop("ref_radius", None)
+    # An axis means the same both ways round, but for a cone.
+    axis = axis if kind == "Cone" or axis[np.argmax(np.abs(axis))] > 0.0 else -axis
+    return body, kind, np.concatenate([point, axis, *values.values()])
+
+
+def _same_surfaces(faces: IntArray, labels: IntArray, surfaces: list[tuple[Any, ...]]) -> IntArray:
+    """Faces numbered from 0, those that meet on one round surface as one. Shapes: (f, 3), (f,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    owners = np.repeat(labels, 3)
+    order = np.lexsort((sides[:, 1], sides[:, 0]))
+    sides, owners = sides[order], owners[order]
+    meets = (sides[1:] == sides[:-1]).all(axis=1) & (owners[1:] != owners[:-1])
+    pairs = np.unique(np.sort(np.column_stack([owners[1:], owners[:-1]])[meets], axis=1), axis=0)
+    joined = np.array([pair for pair in pairs.tolist() if _equal(surfaces[pair[0]], surfaces[pair[1]])])
+    joined = joined.reshape(-1, 2).astype(np.int64)
+    count = len(surfaces)
+    graph = coo_array((np.ones(len(joined), dtype=bool), (joined[:, 0], joined[:, 1])), shape=(count, count))
+    merged = connected_components(graph, directed=False)[1][labels]
+    return np.unique(merged, return_inverse=True)[1].astype(np.int64)
+
+
+def _equal(a: tuple[Any, ...], b: tuple[Any, ...]) -> bool:
+    if not a or not b or a[:2] != b[:2] or a[2].shape != b[2].shape:
+        return False
+    return bool(np.abs(a[2] - b[2]).max() <= SAME_SURFACE * max(float(np.abs(a[2]).max()), 1e-3))
+
+
+def _unit(data: bytes) -> str:
+    """The length unit that the file assigns to its shapes; millimetres where it names none that is known."""
+    stated, begin = "mm", 0
+    for _ in range(STATEMENTS):
+        begin = data.find(b"LENGTH_UNIT", begin + 1)
+        if begin < 0:
+            break
+        low = max(data.rfind(b";", max(begin - STATEMENT, 0), begin), begin - STATEMENT)
+        words = data[low : data.find(b";", begin, begin + STATEMENT)].decode("latin-1")
+        named = re.search(r"CONVERSION_BASED_UNIT\s*\(\s*'(\w+)'", words)
+        if named is not None:
+            # The unit that it is converted to stands in a statement of its own: it is not that of the shapes.
+            return UNIT_WORDS.get(named.group(1).lower(), "mm")
+        prefix = re.search(r"SI_UNIT\s*\(\s*(\.\w+\.|\$)\s*,\s*\.METRE\.", words)
+        if prefix is not None:
+            stated = {".MILLI.": "mm", ".CENTI.": "cm", ".MICRO.": "um", "$": "m"}.get(prefix.group(1), "mm")
+    return stated
+
+
+def _size(data: bytes) -> float:
+    """About the size of the part, by the points of its file; file's unit."""
+    number = rb"\s*(-?[0-9][-+.0-9eE]{0,30})\s*"
+    found = re.findall(rb"CARTESIAN_POINT\s{0,9}\([^(;]{0,200}\(" + number + b"," + number + b"," + number, data)
+    points = np.array([[float(x) for x in row] for row in found if all(map(_is_number, row))]).reshape(-1, 3)
+    size = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
+    return size if 0.0 < size < 1e9 else 100.0
+
+
+def _is_number(text: bytes) -> bool:
+    try:
+        return bool(np.isfinite(float(text)))
+    except ValueError:
+        return False
