@@ -75,6 +75,7 @@ def frame_result(
         inlier_fraction=run.inlier_fraction,
         timings={},
         settings={**settings, "centre": T[:3, 3].tolist(), "width": run.mixture.scale},
+        partial_information=uncertainty.partial_information,
     )
 
 

@@ -21,6 +21,7 @@ from dqreg.trust import (
     observe_directions,
     without_free_motion,
 )
+from dqreg.trust.covariance import partial_information_of
 from dqreg.trust.patch_tests import ON
 from dqreg.trust.records import Alternative, Direction
 from dqreg.trust.segments import OFF
@@ -40,11 +41,13 @@ class Uncertainty:
 
     covariance: FloatArray  # (6, 6): See `Registration.covariance`
     directions: tuple[Direction, ...]  # The six motions, the weakest first
+    partial_information: FloatArray | None = None  # (6, 6): See `Registration.partial_information`
 
     @staticmethod
     def of(information: Information) -> Uncertainty:
         """What follows from the information of the six motions."""
-        return Uncertainty(covariance_of(information), observe_directions(information))
+        partial = partial_information_of(information) if information.free.any() else None
+        return Uncertainty(covariance_of(information), observe_directions(information), partial)
 
 
 def uncertainty_of(fit: Fit) -> Uncertainty:

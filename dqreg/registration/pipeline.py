@@ -104,6 +104,7 @@ def registration_of(
         timings=problem.watch.seconds,
         settings={**problem.asked, "cell_size": fit.prepared.cell_size, **resolved(fit)},
         inputs=SourceAndTarget(problem.source, fit.target) if problem.options.keep_inputs else None,
+        partial_information=uncertainty.partial_information,
     )
 
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_vectors
-from dqreg.errors import InputError
+from dqreg._arrays import FloatArray
 from dqreg.files.atomic import write_atomically
 from dqreg.icp.history import Iteration
 from dqreg.inspection import Deviations
@@ -19,14 +18,14 @@ from dqreg.registration.invariants import as_failed, violated_invariant
 from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.result_json import as_text, read_fields, to_plain
 from dqreg.registration.scan_deviations import scan_deviations
-from dqreg.rigid import DualQuaternion, pose
+from dqreg.registration.uncertain_pose import UncertainPose
 from dqreg.trust.records import Alternative, Direction, Verdict
 
 __all__ = ["Alternative", "Direction", "Iteration", "Registration", "Verdict"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Registration:
+class Registration(UncertainPose):
     """Result of registering a source to a target.
 
     However it was made, its pose is rigid to 1e-12, or all NaN with the verdict "failed"; its covariance is symmetric
@@ -62,6 +61,8 @@ class Registration:
     inputs : SourceAndTarget or None
         Both sides, for deviations, pictures and reports; not saved, and None where ``keep_inputs=False`` asked so.
         `attached` brings them back.
+    partial_information : ndarray, (6, 6), or None
+        Inverse of the covariance where motions are free, 0 along those; None where none is. See `information`.
     """
 
     T_target_source: FloatArray
@@ -76,6 +77,7 @@ class Registration:
     timings: dict[str, float]
     settings: dict[str, Any]
     inputs: SourceAndTarget | None = dataclasses.field(default=None, repr=False)
+    partial_information: FloatArray | None = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         violated = violated_invariant(vars(self))
@@ -107,36 +109,10 @@ class Registration:
         return dataclasses.replace(self, inputs=inputs)
 
     @property
-    def scale(self) -> float:
-        """What source lengths were multiplied with, conversion of units included: ``p_target = R (scale p) + t``."""
-        return float(self.settings.get("source_scale", 1.0))
-
-    @property
     def scale_sigma(self) -> float:
         """Standard deviation of ``scale``: 0 where it was given, NaN where it was asked for and is free."""
         sigma = self.settings.get("scale_sigma", 0.0)
         return np.nan if sigma is None else float(sigma)
-
-    @property
-    def dual_quaternion(self) -> DualQuaternion:
-        """The pose as a unit dual quaternion; raises `InputError` where no pose was found."""
-        return DualQuaternion.from_matrix(self._found())
-
-    def apply(self, points: ArrayLike) -> FloatArray:
-        """Move points of the source into the target frame.
-
-        Parameters
-        ----------
-        points : array_like, (n, 3)
-            Source coordinates, in the source's own unit.
-
-        Returns
-        -------
-        ndarray, (n, 3)
-            Target coordinates, in the target's unit.
-        """
-        checked = as_vectors(points, "points")
-        return pose.apply(self._found(), checked * self.scale)
 
     def deviations(
         self,
@@ -232,21 +208,6 @@ class Registration:
         from dqreg.report.page import notebook_html
 
         return notebook_html(self)
-
-    def inverse(self) -> FloatArray:
-        """The pose T_source_target, (4, 4), from target coordinates to source coordinates (in target units).
-
-        Returns
-        -------
-        ndarray, (4, 4)
-            Inverse pose.
-        """
-        return pose.inverse(self._found())
-
-    def _found(self) -> FloatArray:
-        if not np.isfinite(self.T_target_source).all():
-            raise InputError(f"this registration found no pose: {'; '.join(self.verdict.reasons)}")
-        return self.T_target_source
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, numbers and strings under the attribute names; NaN and infinity become None.

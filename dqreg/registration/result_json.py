@@ -50,6 +50,8 @@ def read_fields(path: str | Path, cls: type) -> dict[str, Any]:
     if not isinstance(values, dict) or values.get("format") != FORMAT:
         raise InputError(f'{path} is no dqreg result: expected the key "format" to be {FORMAT!r}')
     try:
+        # Files of old do not have it.
+        values.setdefault("partial_information", None)
         fields = fields_from(cls, {name: values[name] for name in _names(cls)}, CHECKS)
         if violated := violated_invariant(fields):
             # What this package saved keeps them: the file was written or changed elsewhere.
@@ -127,6 +129,12 @@ def _pose(rows: Any) -> FloatArray:
     return T
 
 
+def _finite(rows: Any) -> FloatArray:
+    matrix = _array(rows, (6, 6))
+    require_finite(matrix, "partial_information")
+    return matrix
+
+
 def _array(rows: Any, shape: tuple[int, ...]) -> FloatArray:
     # None becomes NaN in a float array.
     array = np.array(rows, dtype=np.float64)
@@ -141,6 +149,7 @@ CHECKS = {
     "verdict": read_verdict,
     "observability": lambda directions: tuple(_direction(direction) for direction in _of(list, directions)),
     "covariance": lambda rows: _array(rows, (6, 6)),
+    "partial_information": lambda rows: None if rows is None else _finite(rows),
     "settings": lambda values: _settings(_of(dict, values)),
     "history": lambda records: tuple(_iteration(record) for record in _of(list, records)),
     # Infinite where an extrapolation was taken back.

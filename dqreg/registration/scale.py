@@ -186,6 +186,7 @@ def _with_scale(result: Registration, step: ScaleStep | None, doubt: Reason | No
         result,
         verdict=result.verdict.doubted(doubt) if doubt else result.verdict,
         covariance=covariance,
+        partial_information=result.partial_information if covariance is result.covariance else None,
         settings=settings,
         timings={**result.timings, **task.problem.watch.seconds},
         inputs=result.inputs if task.options.keep_inputs else None,

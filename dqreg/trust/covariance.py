@@ -57,6 +57,20 @@ def covariance_of(information: Information) -> FloatArray:
     return covariance
 
 
+def partial_information_of(information: Information) -> FloatArray | None:
+    """Inverse of the covariance along the motions that are held, (6, 6), 0 along free ones; None without noise."""
+    held = ~information.free
+    vectors = information.vectors[:, held]
+    spread = np.diag(information.sigma**2 / (information.values[held] * information.weight))
+    if information.scatter is not None:
+        spread = vectors.T @ information.scatter @ vectors
+    if information.vectors.shape[1] < 6 or np.linalg.matrix_rank(spread, hermitian=True) != held.sum():
+        return None
+    scaled = vectors @ np.linalg.inv(spread) @ vectors.T
+    scale = np.r_[[information.lever] * 3, [1.0] * 3]
+    return np.asarray(0.5 * (scaled + scaled.T) * scale[:, None] * scale)
+
+
 def observe_directions(information: Information) -> tuple[Direction, ...]:
     """The six independent motions of the part, and how well each is constrained.
 

@@ -131,6 +131,7 @@ def test_the_file_is_strict_json_with_the_documented_keys(tmp_path: Path, make: 
         "settings",
         "scale",
         "scale_sigma",
+        "partial_information",
     }
     assert set(content["verdict"]) == {"level", "reasons", "codes", "checks", "confidence"}
     if make is failed:
