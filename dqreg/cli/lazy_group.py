@@ -24,6 +24,7 @@ LOOK, USE, STUDY, CARE = "See it work", "Register", "Compare and study", "Look a
 ENTRIES = {
     "demo": Entry("dqreg.cli.demo:demo", "a part and a scan that ship with dqreg, against the known truth", LOOK),
     "register": Entry("dqreg.cli.register:register_command", "the pose of a scan on a part or another scan", USE),
+    "studio": Entry("dqreg.cli.studio:studio", "the local page: from two files to a signed sheet, by pointing", USE),
     "batch": Entry("dqreg.cli.batch:batch", "many registrations: one result each, a summary table", USE),
     "multiway": Entry("dqreg.cli.multiway:multiway_command", "many scans into one frame, with a model", USE),
     "odometry": Entry("dqreg.cli.odometry:odometry_command", "a LiDAR sequence to a trajectory", USE),

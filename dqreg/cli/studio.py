@@ -1,0 +1,67 @@
+"""`dqreg studio [SCAN PART]`: the local page, from two files to a signed sheet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from dqreg.cli.outputs import consoles, say
+from dqreg.errors import InputError
+
+FILE = click.Path(path_type=Path)
+
+
+@click.command("studio")
+@click.argument("scan", type=FILE, required=False)
+@click.argument("part", type=FILE, required=False)
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1; 0 takes a free one.")
+@click.option("--folder", type=FILE, help="Where visits are kept, to go on with them another day  [default: a "
+              "temporary folder, removed at the end].")  # fmt: skip
+@click.option("--no-browser", "browser", flag_value=False, default=True, help="Print the address, open nothing.")
+@click.option("--replay", "visit", type=FILE, metavar="VISIT", help="Do a saved visit again without the page.")
+@click.option("--out", type=FILE, default=Path(), help="Where --replay writes  [default: the working folder].")
+@click.option("--quiet", is_flag=True, help="Print nothing but the address and errors.")
+def studio(
+    scan: Path | None,
+    part: Path | None,
+    port: int,
+    folder: Path | None,
+    browser: bool,
+    visit: Path | None,
+    out: Path,
+    quiet: bool,
+) -> int:
+    """Open a page in the browser: load a scan and its part, clean, align, judge, report.
+
+    \b
+    dqreg studio                           drop both files on the page
+    dqreg studio scan.ply part.stl
+    dqreg studio --folder visits           visits are kept there
+    dqreg studio --replay visit.json --out sheet
+
+    The page is served on 127.0.0.1 to this machine alone, under an address with a key; nothing leaves the machine and
+    nothing is fetched. Ctrl-C ends it.
+    """
+    console, _ = consoles(quiet=quiet, as_json=False)
+    if visit is not None:
+        from dqreg.studio.replay import replay
+
+        result = replay(visit, out)
+        say(console, f"alignment: {result.verdict.level}; wrote its files to {out}")
+        return 0 if result.verdict.level == "accepted" else 1
+    if (scan is None) != (part is None):
+        raise InputError("give SCAN and PART, or neither and drop them on the page")
+    from dqreg.files.untrusted import require_readable
+    from dqreg.studio.serve import serve
+
+    for path in (scan, part):
+        if path is not None:
+            require_readable(path)
+
+    def tell(address: str) -> None:
+        click.echo(address)
+        say(console, "Open this address on this machine. Ctrl-C ends the studio.")
+
+    serve(scan, part, port=port, folder=folder, browser=browser, tell=tell)
+    return 0

@@ -1,0 +1,118 @@
+"""Pieces of a scan that are left out: boxes, lassos, planes that leave the part; the file itself is never changed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray
+from dqreg._open3d import load_open3d
+from dqreg.errors import InputError
+from dqreg.files.write import write_cloud
+from dqreg.geometry import Mesh, PointCloud
+from dqreg.geometry.sampling import sample_mesh
+from dqreg.studio.kept import Place, kept
+from dqreg.studio.visit import Cut
+
+CLEANED = "scan_cleaned.ply"
+# Points of a scan that is a mesh, as `register` draws them.
+MESH_SAMPLES = 100_000
+# Points that are asked for a plane, draws, and the share of them that makes one worth a question.
+ASKED, DRAWS, WORTH = 40_000, 600, 0.08
+# Half the thickness of a plane: that many noises or spacings, whichever is more.
+NOISES, SPACINGS = 4.0, 0.75
+# A plane leaves the part where it extends that much farther than the part is large.
+LARGER = 1.15
+
+
+def scan_points(scan: PointCloud | Mesh) -> FloatArray:
+    """The points of a scan that cuts are about."""
+    if isinstance(scan, Mesh):
+        return sample_mesh(scan, MESH_SAMPLES, np.random.default_rng(0)).points
+    return scan.points
+
+
+def kept_rows(points: FloatArray, cuts: tuple[Cut, ...]) -> BoolArray:
+    """Which points no cut leaves out. Shapes: (n,)."""
+    stays: BoolArray = np.ones(len(points), dtype=bool)
+    for cut in cuts:
+        inside = INSIDE[cut.kind](points, cut)
+        stays = stays & (inside == cut.keep)
+    return stays
+
+
+def _in_box(points: FloatArray, cut: Cut) -> BoolArray:
+    low, high = np.minimum(cut.low, cut.high), np.maximum(cut.low, cut.high)
+    return np.asarray(((points >= low) & (points <= high)).all(axis=1))
+
+
+def _in_lasso(points: FloatArray, cut: Cut) -> BoolArray:
+    if len(cut.polygon) < 3:
+        return np.zeros(len(points), dtype=bool)
+    from matplotlib.path import Path as Outline
+
+    inside: BoolArray = Outline(np.array(cut.polygon)).contains_points(points @ np.array([cut.right, cut.up]).T)
+    return inside
+
+
+def _at_plane(points: FloatArray, cut: Cut) -> BoolArray:
+    normal = np.array(cut.normal)
+    off: BoolArray = np.abs(points @ (normal / np.linalg.norm(normal)) - cut.offset) <= cut.half
+    return off
+
+
+INSIDE = {"box": _in_box, "lasso": _in_lasso, "plane": _at_plane}
+
+
+def cleaned_file(place: Place) -> Path:
+    """The file that is registered: the scan as it was given, or what the cuts leave of it as a file beside it."""
+    cuts = place.visit.cuts
+    if not cuts:
+        return place.scan_path
+    scan = place.scan()
+    points = scan_points(scan)
+    stays = kept_rows(points, cuts)
+    if np.count_nonzero(stays) < 3:
+        raise InputError("the cuts leave nothing of the scan: undo the last one")
+    if stays.all():
+        return place.scan_path
+    path = place.folder / CLEANED
+
+    def make() -> Path:
+        normals = scan.normals[stays] if isinstance(scan, PointCloud) and scan.normals is not None else None
+        write_cloud(path, points[stays], normals)
+        return path
+
+    return kept("cleaned", [place.scan_path, cuts], make)
+
+
+def leaving_plane(place: Place, spacing: float, noise: float) -> tuple[Cut, int] | None:
+    """A plane of the scan that extends beyond the part, and its points; None where there is none worth a question."""
+    points = scan_points(place.scan())
+    points = points[kept_rows(points, place.visit.cuts)]
+    half = max(NOISES * noise, SPACINGS * spacing)
+    if len(points) < 100 or half <= 0.0:
+        return None
+    middle = np.median(points, axis=0)
+    cut = kept("plane", [place.scan_path, place.visit.cuts], lambda: _largest_plane(points - middle, half))
+    normal = np.array(cut.normal)
+    cut = Cut("plane", normal=cut.normal, offset=cut.offset + float(normal @ middle), half=half)
+    on = _at_plane(points, cut)
+    part = place.part()
+    size = float(np.linalg.norm(np.ptp(part.vertices if isinstance(part, Mesh) else part.points, axis=0)))
+    across = points[on] - (points[on] @ normal)[:, None] * normal
+    extent = float(np.linalg.norm(np.ptp(across, axis=0))) * place.scale() if on.any() else 0.0
+    if np.count_nonzero(on) < WORTH * len(points) or extent < LARGER * size:
+        return None
+    return cut, int(np.count_nonzero(on))
+
+
+def _largest_plane(points: FloatArray, half: float) -> Cut:
+    step = -(-len(points) // ASKED)
+    open3d = load_open3d()
+    open3d.utility.random.seed(0)
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points[::step]))
+    (a, b, c, d), _ = cloud.segment_plane(distance_threshold=half, ransac_n=3, num_iterations=DRAWS)
+    length = float(np.linalg.norm([a, b, c]))
+    return Cut("plane", normal=(a / length, b / length, c / length), offset=-d / length, half=half)

@@ -1,0 +1,218 @@
+"""The visits of a server: each with its folder, its history and a worker process of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import json
+import os
+import secrets
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dqreg.errors import DqregError, InputError
+from dqreg.registration.batch.worker import Failure, Worker
+from dqreg.studio.visit import Side, Visit
+
+if TYPE_CHECKING:
+    from dqreg.studio.kept import Place
+
+Values = dict[str, Any]
+VISIT, RESULTS = "visit.json", "results.json"
+# Seconds after which a worker without work ends, and share of the machine's memory that it may take.
+IDLE, MEMORY = 900.0, 0.7
+# Undo goes back that far; visits kept by a server.
+STEPS, MOST_VISITS = 200, 40
+# Fields of a visit that each result depends on: where one of them changes, the result is of yesterday.
+DEPENDS = {
+    "scan": ("scan",),
+    "part": ("part",),
+    "compare": ("scan", "part"),
+    "align": ("scan", "part", "cuts", "start", "pairs", "T_start", "dof"),
+}
+DEPENDS["judge"] = (
+    *DEPENDS["align"],
+    "alignment",
+    "datums",
+    "references",
+    "reach",
+    "tolerance",
+    "required",
+    "faces",
+)
+DEPENDS["report"] = (*DEPENDS["judge"], "head", "labels", "views")
+
+
+# What a worker can be asked for; `tasks` does it.
+NAMES = (
+    *("scan", "part", "compare", "plane", "draw_scan", "lasso", "pick_part", "pick_scan"),
+    *("pairs", "hand", "align", "judge", "report"),
+)
+
+
+class StoppedError(Exception):
+    """A run was cancelled by the user."""
+
+
+class BrokenError(Exception):
+    """A run ended without an answer; says how."""
+
+
+@dataclasses.dataclass(eq=False)
+class Room:
+    """A visit on the server."""
+
+    name: str
+    folder: Path
+    visit: Visit
+    past: list[Visit] = dataclasses.field(default_factory=list)
+    results: dict[str, Any] = dataclasses.field(default_factory=dict)
+    running: str = ""  # Name of the task that runs; "" if none does
+    touched: float = dataclasses.field(default_factory=time.time)
+
+    def __post_init__(self) -> None:
+        self._worker: Worker | None = None
+        self._lock = asyncio.Lock()
+        self._stopping = False
+
+    def change(self, visit: Visit) -> None:
+        """Go on with another state; the one before can be brought back."""
+        if visit == self.visit:
+            return
+        self.past = [*self.past[-STEPS:], self.visit]
+        self._become(visit)
+
+    def undo(self) -> None:
+        """Back to the state before the last change."""
+        if not self.past:
+            raise InputError("there is nothing to undo")
+        *self.past, before = self.past
+        self._become(before)
+
+    def _become(self, visit: Visit) -> None:
+        for name, fields in DEPENDS.items():
+            if any(getattr(visit, field) != getattr(self.visit, field) for field in fields):
+                self.results.pop(name, None)
+        self.visit, self.touched = visit, time.time()
+        self.save()
+
+    def save(self) -> None:
+        """Keep the visit and what came of it, for whoever opens it again."""
+        self.visit.save(self.folder / VISIT)
+        (self.folder / RESULTS).write_text(json.dumps(self.results, allow_nan=False), encoding="utf-8")
+
+    async def run(self, task: str, values: dict[str, Any]) -> Any:
+        """Do a task in the worker process; one at a time."""
+        async with self._lock:
+            visit, self._stopping, self.running = self.visit, False, task
+            try:
+                answer = await asyncio.to_thread(self._call, partial(perform, task, self.folder, visit, values))
+            finally:
+                self.running = ""
+        if isinstance(answer, Failure):
+            if self._stopping:
+                raise StoppedError
+            raise BrokenError(answer.message)
+        # A result of a state that is not the present one any more is of no use.
+        depends = DEPENDS.get(task)
+        if depends is not None and all(getattr(visit, f) == getattr(self.visit, f) for f in depends):
+            self.results[task] = answer
+            self.save()
+        return answer
+
+    def cancel(self) -> None:
+        """End what runs; a new worker process is started for the next task."""
+        self._stopping = True
+        self.close()
+
+    def close(self) -> None:
+        """End the worker process."""
+        worker, self._worker = self._worker, None
+        if worker is not None:
+            worker.close()
+
+    def _call(self, task: Callable[[], Any]) -> Any:
+        import psutil
+
+        if self._worker is None or self._worker.closed:
+            self._worker = Worker(os.cpu_count() or 1, prepare=_warm, idle=IDLE)
+        return self._worker.call(task, memory=MEMORY * psutil.virtual_memory().total)
+
+
+def perform(name: str, folder: Path, visit: Visit, values: Values) -> Any:
+    """Do a task, in a worker process."""
+    from dqreg.files.strict_json import plain
+    from dqreg.studio.kept import Place
+
+    return plain(tasks()[name](Place(folder, visit), values))
+
+
+def tasks() -> dict[str, Callable[[Place, Values], Any]]:
+    """What a worker can be asked for, imported where the work is done: the server stays light."""
+    from dqreg.studio import aligning, judging, picking, reading
+
+    return {
+        "scan": lambda place, _: reading.read_scan(place),
+        "part": lambda place, _: reading.read_part(place),
+        "compare": lambda place, _: reading.compare_sides(place),
+        "plane": lambda place, _: reading.plane_question(place),
+        "draw_scan": lambda place, _: reading.draw_scan(place),
+        "lasso": picking.lasso_cut,
+        "pick_part": picking.pick_part,
+        "pick_scan": picking.pick_scan,
+        "pairs": lambda place, _: aligning.align_pairs(place),
+        "hand": aligning.pose_of_drawn,
+        "align": lambda place, _: aligning.align(place),
+        "judge": lambda place, _: judging.judge(place),
+        "report": lambda place, _: judging.write_sheet(place),
+    }
+
+
+def _warm() -> None:
+    from dqreg._open3d import load_open3d
+
+    load_open3d()
+
+
+class Desk:
+    """All visits of a server, in one folder."""
+
+    def __init__(self, folder: Path, scan: Path | None = None, part: Path | None = None) -> None:
+        self.folder = folder
+        self.named = scan, part
+        self.rooms: dict[str, Room] = {}
+        for place in sorted(folder.glob(f"*/{VISIT}")):
+            try:
+                results = json.loads((place.parent / RESULTS).read_text(encoding="utf-8"))
+                self.rooms[place.parent.name] = Room(place.parent.name, place.parent, Visit.load(place), [], results)
+            except (DqregError, OSError, ValueError):
+                continue  # what is no visit of ours is left alone
+
+    def open(self) -> Room:
+        """A new visit, with the files that the command line named."""
+        if len(self.rooms) >= MOST_VISITS:
+            oldest = min(self.rooms.values(), key=lambda room: room.touched)
+            oldest.close()
+            del self.rooms[oldest.name]
+        name = secrets.token_hex(6)
+        folder = self.folder / name
+        folder.mkdir(parents=True)
+        scan, part = (None if path is None else Side(path.name, str(path.absolute())) for path in self.named)
+        room = Room(name, folder, Visit(scan, part))
+        self.rooms[name] = room
+        room.save()
+        return room
+
+    def room(self, name: str) -> Room:
+        """A visit by its name."""
+        if name not in self.rooms:
+            raise InputError("this visit is not here any more: begin a new one")
+        return self.rooms[name]
+
+    def close(self) -> None:
+        """End all worker processes."""
+        for room in self.rooms.values():
+            room.close()

@@ -1,0 +1,143 @@
+"""What the page draws: points and triangles thinned, in 16-bit steps, each side about its own middle and size."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
+from dqreg.geometry import Mesh, MeshSurface, PointCloud
+from dqreg.geometry.morton import morton_order
+from dqreg.inspection.regions import faces_of
+from dqreg.report.view3d import fewer_triangles, sharp_edges
+
+# What is drawn at most.
+POINTS, OFF, TRIANGLES = 200_000, 40_000, 120_000
+STEPS = 65535
+
+
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """Where a side is drawn: its middle at the origin, its diagonal as the unit."""
+
+    middle: FloatArray  # (3,)
+    size: float
+
+    @staticmethod
+    def of(points: FloatArray) -> Frame:
+        """The frame of some points: outliers far away do not shrink the rest."""
+        low, high = bounds(points)
+        if len(points) > 1000:
+            near = np.quantile(points[:: max(1, len(points) // 20_000)], [0.005, 0.995], axis=0)
+            inner = float(np.linalg.norm(near[1] - near[0]))
+            if 3.0 * inner < float(np.linalg.norm(high - low)) and inner > 0.0:
+                low, high = near
+        size = float(np.linalg.norm(high - low))
+        return Frame(0.5 * (low + high), size if size > 0.0 else 1.0)
+
+    def to_drawn(self, points: FloatArray) -> FloatArray:
+        """Places in the drawing of places of the side."""
+        drawn: FloatArray = (points - self.middle) / self.size
+        return drawn
+
+    def to_side(self, points: FloatArray) -> FloatArray:
+        """Places of the side of places in the drawing."""
+        found: FloatArray = points * self.size + self.middle
+        return found
+
+
+def frame_of(geometry: PointCloud | Mesh) -> Frame:
+    """The frame that a side is drawn in."""
+    return Frame.of(geometry.vertices if isinstance(geometry, Mesh) else geometry.points)
+
+
+def drawn_pose(T: FloatArray, scale: float, scan: Frame, part: Frame) -> list[float]:
+    """A pose as the page moves the drawn scan: 3x4, row by row, from the scan's drawing to the part's."""
+    R, t = T[:3, :3], T[:3, 3]
+    motion = np.column_stack([R * (scale * scan.size / part.size), part.to_drawn(scale * R @ scan.middle + t)])
+    return [float(x) for x in motion.ravel()]
+
+
+def true_pose(drawn: FloatArray, scale: float, scan: Frame, part: Frame) -> FloatArray:
+    """Inverse of `drawn_pose`, with the rotation made exact. Shapes: drawn (12,), returns (4, 4)."""
+    motion = np.asarray(drawn, dtype=np.float64).reshape(3, 4)
+    U, _, V = np.linalg.svd(motion[:, :3])
+    R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ V))]) @ V
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = part.to_side(motion[:, 3]) - scale * R @ scan.middle
+    return T
+
+
+def rows_to_draw(points: FloatArray, on: BoolArray) -> tuple[IntArray, IntArray]:
+    """Rows of the points that are drawn: those that count, and the others; each in an order that thins evenly."""
+    return _spread(points, np.flatnonzero(on), POINTS), _spread(points, np.flatnonzero(~on), OFF)
+
+
+def cloud_payload(points: FloatArray, frame: Frame, rows: tuple[IntArray, IntArray]) -> tuple[dict[str, Any], bytes]:
+    """Points to draw: what the page must know, and the coordinates, first of those that count."""
+    known, steps = _quantised(frame.to_drawn(points[np.concatenate(rows)]))
+    return {**known, "kind": "cloud", "on": len(rows[0]), "off": len(rows[1]), "total": len(points)}, steps
+
+
+def part_payload(part: PointCloud | Mesh, frame: Frame) -> tuple[dict[str, Any], bytes]:
+    """The part to draw: vertices, triangles ordered by face, sharp edges."""
+    if isinstance(part, PointCloud):
+        everything = np.ones(len(part.points), dtype=bool)
+        return cloud_payload(part.points, frame, rows_to_draw(part.points, everything))
+    vertices, faces = fewer_triangles(frame.to_drawn(part.vertices), part.faces, TRIANGLES)
+    labels = _labels(part, frame, vertices, faces)
+    order = np.argsort(labels, kind="stable")
+    known, steps = _quantised(vertices)
+    edges = sharp_edges(vertices, faces)
+    starts = np.flatnonzero(np.r_[True, np.diff(labels[order]) != 0])
+    counts = np.diff(np.r_[starts, len(order)])
+    ranges = np.column_stack([labels[order][starts], starts, counts])
+    words = {
+        **known,
+        "kind": "mesh",
+        "total": len(part.faces),
+        "drawn": len(faces),
+        "edges": len(edges),
+        "faces": ranges.tolist(),
+    }
+    return words, steps + _padded(steps) + _bytes(faces[order], "<u4") + _bytes(edges, "<f4")
+
+
+def _labels(part: Mesh, frame: Frame, vertices: FloatArray, faces: IntArray) -> IntArray:
+    """Number of the part's face that each drawn triangle lies on."""
+    _, labels = faces_of(part)
+    if len(faces) == len(part.faces):
+        return labels
+    centres = frame.to_side(vertices[faces].mean(axis=1)) - frame.middle
+    about = Mesh(part.vertices - frame.middle, part.faces)
+    return labels[MeshSurface(about).closest(centres).elements]
+
+
+def _spread(points: FloatArray, rows: IntArray, most: int) -> IntArray:
+    if len(rows) > most:
+        # Even steps along a space-filling curve leave no holes.
+        ordered = rows[morton_order(points[rows])]
+        rows = ordered[np.linspace(0, len(ordered) - 1, most).astype(np.int64)]
+    # In random order any first part of them is as even: less is drawn while the view turns.
+    mixed: IntArray = np.random.default_rng(0).permutation(rows)
+    return mixed
+
+
+def _quantised(points: FloatArray) -> tuple[dict[str, Any], bytes]:
+    low = points.min(axis=0) if len(points) else np.zeros(3)
+    extent = np.maximum(np.ptp(points, axis=0), 1e-12) if len(points) else np.ones(3)
+    known = {"low": low.tolist(), "extent": extent.tolist(), "count": len(points)}
+    return known, _bytes(np.rint((points - low) / extent * STEPS), "<u2")
+
+
+def _padded(data: bytes) -> bytes:
+    # What follows is read as numbers of four bytes.
+    return b"\0" * (-len(data) % 4)
+
+
+def _bytes(array: NDArray[Any], kind: str) -> bytes:
+    return np.ascontiguousarray(array, dtype=kind).tobytes()

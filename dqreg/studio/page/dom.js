@@ -1,0 +1,52 @@
+// Elements are made from values, never from text: no name of a file can become anything else than letters.
+export function h(tag, attributes = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key.startsWith("on")) made.addEventListener(key.slice(2), value);
+    else if (key === "class") made.className = value;
+    else if (typeof value === "boolean") made.toggleAttribute(key, value);
+    else if (value !== null && value !== undefined) made.setAttribute(key, value);
+  }
+  made.append(...children.flat(Infinity).filter(child => child !== null && child !== undefined && child !== false));
+  return made;
+}
+
+// The same panel again keeps the keyboard where it was.
+export function show(home, ...children) {
+  const held = home.contains(document.activeElement) ? document.activeElement : null;
+  const id = held?.id, at = held?.selectionStart;
+  const open = new Set([...home.querySelectorAll("details[open]")].map(d => d.id).filter(Boolean));
+  home.replaceChildren(...children.flat(Infinity).filter(child => child !== null && child !== undefined && child !== false));
+  for (const each of home.querySelectorAll("details[id]")) if (open.has(each.id)) each.open = true;
+  const again = id ? document.getElementById(id) : null;
+  if (again) {
+    again.focus({ preventScroll: true });
+    try { if (at !== undefined && at !== null) again.setSelectionRange(at, at); } catch { /* a number has no selection */ }
+  } else if (held) home.focus({ preventScroll: true });
+}
+
+export function number(value, digits = 3) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  const short = Number(value.toPrecision(digits));
+  return Math.abs(short) >= 1e6 || (short !== 0 && Math.abs(short) < 1e-4) ? short.toExponential(digits - 1) : String(short);
+}
+export const count = value => value.toLocaleString("en-GB");
+export const signed = (value, digits = 3) => (value > 0 ? "+" : "") + number(value, digits).replace("-", "−");
+export const percent = (share, digits = 1) => `${(100 * share).toFixed(digits)} %`;
+export function facts(rows) {
+  return h("table", { class: "facts" }, h("tbody", {}, rows.filter(Boolean).map(([name, ...value]) => h("tr", {}, h("th", { scope: "row" }, name), h("td", {}, value)))));
+}
+export function copyable(name, text) {
+  const button = h("button", { class: "copy" }, "Copy");
+  const pre = h("pre", { tabindex: "0" }, text);
+  button.addEventListener("click", async () => {
+    try { await navigator.clipboard.writeText(text); } catch {
+      const range = document.createRange(); range.selectNodeContents(pre);
+      const chosen = getSelection(); chosen.removeAllRanges(); chosen.addRange(range);
+      document.execCommand("copy");
+    }
+    button.textContent = "Copied";
+    setTimeout(() => { button.textContent = "Copy"; }, 1500);
+  });
+  return h("div", { class: "copyable" }, h("div", {}, h("span", { class: "note" }, name), button), pre);
+}

@@ -1,0 +1,187 @@
+// The page: one visit, five steps, one drawing.
+import { ask, events, fetchBytes, send, Stopped, Trouble, upload } from "./api.js";
+import { copyable, h, show } from "./dom.js";
+import { Stage, colours } from "./stage.js";
+import * as load from "./load.js";
+import * as clean from "./clean.js";
+import * as align from "./align.js";
+import * as judge from "./judge.js";
+import * as report from "./report.js";
+
+const STEPS = { load, clean, align, judge, report };
+const TITLES = { load: "Load", clean: "Clean", align: "Align", judge: "Judge", report: "Report" };
+const $ = selector => document.querySelector(selector);
+
+export const app = {
+  step: "load", busy: {}, visit: null, results: {}, shown: {}, step_state: {},
+
+  async change(values) { accept(await send(`visits/${app.name}/change`, values)); },
+  async run(task, values = {}, words = "") {
+    app.busy = { task, words }; render();
+    try { return await send(`visits/${app.name}/run/${task}`, values); }
+    finally { app.busy = {}; render(); }
+  },
+  // A question that is answered at once: no bar for it.
+  quick: (task, values) => send(`visits/${app.name}/run/${task}`, values),
+  async refresh() { accept(await ask(`visits/${app.name}`)); },
+  async upload(side, file) {
+    app.busy = { task: "upload", words: `Taking in ${file.name}`, reached: 0 }; render();
+    try {
+      accept(await upload(`visits/${app.name}/${side}?name=${encodeURIComponent(file.name)}`, file, share => {
+        app.busy = { ...app.busy, reached: share }; progress();
+      }));
+    } finally { app.busy = {}; }
+    await app.read();
+  },
+  // What is known of both files, and their drawings.
+  async read() {
+    for (const side of ["scan", "part"]) if (app.visit[side] && !app.results[side])
+      app.results[side] = await app.run(side, {}, `Reading ${app.visit[side].name}`);
+    if (app.visit.scan && app.visit.part && !app.results.compare)
+      app.results.compare = await app.run("compare", {}, "Comparing sizes");
+    await app.draw();
+    render();
+  },
+  async draw() {
+    const { scan, part } = app.results;
+    await drawSide("part", part?.drawing, (d, b) => stage.setPart(d, b));
+    const judged = app.showJudged && app.results.judge?.drawing;
+    await drawSide("scan", judged || scan?.drawing, (d, b) => stage.setScan(d, b), judged ? "judged" : "scan");
+    const size = (part ?? scan)?.frame.size ?? 1;
+    stage.scene.size = size;
+    stage.scene.unit = app.unit();
+    stage.scene.spacing = (scan?.spacing ?? 0) * app.scale() / size;
+    stage.scene.origin = part?.frame.middle ?? [0, 0, 0];
+  },
+  unit() { return app.results.compare?.units?.[1] ?? app.visit?.part?.units ?? app.results.part?.units ?? ""; },
+  scale() { return app.results.compare?.scale ?? 1; },
+  go(step) { app.step = step; location.hash = `${app.name}/${step}`; STEPS[step].enter?.(app, stage); render(); $("#panel").focus({ preventScroll: true }); },
+  say(words) { $("#said").replaceChildren(words ? h("p", {}, words, h("button", { onclick: () => app.say("") }, "Close")) : ""); },
+  render, stop: () => send(`visits/${app.name}/cancel`).catch(() => {}),
+};
+globalThis.studio = app;
+
+async function drawSide(side, drawing, place, name = side) {
+  const mark = drawing ? `${name} ${JSON.stringify([drawing.file, drawing.count, drawing.on, app.stamp?.[name] ?? 0])}` : "";
+  if (app.shown[side] === mark) return;
+  place(drawing, drawing ? await fetchBytes(`visits/${app.name}/data/${drawing.file}`) : null);
+  app.shown[side] = mark;
+  if (side === "scan" && name === "scan") app.scanBuffer = drawing ? await fetchBytes(`visits/${app.name}/data/${drawing.file}`) : null;
+  if (!app.fitted) stage.fit();
+}
+
+// A drawing of the same name with other points in it.
+app.renewed = name => { app.stamp = { ...app.stamp, [name]: (app.stamp?.[name] ?? 0) + 1 }; };
+
+function accept(told) {
+  Object.assign(app, { name: told.name, visit: told.visit, results: told.results, undo: told.undo, words: told.words });
+  render();
+}
+
+export function ready(step) {
+  const both = app.results.scan && app.results.part;
+  return { load: true, clean: both, align: both, judge: both && app.results.align?.found, report: both && app.results.align?.found }[step];
+}
+
+function render() {
+  if (!app.visit) return;
+  const steps = Object.keys(TITLES);
+  show($("#steps"), steps.map(step => h("li", {}, h("button", {
+    id: `step-${step}`, "aria-current": step === app.step ? "step" : null, disabled: !ready(step), onclick: () => app.go(step),
+  }, TITLES[step]))));
+  $("#undo").disabled = !app.undo || Boolean(app.busy.task);
+  const next = steps[steps.indexOf(app.step) + 1];
+  show($("#panel"), h("h2", {}, TITLES[app.step]), STEPS[app.step].panel(app, stage), busyBox(),
+    next && h("div", { class: "next" }, h("button", { id: "next", class: "main", disabled: !ready(next) || Boolean(app.busy.task), onclick: () => app.go(next) }, `Next: ${TITLES[next]}`)),
+    app.words?.[app.step] && h("details", { id: "same" }, h("summary", {}, "The same without this page"),
+      copyable("In a terminal", app.words[app.step].command), copyable("In Python", app.words[app.step].python)));
+  show($("#under"), STEPS[app.step].under?.(app, stage) ?? "");
+  said();
+}
+function busyBox() {
+  if (!app.busy.task) return null;
+  return h("div", { class: "busy", id: "busy" }, h("p", { id: "busy-words" }, app.busy.words || "Working"),
+    h("progress", { id: "busy-bar", max: "1", "aria-label": "Progress" }),
+    app.busy.task !== "upload" && h("button", { id: "stop", onclick: app.stop }, "Stop"));
+}
+function progress() {
+  const bar = $("#busy-bar"), { reached, left, words } = app.busy;
+  if (!bar) return;
+  if (reached) bar.value = reached;
+  const time = left === null || left === undefined ? "" : left < 1 ? ", a moment left" : `, about ${Math.round(left)} s left`;
+  $("#busy-words").textContent = `${words}${time}`;
+}
+app.progress = progress;
+
+function said() {
+  const { scan, part } = app.results, on = stage.scene.on?.count ?? 0, parts = [];
+  if (scan && on && on < scan.points) parts.push(`${on.toLocaleString("en-GB")} of ${scan.points.toLocaleString("en-GB")} points`);
+  if (part?.drawing?.drawn < part?.triangles) parts.push(`${part.drawing.drawn.toLocaleString("en-GB")} of ${part.triangles.toLocaleString("en-GB")} triangles`);
+  $("#drawn").textContent = parts.length ? `Drawn: ${parts.join(" and ")}. All of them are measured.` : "";
+}
+
+// Whatever goes wrong is a sentence; nothing that was chosen is lost.
+addEventListener("unhandledrejection", e => {
+  if (e.reason instanceof Stopped) app.say("Stopped. Nothing was changed.");
+  else if (e.reason instanceof Trouble) app.say(e.reason.message);
+  else { app.say(`Something went wrong on this page: ${e.reason?.message ?? e.reason}. Reload it: your visit is kept.`); return; }
+  e.preventDefault();
+});
+
+function theme() {
+  const root = document.documentElement, dark = matchMedia("(prefers-color-scheme: dark)"), button = $("#theme");
+  const isDark = () => (root.dataset.theme || (dark.matches ? "dark" : "light")) === "dark";
+  const redraw = () => { colours.clear(); stage.drawNow(); app.second?.drawNow(); button.textContent = isDark() ? "Light" : "Dark"; };
+  button.addEventListener("click", () => { root.dataset.theme = isDark() ? "light" : "dark"; redraw(); });
+  dark.addEventListener("change", redraw);
+  redraw();
+}
+
+function listen() {
+  const source = events(`visits/${app.name}/events`);
+  source.onmessage = e => {
+    const told = JSON.parse(e.data);
+    if (app.busy.task !== "align") return;
+    app.busy = { ...app.busy, reached: told.reached, left: told.left, words: told.words || "Refining the pose" };
+    progress();
+    if (told.drawn && app.step === "align") { stage.move(told.drawn); stage.hurry(); }
+  };
+  addEventListener("pagehide", () => source.close());
+}
+
+function dropping() {
+  addEventListener("dragover", e => { e.preventDefault(); document.body.classList.add("dropping"); });
+  addEventListener("dragleave", e => { if (!e.relatedTarget) document.body.classList.remove("dropping"); });
+  addEventListener("drop", async e => {
+    e.preventDefault();
+    document.body.classList.remove("dropping");
+    const side = e.target.closest?.("[data-side]")?.dataset.side;
+    await load.take(app, [...e.dataTransfer.files], side);
+  });
+}
+
+let stage;
+async function begin() {
+  try { stage = new Stage($("#main3d")); } catch (error) {
+    $("#said").textContent = `This browser draws no WebGL 2 (${error.message}). Switch on hardware acceleration, or use another browser.`;
+    return;
+  }
+  app.stage = stage;
+  theme();
+  $("#undo").addEventListener("click", async () => { accept(await send(`visits/${app.name}/undo`)); app.shown = {}; await app.read(); STEPS[app.step].enter?.(app, stage); });
+  dropping();
+  const [name, step] = location.hash.slice(1).split("/");
+  const known = await ask("visits");
+  const told = known.some(each => each.visit === name) ? await ask(`visits/${name}`) : await send("visits");
+  app.others = known.filter(each => each.visit !== told.name && (each.scan || each.part));
+  accept(told);
+  location.hash = `${app.name}/${app.step}`;
+  listen();
+  await app.read();
+  if (step in STEPS && ready(step)) app.go(step); else STEPS.load.enter(app, stage);
+  document.body.dataset.ready = "yes";
+}
+addEventListener("keydown", e => {
+  if ((e.ctrlKey || e.metaKey) && e.key === "z" && !(e.target instanceof HTMLInputElement)) { e.preventDefault(); $("#undo").click(); }
+});
+begin();

@@ -1,0 +1,119 @@
+// The drawing: the report's engine with a scan that moves, faces that are marked, and an outline on top.
+const { View, dot, add, STAND, cameraAxes, colours } = View3d;
+
+const EMPTY = { low: [0, 0, 0], extent: [1e-9, 1e-9, 1e-9], count: 0, steps: new Uint16Array(0), kind: "cloud" };
+const VIEWS = { front: [0, 0], right: [90, 0], back: [180, 0], left: [-90, 0], top: [0, 90], bottom: [0, -90], iso: [35, 30] };
+// While the view turns, so many points at most; fewer where the machine is slow, until a frame takes this long.
+const FRAME = 45, FEWEST = 4000;
+
+export class Stage extends View {
+  constructor(box) {
+    const scene = { on: EMPTY, off: null, target: EMPTY, views: VIEWS, view: "iso", size: 1, unit: "", spacing: 0, worst: [], motions: [] };
+    super(box, scene, { part: true, edges: true, scan: true, off: true, coded: false, before: true });
+    this.thin = 1;
+    this.allowed = 1e9;
+    this.frames = [];
+    for (const name of ["pointerdown", "wheel", "keydown"]) this.canvas.addEventListener(name, () => this.hurry(), { passive: true });
+    this.canvas.addEventListener("pointermove", e => { if (e.buttons) this.hurry(); });
+  }
+
+  // Draw less for a while, then all again.
+  hurry() {
+    this.pointLimit = this.allowed;
+    clearTimeout(this.rest);
+    this.rest = setTimeout(() => { this.pointLimit = undefined; this.last = undefined; this.draw(); }, 220);
+  }
+  drawNow() {
+    super.drawNow();
+    if (this.pointLimit === undefined) return;
+    // One pixel read back waits for the drawing itself, so that its time is the true one.
+    const began = this.last, now = performance.now();
+    this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
+    this.last = performance.now();
+    const took = this.last - (began === undefined || now - began > 500 ? now : Math.max(began, now - 500));
+    const total = (this.scene.on?.count ?? 0) || 1;
+    if (took > FRAME) this.allowed = Math.max(FEWEST, Math.min(this.allowed, total) * 0.7);
+    else if (took < 0.5 * FRAME) this.allowed = Math.min(1e9, this.allowed * 1.2);
+    this.pointLimit = this.allowed;
+    this.frames.push(this.last); if (this.frames.length > 120) this.frames.shift();
+  }
+
+  setPart(drawing, buffer) {
+    this.scene.target = drawing ? readPart(drawing, buffer) : EMPTY;
+    this.marked = [];
+    this.renew();
+  }
+  setScan(drawing, buffer) {
+    [this.scene.on, this.scene.off] = drawing ? readScan(drawing, buffer) : [null, null];
+    this.scene.on ??= { ...EMPTY };
+    this.thin = drawing ? Math.sqrt(Math.max(1, (drawing.left ?? drawing.total) / Math.max(1, drawing.on))) : 1;
+    if (drawing?.scale) {
+      this.scene.table = new Uint8Array(drawing.scale.table);
+      this.layers.coded = true;
+    } else this.layers.coded = false;
+    this.renew();
+  }
+  renew() {
+    // Buffers of the last scene would stay in the memory of the graphics card.
+    const gl = this.gl, old = [this.on, this.off, this.part].flatMap(item => item ? [item.place, item.code, item.faces, item.edges] : []);
+    for (const buffer of old) if (buffer) gl.deleteBuffer(buffer);
+    for (const each of Object.values(this.programs ?? {})) gl.deleteProgram(each.made);
+    if (this.texture) gl.deleteTexture(this.texture);
+    this.upload();
+    this.draw();
+  }
+  move(T) { this.T = T ?? STAND; this.draw(); }
+
+  // Faces of the part by their numbers, each in a colour.
+  mark(colourOf) {
+    this.marked = (this.scene.target.faces ?? []).filter(([face]) => colourOf[face]).map(([face, start, number]) => ({ start, count: number, colour: colourOf[face] }));
+    this.draw();
+  }
+
+  // What the server is told of a place of the canvas.
+  lookAt(e, pixels = 9) {
+    return { at: this.fromScreen(e.clientX, e.clientY), axes: this.axes, radius: pixels / this.perSize, motion: this.T };
+  }
+  // Corners of an outline on the canvas along the view's axes.
+  across(points) {
+    return points.map(([x, y]) => { const p = this.fromScreen(x, y); return [dot(this.axes[0], p), dot(this.axes[1], p)]; });
+  }
+  picture() { this.pointLimit = undefined; this.drawNow(); return this.canvas.toDataURL("image/png"); }
+  clearLabels(kind) {
+    for (const label of this.labels.filter(l => !kind || l.element.classList.contains(kind))) label.element.remove();
+    this.labels = this.labels.filter(l => l.element.isConnected);
+  }
+  get speed() {
+    const n = this.frames.length;
+    return n > 5 ? 1000 * (n - 1) / (this.frames[n - 1] - this.frames[0]) : 0;
+  }
+}
+
+function readScan(drawing, buffer) {
+  const steps = new Uint16Array(buffer, 0, 3 * drawing.count);
+  const cut = 3 * drawing.on, common = { low: drawing.low, extent: drawing.extent };
+  const on = { ...common, count: drawing.on, steps: steps.subarray(0, cut) };
+  const off = { ...common, count: drawing.off, steps: steps.subarray(cut) };
+  if (drawing.scale) {
+    let at = (6 * drawing.count + 3) & ~3;
+    on.valueSteps = new Int16Array(buffer, at, drawing.on);
+    on.step = drawing.step;
+    at = (at + 2 * drawing.on + 3) & ~3;
+    on.codeBytes = new Uint8Array(buffer, at, drawing.on);
+  }
+  return [on, drawing.off ? off : null];
+}
+
+function readPart(drawing, buffer) {
+  const part = { ...drawing, steps: new Uint16Array(buffer, 0, 3 * drawing.count) };
+  if (drawing.kind !== "mesh") return part;
+  let at = (6 * drawing.count + 3) & ~3;
+  part.faceNumbers = new Uint32Array(buffer, at, 3 * drawing.drawn);
+  at += 12 * drawing.drawn;
+  part.edgeEnds = new Float32Array(buffer, at, 6 * drawing.edges);
+  return part;
+}
+
+// A place of a side in its drawing.
+export const inDrawing = (point, frame) => point.map((x, k) => (x - frame.middle[k]) / frame.size);
+export { STAND, cameraAxes, colours, add };

@@ -1,0 +1,109 @@
+"""What lies under the pointer: places of the drawing as places of the part and of the scan."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray, as_vectors
+from dqreg.errors import InputError
+from dqreg.geometry import Mesh, PointCloud
+from dqreg.geometry.raycasting import RayScene
+from dqreg.inspection.regions import faces_of
+from dqreg.studio.cleaning import kept_rows, scan_points
+from dqreg.studio.drawing import Frame, frame_of
+from dqreg.studio.kept import Place, kept
+from dqreg.studio.visit import Cut
+
+# A point in front is taken before one that is nearer to the pointer by no more than this, in drawn sizes.
+FRONT = 0.002
+STAND = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Look:
+    """A place of the canvas, and how it is looked at, in the drawing of the part."""
+
+    at: FloatArray  # (3,): In the plane through the middle of the view
+    axes: FloatArray  # (3, 3): Right, up and towards the eye, one a row
+    radius: float  # How near is near
+    motion: FloatArray  # (3, 4): How the scan is moved
+
+    @staticmethod
+    def of(values: dict[str, Any]) -> Look:
+        """From what the page sends."""
+        motion = np.asarray(values.get("motion") or STAND, dtype=np.float64)
+        axes = as_vectors(values.get("axes"), "axes")
+        at = np.asarray(values.get("at") or np.zeros(3), dtype=np.float64)
+        radius = float(values.get("radius") or 0.01)
+        if motion.shape != (12,) or axes.shape != (3, 3) or at.shape != (3,) or not np.isfinite(motion).all():
+            raise InputError("a look needs at, axes and motion: 3, 3 x 3 and 12 numbers")
+        return Look(at, axes, radius, motion.reshape(3, 4))
+
+    def across(self, frame: Frame) -> tuple[FloatArray, FloatArray]:
+        """Axes and shifts by which places of the scan become places of the canvas. Shapes: (3, 3), (3,)."""
+        turned = self.axes @ self.motion[:, :3] / frame.size
+        return turned, self.axes @ self.motion[:, 3] - turned @ frame.middle
+
+
+def pick_part(place: Place, values: dict[str, Any]) -> dict[str, Any]:
+    """The place of the part under the pointer, its face and its normal; None where there is none."""
+    look, part = Look.of(values), place.part()
+    frame = frame_of(part)
+    if isinstance(part, PointCloud):
+        return {"point": _nearest(part.points, look.axes / frame.size, -look.axes @ frame.middle / frame.size, look)}
+    scene, labels = _scene(place, part)
+    origin = look.at + 3.0 * look.axes[2]
+    face, distance = scene.first_faces(np.concatenate([origin, -look.axes[2]])[None])
+    if face[0] < 0:
+        return {"point": None}
+    # In float64 on the plane of the triangle that was met.
+    corner, normal = frame.to_drawn(part.corners[face[0]])[0], part.face_normals[face[0]]
+    along = float(normal @ -look.axes[2])
+    away = float(normal @ (corner - origin)) / along if abs(along) > 1e-9 else float(distance[0])
+    point = frame.to_side(origin - away * look.axes[2])
+    return {"point": point.tolist(), "face": int(labels[face[0]]), "normal": normal.tolist()}
+
+
+def pick_scan(place: Place, values: dict[str, Any]) -> dict[str, Any]:
+    """The point of the scan under the pointer; None where there is none."""
+    look, scan = Look.of(values), place.scan()
+    points = scan_points(scan)
+    points = points[kept_rows(points, place.visit.cuts)]
+    return {"point": _nearest(points, *look.across(frame_of(scan)), look)}
+
+
+def lasso_cut(place: Place, values: dict[str, Any]) -> Cut:
+    """An outline on the canvas as a cut of the scan."""
+    look = Look.of(values)
+    axes, shift = look.across(frame_of(place.scan()))
+    outline = np.asarray(values.get("polygon"), dtype=np.float64)
+    if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3:
+        raise InputError("a lasso needs three corners at least")
+    corners = outline - shift[:2]
+    polygon = tuple((float(x), float(y)) for x, y in corners)
+    right, up = (tuple(float(x) for x in row) for row in axes[:2])
+    return Cut("lasso", bool(values.get("keep")), right=right, up=up, polygon=polygon)  # type: ignore[arg-type]
+
+
+def _nearest(points: FloatArray, axes: FloatArray, shift: FloatArray, look: Look) -> list[float] | None:
+    seen = points @ axes.T + shift
+    goal = look.axes @ look.at
+    off = (seen[:, 0] - goal[0]) ** 2 + (seen[:, 1] - goal[1]) ** 2
+    near = np.flatnonzero(off < look.radius**2)
+    if not len(near):
+        return None
+    front = seen[near, 2] - FRONT * off[near] / look.radius**2
+    found: list[float] = points[near[np.argmax(front)]].tolist()
+    return found
+
+
+def _scene(place: Place, part: Mesh) -> tuple[RayScene, IntArray]:
+    frame = frame_of(part)
+    return kept(
+        "rays",
+        [place.part_path],
+        lambda: (RayScene(part.vertices, part.faces, frame.middle, frame.size), faces_of(part)[1]),
+    )

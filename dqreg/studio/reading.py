@@ -1,0 +1,158 @@
+"""The first step: what a file holds, and what is worth a question before the two sides are compared."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, bounds
+from dqreg.geometry import Mesh, PointCloud, prepare_scan
+from dqreg.geometry.unit_check import find_unit_mistake
+from dqreg.inspection import part_faces, why_unsigned
+from dqreg.inspection.regions import MOST_FACES
+from dqreg.studio.cleaning import kept_rows, leaving_plane, scan_points
+from dqreg.studio.drawing import cloud_payload, drawn_pose, frame_of, part_payload, rows_to_draw
+from dqreg.studio.kept import Place, kept
+
+# Points that spacing and noise are measured on.
+MEASURED = 20_000
+# Gap between the two where they are drawn beside each other, in sizes of the part.
+GAP = 0.15
+
+
+@dataclasses.dataclass(frozen=True)
+class Measure:
+    """Spacing and noise of a scan, in its own unit."""
+
+    spacing: float
+    noise: float
+
+
+def measure(place: Place) -> Measure:
+    """Spacing and noise of the scan."""
+
+    def make() -> Measure:
+        scan = place.scan()
+        cloud = scan if isinstance(scan, PointCloud) else PointCloud(scan_points(scan))
+        found = prepare_scan(cloud, MEASURED)
+        return Measure(found.spacing, found.noise)
+
+    return kept("measure", [place.scan_path], make)
+
+
+def read_scan(place: Place) -> dict[str, Any]:
+    """What the file of the scan holds, and its drawing."""
+    scan, found = place.scan(), measure(place)
+    facts = _facts(scan) | {"spacing": found.spacing, "noise": found.noise}
+    return facts | {"drawing": draw_scan(place)}
+
+
+def read_part(place: Place) -> dict[str, Any]:
+    """What the file of the part holds, its faces, and its drawing."""
+    part = place.part()
+    words, data = part_payload(part, frame_of(part))
+    place.write("part.bin", data)
+    return _facts(part) | {"faces": _faces(place), "drawing": words | {"file": "part.bin"}}
+
+
+def draw_scan(place: Place) -> dict[str, Any]:
+    """The scan to draw: first what the cuts leave, then what they leave out."""
+    scan = place.scan()
+    points = scan_points(scan)
+    stays = kept_rows(points, place.visit.cuts)
+    rows = rows_to_draw(points, stays)
+    words, data = cloud_payload(points, frame_of(scan), rows)
+    place.write("scan.bin", data)
+    return words | {"file": "scan.bin", "left": int(np.count_nonzero(stays))}
+
+
+def compare_sides(place: Place) -> dict[str, Any]:
+    """What is worth a question: units that do not fit, sides that look swapped; and where each is drawn."""
+    scan, part = place.scan(), place.part()
+    units = place.units()
+    mistake = find_unit_mistake(scan, part, *units)
+    questions: list[dict[str, Any]] = []
+    if mistake is not None:
+        questions.append(
+            {
+                "code": "units",
+                "ratio": mistake.ratio,
+                "scan_units": mistake.source_units,
+                "part_units": mistake.target_units,
+            }
+        )
+    if isinstance(scan, Mesh) and isinstance(part, PointCloud):
+        questions.append({"code": "swapped"})
+    return {"questions": questions, "units": units, "scale": place.scale(), "poses": _poses(place)}
+
+
+def plane_question(place: Place) -> dict[str, Any]:
+    """The plane that leaves the part, as a cut to be confirmed; None where there is none."""
+    found = measure(place)
+    answer = leaving_plane(place, found.spacing, found.noise)
+    if answer is None:
+        return {"plane": None}
+    cut, points = answer
+    return {"plane": dataclasses.asdict(cut), "points": points}
+
+
+def _facts(geometry: PointCloud | Mesh) -> dict[str, Any]:
+    points = geometry.vertices if isinstance(geometry, Mesh) else geometry.points
+    low, high = bounds(points)
+    frame = frame_of(geometry)
+    facts: dict[str, Any] = {
+        "kind": "mesh" if isinstance(geometry, Mesh) else "cloud",
+        "points": len(points),
+        "low": low.tolist(),
+        "high": high.tolist(),
+        "extents": (high - low).tolist(),
+        "size": float(np.linalg.norm(high - low)),
+        "frame": {"middle": frame.middle.tolist(), "size": frame.size},
+        "units": geometry.units,
+        "dropped": geometry.dropped,
+    }
+    if isinstance(geometry, Mesh):
+        return facts | {"triangles": len(geometry.faces), "unsigned": why_unsigned(geometry), "normals": True}
+    return facts | {"normals": geometry.normals is not None}
+
+
+def _faces(place: Place) -> list[dict[str, Any]]:
+    part = place.part()
+    if not isinstance(part, Mesh):
+        return []
+    faces = kept("faces", [place.part_path], lambda: part_faces(part))
+    if len(faces) > MOST_FACES:
+        return []
+    rows = []
+    for face in faces:
+        radius = None if face.feature is None or np.isnan(face.feature.radius) else face.feature.radius
+        axis = None if face.feature is None or np.isnan(face.feature.axis).any() else face.feature.axis.tolist()
+        rows.append(
+            {
+                "number": face.number,
+                "kind": face.kind,
+                "hole": face.is_hole,
+                "area": face.area,
+                "centre": face.centre.tolist(),
+                "axis": axis,
+                "diameter": None if radius is None else 2.0 * radius,
+            }
+        )
+    return rows
+
+
+def _poses(place: Place) -> dict[str, list[float]]:
+    scan, part = frame_of(place.scan()), frame_of(place.part())
+    scale = place.scale()
+    beside = np.eye(4)
+    width = 0.5 * (_extent(place.part())[0] + scale * _extent(place.scan())[0]) + GAP * part.size
+    beside[:3, 3] = part.middle - np.array([width, 0.0, 0.0]) - scale * scan.middle
+    return {"as_scanned": drawn_pose(np.eye(4), scale, scan, part), "beside": drawn_pose(beside, scale, scan, part)}
+
+
+def _extent(geometry: PointCloud | Mesh) -> FloatArray:
+    low, high = bounds(geometry.vertices if isinstance(geometry, Mesh) else geometry.points)
+    extent: FloatArray = high - low
+    return extent

@@ -1,0 +1,78 @@
+"""The studio's server from its start to its end."""
+
+from __future__ import annotations
+
+import contextlib
+import secrets
+import socket
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from dqreg.errors import InputError, MissingDependencyError
+from dqreg.studio.desk import Desk
+
+NEEDED = "the studio needs {}; run: pip install 'dqreg[studio]'"
+
+
+def serve(
+    scan: Path | None,
+    part: Path | None,
+    *,
+    port: int = 0,
+    folder: Path | None = None,
+    browser: bool = True,
+    tell: Callable[[str], object],
+) -> None:
+    """Serve the page until the process is told to end."""
+    try:
+        import starlette  # noqa: F401
+        import uvicorn
+    except ImportError as error:
+        raise MissingDependencyError(NEEDED.format(error.name)) from error
+    from dqreg.studio.server import application
+
+    with _folder(folder) as home, _socket(port) as listening:
+        desk, token = Desk(home, scan, part), secrets.token_urlsafe(24)
+        number = listening.getsockname()[1]
+        address = f"http://127.0.0.1:{number}/{token}/"
+        app = application(desk, token, number)
+        config = uvicorn.Config(
+            app, log_level="critical", access_log=False, timeout_graceful_shutdown=1, lifespan="off"
+        )
+        tell(address)
+        if browser:
+            import webbrowser
+
+            webbrowser.open(address)
+        try:
+            uvicorn.Server(config).run(sockets=[listening])
+        finally:
+            desk.close()
+
+
+@contextlib.contextmanager
+def _folder(given: Path | None) -> Iterator[Path]:
+    if given is None:
+        with tempfile.TemporaryDirectory(prefix="dqreg-studio-") as made:
+            yield Path(made)
+        return
+    try:
+        given.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot keep visits in {given}: {error.strerror or error}") from error
+    yield given.absolute()
+
+
+@contextlib.contextmanager
+def _socket(port: int) -> Iterator[socket.socket]:
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise InputError(f"port {port} is taken ({error.strerror}); leave --port out to take a free one") from error
+        yield listening
+    finally:
+        listening.close()

@@ -1,0 +1,246 @@
+"""The local server of the studio: one page, its visits, and nothing that any other machine could ask for."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import importlib.resources
+import json
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dqreg.errors import DqregError, InputError
+from dqreg.studio import uploads
+from dqreg.studio.desk import NAMES, BrokenError, Desk, Room, StoppedError
+from dqreg.studio.guard import REPORT_POLICY, App, Guard
+from dqreg.studio.visit import PROGRESS, Visit
+
+if TYPE_CHECKING:
+    from starlette.requests import Request
+    from starlette.responses import Response
+
+# Files of the page by their names, and the two that it shares with the reports.
+KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+SHARED = ("view3d.js", "base.css")
+# What may be fetched of a visit, by its exact name.
+DATA = dict.fromkeys(("scan.bin", "part.bin", "judged.bin"), "application/octet-stream")
+FILES = (
+    {"report.html": "text/html", "report.pdf": "application/pdf", "plan.toml": "application/toml"}
+    | dict.fromkeys(("visit.json", "result.json"), "application/json")
+    | {"start.txt": "text/plain", "scan_cleaned.ply": "application/octet-stream"}
+)
+# Bytes of a request that is no file, and how often progress is looked at.
+MOST_WORDS, POLL = 1 << 20, 0.08
+BROKEN = (
+    "The calculation ended before it was done ({}). Nothing that you chose is lost: press the button again, and if it "
+    "ends again, try fewer points."
+)
+
+
+def application(desk: Desk, token: str, port: int) -> App:
+    """The server as an ASGI application."""
+    from starlette.applications import Starlette
+    from starlette.routing import Route
+
+    api = Api(desk)
+    routes = [
+        Route("/", api.page),
+        Route("/page/{name}", api.asset),
+        Route("/visits", api.visits, methods=["GET", "POST"]),
+        Route("/visits/{visit}", api.visit),
+        Route("/visits/{visit}/change", api.change, methods=["POST"]),
+        Route("/visits/{visit}/undo", api.undo, methods=["POST"]),
+        Route("/visits/{visit}/cancel", api.cancel, methods=["POST"]),
+        Route("/visits/{visit}/events", api.events),
+        Route("/visits/{visit}/run/{task}", api.run, methods=["POST"]),
+        Route("/visits/{visit}/data/{name}", api.data),
+        Route("/visits/{visit}/files/{name}", api.file),
+        Route("/visits/{visit}/{side}", api.upload, methods=["PUT"]),
+    ]
+    handlers: Any = {DqregError: _bad, StoppedError: _stopped, BrokenError: _broken}
+    return Guard(Starlette(routes=routes, exception_handlers=handlers), token, port)
+
+
+class Api:
+    """Answers to the page."""
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+
+    async def page(self, request: Request) -> Response:
+        """The page itself."""
+        return _asset("index.html")
+
+    async def asset(self, request: Request) -> Response:
+        """A file of the page."""
+        return _asset(request.path_params["name"])
+
+    async def visits(self, request: Request) -> Response:
+        """The visits of this server, or a new one."""
+        if request.method == "POST":
+            return _told(self._desk.open())
+        rooms = sorted(self._desk.rooms.values(), key=lambda room: -room.touched)
+        return _json([{"visit": r.name, "scan": _name(r.visit.scan), "part": _name(r.visit.part)} for r in rooms])
+
+    async def visit(self, request: Request) -> Response:
+        """A visit as it stands."""
+        return _told(self._room(request))
+
+    async def change(self, request: Request) -> Response:
+        """Change what was chosen."""
+        room, values = self._room(request), await _values(request)
+        units = values.pop("units", {})
+        visit = room.visit.swapped() if values.pop("swap", False) else room.visit.changed(values)
+        for which in ("scan", "part"):
+            if which in units:
+                visit = visit.with_units(which, units[which])
+        room.change(visit)
+        return _told(room)
+
+    async def undo(self, request: Request) -> Response:
+        """Back to the state before."""
+        room = self._room(request)
+        room.undo()
+        return _told(room)
+
+    async def cancel(self, request: Request) -> Response:
+        """End what runs."""
+        room = self._room(request)
+        await asyncio.to_thread(room.cancel)
+        return _told(room)
+
+    async def run(self, request: Request) -> Response:
+        """Do a task, and answer with what came of it."""
+        task = request.path_params["task"]
+        if task not in NAMES:
+            raise InputError(f"there is no task {task!r:.40}")
+        values = await _values(request)
+        return _json(await self._room(request).run(task, values))
+
+    async def upload(self, request: Request) -> Response:
+        """Take a file for a side."""
+        room, which = self._room(request), request.path_params["side"]
+        if which not in ("scan", "part"):
+            raise InputError("a file is a scan or a part")
+        length = request.headers.get("content-length")
+        size = int(length) if length is not None and length.isdecimal() else None
+        name = request.query_params.get("name", "")
+        side = await uploads.receive(room.folder, which, name, size, request.stream())
+        # What was pointed at on another file means nothing on this one.
+        scan, part = (side if which == "scan" else room.visit.scan), (side if which == "part" else room.visit.part)
+        room.change(Visit(scan, part, head=room.visit.head))
+        room.results.pop(which, None)
+        return _told(room)
+
+    async def events(self, request: Request) -> Response:
+        """Stages and iterations as they happen."""
+        from starlette.responses import StreamingResponse
+
+        return StreamingResponse(_lines(self._room(request), request), media_type="text/event-stream")
+
+    async def data(self, request: Request) -> Response:
+        """Points and triangles to draw."""
+        return _file(self._room(request).folder, request.path_params["name"], DATA)
+
+    async def file(self, request: Request) -> Response:
+        """A file to keep."""
+        room, name = self._room(request), request.path_params["name"]
+        keep = request.query_params.get("keep") is not None
+        return _file(room.folder, name, FILES, f'attachment; filename="{name}"' if keep else "inline")
+
+    def _room(self, request: Request) -> Room:
+        return self._desk.room(request.path_params["visit"])
+
+
+def _told(room: Room) -> Response:
+    from dqreg.files.strict_json import plain
+    from dqreg.studio.words import words_of
+
+    return _json(
+        {
+            "name": room.name,
+            "visit": plain(room.visit),
+            "results": room.results,
+            "running": room.running,
+            "undo": len(room.past),
+            "words": words_of(room.visit),
+        }
+    )
+
+
+def _name(side: Any) -> str | None:
+    return None if side is None else side.name
+
+
+async def _values(request: Request) -> dict[str, Any]:
+    body = b""
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > MOST_WORDS:
+            raise InputError(f"a request holds {MOST_WORDS} bytes at most")
+    try:
+        found = json.loads(body or b"{}")
+    except ValueError as error:
+        raise InputError(f"a request is JSON; {error}") from error
+    if not isinstance(found, dict):
+        raise InputError("a request is one JSON object")
+    return found
+
+
+async def _lines(room: Room, request: Request) -> AsyncIterator[bytes]:
+    path, at = room.folder / PROGRESS, 0
+    while not await request.is_disconnected():
+        with contextlib.suppress(FileNotFoundError):
+            size = path.stat().st_size
+            at = 0 if size < at else at
+            if size > at:
+                with path.open("rb") as stream:
+                    stream.seek(at)
+                    whole, _, _ = stream.read().rpartition(b"\n")
+                at += len(whole) + 1 if whole else 0
+                for line in whole.splitlines():
+                    yield b"data: " + line + b"\n\n"
+        await asyncio.sleep(POLL)
+
+
+def _json(value: Any, status: int = 200) -> Response:
+    from starlette.responses import JSONResponse
+
+    return JSONResponse(value, status)
+
+
+def _asset(name: str) -> Response:
+    from starlette.responses import Response
+
+    room = "dqreg.report" if name in SHARED else "dqreg.studio"
+    folder = importlib.resources.files(room).joinpath("templates" if name in SHARED else "page")
+    known = {each.name for each in folder.iterdir()}
+    kind = KINDS.get(Path(name).suffix)
+    if name not in known or kind is None:
+        return Response("There is no such file.\n", 404, media_type="text/plain")
+    return Response(folder.joinpath(name).read_bytes(), media_type=kind)
+
+
+def _file(folder: Path, name: str, known: dict[str, str], disposition: str = "inline") -> Response:
+    from starlette.responses import FileResponse, Response
+
+    path = folder / name
+    if name not in known or not path.is_file():
+        return Response("There is no such file yet.\n", 404, media_type="text/plain")
+    headers = {"content-disposition": disposition}
+    if known[name] == "text/html":
+        headers["content-security-policy"] = REPORT_POLICY
+    return FileResponse(path, headers=headers, media_type=known[name])
+
+
+async def _bad(request: Request, error: Exception) -> Response:
+    return _json({"error": str(error)}, 422)
+
+
+async def _stopped(request: Request, error: Exception) -> Response:
+    return _json({"stopped": True}, 409)
+
+
+async def _broken(request: Request, error: Exception) -> Response:
+    return _json({"error": BROKEN.format(error)}, 503)

@@ -1,0 +1,207 @@
+"""A visit of the studio: all that was chosen, as one small value; everything that is shown follows from it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from dqreg.errors import InputError
+from dqreg.files.atomic import write_atomically
+from dqreg.files.strict_json import plain, record_from
+
+Vector = tuple[float, float, float]
+Matrix = tuple[tuple[float, ...], ...]
+Start = Literal["none", "identity", "pairs", "hand", "rival"]
+Alignment = Literal["best-fit", "datums", "points"]
+
+# Key and number of the format, in saved visits.
+FORMAT, VERSION = "dqreg_studio", 1
+# File of a visit that a run writes a line to at each stage and iteration; the server reads on in it.
+PROGRESS = "progress.jsonl"
+# Largest numbers of each, so that a visit stays small.
+MOST_CUTS, MOST_PAIRS, MOST_CORNERS, MOST_WORDS = 100, 200, 2_000, 400
+UNITS = ("mm", "cm", "m", "inch", "ft")
+HEAD = ("part", "drawing", "serial", "operator", "device", "note")
+
+
+@dataclasses.dataclass(frozen=True)
+class Side:
+    """A file: the scan or the part."""
+
+    name: str  # What it is called
+    path: str  # Where it lies: absolute, or in the folder of the visit
+    units: str | None = None  # Named by the user; None leaves it to the file
+
+
+@dataclasses.dataclass(frozen=True)
+class Cut:
+    """A piece of the scan that is left out, in the scan's own coordinates."""
+
+    kind: Literal["box", "lasso", "plane"]
+    keep: bool = False  # Whether what is outside is left out instead
+    low: Vector = (0.0, 0.0, 0.0)  # Box: two opposite corners
+    high: Vector = (0.0, 0.0, 0.0)
+    right: Vector = (1.0, 0.0, 0.0)  # Lasso: axes of the view it was drawn in, and corners along them
+    up: Vector = (0.0, 1.0, 0.0)
+    polygon: tuple[tuple[float, float], ...] = ()
+    normal: Vector = (0.0, 0.0, 1.0)  # Plane: points within ``half`` of normal . p = offset
+    offset: float = 0.0
+    half: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Pair:
+    """The same place, pointed at on both."""
+
+    scan: Vector
+    part: Vector
+    weight: float = 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Reference:
+    """A point of the part that is held along its normal (RPS)."""
+
+    point: Vector
+    normal: Vector
+
+
+@dataclasses.dataclass(frozen=True)
+class FaceTolerance:
+    """Largest deviation allowed on one face of the part."""
+
+    face: int
+    tolerance: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Visit:
+    """What was chosen so far; every step adds to it, nothing in it is computed."""
+
+    scan: Side | None = None
+    part: Side | None = None
+    cuts: tuple[Cut, ...] = ()
+    start: Start = "none"
+    pairs: tuple[Pair, ...] = ()
+    T_start: Matrix | None = None  # T_part_scan, of a start by hand or by a rival
+    dof: str = ""  # Motions that are allowed from the start, as in `register`; "" allows all
+    alignment: Alignment = "best-fit"
+    datums: tuple[int, ...] = ()  # Faces A, B, C
+    references: tuple[Reference, ...] = ()
+    reach: float | None = None  # Points farther off the part are of something else
+    tolerance: float | None = None
+    required: float = 95.0  # Percentage of the points that must be within it
+    faces: tuple[FaceTolerance, ...] = ()
+    labels: tuple[Vector, ...] = ()  # Places of the part whose deviation is written on the picture
+    views: tuple[tuple[float, float], ...] = ()  # Yaw and pitch of the pictures of the report, degrees
+    head: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        for name, most in (("cuts", MOST_CUTS), ("pairs", MOST_PAIRS), ("references", MOST_PAIRS), ("labels", 50)):
+            if len(getattr(self, name)) > most:
+                raise InputError(f"{name}: {most} at most; got {len(getattr(self, name))}")
+        if any(len(cut.polygon) > MOST_CORNERS for cut in self.cuts):
+            raise InputError(f"a lasso has {MOST_CORNERS} corners at most")
+        _require_lengths(self)
+        for side in (self.scan, self.part):
+            if side is not None and side.units is not None and side.units not in UNITS:
+                raise InputError(f"unknown unit {side.units!r:.40}; known are {', '.join(UNITS)}")
+        if len(set(self.datums)) != len(self.datums) or len(self.datums) > 3:
+            raise InputError("datums are up to three different faces")
+        if self.T_start is not None and np.shape(self.T_start) != (4, 4):
+            raise InputError("a pose is four rows of four numbers")
+        for key, words in self.head:
+            if key not in HEAD or len(words) > MOST_WORDS:
+                raise InputError(f"the head has {', '.join(HEAD)}, {MOST_WORDS} letters each; got {key!r:.40}")
+
+    def changed(self, values: dict[str, Any]) -> Visit:
+        """The visit with some fields replaced by plain values, each checked; files are not changed this way."""
+        known = {field.name for field in dataclasses.fields(self)} - {"scan", "part"}
+        for name in values:
+            if name not in known:
+                raise InputError(f"a visit has no {name!r:.40} to be changed")
+        return Visit.of({**plain(self), **values})
+
+    def with_units(self, which: Literal["scan", "part"], units: str | None) -> Visit:
+        """The visit with the unit of a side named."""
+        side = getattr(self, which)
+        if side is None:
+            raise InputError(f"there is no {which} yet")
+        return dataclasses.replace(self, **{which: dataclasses.replace(side, units=units)})
+
+    def swapped(self) -> Visit:
+        """The two files exchanged, and nothing else kept: what was pointed at was on the other one."""
+        return Visit(scan=self.part, part=self.scan, head=self.head)
+
+    @staticmethod
+    def of(values: Any) -> Visit:
+        """A visit from plain values, as JSON has them."""
+        found = record_from(Visit, {**_defaults(), **values} if isinstance(values, dict) else values)
+        if not _is_finite(_numbers(found)):
+            raise InputError("a visit holds finite numbers only")
+        return found
+
+    @staticmethod
+    def load(path: str | Path) -> Visit:
+        """Read a saved visit; its files are looked for beside it where their own paths lead nowhere."""
+        place = Path(path)
+        try:
+            values = json.loads(place.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise InputError(f"cannot read the visit {place}: {error.strerror or error}") from error
+        except (UnicodeDecodeError, ValueError) as error:
+            raise InputError(f"{place} is no saved visit: {error}") from error
+        if not isinstance(values, dict) or values.pop(FORMAT, None) != VERSION:
+            raise InputError(f'{place} is no saved visit: it has no "{FORMAT}": {VERSION}')
+        found = Visit.of(values)
+        return dataclasses.replace(found, scan=_beside(found.scan, place), part=_beside(found.part, place))
+
+    def as_text(self) -> str:
+        """The visit as `load` reads it."""
+        return json.dumps({FORMAT: VERSION, **plain(self)}, indent=1, allow_nan=False) + "\n"
+
+    def save(self, path: str | Path) -> None:
+        """Write the visit."""
+        write_atomically(path, self.as_text())
+
+
+def _defaults() -> dict[str, Any]:
+    return dict(plain(Visit()))
+
+
+def _beside(side: Side | None, saved: Path) -> Side | None:
+    if side is None or Path(side.path).is_file():
+        return side
+    return dataclasses.replace(side, path=str((saved.parent / side.name).absolute()))
+
+
+def _require_lengths(visit: Visit) -> None:
+    for name in ("tolerance", "reach"):
+        value = getattr(visit, name)
+        if value is not None and not value > 0.0:
+            raise InputError(f"{name} must be a length above 0; got {value!r}")
+    if not 0.0 < visit.required <= 100.0:
+        raise InputError(f"required is a percentage above 0 and at most 100; got {visit.required:g}")
+    for row in visit.faces:
+        if not (row.tolerance > 0.0 and row.face >= 0):
+            raise InputError(f"the tolerance of face {row.face} must be a length above 0; got {row.tolerance:g}")
+    if any(not pair.weight > 0.0 for pair in visit.pairs):
+        raise InputError("the weight of a pair is a number above 0")
+
+
+def _numbers(value: Any) -> list[float]:
+    """All numbers of a record, however deep."""
+    if isinstance(value, float):
+        return [value]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return [x for field in dataclasses.fields(value) for x in _numbers(getattr(value, field.name))]
+    return [x for item in value for x in _numbers(item)] if isinstance(value, tuple) else []
+
+
+def _is_finite(numbers: list[float]) -> bool:
+    return all(math.isfinite(x) for x in numbers)

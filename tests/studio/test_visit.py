@@ -1,0 +1,96 @@
+"""The value that a visit is: written, read back, refused where it is wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import pytest
+
+from dqreg.errors import InputError
+from dqreg.studio.visit import Cut, FaceTolerance, Pair, Side, Visit
+from dqreg.studio.words import plan_text, words_of
+
+FULL = Visit(
+    scan=Side("a scan.ply", "scan/a scan.ply", "mm"),
+    part=Side("part.stl", "part/part.stl"),
+    cuts=(
+        Cut("box", True, low=(0.0, 0.0, 0.0), high=(1.0, 2.0, 3.0)),
+        Cut("lasso", polygon=((0.0, 0.0), (1.0, 0.0), (0.5, 1.0))),
+        Cut("plane", normal=(0.0, 0.0, 1.0), offset=0.5, half=0.01),
+    ),
+    start="pairs",
+    pairs=(Pair((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 2.0),),
+    dof="rz tx",
+    datums=(3, 1, 2),
+    tolerance=0.1,
+    required=99.5,
+    faces=(FaceTolerance(4, 0.05),),
+    head=(("serial", 'A "7" \\ <b>'),),
+)
+
+
+def test_what_is_written_is_what_is_read(tmp_path):
+    FULL.save(tmp_path / "visit.json")
+    assert Visit.load(tmp_path / "visit.json") == dataclasses.replace(
+        FULL,
+        scan=dataclasses.replace(FULL.scan, path=str(tmp_path / "a scan.ply")),
+        part=dataclasses.replace(FULL.part, path=str(tmp_path / "part.stl")),
+    )
+    assert len(FULL.as_text()) < 4000
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"tolerance": -1.0},
+        {"tolerance": float("nan")},
+        {"required": 0.0},
+        {"start": "anywhere"},
+        {"cuts": [{"kind": "sphere"}]},
+        {"cuts": [{"kind": "lasso", "polygon": [[0.0, 0.0]] * 3000}]},
+        {"pairs": [{"scan": [0, 0], "part": [0, 0, 0]}]},
+        {"pairs": [{"scan": [0, 0, 0], "part": [0, 0, 0], "weight": 0}]},
+        {"datums": [1, 1]},
+        {"faces": [{"face": -1, "tolerance": 0.1}]},
+        {"T_start": [[1, 0], [0, 1]]},
+        {"head": [["logo", "x"]]},
+        {"head": [["note", "x" * 500]]},
+        {"scan": {"name": "x", "path": "/etc/passwd"}},
+        {"unknown": 1},
+    ],
+)
+def test_wrong_values_are_refused_by_name(values):
+    with pytest.raises(InputError):
+        Visit().changed(values)
+
+
+def test_a_file_that_is_no_visit_is_refused(tmp_path):
+    (tmp_path / "x.json").write_text("{}")
+    with pytest.raises(InputError, match="no saved visit"):
+        Visit.load(tmp_path / "x.json")
+    with pytest.raises(InputError, match="cannot read"):
+        Visit.load(tmp_path / "none.json")
+
+
+def test_the_plan_is_one_that_inspect_reads(tmp_path):
+    from dqreg.inspection import read_plan
+
+    visit = dataclasses.replace(FULL, alignment="datums")
+    (tmp_path / "plan.toml").write_text(plan_text(visit), encoding="utf-8")
+    plan = read_plan(tmp_path / "plan.toml")
+    assert plan.head == {"serial": 'A "7" \\ <b>'}
+    assert [datum.face for datum in plan.datums] == [3, 1, 2]
+    assert [(row.faces, row.plus) for row in plan.characteristics] == [((4,), 0.1)]
+
+
+def test_every_step_has_words_that_parse():
+    import ast
+
+    words = words_of(FULL)
+    assert list(words) == ["load", "clean", "align", "judge", "report"]
+    for step in words.values():
+        ast.parse(step["python"])
+    assert "--dof" in words["align"]["command"]
+    assert "'a scan.ply'" in words["load"]["command"]
+    assert json.dumps(words)
