@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dqreg.inspection.alignment import Datum, DatumAlignment, PointAlignment, align_datums, align_points
+from dqreg.inspection.coverage import FaceCoverage
 from dqreg.inspection.decision import Decision, OutOfTolerance, decide
 from dqreg.inspection.deviation_files import colours_of
 from dqreg.inspection.deviations import Deviations
@@ -25,6 +26,7 @@ __all__ = [
     "Decision",
     "Deviations",
     "Face",
+    "FaceCoverage",
     "Feature",
     "Inspection",
     "OutOfTolerance",

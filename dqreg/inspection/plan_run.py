@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError, InputError
-from dqreg.geometry import Mesh, MeshSurface
 from dqreg.inspection import characteristics as compute
 from dqreg.inspection.alignment import Datum, DatumAlignment, align_datums
 from dqreg.inspection.characteristics import Measured
+from dqreg.inspection.coverage import FaceCoverage
 from dqreg.inspection.decision import worst_of
 from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.features import Feature, fit_feature
-from dqreg.inspection.part_faces import Face, nearest_face, part_faces
-from dqreg.inspection.plan import ZONES, FaceName, Plan, PlannedCharacteristic
-from dqreg.inspection.regions import SCANNED, Outcome, faces_of, weighted_median
-from dqreg.inspection.statistics import PROBED
+from dqreg.inspection.part_faces import Face
+from dqreg.inspection.plan import ZONES, Plan, PlannedCharacteristic, PlannedDatum
+from dqreg.inspection.regions import Outcome
+from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.rigid import pose
 
-# Points farther from a feature than that many robust standard deviations are cut.
-CUT = 3.5
 # Times that the scan is laid on the datums: the first pose decides which points are on which face.
 ROUNDS = 3
 
@@ -43,13 +41,17 @@ class Characteristic:
     low, high : float
         Limits of the value.
     value, uncertainty : float
-        Measured, and expanded (k = 2): a length, or degrees for angles.
+        Measured, and expanded (k = 2): a length, or degrees for angles; NaN where it could not be measured.
     outcome : {"pass", "fail", "undecided"}
-        By ISO 14253-1.
+        By ISO 14253-1; undecided where it could not be measured.
     points : int
         Scan points that it rests on.
     coverage : float
         Share of its faces' area that was scanned, in the least of them.
+    position : tuple of three float
+        Where it is on the part, in the caller's target frame: for a label.
+    remark : str
+        Why it could not be measured; empty where it was.
     """
 
     name: str
@@ -63,6 +65,13 @@ class Characteristic:
     outcome: Outcome
     points: int
     coverage: float
+    position: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    remark: str = ""
+
+    @property
+    def measured(self) -> bool:
+        """Whether there is a value."""
+        return not self.remark
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -79,12 +88,15 @@ class Inspection:
         In the caller's target frame, from the registered scan onto the datums; None for the best fit.
     plan : Plan
         What was asked.
+    faces : tuple of FaceCoverage
+        How much of every face of the part was scanned.
     """
 
     outcome: Outcome
     characteristics: tuple[Characteristic, ...]
     alignment: DatumAlignment | None
     plan: Plan
+    faces: tuple[FaceCoverage, ...] = ()
 
 
 def inspect(deviations: Deviations, plan: Plan) -> Inspection:
@@ -100,19 +112,19 @@ def inspect(deviations: Deviations, plan: Plan) -> Inspection:
     Returns
     -------
     Inspection
-        A value, an uncertainty and a decision for every characteristic.
+        A value, an uncertainty and a decision for every characteristic; one whose faces were not scanned says so.
 
     Raises
     ------
     InputError
         If the target is no mesh, or an entry names a face that the part has not or that has no such characteristic.
     DegenerateGeometryError
-        If a feature has too few scan points, or the datums leave a degree of freedom unconstrained.
+        If a datum has too few scan points, or the datums leave a degree of freedom unconstrained.
     """
-    part, T, aligned = _Part.of(deviations), np.eye(4), None
+    part, T, aligned = ScannedPart.of(deviations), np.eye(4), None
     for _ in range(ROUNDS if plan.alignment == "datums" else 0):
         # Which face a point near an edge belongs to is asked again under the new pose.
-        aligned = align_datums([Datum(d.name, *part.pair(d.face, f"datum {d.name}")) for d in plan.datums])
+        aligned = align_datums([_datum(part, datum) for datum in plan.datums])
         T = aligned.T_target_source @ T
         part = part.moved(aligned.T_target_source)
     rows = tuple(_measured(part, plan, row) for row in plan.characteristics)
@@ -121,104 +133,48 @@ def inspect(deviations: Deviations, plan: Plan) -> Inspection:
         shift = pose.from_parts(np.eye(3), deviations.origin)
         moved = shift @ T @ pose.inverse(shift)
         aligned = dataclasses.replace(aligned, T_target_source=moved, centre=aligned.centre + deviations.origin)
-    return Inspection(worst_of([row.outcome for row in rows]), rows, aligned, plan)
+    return Inspection(worst_of([row.outcome for row in rows]), rows, aligned, plan, _faces(part, plan, rows))
 
 
-@dataclasses.dataclass(eq=False)
-class _Part:
-    """The part's faces and the scan's points on each, about the part's middle."""
+def _datum(part: ScannedPart, datum: PlannedDatum) -> Datum:
+    with _entry(f"datum {datum.name}"):
+        face = part.face(datum.face)
+        return Datum(datum.name, part.measured(face), part.ideal(face))
 
-    mesh: Mesh
-    faces: tuple[Face, ...]
-    of_triangle: IntArray  # Number of the face of each triangle
-    origin: FloatArray  # Of the caller's frame
-    points: FloatArray  # (n, 3): Scan points on the part
-    triangles: IntArray  # (n,): Triangle that is closest to each
-    surface: MeshSurface
 
-    def __post_init__(self) -> None:
-        self._features: dict[int, Feature] = {}
-        self._on = self.of_triangle[self.triangles]
-        counts = np.bincount(self._on, minlength=len(self.faces))
-        areas = np.array([max(face.area, 1e-300) for face in self.faces])
-        # Points for an area on the faces that were scanned, by the points.
-        self._density = weighted_median(counts / areas, counts) if len(self._on) else 1.0
+def _faces(part: ScannedPart, plan: Plan, rows: tuple[Characteristic, ...]) -> tuple[FaceCoverage, ...]:
+    used = {number for row in rows for number in row.faces}
+    used |= {part.face(datum.face).number for datum in plan.datums}
+    counts, shares = part.counts(), part.coverage()
+    return tuple(
+        FaceCoverage(f.number, f.kind, f.area, int(counts[f.number]), float(shares[f.number]), f.number in used)
+        for f in part.faces
+    )
 
-    @classmethod
-    def of(cls, deviations: Deviations) -> _Part:
-        """The part as the registration laid the scan on it."""
-        mesh = deviations.target
-        if not isinstance(mesh, Mesh):
-            raise InputError("an inspection needs a mesh as its target: a cloud has no faces")
-        on = deviations.counted
-        points = deviations.points[on] - deviations.origin
-        labels = faces_of(mesh)[1]
-        return cls(mesh, part_faces(mesh), labels, deviations.origin, points, deviations.faces[on], MeshSurface(mesh))
 
-    def moved(self, T: FloatArray) -> _Part:
-        """The same with the scan under another pose."""
-        points = pose.apply(T, self.points)
-        triangles = self.surface.closest(points).elements
-        return _Part(self.mesh, self.faces, self.of_triangle, self.origin, points, triangles, self.surface)
+@contextlib.contextmanager
+def _entry(where: str) -> Iterator[None]:
+    """Errors inside name an entry of the plan."""
+    try:
+        yield
+    except (InputError, DegenerateGeometryError) as error:
+        raise type(error)(f"{where}: {error}") from error
 
-    def face(self, name: FaceName, where: str) -> Face:
-        """The face that a plan names."""
-        if isinstance(name, tuple):
-            return nearest_face(self.mesh, self.faces, np.array(name) - self.origin)
-        if name >= len(self.faces):
-            raise InputError(f"{where}: the part has no face {name}; its faces are 0 to {len(self.faces) - 1}")
-        return self.faces[name]
 
-    def on(self, face: Face) -> FloatArray:
-        """Scan points on a face, (n, 3)."""
-        found: FloatArray = self.points[self._on == face.number]
-        return found
-
-    def pair(self, name: FaceName, where: str) -> tuple[Feature, Feature]:
-        """Measured and nominal feature of a face."""
-        face = self.face(name, where)
-        if face.feature is None:
-            raise InputError(f"{where}: face {face.number} is neither plane, cylinder, cone nor sphere")
-        if face.number not in self._features:
-            self._features[face.number] = self._fitted(face, face.feature, where)
-        return self._features[face.number], face.feature
-
-    def _fitted(self, face: Face, nominal: Feature, where: str) -> Feature:
-        self.require_scanned(face, where)
-        points, normals = self.on(face), self.mesh.face_normals[self.triangles[self._on == face.number]]
+def _measured(part: ScannedPart, plan: Plan, row: PlannedCharacteristic) -> Characteristic:
+    remark = ""
+    with _entry(f"characteristic {row.name!r}"):
+        faces = [part.face(name) for name in row.faces]
+        nominal = row.nominal if row.nominal is not None else _nominal(part, row, faces)
         try:
-            found = fit_feature(points, nominal.kind, normals=normals, cut=CUT if len(points) > PROBED else None)
+            found = _value(part, plan, row, faces)
         except DegenerateGeometryError as error:
-            words = f"{where}: face {face.number} was not scanned well enough: {error}"
-            raise DegenerateGeometryError(words) from error
-        if found.kind == "sphere" or found.axis @ nominal.axis > 0.0:
-            return found
-        return found.reversed()
-
-    def require_scanned(self, face: Face, where: str) -> None:
-        """`DegenerateGeometryError` where a face has too few points for a face that was scanned."""
-        count, usual = len(self.on(face)), self._density * face.area
-        if count < SCANNED * usual:
-            raise DegenerateGeometryError(
-                f"{where}: face {face.number} was not scanned: {count} points lie on it where {usual:.0f} are usual"
-            )
-
-    def coverage(self, face: Face) -> float:
-        """Share of a face's area that scan points cover, by cells of three spacings."""
-        points, width = self.on(face), 3.0 / math.sqrt(self._density)
-        cells = len(np.unique(np.floor(points / width).astype(np.int64), axis=0))
-        return min(cells * width**2 / face.area, 1.0)
-
-
-def _measured(part: _Part, plan: Plan, row: PlannedCharacteristic) -> Characteristic:
-    where = f"characteristic {row.name!r}"
-    faces = [part.face(name, where) for name in row.faces]
-    found, nominal = _value(part, plan, row, faces, where)
-    # A part's file holds single precision: more digits of its nominal values are noise.
-    nominal = row.nominal if row.nominal is not None else float(f"{nominal:.6g}")
+            # A face that the scanner did not see costs its own lines of the sheet only.
+            found, remark = Measured(math.nan, math.nan), str(error)
     low, high = (0.0, row.plus) if row.kind in ZONES else (nominal - row.minus, nominal + row.plus)
     # A zone's width is never below zero: its lower limit cannot be violated.
-    outcome = found.decide(-math.inf if row.kind in ZONES else low, high)
+    outcome: Outcome = "undecided" if remark else found.decide(-math.inf if row.kind in ZONES else low, high)
+    shares = part.coverage()
     return Characteristic(
         name=row.name,
         kind=row.kind,
@@ -230,31 +186,43 @@ def _measured(part: _Part, plan: Plan, row: PlannedCharacteristic) -> Characteri
         uncertainty=found.uncertainty,
         outcome=outcome,
         points=sum(len(part.on(face)) for face in faces),
-        coverage=min(part.coverage(face) for face in faces),
+        coverage=min(float(shares[face.number]) for face in faces),
+        position=part.label(faces[0]),
+        remark=remark,
     )
 
 
-def _value(
-    part: _Part, plan: Plan, row: PlannedCharacteristic, faces: list[Face], where: str
-) -> tuple[Measured, float]:
-    """The value of a characteristic, and what it is on the part itself."""
+def _nominal(part: ScannedPart, row: PlannedCharacteristic, faces: list[Face]) -> float:
+    """What a characteristic is on the part itself."""
+    if row.kind == "diameter":
+        nominal = compute.diameter(part.ideal(faces[0])).value
+    elif row.kind == "distance":
+        nominal = compute.distance(*map(part.ideal, faces)).value
+    elif row.kind == "angle":
+        nominal = compute.angle(*map(part.ideal, faces)).value
+    else:
+        nominal = 0.0
+    # A part's file holds single precision: more digits of its nominal values are noise.
+    return float(f"{nominal:.6g}")
+
+
+def _value(part: ScannedPart, plan: Plan, row: PlannedCharacteristic, faces: list[Face]) -> Measured:
     points = part.on(faces[0])
     if row.kind == "profile":
-        part.require_scanned(faces[0], where)
+        part.require_scanned(faces[0])
         found = part.surface.closest(points)
         signed = np.einsum("ij,ij->i", points - found.points, part.mesh.face_normals[found.elements])
-        return compute.profile(signed, points), 0.0
-    pairs = [part.pair(face.number, where) for face in faces]
-    measured, ideal = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+        return compute.profile(signed, points)
+    measured = [part.measured(face) for face in faces]
     if row.kind == "diameter":
-        return compute.diameter(measured[0]), ideal[0].diameter
+        return compute.diameter(measured[0])
     if row.kind == "distance":
-        return compute.distance(*measured), compute.distance(*ideal).value
+        return compute.distance(*measured)
     if row.kind == "angle":
-        return compute.angle(*measured), compute.angle(*ideal).value
+        return compute.angle(*measured)
     if row.kind == "form":
-        return compute.form(measured[0], points), 0.0
+        return compute.form(measured[0], points)
     if row.kind == "position":
-        return compute.position(measured[0], ideal[0]), 0.0
-    face = next(datum.face for datum in plan.datums if datum.name == row.datum)
-    return compute.orientation(measured[0], part.pair(face, f"datum {row.datum}")[0], points), 0.0
+        return compute.position(measured[0], part.ideal(faces[0]))
+    datum = next(datum for datum in plan.datums if datum.name == row.datum)
+    return compute.orientation(measured[0], part.measured(part.face(datum.face)), points)

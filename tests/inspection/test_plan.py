@@ -157,18 +157,43 @@ def test_a_wrong_entry_is_named(path: list[Any], value: Any, words: str) -> None
         plan_of(changed(path, value))
 
 
+def test_a_face_that_was_not_scanned_costs_its_own_lines_only() -> None:
+    found = scanned(4, count=2_000)
+    rows = found.points[:, 2] < 9.0
+    cut = measure_deviations(found.points[rows], PART, MeshSurface(PART), reach=2.0)
+    sheet = inspect(cut, plan_of(PLAN))
+    missing = {row.name: row for row in sheet.characteristics if not row.measured}
+    assert set(missing) == {"thickness", "top"}
+    assert missing["thickness"].remark.startswith(f"face {TOP} was not scanned: 0 points")
+    assert missing["thickness"].outcome == "undecided"
+    assert missing["thickness"].nominal == pytest.approx(10.0, abs=1e-6)
+    shares = {face.face: face for face in sheet.faces}
+    assert shares[TOP].share == 0.0
+    assert shares[TOP].used
+    assert shares[BOTTOM].share > 0.95
+
+
+def test_coverage_is_the_share_of_the_area() -> None:
+    found = scanned(5, count=20_000)
+    half = measure_deviations(found.points[found.points[:, 0] < 60.0], PART, MeshSurface(PART), reach=2.0)
+    shares = {face.face: face.share for face in inspect(half, plan_of(PLAN | {"alignment": "best-fit"})).faces}
+    # Of the lower face, 120 x 80 mm with holes symmetric about the middle, half was scanned; the margin of two
+    # spacings of 1.6 mm adds 3 %, the sampling 1 %.
+    assert 0.48 < shares[BOTTOM] < 0.56
+
+
 def test_what_the_part_cannot_answer_is_named(tmp_path: Path) -> None:
     found = scanned(4, count=2_000)
     with pytest.raises(InputError, match="the part has no face 99; its faces are 0 to"):
         inspect(found, plan_of(changed(["characteristic", 1, "face"], 99)))
-    with pytest.raises(InputError, match="a plane has no diameter"):
+    with pytest.raises(InputError, match="characteristic 'hole': a plane has no diameter"):
         inspect(found, plan_of(changed(["characteristic", 1, "face"], TOP)))
     with pytest.raises(DegenerateGeometryError, match="datums constrain 5 of six"):
         inspect(found, plan_of(changed(["datum", 2, "face"], TOP)))
     rows = found.points[:, 2] < 9.0
     cut = measure_deviations(found.points[rows], PART, MeshSurface(PART), reach=2.0)
-    with pytest.raises(DegenerateGeometryError, match=f"face {TOP} was not scanned: 0 points"):
-        inspect(cut, plan_of(changed(["characteristic", 1, "face"], HOLE)))
+    with pytest.raises(DegenerateGeometryError, match=f"datum A: face {TOP} was not scanned: 0 points"):
+        inspect(cut, plan_of(changed(["datum", 0, "face"], TOP)))
     with pytest.raises(InputError, match="cannot read the plan"):
         read_plan(tmp_path / "none.toml")
     (tmp_path / "bad.toml").write_text("a = [", encoding="utf-8")

@@ -1,0 +1,124 @@
+"""A part with the scan's points on each of its faces: features measured there, and how much of a face was scanned."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.geometry import Mesh, MeshSurface
+from dqreg.inspection.coverage import covered
+from dqreg.inspection.deviations import Deviations
+from dqreg.inspection.features import Feature, fit_feature
+from dqreg.inspection.part_faces import Face, nearest_face, part_faces
+from dqreg.inspection.plan import FaceName
+from dqreg.inspection.regions import SCANNED, faces_of, weighted_median
+from dqreg.inspection.statistics import PROBED
+from dqreg.rigid import pose
+
+# Points farther from a feature than that many robust standard deviations are cut.
+CUT = 3.5
+
+
+@dataclasses.dataclass(eq=False)
+class ScannedPart:
+    """The part's faces and the scan's points on each, about the part's middle."""
+
+    mesh: Mesh
+    faces: tuple[Face, ...]
+    of_triangle: IntArray  # Number of the face of each triangle
+    origin: FloatArray  # Of the caller's frame
+    points: FloatArray  # (n, 3): Scan points on the part
+    triangles: IntArray  # (n,): Triangle that is closest to each
+    surface: MeshSurface
+
+    def __post_init__(self) -> None:
+        self._features: dict[int, Feature] = {}
+        self._covered: FloatArray | None = None
+        self._on = self.of_triangle[self.triangles]
+        counts = np.bincount(self._on, minlength=len(self.faces))
+        areas = np.array([max(face.area, 1e-300) for face in self.faces])
+        # Points for an area on the faces that were scanned, by the points.
+        self._density = weighted_median(counts / areas, counts) if len(self._on) else 1.0
+
+    @classmethod
+    def of(cls, deviations: Deviations) -> ScannedPart:
+        """The part as the registration laid the scan on it."""
+        mesh = deviations.target
+        if not isinstance(mesh, Mesh):
+            raise InputError("an inspection needs a mesh as its target: a cloud has no faces")
+        on = deviations.counted
+        points = deviations.points[on] - deviations.origin
+        labels = faces_of(mesh)[1]
+        return cls(mesh, part_faces(mesh), labels, deviations.origin, points, deviations.faces[on], MeshSurface(mesh))
+
+    def moved(self, T: FloatArray) -> ScannedPart:
+        """The same with the scan under another pose."""
+        points = pose.apply(T, self.points)
+        triangles = self.surface.closest(points).elements
+        return ScannedPart(self.mesh, self.faces, self.of_triangle, self.origin, points, triangles, self.surface)
+
+    def face(self, name: FaceName) -> Face:
+        """The face that a plan names."""
+        if isinstance(name, tuple):
+            return nearest_face(self.mesh, self.faces, np.array(name) - self.origin)
+        if name >= len(self.faces):
+            raise InputError(f"the part has no face {name}; its faces are 0 to {len(self.faces) - 1}")
+        return self.faces[name]
+
+    def on(self, face: Face) -> FloatArray:
+        """Scan points on a face, (n, 3)."""
+        found: FloatArray = self.points[self._on == face.number]
+        return found
+
+    def ideal(self, face: Face) -> Feature:
+        """What a face is on the part itself."""
+        if face.feature is None:
+            raise InputError(f"face {face.number} is neither plane, cylinder, cone nor sphere")
+        return face.feature
+
+    def measured(self, face: Face) -> Feature:
+        """The feature that is fitted to the scan's points on a face."""
+        if face.number not in self._features:
+            self._features[face.number] = self._fitted(face, self.ideal(face))
+        return self._features[face.number]
+
+    def _fitted(self, face: Face, nominal: Feature) -> Feature:
+        self.require_scanned(face)
+        points, normals = self.on(face), self.mesh.face_normals[self.triangles[self._on == face.number]]
+        try:
+            found = fit_feature(points, nominal.kind, normals=normals, cut=CUT if len(points) > PROBED else None)
+        except DegenerateGeometryError as error:
+            words = f"face {face.number} was not scanned well enough: {error}"
+            raise DegenerateGeometryError(words) from error
+        if found.kind == "sphere" or found.axis @ nominal.axis > 0.0:
+            return found
+        return found.reversed()
+
+    def require_scanned(self, face: Face) -> None:
+        """`DegenerateGeometryError` where a face has too few points for a face that was scanned."""
+        count, usual = len(self.on(face)), self._density * face.area
+        if count < SCANNED * usual:
+            raise DegenerateGeometryError(
+                f"face {face.number} was not scanned: {count} points lie on it where {usual:.0f} are usual"
+            )
+
+    def counts(self) -> IntArray:
+        """Scan points on each face, (faces,)."""
+        return np.bincount(self._on, minlength=len(self.faces)).astype(np.int64)
+
+    def coverage(self) -> FloatArray:
+        """Share of each face's area that was scanned, (faces,)."""
+        if self._covered is None:
+            self._covered = covered(self.mesh, self.of_triangle, self.points, self._on, self._density)
+        return self._covered
+
+    def label(self, face: Face) -> tuple[float, float, float]:
+        """Where a label of a face stands, in the caller's target frame: on it, or in the middle of a round one."""
+        at, points = face.centre, self.on(face)
+        if face.kind in ("plane", "free") and len(points):
+            at = points[np.argmin(np.linalg.norm(points - at, axis=1))]
+        x, y, z = (at + self.origin).tolist()
+        return x, y, z
