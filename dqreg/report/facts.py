@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import platform
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,8 @@ Rows = list[tuple[str, str]]
 def facts_of(result: RegistrationResult, unit: str) -> dict[str, Any]:
     """What the page's template asks for, by name."""
     found = bool(np.isfinite(result.T_target_source).all())
-    settings = [(name, setting_text(name, value, unit)) for name, value in sorted(result.settings.items())]
+    values = {**result.settings, **{name: file_name(result.settings.get(name)) for name in ("source", "target")}}
+    settings = [(name, setting_text(name, value, unit)) for name, value in sorted(values.items())]
     middle = -(-len(settings) // 2)
     return {
         "motions": motions_of(result),
@@ -33,6 +35,15 @@ def facts_of(result: RegistrationResult, unit: str) -> dict[str, Any]:
         "timings": [(name, f"{value:.3f}") for name, value in result.timings.items()],
         "versions": versions_of(),
     }
+
+
+def file_name(value: Any) -> str:
+    """Name of a file without its folders, which are nobody's but the writer's.
+
+    >>> file_name("/home/me/scan.ply"), file_name(None)
+    ('scan.ply', 'not known')
+    """
+    return Path(str(value)).name or "not known" if value else "not known"
 
 
 def checks_of(result: RegistrationResult) -> list[dict[str, str]]:
@@ -89,12 +100,12 @@ def _sides(result: RegistrationResult, unit: str) -> Rows:
     """What was registered to what."""
     get = result.settings.get
     rows = [
-        ("Scan", str(get("source", "not known"))),
+        ("Scan", file_name(get("source"))),
         ("Scan points", f"{get('source_points', 0):,}, of which {get('used_points', 0):,} were used"),
         ("Dropped", f"{get('source_dropped', 0):,} points that were not finite"),
         ("Spacing of the scan", f"{text_of(get('source_spacing'))} {unit}"),
         ("Noise of the scan", f"{text_of(get('source_noise'))} {unit}, one sigma, estimated"),
-        ("Target", f"{get('target', 'not known')} ({get('target_kind', 'not known')})"),
+        ("Target", f"{file_name(get('target'))} ({get('target_kind', 'not known')})"),
         ("Size of the target", f"{text_of(get('diagonal'), 5)} {unit}, diagonal of its bounding box"),
     ]
     converted = _converted(result)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dqreg.inspection import Inspection
 from dqreg.report.summary import ALIGNMENT, COLOURS
 from dqreg.report.table import Column, Table, print_tables
-from dqreg.report.text import percent, text_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -44,13 +43,15 @@ def characteristics_table(found: Inspection, unit: str) -> Table:
             row.high,
             row.value,
             row.uncertainty,
-            row.outcome,
+            row.outcome if row.measured else "not measured",
             row.points,
             100.0 * row.coverage,
         )
         for k, row in enumerate(found.characteristics)
     )
+    missing = [f"{k + 1} {row.name}: {row.remark}" for k, row in enumerate(found.characteristics) if row.remark]
     note = f"Lengths in {unit or 'units of the part'}, angles in degrees; aligned to: {frame_words(found)}."
+    note = "\n".join([note, *missing])
     return Table("characteristics", "Characteristics", columns, rows, note)
 
 
@@ -81,37 +82,3 @@ def decimals_of(uncertainty: float) -> int:
     if not 0.0 < uncertainty < math.inf:
         return 6
     return max(0, 1 - math.floor(math.log10(uncertainty)))
-
-
-def inspection_of(found: Inspection | None, unit: str) -> dict[str, Any] | None:
-    """The same for the page's template."""
-    if found is None:
-        return None
-    signs = {"pass": "✓", "undecided": "?", "fail": "✗"}
-    rows = [
-        {
-            "cells": [str(k + 1), row.name, row.kind],
-            "numbers": [
-                *(text_of(x, 6) for x in (row.nominal, row.low, row.high)),
-                f"{row.value:.{decimals_of(row.uncertainty)}f}".replace("-", "−"),
-                text_of(row.uncertainty, 2),
-                percent(row.coverage),
-            ],
-            "outcome": row.outcome,
-            "sign": signs[row.outcome],
-        }
-        for k, row in enumerate(found.characteristics)
-    ]
-    heads = [("No.", "", False), ("Characteristic", "", False), ("Kind", "", False), ("Nominal", "", True),
-             ("Low", "", True), ("High", "", True), ("Measured", "", True), ("U", "k = 2", True),
-             ("Scanned", "%", True), ("Decision", "", False)]  # fmt: skip
-    count = sum(row.outcome == "pass" for row in found.characteristics)
-    return {
-        "outcome": found.outcome,
-        "sign": signs[found.outcome],
-        "words": f"{count} of {len(found.characteristics)} characteristics pass; aligned to {frame_words(found)}.",
-        "columns": heads,
-        "rows": rows,
-        "head": [(key, value) for key, value in found.plan.head.items() if value],
-        "unit": unit,
-    }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,14 @@ from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
 from dqreg.report.charts import NARROW, WIDE, convergence
 from dqreg.report.colours import LEVELS
-from dqreg.report.facts import facts_of, hints_of, motions_of
+from dqreg.report.facts import facts_of, file_name, hints_of, motions_of
 from dqreg.report.figure import encode
 from dqreg.report.html import data_uri, render
-from dqreg.report.inspection_table import inspection_of
 from dqreg.report.page_file import page_path, write_page
 from dqreg.report.pictures import Panel, draw
 from dqreg.report.report_data import ReportData, checked_tolerance, collect, unit_of
 from dqreg.report.result_protocol import RegistrationResult
+from dqreg.report.sheet import digests_of, head_rows, sheet_of
 from dqreg.report.summary import ALIGNMENT, confidence_words
 from dqreg.report.text import pose_forms, text_of
 from dqreg.report.view3d import ELLIPSOID, scene_of
@@ -49,23 +50,31 @@ def write_report(
     deviations: Deviations | None = None,
     required_share: float = REQUIRED_SHARE,
     inspection: Inspection | None = None,
+    head: Mapping[str, str] | None = None,
 ) -> Path:
     """Write the report of a registration, whole or not at all."""
     goal = page_path(path)
     checked_tolerance(tolerance)
     data = None
     if result.inputs is not None:
-        data = collect(result, result.inputs, tolerance, start, reach, deviations, required_share)
-    return write_page(goal, to_html(result, data, inspection))
+        data = collect(result, result.inputs, tolerance, start, reach, deviations, required_share, inspection)
+    return write_page(goal, to_html(result, data, inspection, head))
 
 
-def to_html(result: RegistrationResult, data: ReportData | None, inspection: Inspection | None = None) -> str:
-    """The page of a result."""
+def to_html(
+    result: RegistrationResult,
+    data: ReportData | None,
+    inspection: Inspection | None = None,
+    head: Mapping[str, str] | None = None,
+) -> str:
+    """The page of a result; ``head`` names the part and who measured it."""
     from markupsafe import Markup
 
     unit = unit_of(result)
     values = _words(result, data, unit) | _evidence(result, unit) | _shown(data)
-    values["inspection"] = inspection_of(inspection, unit)
+    values["inspection"] = sheet_of(inspection, unit)
+    values["head_rows"] = head_rows({**(inspection.plan.head if inspection else {}), **(head or {})})
+    values["digests"] = digests_of(result.settings)
     # Made by this package from numbers and escaped words.
     for name in ("convergence", "scene"):
         values[name] = Markup(values[name])
@@ -85,8 +94,8 @@ def _words(result: RegistrationResult, data: ReportData | None, unit: str) -> di
         "reasons": result.verdict.reasons,
         "confidence": confidence_words(result),
         "hints": hints_of(result, data),
-        "source": _file_name(settings.get("source")),
-        "target": _file_name(settings.get("target")),
+        "source": file_name(settings.get("source")),
+        "target": file_name(settings.get("target")),
         "written": time.strftime("%Y-%m-%d %H:%M"),
         "unit": unit,
         "unit_known": settings.get("target_units") is not None,
@@ -145,6 +154,7 @@ def _shown(data: ReportData | None) -> dict[str, Any]:
         "poses": poses,
         "iterations": sum(pose["kind"] == "iteration" for pose in scene["poses"]),
         "off_shown": scene["off"]["count"] > 0,
+        "labels_shown": bool(scene["labels"]),
         "drawn": tables.drawn_words(data, scene),
         "ellipsoid_words": _ellipsoid_words(data),
         "picture": data_uri(encode(draw(data, panels_of(data), PANEL_WIDTH, PANEL_HEIGHT), "jpeg"), "jpeg"),
@@ -174,10 +184,6 @@ def _ellipsoid_words(data: ReportData) -> str:
         f"The ellipsoid is where the centre of the part may be, one sigma, drawn {larger:,.0f} times its size: its "
         f"semi-axes are {words} {data.unit}."
     )
-
-
-def _file_name(value: Any) -> str:
-    return Path(str(value)).name or "not known" if value else "not known"
 
 
 def _json(scene: dict[str, Any]) -> str:

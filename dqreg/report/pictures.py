@@ -30,6 +30,9 @@ MOST_POINTS = 400_000
 PER_INCH = 100
 PAPER, INK, PENCIL = "#ffffff", "#1a1c20", "#5a5f68"
 MARGIN, TITLE, LEGEND = 14, 44, 86
+# Numbers: their distance from what they mark, how deep in a hole that may lie (sizes), and colours by outcome.
+LEADER, DEEP = 30.0, 0.05
+LABELS = {"pass": "#00795a", "undecided": "#8a5a00", "fail": "#b23c00"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,6 +103,8 @@ def _panel(figure: Figure, data: ReportData, scene: PartScene, panel: Panel, pla
     title, colour = _title(data, panel)
     x, y = (left + 0.5 * width), bottom + height + 0.45 * TITLE
     _draw_text(figure, x, y, title, colour=colour, size=13)
+    if panel.state == "deviation" and data.labels:
+        _draw_labels(figure, data, scene, frame, (left, bottom))
     _draw_scale_bar(figure, data, frame, left + 18, bottom + 14)
 
 
@@ -190,6 +195,38 @@ def _draw_legend(figure: Figure, data: ReportData, width: int) -> None:
     meaning = "deviation, + outside the part" if scale.signed else "distance"
     tolerance = "" if data.tolerance is None else f"; the scale ends at the tolerance, ±{data.tolerance:g}"
     _draw_text(figure, left + 0.5 * length, 9, f"{meaning} [{data.unit}]{tolerance}", size=10)
+
+
+def _draw_labels(figure: Figure, data: ReportData, scene: PartScene, frame: Frame, corner: tuple[int, int]) -> None:
+    """Draw the numbers of what is in sight, each beside its place with a line to it, away from the middle."""
+    from matplotlib.lines import Line2D
+
+    points = np.array([label.position - data.origin for label in data.labels]) / data.size
+    columns, rows, _ = frame.columns_rows(points)
+    whole = figure.get_size_inches() * PER_INCH
+    for k in np.flatnonzero(scene.in_sight(frame, points, DEEP)):
+        label = data.labels[k]
+        foot = np.array([corner[0] + columns[k], corner[1] + frame.height - 1 - rows[k]], dtype=np.float64)
+        away = foot - (corner[0] + 0.5 * frame.width, corner[1] + 0.5 * frame.height)
+        away /= max(float(np.linalg.norm(away)), 1.0)
+        head = foot + LEADER * (away if away.any() else np.array([0.7, 0.7]))
+        line = np.column_stack([foot, head]) / whole[:, None]
+        colour = LABELS.get(label.kind, INK)
+        figure.add_artist(Line2D(*line, color=colour, linewidth=1.1, transform=figure.transFigure))
+        box = {"boxstyle": "round,pad=0.25,rounding_size=0.8", "facecolor": PAPER, "edgecolor": colour}
+        x, y = head / whole
+        figure.text(
+            x,
+            y,
+            label.text,
+            fontsize=10,
+            color=colour,
+            ha="center",
+            va="center",
+            weight="bold",
+            family="DejaVu Sans",
+            bbox=box,
+        )
 
 
 def _draw_scale_bar(figure: Figure, data: ReportData, frame: Frame, left: int, bottom: int) -> None:

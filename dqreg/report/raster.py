@@ -93,6 +93,15 @@ class PartScene:
         rounded: ByteArray = np.rint(averaged).astype(np.uint8)
         return rounded
 
+    def in_sight(self, frame: Frame, points: FloatArray, depth: float) -> BoolArray:
+        """Points that are seen in a view, or lie no deeper than ``depth`` behind what is seen there. Shapes: (n, 3)."""
+        columns, rows, up = frame.columns_rows(points)
+        seen = (columns >= 0) & (columns < frame.width) & (rows >= 0) & (rows < frame.height)
+        if self._scene is not None:
+            height = _cast(self._scene, frame)[1]
+            seen[seen] = up[seen] > height[rows[seen], columns[seen]] - depth
+        return seen
+
     def _shaded(self, frame: Frame, part_colour: str, paper: str) -> tuple[FloatImage, FloatImage, BoolArray]:
         """Image, height of the surface towards the eye (minus infinity where there is none), and its edges."""
         image = np.tile(np.array(rgb(paper), dtype=np.float32), (frame.height, frame.width, 1))

@@ -10,12 +10,13 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
-from dqreg.inspection import Decision, Deviations, Place, Region, decide
+from dqreg.inspection import Decision, Deviations, Inspection, Place, Region, decide
 from dqreg.inspection.decision import REQUIRED_SHARE
 from dqreg.inspection.regions import cut_of, regions_of
 from dqreg.report.cameras import best_corner
 from dqreg.report.colours import Scale, nice_above
 from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
+from dqreg.report.sheet import Label, labels_of
 
 # Worst places that are marked.
 PLACES = 6
@@ -44,6 +45,7 @@ class ReportData:
     regions_how: str  # How they were cut
     decision: Decision | None  # Whether the part is within its tolerance; None where none was given
     view: str  # Name of the view that shows most of the scan
+    labels: tuple[Label, ...]  # Numbers on the part: characteristics of a plan, else worst places
 
     @property
     def ellipsoid(self) -> FloatArray | None:
@@ -66,6 +68,7 @@ def collect(
     reach: float | None = None,
     deviations: Deviations | None = None,
     required_share: float = REQUIRED_SHARE,
+    inspection: Inspection | None = None,
 ) -> ReportData:
     """Everything that a report shows."""
     tolerance = checked_tolerance(tolerance)
@@ -86,11 +89,12 @@ def collect(
         else:
             decision = decide(deviations, tolerance, required_share)
             regions, how = decision.regions, decision.regions_how
-    origin = inputs.target.origin
+    origin, unit = inputs.target.origin, unit_of(result)
+    worst = deviations.worst(PLACES) if deviations else ()
     return ReportData(
         result=result,
         inputs=inputs,
-        unit=unit_of(result),
+        unit=unit,
         size=surface.diagonal,
         origin=origin,
         found=found,
@@ -100,11 +104,12 @@ def collect(
         tolerance=tolerance,
         deviations=deviations,
         scale=_scale_of(deviations, result) if deviations else None,
-        worst=deviations.worst(PLACES) if deviations else (),
+        worst=worst,
         regions=regions,
         regions_how=how,
         decision=decision,
         view=view,
+        labels=labels_of(inspection, worst, unit),
     )
 
 

@@ -17,7 +17,7 @@ from dqreg._open3d import load_open3d
 from dqreg.geometry import Mesh
 from dqreg.geometry.morton import morton_order
 from dqreg.inspection import measure_deviations
-from dqreg.inspection.regions import weld_edges
+from dqreg.inspection.regions import MOST_FACES, faces_of, weld_edges
 from dqreg.report.cameras import VIEWS
 from dqreg.report.report_data import ReportData
 from dqreg.rigid import pose
@@ -52,7 +52,15 @@ def scene_of(data: ReportData) -> dict[str, Any]:
         "off": _cloud(data, off, with_values=False),
         "target": _target(data),
         "poses": _poses(data),
-        "worst": [{"at": ((p.position - data.origin) / data.size).tolist(), "value": p.value} for p in data.worst],
+        "labels": [
+            {
+                "at": ((label.position - data.origin) / data.size).tolist(),
+                "text": label.text,
+                "title": label.title,
+                "kind": label.kind,
+            }
+            for label in data.labels
+        ],
         "motions": _motions(data),
         "ellipsoid": _ellipsoid(data),
     }
@@ -120,7 +128,16 @@ def _target(data: ReportData) -> dict[str, Any]:
         "faces": _encoded(faces.astype("<u4")),
         "drawn": len(faces),
         "edges": _encoded(sharp_edges(vertices, faces).astype("<f4")),
+        **_numbers(geometry, len(faces)),
     }
+
+
+def _numbers(mesh: Mesh, drawn: int) -> dict[str, Any]:
+    """Number of the part's face that each drawn triangle is of, where the triangles are the part's own."""
+    if drawn < len(mesh.faces):
+        return {}
+    count, labels = faces_of(mesh)
+    return {"faceOf": _encoded(labels.astype("<u2"))} if count <= MOST_FACES else {}
 
 
 def _poses(data: ReportData) -> list[dict[str, Any]]:

@@ -74,7 +74,7 @@ def test_controls_work_by_clicks(browser, report):
         "input[data-layer=part]": "input[data-layer=part]",
         "input[data-layer=scan]": "input[data-layer=scan]",
         "input[data-layer=off]": "input[data-layer=off]",
-        "input[data-layer=worst]": "input[data-layer=worst]",
+        "input[data-layer=labels]": "input[data-layer=labels]",
         "input[name=colour][value=plain]": "input[name=colour][value=deviation]",
         "input[name=pose][value='0']": "input[name=pose][value='1']",
         "input[name=pose][value='2']": "input[name=pose][value='1']",

@@ -13,6 +13,7 @@ function readScene() {
   scene.target = readCloud(scene.target);
   if (scene.target.kind === "mesh") {
     scene.target.faceNumbers = new Uint32Array(bytes(scene.target.faces));
+    if (scene.target.faceOf) scene.target.faceOf = new Uint16Array(bytes(scene.target.faceOf));
     scene.target.edgeEnds = new Float32Array(bytes(scene.target.edges));
   }
   scene.alternatives = (scene.alternatives || []).map(a => new Uint8Array(bytes(a.codes)));
@@ -23,7 +24,7 @@ function readScene() {
 function mainView(scene) {
   const box = $("#view3d");
   if (!box) return null;
-  const layers = { part: true, edges: true, scan: true, off: true, coded: Boolean(scene.scale), worst: true };
+  const layers = { part: true, edges: true, scan: true, off: true, coded: Boolean(scene.scale), labels: true };
   const view = new View(box, scene, layers);
   view.thin = Math.sqrt(Math.max(1, (scene.onTotal || 1) / Math.max(1, scene.on.count)));
   const kinds = scene.poses, iterations = kinds.filter(p => p.kind === "iteration");
@@ -39,14 +40,14 @@ function mainView(scene) {
     if (pose.kind === "iteration" && pose.rms) text += `: rms ${length(pose.rms, scene.unit)}`;
     if (pose.kind === "alternative") text += `: score ${length(pose.score, scene.unit)}`;
     said.textContent = text;
-    for (const { element } of view.labels) element.hidden = !(layers.worst && pose.kind === "after");
+    for (const { element } of view.labels) element.hidden = !(layers.labels && pose.kind === "after");
     $("#legend")?.classList.toggle("faded", !layers.coded);
     current = pose;
     view.draw();
   }
   let current = kinds.find(p => p.kind === "after") || kinds.find(p => p.kind === "before") || { T: STAND, kind: "before", name: "As scanned" };
 
-  scene.worst.forEach((place, k) => view.label(String(k + 1), () => place.at, `worst place ${k + 1}: ${length(place.value, scene.unit)}`, "worst"));
+  for (const { at, text, title, kind } of scene.labels) view.label(text, () => at, title, `flag ${kind}`);
   for (const input of all("input[name=pose]")) input.addEventListener("change", () => {
     show(kinds[Number(input.value)]);
     if (slider) slider.value = current.kind === "before" ? 0 : slider.max;
@@ -115,6 +116,31 @@ function mainView(scene) {
     tip.style.transform = `translate(${Math.min(x + 12, rect.width - tip.offsetWidth - 4)}px, ${Math.max(y - 30, 2)}px)`;
   };
   view.leave = () => { tip.hidden = true; };
+  // A click says which face of the part it is on: the number of dqreg faces, as a plan names it.
+  view.picked = e => {
+    const target = scene.target, rect = view.canvas.getBoundingClientRect();
+    if (!target.faceOf || !layers.part) return;
+    const R = view.axes, m = view.middle, s = view.perSize;
+    const x = (e.clientX - rect.left - rect.width / 2) / s, y = (rect.height / 2 - e.clientY + rect.top) / s;
+    const corner = i => {
+      const p = [0, 1, 2].map(k => target.low[k] + target.extent[k] * target.steps[3 * i + k] / 65535 - m[k]);
+      return R.map(row => row[0] * p[0] + row[1] * p[1] + row[2] * p[2]);
+    };
+    let face = -1, front = -1e9;
+    for (let t = 0; t < target.faceOf.length; t++) {
+      const [a, b, c] = [0, 1, 2].map(k => corner(target.faceNumbers[3 * t + k]));
+      const whole = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
+      const u = ((b[0] - x) * (c[1] - y) - (c[0] - x) * (b[1] - y)) / whole;
+      const v = ((c[0] - x) * (a[1] - y) - (a[0] - x) * (c[1] - y)) / whole;
+      if (!(u >= 0 && v >= 0 && u + v <= 1)) continue;
+      const depth = u * a[2] + v * b[2] + (1 - u - v) * c[2];
+      if (depth > front) { front = depth; face = target.faceOf[t]; }
+    }
+    if (face < 0) return;
+    tip.textContent = `face ${face}${tip.hidden ? "" : `: ${tip.textContent}`}`;
+    tip.hidden = false;
+    tip.style.transform = `translate(${Math.min(e.clientX - rect.left + 12, rect.width - tip.offsetWidth - 4)}px, ${Math.max(e.clientY - rect.top - 30, 2)}px)`;
+  };
   show(current);
   view.fit();
   return view;

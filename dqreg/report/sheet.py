@@ -1,0 +1,178 @@
+"""What a page of an inspection holds beside its registration: head, characteristics with their labels, coverage, digests."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.inspection import Inspection, Place
+from dqreg.inspection.decision import worst_of
+from dqreg.report.inspection_table import decimals_of, frame_words
+from dqreg.report.text import percent, text_of
+
+SIGNS = {"pass": "✓", "undecided": "?", "fail": "✗"}
+# Fields of the head that have words of their own, in their order; others follow as they are named.
+FIELDS = {
+    "part": "Part no.",
+    "name": "Part name",
+    "drawing": "Drawing",
+    "serial": "Serial no.",
+    "order": "Order",
+    "operator": "Operator",
+    "device": "Measuring device",
+    "date": "Measured",
+    "note": "Note",
+}
+COLUMNS = [("No.", "", False), ("Characteristic", "", False), ("Kind", "", False), ("Nominal", "", True),
+           ("Low", "", True), ("High", "", True), ("Measured", "", True), ("U", "k = 2", True),
+           ("Scanned", "%", True), ("Decision", "", False)]  # fmt: skip
+# Faces below that share are called partly scanned.
+WHOLE = 0.9
+# Faces that are listed; small ones that no characteristic names are summed up.
+LISTED = 40
+
+
+def head_rows(head: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Fields of the head that have a value: name and value.
+
+    >>> head_rows({"serial": "7", "lot": "A", "operator": ""})
+    [('Serial no.', '7'), ('Lot', 'A')]
+    """
+    order = [*(key for key in FIELDS if key in head), *(key for key in head if key not in FIELDS)]
+    names = {key: FIELDS.get(key, key[:1].upper() + key[1:]) for key in order}
+    return [(names[key], head[key]) for key in order if head[key]]
+
+
+def sheet_of(found: Inspection | None, unit: str) -> dict[str, Any] | None:
+    """The sheet for the page's template."""
+    if found is None:
+        return None
+    count = sum(row.outcome == "pass" for row in found.characteristics)
+    missing = sum(not row.measured for row in found.characteristics)
+    words = [f"{count} of {len(found.characteristics)} characteristics pass; aligned to {frame_words(found)}."]
+    if missing:
+        words.append(f"{missing} could not be measured: their faces were not scanned.")
+    return {
+        "outcome": found.outcome,
+        "sign": SIGNS[found.outcome],
+        "words": words,
+        "columns": COLUMNS,
+        "rows": _rows(found),
+        "remarks": [(k + 1, row.name, row.remark) for k, row in enumerate(found.characteristics) if row.remark],
+        "unit": unit,
+        "coverage": _coverage(found, unit),
+    }
+
+
+def _rows(found: Inspection) -> list[dict[str, Any]]:
+    return [
+        {
+            "cells": [str(k + 1), row.name, row.kind],
+            "numbers": [
+                *(text_of(x, 6) for x in (row.nominal, row.low, row.high)),
+                *(_value(row.value, row.uncertainty) if row.measured else ("not measured", "–")),
+                percent(row.coverage),
+            ],
+            "outcome": row.outcome,
+            "sign": SIGNS[row.outcome],
+        }
+        for k, row in enumerate(found.characteristics)
+    ]
+
+
+def _value(value: float, uncertainty: float) -> tuple[str, str]:
+    return f"{value:.{decimals_of(uncertainty)}f}".replace("-", "−"), text_of(uncertainty, 2)
+
+
+def _coverage(found: Inspection, unit: str) -> dict[str, Any] | None:
+    """How much of each face was scanned: those of the plan first, then the largest."""
+    if not found.faces:
+        return None
+    area = math.fsum(face.area for face in found.faces)
+    seen = math.fsum(face.area * face.share for face in found.faces)
+    ordered = sorted(found.faces, key=lambda face: (not face.used, -face.area))
+    shown, rest = ordered[:LISTED], ordered[LISTED:]
+    unseen = [face for face in found.faces if face.share == 0.0]
+    words = [f"{percent(seen / max(area, 1e-300))} % of the part's surface was scanned."]
+    if unseen:
+        words.append(f"{len(unseen)} of its {len(found.faces)} faces were not scanned at all.")
+    if rest:
+        words.append(f"{len(rest)} smaller faces, which the plan does not name, are not listed.")
+    return {
+        "words": " ".join(words),
+        "columns": [("Face", "", True), ("Shape", "", False), ("Area", f"{unit}²", True), ("Points", "", True),
+                    ("Scanned", "%", True), ("", "", False)],
+        "rows": [
+            {
+                "cells": [str(face.face)],
+                "kind": face.kind,
+                "numbers": [text_of(face.area, 4), f"{face.points:,}", percent(face.share)],
+                "words": "whole" if face.share >= WHOLE else "partly" if face.share > 0.0 else "not scanned",
+                "used": face.used,
+            }
+            for face in shown
+        ],
+    }  # fmt: skip
+
+
+def digests_of(settings: Mapping[str, Any], names: tuple[str, ...] = ("source", "target")) -> list[tuple[str, str]]:
+    """SHA-256 of the files that were registered, as they are now: name of the file and digest."""
+    found = []
+    for name in names:
+        path = Path(str(settings.get(name) or ""))
+        try:
+            with path.open("rb") as stream:
+                found.append((path.name, hashlib.file_digest(stream, "sha256").hexdigest()))
+        except (OSError, ValueError):
+            continue
+    return found
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Label:
+    """A number at a point of the part."""
+
+    text: str
+    position: FloatArray  # (3,): In the target's frame
+    title: str  # What it marks
+    kind: str  # "worst", or the outcome of what it marks
+
+
+def labels_of(inspection: Inspection | None, worst: Sequence[Place], unit: str) -> tuple[Label, ...]:
+    """Labels of the characteristics, one for all of the same face, or of the worst places where there is no plan."""
+    if inspection is None:
+        return tuple(
+            Label(str(k + 1), place.position, f"worst place {k + 1}: {text_of(place.value)} {unit}", "worst")
+            for k, place in enumerate(worst)
+        )
+    rows: dict[tuple[float, float, float], list[int]] = {}
+    for number, row in enumerate(inspection.characteristics):
+        rows.setdefault(row.position, []).append(number)
+    found = []
+    for position, numbers in rows.items():
+        own = [inspection.characteristics[k] for k in numbers]
+        title = "; ".join(f"{k + 1} {row.name}: {row.outcome}" for k, row in zip(numbers, own, strict=True))
+        kind = worst_of([row.outcome for row in own])
+        found.append(Label(ranges([k + 1 for k in numbers]), np.array(position), title, kind))
+    return tuple(found)
+
+
+def ranges(numbers: Sequence[int]) -> str:
+    """Numbers in few letters.
+
+    >>> ranges([1, 2, 3, 7, 9, 10])
+    '1–3, 7, 9, 10'
+    """
+    words = []
+    for _, group in itertools.groupby(enumerate(numbers), lambda pair: pair[1] - pair[0]):
+        run = [number for _, number in group]
+        words += [f"{run[0]}–{run[-1]}"] if len(run) > 2 else [str(number) for number in run]
+    return ", ".join(words)
