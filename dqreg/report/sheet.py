@@ -1,4 +1,4 @@
-"""What a page of an inspection holds beside its registration: head, characteristics with their labels, coverage, digests."""
+"""What a page of an inspection holds: head, characteristics and their labels, coverage, digests."""
 
 from __future__ import annotations
 
