@@ -76,7 +76,12 @@ def as_vectors(value: Any, name: str, *, finite: bool = True) -> FloatArray:
     """Rows of three numbers, (n, 3)."""
     array = as_float(value, name)
     if array.ndim != 2 or array.shape[1] != 3:
-        raise InputError(f"{name} must have shape (n, 3), one x, y, z row per item; got shape {array.shape}")
+        remedy = ""
+        if array.ndim == 2 and array.shape[1] > 3:
+            remedy = "; where the first three columns are x, y, z, pass array[:, :3]"
+        elif array.ndim == 3 and array.shape[2] == 3:
+            remedy = "; an image of points goes in as array.reshape(-1, 3)"
+        raise InputError(f"{name} must have shape (n, 3), one x, y, z row per item; got shape {array.shape}{remedy}")
     if finite:
         require_finite(array, name)
     return array

@@ -21,6 +21,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, as_geometry
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
+from dqreg.geometry.objects import recognise
 from dqreg.icp import ESTIMATORS, Correspondences, Icp, Stopping, WithinDistance, find_correspondences
 from dqreg.icp.history import Iteration
 from dqreg.solvers.status import NO_POSE
@@ -60,11 +61,9 @@ def _cloud(value: Any, name: str) -> tuple[PointCloud, IntArray, int]:
 
 
 def _raw(value: Any) -> tuple[FloatArray, FloatArray | None]:
-    if hasattr(value, "to_legacy"):
-        value = value.cpu().to_legacy()
-    if hasattr(value, "points"):
-        return np.array(value.points), np.array(value.normals) if value.has_normals() else None
-    return np.asarray(getattr(value, "vertices", value), dtype=np.float64), None
+    found = recognise(value, "a cloud")
+    assert not isinstance(found, Mesh)
+    return found.points, found.normals
 
 
 def _scan(cloud: PointCloud, with_normals: bool) -> Scan:

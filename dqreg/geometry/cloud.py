@@ -9,6 +9,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, require_workable
 from dqreg.errors import InputError
+from dqreg.geometry import exports
 from dqreg.geometry.depth import depth_points
 
 
@@ -128,6 +129,73 @@ class PointCloud:
                 f"none of the {found.dropped} pixels of the depth image can be used; is it the depth image?"
             )
         return cls(found.points, found.normals, np.zeros(3), units, found.dropped)
+
+    def to_open3d(self) -> Any:
+        """The cloud as Open3D's (legacy) PointCloud, with the normals.
+
+        Returns
+        -------
+        open3d.geometry.PointCloud
+            A copy.
+        """
+        return exports.cloud_to_open3d(self.points, self.normals)
+
+    def to_trimesh(self) -> Any:
+        """The cloud as trimesh's PointCloud.
+
+        Returns
+        -------
+        trimesh.PointCloud
+            Without normals, which it has no place for.
+        """
+        return exports.to_trimesh(self.points, None, self.units)
+
+    def to_pyvista(self) -> Any:
+        """The cloud as PyVista's PolyData, with the normals as "Normals".
+
+        Returns
+        -------
+        pyvista.PolyData
+            A copy.
+
+        Raises
+        ------
+        MissingDependencyError
+            If PyVista is not installed.
+        """
+        return exports.to_pyvista(self.points, None, {} if self.normals is None else {"Normals": self.normals})
+
+    def to_pointcloud2(self, frame_id: str = "", stamp: float = 0.0, precision: str | None = None) -> Any:
+        """The cloud as a ROS message sensor_msgs/PointCloud2, with the fields x, y, z and normal_x, normal_y, normal_z.
+
+        Parameters
+        ----------
+        frame_id : str
+            Frame of the points, for the header.
+        stamp : float
+            Time, seconds, for the header.
+        precision : {"float32", "float64"}, optional
+            Default: float32, as drivers send it; float64 where that would move points by more than 1e-5 of the
+            cloud's diagonal, as in maps with coordinates in the millions.
+
+        Returns
+        -------
+        sensor_msgs.msg.PointCloud2
+            Where ROS is not installed, a record with the same parts under the same names.
+
+        Raises
+        ------
+        InputError
+            If the precision is unknown.
+
+        Examples
+        --------
+        >>> message = PointCloud([[0, 0, 1], [1, 0, 1]]).to_pointcloud2("map", 12.5)
+        >>> message.header.stamp.nanosec, message.point_step, message.width
+        (500000000, 12, 2)
+        """
+        columns = exports.cloud_columns(self.points, self.normals)
+        return exports.to_pointcloud2(columns, frame_id, stamp, precision)
 
 
 def _finite_rows(rows: FloatArray) -> BoolArray:

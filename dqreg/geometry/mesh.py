@@ -10,6 +10,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, as_vectors, require_workable
 from dqreg.errors import InputError
+from dqreg.geometry import exports
 from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.topology import Topology
 
@@ -188,6 +189,41 @@ class Mesh:
     def diagonal(self) -> float:
         """Length of the bounding box's diagonal: the size S that relative lengths refer to."""
         return float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
+
+    def to_open3d(self) -> Any:
+        """The mesh as Open3D's (legacy) TriangleMesh.
+
+        Returns
+        -------
+        open3d.geometry.TriangleMesh
+            Without normals; call its ``compute_vertex_normals()`` to see it shaded.
+        """
+        return exports.mesh_to_open3d(self.vertices, self.faces)
+
+    def to_trimesh(self) -> Any:
+        """The mesh as trimesh's Trimesh, with its unit.
+
+        Returns
+        -------
+        trimesh.Trimesh
+            As it is: nothing is merged or repaired.
+        """
+        return exports.to_trimesh(self.vertices, self.faces, self.units)
+
+    def to_pyvista(self) -> Any:
+        """The mesh as PyVista's PolyData.
+
+        Returns
+        -------
+        pyvista.PolyData
+            A copy.
+
+        Raises
+        ------
+        MissingDependencyError
+            If PyVista is not installed.
+        """
+        return exports.to_pyvista(self.vertices, self.faces, {})
 
 
 def _checked_faces(value: Any, vertex_count: int) -> IntArray:

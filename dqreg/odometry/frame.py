@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_float, as_vectors
+from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
-from dqreg.geometry import PointCloud, Scan
+from dqreg.files import read_cloud
+from dqreg.files.cloud_data import TimedCloudData
+from dqreg.geometry import Mesh, Scan
+from dqreg.geometry.fields import RawCloud
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes, sample_rows
+from dqreg.geometry.objects import recognise
 from dqreg.geometry.scan import measure_spacing
 from dqreg.odometry.kiss import thin
 from dqreg.trust.records import Reason
@@ -40,8 +45,8 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
     >>> read_frame([[1, 2, 3], [0, 0, 0], [float("nan"), 1, 1]], None).notes
     ('2 of 3 returns are NaN, infinite or at the origin, and were left out',)
     """
-    rows = points.points if isinstance(points, PointCloud) else points
-    values = np.zeros((0, 3)) if np.size(rows) == 0 else as_vectors(rows, "points", finite=False)
+    values, own_times = _values_of(points)
+    timestamps = own_times if timestamps is None else timestamps
     # Half of the largest number squared would overflow in every length taken of it.
     keep = np.isfinite(values).all(axis=1) & values.any(axis=1) & (np.abs(values) < 1e150).all(axis=1)
     notes = []
@@ -59,6 +64,19 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
             notes.append(Reason("all points have one time: the sweep was not deskewed", "not_deskewed"))
             times = None
     return RawFrame(values[keep], None if times is None else times[keep], tuple(notes))
+
+
+def _values_of(points: Any) -> tuple[FloatArray, FloatArray | None]:
+    """Points of a frame, finite or not, and their times where it has some."""
+    if isinstance(points, (str, os.PathLike)):
+        cloud = read_cloud(points)
+        return cloud.points, cloud.times if isinstance(cloud, TimedCloudData) else None
+    if isinstance(points, (np.ndarray, list, tuple)) and not np.size(points):
+        return np.zeros((0, 3)), None
+    found = recognise(points, "points")
+    if isinstance(found, Mesh):
+        raise InputError(f"a frame is a cloud of points; got a mesh of {len(found.faces)} faces")
+    return found.points, found.times if isinstance(found, RawCloud) else None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_pose
 from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
+from dqreg.geometry.fields import stamp_of
 from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import first_frame, frame_result, without_pose
 from dqreg.odometry.deskew import Deskewed
@@ -127,12 +128,15 @@ class Odometry:
 
         Parameters
         ----------
-        points : (n, 3) array_like or PointCloud
-            Points in the sensor's frame; rows that are not finite are left out.
+        points : (n, 3) array_like or object
+            Points in the sensor's frame, as `register` takes them, for example a PointCloud2 message; rows that are not
+            finite are left out.
         timestamps : (n,) array_like, optional
             Time of each point in the sweep, any unit and offset: the motion during the sweep is undone with it.
+            Default: the field ``t``, ``time`` or ``timestamp`` of the points.
         stamp : float, optional
-            Time of the frame, seconds: scales the predicted motion where frames are missing.
+            Time of the frame, seconds: scales the predicted motion where frames are missing. Default: that of a
+            message's header.
 
         Returns
         -------
@@ -147,6 +151,7 @@ class Odometry:
         """
         began = clock.perf_counter()
         raw = read_frame(points, timestamps)
+        stamp = stamp_of(points) if stamp is None else stamp
         ratio, doubt = self._time_ratio(stamp)
         result = self._place(raw, ratio)
         if doubt is not None:

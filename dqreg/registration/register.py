@@ -51,9 +51,9 @@ def register(
 
     Parameters
     ----------
-    source : path, (n, 3) array, PointCloud, Open3D or trimesh object
+    source : path, (n, 3) array, PointCloud or object of another library (see `geometry.as_geometry`)
         The scan, which moves. A mesh is sampled on its surface.
-    target : path, (n, 3) array, PointCloud, Mesh, Open3D or trimesh object, or Target
+    target : path, array, (vertices, faces), PointCloud, Mesh, object of another library, or Target
         The part or the other scan, which stands. A mesh is used as it is, never sampled.
     start : None, "identity" or (4, 4) array_like
         Initial pose. None searches for it; a matrix is ``T_target_source``, right to about 15 degrees and a tenth of

@@ -128,7 +128,7 @@ def prepare_target(target: Any) -> Target:
 
     Parameters
     ----------
-    target : path, array, PointCloud, Mesh, Open3D or trimesh object
+    target : path, array, (vertices, faces), PointCloud, Mesh or object of another library
         The mesh or cloud.
 
     Returns
