@@ -17,6 +17,7 @@ from dqreg.errors import DqregError, InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.scans import View
+from dqreg.registration.options import Effort
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.registration.target import Target
@@ -59,7 +60,7 @@ class PairRunner:
 
     views: Sequence[View]
     part: Target | None
-    effort: str
+    effort: Effort
     seed: int
     workers: int
     deadline: float  # Of `time.monotonic`

@@ -14,6 +14,7 @@ from dqreg.multiway.joint import Body, refine_jointly
 from dqreg.multiway.overlap import CELL, overlap_matrix
 from dqreg.multiway.scans import View, typical_spacing
 from dqreg.multiway.spread import joint_covariance
+from dqreg.registration.options import Effort
 from dqreg.registration.target import Target
 from dqreg.rigid import pose
 
@@ -38,7 +39,7 @@ class Refined:
     rounds: int
 
 
-def refined(views: Sequence[View], part: Target | None, belief: Belief, size: float, effort: str) -> Refined:
+def refined(views: Sequence[View], part: Target | None, belief: Belief, size: float, effort: Effort) -> Refined:
     """Refine all placed scans, and whatever else overlaps, at once."""
     count = len(views)
     T = belief.T_world_scan[:count]

@@ -20,7 +20,7 @@ from dqreg.multiway.refine import refined
 from dqreg.multiway.result import Multiway, assembled
 from dqreg.multiway.scans import read_views, typical_size, typical_spacing
 from dqreg.multiway.starts import read_starts
-from dqreg.registration.options import EFFORTS
+from dqreg.registration.options import EFFORTS, Effort
 from dqreg.registration.target import Target, prepare_target
 
 # Poses of pairs need not agree to better than this fraction of the spacing of the points.
@@ -35,7 +35,7 @@ def register_many(
     edges: Any = "auto",
     order: str = "any",
     anchor: int = 0,
-    effort: str = "normal",
+    effort: Effort = "normal",
     seed: int = 0,
     workers: int | None = None,
     time_limit: float | None = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time as clock
 from collections import deque
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame, r
 from dqreg.odometry.kiss import KissParts, load_kiss, rigid
 from dqreg.odometry.map_surface import MapSurface, surface_within
 from dqreg.odometry.rivals import Placed, placed
-from dqreg.odometry.settings import OdometrySettings, Resolved
+from dqreg.odometry.settings import OdometryOptions, OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
 from dqreg.registration.result import Registration
 from dqreg.rigid import Trajectory, pose
@@ -73,11 +73,10 @@ class Odometry:
     ('accepted', [0.2, 0.0, 0.0])
     """
 
-    def __init__(self, settings: OdometrySettings | None = None, *, start: Any = None, **options: Any) -> None:
-        known = [field.name for field in dataclasses.fields(OdometrySettings)]
-        if strange := sorted(set(options) - set(known)):
-            raise InputError(f"unknown setting {', '.join(strange)}; known are {', '.join(known)}")
-        self.settings = dataclasses.replace(settings or OdometrySettings(), **options)
+    def __init__(
+        self, settings: OdometrySettings | None = None, *, start: Any = None, **options: Unpack[OdometryOptions]
+    ) -> None:
+        self.settings = (settings or OdometrySettings()).replaced(options)
         # Imports of seconds belong here, not into the first frame.
         load_kiss("mapping")
         load_open3d()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Literal, TypedDict
 
 import numpy as np
 
@@ -15,6 +16,23 @@ VOXEL_SHARE = 0.05
 BEYOND = 2.0
 # Largest distance of a pair, in voxels: while the pose is sought, and on the last level.
 REACH, NEAR = 5.0, 1.25
+
+
+Method = Literal["plane", "dq", "dq-points"]
+
+
+class OdometryOptions(TypedDict, total=False):
+    """Fields of `OdometrySettings`, for type checkers."""
+
+    voxel_size: float | None
+    max_range: float | None
+    min_range: float
+    deskew: bool
+    max_points_per_voxel: int
+    search_deg: float
+    patience: int
+    method: Method
+    threads: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,8 +69,15 @@ class OdometrySettings:
     max_points_per_voxel: int = 12
     search_deg: float = 60.0
     patience: int = 2
-    method: str = "plane"
+    method: Method = "plane"
     threads: int = 0
+
+    def replaced(self, options: OdometryOptions) -> OdometrySettings:
+        """The same with some fields replaced."""
+        known = [field.name for field in dataclasses.fields(OdometrySettings)]
+        if strange := sorted(set(options) - set(known)):
+            raise InputError(f"unknown setting {', '.join(strange)}; known are {', '.join(known)}")
+        return dataclasses.replace(self, **options)
 
     def __post_init__(self) -> None:
         for name in ("voxel_size", "max_range"):

@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 import numbers
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal, TypedDict
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dqreg._arrays import LARGEST
 from dqreg.errors import InputError
@@ -17,6 +18,40 @@ from dqreg.icp.noise_by_face import points_to_weighted_planes
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.search import Stage
 from dqreg.solvers import Freedom
+
+# What a type checker knows of the words that `dqreg.register` takes.
+Effort = Literal["fast", "normal", "best"]
+Method = Literal["auto", "dq", "dq-points", "svd", "plane", "generalised"]
+Search = Literal["never", "doubt", "always"]
+Units = Literal["check", "ignore"]
+Clutter = Literal["allowed", "none"]
+
+
+class RegisterOptions(TypedDict, total=False):
+    """Options of `dqreg.register` for those who hand them on; ``time_limit`` is a name of its own there."""
+
+    method: Method
+    max_distance: float | None
+    max_angle_deg: float
+    source_units: str | None
+    target_units: str | None
+    effort: Effort
+    seed: int
+    accelerate: bool
+    max_iterations: int
+    convergence: float
+    units: Units
+    dof: str | Freedom | None
+    prior: tuple[ArrayLike, ArrayLike] | None
+    scale: float | Literal["solve"]
+    viewpoint: ArrayLike | None
+    search: Search
+    clutter: Clutter
+    observe: Callable[[Iteration], object] | None
+    observe_search: Callable[[Stage], object] | None
+    keep_inputs: bool
+    tolerance: float | None
+
 
 # Points of the last level.
 EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 60_000, "best": None}

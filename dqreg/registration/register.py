@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import renamed
 from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Stopwatch
-from dqreg.registration.options import CONVERGENCE, Options
+from dqreg.registration.options import CONVERGENCE, Clutter, Effort, Method, Options, Search, Units
 from dqreg.registration.pipeline import align
 from dqreg.registration.problem import Problem
 from dqreg.registration.result import Registration
@@ -24,24 +24,24 @@ def register(
     target: Any,
     start: Any = None,
     *,
-    method: str = "auto",
+    method: Method = "auto",
     max_distance: float | None = None,
     max_angle_deg: float = 60.0,
     source_units: str | None = None,
     target_units: str | None = None,
-    effort: str = "normal",
+    effort: Effort = "normal",
     seed: int = 0,
     accelerate: bool = True,
     max_iterations: int = 100,
     convergence: float = CONVERGENCE,
-    units: str = "check",
+    units: Units = "check",
     dof: str | Freedom | None = None,
     prior: tuple[ArrayLike, ArrayLike] | None = None,
     time_limit: float | None = None,
-    scale: float | str = 1.0,
+    scale: float | Literal["solve"] = 1.0,
     viewpoint: ArrayLike | None = None,
-    search: str = "doubt",
-    clutter: str = "allowed",
+    search: Search = "doubt",
+    clutter: Clutter = "allowed",
     observe: Callable[[Iteration], object] | None = None,
     observe_search: Callable[[Stage], object] | None = None,
     keep_inputs: bool = True,

@@ -6,9 +6,10 @@ import dataclasses
 import threading
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from dqreg._arrays import FloatArray, renamed
+from dqreg.registration.options import RegisterOptions
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.registration.target_file import bytes_of, load_target, save_target
@@ -97,7 +98,7 @@ class Target:
         *,
         time_limit: float | None = None,
         max_time: float | None = None,
-        **options: Any,
+        **options: Unpack[RegisterOptions],
     ) -> Registration:
         """Register a scan to this target; see `register` for the options.
 
