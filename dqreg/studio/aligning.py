@@ -166,6 +166,9 @@ def register_options(visit: Visit) -> dict[str, Any]:
             options[name] = side.units
     if visit.dof and visit.start != "none":
         options["dof"] = visit.dof
+    if visit.start == "rival":
+        # It was chosen by eye: no search shall choose the other one again.
+        options["search"] = "never"
     return options
 
 

@@ -22,8 +22,8 @@ MESH_SAMPLES = 100_000
 ASKED, DRAWS, WORTH = 40_000, 600, 0.08
 # Half the thickness of a plane: that many noises or spacings, whichever is more.
 NOISES, SPACINGS = 4.0, 0.75
-# A plane leaves the part where it extends that much farther than the part is large.
-LARGER = 1.15
+# A plane leaves the part where that share of its points extends that much farther than the part is large.
+NEARLY, LARGER = 0.98, 1.05
 
 
 def scan_points(scan: PointCloud | Mesh) -> FloatArray:
@@ -101,11 +101,17 @@ def leaving_plane(place: Place, spacing: float, noise: float) -> tuple[Cut, int]
     on = _at_plane(points, cut)
     part = place.part()
     size = float(np.linalg.norm(np.ptp(part.vertices if isinstance(part, Mesh) else part.points, axis=0)))
-    across = points[on] - (points[on] @ normal)[:, None] * normal
-    extent = float(np.linalg.norm(np.ptp(across, axis=0))) * place.scale() if on.any() else 0.0
+    extent = _width(points[on]) * place.scale()
     if np.count_nonzero(on) < WORTH * len(points) or extent < LARGER * size:
         return None
     return cut, int(np.count_nonzero(on))
+
+
+def _width(points: FloatArray) -> float:
+    """Diameter of nearly all points about their middle, whichever way they are turned."""
+    if not len(points):
+        return 0.0
+    return 2.0 * float(np.quantile(np.linalg.norm(points - np.median(points, axis=0), axis=1), NEARLY))
 
 
 def _largest_plane(points: FloatArray, half: float) -> Cut:

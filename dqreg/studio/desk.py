@@ -29,6 +29,7 @@ STEPS, MOST_VISITS = 200, 40
 # Fields of a visit that each result depends on: where one of them changes, the result is of yesterday.
 DEPENDS = {
     "scan": ("scan",),
+    "draw_scan": ("scan", "cuts"),
     "part": ("part",),
     "compare": ("scan", "part"),
     "align": ("scan", "part", "cuts", "start", "pairs", "T_start", "dof"),
@@ -42,14 +43,15 @@ DEPENDS["judge"] = (
     "tolerance",
     "required",
     "faces",
+    "labels",
 )
-DEPENDS["report"] = (*DEPENDS["judge"], "head", "labels", "views")
+DEPENDS["report"] = (*DEPENDS["judge"], "head", "views")
 
 
 # What a worker can be asked for; `tasks` does it.
 NAMES = (
     *("scan", "part", "compare", "plane", "draw_scan", "lasso", "pick_part", "pick_scan"),
-    *("pairs", "hand", "align", "judge", "report"),
+    *("pairs", "hand", "align", "judge", "suggest_datums", "report", "pdf"),
 )
 
 
@@ -167,7 +169,9 @@ def tasks() -> dict[str, Callable[[Place, Values], Any]]:
         "hand": aligning.pose_of_drawn,
         "align": lambda place, _: aligning.align(place),
         "judge": lambda place, _: judging.judge(place),
+        "suggest_datums": lambda place, _: judging.suggest_datums(place),
         "report": lambda place, _: judging.write_sheet(place),
+        "pdf": lambda place, _: judging.print_sheet(place),
     }
 
 

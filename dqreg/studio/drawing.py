@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
+from dqreg._open3d import load_open3d
 from dqreg.geometry import Mesh, MeshSurface, PointCloud
 from dqreg.geometry.morton import morton_order
 from dqreg.inspection.regions import faces_of
@@ -17,6 +18,8 @@ from dqreg.report.view3d import fewer_triangles, sharp_edges
 # What is drawn at most.
 POINTS, OFF, TRIANGLES = 200_000, 40_000, 120_000
 STEPS = 65535
+# Points that a normal is estimated of for the light, and where that comes from.
+NEIGHBOURS, LIGHT = 12, np.array([0.36, -0.48, 0.8])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,6 +108,18 @@ def part_payload(part: PointCloud | Mesh, frame: Frame) -> tuple[dict[str, Any],
         "faces": ranges.tolist(),
     }
     return words, steps + _padded(steps) + _bytes(faces[order], "<u4") + _bytes(edges, "<f4")
+
+
+def shades(points: FloatArray) -> bytes:
+    """How bright each point is under a fixed light, a byte each: a scan without light is a silhouette."""
+    if len(points) < NEIGHBOURS:
+        return b"\xff" * len(points)
+    open3d = load_open3d()
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points - points.mean(axis=0)))
+    cloud.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS), fast_normal_computation=True)
+    # From both sides alike: the normals have no sign.
+    normals = np.abs(np.asarray(cloud.normals) @ LIGHT)
+    return _bytes(np.rint(1 + 253 * np.clip(normals, 0.0, 1.0)), "<u1")
 
 
 def _labels(part: Mesh, frame: Frame, vertices: FloatArray, faces: IntArray) -> IntArray:

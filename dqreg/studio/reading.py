@@ -10,10 +10,10 @@ import numpy as np
 from dqreg._arrays import FloatArray, bounds
 from dqreg.geometry import Mesh, PointCloud, prepare_scan
 from dqreg.geometry.unit_check import find_unit_mistake
-from dqreg.inspection import part_faces, why_unsigned
-from dqreg.inspection.regions import MOST_FACES
+from dqreg.inspection import Face, part_faces, why_unsigned
+from dqreg.inspection.regions import MOST_FACES, faces_of
 from dqreg.studio.cleaning import kept_rows, leaving_plane, scan_points
-from dqreg.studio.drawing import cloud_payload, drawn_pose, frame_of, part_payload, rows_to_draw
+from dqreg.studio.drawing import cloud_payload, drawn_pose, frame_of, part_payload, rows_to_draw, shades
 from dqreg.studio.kept import Place, kept
 
 # Points that spacing and noise are measured on.
@@ -43,10 +43,9 @@ def measure(place: Place) -> Measure:
 
 
 def read_scan(place: Place) -> dict[str, Any]:
-    """What the file of the scan holds, and its drawing."""
+    """What the file of the scan holds."""
     scan, found = place.scan(), measure(place)
-    facts = _facts(scan) | {"spacing": found.spacing, "noise": found.noise}
-    return facts | {"drawing": draw_scan(place)}
+    return _facts(scan) | {"spacing": found.spacing, "noise": found.noise}
 
 
 def read_part(place: Place) -> dict[str, Any]:
@@ -64,7 +63,7 @@ def draw_scan(place: Place) -> dict[str, Any]:
     stays = kept_rows(points, place.visit.cuts)
     rows = rows_to_draw(points, stays)
     words, data = cloud_payload(points, frame_of(scan), rows)
-    place.write("scan.bin", data)
+    place.write("scan.bin", data + shades(points[np.concatenate(rows)]))
     return words | {"file": "scan.bin", "left": int(np.count_nonzero(stays))}
 
 
@@ -83,6 +82,8 @@ def compare_sides(place: Place) -> dict[str, Any]:
                 "part_units": mistake.target_units,
             }
         )
+    elif units[1] is None:
+        questions.append({"code": "unnamed", "likely": units[0] or "mm"})
     if isinstance(scan, Mesh) and isinstance(part, PointCloud):
         questions.append({"code": "swapped"})
     return {"questions": questions, "units": units, "scale": place.scale(), "poses": _poses(place)}
@@ -118,14 +119,20 @@ def _facts(geometry: PointCloud | Mesh) -> dict[str, Any]:
     return facts | {"normals": geometry.normals is not None}
 
 
-def _faces(place: Place) -> list[dict[str, Any]]:
+def faces_of_part(place: Place) -> tuple[Face, ...]:
+    """Faces of the part; none of a cloud, or of a mesh that is too rough to be cut into faces."""
     part = place.part()
     if not isinstance(part, Mesh):
-        return []
-    faces = kept("faces", [place.part_path], lambda: part_faces(part))
-    if len(faces) > MOST_FACES:
-        return []
-    rows = []
+        return ()
+
+    def make() -> tuple[Face, ...]:
+        return part_faces(part) if faces_of(part)[0] <= MOST_FACES else ()
+
+    return kept("faces", [place.part_path], make)
+
+
+def _faces(place: Place) -> list[dict[str, Any]]:
+    rows, faces = [], faces_of_part(place)
     for face in faces:
         radius = None if face.feature is None or np.isnan(face.feature.radius) else face.feature.radius
         axis = None if face.feature is None or np.isnan(face.feature.axis).any() else face.feature.axis.tolist()

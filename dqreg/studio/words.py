@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections.abc import Sequence
 
 from dqreg.studio.visit import Visit
 
@@ -68,13 +69,15 @@ def _register(visit: Visit) -> tuple[str, str]:
     for option, side in (("source", visit.scan), ("target", visit.part)):
         if side.units is not None:
             line, call = f"{line} --{option}-units {side.units}", [*call, f"{option}_units={side.units!r}"]
+    if visit.start == "rival":
+        line, call = f"{line} --search never", [*call, 'search="never"']
     if visit.dof and visit.start != "none":
         line, call = f'{line} --dof "{visit.dof}"', [*call, f"dof={visit.dof!r}"]
     return line, f"{head}result = dqreg.register({', '.join(call)})"
 
 
 def _inspect(visit: Visit) -> str:
-    if not visit.faces and not (visit.alignment == "datums" and visit.datums):
+    if not visit.faces and visit.alignment != "datums":
         return ""
     assert visit.scan is not None
     assert visit.part is not None
@@ -92,16 +95,17 @@ def _words(*names: str) -> str:
     return " ".join(shlex.quote(name) for name in names)
 
 
-def plan_text(visit: Visit) -> str | None:
-    """The visit as an inspection plan in TOML; None where it names no face."""
-    rows = [_profile(row.face, row.tolerance) for row in visit.faces]
-    datums = visit.datums if visit.alignment == "datums" else ()
-    if not rows and not datums:
-        return None
-    if not rows and visit.tolerance is not None:
-        rows = [_profile(face, visit.tolerance) for face in datums]
+def plan_text(visit: Visit, scanned: Sequence[int] = ()) -> str | None:
+    """The visit as an inspection plan in TOML; None where it has no tolerance for any face.
+
+    Faces with a tolerance of their own have that; the others that were scanned have the overall one.
+    """
+    own = {row.face: row.tolerance for row in visit.faces}
+    overall = {} if visit.tolerance is None else dict.fromkeys(sorted(scanned), visit.tolerance)
+    rows = [_profile(face, tolerance) for face, tolerance in {**overall, **own}.items()]
     if not rows:
         return None
+    datums = visit.datums if visit.alignment == "datums" else ()
     unit = visit.part.units if visit.part is not None and visit.part.units else "the part's unit"
     lines = [f"# Lengths are in {unit}, angles in degrees. Faces are those of `dqreg faces`."]
     lines.append(f'alignment = "{"datums" if datums else "best-fit"}"\n')

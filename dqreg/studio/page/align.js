@@ -1,14 +1,27 @@
 // Step 3: the scan is laid on the part; what came of it, and how sure it is.
-import { h, number, percent } from "./dom.js";
+import { h, number, percent, long } from "./dom.js";
 import { STAND } from "./stage.js";
+import * as pairs from "./pairs.js";
+import * as hand from "./hand.js";
 
-const LIGHTS = { accepted: ["Trusted", "The pose can be used."], suspect: ["Doubtful", "Look at it before you use it."], failed: ["Failed", "No pose was found that can be used."] };
+const LIGHTS = { accepted: ["trusted", "The pose can be used."], suspect: ["doubtful", "Look at it before you use it."], failed: ["failed", "No pose was found that can be used."] };
+const WAYS = { find: "Find it", pairs: "Point at pairs", hand: "Move by hand" };
+const DOF = { tx: "along x", ty: "along y", tz: "along z", rx: "about x", ry: "about y", rz: "about z" };
+
+const state = app => app.step_state.align ??= { way: app.visit.start === "pairs" ? "pairs" : app.visit.start === "hand" ? "hand" : "find" };
 
 export function enter(app, stage) {
   app.showJudged = false;
-  app.draw().then(() => showPose(app, stage, app.results.align?.history?.length ?? 0));
+  app.draw().then(() => {
+    showPose(app, stage, app.results.align?.history?.length ?? 0);
+    choose(app, stage, state(app).way);
+    stage.fit();
+    if (app.results.align?.rivals?.length && !app.thumbs) thumbnails(app, stage);
+  });
 }
-function showPose(app, stage, at) {
+export function leave(app, stage) { stage.picked = null; pairs.leave(app, stage); hand.leave(app, stage); stage.mark({}); }
+
+export function showPose(app, stage, at) {
   const found = app.results.align, last = found?.history?.length ?? 0;
   app.step_state.at = at;
   const before = app.results.compare?.poses?.beside ?? STAND;
@@ -16,37 +29,129 @@ function showPose(app, stage, at) {
   stage.move(!found ? before : at >= last ? found.drawn ?? before : at === 0 ? before : found.history[at].drawn);
 }
 
-async function run(app, stage) {
+function choose(app, stage, way) {
+  state(app).way = way;
+  pairs.leave(app, stage); hand.leave(app, stage);
+  if (way === "pairs") pairs.enter(app, stage);
+  if (way === "hand") hand.enter(app, stage);
+  stage.picked = way === "find" ? e => picked(app, stage, e) : stage.picked;
+  if (way === "find") showPose(app, stage, app.results.align?.history?.length ?? 0);
+  app.render();
+}
+
+export async function run(app, stage, values) {
   app.say("");
+  pairs.leave(app, stage); hand.leave(app, stage);
+  await app.change(values);
   stage.layers.before = true;
-  const found = await app.run("align", {}, "Looking for the pose");
+  const found = await app.run("align", {}, values.start === "none" ? "Looking for the pose" : "Refining the pose");
   await app.refresh();
   app.results.align = found;
+  app.thumbs = null;
+  state(app).way = "find";
   showPose(app, stage, found.history.length);
   stage.fit();
+  thumbnails(app, stage);
+  app.render();
+}
+
+// Small pictures of the other poses that fit about as well.
+function thumbnails(app, stage) {
+  const found = app.results.align, kept = stage.T, before = stage.layers.before, small = document.createElement("canvas");
+  small.width = 220; small.height = 150;
+  const pen = small.getContext("2d");
+  app.thumbs = (found?.rivals ?? []).map(rival => {
+    stage.T = rival.drawn; stage.layers.before = true; stage.drawNow();
+    const { width, height } = stage.canvas, share = Math.max(small.width / width, small.height / height);
+    pen.drawImage(stage.canvas, (small.width - width * share) / 2, (small.height - height * share) / 2, width * share, height * share);
+    return small.toDataURL("image/png");
+  });
+  stage.T = kept; stage.layers.before = before; stage.drawNow();
   app.render();
 }
 
 export function panel(app, stage) {
-  const found = app.results.align;
+  const found = app.results.align, { way } = state(app), busy = Boolean(app.busy.task);
   return [
-    h("p", {}, "Finds how the scan lies on the part. No first guess is needed."),
-    h("button", { id: "align", class: found ? "" : "main", disabled: Boolean(app.busy.task), onclick: () => run(app, stage) }, found ? "Align again" : "Align"),
+    h("div", { class: "row", role: "radiogroup", "aria-label": "How the scan is laid on the part" }, Object.entries(WAYS).map(([key, words]) =>
+      h("label", { class: "choice" }, h("input", { type: "radio", name: "way", id: `way-${key}`, value: key, checked: way === key, disabled: busy, onchange: () => choose(app, stage, key) }), h("span", {}, words)))),
+    way === "find" && [
+      h("p", {}, "Finds how the scan lies on the part. No first guess is needed."),
+      h("button", { id: "align", class: found ? "" : "main", disabled: busy, onclick: () => run(app, stage, { start: "none", T_start: null }) }, found ? "Find it again" : "Find it")],
+    way === "pairs" && pairs.panel(app, stage, values => run(app, stage, values)),
+    way === "hand" && hand.panel(app, stage, values => run(app, stage, values)),
+    way !== "find" && locks(app),
     found && verdict(app, found),
+    found?.rivals?.length ? rivals(app, stage, found, busy) : null,
+    found?.found && datums(app, stage),
   ];
+}
+
+function locks(app) {
+  const allowed = app.visit.dof ? app.visit.dof.split(" ") : Object.keys(DOF);
+  const change = (key, on) => {
+    const now = Object.keys(DOF).filter(each => each === key ? on : allowed.includes(each));
+    return app.change({ dof: now.length === 6 ? "" : now.join(" ") });
+  };
+  return h("details", { id: "locks" }, h("summary", {}, "Locked motions"),
+    h("p", { class: "note" }, "The scan may still move and turn in these ways while the pose is refined; what is not ticked stays exactly as it is now."),
+    h("div", { class: "grid3" }, Object.entries(DOF).map(([key, words]) => h("label", { class: "check" }, h("input", { type: "checkbox", id: `dof-${key}`, checked: allowed.includes(key), onchange: e => change(key, e.target.checked) }), ` ${words}`))));
 }
 
 export function verdict(app, found) {
   const [word, advice] = LIGHTS[found.level], unit = app.unit();
   return h("section", { class: `light ${found.level}`, id: "verdict", "aria-label": "Verdict" },
-    h("p", { class: "word" }, h("i", { "aria-hidden": "true" }), `Alignment: ${word.toLowerCase()}`),
+    h("p", { class: "word" }, h("i", { "aria-hidden": "true" }), `Alignment: ${word}`),
     h("p", {}, advice), found.reasons.length ? h("ul", {}, found.reasons.map(r => h("li", {}, r))) : null,
-    found.found && h("p", { class: "note" }, `Distance of the points on the part: ${number(found.rms)} ${unit} (root mean square); ${percent(found.inliers, 0)} of the scan lies on it; ${number(found.seconds, 2)} s.`));
+    found.found && h("p", { class: "note" }, `Root mean square distance of the points on the part: ${long(found.rms, unit)}. ${percent(found.inliers, 0)} of the scan lies on the part. ${number(found.seconds, 2)} s.`));
+}
+
+function rivals(app, stage, found, busy) {
+  return h("section", { id: "rivals" }, h("h3", {}, "Other poses that fit about as well"),
+    h("p", { class: "note" }, "If the scan belongs there, choose it. The figure is how far the points are off; smaller is better."),
+    h("div", { class: "thumbs" }, found.rivals.map((rival, k) => h("figure", {},
+      h("button", { class: "thumb", id: `rival-${k}`, "aria-label": `Look at pose ${k + 1}`, onclick: () => { stage.layers.before = true; stage.move(rival.drawn); } },
+        app.thumbs?.[k] ? h("img", { src: app.thumbs[k], alt: `The scan under pose ${k + 1}` }) : `Pose ${k + 1}`),
+      h("figcaption", {}, `${number(rival.score)} ${app.unit()} `, h("button", { id: `choose-${k}`, disabled: busy, onclick: () => run(app, stage, { start: "rival", T_start: rival.T }) }, "Use it"))))));
+}
+
+function datums(app, stage) {
+  const { visit, results } = app, faces = results.part.faces ?? [];
+  if (!faces.length) return null;
+  const set = values => app.change(values).then(() => markDatums(app, stage));
+  const pick = (k, value) => set({ datums: Object.assign([...visit.datums], { [k]: Number(value) }).slice(0, 3) });
+  const options = k => faces.filter(f => f.kind === "plane" || f.kind === "cylinder").sort((a, b) => b.area - a.area)
+    .map(f => h("option", { value: String(f.number), selected: visit.datums[k] === f.number }, faceName(f, app.unit())));
+  return h("details", { id: "datums" }, h("summary", {}, "What the judgement rests on"),
+    h("label", { class: "check" }, h("input", { type: "radio", name: "alignment", id: "best-fit", checked: visit.alignment !== "datums", onchange: () => set({ alignment: "best-fit" }) }), " Best fit on the whole part"),
+    h("label", { class: "check" }, h("input", { type: "radio", name: "alignment", id: "by-datums", checked: visit.alignment === "datums", onchange: async () => set({ alignment: "datums", datums: visit.datums.length === 3 ? visit.datums : (await app.run("suggest_datums", {}, "Looking for three faces that were scanned")).datums }) }), " Datums A, B, C (3-2-1): three faces, the first holds most"),
+    visit.alignment === "datums" && [
+      [0, 1, 2].map(k => h("div", { class: "row" }, h("b", {}, "ABC"[k]), h("select", { id: `datum-${k}`, "aria-label": `Datum ${"ABC"[k]}`, onchange: e => pick(k, e.target.value) }, options(k)))),
+      h("p", { class: "note" }, "Or click a face in the view for the datum that is chosen here: "), h("div", { class: "row" }, [0, 1, 2].map(k => h("button", { id: `aim-${k}`, "aria-pressed": String(app.step_state.aim === k), onclick: () => { app.step_state.aim = k; app.render(); } }, "ABC"[k])))]);
+}
+export function markDatums(app, stage) {
+  stage.mark(app.visit.alignment === "datums" ? Object.fromEntries(app.visit.datums.map((face, k) => [face, ["--free", "--held", "--accent"][k]])) : {});
+  app.render();
+}
+export function faceName(face, unit) {
+  const at = face.centre.map(x => number(x, 3)).join(", ");
+  const size = face.diameter ? ` ⌀ ${number(face.diameter, 4)} ${unit}` : "";
+  return `${face.number}: ${face.hole ? "hole" : face.kind === "free" ? "free shape" : face.kind}${size} at (${at})`;
+}
+export async function picked(app, stage, e) {
+  if (app.visit.alignment !== "datums" || app.step_state.aim === undefined) return;
+  const hit = await app.quick("pick_part", stage.lookAt(e));
+  if (hit.face === undefined) return;
+  const now = [...app.visit.datums];
+  now[app.step_state.aim] = hit.face;
+  app.step_state.aim = (app.step_state.aim + 1) % 3;
+  await app.change({ datums: now });
+  markDatums(app, stage);
 }
 
 export function under(app, stage) {
   const found = app.results.align;
-  if (!found?.drawn) return null;
+  if (!found?.drawn || state(app).way !== "find") return null;
   const last = found.history.length;
   return h("div", { class: "slider" }, h("label", { for: "before-after" }, "Before"),
     h("input", { type: "range", id: "before-after", min: "0", max: String(last), value: String(app.step_state.at ?? last), "aria-label": "From before to after, iteration by iteration", oninput: e => showPose(app, stage, Number(e.target.value)) }),

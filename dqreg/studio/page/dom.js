@@ -32,7 +32,7 @@ export function number(value, digits = 3) {
 }
 export const count = value => value.toLocaleString("en-GB");
 export const signed = (value, digits = 3) => (value > 0 ? "+" : "") + number(value, digits).replace("-", "−");
-export const percent = (share, digits = 1) => `${(100 * share).toFixed(digits)} %`;
+export const percent = (share, digits = 1) => `${Number((100 * share).toFixed(digits))}\u00a0%`;
 export function facts(rows) {
   return h("table", { class: "facts" }, h("tbody", {}, rows.filter(Boolean).map(([name, ...value]) => h("tr", {}, h("th", { scope: "row" }, name), h("td", {}, value)))));
 }
@@ -50,3 +50,6 @@ export function copyable(name, text) {
   });
   return h("div", { class: "copyable" }, h("div", {}, h("span", { class: "note" }, name), button), pre);
 }
+// A length with its unit, on one line; a unit that is not known is left out.
+export const long = (value, unit, digits = 3) => unit ? `${number(value, digits)}\u00a0${unit}` : number(value, digits);
+export const off = (value, unit, digits = 3) => unit ? `${signed(value, digits)}\u00a0${unit}` : signed(value, digits);

@@ -1,42 +1,132 @@
-// Step 4: is the part within its tolerance?
-import { h, number, percent, signed } from "./dom.js";
-import { STAND } from "./stage.js";
+// Step 4: is the part within its tolerance? Every face may have its own.
+import { h, number, percent, signed, count, off, long } from "./dom.js";
+import { STAND, inDrawing } from "./stage.js";
+import { faceName } from "./align.js";
+
+const WORDS = { pass: "within tolerance", fail: "out of tolerance", undecided: "undecided: the limit lies within the uncertainty" };
+const SHORT = { pass: "pass", fail: "fail", undecided: "undecided" };
 
 export function enter(app, stage) {
   app.showJudged = true;
-  if (app.results.judge) place(app, stage); else measure(app, stage);
+  stage.picked = e => picked(app, stage, e);
+  if (app.results.judge) place(app, stage).then(() => stage.fit()); else measure(app, stage).then(() => stage.fit());
 }
+export function leave(app, stage) { stage.picked = null; stage.layers.scan = true; stage.box.classList.remove("aim"); stage.clearLabels(); stage.mark({}); }
+
 async function place(app, stage) {
-  app.renewed("judged");
   await app.draw();
   stage.layers.before = false;
+  stage.layers.scan = true;
   stage.move(STAND);
+  badges(app, stage);
   app.render();
 }
 export async function measure(app, stage) {
   const found = await app.run("judge", {}, "Measuring deviations");
   await app.refresh();
   app.results.judge = found;
+  app.renewed("judged");
   await place(app, stage);
 }
 async function choose(app, stage, values) { await app.change(values); await measure(app, stage); }
 
+function badges(app, stage) {
+  stage.clearLabels();
+  const found = app.results.judge, frame = app.results.part.frame, unit = app.unit();
+  found?.worst.forEach((each, k) => { const at = inDrawing(each.at, frame); stage.label(String(k + 1), () => at, `${off(each.value, unit)}`, "worst"); });
+  found?.labels?.forEach(each => { const at = inDrawing(each.at, frame); stage.label(each.value === null ? "not measured" : `${signed(each.value)}`, () => at, unit, "tag"); });
+  colourFaces(app, stage);
+  stage.draw();
+}
+function colourFaces(app, stage) {
+  const state = app.step_state.judge ??= {}, colour = { pass: "--accepted", fail: "--failed", undecided: "--suspect" };
+  const marks = {};
+  if (state.colour === "faces") for (const row of rows(app)) if (row.outcome) marks[row.face.number] = colour[row.outcome];
+  if (state.face !== undefined) marks[state.face] = "--accent";
+  stage.layers.scan = state.colour !== "faces";
+  stage.mark(marks);
+}
+
+async function picked(app, stage, e) {
+  const hit = await app.quick("pick_part", stage.lookAt(e, 6)), state = app.step_state.judge ??= {};
+  if (!hit.point) return;
+  if (state.labelling) { await choose(app, stage, { labels: [...app.visit.labels, hit.point] }); return; }
+  if (hit.face === undefined) return;
+  state.face = hit.face;
+  colourFaces(app, stage);
+  app.render();
+  document.querySelector(`#face-${hit.face}`)?.focus();
+}
+
+// One row a face: what was measured on it, and its own tolerance.
+function rows(app) {
+  const found = app.results.judge, regions = new Map((found?.faces ?? []).map(f => [f.number, f])), own = new Map(app.visit.faces.map(f => [f.face, f.tolerance]));
+  const planned = new Map((found?.characteristics ?? []).filter(c => c.kind === "profile").map(c => [c.faces[0], c]));
+  return (app.results.part.faces ?? []).map(face => {
+    const region = regions.get(face.number), plan = planned.get(face.number);
+    return { face, region, own: own.get(face.number), plan, outcome: plan?.outcome ?? region?.outcome ?? null };
+  });
+}
+
 export function panel(app, stage) {
-  const found = app.results.judge, unit = app.unit();
+  const found = app.results.judge, unit = app.unit(), { visit } = app, busy = Boolean(app.busy.task), state = app.step_state.judge ??= {};
+  const read = input => { const value = Number(input.value.replace(",", ".")); return value > 0 ? value : null; };
   return [
-    h("form", { class: "fields", onsubmit: e => { e.preventDefault(); const value = Number(e.target.elements.tolerance.value.replace(",", ".")); choose(app, stage, { tolerance: value > 0 ? value : null }); } },
-      h("label", { for: "tolerance" }, `Tolerance ± ${unit}`), h("input", { id: "tolerance", name: "tolerance", inputmode: "decimal", value: app.visit.tolerance ?? "", autocomplete: "off" }),
-      h("button", { id: "set-tolerance" }, "Apply")),
+    h("form", { class: "fields", onsubmit: e => { e.preventDefault(); const f = e.target.elements; choose(app, stage, { tolerance: read(f.tolerance), required: read(f.required) ?? 95, reach: read(f.reach) }); } },
+      h("label", { for: "tolerance" }, "Tolerance ±"), h("input", { id: "tolerance", name: "tolerance", inputmode: "decimal", value: visit.tolerance ?? "", autocomplete: "off", placeholder: "none" }), h("span", {}, unit),
+      h("label", { for: "required" }, "Points within"), h("input", { id: "required", name: "required", inputmode: "decimal", value: String(visit.required), autocomplete: "off" }), h("span", {}, "%"),
+      h("label", { for: "reach" }, "Belongs to the part up to"), h("input", { id: "reach", name: "reach", inputmode: "decimal", value: visit.reach ?? "", placeholder: found ? number(found.reach) : "from the data", autocomplete: "off" }), h("span", {}, unit),
+      h("span"), h("button", { id: "judge", class: "main", disabled: busy }, "Judge")),
     found?.decision && decision(app, found),
-    found && figures(found, unit),
+    found && figures(app, found, unit),
+    found && legend(found, unit),
+    found && h("div", { class: "row", role: "group", "aria-label": "Show" },
+      h("button", { id: "colour-faces", "aria-pressed": String(state.colour === "faces"), disabled: !found.decision && !found.characteristics, onclick: () => { state.colour = state.colour === "faces" ? "" : "faces"; colourFaces(app, stage); app.render(); } }, "Faces pass / fail"),
+      h("button", { id: "labelling", "aria-pressed": String(Boolean(state.labelling)), onclick: () => { state.labelling = !state.labelling; stage.box.classList.toggle("aim", state.labelling); app.render(); } }, "Add a label"),
+      visit.labels.length ? h("button", { id: "no-labels", disabled: busy, onclick: () => choose(app, stage, { labels: [] }) }, "Remove labels") : null),
+    state.labelling && h("p", { class: "note" }, "Click the part where its deviation should be written."),
+    found?.worst.length ? worst(app, stage, found, unit) : null,
+    found && app.results.part.faces?.length ? faces(app, stage, read) : null,
+    found?.bands && bands(found, unit),
   ];
 }
-const WORDS = { pass: "within tolerance", fail: "out of tolerance", undecided: "undecided" };
 function decision(app, found) {
-  const { outcome, share_within, tolerance } = found.decision, unit = app.unit();
-  return h("section", { class: `light ${outcome}`, id: "decision" }, h("p", { class: "word" }, h("i"), `Part: ${WORDS[outcome]}`),
-    h("p", {}, `${percent(share_within, 2)} of the points are within ±${number(tolerance)} ${unit}.`));
+  const { outcome, share_within, tolerance, required_share } = found.decision, unit = app.unit(), own = found.characteristics_outcome;
+  const all = [outcome, own].includes("fail") ? "fail" : [outcome, own].includes("undecided") ? "undecided" : "pass";
+  return h("section", { class: `light ${all}`, id: "decision", "aria-label": "Decision" }, h("p", { class: "word" }, h("i", { "aria-hidden": "true" }), `Part: ${WORDS[all]}`),
+    h("p", {}, `${percent(share_within, 2)} of the points are within ±${long(tolerance, unit)}; ${percent(required_share, 1)} are asked for, on the whole and on each face, and no place may be out.`),
+    found.decision.places.length ? h("p", {}, `${found.decision.places.length} ${found.decision.places.length === 1 ? "place is" : "places are"} not proven to be within; the worst deviates by ${off(found.decision.places[0].value, unit)}.`) : null,
+    own && h("p", {}, `Faces with their own tolerance: ${WORDS[own]}.`));
 }
-function figures(found, unit) {
-  return h("p", { class: "note" }, `95 % of the points deviate by ${number(found.summary.p95)} ${unit} or less; mean ${signed(found.summary.mean)} ${unit}.`);
+function figures(app, found, unit) {
+  const { counts, summary } = found, others = [["other_surfaces", "on surfaces that leave the part"], ["outliers", "single outliers"], ["beyond_reach", `farther off than ${long(found.reach, unit)}`], ["excluded", "excluded"]].filter(([key]) => counts[key]);
+  return h("p", { class: "note" }, `${count(counts.on_part)} points on the part${others.length ? `; left out: ${others.map(([key, words]) => `${count(counts[key])} ${words}`).join(", ")}` : ""}. 95 % of them deviate by ${long(summary.p95, unit)} or less; mean ${off(summary.mean, unit, 2)}. ${found.signed ? "Plus is outside the part." : found.sides}`);
+}
+function legend(found, unit) {
+  const { table, low, high } = found.drawing.scale, canvas = h("canvas", { width: "254", height: "1", class: "ramp", "aria-hidden": "true" }), pen = canvas.getContext("2d"), image = pen.createImageData(254, 1);
+  for (let k = 0; k < 254; k++) { for (let c = 0; c < 3; c++) image.data[4 * k + c] = table[3 * (k + 1) + c]; image.data[4 * k + 3] = 255; }
+  pen.putImageData(image, 0, 0);
+  return h("figure", { class: "legend" }, canvas, h("div", { class: "marks" }, h("span", {}, `${off(low, unit)}`), low < 0 && h("span", {}, "0"), h("span", {}, `${off(high, unit)}`)));
+}
+function worst(app, stage, found, unit) {
+  return h("section", {}, h("h3", {}, "Worst places"), h("ol", { class: "places" }, found.worst.map((each, k) => h("li", {}, h("button", { id: `worst-${k}`, onclick: () => {
+    stage.middle = inDrawing(each.at, app.results.part.frame); stage.zoom = 3.2; stage.draw();
+  } }, `${off(each.value, unit)}`)))));
+}
+function faces(app, stage, read) {
+  const unit = app.unit(), state = app.step_state.judge;
+  const set = (face, input) => {
+    const value = read(input), others = app.visit.faces.filter(f => f.face !== face);
+    return choose(app, stage, { faces: value ? [...others, { face, tolerance: value }].sort((a, b) => a.face - b.face) : others });
+  };
+  return h("section", { id: "faces" }, h("h3", {}, "Faces"), h("p", { class: "note" }, "Click a face on the part, or write its own tolerance here."),
+    h("div", { class: "scroll" }, h("table", { class: "faces" }, h("thead", {}, h("tr", {}, ["Face", "Within", `Tolerance ± ${unit}`, ""].map(t => h("th", { scope: "col" }, t)))),
+      h("tbody", {}, rows(app).filter(r => r.region || r.own).map(row => h("tr", { class: row.face.number === state.face ? "chosen" : "" },
+        h("td", {}, faceName(row.face, unit)), h("td", { class: "n" }, row.region?.share_within != null ? percent(row.region.share_within) : row.region ? `${number(row.region.within)} (95 %)` : "not scanned"),
+        h("td", {}, h("input", { id: `face-${row.face.number}`, class: "short", inputmode: "decimal", autocomplete: "off", "aria-label": `Tolerance of face ${row.face.number}`, value: row.own ?? "", placeholder: app.visit.tolerance ?? "none", onfocus: () => { if (state.face !== row.face.number) { state.face = row.face.number; colourFaces(app, stage); } }, onchange: e => set(row.face.number, e.target) })),
+        h("td", { class: `outcome ${row.outcome ?? ""}` }, row.outcome ? SHORT[row.outcome] : "")))))));
+}
+function bands(found, unit) {
+  const edge = x => x === null ? "" : signed(x);
+  return h("details", { id: "bands" }, h("summary", {}, "Bands"), h("table", {}, h("tbody", {}, found.bands.map(band => h("tr", {}, h("td", {}, band.low === null ? `below ${edge(band.high)}` : band.high === null ? `above ${edge(band.low)}` : `${edge(band.low)} … ${edge(band.high)} ${unit}`), h("td", { class: "n" }, count(band.count)), h("td", { class: "n" }, percent(band.share)))))));
 }

@@ -1,5 +1,5 @@
 // Step 1: two files, what they hold, and the one question about units where it is needed.
-import { h, facts, number, count } from "./dom.js";
+import { h, facts, number, count, long } from "./dom.js";
 import { Trouble } from "./api.js";
 import { STAND } from "./stage.js";
 
@@ -52,7 +52,7 @@ function table(app, side, known) {
     ["Size", `${size} ${unit}`],
     ["Unit", select],
     known.kind === "mesh" ? ["Surface", `${count(known.triangles)} triangles`] : ["Points", count(known.points) + (known.dropped ? ` (${count(known.dropped)} empty ones left out)` : "")],
-    known.spacing ? ["Spacing", `${number(known.spacing)} ${unit}`] : null,
+    known.spacing ? ["Spacing", `${long(known.spacing, unit)}`] : null,
     known.noise ? ["Noise", `about ${number(known.noise, 2)} ${unit}`] : null,
     known.kind === "cloud" ? ["Normals", known.normals ? "in the file" : "none in the file; estimated where needed"] : null,
     side === "part" && known.faces?.length ? ["Faces", faceWords(known.faces)] : null,
@@ -76,6 +76,11 @@ function questions(app) {
       return h("div", { class: "ask" }, h("p", {}, `The scan is ${ratio} the part, as if the scan were in ${question.scan_units} and the part in ${question.part_units}. Is that so?`),
         h("div", { class: "row" }, h("button", { id: "yes-units", class: "main", onclick: () => name(app, { scan: question.scan_units, part: question.part_units }) }, `Yes: ${question.scan_units} and ${question.part_units}`),
           h("span", { class: "note" }, "or choose the units below")));
+    }
+    if (question.code === "unnamed") {
+      const size = app.results.part.extents.map(x => number(x, 4)).join(" × ");
+      return h("div", { class: "ask", id: "unnamed" }, h("p", {}, `The part is ${size} large, and its file does not say in what. Which unit is it?`),
+        h("div", { class: "row" }, UNITS.map(unit => h("button", { id: `unit-${unit}`, class: unit === question.likely ? "main" : "", onclick: () => name(app, { part: unit, ...(app.results.scan.units || app.visit.scan.units ? {} : { scan: unit }) }) }, unit))));
     }
     return h("div", { class: "ask" }, h("p", {}, "The scan is a surface and the part is a cloud of points. Are they the wrong way round?"),
       h("button", { id: "swap", class: "main", onclick: async () => { await app.change({ swap: true }); app.shown = {}; await app.read(); enter(app, app.stage); } }, "Exchange them"));

@@ -37,6 +37,7 @@ export const app = {
   async read() {
     for (const side of ["scan", "part"]) if (app.visit[side] && !app.results[side])
       app.results[side] = await app.run(side, {}, `Reading ${app.visit[side].name}`);
+    if (app.visit.scan && !app.results.draw_scan) app.results.draw_scan = await app.run("draw_scan", {}, "Drawing the scan");
     if (app.visit.scan && app.visit.part && !app.results.compare)
       app.results.compare = await app.run("compare", {}, "Comparing sizes");
     await app.draw();
@@ -46,7 +47,7 @@ export const app = {
     const { scan, part } = app.results;
     await drawSide("part", part?.drawing, (d, b) => stage.setPart(d, b));
     const judged = app.showJudged && app.results.judge?.drawing;
-    await drawSide("scan", judged || scan?.drawing, (d, b) => stage.setScan(d, b), judged ? "judged" : "scan");
+    if (judged || app.results.draw_scan || !app.visit.scan) await drawSide("scan", judged || app.results.draw_scan, (d, b) => stage.setScan(d, b), judged ? "judged" : "scan");
     const size = (part ?? scan)?.frame.size ?? 1;
     stage.scene.size = size;
     stage.scene.unit = app.unit();
@@ -55,19 +56,20 @@ export const app = {
   },
   unit() { return app.results.compare?.units?.[1] ?? app.visit?.part?.units ?? app.results.part?.units ?? ""; },
   scale() { return app.results.compare?.scale ?? 1; },
-  go(step) { app.step = step; location.hash = `${app.name}/${step}`; STEPS[step].enter?.(app, stage); render(); $("#panel").focus({ preventScroll: true }); },
+  go(step) { STEPS[app.step].leave?.(app, stage); app.step = step; location.hash = `${app.name}/${step}`; STEPS[step].enter?.(app, stage); render(); $("#panel").focus({ preventScroll: true }); },
   say(words) { $("#said").replaceChildren(words ? h("p", {}, words, h("button", { onclick: () => app.say("") }, "Close")) : ""); },
   render, stop: () => send(`visits/${app.name}/cancel`).catch(() => {}),
 };
 globalThis.studio = app;
 
 async function drawSide(side, drawing, place, name = side) {
-  const mark = drawing ? `${name} ${JSON.stringify([drawing.file, drawing.count, drawing.on, app.stamp?.[name] ?? 0])}` : "";
+  const mark = drawing ? `${name} ${JSON.stringify([drawing.file, drawing.count, drawing.on, app.visit.cuts, app.stamp?.[name] ?? 0])}` : "";
   if (app.shown[side] === mark) return;
-  place(drawing, drawing ? await fetchBytes(`visits/${app.name}/data/${drawing.file}`) : null);
+  const bytes = drawing ? await fetchBytes(`visits/${app.name}/data/${drawing.file}`) : null;
+  place(drawing, bytes);
   app.shown[side] = mark;
-  if (side === "scan" && name === "scan") app.scanBuffer = drawing ? await fetchBytes(`visits/${app.name}/data/${drawing.file}`) : null;
-  if (!app.fitted) stage.fit();
+  if (name === "scan") app.scanBuffer = bytes;
+  stage.fit();
 }
 
 // A drawing of the same name with other points in it.

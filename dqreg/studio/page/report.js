@@ -2,20 +2,26 @@
 import { h } from "./dom.js";
 import { address } from "./api.js";
 
-const NAMES = { "report.html": "Report (HTML)", "report.pdf": "Report (PDF)", "plan.toml": "Plan (TOML)", "result.json": "Pose (JSON)", "visit.json": "Visit (JSON)" };
-export function enter() {}
-async function make(app) {
-  const found = await app.run("report", {}, "Writing the report");
+const NAMES = { "report.html": "Report (HTML)", "report.pdf": "Report (PDF)", "plan.toml": "Plan (TOML)", "result.json": "Pose (JSON)", "visit.json": "Visit (JSON)", "start.txt": "Initial pose", "scan_cleaned.ply": "Cleaned scan" };
+const HEAD = { part: "Part", drawing: "Drawing", serial: "Serial number", operator: "Operator", device: "Device", note: "Note" };
+export function enter(app, stage) { stage.picked = null; app.showJudged = true; app.draw(); }
+
+async function make(app, task, words) {
+  const found = await app.run(task, {}, words);
   await app.refresh();
   app.results.report = found;
   app.stamp_report = Date.now();
   app.render();
 }
 export function panel(app) {
-  const found = app.results.report;
+  const found = app.results.report, head = Object.fromEntries(app.visit.head), busy = Boolean(app.busy.task);
+  const set = (key, value) => app.change({ head: Object.keys(HEAD).map(each => [each, each === key ? value : head[each] ?? ""]).filter(([, words]) => words) });
   return [
-    h("button", { id: "make-report", class: found ? "" : "main", disabled: Boolean(app.busy.task), onclick: () => make(app) }, found ? "Write it again" : "Write the report"),
-    found && h("ul", { class: "downloads" }, [...found.files, "visit.json"].map(name => h("li", {}, h("a", { class: "button", download: name, href: address(`visits/${app.name}/files/${name}?keep`) }, NAMES[name] ?? name)))),
+    h("div", { class: "head" }, Object.entries(HEAD).map(([key, words]) => [h("label", { for: `head-${key}` }, words), h("input", { id: `head-${key}`, maxlength: "400", value: head[key] ?? "", autocomplete: "off", onchange: e => set(key, e.target.value.trim()) })])),
+    h("div", { class: "row" }, h("button", { id: "make-report", class: found ? "" : "main", disabled: busy, onclick: () => make(app, "report", "Writing the report") }, found ? "Write it again" : "Write the report"),
+      found && !found.files.includes("report.pdf") && h("button", { id: "make-pdf", disabled: busy, onclick: () => make(app, "pdf", "Printing the report") }, "As PDF too")),
+    found && h("ul", { class: "downloads" }, [...found.files, "visit.json"].map(name => h("li", {}, h("a", { class: "button", id: `file-${name}`, download: name, href: address(`visits/${app.name}/files/${name}?keep`) }, NAMES[name] ?? name)))),
+    found?.files.includes("plan.toml") && h("p", { class: "note" }, "The plan does the same for the next scans: dqreg inspect runs it on one, dqreg batch on many."),
     found && h("iframe", { id: "sheet", title: "The report", sandbox: "allow-scripts allow-modals", src: address(`visits/${app.name}/files/report.html?${app.stamp_report ?? 0}`) }),
   ];
 }

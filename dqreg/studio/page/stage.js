@@ -1,5 +1,5 @@
 // The drawing: the report's engine with a scan that moves, faces that are marked, and an outline on top.
-const { View, dot, add, STAND, cameraAxes, colours } = View3d;
+const { View, dot, add, STAND, cameraAxes, colours, cssColour } = View3d;
 
 const EMPTY = { low: [0, 0, 0], extent: [1e-9, 1e-9, 1e-9], count: 0, steps: new Uint16Array(0), kind: "cloud" };
 const VIEWS = { front: [0, 0], right: [90, 0], back: [180, 0], left: [-90, 0], top: [0, 90], bottom: [0, -90], iso: [35, 30] };
@@ -11,9 +11,17 @@ export class Stage extends View {
     const scene = { on: EMPTY, off: null, target: EMPTY, views: VIEWS, view: "iso", size: 1, unit: "", spacing: 0, worst: [], motions: [] };
     super(box, scene, { part: true, edges: true, scan: true, off: true, coded: false, before: true });
     this.thin = 1;
+    this.over = box.querySelector(".overlay");
     this.allowed = 1e9;
     this.frames = [];
     for (const name of ["pointerdown", "wheel", "keydown"]) this.canvas.addEventListener(name, () => this.hurry(), { passive: true });
+    // With the keyboard, the place at the middle of the view is the one that is pointed at.
+    this.canvas.addEventListener("keydown", e => {
+      if (e.key !== "Enter" || !this.picked) return;
+      e.preventDefault();
+      const rect = this.canvas.getBoundingClientRect();
+      this.picked({ clientX: rect.left + rect.width / 2, clientY: rect.top + rect.height / 2 });
+    });
     this.canvas.addEventListener("pointermove", e => { if (e.buttons) this.hurry(); });
   }
 
@@ -24,6 +32,7 @@ export class Stage extends View {
     this.rest = setTimeout(() => { this.pointLimit = undefined; this.last = undefined; this.draw(); }, 220);
   }
   drawNow() {
+    this.light?.();
     super.drawNow();
     if (this.pointLimit === undefined) return;
     // One pixel read back waits for the drawing itself, so that its time is the true one.
@@ -38,6 +47,16 @@ export class Stage extends View {
     this.frames.push(this.last); if (this.frames.length > 120) this.frames.shift();
   }
 
+  // Without the part in view the scan alone fills it.
+  fit() {
+    const { target, on } = this.scene;
+    if (!this.layers?.part && on?.count) this.scene.target = { ...EMPTY, low: on.low, extent: on.extent };
+    super.fit();
+    this.scene.target = target;
+  }
+  place() { super.place(); this.drawOver?.(); }
+  figure(words) { const caption = this.box.querySelector("figcaption"); caption.hidden = !words; caption.textContent = words; }
+
   setPart(drawing, buffer) {
     this.scene.target = drawing ? readPart(drawing, buffer) : EMPTY;
     this.marked = [];
@@ -49,8 +68,9 @@ export class Stage extends View {
     this.thin = drawing ? Math.sqrt(Math.max(1, (drawing.left ?? drawing.total) / Math.max(1, drawing.on))) : 1;
     if (drawing?.scale) {
       this.scene.table = new Uint8Array(drawing.scale.table);
-      this.layers.coded = true;
-    } else this.layers.coded = false;
+      this.lit = false;
+    } else { this.lit = true; this.scene.table = ramp(this.layers.before ? "--source" : "--aligned"); }
+    this.layers.coded = true;
     this.renew();
   }
   renew() {
@@ -61,6 +81,14 @@ export class Stage extends View {
     if (this.texture) gl.deleteTexture(this.texture);
     this.upload();
     this.draw();
+  }
+  // Light and shade in the colour of the scan as it is now: before or after.
+  light() {
+    if (!this.lit || !this.texture) return;
+    const gl = this.gl;
+    gl.bindTexture(gl.TEXTURE_2D, this.texture);
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB, 256, 1, 0, gl.RGB, gl.UNSIGNED_BYTE, ramp(this.layers.before ? "--source" : "--aligned"));
   }
   move(T) { this.T = T ?? STAND; this.draw(); }
 
@@ -89,6 +117,15 @@ export class Stage extends View {
   }
 }
 
+function ramp(name) {
+  const colour = cssColour(name), table = new Uint8Array(768);
+  for (let k = 0; k < 256; k++) {
+    const s = k / 255, bright = 0.42 + 0.62 * s;
+    for (let c = 0; c < 3; c++) table[3 * k + c] = Math.min(255, Math.round(255 * (Math.min(1, colour[c] * bright) + 0.12 * s * s)));
+  }
+  return table;
+}
+
 function readScan(drawing, buffer) {
   const steps = new Uint16Array(buffer, 0, 3 * drawing.count);
   const cut = 3 * drawing.on, common = { low: drawing.low, extent: drawing.extent };
@@ -100,7 +137,7 @@ function readScan(drawing, buffer) {
     on.step = drawing.step;
     at = (at + 2 * drawing.on + 3) & ~3;
     on.codeBytes = new Uint8Array(buffer, at, drawing.on);
-  }
+  } else on.codeBytes = new Uint8Array(buffer, 6 * drawing.count, drawing.on);
   return [on, drawing.off ? off : null];
 }
 
