@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from dqreg.inspection.alignment import Datum, DatumAlignment, PointAlignment, align_datums, align_points
+from dqreg.inspection.alignment import (
+    Datum,
+    DatumAlignment,
+    FaceTerms,
+    PointAlignment,
+    SurfaceAlignment,
+    align_datums,
+    align_points,
+    align_surface,
+)
 from dqreg.inspection.coverage import FaceCoverage
 from dqreg.inspection.decision import Decision, OutOfTolerance, decide
 from dqreg.inspection.deviation_files import colours_of
@@ -27,6 +36,7 @@ __all__ = [
     "Deviations",
     "Face",
     "FaceCoverage",
+    "FaceTerms",
     "Feature",
     "Inspection",
     "OutOfTolerance",
@@ -35,8 +45,10 @@ __all__ = [
     "PointAlignment",
     "Region",
     "Summary",
+    "SurfaceAlignment",
     "align_datums",
     "align_points",
+    "align_surface",
     "colours_of",
     "decide",
     "fit_feature",

@@ -14,10 +14,10 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.inspection.decision import COVERAGE, MEDIAN_SIGMA, PLACE
+from dqreg.inspection.decision import COVERAGE
 from dqreg.inspection.features import Feature
+from dqreg.inspection.medians import smoothed
 from dqreg.inspection.regions import Outcome
-from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 # Step of the numerical derivatives, in standard deviations of a feature's parameters.
 NUDGE = 1e-2
@@ -100,7 +100,7 @@ def position(feature: Feature, nominal: Feature) -> Measured:
 
 def profile(deviations: FloatArray, points: FloatArray) -> Measured:
     """Profile of a surface: twice the largest deviation of medians of 25 neighbouring points. Shapes: (n,), (n, 3)."""
-    medians, sigma = _smoothed(deviations, points)
+    medians, sigma = smoothed(deviations, points)
     largest = float(np.abs(medians).max())
     return Measured(2.0 * largest, 2.0 * COVERAGE * sigma)
 
@@ -148,7 +148,7 @@ def _medians(feature: Feature, points: FloatArray) -> tuple[FloatArray, float]:
     plain = [0.0 if np.isnan(x) else x for x in (feature.radius, feature.half_angle)]
     shape = Shape(feature.point, feature.frame, *plain)
     offsets = distances(feature.kind, shape, points)[0][-len(points) :]
-    medians, sigma = _smoothed(offsets, points)
+    medians, sigma = smoothed(offsets, points)
     return points + (medians - offsets)[:, None] * _outward(feature, points), sigma
 
 
@@ -160,15 +160,3 @@ def _outward(feature: Feature, points: FloatArray) -> FloatArray:
         offsets = offsets - (offsets @ feature.axis)[:, None] * feature.axis
     outward: FloatArray = offsets / np.maximum(np.linalg.norm(offsets, axis=1), 1e-300)[:, None]
     return outward
-
-
-def _smoothed(values: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
-    """Median of each point's neighbourhood, and the standard deviation of such a median."""
-    from scipy.spatial import cKDTree
-
-    if len(values) < 2 * PLACE:
-        return values, 0.0
-    around = values[cKDTree(points).query(points, k=PLACE)[1]]
-    medians: FloatArray = np.median(around, axis=1)
-    spread = GAUSSIAN_MEDIAN * float(np.median(np.abs(around - medians[:, None])))
-    return medians, MEDIAN_SIGMA * spread / math.sqrt(PLACE)

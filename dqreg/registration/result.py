@@ -14,6 +14,7 @@ from dqreg._arrays import FloatArray
 from dqreg.files.atomic import write_atomically
 from dqreg.icp.history import Iteration
 from dqreg.inspection import Deviations
+from dqreg.registration.aligned import Alignment, aligned_registration
 from dqreg.registration.invariants import as_failed, violated_invariant
 from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.result_json import as_text, read_fields, to_plain
@@ -167,6 +168,36 @@ class Registration(UncertainPose):
         found, sides = self._found(), self.inputs
         options = {"tolerance": tolerance, "exclude": exclude, "progress": progress}
         return scan_deviations(sides, found, self.covariance, self.settings, reach=reach, keep=keep, **options)
+
+    def aligned(self, alignment: Alignment, name: str = "alignment") -> Registration:
+        """The registration under an alignment of `dqreg.inspection`: a step of a chain, named.
+
+        Parameters
+        ----------
+        alignment : DatumAlignment, PointAlignment or SurfaceAlignment
+            Of this registration's scan, in the target's frame.
+        name : str
+            Of the step; ``settings["alignments"]`` lists all of them with their poses and figures.
+
+        Returns
+        -------
+        Registration
+            With the pose after the step, its covariance (of motions that the step locked: as before), and a verdict
+            that says so where the step did not come to rest. ``rms`` and ``history`` are the registration's own.
+
+        Examples
+        --------
+        >>> from dqreg.inspection import align_surface
+        >>> from dqreg.registration.register import register
+        >>> from dqreg.synth.parts import box
+        >>> from dqreg.geometry import Mesh
+        >>> part = Mesh(*box((3.0, 2.0, 1.0)))
+        >>> found = register(part, part, "identity", effort="fast")
+        >>> aligned = found.aligned(align_surface(found.deviations(), "minimax"), "smallest deviation")
+        >>> [step["name"] for step in aligned.settings["alignments"]]
+        ['smallest deviation']
+        """
+        return aligned_registration(self, alignment, name)
 
     def report(
         self,

@@ -1,0 +1,133 @@
+"""Steps towards the smallest largest deviation and towards one side of the part: linear and quadratic programs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.inspection.alignment.surface_rows import SurfaceRows
+from dqreg.solvers import Freedom, PoseCost
+
+# Rows that enter a program at once; others join while they are violated, in sizes of the part.
+ACTIVE, VIOLATED = 400, 1e-13
+# A prior bounds the minimax pose to that many standard deviations.
+COVERAGE = 2.0
+# Programs for one step at most.
+PROGRAMS = 50
+
+
+def minimax_step(rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCost | None, longest: float) -> FloatArray:
+    """Twist about the centre that lowers the largest deviation most, to first order, within a trust region: (6,)."""
+    from scipy.optimize import linprog
+
+    values, slopes = rows.scaled(T)
+    basis = rows.basis(T, free)
+    slopes = slopes @ basis
+    values, slopes = np.concatenate([values, -values]), np.concatenate([slopes, -slopes])
+    unit = float(np.abs(values).max()) or 1.0
+    values, slopes = values / unit, slopes / unit
+    fixed, bound = _prior_rows(rows, T, basis, prior)
+    count = basis.shape[1]
+    chosen = np.argsort(-values, kind="stable")[:ACTIVE]
+    for _ in range(PROGRAMS):
+        left = np.vstack(
+            [np.column_stack([slopes[chosen], -np.ones(len(chosen))]), np.column_stack([fixed, np.zeros(len(fixed))])]
+        )
+        right = np.concatenate([-values[chosen], bound])
+        limits = [(-longest * rows.size, longest * rows.size)] * count + [(None, None)]
+        found = linprog(np.r_[np.zeros(count), 1.0], A_ub=left, b_ub=right, bounds=limits, method="highs")
+        if found.x is None:
+            return np.zeros(6)
+        missed = _missed(values + slopes @ found.x[:-1] - found.x[-1], chosen, VIOLATED)
+        if not len(missed):
+            break
+        chosen = np.concatenate([chosen, missed])
+    return np.asarray(basis @ found.x[:-1])
+
+
+def one_sided_step(
+    rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCost | None, sign: float
+) -> FloatArray | None:
+    """Twist of the least weighted squares with every deviation on one side of its limit: (6,); None where none is.
+
+    A least distance program (Lawson and Hanson 1974, chapter 23) over the active rows.
+    """
+    values, slopes = rows.deviations(T)
+    basis = rows.basis(T, free)
+    slopes = slopes @ basis
+    limits = rows.low if sign > 0.0 else -rows.high
+    limits = np.where(np.isfinite(limits), limits, 0.0)
+    weighted = slopes * rows.weights[:, None]
+    hessian, gradient = weighted.T @ slopes, weighted.T @ values
+    if prior is not None:
+        hessian = hessian + basis.T @ prior.information(T, rows.centre) @ basis
+        gradient = gradient + 0.5 * basis.T @ prior.gradient(T, rows.centre)
+    root = np.linalg.cholesky(hessian + 1e-14 * np.trace(hessian) * np.eye(len(hessian)))
+    # With x = L^T (d - d0) the cost is |x|^2: each row is a half space of x.
+    least = -np.linalg.solve(hessian, gradient)
+    sides = sign * slopes
+    needed = limits - sign * values - sides @ least
+    sides = np.linalg.solve(root, sides.T).T
+    chosen = np.argsort(-needed, kind="stable")[:ACTIVE]
+    for _ in range(PROGRAMS):
+        x = _least_distance(sides[chosen], needed[chosen])
+        if x is None:
+            return None
+        missed = _missed(needed - sides @ x, chosen, VIOLATED * rows.size)
+        if not len(missed):
+            break
+        chosen = np.concatenate([chosen, missed])
+    return np.asarray(basis @ (least + np.linalg.solve(root.T, x)))
+
+
+def one_sided_excess(rows: SurfaceRows, T: FloatArray, free: Freedom, sign: float) -> float:
+    """By how much the worst place lies on the wrong side of its limit, at the least, to first order."""
+    from scipy.optimize import linprog
+
+    values, slopes = rows.deviations(T)
+    slopes = slopes @ rows.basis(T, free)
+    limits = rows.low if sign > 0.0 else -rows.high
+    short = np.where(np.isfinite(limits), limits, 0.0) - sign * values
+    left = np.column_stack([-sign * slopes, -np.ones(len(values))])
+    count = slopes.shape[1]
+    found = linprog(np.r_[np.zeros(count), 1.0], A_ub=left, b_ub=-short, bounds=[(None, None)] * (count + 1))
+    return float(short.max()) if found.x is None else float(found.x[-1])
+
+
+def _least_distance(sides: FloatArray, needed: FloatArray) -> FloatArray | None:
+    """The shortest x with ``sides x >= needed``; None where there is none."""
+    from scipy.optimize import nnls
+
+    if (needed <= 0.0).all():
+        return np.zeros(sides.shape[1])
+    unit = float(np.abs(needed).max())
+    system = np.vstack([sides.T, needed / unit])
+    target = np.r_[np.zeros(sides.shape[1]), 1.0]
+    pulls, rest = nnls(system, target, maxiter=100 * len(needed))
+    if rest < 1e-10:
+        return None
+    gap = system @ pulls - target
+    x: FloatArray = -unit * gap[:-1] / gap[-1]
+    return x
+
+
+def _missed(short: FloatArray, chosen: IntArray, enough: float) -> IntArray:
+    short = short.copy()
+    short[chosen] = -np.inf
+    missed = np.flatnonzero(short > enough)
+    return missed[np.argsort(-short[missed], kind="stable")][:ACTIVE]
+
+
+def _prior_rows(
+    rows: SurfaceRows, T: FloatArray, basis: FloatArray, prior: PoseCost | None
+) -> tuple[FloatArray, FloatArray]:
+    """Bounds of the whitened increment from the prior's pose, to first order. Shapes: (2 r, k), (2 r,)."""
+    if prior is None:
+        return np.zeros((0, basis.shape[1])), np.zeros(0)
+    strengths, axes = np.linalg.eigh(prior.information(T, rows.centre))
+    known = strengths > 1e-12 * max(float(strengths[-1]), 1e-300)
+    root = np.sqrt(strengths[known])
+    # The cost is |e + W d|^2 with W^T W the information: its gradient is 2 W^T e.
+    away = 0.5 * axes[:, known].T @ prior.gradient(T, rows.centre) / root
+    slopes = (axes[:, known] * root).T @ basis
+    return np.vstack([slopes, -slopes]), np.concatenate([COVERAGE - away, COVERAGE + away]).clip(min=0.0)

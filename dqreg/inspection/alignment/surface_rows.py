@@ -1,0 +1,199 @@
+"""Points of a scan on chosen faces of a part, as rows of a cost: distances from the faces and their derivatives."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.geometry import Mesh, MeshSurface
+from dqreg.geometry.morton import morton_order
+from dqreg.inspection.deviations import Deviations
+from dqreg.inspection.medians import smoothed
+from dqreg.inspection.regions import faces_of
+from dqreg.rigid import pose, twist
+from dqreg.solvers import Freedom, PoseCost
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN
+
+# Points that an alignment takes at most, evenly over the scan; more say the same.
+MOST = 100_000
+FEWEST = 6
+
+
+@dataclasses.dataclass(frozen=True)
+class FaceTerms:
+    """How a face of the part takes part in an alignment.
+
+    Attributes
+    ----------
+    weight : float
+        Of each of its points, above 0.
+    low, high : float
+        Its tolerance band: signed deviations allowed, positive outside the part, target units.
+    """
+
+    weight: float = 1.0
+    low: float = -math.inf
+    high: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.weight < math.inf:
+            raise InputError(f"the weight of a face must be above 0; got {self.weight!r}")
+        if not self.low < self.high:
+            raise InputError(f"the band of a face needs low below high; got {self.low!r} and {self.high!r}")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SurfaceRows:
+    """Scan points on chosen faces, in Morton order, about the origin of the deviations."""
+
+    points: FloatArray  # (n, 3)
+    labels: IntArray  # (n,): Number of the face of each
+    offsets: FloatArray  # (n,): Median of the neighbourhood less the point's own deviation; 0 without medians
+    sigma: float  # Standard deviation of such a median; 0 without
+    weights: FloatArray  # (n,)
+    low: FloatArray  # (n,)
+    high: FloatArray  # (n,)
+    surface: MeshSurface  # The chosen faces alone
+    origin: FloatArray  # (3,): Of the caller's frame
+    centre: FloatArray  # (3,): Middle of the part, about the origin
+    size: float  # Diagonal of the part
+
+    def at(self, T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Points under a pose, signed distances, derivatives by a twist about the centre, normals of the faces."""
+        moved, feet, normals = self._feet(T)
+        slopes = np.hstack([np.cross(moved - self.centre, normals), normals])
+        return moved, self._values(moved, feet, normals), slopes, normals
+
+    def deviations(self, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Signed distances under a pose, and their derivatives by a twist about the centre. Shapes: (n,), (n, 6)."""
+        _, values, slopes, _ = self.at(T)
+        return values, slopes
+
+    def place_sigma(self, T: FloatArray) -> float:
+        """Standard deviation of a median of the neighbourhood, or of a point where there are no medians."""
+        if self.sigma > 0.0:
+            return self.sigma
+        values = self.deviations(T)[0]
+        return float(np.sqrt(np.sum(values**2) / max(len(values) - 6, 1)))
+
+    def with_medians(self, T: FloatArray) -> SurfaceRows:
+        """The same with each point's deviation replaced by the median of its neighbours' on its face, as a pose has it.
+
+        The pose must be near: where it is off, neighbours on a curved face deviate differently.
+        """
+        values, _ = self.deviations(T)
+        medians, sigma = smoothed(values, pose.apply(T, self.points), self.labels)
+        return dataclasses.replace(self, offsets=medians - values, sigma=sigma)
+
+    def weighed_by_noise(self, T: FloatArray) -> SurfaceRows:
+        """The same with weights of maximum likelihood, as they must be beside a prior."""
+        values = self.deviations(T)[0]
+        spread = GAUSSIAN_MEDIAN * float(np.median(np.abs(values - np.median(values))))
+        smallest = np.finfo(float).eps * self.size
+        return dataclasses.replace(self, weights=self.weights / max(spread, smallest) ** 2)
+
+    def _feet(self, T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        moved = pose.apply(T, self.points)
+        found = self.surface.closest(moved)
+        return moved, found.points, self.surface.mesh.face_normals[found.elements]
+
+    def _values(self, moved: FloatArray, feet: FloatArray, normals: FloatArray) -> FloatArray:
+        return np.asarray(np.einsum("ij,ij->i", moved - feet, normals) + self.offsets)
+
+    def cost(self, T: FloatArray) -> PoseCost:
+        """Weighted squares of the distances from the planes of the faces at a pose."""
+        _, feet, normals = self._feet(T)
+        return PoseCost.planes(self.points, feet - self.offsets[:, None] * normals, normals, self.weights)
+
+    def band_cost(self, T: FloatArray, width: float, centring: float) -> PoseCost:
+        """Squares of what exceeds the bands, less and less where it exceeds them by the width, and a faint pull inside.
+
+        The weights are those of the Geman-McClure kernel of the excess.
+        """
+        moved, feet, normals = self._feet(T)
+        values = self._values(moved, feet, normals)
+        allowed = np.clip(values, self.low, self.high)
+        weights = self.weights / (1.0 + ((values - allowed) / width) ** 2) ** 2
+        outside = PoseCost.planes(self.points, feet + allowed[:, None] * normals, normals, weights)
+        middle = (0.5 * (self.low + self.high))[:, None]
+        # The pull of a point is that of its place in its own band, whatever the band's width.
+        pull = centring * weights * (np.min(self.high - self.low) / (self.high - self.low)) ** 2
+        return outside + PoseCost.planes(self.points, feet + middle * normals, normals, pull)
+
+    def within(self, T: FloatArray) -> float:
+        """Weight of the points within their bands."""
+        values, _ = self.deviations(T)
+        return float(self.weights[(values >= self.low) & (values <= self.high)].sum())
+
+    def scaled(self, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Deviations in half-widths of bands where all have one, times the weights, and their derivatives."""
+        values, slopes = self.deviations(T)
+        unit = self.weights
+        if np.isfinite(self.high - self.low).all():
+            values, unit = values - 0.5 * (self.low + self.high), 2.0 * self.weights / (self.high - self.low)
+        return values * unit, slopes * unit[:, None]
+
+    def height(self, T: FloatArray) -> float:
+        """The largest of them."""
+        return float(np.abs(self.scaled(T)[0]).max())
+
+    def basis(self, T: FloatArray, free: Freedom) -> FloatArray:
+        """Free twists about the centre, with rotations in sizes of the part: (6, k)."""
+        twists = free.twists(T, np.eye(4), self.centre)
+        lengths = np.linalg.norm(twists[:3], axis=0) * self.size
+        return twists / np.where(lengths > 0.0, lengths, 1.0)
+
+    def stepped(self, T: FloatArray, step: FloatArray, free: Freedom) -> FloatArray:
+        """The pose after a twist about the centre; what is locked keeps every digit."""
+        moved = pose.about(twist.exp(step), self.centre) @ T
+        return moved if free.count == 6 else free.project(moved, np.eye(4))
+
+    def length_of(self, T: FloatArray, before: FloatArray) -> float:
+        """Length of the step between two poses, in sizes of the part."""
+        step = twist.log(pose.about(T @ pose.inverse(before), -self.centre))
+        return max(float(np.abs(step[:3]).max()), float(np.abs(step[3:]).max()) / self.size)
+
+
+def rows_of(deviations: Deviations, faces: Mapping[int, FaceTerms] | None) -> SurfaceRows:
+    """The counted points on the chosen faces, by the face that is closest to each under the registered pose."""
+    mesh = deviations.target
+    if not isinstance(mesh, Mesh):
+        raise InputError("an alignment to faces needs a mesh as its target: a cloud has no faces")
+    count, labels = faces_of(mesh)
+    chosen = {number: FaceTerms() for number in range(count)} if faces is None else dict(faces)
+    for number in chosen:
+        if not 0 <= number < count:
+            raise InputError(f"the part has no face {number}; its faces are 0 to {count - 1}")
+    of_point = labels[deviations.faces]
+    on = np.flatnonzero(deviations.counted & np.isin(of_point, list(chosen)))
+    if len(on) < FEWEST:
+        raise DegenerateGeometryError(f"{len(on)} points lie on the chosen faces: choose faces that were scanned")
+    points = deviations.points[on] - deviations.origin
+    part = mesh if faces is None else _without_others(mesh, labels, chosen)
+    surface = MeshSurface(part)
+    kept = np.arange(len(on))[:: -(-len(on) // MOST)]
+    kept = kept[morton_order(points[kept])]
+    labels = of_point[on[kept]]
+    weights, low, high = np.array([[chosen[k].weight, chosen[k].low, chosen[k].high] for k in labels.tolist()]).T
+    return SurfaceRows(
+        points=points[kept],
+        labels=labels,
+        offsets=np.zeros(len(kept)),
+        sigma=0.0,
+        weights=weights,
+        low=low,
+        high=high,
+        surface=surface,
+        origin=deviations.origin,
+        centre=mesh.centre,
+        size=mesh.diagonal,
+    )
+
+
+def _without_others(mesh: Mesh, labels: IntArray, chosen: Mapping[int, FaceTerms]) -> Mesh:
+    return Mesh(mesh.vertices, mesh.faces[np.isin(labels, list(chosen))], mesh.units)
