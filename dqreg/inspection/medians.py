@@ -14,8 +14,8 @@ from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 def smoothed(values: FloatArray, points: FloatArray, labels: IntArray | None = None) -> tuple[FloatArray, float]:
     """Median of each point's neighbourhood, and the standard deviation of such a median. Shapes: (n,), (n, 3), (n,).
 
-    Neighbours have the same label; a label of fewer than 50 points has a median of half of them. Fewer than 50 points in
-    all are probed by hand: each is meant, and the deviation of one is not known.
+    Neighbours have the same label; a label of fewer than 50 points has medians of half of them. Fewer than 50 points
+    in all are probed by hand: each is meant, and the deviation of one is not known.
     """
     from scipy.spatial import cKDTree
 

@@ -1,4 +1,4 @@
-"""A registration under another alignment: datums, reference points, chosen faces; steps follow each other, each named."""
+"""A registration under another alignment (datums, reference points, chosen faces); steps follow each other by name."""
 
 from __future__ import annotations
 

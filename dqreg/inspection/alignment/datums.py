@@ -10,8 +10,10 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.inspection.alignment.priors import inverse_within, prior_about
 from dqreg.inspection.features import Feature
 from dqreg.rigid import pose, twist
+from dqreg.solvers import Freedom
 
 # A motion is constrained by a datum from that share of its full effect on: less of it is the tilt of a hole that
 # another datum leaves as it is.
@@ -61,7 +63,13 @@ class DatumAlignment:
     constrained: dict[str, int]
 
 
-def align_datums(datums: Sequence[Datum], start: ArrayLike | None = None) -> DatumAlignment:
+def align_datums(
+    datums: Sequence[Datum],
+    start: ArrayLike | None = None,
+    *,
+    dof: Freedom | str | None = None,
+    prior: tuple[ArrayLike, ArrayLike] | None = None,
+) -> DatumAlignment:
     """The pose of a datum reference frame A | B | C.
 
     The first datum is laid on its nominal feature with all motions, each further one with the motions that are left:
@@ -73,7 +81,12 @@ def align_datums(datums: Sequence[Datum], start: ArrayLike | None = None) -> Dat
     datums : sequence of Datum
         In their order of precedence.
     start : array_like, (4, 4), optional
-        A pose near the answer: it tells which way round axes are. Default: the identity.
+        A pose near the answer: it tells which way round axes are. Default: the pose of the prior, else the identity.
+    dof : Freedom or str, optional
+        Degrees of freedom away from the start; the others keep it exactly.
+    prior : (pose, covariance), optional
+        A pose known beforehand, as in `PoseCost.prior` about the first nominal point: it decides the motions that the
+        datums leave open.
 
     Returns
     -------
@@ -100,16 +113,25 @@ def align_datums(datums: Sequence[Datum], start: ArrayLike | None = None) -> Dat
     (True, {'A': 3, 'B': 2, 'C': 1})
     """
     _check(datums)
-    T, constrained = _solved(datums, np.eye(4) if start is None else as_pose(start, "start"))
     centre = datums[0].nominal.point
+    known = None if prior is None else prior_about(prior, centre, np.zeros(3))
+    if start is None and prior is not None:
+        start = prior[0]
+    freedom = Freedom.parse("all" if dof is None else dof)
+    begin = np.eye(4) if start is None else as_pose(start, "start")
+    T, constrained, left = _solved(datums, begin, freedom)
     total = sum(constrained.values())
-    if total < 6:
+    if left.shape[1] and known is None:
         held = ", ".join(f"{name} {number}" for name, number in constrained.items())
+        count = {6: "six", 5: "five", 4: "four", 3: "three", 2: "two", 1: "one"}[freedom.count]
         raise DegenerateGeometryError(
-            f"the datums constrain {total} of six degrees of freedom ({held}); add a datum whose direction or place "
-            "the others leave open"
+            f"the datums constrain {total} of {count} degrees of freedom ({held}); add a datum whose direction or "
+            "place the others leave open"
         )
-    return DatumAlignment(T, _covariance(datums, T, centre), centre, constrained)
+    covariance = _covariance(datums, T, centre, freedom, begin)
+    if known is not None:
+        covariance = covariance + inverse_within(known.information(T, centre), left)
+    return DatumAlignment(T, covariance, centre, constrained)
 
 
 def _check(datums: Sequence[Datum]) -> None:
@@ -123,17 +145,26 @@ def _check(datums: Sequence[Datum]) -> None:
             )
 
 
-def _solved(datums: Sequence[Datum], start: FloatArray) -> tuple[FloatArray, dict[str, int]]:
-    T, free = start, np.eye(6)
+def _solved(
+    datums: Sequence[Datum], start: FloatArray, freedom: Freedom
+) -> tuple[FloatArray, dict[str, int], FloatArray]:
+    """The pose, the degrees of freedom that each datum constrains, and twists about the centre that none does."""
     centre = datums[0].nominal.point
     size = max((float(np.linalg.norm(datum.nominal.point - centre)) for datum in datums[1:]), default=1.0) or 1.0
+    scale = np.r_[[1.0] * 3, [size] * 3]
+    T, free = start, np.eye(6)
+    if freedom.count < 6:
+        free = np.linalg.qr(freedom.twists(start, start, centre) / scale[:, None])[0]
     constrained: dict[str, int] = {}
     for datum in datums:
         before = free.shape[1]
         for residual in (_direction, _place):
             T, free = _laid(T, free, datum, datums[0], residual, centre, size)
         constrained[datum.name] = before - free.shape[1]
-    return T, constrained
+    if freedom.count < 6:
+        # Steps along the motions that were free at the start leave the locked ones to second order.
+        T = freedom.project(T, start)
+    return T, constrained, free * scale[:, None]
 
 
 def _laid(
@@ -204,7 +235,9 @@ def _cross_matrix(v: FloatArray) -> FloatArray:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _covariance(datums: Sequence[Datum], T: FloatArray, centre: FloatArray) -> FloatArray:
+def _covariance(
+    datums: Sequence[Datum], T: FloatArray, centre: FloatArray, freedom: Freedom, start: FloatArray
+) -> FloatArray:
     """First order: the pose's change by each parameter of each measured feature, one at a time."""
     total = np.zeros((6, 6))
     for k, datum in enumerate(datums):
@@ -215,7 +248,7 @@ def _covariance(datums: Sequence[Datum], T: FloatArray, centre: FloatArray) -> F
                 continue
             nudge = NUDGE * float(np.sqrt(value)) * vector
             other = [*datums[:k], dataclasses.replace(datum, measured=datum.measured.nudged(nudge)), *datums[k + 1 :]]
-            moved, _ = _solved(other, T)
+            moved, *_ = _solved(other, T if freedom.count == 6 else start, freedom)
             change = twist.log(pose.about(moved @ pose.inverse(T), -centre)) / NUDGE
             total += np.outer(change, change)
     return total

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_pose, as_vectors
 from dqreg.errors import DegenerateGeometryError, InputError
-from dqreg.solvers import PoseCost
+from dqreg.inspection.alignment.priors import inverse_within, prior_about
+from dqreg.solvers import Freedom, PoseCost
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -41,6 +42,8 @@ def align_points(
     *,
     sigma: ArrayLike = 1.0,
     start: ArrayLike | None = None,
+    dof: Freedom | str | None = None,
+    prior: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> PointAlignment:
     """Reference point alignment (RPS): each point is held along its direction, six of them fix the pose exactly.
 
@@ -54,6 +57,10 @@ def align_points(
         Standard deviation of each point along its direction; more than six points are balanced by it.
     start : array_like, (4, 4), optional
         A pose near the answer. Default: the identity.
+    dof : Freedom or str, optional
+        Degrees of freedom away from ``start``; the others keep it exactly.
+    prior : (pose, covariance), optional
+        A pose known beforehand, as in `PoseCost.prior` about the mean of the nominal points.
 
     Returns
     -------
@@ -88,13 +95,17 @@ def align_points(
     if not ((spread > 0.0) & np.isfinite(spread)).all():
         raise InputError("sigma must be a length above 0 for each point")
     cost = PoseCost.planes(p, q, n, spread**-2.0)
+    centre = q.mean(axis=0)
+    if prior is not None:
+        cost = cost + prior_about(prior, centre, np.zeros(3))
     near = np.eye(4) if start is None else as_pose(start, "start")
-    found = cost.minimise(near=near)
+    free = Freedom.parse("all" if dof is None else dof)
+    found = cost.minimise(near=near, dof=free)
     if found.free:
         raise DegenerateGeometryError(
             f"the points leave {', '.join(found.free)}; hold more points along other directions, six at least"
         )
-    T, centre = found.T_target_source, q.mean(axis=0)
+    T = found.T_target_source
     residuals = np.einsum("ij,ij->i", p @ T[:3, :3].T + T[:3, 3] - q, n)
-    covariance: FloatArray = np.linalg.inv(cost.information(T, centre)).astype(np.float64)
+    covariance = inverse_within(cost.information(T, centre), free.twists(T, near, centre))
     return PointAlignment(T, covariance, centre, residuals)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError, did_you_mean
+from dqreg.inspection.alignment.priors import prior_about
 from dqreg.inspection.alignment.surface_covariance import covariance_of
 from dqreg.inspection.alignment.surface_goals import minimax_step, one_sided_excess, one_sided_step
 from dqreg.inspection.alignment.surface_rows import FaceTerms, SurfaceRows, rows_of
@@ -27,9 +28,9 @@ ROUNDS, ENOUGH, GAIN = 100, 1e-12, 1e-13
 SHORTER, LONGEST = 0.25, 0.05
 # The tolerance fit first pulls all points that are out, then forgets those that are out by more than a width that
 # shrinks by this factor down to that share of the narrowest band.
-NARROWER, NARROWEST = 0.6, 0.02
-# Pull of points within their band towards its middle, beside those that are out: it decides what the bands leave open.
-CENTRING = 1e-3
+NARROWER, NARROWEST = 0.6, 0.1
+# Pull to the middle of the bands beside that of what exceeds them, in costs of half a band.
+FAINT = 1e-3
 # Steps at each width, and the one that ends them, in sizes of the part.
 STEPS, STILL = 8, 1e-8
 
@@ -125,13 +126,13 @@ def align_surface(
     (True, True)
     """
     if goal not in get_args(Goal):
-        known = get_args(Goal)
-        raise InputError(f"goal must be one of {', '.join(known)}; got {goal!r}{did_you_mean(str(goal), known)}")
+        words = get_args(Goal)
+        raise InputError(f"goal must be one of {', '.join(words)}; got {goal!r}{did_you_mean(str(goal), words)}")
     rows = rows_of(deviations, faces)
     if goal == "tolerance" and not np.isfinite(rows.high - rows.low).all():
         raise InputError("a tolerance fit needs a band for each of its faces: give tolerance, or plus and minus")
     free = Freedom.parse("all" if dof is None else dof).recentred(rows.origin)
-    known = None if prior is None else _prior(prior, rows)
+    known = None if prior is None else prior_about(prior, rows.centre, rows.origin)
     if known is not None or goal in ("minimax", "outside", "inside"):
         near = _least_squares(rows, np.eye(4), free, None)[0]
         rows = rows.with_medians(near) if goal in ("minimax", "outside", "inside") else rows
@@ -153,14 +154,6 @@ def align_surface(
         share_within=float(within.mean()) if bands else None,
         converged=converged,
     )
-
-
-def _prior(prior: Any, rows: SurfaceRows) -> PoseCost:
-    try:
-        T, covariance = prior
-    except (TypeError, ValueError):
-        raise InputError(f"prior must be (pose, covariance), a 4x4 and a 6x6; got {prior!r:.80}") from None
-    return PoseCost.prior(T, covariance, rows.centre + rows.origin).recentred(rows.origin, rows.origin)
 
 
 def _solved(rows: SurfaceRows, goal: Goal, free: Freedom, prior: PoseCost | None) -> tuple[FloatArray, bool]:
@@ -189,20 +182,32 @@ def _most_within(rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCos
     """Graduated: outliers of the bands lose their pull as the width shrinks; the pose with the most within is kept."""
     best, most = T, rows.within(T)
     narrowest = NARROWEST * float((rows.high - rows.low).min())
-    width = max(float(np.abs(rows.deviations(T)[0]).max()), narrowest)
+    width, still = max(float(np.abs(rows.deviations(T)[0]).max()), narrowest), False
     while True:
-        for _ in range(STEPS):
-            cost = rows.band_cost(T, width, CENTRING)
-            moved = (cost if prior is None else cost + prior).minimise(near=T, dof=free, reference=np.eye(4))
-            step = rows.length_of(moved.T_target_source, T)
-            T = moved.T_target_source
-            if rows.within(T) > most:
-                best, most = T, rows.within(T)
-            if step < STILL:
-                break
+        T, still = _steps(rows, T, free, prior, width)
+        # What is within is centred: of poses with as many within that is the one with the most room.
+        centred, _ = _steps(rows, T, free, prior, 0.0)
+        for pose_here in (T, centred):
+            if rows.within(pose_here) >= most:
+                best, most = pose_here, rows.within(pose_here)
         if width <= narrowest:
-            return (T if rows.within(T) >= most else best), step < math.sqrt(STILL)
+            return best, still
         width = max(NARROWER * width, narrowest)
+
+
+def _steps(
+    rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCost | None, width: float
+) -> tuple[FloatArray, bool]:
+    faint = FAINT * (0.5 * float((rows.high - rows.low).min())) ** 2
+    for _ in range(STEPS):
+        # A faint pull to the middle holds what the bands leave open.
+        cost = rows.band_cost(T, width) + faint * rows.middle_cost(T) if width else rows.middle_cost(T)
+        moved = (cost if prior is None else cost + prior).minimise(near=T, dof=free, reference=np.eye(4))
+        step = rows.length_of(moved.T_target_source, T)
+        T = moved.T_target_source
+        if step < STILL:
+            break
+    return T, step < math.sqrt(STILL)
 
 
 def _least_largest(rows: SurfaceRows, free: Freedom, prior: PoseCost | None) -> tuple[FloatArray, bool]:

@@ -38,11 +38,12 @@ def minimax_step(rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCos
         found = linprog(np.r_[np.zeros(count), 1.0], A_ub=left, b_ub=right, bounds=limits, method="highs")
         if found.x is None:
             return np.zeros(6)
-        missed = _missed(values + slopes @ found.x[:-1] - found.x[-1], chosen, VIOLATED)
+        step, height = np.asarray(found.x[:-1]), float(found.x[-1])
+        missed = _missed(values + slopes @ step - height, chosen, VIOLATED)
         if not len(missed):
             break
         chosen = np.concatenate([chosen, missed])
-    return np.asarray(basis @ found.x[:-1])
+    return np.asarray(basis @ step)
 
 
 def one_sided_step(
@@ -67,12 +68,13 @@ def one_sided_step(
     least = -np.linalg.solve(hessian, gradient)
     sides = sign * slopes
     needed = limits - sign * values - sides @ least
-    sides = np.linalg.solve(root, sides.T).T
+    sides = np.asarray(np.linalg.solve(root, sides.T).T, dtype=np.float64)
     chosen = np.argsort(-needed, kind="stable")[:ACTIVE]
     for _ in range(PROGRAMS):
-        x = _least_distance(sides[chosen], needed[chosen])
-        if x is None:
+        found = _least_distance(sides[chosen], needed[chosen])
+        if found is None:
             return None
+        x = found
         missed = _missed(needed - sides @ x, chosen, VIOLATED * rows.size)
         if not len(missed):
             break

@@ -110,20 +110,21 @@ class SurfaceRows:
         _, feet, normals = self._feet(T)
         return PoseCost.planes(self.points, feet - self.offsets[:, None] * normals, normals, self.weights)
 
-    def band_cost(self, T: FloatArray, width: float, centring: float) -> PoseCost:
-        """Squares of what exceeds the bands, less and less where it exceeds them by the width, and a faint pull inside.
-
-        The weights are those of the Geman-McClure kernel of the excess.
-        """
+    def band_cost(self, T: FloatArray, width: float) -> PoseCost:
+        """Squares of what exceeds the bands, less and less where it exceeds them by the width (Geman and McClure)."""
         moved, feet, normals = self._feet(T)
         values = self._values(moved, feet, normals)
         allowed = np.clip(values, self.low, self.high)
         weights = self.weights / (1.0 + ((values - allowed) / width) ** 2) ** 2
-        outside = PoseCost.planes(self.points, feet + allowed[:, None] * normals, normals, weights)
-        middle = (0.5 * (self.low + self.high))[:, None]
-        # The pull of a point is that of its place in its own band, whatever the band's width.
-        pull = centring * weights * (np.min(self.high - self.low) / (self.high - self.low)) ** 2
-        return outside + PoseCost.planes(self.points, feet + middle * normals, normals, pull)
+        return PoseCost.planes(self.points, feet + allowed[:, None] * normals, normals, weights)
+
+    def middle_cost(self, T: FloatArray) -> PoseCost:
+        """Squares of the distances from the middle of their bands, in half-widths, of the points within them alone."""
+        moved, feet, normals = self._feet(T)
+        values = self._values(moved, feet, normals)
+        inside = (values >= self.low) & (values <= self.high)
+        weights = self.weights * inside * (2.0 / (self.high - self.low)) ** 2
+        return PoseCost.planes(self.points, feet + (0.5 * (self.low + self.high))[:, None] * normals, normals, weights)
 
     def within(self, T: FloatArray) -> float:
         """Weight of the points within their bands."""
