@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -11,9 +11,6 @@ from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.rigid import pose, twist
 from dqreg.trust.records import Reason, Verdict
-
-if TYPE_CHECKING:
-    from dqreg.registration.result import Registration
 
 # A motion that an alignment leaves as it was has less than that share of its largest variance.
 LEFT = 1e-12
@@ -35,25 +32,27 @@ class Alignment(Protocol):
         """In the target frame."""
 
 
-def aligned_registration(result: Registration, alignment: Alignment, name: str) -> Registration:
-    """The registration with one more step of alignment, see `Registration.aligned`."""
+def after_alignment(fields: Mapping[str, Any], alignment: Alignment, name: str) -> dict[str, Any]:
+    """Fields of a `Registration` that change with one more step of alignment, see `Registration.aligned`."""
     if not name.strip():
         raise InputError("a step of an alignment needs a name")
+    settings = fields["settings"]
     step = as_pose(alignment.T_target_source, "the alignment's pose")
-    about = np.array(result.settings.get("centre", np.zeros(3)))
+    about = np.array(settings.get("centre", np.zeros(3)))
     record: dict[str, Any] = {"name": name, "T_target_source": step.tolist()}
     for key in ("goal", "constrained", "points", "rms", "largest", "share_within"):
         value = getattr(alignment, key, None)
         if isinstance(value, (str, int, float, dict)):
             record[key] = value
-    steps = [*result.settings.get("alignments", ()), record]
-    return dataclasses.replace(
-        result,
-        T_target_source=step @ result.T_target_source,
-        covariance=_after(result.covariance, alignment, about),
-        verdict=_verdict(result.verdict, alignment, name),
-        settings={**result.settings, "alignments": steps},
-    )
+    steps = [*settings.get("alignments", ()), record]
+    return {
+        "T_target_source": step @ fields["T_target_source"],
+        "covariance": _after(fields["covariance"], alignment, about),
+        # An alignment leaves no motion open.
+        "partial_information": None,
+        "verdict": _verdict(fields["verdict"], alignment, name),
+        "settings": {**settings, "alignments": steps},
+    }
 
 
 def _after(before: FloatArray, alignment: Alignment, centre: FloatArray) -> FloatArray:

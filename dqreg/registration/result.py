@@ -14,7 +14,7 @@ from dqreg._arrays import FloatArray
 from dqreg.files.atomic import write_atomically
 from dqreg.icp.history import Iteration
 from dqreg.inspection import Deviations
-from dqreg.registration.aligned import Alignment, aligned_registration
+from dqreg.registration.aligned import Alignment, after_alignment
 from dqreg.registration.invariants import as_failed, violated_invariant
 from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.result_json import as_text, read_fields, to_plain
@@ -197,7 +197,8 @@ class Registration(UncertainPose):
         >>> [step["name"] for step in aligned.settings["alignments"]]
         ['smallest deviation']
         """
-        return aligned_registration(self, alignment, name)
+        self._found()
+        return dataclasses.replace(self, **after_alignment(vars(self), alignment, name))
 
     def report(
         self,

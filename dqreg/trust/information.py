@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.solvers.quadratic import plane_rows
-from dqreg.trust.sandwich import scatter_of
+from dqreg.solvers.sandwich import scatter_of
 
 # Information below this fraction of what all correspondences could give with the longest lever is rounding or facets,
 # not shape.

@@ -10,7 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
-from dqreg.trust.sandwich import scatter_of
+from dqreg.solvers.sandwich import scatter_of
 
 # Correspondences without which no strain is asked for, and those that are looked at.
 FEWEST = 300

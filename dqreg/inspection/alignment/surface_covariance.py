@@ -7,7 +7,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.inspection.alignment.surface_rows import SurfaceRows
 from dqreg.solvers import Freedom
-from dqreg.trust.sandwich import scatter_of
+from dqreg.solvers.sandwich import scatter_of
 
 # A row decides where it is within that share of the largest of its limit, or so many sizes of the part from it.
 DECIDES = 1e-6

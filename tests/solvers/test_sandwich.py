@@ -6,8 +6,8 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg.geometry.morton import morton_order
 from dqreg.rigid import pose, twist
+from dqreg.solvers.sandwich import scatter_of
 from dqreg.trust import Information, without_free_motion
-from dqreg.trust.sandwich import scatter_of
 from tests.trust.shapes import box, judged, plane
 
 POINTS, SIGMA = 8_000, 1e-3
