@@ -12,7 +12,7 @@ from dqreg.geometry.boundary import CloudBoundary
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import KdTree, NeighbourTree
-from dqreg.geometry.normals import fit_planes_around
+from dqreg.geometry.normals import fit_planes_around, orient_towards
 from dqreg.geometry.surface import Closest, Hint
 
 # Two distances that differ by less may be equal: then the tree decides.
@@ -25,7 +25,8 @@ class CloudSurface:
     Parameters
     ----------
     cloud : PointCloud
-        The target; its normals are used where it has some, else they are fitted to 16 neighbours, sign unknown.
+        The target; its normals are used where it has some, else they are fitted to 16 neighbours, towards its viewpoint
+        where it has one, of unknown sign else.
     fitted : ndarray, (m, 4), optional
         `fitted` of an earlier surface of the same cloud, which saves fitting its normals again.
 
@@ -50,6 +51,8 @@ class CloudSurface:
             )
         # Given normals count as exact.
         given = None if cloud.normals is None else np.column_stack([cloud.normals[self.order], np.zeros(size)])
+        if given is None and fitted is not None and cloud.viewpoint is not None:
+            fitted = np.hstack([orient_towards(fitted[:, :3], self._points, cloud.viewpoint), fitted[:, 3:]])
         given = fitted if given is None else given
         self._fits = np.zeros((size, 4)) if given is None else given
         self._known = np.full(size, given is not None)
@@ -57,7 +60,8 @@ class CloudSurface:
         low, high = bounds(self._points)
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))
-        self.oriented = cloud.normals is not None
+        self._viewpoint = cloud.viewpoint
+        self.oriented = cloud.normals is not None or cloud.viewpoint is not None
 
     @property
     def normals(self) -> FloatArray:
@@ -84,7 +88,10 @@ class CloudSurface:
             # A point whose neighbours lie on a line has no normal: zero gives no direction and passes no angle test.
             known = np.isfinite(fits.normals[:, :1])
             variances = np.where(known, np.minimum(fits.variances[:, None], 1.0), 1.0)
-            self._fits[missing] = np.hstack([np.where(known, fits.normals, 0.0), variances])
+            normals = np.where(known, fits.normals, 0.0)
+            if self._viewpoint is not None:
+                normals = orient_towards(normals, self._points[missing], self._viewpoint)
+            self._fits[missing] = np.hstack([normals, variances])
             self._known[missing] = True
         return np.take(self._fits, rows, axis=0)
 

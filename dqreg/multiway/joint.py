@@ -13,10 +13,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.geometry import Scan, Surface
+from dqreg.geometry import Scan
 from dqreg.multiway import dual_poses
 from dqreg.multiway.graph import PoseGraph, factorised, normal_matrix
-from dqreg.multiway.planes import FACING, STRICT, Planes, planes_of
+from dqreg.multiway.planes import FACING, STRICT, Body, Planes, planes_of
 from dqreg.rigid import pose
 from dqreg.solvers.quadratic import derivatives
 
@@ -32,20 +32,6 @@ ALL_POINTS, FEWEST_POINTS = 4_000_000, 500
 REACH, NARROW, WIDEST = 2.0, 5.0, 2.0
 # The first rounds are with so many times fewer points, until the scans move by less than this in a round, in spacings.
 COARSER, COARSE_STILL = 8, 0.03
-
-
-@dataclasses.dataclass(frozen=True)
-class Body:
-    """A node of the joint cost: a scan that moves, or the part."""
-
-    scan: Scan | None  # Its points; None for the part, which has planes only
-    surface: Surface  # What the points of others are compared with
-    origin: FloatArray  # (3,): Origin of the centred frame in its own
-
-    @property
-    def noise_floor(self) -> float:
-        """Scale of distances that cannot be real."""
-        return 1e-7 * self.surface.diagonal if self.scan is None else 1e-3 * self.scan.spacing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,7 +110,7 @@ def _correspond(
         floor = max(bodies[i].noise_floor, bodies[j].noise_floor)
         reach = _reach(bodies, i, j, known)
         gates = (0.5 * reach, STRICT) if strict else (reach, FACING)
-        planes = planes_of((i, j), sampled[j], bodies[i].surface, relative, gates[0], floor, known, gates[1])
+        planes = planes_of((i, j), sampled[j], bodies[i], relative, gates[0], floor, known, gates[1])
         if planes is not None:
             found[i, j] = planes
     return found

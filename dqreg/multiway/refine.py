@@ -10,8 +10,9 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.multiway.believe import Belief
 from dqreg.multiway.edges import PART
-from dqreg.multiway.joint import Body, refine_jointly
+from dqreg.multiway.joint import refine_jointly
 from dqreg.multiway.overlap import CELL, overlap_matrix
+from dqreg.multiway.planes import Body
 from dqreg.multiway.scans import View, typical_spacing
 from dqreg.multiway.spread import joint_covariance
 from dqreg.registration.options import Effort

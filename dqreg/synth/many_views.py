@@ -22,6 +22,7 @@ class ManyViews:
 
     scans: tuple[FloatArray, ...]  # (n, 3) each
     T_world_scan: FloatArray  # (k, 4, 4): Exact; the world is the part's, or the room's, frame
+    viewpoints: FloatArray  # (k, 3): Where the scanner stood, each in its scan's frame
 
 
 def turntable_views(
@@ -44,7 +45,7 @@ def turntable_views(
     T_table_part = pose.exp(np.r_[w / np.linalg.norm(w) * rng.uniform(0.2, 1.0), 0.1 * diagonal * rng.normal(size=3)])
     T_table_part = T_table_part @ pose.from_parts(np.eye(3), -centre)
     T_scanner_table = pose.random(rng, reach=diagonal)
-    scans, poses = [], []
+    scans, poses, stands = [], [], []
     for k in range(views):
         turn = pose.exp(np.r_[0.0, 0.0, 2.0 * np.pi * k / views, 0.0, 0.0, 0.0]) @ T_table_part
         elevation = np.deg2rad(elevation_deg)
@@ -53,7 +54,8 @@ def turntable_views(
         scan = scan_mesh(vertices, faces, scanner, Noise(range_sigma=noise * diagonal), rng=rng)
         scans.append(pose.apply(T_scanner_table @ turn, scan.points))
         poses.append(pose.inverse(T_scanner_table @ turn))
-    return ManyViews(tuple(scans), np.stack(poses))
+        stands.append(pose.apply(T_scanner_table @ turn, scan.sensor_positions)[0])
+    return ManyViews(tuple(scans), np.stack(poses), np.stack(stands))
 
 
 def room_stops(stops: int = 8, *, noise: float = 0.005, rings: int = 48, rng: np.random.Generator) -> ManyViews:
@@ -74,7 +76,7 @@ def room_stops(stops: int = 8, *, noise: float = 0.005, rings: int = 48, rng: np
         T[:3, 3] = [1.8 * np.cos(angle), 1.2 * np.sin(angle), 0.4 + 0.1 * rng.normal()]
         scans.append(_swept(room, T, rings, noise, rng))
         poses.append(T)
-    return ManyViews(tuple(scans), np.stack(poses))
+    return ManyViews(tuple(scans), np.stack(poses), np.zeros((stops, 3)))
 
 
 def _together(parts: list[Mesh]) -> Mesh:
