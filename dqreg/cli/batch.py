@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.outputs import as_json_option, consoles, print_json, say
+from dqreg.cli.outputs import as_json_option, consoles, print_json, read_head, say
 from dqreg.cli.signals import PoliteSignals
 from dqreg.errors import printable
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from dqreg.report.work_bar import WorkBar
 
 FILE = click.Path(path_type=Path)
+# Decisions on a part, the good first.
+OUTCOMES = ("pass", "undecided", "fail")
 # Rows that are named one by one on the screen; all of them are in the summary.
 NAMED = 20
 # Options of `dqreg.register` that the command line offers for all rows; a manifest may say each for its own.
@@ -50,6 +52,15 @@ WIDTH, HEIGHT, DOTS = 240, 180, 20_000
 @click.option("--source-units", help="Length unit of the scans, where their files do not say.")
 @click.option("--target-units", help="Length unit of the targets, where their files do not say.")
 @click.option("--seed", type=int, help="Seed of all random draws  [default: 0].")
+@click.option("--plan", type=FILE, help="Inspection plan (TOML) of the parts, as in dqreg inspect.")
+@click.option("--tolerance", type=float, metavar="LENGTH", help="Largest deviation allowed, target units: each part "
+              "passes, fails or is undecided.")  # fmt: skip
+@click.option("--required", type=float, metavar="PERCENT", default=95.0, show_default=True, help="Points that must be "
+              "within the tolerance.")  # fmt: skip
+@click.option("--head", multiple=True, metavar="NAME=VALUE", help="Field of the head of all reports, such as "
+              "operator='M. Muster'.")  # fmt: skip
+@click.option("--no-reports", "reports", flag_value=False, default=True, help="No report for each row, where parts are "
+              "inspected.")  # fmt: skip
 @click.option("--no-thumbnails", "thumbnails", flag_value=False, default=True, help="No pictures in the summary.")
 @as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
@@ -57,29 +68,43 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
     """Register every row of MANIFEST, each in a worker process: a crash or a time-out affects one row.
 
     MANIFEST is a CSV file with the columns scan and target; optional columns are name, start and any option of dqreg
-    register (effort, max_distance, source_units ...). Paths are relative to it. It may also be a folder of scans, with
-    --target. Options given here are the defaults of all rows.
+    register (effort, max_distance, source_units ...), plan and tolerance of the part, and fields of its report's head
+    (part, drawing, serial, order, operator, device, note). Paths are relative to it. It may also be a folder of scans,
+    with --target. Options given here are the defaults of all rows.
 
     \b
     dqreg batch parts.csv
     dqreg batch my_scans --target part.stl --effort fast --out on_part
     dqreg batch parts.csv --resume                 after an interruption or a correction: only what is missing
     dqreg batch parts.csv --scheduler tcp://host:8786
+    dqreg batch parts.csv --plan plan.toml         inspect every part: values, trends, a report for each
+    dqreg batch parts.csv --tolerance 0.1
     dqreg batch parts.csv --json | jq '.rows[] | select(.verdict != "accepted")'
 
-    Writes results/NAME.json for each row, summary.csv and summary.html. Ctrl-C keeps the rows that are done and writes
-    the summary; a second one stops at once.
+    Writes results/NAME.json for each row, summary.csv and summary.html; where parts are inspected also
+    reports/NAME.html, values.csv (every value) and trends.csv (mean, spread, Cp, Cpk, control limits).
+    Ctrl-C keeps the rows that are done and writes the summary; a second one stops at once.
 
-    Exit codes: 0 every row accepted, 1 some were not, 2 bad input, 130 or 143 stopped by a signal.
+    Exit codes: 0 every row accepted (and every part passes), 1 some were not, 2 bad input, 3 all accepted, but a part
+    fails or is undecided, 130 or 143 stopped by a signal.
     """
-    from dqreg.registration.batch import Defaults, Workers, read_manifest, run_batch
+    from dqreg.registration.batch import Asked, Defaults, Workers, read_manifest, run_batch
+    from dqreg.registration.batch.manifest import columns_inspect
     from dqreg.report.work_bar import WorkBar
 
     console, shown = consoles(quiet=quiet, as_json=as_json)
     with PoliteSignals() as stop:
         workers = Workers(*(options[name] for name in ("workers", "scheduler", "threads", "timeout")))
+        inspects = options["plan"] is not None or options["tolerance"] is not None
+        asked = Asked(
+            None if options["plan"] is None else options["plan"].absolute(),
+            options["tolerance"],
+            options["required"] / 100.0,
+            report=options["reports"] and (inspects or columns_inspect(manifest)),
+            head=tuple(read_head(options["head"]).items()),
+        )
         shared = {name: options[name] for name in SHARED if options[name] is not None}
-        rows = read_manifest(manifest, Defaults(target, options["start"], shared))
+        rows = read_manifest(manifest, Defaults(target, options["start"], shared, asked))
         place = out or Path(f"{manifest.absolute().name if manifest.is_dir() else manifest.stem}-results")
         stop.polite = True
         with WorkBar(shown) as bar:
@@ -103,7 +128,9 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
             f"dqreg: stopped; the rows done so far are in {printable(str(place))}: resume with --resume", err=True
         )
         return 128 + stop.number
-    return 0 if found.accepted else 1
+    if not found.accepted:
+        return 1
+    return 0 if found.passed else 3
 
 
 def thumbnail(result: Registration) -> bytes | None:
@@ -170,5 +197,8 @@ def _show(console: Console, found: Batch) -> None:
     if len(bad) > NAMED:
         say(console, f"  and {len(bad) - NAMED} more: see the summary")
     say(console, ", ".join(f"{count} {verdict}" for verdict, count in counts(found.lines).items()))
+    parts = [line.part for line in found.lines if line.part]
+    if parts:
+        say(console, "parts: " + ", ".join(f"{parts.count(o)} {o}" for o in OUTCOMES if o in parts))
     for path in found.files:
         say(console, f"wrote {path}")

@@ -8,6 +8,7 @@ import math
 import os
 import sys
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +45,21 @@ def consoles(*, quiet: bool, as_json: bool, width: int | None = None) -> tuple[C
             if not console.is_terminal:
                 console.width = width
     return told, shown
+
+
+def read_head(words: Sequence[str]) -> dict[str, str]:
+    """Fields of a report's head.
+
+    >>> read_head(["serial=7", "note=a=b"])
+    {'serial': '7', 'note': 'a=b'}
+    """
+    found = {}
+    for text in words:
+        name, mark, value = text.partition("=")
+        if not (mark and name.strip()):
+            raise InputError(f"--head must be NAME=VALUE, such as serial=0007; got {text!r:.100}")
+        found[name.strip()] = value.strip()
+    return found
 
 
 def print_json(value: Any) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from dqreg.errors import InputError, did_you_mean
+from dqreg.files.units import METRES
 
 CharacteristicKind = Literal[
     "diameter", "distance", "angle", "form", "parallelism", "perpendicularity", "position", "profile"
@@ -60,12 +61,15 @@ class Plan:
         Which pose the characteristics are of.
     characteristics : tuple of PlannedCharacteristic
         In the order of the file.
+    units : str or None
+        Length unit of the plan and its part; None: the part's, whatever it is.
     """
 
     head: dict[str, str]
     datums: tuple[PlannedDatum, ...]
     alignment: AlignmentKind
     characteristics: tuple[PlannedCharacteristic, ...]
+    units: str | None = None
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
@@ -97,7 +101,7 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
 
 def plan_of(values: dict[str, Any], name: str = "plan") -> Plan:
     """A plan from the values of a TOML file, each checked under the name of its entry."""
-    _known(values, ("head", "alignment", "datum", "characteristic"), name)
+    _known(values, ("units", "head", "alignment", "datum", "characteristic"), name)
     datums = tuple(_datum(entry, f"{name}: datum {k + 1}") for k, entry in enumerate(_list(values, "datum", name)))
     letters = [datum.name for datum in datums]
     for letter in letters:
@@ -113,10 +117,13 @@ def plan_of(values: dict[str, Any], name: str = "plan") -> Plan:
     _one_of(alignment, get_args(AlignmentKind), f"{name}: alignment")
     if alignment == "datums" and not datums:
         raise InputError(f'{name}: alignment = "datums" needs [[datum]] entries')
+    units = values.get("units")
+    if units is not None:
+        _one_of(units, sorted(METRES), f"{name}: units")
     head = values.get("head", {})
     if not isinstance(head, dict):
         raise InputError(f"{name}: head must be a table of words")
-    return Plan({key: str(value) for key, value in head.items()}, datums, alignment, characteristics)
+    return Plan({key: str(value) for key, value in head.items()}, datums, alignment, characteristics, units)
 
 
 def _datum(entry: Any, where: str) -> PlannedDatum:

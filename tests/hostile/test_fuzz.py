@@ -26,8 +26,9 @@ from dqreg.geometry.opening import open_geometry
 from dqreg.odometry.scans import open_scans
 from dqreg.odometry.trajectory import read_trajectory
 from dqreg.registration.batch import Defaults, read_manifest
+from dqreg.registration.batch.line import line_of
 from dqreg.registration.batch.row import BATCH, RowResult
-from dqreg.registration.batch.summary import line_of, summary_csv, to_html
+from dqreg.registration.batch.summary import summary_csv, to_html
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.registration.target import Target, prepare_target

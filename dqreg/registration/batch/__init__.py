@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
+from dqreg.registration.batch.asked import Asked
+from dqreg.registration.batch.line import Line
 from dqreg.registration.batch.manifest import Defaults, read_manifest
 from dqreg.registration.batch.row import Row
 from dqreg.registration.batch.run import Batch, Progress, Workers, run_batch
-from dqreg.registration.batch.summary import Line
 
-__all__ = ["Batch", "Defaults", "Line", "Progress", "Row", "Workers", "read_manifest", "run_batch"]
+__all__ = ["Asked", "Batch", "Defaults", "Line", "Progress", "Row", "Workers", "read_manifest", "run_batch"]

@@ -9,8 +9,7 @@ import io
 import math
 import os
 import re
-import unicodedata
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, overload
@@ -18,13 +17,15 @@ from typing import Any, overload
 from dqreg.errors import DqregError, InputError, did_you_mean, printable
 from dqreg.files.poses import START_WORDS, read_start
 from dqreg.files.untrusted import read_record
+from dqreg.registration.batch.asked import HEAD, Asked
 from dqreg.registration.batch.row import Row
+from dqreg.registration.batch.row_names import RowNames, natural_order
 
 # Told by the batch itself, or no text.
 NOT_OFFERED = ("observe", "keep_inputs", "tolerance")
 # Words that a manifest of old has, and what to write.
 RENAMED = {
-    "tolerance": "it set when the iterations end, which is convergence now; a tolerance of the part goes to dqreg show"
+    "tolerance": "it set when the iterations end, which is convergence now; the column tolerance is that of the part"
 }
 KINDS = {"str": str, "float": float, "int": int, "bool": bool}
 WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
@@ -91,15 +92,9 @@ def check_options(options: dict[str, Any]) -> None:
         Freedom.parse(full["dof"])
 
 
-COLUMNS = ("scan", "target", "name", "start")
+COLUMNS = ("scan", "target", "name", "start", "plan", "tolerance", "required", *HEAD)
 # Bad rows named in one message; more are counted.
 NAMED = 3
-# Names become file names, on any system.
-NAME = re.compile(r"\w[\w.+-]{0,120}")
-# Bytes of a name, with an ending and a number within the 255 that most systems allow.
-LONGEST_NAME = 240
-# Devices of Windows, with whatever ending.
-RESERVED = re.compile(r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9\u00b9\u00b2\u00b3])(\.|$)", re.IGNORECASE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,6 +104,7 @@ class Defaults:
     target: Path | None = None  # The part
     start: str = "none"  # As in `Row`
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # Keyword options of `dqreg.register`
+    asked: Asked = dataclasses.field(default_factory=Asked)  # How the parts are inspected
 
 
 def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None) -> tuple[Row, ...]:
@@ -126,7 +122,7 @@ def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None
     else:
         cells = _of_csv(place)
         base = place.parent
-    rows, faults, seen = [], [], _RowNames()
+    rows, faults, seen = [], [], RowNames()
     for line, values in cells:
         try:
             row = _row(line, values, base, defaults)
@@ -134,7 +130,8 @@ def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None
         except DqregError as error:
             fault = printable(f"line {line}: {error}" if place.is_file() else str(error))
             row = Row("", *_as_written(values, base, defaults), line=line, fault=fault)
-            row = dataclasses.replace(row, name=seen.named(row, given=False))
+            given = dataclasses.replace(row, name=values.get("name", ""))
+            row = dataclasses.replace(row, name=seen.named_or_scan(given))
             faults.append(fault)
         rows.append(row)
     if faults and len(faults) == len(rows):
@@ -143,6 +140,17 @@ def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None
     if not rows:
         raise InputError(f"{place} holds no rows; expected one line a scan" if place.is_file() else _no_scans(place))
     return tuple(rows)
+
+
+def columns_inspect(path: Path) -> bool:
+    """Whether the rows of a manifest say themselves how their parts are inspected."""
+    try:
+        with path.open(encoding="utf-8-sig") as stream:
+            return bool(
+                {"plan", "tolerance"} & {word.strip(' "').lower() for word in re.split("[,;\t\n]", stream.readline())}
+            )
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def _of_csv(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
@@ -172,8 +180,6 @@ def _columns(path: Path, head: list[str]) -> list[str]:
     known = [*COLUMNS, *option_name()]
     for name, found in zip(head, columns, strict=True):
         word = name.strip().lower()
-        if found is None and word in RENAMED:
-            raise InputError(f"{path}, line 1: the column {word} is no more: {RENAMED[word]}")
         if found is None:
             hint = did_you_mean(word, known) or f"; known are {', '.join(known)}"
             raise InputError(f"{path}, line 1: unknown column {name.strip()!r}{hint}")
@@ -191,14 +197,11 @@ def _of_folder(folder: Path, defaults: Defaults) -> Iterator[tuple[int, dict[str
         raise InputError(f"{folder} is a folder of scans; give their part with --target FILE")
     target = os.path.realpath(defaults.target)
     scans = (entry for entry in folder.iterdir() if entry.suffix.lower() in READERS and entry.is_file())
-    visible = sorted((s for s in scans if not s.name.startswith(".") and os.path.realpath(s) != target), key=_natural)
+    visible = sorted(
+        (s for s in scans if not s.name.startswith(".") and os.path.realpath(s) != target), key=natural_order
+    )
     for number, scan in enumerate(visible, 1):
         yield number, {"scan": scan.name}
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    # scan_2 before scan_10.
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
 def _no_scans(folder: Path) -> str:
@@ -225,7 +228,33 @@ def _row(line: int, values: Mapping[str, str], base: Path, defaults: Defaults) -
     check_options(options)
     if start == "none" and "dof" in options:
         raise InputError(f"dof {options['dof']!r} locks motions of a start, and there is none; give the row a start")
-    return Row(values.get("name", ""), scan, target, start, options, line)
+    asked = _asked(values, base, defaults.asked)
+    return Row(values.get("name", ""), scan, target, start, options, line, asked=asked)
+
+
+def _asked(values: Mapping[str, str], base: Path, default: Asked) -> Asked:
+    """How the part of a row is inspected: its own cells, else the defaults."""
+    from dqreg.inspection import read_plan
+
+    own: dict[str, Any] = {}
+    if values.get("plan"):
+        own["plan"] = Path(os.path.abspath(base / values["plan"]))  # noqa: PTH100 - keeps links as they are
+    if values.get("tolerance"):
+        own["tolerance"] = _positive("tolerance", values["tolerance"])
+    if values.get("required"):
+        own["required_share"] = _positive("required", values["required"]) / 100.0
+    head = {**dict(default.head), **{name: values[name] for name in HEAD if values.get(name)}}
+    asked = dataclasses.replace(default, head=tuple(head.items()), **own)
+    if asked.plan is not None:
+        read_plan(asked.plan)
+    return asked
+
+
+def _positive(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{name} must be a number; got {text!r:.100}") from None
 
 
 def _as_written(values: Mapping[str, str], base: Path, defaults: Defaults) -> tuple[Path, Path]:
@@ -246,45 +275,3 @@ def _file(text: str, base: Path, column: str) -> Path:
         raise InputError(f"cannot read {path}: the extension {extension!r} is none of {' '.join(sorted(READERS))}")
     require_own_kind(path, extension)
     return path
-
-
-class _RowNames:
-    """Gives each row a name of its own that is a file name everywhere."""
-
-    def __init__(self) -> None:
-        self._lines: dict[str, int] = {}
-
-    def named(self, row: Row, *, given: bool) -> str:
-        name = row.name if given else _cut(row.scan.stem)
-        if given and not NAME.fullmatch(name):
-            raise InputError(f"the name {name!r:.150} is no file name; use letters, digits and . _ - +, 120 at most")
-        if given and len(name.encode()) > LONGEST_NAME:
-            raise InputError(f"the name {name!r} takes {len(name.encode())} bytes; {LONGEST_NAME} fit everywhere")
-        if given and (RESERVED.match(name) or name.endswith(".")):
-            raise InputError(f"the name {name!r} is none on Windows; choose another one")
-        if not given:
-            name = next(each for each in _numbered(name) if _key(each) not in self._lines)
-        elif _key(name) in self._lines:
-            raise InputError(f"the name {name!r} is that of line {self._lines[_key(name)]}, too")
-        self._lines[_key(name)] = row.line
-        return name
-
-
-def _key(name: str) -> str:
-    # Windows and macOS take some names that differ for the same.
-    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
-
-
-def _cut(stem: str) -> str:
-    """A file name of the stem of a scan that every system can hold, with room for a number."""
-    name = re.sub(r"[^\w.+-]+|^\W", "_", stem)[:100]
-    name = name.encode()[: LONGEST_NAME - 10].decode(errors="ignore").rstrip(".") or "scan"
-    return f"_{name}" if RESERVED.match(name) else name
-
-
-def _numbered(name: str) -> Iterable[str]:
-    yield name
-    number = 2
-    while True:
-        yield f"{name}-{number}"
-        number += 1

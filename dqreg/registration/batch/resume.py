@@ -19,9 +19,10 @@ from dqreg.errors import DqregError, InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.files.untrusted import read_record
 from dqreg.registration.batch.row import BATCH, Row, RowResult, inputs_of
+from dqreg.registration.inspected import require_record
 from dqreg.registration.result import Registration
 
-RESULTS, THUMBNAILS, LOCK = "results", "thumbnails", ".lock"
+RESULTS, THUMBNAILS, REPORTS, LOCK = "results", "thumbnails", "reports", ".lock"
 # What `write_atomically` leaves where it is killed.
 LEFT_OVER = re.compile(r"\.[0-9a-f]{16}\.tmp")
 
@@ -40,6 +41,10 @@ class Folder:
         """Picture of a row; it need not exist."""
         return self.path / THUMBNAILS / f"{row.name}.jpg"
 
+    def report(self, row: Row) -> Path:
+        """Page of a row; it need not exist."""
+        return self.path / REPORTS / f"{row.name}.html"
+
     def finished(self, row: Row) -> dict[str, Any] | None:
         """What the result file of a row holds."""
         path = self.result(row)
@@ -47,7 +52,11 @@ class Folder:
             record = json.loads(read_record(path, "a result"))
             if record[BATCH]["inputs"] != json.loads(json.dumps(inputs_of(row))):
                 return None
+            if row.asked.report and not self.report(row).is_file():
+                return None
             about = {**record[BATCH], "seconds": float(record[BATCH]["seconds"])}
+            if row.asked.inspects:
+                require_record(about["inspection"])
             # What was loaded is checked; the text beside it is not.
             return {**Registration.load(path).to_dict(), BATCH: about}
         except (OSError, ValueError, KeyError, TypeError, ArithmeticError, RecursionError):
@@ -75,13 +84,16 @@ class Folder:
 
     def _save(self, row: Row, done: RowResult) -> None:
         if done.record is None:
-            for old in (self.result(row), self.thumbnail(row)):
+            for old in (self.result(row), self.thumbnail(row), self.report(row)):
                 with contextlib.suppress(OSError):
                     old.unlink()
             return
         # The picture first: where the result stands, the row is done.
         if done.thumbnail is not None:
             write_atomically(self.thumbnail(row), done.thumbnail)
+        if done.page is not None:
+            self.report(row).parent.mkdir(exist_ok=True)
+            write_atomically(self.report(row), done.page)
         write_atomically(self.result(row), json.dumps(done.record, indent=1, allow_nan=False) + "\n")
 
 

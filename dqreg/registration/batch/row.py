@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import os
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import DqregError
-from dqreg.files.gltf_guards import buffers_of
 from dqreg.files.poses import read_start
-from dqreg.files.untrusted import require_readable
+from dqreg.registration.batch.asked import Asked, answered
+from dqreg.registration.batch.marks import mark_of
 from dqreg.registration.batch.worker import Failure, Status, Worker
 
 if TYPE_CHECKING:
@@ -43,6 +41,7 @@ class Row:
     options: dict[str, Any] = dataclasses.field(default_factory=dict)  # Keyword options of `dqreg.register`
     line: int = 0  # Line of the manifest, or place in the folder, counted from 1
     fault: str = ""  # Why it cannot be run; "" if it can
+    asked: Asked = dataclasses.field(default_factory=Asked)  # How its part is inspected
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,33 +53,18 @@ class RowResult:
     # The result as `Registration.to_dict` has it, with the key "batch": name, inputs and seconds of the row
     record: dict[str, Any] | None = None
     thumbnail: bytes | None = None  # A small JPEG
-
-
-def mark_of(path: Path) -> list[Any]:
-    """Path, size and digest of a file, and of the buffers that a glTF file names."""
-    digests, size = [], 0
-    for place in (path, *(buffers_of(path) if path.suffix.lower() in (".gltf", ".glb") else ())):
-        found = require_readable(place).stat()
-        size += found.st_size
-        # Only a change brings another of these, so that a part is not read again for each of its scans.
-        told = found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
-        digests.append(_digest(os.fspath(place), *told))
-    return [os.fspath(path), size, "+".join(digests)]
-
-
-@lru_cache(maxsize=64)
-def _digest(path: str, *_: int) -> str:
-    with Path(path).open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    page: str | None = None  # The report of the row
 
 
 def inputs_of(row: Row) -> dict[str, Any]:
     """All that the result of a row depends on, in plain JSON values."""
+    more = {"inspection": row.asked.mark()} if row.asked != Asked() else {}
     return {
         "scan": mark_of(row.scan),
         "target": mark_of(row.target),
         "start": row.start if row.start in ("none", "identity") else mark_of(Path(row.start)),
         "options": dict(sorted(row.options.items())),
+        **more,
     }
 
 
@@ -111,7 +95,8 @@ def run_row(row: Row, targets: Targets, thumbnail: Thumbnail | None = None) -> R
     began = time.perf_counter()
     try:
         before = inputs_of(row)
-        result = _registered(row, targets, keep_inputs=thumbnail is not None)
+        result = _registered(row, targets, keep_inputs=thumbnail is not None or row.asked != Asked())
+        inspected, page = answered(result, row.asked)
         if inputs_of(row) != before:
             return RowResult(
                 "error", "a file of this row changed while it was read; run it again once nothing writes to it"
@@ -126,7 +111,9 @@ def run_row(row: Row, targets: Targets, thumbnail: Thumbnail | None = None) -> R
         return RowResult("error", f"{type(error).__name__}: {error}")
     picture = _picture(thumbnail, result)
     about = {"name": row.name, "inputs": before, "seconds": time.perf_counter() - began}
-    return RowResult("ran", "", {**result.to_dict(), BATCH: about}, picture)
+    if inspected is not None:
+        about["inspection"] = inspected
+    return RowResult("ran", "", {**result.to_dict(), BATCH: about}, picture, page)
 
 
 def _registered(row: Row, targets: Targets, *, keep_inputs: bool) -> Registration:

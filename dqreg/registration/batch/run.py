@@ -12,12 +12,14 @@ from pathlib import Path
 
 from dqreg.errors import DqregError, InputError
 from dqreg.files.atomic import require_writable, write_atomically
+from dqreg.registration.batch.line import Line, line_of
 from dqreg.registration.batch.pool import Answer, Stop, on_this_machine
 from dqreg.registration.batch.resume import THUMBNAILS, Folder, open_folder
 from dqreg.registration.batch.row import Row, RowResult, Thumbnail
-from dqreg.registration.batch.summary import Line, line_of, summary_csv, to_html
+from dqreg.registration.batch.summary import summary_csv, to_html
+from dqreg.registration.batch.trends import trends_csv, trends_of, values_csv
 
-SUMMARY_CSV, SUMMARY_HTML = "summary.csv", "summary.html"
+SUMMARY_CSV, SUMMARY_HTML, VALUES_CSV, TRENDS_CSV = "summary.csv", "summary.html", "values.csv", "trends.csv"
 TIMEOUT = 600.0
 
 
@@ -66,6 +68,11 @@ class Batch:
         """Whether every row ran and was accepted."""
         return all(line.verdict == "accepted" for line in self.lines)
 
+    @property
+    def passed(self) -> bool:
+        """Whether every part that was to be inspected passes."""
+        return all(line.part == "pass" for line in self.lines if line.row.asked.inspects)
+
 
 @dataclasses.dataclass(frozen=True)
 class Progress:
@@ -96,7 +103,8 @@ def run_batch(
     """
     workers, tell = workers or Workers(), observe or (lambda _: None)
     with open_folder(out, resume=resume) as folder:
-        files = tuple(require_writable(folder.path / name) for name in (SUMMARY_CSV, SUMMARY_HTML))
+        names = (SUMMARY_CSV, SUMMARY_HTML, *((VALUES_CSV, TRENDS_CSV) if any(r.asked.inspects for r in rows) else ()))
+        files = tuple(require_writable(folder.path / name) for name in names)
         sound = [row for row in rows if not row.fault]
         lines = _kept(folder, sound) if resume else {}
         todo = [row for row in sound if row.name not in lines]
@@ -133,6 +141,9 @@ def _in_order(rows: Sequence[Row], lines: dict[str, Line]) -> tuple[Line, ...]:
 
 def _write(folder: Folder, lines: Sequence[Line], title: str) -> None:
     write_atomically(folder.path / SUMMARY_CSV, summary_csv(lines))
+    if any(line.row.asked.inspects for line in lines):
+        write_atomically(folder.path / VALUES_CSV, values_csv(lines))
+        write_atomically(folder.path / TRENDS_CSV, trends_csv(trends_of(lines)))
     page = to_html(title or folder.path.absolute().name, lines, folder.path / THUMBNAILS)
     write_atomically(folder.path / SUMMARY_HTML, page)
 

@@ -2,59 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from dqreg.registration.batch.row import BATCH, Row, RowResult
+from dqreg.registration.batch.line import RESULTS, Line
+from dqreg.registration.batch.trends import trends_of, trends_on_page
 from dqreg.report.html import data_uri, render
 from dqreg.report.table import to_csv
 
 # From the one that needs a look first to the one that needs none.
 VERDICTS = ("crashed", "timeout", "memory", "error", "not run", "failed", "suspect", "accepted")
 POSE = ("tx", "ty", "tz", "qw", "qx", "qy", "qz")
-COLUMNS = ("name", "verdict", "reasons", "rms", "inlier_fraction", "seconds", *POSE, "scan", "target", "result", "line")
-
-
-@dataclasses.dataclass(frozen=True)
-class Line:
-    """One row in the summary."""
-
-    row: Row  # What was asked
-    verdict: str  # "accepted", "suspect" or "failed" where it ran; else "not run" or a `Status`
-    reasons: tuple[str, ...]  # Of the verdict, or what went wrong
-    # rms, inlier_fraction, seconds: As in `Registration`; NaN where there is none
-    rms: float = math.nan
-    inlier_fraction: float = math.nan
-    seconds: float = math.nan
-    # Translation (target units), then the rotation as a quaternion w, x, y, z; NaN where there is none
-    pose: tuple[float, ...] = (math.nan,) * 7
-    kept: bool = False  # Whether the result is of an earlier session
-
-    @property
-    def ran(self) -> bool:
-        """Whether there is a result file."""
-        return self.verdict in ("accepted", "suspect", "failed")
-
-
-def line_of(row: Row, done: RowResult, *, kept: bool = False) -> Line:
-    """Line of a row."""
-    record = done.record
-    if record is None:
-        return Line(row, done.status, (done.message,))
-    return Line(
-        row,
-        record["verdict"]["level"],
-        tuple(record["verdict"]["reasons"]),
-        _number(record["rms"]),
-        _number(record["inlier_fraction"]),
-        _number(record[BATCH]["seconds"]),
-        _pose(record),
-        kept,
-    )
+COLUMNS = ("name", "verdict", "reasons", "rms", "inlier_fraction", "seconds", *POSE, "scan", "target", "result", "line",
+           "part", "report")  # fmt: skip
 
 
 def summary_csv(lines: Sequence[Line]) -> str:
@@ -65,9 +28,9 @@ def summary_csv(lines: Sequence[Line]) -> str:
 def _csv_row(line: Line) -> tuple[object, ...]:
     numbers = (line.rms, line.inlier_fraction, line.seconds, *line.pose)
     shown = ["" if math.isnan(number) else repr(number) for number in numbers]
-    result = f"results/{line.row.name}.json" if line.ran else ""
+    result = f"{RESULTS}/{line.row.name}.json" if line.ran else ""
     about = (line.row.name, line.verdict, "; ".join(line.reasons))
-    return (*about, *shown, line.row.scan, line.row.target, result, line.row.line)
+    return (*about, *shown, line.row.scan, line.row.target, result, line.row.line, line.part, line.report)
 
 
 def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
@@ -83,9 +46,12 @@ def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
             "pose": None if math.isnan(line.pose[0]) else dict(zip(POSE, line.pose, strict=True)),
             "scan": str(line.row.scan),
             "target": str(line.row.target),
-            "result": f"results/{line.row.name}.json" if line.ran else None,
+            "result": f"{RESULTS}/{line.row.name}.json" if line.ran else None,
             "line": line.row.line,
             "kept": line.kept,
+            "part": line.part or None,
+            "report": line.report or None,
+            "inspection": line.inspection,
         }
         for line in lines
     ]
@@ -98,6 +64,9 @@ def to_html(title: str, lines: Sequence[Line], thumbnails: Path | None = None) -
         title=title,
         lines=lines,
         counts=counts(lines),
+        inspected=any(line.row.asked.inspects for line in lines),
+        parts={outcome: sum(line.part == outcome for line in lines) for outcome in ("pass", "undecided", "fail")},
+        trends=trends_on_page(trends_of(lines)),
         short=_short,
         rank=VERDICTS.index,
         picture=lambda name: _picture(thumbnails, name),
@@ -108,17 +77,6 @@ def counts(lines: Sequence[Line]) -> dict[str, int]:
     """How many rows have which verdict, the good ones first; those that none has are left out."""
     found = Counter(line.verdict for line in lines)
     return {verdict: found[verdict] for verdict in reversed(VERDICTS) if found[verdict]}
-
-
-def _number(value: Any) -> float:
-    return math.nan if value is None else float(value)
-
-
-def _pose(record: dict[str, Any]) -> tuple[float, ...]:
-    parts = record["dual_quaternion"]
-    if parts is None:
-        return (math.nan,) * 7
-    return (*(float(row[3]) for row in record["T_target_source"][:3]), *map(float, parts["real"]))
 
 
 def _short(number: float) -> str:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from dqreg.errors import InputError
-from dqreg.registration.batch import Defaults, read_manifest
-from dqreg.registration.batch.manifest import RESERVED, _RowNames, check_options, option_name, parse_option
-from dqreg.registration.batch.row import Row
+from dqreg.registration.batch import Asked, Defaults, read_manifest
+from dqreg.registration.batch.manifest import check_options, option_name, parse_option
+from dqreg.registration.batch.row import Row, inputs_of
+from dqreg.registration.batch.row_names import RESERVED, RowNames
 from tests.registration.batch.scenes import make_scene
 
 
@@ -92,7 +93,6 @@ def test_names_are_file_names_and_never_twice(folder):
         ("scan,target\nscan0.npy,bracket.off,x\n", "line 2: found 3 cells"),
         ('scan,target\n"scan0.npy,bracket.off\n', "line 2: not CSV|line 3: not CSV"),
         ("scan,taget\nscan0.npy,bracket.off\n", "line 1: .*did you mean target"),
-        ("scan,target,Tolerance\nscan0.npy,bracket.off,1e-3\n", "line 1: .*tolerance .* convergence .* show"),
         ("scan,scan\nscan0.npy,bracket.off\n", "line 1: .*twice"),
         ("a\n", "line 1: "),
         ("", "empty file .*manifest"),
@@ -142,6 +142,27 @@ def test_a_tolerance_is_no_option_and_convergence_is_one(folder):
     assert row.options == {"convergence": 1e-3}
 
 
+def test_parts_are_inspected_by_columns_and_defaults(folder):
+    (folder / "plan.toml").write_text('[[characteristic]]\nkind = "form"\nface = 0\ntolerance = 0.1\n')
+    head = "scan,target,plan,tolerance,required,serial\n"
+    text = f"{head}scan0.npy,bracket.off,plan.toml,,,S 7\nscan1.npy,bracket.off,,0.2,99,\n"
+    first, second = rows_of(folder, text, asked=Asked(tolerance=0.5, head=(("part", "4711"),)))
+    assert (first.asked.plan, first.asked.tolerance) == (folder / "plan.toml", 0.5)
+    assert dict(first.asked.head) == {"part": "4711", "serial": "S 7"}
+    assert (second.asked.plan, second.asked.tolerance, second.asked.required_share) == (None, 0.2, 0.99)
+    assert "inspection" in inputs_of(first)
+    assert "inspection" not in inputs_of(dataclasses.replace(first, asked=Asked()))
+    rows = rows_of(folder, text + "scan0.npy,bracket.off,no.toml,,,\nscan0.npy,bracket.off,,-1,,\n")
+    assert "cannot read the plan" in rows[2].fault
+    assert "tolerance must be a length above 0" in rows[3].fault
+
+
+def test_a_name_may_hold_blanks_and_a_row_with_a_fault_keeps_its_name(folder):
+    rows = rows_of(folder, "scan,target,name\nscan0.npy,bracket.off,Part 7 left\nno.npy,bracket.off,Part 8\n")
+    assert [row.name for row in rows] == ["Part 7 left", "Part 8"]
+    assert rows[1].fault
+
+
 def test_a_row_that_cannot_be_run_says_why_and_the_others_are_kept(folder):
     text = (
         "scan,target,name,time_limit\nscan0.npy,bracket.off,a,\nscan0.npy,no.off,,\nscan1.npy,bracket.off,A,\n"
@@ -165,6 +186,6 @@ def test_names_made_of_scans_fit_every_system(folder, stem):
 
 
 def read_rows_of_stems(folder, stems):
-    names = _RowNames()
+    names = RowNames()
     rows = [Row("", folder / f"{stem}.npy", folder / "bracket.off", line=k) for k, stem in enumerate(stems)]
     return [dataclasses.replace(row, name=names.named(row, given=False)) for row in rows]

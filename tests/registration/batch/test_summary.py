@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from dqreg.registration.batch.line import Line, line_of
 from dqreg.registration.batch.row import Row, RowResult
-from dqreg.registration.batch.summary import COLUMNS, VERDICTS, Line, counts, line_of, summary_csv, to_html
+from dqreg.registration.batch.summary import COLUMNS, VERDICTS, counts, summary_csv, to_html
 
 NASTY = '<script>alert("1")</script>&\'\n;,"'
 ROW = Row("a", Path(f"/x/{NASTY}.ply"), Path("/y/<b>.stl"), line=2)

@@ -1,0 +1,83 @@
+"""What is asked of the part of a row beside its pose: a plan, a tolerance, a report."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.inspection.decision import REQUIRED_SHARE
+from dqreg.registration.batch.marks import mark_of
+
+if TYPE_CHECKING:
+    from dqreg.registration.inspected import Inspected
+    from dqreg.registration.result import Registration
+
+# Columns of a manifest that stand in the head of a row's report.
+HEAD = ("part", "drawing", "serial", "order", "operator", "device", "note")
+
+
+@dataclasses.dataclass(frozen=True)
+class Asked:
+    """How the part of a row is inspected."""
+
+    plan: Path | None = None  # An inspection plan
+    tolerance: float | None = None  # Largest deviation allowed, target units
+    required_share: float = REQUIRED_SHARE  # Share of the points that must be within it
+    report: bool = False  # Whether the row gets a page
+    head: tuple[tuple[str, str], ...] = ()  # Fields of the head of that page
+
+    def __post_init__(self) -> None:
+        if self.tolerance is not None and not 0.0 < self.tolerance < float("inf"):
+            raise InputError(f"tolerance must be a length above 0, in target units; got {self.tolerance!r}")
+        if not 0.0 < self.required_share <= 1.0:
+            raise InputError(f"required is a percentage above 0 and at most 100; got {100.0 * self.required_share:g}")
+
+    @property
+    def inspects(self) -> bool:
+        """Whether the part is inspected at all."""
+        return self.plan is not None or self.tolerance is not None
+
+    def mark(self) -> dict[str, Any]:
+        """All that the inspection depends on, in plain JSON values."""
+        return {
+            "plan": None if self.plan is None else mark_of(self.plan),
+            "tolerance": self.tolerance,
+            "required_share": self.required_share,
+            "report": self.report,
+            "head": dict(self.head),
+        }
+
+
+def answered(result: Registration, asked: Asked) -> tuple[dict[str, Any] | None, str | None]:
+    """The record of an inspection and the page of the row; None where nothing of it was asked."""
+    import numpy as np
+
+    from dqreg.inspection import read_plan
+    from dqreg.registration.inspected import inspect_registration
+
+    record, found = None, None
+    if asked.inspects and np.isfinite(result.T_target_source).all():
+        plan = None if asked.plan is None else read_plan(asked.plan)
+        try:
+            found = inspect_registration(result, plan, asked.tolerance, required_share=asked.required_share)
+            record = found.record()
+        except DegenerateGeometryError as error:
+            # The pose is kept: what could not be measured is said.
+            record = {"outcome": "undecided", "units": None, "values": [], "error": str(error)}
+    elif asked.inspects:
+        record = {"outcome": "undecided", "units": None, "values": [], "error": "no pose was found"}
+    if not asked.report:
+        return record, None
+    return record, _page(result, asked, found)
+
+
+def _page(result: Registration, asked: Asked, found: Inspected | None) -> str:
+    from dqreg.report.page import to_html
+    from dqreg.report.report_data import collect
+
+    shown, sheet = (result, None) if found is None else (found.registration, found.sheet)
+    assert shown.inputs is not None
+    data = collect(shown, shown.inputs, asked.tolerance, required_share=asked.required_share, inspection=sheet)
+    return to_html(shown, data, sheet, dict(asked.head))

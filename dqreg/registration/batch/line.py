@@ -1,0 +1,80 @@
+"""One row of a batch in its summary."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from dqreg.registration.batch.row import BATCH, Row, RowResult
+
+RESULTS, REPORTS = "results", "reports"
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """One row in the summary."""
+
+    row: Row  # What was asked
+    verdict: str  # "accepted", "suspect" or "failed" where it ran; else "not run" or a `Status`
+    reasons: tuple[str, ...]  # Of the verdict, or what went wrong
+    # rms, inlier_fraction, seconds: As in `Registration`; NaN where there is none
+    rms: float = math.nan
+    inlier_fraction: float = math.nan
+    seconds: float = math.nan
+    # Translation (target units), then the rotation as a quaternion w, x, y, z; NaN where there is none
+    pose: tuple[float, ...] = (math.nan,) * 7
+    kept: bool = False  # Whether the result is of an earlier session
+    unit: str = ""  # Of its lengths; "" where it is not known
+    inspection: Mapping[str, Any] | None = None  # As `Inspected.record` has it; None where nothing was asked
+
+    @property
+    def part(self) -> str:
+        """Whether the part passes: "pass", "fail", "undecided", or "" where that was not asked."""
+        return "" if self.inspection is None else str(self.inspection["outcome"])
+
+    @property
+    def report(self) -> str:
+        """Page of the row, from the folder of the summary; "" where it has none."""
+        return f"{REPORTS}/{self.row.name}.html" if self.ran and self.row.asked.report else ""
+
+    @property
+    def link(self) -> str:
+        """What the row's name leads to: its report, or its result."""
+        return self.report or f"{RESULTS}/{self.row.name}.json"
+
+    @property
+    def ran(self) -> bool:
+        """Whether there is a result file."""
+        return self.verdict in ("accepted", "suspect", "failed")
+
+
+def line_of(row: Row, done: RowResult, *, kept: bool = False) -> Line:
+    """Line of a row."""
+    record = done.record
+    if record is None:
+        return Line(row, done.status, (done.message,))
+    return Line(
+        row,
+        record["verdict"]["level"],
+        tuple(record["verdict"]["reasons"]),
+        _number(record["rms"]),
+        _number(record["inlier_fraction"]),
+        _number(record[BATCH]["seconds"]),
+        _pose(record),
+        kept,
+        str((record.get("settings") or {}).get("target_units") or ""),
+        record[BATCH].get("inspection"),
+    )
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _pose(record: dict[str, Any]) -> tuple[float, ...]:
+    parts = record["dual_quaternion"]
+    if parts is None:
+        return (math.nan,) * 7
+    return (*(float(row[3]) for row in record["T_target_source"][:3]), *map(float, parts["real"]))

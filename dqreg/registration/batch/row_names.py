@@ -1,0 +1,75 @@
+"""Names of the rows of a batch: each is a file name on any system, and no two are alike."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable
+from pathlib import Path
+
+from dqreg.errors import InputError
+from dqreg.registration.batch.row import Row
+
+# Names become file names, on any system.
+NAME = re.compile(r"\w[\w .+-]{0,120}(?<! )")
+# Bytes of a name, with an ending and a number within the 255 that most systems allow.
+LONGEST_NAME = 240
+# Devices of Windows, with whatever ending.
+RESERVED = re.compile(r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9\u00b9\u00b2\u00b3])(\.|$)", re.IGNORECASE)
+
+
+class RowNames:
+    """Gives each row a name of its own that is a file name everywhere."""
+
+    def __init__(self) -> None:
+        self._lines: dict[str, int] = {}
+
+    def named_or_scan(self, row: Row) -> str:
+        """The name that was given, where that can be used."""
+        try:
+            return self.named(row, given=bool(row.name))
+        except InputError:
+            return self.named(row, given=False)
+
+    def named(self, row: Row, *, given: bool) -> str:
+        """The name of a row: the one that was given, or one made of its scan."""
+        name = row.name if given else _cut(row.scan.stem)
+        if given and not NAME.fullmatch(name):
+            raise InputError(
+                f"the name {name!r:.150} is no file name; use letters, digits, blanks and . _ - +, 120 at most"
+            )
+        if given and len(name.encode()) > LONGEST_NAME:
+            raise InputError(f"the name {name!r} takes {len(name.encode())} bytes; {LONGEST_NAME} fit everywhere")
+        if given and (RESERVED.match(name) or name.endswith(".")):
+            raise InputError(f"the name {name!r} is none on Windows; choose another one")
+        if not given:
+            name = next(each for each in _numbered(name) if _key(each) not in self._lines)
+        elif _key(name) in self._lines:
+            raise InputError(f"the name {name!r} is that of line {self._lines[_key(name)]}, too")
+        self._lines[_key(name)] = row.line
+        return name
+
+
+def _key(name: str) -> str:
+    # Windows and macOS take some names that differ for the same.
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
+
+
+def _cut(stem: str) -> str:
+    """A file name of the stem of a scan that every system can hold, with room for a number."""
+    name = re.sub(r"[^\w.+-]+|^\W", "_", stem)[:100]
+    name = name.encode()[: LONGEST_NAME - 10].decode(errors="ignore").rstrip(".") or "scan"
+    return f"_{name}" if RESERVED.match(name) else name
+
+
+def _numbered(name: str) -> Iterable[str]:
+    yield name
+    number = 2
+    while True:
+        yield f"{name}-{number}"
+        number += 1
+
+
+def natural_order(path: Path) -> list[tuple[int, str]]:
+    """A key that puts scan_2 before scan_10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

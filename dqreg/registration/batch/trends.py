@@ -1,0 +1,167 @@
+"""Trends over the parts of a batch: each measured value with its mean, spread, capability and control chart."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dqreg.report.control_chart import Sample, control_chart
+from dqreg.report.table import to_csv
+
+if TYPE_CHECKING:
+    from dqreg.registration.batch.line import Line
+
+# Moving range of two normal values: 1.128 sigma on average; control limits are three sigma.
+MOVING = 3.0 / 1.128
+VALUE_COLUMNS = ("row", "part", "number", "name", "kind", "nominal", "low", "high", "value", "uncertainty", "outcome",
+                 "remark")  # fmt: skip
+TREND_COLUMNS = ("number", "name", "unit", "low", "high", "parts", "mean", "spread", "smallest", "largest", "cp", "cpk",
+                 "control_low", "control_high", "pass", "undecided", "fail")  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Trend:
+    """One measured value over the parts of a batch, in the order of the manifest."""
+
+    number: int  # Its place among the values of a part, from 1
+    name: str
+    unit: str
+    # low, high: Limits of the value; NaN where there is none
+    low: float
+    high: float
+    is_zone: bool  # Whether only the upper limit can be violated
+    samples: tuple[Sample, ...]
+    unmeasured: int  # Parts on which it could not be measured
+
+    @property
+    def values(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        """The values alone."""
+        return np.array([sample.value for sample in self.samples])
+
+    @property
+    def mean(self) -> float:
+        """Mean over the parts."""
+        return float(self.values.mean()) if self.samples else math.nan
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation over the parts."""
+        return float(self.values.std(ddof=1)) if len(self.samples) > 1 else math.nan
+
+    @property
+    def control(self) -> tuple[float, float]:
+        """Limits of an individuals chart: mean and 2.66 mean moving ranges."""
+        room = MOVING * float(np.abs(np.diff(self.values)).mean()) if len(self.samples) > 1 else math.nan
+        return self.mean - room, self.mean + room
+
+    @property
+    def cp(self) -> float:
+        """Width of the tolerance in six standard deviations; NaN for a value with one limit."""
+        return _ratio(self.high - self.low, 6.0 * self.spread) if not self.is_zone else math.nan
+
+    @property
+    def cpk(self) -> float:
+        """Distance of the mean from the nearer limit in three standard deviations."""
+        gaps = [self.high - self.mean, *([] if self.is_zone else [self.mean - self.low])]
+        known = [gap for gap in gaps if math.isfinite(gap)]
+        return _ratio(min(known), 3.0 * self.spread) if known else math.nan
+
+
+def _ratio(gap: float, width: float) -> float:
+    if not (math.isfinite(gap) and math.isfinite(width)):
+        return math.nan
+    return gap / width if width > 0.0 else math.copysign(math.inf, gap)
+
+
+def trends_of(lines: Sequence[Line]) -> tuple[Trend, ...]:
+    """A trend for every value that two parts or more have in common: the same name and limits.
+
+    What is no number in a kept file is left out.
+    """
+    found: dict[tuple[Any, ...], list[tuple[int, Line, dict[str, Any]]]] = {}
+    for line, number, value in _values(lines):
+        key = (str(value["name"]), str(value["kind"]), value["low"], value["high"])
+        found.setdefault(key, []).append((number, line, value))
+    trends = [_trend(rows) for rows in found.values() if len(rows) > 1]
+    return tuple(sorted(trends, key=lambda trend: trend.number))
+
+
+def _trend(rows: list[tuple[int, Line, dict[str, Any]]]) -> Trend:
+    number, line, first = rows[0]
+    samples = tuple(
+        Sample(line.row.name, line.link, float(value["value"]), _number(value["uncertainty"]), str(value["outcome"]))
+        for _, line, value in rows
+        if value["value"] is not None
+    )
+    unit = "" if first["kind"] == "angle" or "%" in str(first["name"]) else str(line.inspection["units"] or "")  # type: ignore[index]
+    zone = first["kind"] != "deviation" and first["low"] == 0.0 and first["nominal"] == 0.0
+    missing = len(rows) - len(samples)
+    return Trend(
+        number, str(first["name"]), unit, _number(first["low"]), _number(first["high"]), zone, samples, missing
+    )
+
+
+def _values(lines: Sequence[Line]) -> Iterator[tuple[Line, int, dict[str, Any]]]:
+    for line in lines:
+        if line.inspection is not None:
+            for number, value in enumerate(line.inspection["values"], 1):
+                yield line, number, value
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def values_csv(lines: Sequence[Line]) -> str:
+    """Every value of every part as CSV, one a line."""
+    rows = (
+        (line.row.name, line.part, number, *("" if value[name] is None else value[name] for name in VALUE_COLUMNS[3:]))
+        for line, number, value in _values(lines)
+    )
+    return to_csv(VALUE_COLUMNS, rows)
+
+
+def trends_csv(trends: Sequence[Trend]) -> str:
+    """The trends as CSV, one a line."""
+    return to_csv(TREND_COLUMNS, map(_row, trends))
+
+
+def _row(trend: Trend) -> list[object]:
+    values = trend.values
+    ends = (float(values.min()), float(values.max())) if len(values) else (math.nan, math.nan)
+    counts = [sum(sample.outcome == outcome for sample in trend.samples) for outcome in ("pass", "undecided", "fail")]
+    numbers = (trend.mean, trend.spread, *ends, trend.cp, trend.cpk, *trend.control)
+    limits = ("" if math.isnan(x) else x for x in (trend.low, trend.high))
+    shown = ("" if math.isnan(x) else repr(x) for x in numbers)
+    return [trend.number, trend.name, trend.unit, *limits, len(values), *shown, *counts]
+
+
+def trends_on_page(trends: Sequence[Trend]) -> list[dict[str, Any]]:
+    """The trends for the page's template: figures as text, and a chart."""
+    from markupsafe import Markup
+
+    return [
+        {
+            "number": trend.number,
+            "name": trend.name,
+            "unit": trend.unit,
+            "parts": len(trend.samples),
+            "unmeasured": trend.unmeasured,
+            "figures": [_text(x) for x in (trend.low, trend.high, trend.mean)]
+            + [f"{x:.3g}" if math.isfinite(x) else "–" for x in (trend.spread, trend.cp, trend.cpk)],
+            "out": sum(sample.outcome == "fail" for sample in trend.samples),
+            # Of numbers and escaped words.
+            "chart": Markup(
+                control_chart(trend.name, trend.unit, trend.samples, trend.mean, trend.control, (trend.low, trend.high))
+            ),
+        }
+        for trend in trends
+    ]
+
+
+def _text(value: float) -> str:
+    return "–" if math.isnan(value) else f"{value:.6g}".replace("-", "−")

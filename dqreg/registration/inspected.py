@@ -1,0 +1,126 @@
+"""A registration inspected: its plan carried out, its tolerance decided, and both as plain values for files."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import warnings
+from collections.abc import Sequence
+from typing import Any, get_args
+
+from dqreg.errors import InputError
+from dqreg.inspection import Decision, Deviations, Inspection, Plan, decide, inspect
+from dqreg.inspection.decision import REQUIRED_SHARE, worst_of
+from dqreg.inspection.regions import Outcome
+from dqreg.registration.result import Registration
+
+# Fields of one measured value in a file.
+WORDS, NUMBERS = ("name", "kind", "outcome", "remark"), ("nominal", "low", "high", "value", "uncertainty")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Inspected:
+    """What a registered scan says of its part."""
+
+    registration: Registration  # Under the pose that the values are of: the datums' where a plan asks for them
+    deviations: Deviations  # Of the best fit
+    sheet: Inspection | None  # The plan carried out; None without one
+    decision: Decision | None  # On the tolerance; None without one
+
+    @property
+    def outcome(self) -> Outcome:
+        """The worst of the plan and the tolerance."""
+        found = [part.outcome for part in (self.sheet, self.decision) if part is not None]
+        return worst_of([str(outcome) for outcome in found])  # type: ignore[misc]
+
+    def record(self) -> dict[str, Any]:
+        """The same for a file: outcome, and every measured value with its limits."""
+        values = [] if self.sheet is None else [_of_characteristic(row) for row in self.sheet.characteristics]
+        if self.decision is not None:
+            values += _of_decision(self.decision)
+        return {"outcome": self.outcome, "units": self.registration.settings.get("target_units"), "values": values}
+
+
+def inspect_registration(
+    result: Registration,
+    plan: Plan | None = None,
+    tolerance: float | None = None,
+    *,
+    required_share: float = REQUIRED_SHARE,
+    reach: float | None = None,
+    keep: bool = False,
+    exclude: Sequence[Sequence[float]] = (),
+) -> Inspected:
+    """Measure a registered scan by a plan, against a tolerance, or both."""
+    with warnings.catch_warnings():
+        # Why there are no signs stands in the deviations.
+        warnings.simplefilter("ignore", UserWarning)
+        deviations = result.deviations(tolerance, reach=reach, keep=keep, exclude=exclude)
+    sheet = None
+    if plan is not None:
+        require_unit(plan, result.settings.get("target_units"))
+        sheet = inspect(deviations, plan)
+    decision = None if tolerance is None else decide(deviations, tolerance, required_share)
+    return Inspected(aligned_to(result, sheet), deviations, sheet, decision)
+
+
+def require_unit(plan: Plan, unit: str | None) -> None:
+    """`InputError` where a plan is written in another unit than its part."""
+    if plan.units is not None and unit is not None and plan.units != unit:
+        raise InputError(
+            f"the plan is in {plan.units} and the part in {unit}: write the plan in {unit}, or name the part's unit "
+            "with --target-units if its file is wrong"
+        )
+
+
+def aligned_to(result: Registration, sheet: Inspection | None) -> Registration:
+    """The registration under the pose of the datums; unchanged for the best fit."""
+    if sheet is None or sheet.alignment is None:
+        return result
+    return dataclasses.replace(result, T_target_source=sheet.alignment.T_target_source @ result.T_target_source)
+
+
+def require_record(record: Any) -> None:
+    """Raise `ValueError`, `KeyError` or `TypeError` unless a value from a file is what `Inspected.record` writes."""
+    if record["outcome"] not in get_args(Outcome):
+        raise ValueError("no outcome")
+    for row in record["values"]:
+        if not all(row[name] is None or isinstance(row[name], int | float) for name in NUMBERS):
+            raise TypeError("no number")
+        if not all(isinstance(row[name], str) for name in WORDS):
+            raise TypeError("no word")
+
+
+def _of_characteristic(row: Any) -> dict[str, Any]:
+    return {name: _plain(getattr(row, name)) for name in (*WORDS, *NUMBERS)}
+
+
+def _of_decision(found: Decision) -> list[dict[str, Any]]:
+    """Share, and the median of each region: what a trend over many parts shows."""
+    rows = [
+        _value(
+            "points within the tolerance, %", 100.0 * found.share_within, found.share, low=100.0 * found.required_share
+        )
+    ]
+    limit = found.tolerance
+    for region in sorted(found.regions, key=lambda region: region.number):
+        name = f"median deviation of face {region.number}, {region.name}"
+        outcome = region.outcome or "undecided"
+        rows.append(_value(name, region.median, outcome, low=-limit, high=limit, uncertainty=found.uncertainty))
+    return rows
+
+
+def _value(name: str, value: float, outcome: Outcome, *, low: float = math.nan, high: float = math.nan,
+           uncertainty: float = math.nan) -> dict[str, Any]:  # fmt: skip
+    found = {"nominal": math.nan, "low": low, "high": high, "value": value, "uncertainty": uncertainty}
+    return {
+        "name": name,
+        "kind": "deviation",
+        **{k: _plain(v) for k, v in found.items()},
+        "outcome": outcome,
+        "remark": "",
+    }
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value

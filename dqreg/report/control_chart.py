@@ -1,0 +1,85 @@
+"""The control chart of a value over many parts as SVG: each point is a link to its part."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from html import escape
+from urllib.parse import quote
+
+from dqreg.report.charts import LEFT, Axes, ticks
+from dqreg.report.table import short_number
+
+SIZE = (760, 210)
+
+
+@dataclasses.dataclass(frozen=True)
+class Sample:
+    """A value of one part."""
+
+    name: str  # Of the part
+    link: str  # Path of its page, from the chart's page
+    value: float
+    uncertainty: float  # Expanded; NaN where not known
+    outcome: str
+
+
+def control_chart(
+    name: str,
+    unit: str,
+    samples: Sequence[Sample],
+    mean: float,
+    control: tuple[float, float],
+    limits: tuple[float, float],
+) -> str:
+    """Values in their order, with uncertainties, mean, control limits and tolerance limits."""
+    lines = [("mid", mean, "mean"), *(("control", x, "control limit") for x in control)]
+    lines += [("tolerance", x, "tolerance") for x in limits]
+    lines = [line for line in lines if math.isfinite(line[1])]
+    ends = [
+        s.value + sign * (s.uncertainty if math.isfinite(s.uncertainty) else 0.0) for s in samples for sign in (-1, 1)
+    ]
+    low, high = min([*ends, *(x for _, x, _ in lines)]), max([*ends, *(x for _, x, _ in lines)])
+    room = 0.06 * (high - low) or 0.5
+    axes = Axes((0.0, len(samples) + 1.0), (low - room, high + room), SIZE)
+    body = [_grid(axes), *(_line(axes, *line) for line in lines)]
+    path = " ".join(f"{axes.across(k + 1.0):.1f},{axes.down(s.value):.1f}" for k, s in enumerate(samples))
+    body.append(f'<polyline class="run" points="{path}"/>')
+    body += [_dot(axes, k + 1, sample, unit) for k, sample in enumerate(samples)]
+    title = escape(f"{name} over the parts")
+    return (
+        f'<svg class="chart control" viewBox="0 0 {SIZE[0]} {SIZE[1]}" role="img" aria-label="{title}">'
+        f"<title>{title}</title>{''.join(body)}</svg>"
+    )
+
+
+def _grid(axes: Axes) -> str:
+    parts = []
+    for value in ticks(*axes.y, about=4):
+        y = axes.down(value)
+        text = short_number(value, ".6g").replace("-", "−")
+        parts.append(f'<line class="grid" x1="{LEFT}" x2="{axes.end}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts.append(f'<text class="end" x="{LEFT - 7}" y="{y + 4:.1f}">{text}</text>')
+    parts.append(
+        f'<text class="mid" x="{(LEFT + axes.end) / 2:.0f}" y="{axes.base + 24}">parts, as in the manifest</text>'
+    )
+    return "".join(parts)
+
+
+def _line(axes: Axes, kind: str, value: float, words: str) -> str:
+    y = f"{axes.down(value):.1f}"
+    title = f"<title>{words} {value:.6g}</title>"
+    return f'<line class="{kind}" x1="{LEFT}" x2="{axes.end}" y1="{y}" y2="{y}">{title}</line>'
+
+
+def _dot(axes: Axes, place: int, sample: Sample, unit: str) -> str:
+    x, y = axes.across(float(place)), axes.down(sample.value)
+    bar, room = "", ""
+    if math.isfinite(sample.uncertainty):
+        ends = [axes.down(sample.value + sign * sample.uncertainty) for sign in (-1.0, 1.0)]
+        bar = f'<line class="bar" x1="{x:.1f}" x2="{x:.1f}" y1="{ends[0]:.1f}" y2="{ends[1]:.1f}"/>'
+        room = f" ± {sample.uncertainty:.2g}"
+    words = escape(f"{sample.name}: {sample.value:.6g}{room} {unit}".rstrip() + f", {sample.outcome}")
+    dot = f'<circle class="{escape(sample.outcome)}" cx="{x:.1f}" cy="{y:.1f}" r="4"><title>{words}</title></circle>'
+    return f'{bar}<a href="{escape(quote(sample.link))}">{dot}</a>'

@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dqreg.registration.batch.asked import Asked
+from dqreg.registration.batch.line import line_of
+from dqreg.registration.batch.row import Row, RowResult
+from dqreg.registration.batch.summary import to_html
+from dqreg.registration.batch.trends import Trend, trends_csv, trends_of, values_csv
+from dqreg.registration.inspected import require_record
+from dqreg.report.control_chart import Sample
+
+VALUES = (10.01, 10.02, 10.00, 10.03)
+
+
+def line(number: int, value: float | None, **changes):
+    record = {
+        "verdict": {"level": "accepted", "reasons": []},
+        "rms": 0.1,
+        "inlier_fraction": 0.5,
+        "T_target_source": np.eye(4).tolist(),
+        "dual_quaternion": {"real": [1.0, 0.0, 0.0, 0.0], "dual": [0.0, 0.0, 0.0, 0.0]},
+        "batch": {"seconds": 2.5},
+    }
+    row = {"name": "width <b>", "kind": "distance", "nominal": 10.0, "low": 9.9, "high": 10.1, "value": value,
+           "uncertainty": 0.01, "outcome": "pass", "remark": "" if value else "not scanned", **changes}  # fmt: skip
+    record["batch"]["inspection"] = {"outcome": "pass", "units": "mm", "values": [row]}
+    asked = Asked(plan=Path("p.toml"), report=True)
+    return line_of(Row(f"part {number}", Path("s.ply"), Path("p.stl"), asked=asked), RowResult("ran", "", record))
+
+
+LINES = [line(k, value) for k, value in enumerate((*VALUES, None))]
+
+
+def test_figures_are_those_of_the_textbook() -> None:
+    (trend,) = trends_of(LINES)
+    mean, spread = np.mean(VALUES), np.std(VALUES, ddof=1)
+    assert (trend.mean, trend.spread) == pytest.approx((mean, spread))
+    assert trend.cp == pytest.approx(0.2 / (6 * spread))
+    assert trend.cpk == pytest.approx((10.1 - mean) / (3 * spread))
+    # Individuals chart: mean +- 2.66 mean moving ranges of 0.01, 0.02, 0.03.
+    assert trend.control == pytest.approx((mean - 2.66 * 0.02, mean + 2.66 * 0.02), rel=1e-4)
+    assert trend.unmeasured == 1
+
+
+def test_a_zone_has_one_limit_and_equal_values_no_spread() -> None:
+    (zone,) = trends_of([line(k, 0.02, kind="position", nominal=0.0, low=0.0, high=0.1) for k in range(3)])
+    assert math.isnan(zone.cp)
+    assert zone.cpk == math.inf
+    alone = dataclasses.replace(zone, samples=zone.samples[:1])
+    assert math.isnan(alone.spread)
+    assert math.isnan(alone.cpk)
+
+
+def test_values_with_other_limits_are_another_trend() -> None:
+    assert len(trends_of([*LINES, line(7, 1.0, high=11.0), line(8, 1.0, high=11.0), line(9, 1.0, high=12.0)])) == 2
+
+
+def test_files_and_page_hold_every_value_and_lead_to_its_part() -> None:
+    rows = list(csv.DictReader(io.StringIO(values_csv(LINES))))
+    assert [row["value"] for row in rows] == [*map(str, VALUES), ""]
+    (trend,) = csv.DictReader(io.StringIO(trends_csv(trends_of(LINES))))
+    assert (float(trend["mean"]), trend["parts"], trend["pass"]) == (pytest.approx(np.mean(VALUES)), "4", "4")
+    page = to_html("t", LINES)
+    assert page.count('<a href="reports/part%201.html">') == 2
+    assert "width <b>" not in page
+
+
+def test_a_changed_file_is_no_record() -> None:
+    good = LINES[0].inspection
+    require_record(good)
+    for name, value in (("value", "x"), ("name", 3), ("outcome", None)):
+        bad = {**good, "values": [{**good["values"][0], name: value}]}
+        with pytest.raises((TypeError, ValueError, KeyError)):
+            require_record(bad)
+    with pytest.raises(ValueError, match="no outcome"):
+        require_record({**good, "outcome": "fine"})
+
+
+def test_a_trend_of_nothing_is_nan() -> None:
+    assert math.isnan(Trend(1, "a", "", math.nan, math.nan, False, (), 2).mean)
+    assert math.isnan(Trend(1, "a", "", math.nan, math.nan, False, (Sample("a", "", 1.0, 1.0, "pass"),) * 2, 0).cpk)
