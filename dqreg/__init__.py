@@ -16,10 +16,15 @@ import importlib
 # Every type checker takes this name for true; `typing` itself is a third of what this file costs.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from dqreg import compare as compare
+    from dqreg import compat as compat
     from dqreg import errors as errors
     from dqreg import files as files
     from dqreg import geometry as geometry
     from dqreg import inspection as inspection
+    from dqreg import multiway as multiway
+    from dqreg import odometry as odometry
+    from dqreg import registration as registration
     from dqreg import rigid as rigid
     from dqreg import solvers as solvers
     from dqreg import synth as synth
@@ -63,7 +68,21 @@ __all__ = [
 __version__ = "0.1.0"
 
 # Rooms that `import dqreg` alone makes reachable.
-_ROOMS = ("errors", "files", "geometry", "inspection", "rigid", "solvers", "synth", "trust")
+_ROOMS = (
+    "compare",
+    "compat",
+    "errors",
+    "files",
+    "geometry",
+    "inspection",
+    "multiway",
+    "odometry",
+    "registration",
+    "rigid",
+    "solvers",
+    "synth",
+    "trust",
+)
 # Where each public name lives. It is imported at its first use: SciPy takes a third of a second.
 _HOMES = {
     "DegenerateGeometryError": "dqreg.errors",
@@ -97,11 +116,19 @@ if not TYPE_CHECKING:
         if name in _ROOMS:
             return importlib.import_module(f"{__name__}.{name}")
         if name not in _HOMES:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}{_hint(name)}")
         found = getattr(importlib.import_module(_HOMES[name]), name)
         globals()[name] = found
         return found
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__, *_ROOMS})
+    # What this file itself needs is no name of the package.
+    return sorted({*__all__, *_ROOMS, *(name for name in globals() if name.startswith("__"))})
+
+
+def _hint(name: str) -> str:
+    import difflib
+
+    near = difflib.get_close_matches(name, () if name.startswith("__") else (*__all__, *_ROOMS), n=2)
+    return f"; did you mean {' or '.join(near)}?" if near else ""

@@ -85,6 +85,16 @@ def test_register_stays_the_function_when_its_module_is_imported():
 def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="nonsense"):
         dqreg.nonsense  # noqa: B018
+    with pytest.raises(AttributeError, match="did you mean register"):
+        dqreg.registr  # noqa: B018
+
+
+def test_rooms_are_reachable_and_listed_and_nothing_else_is():
+    for room in dqreg._ROOMS:
+        assert getattr(dqreg, room) is sys.modules[f"dqreg.{room}"]
+    public = {name for name in dir(dqreg) if not name.startswith("__")}
+    assert public == {*dqreg.__all__, *dqreg._ROOMS}
+    assert {"odometry", "compat", "multiway"} <= public
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, require_workable
+from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, one_line, require_workable
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.depth import depth_points
@@ -50,6 +50,7 @@ class PointCloud:
     (2, 1)
     """
 
+    __repr__ = one_line
     points: FloatArray
     normals: FloatArray | None = None
     viewpoint: FloatArray | None = None

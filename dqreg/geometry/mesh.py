@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, as_vectors, require_workable
+from dqreg._arrays import FloatArray, IntArray, as_vectors, one_line, require_workable
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.boundary import MeshBoundary
@@ -47,6 +47,7 @@ class Mesh:
     ([[0.0, 0.0, 1.0]], 2.8284271247461903)
     """
 
+    __repr__ = one_line
     vertices: FloatArray
     faces: IntArray
     units: str | None = None

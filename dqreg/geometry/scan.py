@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
+from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, one_line
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.morton import distinct_in_order
@@ -54,6 +54,7 @@ class Scan:
         Within-face scatter: sum of the squared distances of those points from their mean, along the normal.
     """
 
+    __repr__ = one_line
     points: FloatArray
     normals: FloatArray
     levers: FloatArray

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray, one_line
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
@@ -63,6 +63,7 @@ class Deviations:
     and have no value here; ``settings["source_dropped"]`` of the registration counts them.
     """
 
+    __repr__ = one_line
     values: FloatArray
     points: FloatArray
     closest: FloatArray

@@ -20,6 +20,7 @@ from dqreg.multiway.refine import refined
 from dqreg.multiway.result import Multiway, assembled
 from dqreg.multiway.scans import read_views, typical_size, typical_spacing
 from dqreg.multiway.starts import read_starts
+from dqreg.registration.log import log_verdict
 from dqreg.registration.options import EFFORTS, Effort
 from dqreg.registration.target import Target, prepare_target
 
@@ -141,7 +142,9 @@ def register_many(
         "floor": floor,
     }
     overlap = overlap_matrix(views, joint.T_world_scan, size)
-    return assembled(views, belief, joint, overlap, settings, seconds, runner.stopped)
+    result = assembled(views, belief, joint, overlap, settings, seconds, runner.stopped)
+    log_verdict(result.verdict, f"{len(views)} scans into one frame", time.monotonic() - began)
+    return result
 
 
 def _check(effort: Any, seed: Any, time_limit: Any, observe: Any) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, one_line
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.geometry import PointCloud
@@ -78,6 +78,7 @@ class Multiway:
         The scans themselves, for `merged` and the report; not saved.
     """
 
+    __repr__ = one_line
     T_world_scan: FloatArray
     verdict: Verdict
     edges: tuple[Edge, ...]

@@ -22,6 +22,7 @@ from dqreg.odometry.map_surface import MapSurface, surface_within
 from dqreg.odometry.rivals import Placed, placed
 from dqreg.odometry.settings import OdometryOptions, OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
+from dqreg.registration.log import logged
 from dqreg.registration.result import Registration
 from dqreg.rigid import Trajectory, pose
 from dqreg.trust.doubts import fraction_fits
@@ -157,7 +158,8 @@ class Odometry:
             result = dataclasses.replace(result, verdict=result.verdict.doubted(doubt))
         self._poses.append(result.T_target_source)
         self._stamps.append(stamp)
-        return dataclasses.replace(result, timings={"total": clock.perf_counter() - began})
+        result = dataclasses.replace(result, timings={"total": clock.perf_counter() - began})
+        return logged(result, f"frame {len(self._poses)}")
 
     def _time_ratio(self, stamp: float | None) -> tuple[float, Reason | None]:
         """Time since the last trusted frame over that of the last motion, and what is wrong with the stamp."""

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import renamed
 from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Stopwatch
+from dqreg.registration.log import logged
 from dqreg.registration.options import CONVERGENCE, Clutter, Effort, Method, Options, Search, Units
 from dqreg.registration.pipeline import align
 from dqreg.registration.problem import Problem
@@ -164,5 +165,5 @@ def register(
         keep_inputs=keep_inputs,
     )
     if options.solves_scale:
-        return align_with_scale(source, target, start, options)
-    return align(Problem.of(source, target, start, options, watch))
+        return logged(align_with_scale(source, target, start, options))
+    return logged(align(Problem.of(source, target, start, options, watch)))

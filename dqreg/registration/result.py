@@ -87,6 +87,14 @@ class Registration(UncertainPose):
             for name, value in as_failed(vars(self), violated).items():
                 object.__setattr__(self, name, value)
 
+    def __repr__(self) -> str:
+        place = ", ".join(f"{value:.4g}" for value in self.T_target_source[:3, 3])
+        facts = [self.verdict.level, f"translation=({place})", f"rms={self.rms:.4g}"]
+        facts += [f"inlier_fraction={self.inlier_fraction:.3g}", f"{len(self.history)} iterations"]
+        if "total" in self.timings:
+            facts.append(f"{self.timings['total']:.3g} s")
+        return f"Registration({', '.join(facts)}: {'; '.join(self.verdict.reasons[:1])})"
+
     def attached(self, source: Any, target: Any) -> Registration:
         """The same result with both sides at hand again, as after `load`.
 

@@ -34,6 +34,9 @@ class Target:
     indexed: TargetIndex
     seconds: float = dataclasses.field(default=0.0, compare=False)
 
+    def __repr__(self) -> str:
+        return f"Target({self.indexed.name}, a {self.indexed.kind}, diagonal={self.indexed.surface.diagonal:.4g})"
+
     @property
     def pairs(self) -> PairTable:
         """Pairs of oriented points that the global search looks up; built when first needed."""

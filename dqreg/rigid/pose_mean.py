@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_float, require_finite
+from dqreg._arrays import FloatArray, as_float, one_line, require_finite
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.rigid._matrices import from_matrix, to_matrix
 from dqreg.rigid._mean import mean as mean_rotation
@@ -46,6 +46,9 @@ class PoseMean(NamedTuple):
     T_target_source: FloatArray
     covariance: FloatArray
     scatter: FloatArray
+
+    def __repr__(self) -> str:
+        return one_line(self)
 
 
 def mean(T: ArrayLike, weights: ArrayLike | None = None, *, covariances: ArrayLike | None = None) -> PoseMean:

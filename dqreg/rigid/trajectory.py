@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, IntArray, as_float, require_finite
+from dqreg._arrays import FloatArray, IntArray, as_float, one_line, require_finite
 from dqreg.errors import InputError
 from dqreg.rigid import pose
 from dqreg.rigid._operands import as_rigid_poses
@@ -48,6 +48,7 @@ class Trajectory:
     [0.2, 1.0]
     """
 
+    __repr__ = one_line
     times: FloatArray
     poses: FloatArray
 

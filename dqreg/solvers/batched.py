@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dqreg._arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray, one_line
 from dqreg.errors import InputError
 from dqreg.kernels.threads import as_plain
 from dqreg.solvers.batched_input import FeatureSet, Sides, read_features
@@ -38,6 +38,7 @@ class Fits:
         Sums that `covariance` follows from.
     """
 
+    __repr__ = one_line
     T_target_source: FloatArray
     cost: FloatArray
     rms: FloatArray

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_float, as_pose, require_finite
+from dqreg._arrays import FloatArray, as_float, as_pose, one_line, require_finite
 from dqreg.errors import InputError
 from dqreg.rigid import quaternion
 from dqreg.solvers.dof_chart import Flags, FrameMotion, compose, relative, tangent
@@ -49,6 +49,7 @@ class Freedom:
     4
     """
 
+    __repr__ = one_line
     turns: Flags
     shifts: Flags
     frame: FloatArray

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, one_line
 from dqreg.solvers.status import Status
 from dqreg.solvers.uncertainty import Uncertainty
 
@@ -42,6 +42,7 @@ class Fit:
     [1.0, 0.0, 0.0, 0.0]
     """
 
+    __repr__ = one_line
     T_target_source: FloatArray
     cost: float
     rms: float

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, IntArray, as_float, require_finite
+from dqreg._arrays import FloatArray, IntArray, as_float, one_line, require_finite
 from dqreg.errors import InputError
 from dqreg.rigid import pose, quaternion
 from dqreg.rigid._operands import as_rigid_poses
@@ -55,6 +55,7 @@ class HandEyeFit:
     [0.0, 0.0, 0.0, 1.0]
     """
 
+    __repr__ = one_line
     X: FloatArray
     covariance: FloatArray
     rotation_residuals: FloatArray
@@ -74,6 +75,7 @@ class RobotWorldFit(HandEyeFit):
         (12, 12), of the left increments of X and of Y, each about its own origin.
     """
 
+    __repr__ = one_line
     Y: FloatArray
 
 

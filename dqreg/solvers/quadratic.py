@@ -26,7 +26,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, one_line
 from dqreg.rigid import pose
 from dqreg.solvers.moments import Moments, scaled
 
@@ -45,6 +45,8 @@ class QuadraticForm:
     origin_target: FloatArray
     # Sums over the features where all are points and directions: of narrow ones they hold more digits than the matrix
     moments: Moments | None = None
+
+    __repr__ = one_line
 
     def __add__(self, other: QuadraticForm) -> QuadraticForm:
         # The origin of directions means nothing; elsewhere the stiffer part has more to lose.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_float, as_weights
+from dqreg._arrays import FloatArray, as_float, as_weights, one_line
 from dqreg.errors import InputError
 from dqreg.rigid import quaternion
 from dqreg.solvers.closed_form import best_rotation
@@ -41,6 +41,7 @@ class RotationFit:
     [1.0, 0.0, 0.0, 0.0]
     """
 
+    __repr__ = one_line
     R_target_source: FloatArray
     cost: float
     eigenvalue_gap: float

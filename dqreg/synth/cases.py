@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_pose
+from dqreg._arrays import FloatArray, as_pose, one_line
 from dqreg.errors import InputError
 from dqreg.files.untrusted import read_record
 from dqreg.synth.case_contents import PART, RECIPE, SCAN, TRUTH, case_contents
@@ -53,6 +53,7 @@ class Case:
         All of ``truth.json``.
     """
 
+    __repr__ = one_line
     folder: Path
     scan: Path
     part: Path

@@ -102,7 +102,9 @@ class Verdict:
 
     level: Level  # What to do with the pose: use it, look at it, throw it away
     reasons: tuple[Reason, ...]  # Sentences, the weightiest first; each has a `code`
-    checks: tuple[Check, ...] = ()  # Every question with its figure; none where nothing was found, or of a file of old
+    checks: tuple[Check, ...] = dataclasses.field(
+        default=(), repr=False
+    )  # Every question with its figure; none where nothing was found, or of a file of old
     # Probability that the pose is right, see `dqreg.trust.confidence`; NaN where it is not known
     confidence: float = dataclasses.field(default=math.nan, compare=False)
 
