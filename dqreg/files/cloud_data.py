@@ -38,7 +38,7 @@ class CloudData:
 
 @dataclasses.dataclass(frozen=True)
 class TimedCloudData(CloudData):
-    """A cloud of a PLY or PCD file with a column for the time of each point."""
+    """A cloud of a file with a column for the time of each point."""
 
     times: FloatArray | None = None  # (n,): As in the file
 
@@ -49,6 +49,7 @@ def make_cloud(
     normals: FloatArray | None = None,
     viewpoint: FloatArray | None = None,
     times: FloatArray | None = None,
+    units: str | None = None,
 ) -> CloudData:
     """Cloud of a file, without the rows that are not usable.
 
@@ -70,6 +71,7 @@ def make_cloud(
         points=np.ascontiguousarray(points, dtype=np.float64),
         normals=None if normals is None else np.ascontiguousarray(normals, dtype=np.float64),
         viewpoint=viewpoint,
+        units=units,
         dropped=int(len(keep) - np.count_nonzero(keep)),
     )
     return cloud if times is None else TimedCloudData(**vars(cloud), times=times)

@@ -12,6 +12,9 @@ from pathlib import Path
 
 from dqreg.errors import did_you_mean
 from dqreg.files.cloud_data import CloudData
+from dqreg.files.e57 import read_e57
+from dqreg.files.kitti import read_kitti
+from dqreg.files.las import read_las
 from dqreg.files.mesh_data import MeshData
 from dqreg.files.meshes import read_mesh_file
 from dqreg.files.numpy_files import read_npy, read_npz
@@ -20,7 +23,7 @@ from dqreg.files.off import read_off
 from dqreg.files.pcd import read_pcd
 from dqreg.files.ply import read_ply
 from dqreg.files.step import read_step
-from dqreg.files.tables import read_table
+from dqreg.files.tables import read_pts, read_table
 from dqreg.files.threemf import read_3mf
 from dqreg.files.untrusted import require_own_kind, require_readable, unreadable
 
@@ -41,14 +44,19 @@ READERS: dict[str, Callable[[Path], CloudData | MeshData]] = {
     ".3mf": read_3mf,
     ".step": read_step,
     ".stp": read_step,
+    ".las": read_las,
+    ".laz": read_las,
+    ".e57": read_e57,
+    ".bin": read_kitti,
+    ".pts": read_pts,
 }
 
-_EXACT = "exact CAD surfaces; export the part as STL, PLY or OBJ from the CAD program"
-_SCAN = "a scanner's format; export the scan as PLY, for example with CloudCompare"
+_EXACT = "exact CAD surfaces; export the part as STEP (read with dqreg[step]), STL, PLY or OBJ from the CAD program"
+_SCAN = "a scanner's format; export the scan as E57 (read with dqreg[scans]) or PLY, for example with CloudCompare"
 # Formats that users do have, and what to do about them.
 FOREIGN = {
     **dict.fromkeys((".iges", ".igs", ".brep", ".x_t", ".sldprt", ".ipt", ".3dm"), _EXACT),
-    **dict.fromkeys((".las", ".laz", ".e57", ".pts", ".ptx", ".bin"), _SCAN),
+    **dict.fromkeys((".ptx", ".fls", ".rcp", ".zfs"), _SCAN),
 }
 
 

@@ -1,4 +1,4 @@
-"""Tables of coordinates as text: XYZ, XYZN, TXT and CSV, with or without a line of column names."""
+"""Tables of coordinates as text: XYZ, XYZN, TXT and CSV, with or without a line of column names, and PTS."""
 
 from __future__ import annotations
 
@@ -200,3 +200,23 @@ def _tidy(lines: Iterable[str], delimiter: str | None) -> Iterator[str]:
             continue
         row = line.replace(",", ".") if delimiter == ";" else line
         yield gap.sub(r"\1nan", row) if gap.search(row) else row
+
+
+def read_pts(path: Path) -> CloudData:
+    """Cloud of a PTS file: blocks of a count and as many rows x y z, perhaps with intensity and colour."""
+    lines = [line for line in map(str.strip, read_text(path).splitlines()) if line]
+    blocks, at = [], 0
+    while at < len(lines):
+        if not lines[at].isascii() or not lines[at].isdigit():
+            raise unreadable(path, f"the line {lines[at][:60]!r}", "a number of points above its rows")
+        count = int(lines[at][:20])
+        rows = lines[at + 1 : at + 1 + count]
+        if len(rows) < count:
+            raise unreadable(path, f"{len(rows)} rows under the number {count}", "as many; was the file cut short?")
+        if count:
+            table = parse_rows(path, rows)
+            if table.shape[1] not in (3, 4, 6, 7):
+                raise unreadable(path, f"rows of {table.shape[1]} numbers", "x y z, with intensity, colour or both")
+            blocks.append(table[:, :3])
+        at += 1 + count
+    return make_cloud(path, np.concatenate(blocks) if blocks else np.zeros((0, 3)))

@@ -25,8 +25,8 @@ SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
     (b"\x89PNG", "a PNG image", ()),
     (b"%PDF", "a PDF document", ()),
     (b"\x1f\x8b", "a gzip archive (unpack it first)", ()),
-    (b"LASF", "a LAS or LAZ scan", ()),
-    (b"ASTM-E57", "an E57 scan", ()),
+    (b"LASF", "a LAS or LAZ scan", (".las", ".laz")),
+    (b"ASTM-E57", "an E57 scan", (".e57",)),
     (b"version https://git-lfs", "a Git LFS pointer (fetch the file itself with: git lfs pull)", ()),
     (b"<!DOCTYPE html", "a web page", ()),
     (b"<!doctype html", "a web page", ()),
@@ -115,6 +115,14 @@ def max_faces(path: Path) -> int:
     """Triangles that a scene of this file size may hold."""
     # The densest files, zipped 3MF, have a triangle in five bytes.
     return max(ALLOWED, path.stat().st_size // 2)
+
+
+def require_proportion(path: Path, count: int, size: int) -> None:
+    """Raise if a file promises more points, of so many bytes each, than it can hold."""
+    held = path.stat().st_size
+    if not 0 <= count * size <= max(ALLOWED, MAX_COMPRESSION * held):
+        found = f"{held} bytes that promise {count} points"
+        raise unreadable(path, found, f"at most {MAX_COMPRESSION} times as many bytes")
 
 
 def require_safe_archive(path: Path) -> None:

@@ -17,13 +17,14 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.files import read_cloud
 from dqreg.files.cloud_data import TimedCloudData
+from dqreg.files.kitti import kitti_rows
 from dqreg.files.numpy_files import numbers, read_arrays
 from dqreg.files.tables import TIME_NAMES
 from dqreg.files.untrusted import require_readable, unreadable
 from dqreg.odometry.kiss import load_kiss
 
 # What a frame may be in a folder of them; text files beside the scans are poses and times.
-KINDS = (".bin", ".csv", ".npy", ".npz", ".pcd", ".ply", ".xyz")
+KINDS = (".bin", ".csv", ".e57", ".las", ".laz", ".npy", ".npz", ".pcd", ".ply", ".pts", ".xyz")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,14 +113,7 @@ def _from_folder(folder: Path) -> Scans:
 def _read_file(file: Path) -> FrameData:
     kind = file.suffix.lower()
     if kind == ".bin":
-        raw = require_readable(file).read_bytes()
-        if len(raw) % 16:
-            raise InputError(
-                f"{file} has {len(raw)} bytes; KITTI's frames are four float32 (x, y, z, intensity) a point"
-            )
-        # The cast of a signalling NaN warns; as any NaN it is dropped and counted later.
-        with np.errstate(invalid="ignore"):
-            return FrameData(np.frombuffer(raw, dtype="<f4").reshape(-1, 4)[:, :3].astype(np.float64))
+        return FrameData(kitti_rows(file))
     if kind == ".npz":
         arrays = read_arrays(require_readable(file), ("points", *TIME_NAMES))
         points = numbers(file, arrays["points"], "points", (None, 3))

@@ -59,12 +59,12 @@ def test_a_path_that_cannot_be_is_refused(path: str) -> None:
     ("name", "message"),
     [
         ("scan.plyy", r"extension '\.plyy'; expected one of .* did you mean \.ply\?"),
-        ("scan.xlsx", r"extension '\.xlsx'; expected one of \.3mf \.csv"),
+        ("scan.xlsx", r"extension '\.xlsx'; expected one of \.3mf \.bin \.csv"),
         ("scan", "a name without extension"),
-        ("part.x_t", "exact CAD surfaces; .* export the part as STL"),
+        ("part.x_t", "exact CAD surfaces; .* export the part as STEP"),
         ("part.igs", "exact CAD surfaces"),
-        ("scan.laz", "a scanner's format; .* export the scan as PLY"),
-        ("scan.e57", "a scanner's format"),
+        ("scan.ptx", r"a scanner's format; .* export the scan as E57 \(read with dqreg\[scans\]\) or PLY"),
+        ("scan.fls", "a scanner's format"),
     ],
 )
 def test_an_unknown_kind_lists_the_known_ones(tmp_path: Path, name: str, message: str) -> None:

@@ -65,6 +65,22 @@ def gltf(change: Callable[[dict[str, Any]], object]) -> bytes:
     return glb(tree, content)
 
 
+def e57_header(text: bytes = b"<e57Root/>", start: int = 48, page: int = 1024) -> bytes:
+    """E57 with a header of one's own, and a description behind it."""
+    head = b"ASTM-E57" + struct.pack("<IIQQQQ", 1, 0, 1024, start, len(text), page)
+    return (head + text).ljust(1024, b"\0")
+
+
+def las_header(points: int = 0, records: int = 0) -> bytes:
+    """LAS 1.4 of points in format 6, with nothing behind the header."""
+    head = bytearray(375)
+    head[:4], head[24:26] = b"LASF", b"\x01\x04"
+    struct.pack_into("<HIIBH", head, 94, 375, 375, records, 6, 30)
+    struct.pack_into("<6d", head, 131, 1e-3, 1e-3, 1e-3, 0.0, 0.0, 0.0)
+    struct.pack_into("<Q", head, 247, points)
+    return bytes(head)
+
+
 def npy_header(text: str, content: bytes = b"") -> bytes:
     """NumPy file with a header of one's own."""
     line = text.encode() + b"\n"
@@ -116,7 +132,25 @@ BAD_FILES: dict[str, tuple[str, bytes, str | None]] = {
     "no extension": ("scan", b"1 2 3\n", "extension"),
     "unknown extension": ("scan.xyzzy", b"1 2 3\n", "xyzzy"),
     "a STEP file named iges": ("part.iges", b"ISO-10303-21;", "STL"),
-    "an E57 scan": ("scan.e57", b"ASTM-E57", "PLY"),
+    "a scan of Faro": ("scan.fls", b"Faro", "E57"),
+    "e57 of its first bytes": ("scan.e57", b"ASTM-E57", "header"),
+    "e57 with pages of four bytes": ("scan.e57", e57_header(page=4), "header"),
+    "e57 with a description beyond the end": ("scan.e57", e57_header(start=10**9), "header"),
+    "e57 with entities": ("scan.e57", e57_header(b'<!DOCTYPE a [<!ENTITY b SYSTEM "secret.bin">]>'), "entities"),
+    "e57 of other bytes": ("scan.e57", b"1 2 3\n" * 200, "header"),
+    "las of its first bytes": ("scan.las", b"LASF", "header"),
+    "las of many records": ("scan.las", las_header(records=2**32 - 1), "records"),
+    "las of many points": ("scan.las", las_header(points=2**40), "promise"),
+    "las without points": ("scan.las", las_header(), "no points"),
+    "laz of other bytes": ("scan.laz", b"1 2 3\n" * 200, "header"),
+    "kitti cut short": ("a.bin", bytes(30), "16 bytes"),
+    "kitti of other numbers": ("a.bin", bytes(range(64, 112)), "coordinates up to"),
+    "kitti of NaN": ("a.bin", b"\xff" * 32, "NaN"),
+    "pts without a count": ("a.pts", b"0 0 0\n1 0 0\n", "number of points"),
+    "pts of a million million": ("a.pts", b"1000000000000\n0 0 0\n", "1 rows"),
+    "pts of an absurd count": ("a.pts", b"9" * 5000 + b"\n0 0 0\n", "1 rows"),
+    "pts of two columns": ("a.pts", b"2\n0 0\n1 0\n", "2 numbers"),
+    "pts of no block": ("a.pts", b"0\n0\n", "no points"),
     "ply named stl": ("a.stl", GOOD["ply mesh little"][1], "PLY file"),
     "stl named ply": ("a.ply", GOOD["stl binary"][1], "begins with"),
     "npz named npy": ("a.npy", GOOD["npz"][1], "zip archive"),

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import json
 import struct
+import tempfile
 import zipfile
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import trimesh
 
 from dqreg.synth.parts import box
 
+UTM = np.array([500_000.0, 5_400_000.0, 100.0])
 VERTICES, FACES = box((3.0, 2.0, 1.0))
 POINTS = np.random.default_rng(0).uniform(-1.0, 1.0, (12, 3)).astype(np.float32)
 NORMALS = POINTS / np.linalg.norm(POINTS, axis=1, keepdims=True)
@@ -153,4 +157,45 @@ def good_files() -> dict[str, tuple[str, bytes]]:
         "obj": (".obj", obj),
         "glb": (".glb", glb(*gltf_tree())),
         "3mf": (".3mf", model(body(), '<item objectid="1"/>')),
+        "kitti": (".bin", np.hstack([POINTS, np.ones((12, 1))]).astype("<f4").tobytes()),
+        "pts": (".pts", b"12\n" + text_of(POINTS, np.full((12, 1), -5)).encode()),
+        **_from_extras(),
     }
+
+
+def _from_extras() -> dict[str, tuple[str, bytes]]:
+    """Files that only an optional package can write."""
+    made = {}
+    if importlib.util.find_spec("laspy") is not None:
+        made["las"] = (".las", las(".las"))
+    if importlib.util.find_spec("pye57") is not None:
+        made["e57"] = (".e57", e57())
+    return made
+
+
+def las(extension: str) -> bytes:
+    """LAS or LAZ in UTM."""
+    import laspy
+
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales, header.offsets = [1e-3] * 3, UTM
+    made = laspy.LasData(header)
+    made.xyz, made.gps_time = POINTS + UTM, np.arange(float(len(POINTS)))
+    stream = io.BytesIO()
+    made.write(stream, do_compress=extension == ".laz")
+    return stream.getvalue()
+
+
+def e57(translation: tuple[float, float, float] = (1.0, 2.0, 3.0), copies: int = 1) -> bytes:
+    """E57 of one setup or several, turned by a third of a circle about the diagonal."""
+    import pye57
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.e57"
+        made = pye57.E57(str(path), mode="w")
+        columns = {f"cartesian{axis}": rows.astype(np.float64) for axis, rows in zip("XYZ", POINTS.T, strict=True)}
+        for number in range(copies):
+            place = np.array(translation) + number * np.array([0.0, 0.0, 5.0])
+            made.write_scan_raw(columns, translation=place, rotation=np.full(4, 0.5))
+        made.close()
+        return path.read_bytes()

@@ -96,7 +96,7 @@ def test_a_file_cut_anywhere_is_refused_or_sound(name: str, tmp_path: Path) -> N
             refused += 1
     # Text tables have no count of their rows, and the last digit of a last row is not missed.
     assert whole == 0 or name in ("xyz", "xyzn", "csv", "obj", "off", "stl text", "ply cloud text", "ply mesh text",
-                                  "pcd text")  # fmt: skip
+                                  "pcd text", "kitti", "pts")  # fmt: skip
     assert refused > 0
 
 
@@ -168,7 +168,7 @@ def test_what_is_no_path_is_refused_by_name(path: Any) -> None:
 CORPUS = sorted(Path(__file__).with_name("corpus").iterdir())
 # The formats that the first byte of a corpus file chooses from, as `fuzz_readers` counts them.
 SUFFIXES = [".ply", ".pcd", ".xyz", ".xyzn", ".csv", ".npy", ".npz", ".stl", ".off", ".obj", ".glb", ".gltf", ".3mf",
-            ".json"]  # fmt: skip
+            ".json", ".las", ".e57", ".bin", ".pts"]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", [place.name for place in CORPUS])

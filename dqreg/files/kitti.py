@@ -1,0 +1,35 @@
+"""KITTI's frames: four float32 a point (x, y, z, reflectance), in metres, with the sensor at the origin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.files.cloud_data import CloudData, make_cloud
+from dqreg.files.untrusted import require_readable, unreadable
+
+# Metres that no LiDAR measures: other binary files hold such numbers, read as float32.
+FARTHEST = 1e5
+
+
+def kitti_rows(path: Path) -> FloatArray:
+    """Points of a frame as they stand in the file, finite or not, (n, 3)."""
+    raw = require_readable(path).read_bytes()
+    if len(raw) % 16:
+        expected = "KITTI's frames: four float32 (x, y, z, intensity) a point, 16 bytes"
+        raise unreadable(path, f"{len(raw)} bytes", expected)
+    # The cast of a signalling NaN warns; as any NaN it is dropped and counted later.
+    with np.errstate(invalid="ignore"):
+        points = np.frombuffer(raw, dtype="<f4").reshape(-1, 4)[:, :3].astype(np.float64)
+    known = np.abs(points[np.isfinite(points)])
+    if known.size and known.max() > FARTHEST:
+        found = f"coordinates up to {known.max():.3g} when read as KITTI's frame"
+        raise unreadable(path, found, "metres from the sensor; save the points of another layout as .npy")
+    return points
+
+
+def read_kitti(path: Path) -> CloudData:
+    """Cloud of a KITTI frame."""
+    return make_cloud(path, kitti_rows(path), viewpoint=np.zeros(3), units="m")
