@@ -7,6 +7,7 @@ import numpy as np
 from dqreg.kernels.cache import keep_beside_package
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.morton import morton_cells, new_places, sorted_rows
+from dqreg.kernels.newton_steps import newton_steps
 from dqreg.kernels.plane_fits import fit_plane_rows
 from dqreg.kernels.point_tree import PointTree
 from dqreg.kernels.triangle_tree import TriangleTree
@@ -23,3 +24,4 @@ def compile_all() -> None:
     largest_eigenvectors(0, 1, np.eye(3)[:, :, None].copy(), np.zeros((3, 1)), np.zeros((4, 1)))
     rows, _ = PointTree.of(corners[0]).nearest(corners[0], 3)
     fit_plane_rows(0, 0, corners[0], rows, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
+    newton_steps(np.eye(13), np.r_[np.eye(3).ravel(), np.zeros(3), 1.0], 1.0, 1, 1.0, 1.0, 1.0, 1.0)

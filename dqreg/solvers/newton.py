@@ -87,7 +87,17 @@ def local_minimum(form: QuadraticForm, start: FloatArray) -> FloatArray:
 
     Damped Newton steps that never raise the cost; unconstrained motions stay as they are.
     """
-    return descend(form, FreeChart(start, form.origin_target)).chart.pose
+    from dqreg.kernels.newton_steps import newton_steps
+    from dqreg.kernels.threads import as_plain
+
+    before = form.coordinates(start)
+    y = before.copy()
+    newton_steps(as_plain(form.matrix), y, form.scale, STEPS, NOTHING, NOISE, LONGEST_RAD, FLAT)
+    # Only the change is added: numbers about the origins of the form have lost the last digits of the pose.
+    T = start.copy()
+    T[:3, :3] = y[:9].reshape(3, 3)
+    T[:3, 3] += (y[9:12] - before[9:12]) - (T[:3, :3] - start[:3, :3]) @ form.origin_source
+    return T
 
 
 def descend(form: QuadraticForm, chart: C, flat: float = FLAT) -> Descent[C]:
