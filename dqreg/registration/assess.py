@@ -52,7 +52,9 @@ class Uncertainty:
 
 def uncertainty_of(fit: Fit) -> Uncertainty:
     """Covariance and observability of a fit; NaN and none where no pose was found."""
-    return Uncertainty.of(fit.information) if fit.found else Uncertainty(np.full((6, 6), np.nan), ())
+    if not fit.found:
+        return Uncertainty(np.full((6, 6), np.nan), ())
+    return fit.once("uncertainty", lambda: Uncertainty.of(fit.information))
 
 
 def evidence_of(
@@ -64,7 +66,7 @@ def evidence_of(
     mirror_gain: float = -np.inf,
 ) -> Evidence:
     """All that the verdict on a fit is made of; see `Evidence` for the meaning of each number."""
-    drift, drift_rad = _drift(fit)
+    drift, drift_rad = fit.once("drift", lambda: _drift(fit))
     return Evidence(
         **vars(fit.agreement),
         status=fit.run.status,
@@ -80,7 +82,7 @@ def evidence_of(
         size=fit.prepared.surface.diagonal,
         carriers=tuple(fit.information.carriers.tolist()) if uncertainty.directions else (),
         clutter=fit.problem.options.clutter,
-        looked_through=looked_through_at(fit),
+        looked_through=fit.once("looked through", lambda: looked_through_at(fit)),
         drift=drift,
         drift_rad=drift_rad,
     )

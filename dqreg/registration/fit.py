@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -29,6 +31,8 @@ from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
 from dqreg.trust import Information, information_of
 
+T = TypeVar("T")
+
 # Rounds of EM that learn the mixture at a pose where the loop has not ended.
 EM_ROUNDS = 30
 
@@ -43,6 +47,14 @@ class Fit:
     settings: IcpSettings
     constraints: PoseConstraints
     run: Alignment  # Pose, last correspondences and weights, mixture, history of all runs, status
+    _known: dict[str, Any] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def once(self, name: str, make: Callable[[], T]) -> T:
+        """What follows from the fit and is asked for again, made once."""
+        if name not in self._known:
+            self._known[name] = make()
+        found: T = self._known[name]
+        return found
 
     @property
     def T_target_source(self) -> FloatArray:

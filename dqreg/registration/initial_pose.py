@@ -38,7 +38,8 @@ class GlobalSearch:
     @property
     def kernel_scale(self) -> float:
         """Scale of the kernel with which to go on from what was found."""
-        return FOUND * self.target.surface.diagonal
+        # Not of the surface: where cells stand for a cloud, nobody else asks for one of all points.
+        return FOUND * self.target.diagonal
 
     def candidates(self) -> tuple[Candidate, ...]:
         """Poses between the centred frames, the best first."""

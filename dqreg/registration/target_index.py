@@ -145,6 +145,13 @@ class TargetIndex:
         """Reflections that leave most of a part in place, (k, 4, 4); none for a cloud."""
         return near_mirrors(self.geometry, self.surface) if isinstance(self.geometry, Mesh) else np.zeros((0, 4, 4))
 
+    @cached_property
+    def diagonal(self) -> float:
+        """Diagonal of the bounding box: that of its surface."""
+        if isinstance(self.geometry, Mesh):
+            return self.geometry.diagonal
+        return float(np.linalg.norm(np.subtract(*bounds(self.geometry.points))))
+
     @property
     def units(self) -> str | None:
         """Length unit, where known."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import sample_rows
 from dqreg.solvers.quadratic import plane_rows
 
 # Neighbouring points of a patch, and the kernel scales that its median may deviate: for 32 points of independent noise
@@ -19,6 +20,8 @@ PATCH, OFF = 32, 2.0
 ON = 4.0
 # A point off the target whose neighbour of this rank is so many times as far as for points on it is an outlier.
 NEIGHBOURS, SCATTERED = 5, 2.5
+# Points on the target that tell what is usual.
+USUAL = 1_000
 # A patch whose plane holds more points far from the target than so many times those near it belongs to an object that
 # the part stands on or leans against.
 BACKGROUND = 1.0
@@ -34,7 +37,8 @@ def isolated(points: FloatArray, on: BoolArray) -> BoolArray:
     if len(off) and len(points) - len(off) > NEIGHBOURS:
         tree = NeighbourTree(points)
         # The point itself is the first.
-        usual = float(np.median(tree.nearest(points[on], NEIGHBOURS + 1)[1][:, -1]))
+        some = np.flatnonzero(on)[sample_rows(len(points) - len(off), USUAL)]
+        usual = float(np.median(tree.nearest(points[some], NEIGHBOURS + 1)[1][:, -1]))
         alone[off] = tree.nearest(points[off], NEIGHBOURS + 1)[1][:, -1] > SCATTERED * usual
     return alone
 
