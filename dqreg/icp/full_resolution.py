@@ -22,6 +22,7 @@ from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.informative_sampling import information_gain, sample_by_gain, sample_runs_by_gain
 from dqreg.icp.level import AnnealingSchedule, Level
 from dqreg.icp.loop import Alignment, Observer, Run
+from dqreg.kernels.threads import TimeUpError, until
 from dqreg.rigid import pose
 
 # A point belongs to its run's face if it is so many widths inside each side of it and off it by less than so many.
@@ -148,18 +149,22 @@ RUNS, ALONE, SHORTEST = 6, 4, 4
 
 
 def finish(level: Level, scan: Scan, counts: list[int], run: Alignment, observe: Observer | None) -> Alignment:
-    """Resume on the finer levels."""
+    """Resume on the finer levels; where the time is up within one, what was there before it stays."""
     surface, finest = level.surface, level.plan.finest
     planes = level.plan.fine is not None and bool(run.history) and run.history[-1].stage == FINE.name
     # Where all points are asked for, each gets an answer of its own.
     long = finest is not None and len(scan) >= SHORTEST * (finest // RUNS)
-    if counts and planes and long and finest is not None and isinstance(surface, MeshSurface):
-        return _together(level, scan, surface, finest, run, observe)
-    for count in counts:
-        if run.ended_early:
-            break
-        level = _drawn(level, scan, count, last=count == counts[-1], so_far=run)
-        run = _continued(level, run, observe)
+    try:
+        with until(level.plan.deadline):
+            if counts and planes and long and finest is not None and isinstance(surface, MeshSurface):
+                return _together(level, scan, surface, finest, run, observe)
+            for count in counts:
+                if run.ended_early:
+                    break
+                level = _drawn(level, scan, count, last=count == counts[-1], so_far=run)
+                run = _continued(level, run, observe)
+    except TimeUpError:
+        return dataclasses.replace(run, status="stopped by observer")
     return run
 
 

@@ -55,6 +55,8 @@ class IcpSettings:
     max_angle_rad: float = NEAR_ANGLE_RAD
     accelerate: bool = True  # Whether the loop extrapolates
     stopping: Stopping = Stopping()  # Tolerance of the last stage and the iteration limit of each stage
+    # When the finer levels end, by `time.perf_counter`, be it within an iteration
+    deadline: float = np.inf
 
 
 @dataclasses.dataclass(frozen=True)

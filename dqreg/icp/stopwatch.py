@@ -6,6 +6,8 @@ import contextlib
 import time
 from collections.abc import Iterator
 
+import numpy as np
+
 from dqreg.icp.history import Iteration
 from dqreg.icp.loop import Observer
 from dqreg.solvers.status import Status
@@ -35,6 +37,11 @@ class Stopwatch:
     def left(self) -> float | None:
         """Seconds up to the limit, at least a moment; None without a limit."""
         return None if self._limit is None else max(self._limit - self.total, 1e-9)
+
+    @property
+    def deadline(self) -> float:
+        """When the limit is over, by `time.perf_counter`; infinite without one."""
+        return np.inf if self._limit is None else self._began + self._limit
 
     @property
     def is_over(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg.kernels.cache import keep_beside_package
+from dqreg.kernels.grid_gains import mean_gains
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.morton import morton_cells, new_places, sorted_rows
 from dqreg.kernels.newton_steps import newton_steps
@@ -25,3 +26,5 @@ def compile_all() -> None:
     rows, _ = PointTree.of(corners[0]).nearest(corners[0], 3)
     fit_plane_rows(0, 0, corners[0], rows, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
     newton_steps(np.eye(13), np.r_[np.eye(3).ravel(), np.zeros(3), 1.0], 1.0, 1, 1.0, 1.0, 1.0, 1.0)
+    gains, shape = np.zeros(2, dtype=np.float32), np.ones(3, dtype=np.int64)
+    mean_gains(0, 1, np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)), shape, gains, np.zeros(1))

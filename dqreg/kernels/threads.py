@@ -1,16 +1,20 @@
 """Kernels on threads: fixed ranges of rows, so that the bits are the same for any number of threads.
 
 The pool belongs to the process that made it: a child of a fork makes its own. The caller works as well, so a pool that
-is busy with other callers delays nobody, and an interrupt is seen after the range at hand.
+is busy with other callers delays nobody, and an interrupt is seen after the range at hand. So is a deadline, where the
+caller has set one.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
+import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import ContextVar
 from typing import Any
 
 import numpy as np
@@ -20,8 +24,31 @@ from dqreg._arrays import FloatArray
 # Rows a range: some milliseconds at most, and far more than handing it over costs.
 CHUNK = 2048
 
+# Until when what is computed may take, by `time.perf_counter`.
+_deadline: ContextVar[float] = ContextVar("deadline", default=np.inf)
+
 _lock = threading.Lock()
 _pools: dict[int, ThreadPoolExecutor] = {}
+
+
+class TimeUpError(Exception):
+    """The deadline of `until` has passed; whoever sets one catches it."""
+
+
+@contextlib.contextmanager
+def until(deadline: float) -> Iterator[None]:
+    """Raise `TimeUpError` from what is computed inside once `time.perf_counter` has passed a deadline; inf never."""
+    token = _deadline.set(deadline)
+    try:
+        yield
+    finally:
+        _deadline.reset(token)
+
+
+def ask_clock() -> None:
+    """Raise where the deadline has passed."""
+    if time.perf_counter() > _deadline.get():
+        raise TimeUpError
 
 
 def thread_count() -> int:
@@ -33,6 +60,7 @@ def thread_count() -> int:
 
 def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: int = CHUNK) -> None:
     """Call ``kernel(first, last, *arguments)`` for all rows, a range of ``chunk`` rows at a time, on all threads."""
+    ask_clock()
     if total <= chunk:
         kernel(0, total, *arguments)
         return
@@ -44,6 +72,8 @@ def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: 
                 first = starts.popleft()
             except IndexError:
                 return
+            # Helpers know of no deadline: they stop when the caller does.
+            ask_clock()
             kernel(first, min(first + chunk, total), *arguments)
 
     asked = [_submit(work) for _ in range(min(thread_count(), len(starts)) - 1)]

@@ -91,7 +91,7 @@ def evidence_of(
 def _drift(fit: Fit) -> tuple[float, float]:
     """Significant displacement and rotation of the pose along a scan of a part, in the order of its points."""
     surface, points = fit.prepared.surface, fit.problem.source.cloud.points
-    if not fit.found or not isinstance(surface, MeshSurface) or fit.problem.source.mesh is not None:
+    if not fit.found or fit.is_late or not isinstance(surface, MeshSurface) or fit.problem.source.mesh is not None:
         return 0.0, 0.0
     if fit.agreement.width < SHOWN * LEAST_DRIFT * surface.diagonal:
         # A drift that matters would have left larger residuals.

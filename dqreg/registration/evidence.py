@@ -23,6 +23,8 @@ SPARSE = 1_000
 # Points that are looked at, evenly over the scan; where the loop has asked about enough of them, those, and of those
 # with a normal of their own.
 LOOKED_AT, ENOUGH, ENOUGH_FITTED = 10_000, 3_000, 1_000
+# The same where the time is up; so many of those that the loop has asked about are enough then.
+LOOKED_AT_LATE, ENOUGH_LATE = 1_000, 500
 # Where no point has moved by more than that many widths since it was asked about, nothing here can tell; by more than
 # so many, a point may be on another face.
 STILL, NEARBY = 0.1, 1.0
@@ -63,13 +65,19 @@ class Agreement:
 
 
 def agreement_of(
-    run: Alignment, scan: Scan, surface: Surface, max_distance: float, *, has_border: bool = False
+    run: Alignment,
+    scan: Scan,
+    surface: Surface,
+    max_distance: float,
+    count: int = LOOKED_AT,
+    *,
+    has_border: bool = False,
 ) -> Agreement:
     """Measure it at the end of a run."""
     mixture = run.mixture
     near = NEAR * max_distance
     width = min(ON * mixture.scale, near)
-    pairs = _pairs(run, scan, surface, mixture.scale)
+    pairs = _pairs(run, scan, surface, mixture.scale, count)
     on = pairs.distances <= width
     aside = pairs.point_to_plane[on]
     close = pairs.distances <= near
@@ -109,7 +117,8 @@ def agreement_of(
         stretch=strain.value if strain.is_strained else 0.0,
         stretched_along=strain.along,
         bend=strain.bend if strain.is_bent else 0.0,
-        random_ratio=_random_ratio(pairs, on, surface),
+        # A pose that is not accepted anyway is not compared with random ones.
+        random_ratio=0.0 if count < LOOKED_AT else _random_ratio(pairs, on, surface),
         share_on=around.share_on,
         share_other=around.share_other,
         share_contradicting=around.share_contradicting,
@@ -134,13 +143,14 @@ def _random_ratio(pairs: Correspondences, on: BoolArray, surface: Surface) -> fl
     return random_ratio(pairs.moved, float(np.mean(on)), rms, surface)
 
 
-def _pairs(run: Run, scan: Scan, surface: Surface, width: float) -> Correspondences:
+def _pairs(run: Run, scan: Scan, surface: Surface, width: float, count: int) -> Correspondences:
+    enough = ENOUGH if count == LOOKED_AT else ENOUGH_LATE
     for asked in (run.pairs, *run.earlier[::-1]):
         drawn_evenly = asked.scan.counts is None and (len(asked.scan) == len(scan) or asked is not run.pairs)
-        if drawn_evenly and ENOUGH <= len(asked.scan) <= LOOKED_AT:
+        if drawn_evenly and enough <= len(asked.scan) <= LOOKED_AT:
             return _again(asked, surface, run.T_target_source, width)
     # Thinning for the loop keeps the points with normals; here any will do.
-    return find_correspondences(scan.taken(sample_rows(len(scan), LOOKED_AT)), surface, run.T_target_source)
+    return find_correspondences(scan.taken(sample_rows(len(scan), count)), surface, run.T_target_source)
 
 
 def _again(asked: Correspondences, surface: Surface, T: FloatArray, width: float) -> Correspondences:

@@ -25,7 +25,7 @@ from dqreg.icp import (
 from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import weights_by_face
 from dqreg.registration.constraints import PoseConstraints
-from dqreg.registration.evidence import Agreement, agreement_of
+from dqreg.registration.evidence import LOOKED_AT, LOOKED_AT_LATE, Agreement, agreement_of
 from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
@@ -67,6 +67,11 @@ class Fit:
         return self.run.found
 
     @property
+    def is_late(self) -> bool:
+        """Whether the time limit ended the loop: such a pose is not accepted, and little is asked of it."""
+        return self.run.status == "time limit"
+
+    @property
     def floor(self) -> float:
         """Smallest scale of the kernel, a length."""
         return smallest_kernel_scale(self.prepared.scan, self.prepared.surface)
@@ -84,7 +89,8 @@ class Fit:
         if self.problem.options.max_distance is not None:
             # A shorter one hides the points that speak against a pose.
             reach = self.problem.reach(prepared)
-        return agreement_of(self.run, prepared.scan, prepared.surface, reach, has_border=self.has_border)
+        count = LOOKED_AT_LATE if self.is_late else LOOKED_AT
+        return agreement_of(self.run, prepared.scan, prepared.surface, reach, count, has_border=self.has_border)
 
     @cached_property
     def information(self) -> Information:
@@ -162,6 +168,7 @@ def coarse_to_fine(
     limit where that ended the loop.
     """
     observe = problem.watch.watching(problem.observer(problem.options.observe))
+    settings = dataclasses.replace(settings, deadline=problem.watch.deadline)
     run = align_coarse_to_fine(prepared.scan, prepared.surface, start, settings, observe, first=len(before) + 1)
     run = dataclasses.replace(
         run,

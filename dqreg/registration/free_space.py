@@ -25,7 +25,7 @@ SIGMAS, SHARE = 10.0, 0.005
 
 def looked_through_at(fit: Fit) -> float:
     """Share of what was compared that the scanner looked through at the pose; NaN where its place is not known."""
-    if not fit.found:
+    if not fit.found or fit.is_late:
         return np.nan
     geometry = fit.target.geometry
     if isinstance(geometry, Mesh):

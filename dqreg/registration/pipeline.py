@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from dqreg.icp.rejectors import beyond_boundary
+from dqreg.kernels.threads import TimeUpError, until
 from dqreg.registration.assess import Uncertainty, evidence_of, uncertainty_of, without_drift
-from dqreg.registration.fallback import best_known
+from dqreg.registration.fallback import Known, best_known
 from dqreg.registration.fit import Fit, coarse_to_fine
-from dqreg.registration.initial_pose import GlobalSearch, initial_pose
+from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.result import Registration
 from dqreg.registration.rivals import (
@@ -34,7 +37,7 @@ WELL_BELOW = 0.4
 
 def align(problem: Problem) -> Registration:
     """Pose, uncertainty and verdict of a problem."""
-    watch, options, is_given = problem.watch, problem.options, problem.start is not None
+    watch, options = problem.watch, problem.options
     with watch.stage("prepare"):
         prepared = problem.prepare()
     search = GlobalSearch.of(problem, prepared)
@@ -47,18 +50,14 @@ def align(problem: Problem) -> Registration:
         )
         fit = coarse_to_fine(problem, prepared, start.T_target_source, settings, constraints)
         if all_points_say_more(fit):
-            fit = on_all_points(fit)
+            with suppress(TimeUpError), until(watch.deadline):
+                fit = on_all_points(fit)
         fit = best_seen(fit, start.T_target_source)
     with watch.stage("second try"):
-        fit, near = best_near_symmetric(fit, search.kernel_scale) if is_given else (fit, NO_POSES)
-        # What is asked of a pose is asked of the answer, with its unconstrained motions as they were given.
-        fit = without_drift(fit, start.T_target_source) if is_given else fit
-        known = best_known(fit, start, search)
-        if is_given and known.fit is not fit:
-            near = near_symmetric_poses(known.fit)
-        fit, others = known.fit, np.concatenate([known.others, near])
-        fit = without_drift(fit, start.T_target_source) if is_given and known.searched else fit
-    gain = mirror_gain(fit, always=known.searched)
+        known = second_try(fit, start, search)
+        fit, others, gain = known.fit, known.others, -np.inf
+        with suppress(TimeUpError), until(watch.deadline):
+            gain = mirror_gain(fit, always=known.searched)
     if problem.viewpoints is not None:
         with watch.stage("viewpoint"):
             fit = on_visible_faces(fit, problem.viewpoints)
@@ -66,6 +65,24 @@ def align(problem: Problem) -> Registration:
     uncertainty, alternatives = uncertainty_of(fit), alternatives_of(fit, others)
     verdict = judge(evidence_of(fit, uncertainty, alternatives, search=start.search, mirror_gain=gain))
     return registration_of(fit, uncertainty, verdict, alternatives)
+
+
+def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
+    """The best of a fit, its near symmetries and, where that is in doubt, of a search; of what there is time for."""
+    is_given = fit.problem.start is not None
+    known, near = Known(fit, start.others), NO_POSES
+    with suppress(TimeUpError), until(fit.problem.watch.deadline):
+        if is_given:
+            fit, near = best_near_symmetric(fit, search.kernel_scale)
+            # What is asked of a pose is asked of the answer, with its unconstrained motions as they were given.
+            fit = without_drift(fit, start.T_target_source)
+            known = Known(fit, start.others)
+        known = best_known(fit, start, search)
+        if is_given and known.fit is not fit:
+            near = near_symmetric_poses(known.fit)
+    if is_given:
+        known = dataclasses.replace(known, fit=without_drift(known.fit, start.T_target_source))
+    return dataclasses.replace(known, others=np.concatenate([known.others, near]))
 
 
 def all_points_say_more(fit: Fit) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_float, as_pose, departure, require_workable
 from dqreg.errors import InputError
 from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
+from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.opening import describe
 from dqreg.geometry.unit_check import require_same_units
 from dqreg.geometry.voxels import WHOLE, VoxelCloud, cell_size, voxel_downsample, voxel_size
@@ -25,6 +26,9 @@ from dqreg.rigid import pose
 
 # Largest distance of a correspondence, in diagonals of the smaller of source and target.
 REACH = 0.2
+# Points that are prepared, a second of the time limit: they take a quarter of it on a core of 2020.
+IN_TIME = 1_000_000
+FEWEST = 1_000
 # A source that fills less than this share of the cells wanted is small beside the target, and asks for smaller ones.
 SMALL = 0.5
 
@@ -88,18 +92,17 @@ class Prepared:
     even: bool = False  # Whether both are clouds with a plane fitted at every point that is left
 
     @staticmethod
-    def whole(sides: SourceAndTarget, fitted: int | None) -> Prepared:
+    def whole(cloud: PointCloud, target: TargetIndex, fitted: int | None) -> Prepared:
         """Both as they are, with planes fitted at some points of the source."""
-        return Prepared(prepare_scan(sides.source.cloud, fitted), sides.target.surface)
+        return Prepared(prepare_scan(cloud, fitted), target.surface)
 
     @staticmethod
-    def downsampled(sides: SourceAndTarget, count: int) -> Prepared:
+    def downsampled(cloud: PointCloud, target: TargetIndex, count: int) -> Prepared:
         """Two clouds, thinned to one point a cell where they are denser, with planes fitted at all that are left.
 
         LiDARs crowd their points near the sensor, where they constrain a rotation least, and depth cameras give many
         times what noise lets them tell apart. Cells are equal on both sides, so that neither is finer than the other.
         """
-        target, cloud = sides.target, sides.source.cloud
         stands = target.evened(count)
         size = stands.size or voxel_size(cloud.points, count)
         moves = voxel_downsample(cloud, size)
@@ -160,7 +163,7 @@ class Problem(SourceAndTarget):
     def prepare(self) -> Prepared:
         """Scan with normals and surface to ask; where an initial pose was given, two dense clouds are downsampled."""
         if self.options.cells is not None and self.start is not None and self.target.kind == "cloud":
-            prepared = Prepared.downsampled(self, self.options.cells)
+            prepared = Prepared.downsampled(self._in_time, self.target, self.options.cells)
         else:
             prepared = self.prepare_whole()
         if self._building is not None:
@@ -169,7 +172,18 @@ class Problem(SourceAndTarget):
 
     def prepare_whole(self) -> Prepared:
         """The same with all points."""
-        return Prepared.whole(self, self.options.fitted)
+        return Prepared.whole(self._in_time, self.target, self.options.fitted)
+
+    @property
+    def _in_time(self) -> PointCloud:
+        """The source; of a large one so many points that a time limit leaves time for more than preparing them."""
+        cloud, limit = self.source.cloud, self.options.time_limit
+        most = np.inf if limit is None else max(IN_TIME * limit, FEWEST)
+        if len(cloud) <= most:
+            return cloud
+        rows = sample_rows(len(cloud), int(most))
+        normals = None if cloud.normals is None else cloud.normals[rows]
+        return dataclasses.replace(cloud, points=cloud.points[rows], normals=normals)
 
     def max_distance(self, prepared: Prepared) -> float:
         """Largest distance of a correspondence, target units."""

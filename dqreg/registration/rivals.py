@@ -31,7 +31,7 @@ WORSE = 0.05
 # A shift is a period within this share of it.
 PERIOD = 0.05
 # The same where the time is up, and poses of the loop that are compared then.
-FEW_JUDGES, SEEN = 1_000, 6
+FEW_JUDGES, SEEN = 500, 4
 NO_POSES: FloatArray = np.zeros((0, 4, 4))
 
 
@@ -128,7 +128,8 @@ def alternatives_of(fit: Fit, others: FloatArray) -> tuple[Alternative, ...]:
     middle, (angle_rad, offset) = fit.prepared.scan.points.mean(axis=0), FINE_APART
     diagonal = min(fit.prepared.surface.diagonal, fit.prepared.scan.diagonal)
     poses = poses[Poses.of(poses).distinct(middle, angle_rad, offset * diagonal, len(poses))]
-    scores, target = scores_of(fit, poses), fit.problem.target
+    scores = scores_of(fit, poses, FEW_JUDGES if fit.is_late else JUDGES)
+    target = fit.problem.target
     deficit, error = scores.deficit(0)
     rms = np.sqrt((scores.distances**2).mean(axis=1))
     found = []

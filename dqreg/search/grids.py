@@ -28,8 +28,8 @@ from dqreg.search.poses import Poses
 Single = npt.NDArray[np.float32]
 # Nodes of a grid, and room around the target in sizes.
 NODES, MARGIN = 300_000, 0.05
-# Poses scored in one step: bounds the memory, and what is looked up stays in the cache.
-CHUNK = 1_024
+# Places looked up in one go: some milliseconds.
+LOOKED_UP = 131_072
 
 
 class Grid:
@@ -50,19 +50,15 @@ class Grid:
 
     def mean_gains(self, poses: Poses, points: FloatArray, gains: Single) -> FloatArray:
         """Mean gain of the points under each pose, (n,); gains (count + 1,)."""
-        R, t = poses.R, poses.t
-        if not len(points):
-            return np.zeros(len(R))
-        parts = [self._chunk(R[i : i + CHUNK], t[i : i + CHUNK], points, gains) for i in range(0, len(R), CHUNK)]
-        return np.concatenate(parts) if parts else np.zeros(0)
+        from dqreg.kernels.grid_gains import mean_gains
+        from dqreg.kernels.threads import as_plain, over_chunks
 
-    def _chunk(self, R: FloatArray, t: FloatArray, points: FloatArray, gains: Single) -> FloatArray:
-        # Rows of all rotations against all points in one product; single precision is finer than a cell.
-        scaled = (R.transpose(1, 0, 2).reshape(-1, 3) / self.cell).astype(np.float32)
-        moved = (scaled @ points.T.astype(np.float32)).reshape(3, len(R), -1)
-        moved += ((t - self.low) / self.cell + 0.5).astype(np.float32).T[:, :, None]
-        mean: FloatArray = gains[self._flat(moved)].mean(axis=1, dtype=np.float64)
-        return mean
+        means = np.zeros(len(poses))
+        if len(points):
+            cells = as_plain(poses.R / self.cell), as_plain((poses.t - self.low) / self.cell + 0.5)
+            looked_up = *cells, as_plain(points), self.shape, gains, means
+            over_chunks(mean_gains, len(poses), *looked_up, chunk=max(LOOKED_UP // len(points), 1))
+        return means
 
     def _flat(self, moved: Single) -> IntArray:
         """Row of the node, of points in cells, (3, ...)."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, IntArray, bounds
 from dqreg.geometry import Mesh, PointCloud, Surface
+from dqreg.kernels.threads import ask_clock, until
 from dqreg.rigid.symmetry import Symmetry
 from dqreg.search.features import even_points, target_features
 from dqreg.search.grids import Edges, PlaneGrid
@@ -65,7 +66,8 @@ class PairTable:
             if "symmetry" in self.__dict__:
                 found: Symmetry = self.__dict__["symmetry"]
                 return found
-            return find_symmetry(self.target, self.surface, self.grid)
+            with until(np.inf):
+                return find_symmetry(self.target, self.surface, self.grid)
 
     @staticmethod
     def of(target: PointCloud | Mesh, surface: Surface) -> PairTable:
@@ -119,10 +121,13 @@ def pair_hypotheses(scan: OrientedPoints, table: PairTable, rng: np.random.Gener
     step = np.arange(len(rows)) - np.repeat(np.cumsum(taken) - taken, taken)
     shift = np.repeat(rng.random(len(rare)), taken)
     counterpart = first[rows] + ((step + shift) * counts[rows] / np.repeat(taken, taken)).astype(np.int64)
+    ask_clock()
     source = OrientedPairs.of(scan.points, scan.directions, i[rows], j[rows])
     known = table.points
     target = OrientedPairs.of(known.points, known.directions, table.first[counterpart], table.second[counterpart])
-    return _solve(source, target, opposite=False) + _solve(source, target, opposite=True)
+    poses = _solve(source, target, opposite=False)
+    ask_clock()
+    return poses + _solve(source, target, opposite=True)
 
 
 def _solve(source: OrientedPairs, target: OrientedPairs, opposite: bool) -> Poses:

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.threads import ask_clock
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +65,7 @@ class Poses:
         alive = np.ones(len(self), dtype=bool)
         kept: list[int] = []
         while alive.any() and len(kept) < most:
+            ask_clock()
             k = int(alive.argmax())
             kept.append(k)
             # |R_a - R_b| in the Frobenius norm is 2 sqrt(2) sin(angle / 2).

@@ -12,6 +12,7 @@ from dqreg._arrays import IntArray
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import IcpSettings, smallest_kernel_scale
+from dqreg.kernels.threads import until
 from dqreg.search.axes import moments
 from dqreg.search.features import even_points, scan_features
 from dqreg.search.grids import OccupancyGrid
@@ -47,8 +48,9 @@ class SearchProblem:
 
     @cached_property
     def table(self) -> PairTable:
-        """The target's pairs."""
-        return self.make_table()
+        """The target's pairs; what is kept for later searches is built to the end, whatever the time."""
+        with until(np.inf):
+            return self.make_table()
 
     @cached_property
     def points(self) -> OrientedPoints:

@@ -6,6 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Surface
+from dqreg.kernels.threads import ask_clock
 from dqreg.rigid.rotations import about_axis
 from dqreg.search.grids import Edges
 from dqreg.search.oriented_points import OrientedPoints
@@ -30,6 +31,7 @@ def refine(
     middle = faces.points.mean(axis=0)
     lever = np.sqrt(((faces.points - middle) ** 2).sum(axis=1).mean())
     for width in widths:
+        ask_clock()
         centre = poses.R @ middle + poses.t
         H, g = _face_equations(poses, centre, faces, surface, width, lever)
         if edges is not None and len(at_edges):

@@ -9,6 +9,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry import Surface
 from dqreg.icp import InlierMixture
+from dqreg.kernels.threads import ask_clock
 from dqreg.search.poses import Poses
 
 # Points farther from the target than this fraction of the largest distance of a correspondence are outliers to a score.
@@ -111,7 +112,11 @@ def score_poses(
 
 
 def _likelihoods(distances: FloatArray, mixture: InlierMixture) -> FloatArray:
-    return np.stack([mixture.log_likelihoods(row, rounds=ROUNDS) for row in distances])
+    found = []
+    for row in distances:
+        ask_clock()
+        found.append(mixture.log_likelihoods(row, rounds=ROUNDS))
+    return np.stack(found)
 
 
 def _learned(distances: FloatArray, limit: float, floor: float) -> tuple[float, InlierMixture]:

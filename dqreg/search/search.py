@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, Surface, prepare_scan
+from dqreg.geometry.normals import sample_rows
 from dqreg.icp import COARSE, IcpSettings
+from dqreg.kernels.threads import TimeUpError, until
 from dqreg.rigid import pose
 from dqreg.rigid.symmetry import Axis
+from dqreg.search.axes import axis_hypotheses
 from dqreg.search.pairs import PairTable
 from dqreg.search.poses import Poses
 from dqreg.search.problem import SCENE, SearchProblem
@@ -28,6 +32,8 @@ from dqreg.search.stages import (
     propose,
 )
 
+# Proposed poses that are compared where there is no time for more; those of the principal axes are fewer.
+GLANCED, AXES = 4_000, 48
 # Points that score at the end, where poses are compared.
 LAST_SCORED = 20_000
 # A pose this close to the best in mean log-likelihood is equally likely; so is one within so many standard errors, but
@@ -62,20 +68,33 @@ def search(
     """Initial poses that are about equally likely, the best first."""
     watch = StageWatch(time_limit, observe, now)
     problem = SearchProblem(scan, surface, target, plan, table, rng)
-    searched, back = _smaller_in_larger(problem)
-    poses, reached = propose(searched), "proposed"
-    for name, stage in STAGES:
-        if watch.is_over(reached, poses):
-            return _best_so_far(problem, back(_best(searched, poses, reached)), reached)
-        poses, reached = stage(searched, poses), name
-    watch.is_over(reached, poses)
-    return _equally_likely(problem, back(poses))
+    searched, reached = problem, "proposed"
+    back: Callable[[Poses], Poses] = _as_they_are
+    poses: Poses | None = None
+    # Far within a stage too; a clock that was given says nothing of this one.
+    with suppress(TimeUpError), until(watch.deadline):
+        searched, back = _smaller_in_larger(problem)
+        poses = propose(searched)
+        for name, stage in STAGES:
+            if watch.is_over(reached, poses):
+                break
+            poses, reached = stage(searched, poses), name
+        else:
+            watch.is_over(reached, poses)
+            return _equally_likely(problem, back(poses))
+    if poses is None:
+        searched, back, poses = problem, _as_they_are, axis_hypotheses(scan, target)
+    return _best_so_far(problem, back(_best(searched, poses, reached)), reached)
+
+
+def _as_they_are(poses: Poses) -> Poses:
+    return poses
 
 
 def _smaller_in_larger(problem: SearchProblem) -> tuple[SearchProblem, Callable[[Poses], Poses]]:
     """The problem with the smaller cloud as the target, and what carries its poses back."""
     if isinstance(problem.target, Mesh) or problem.surface.diagonal <= SCENE * problem.scan.diagonal:
-        return problem, lambda poses: poses
+        return problem, _as_they_are
     # The smaller cloud has pairs and a grid of its own size, so it is searched for in the larger one.
     signed = problem.scan.oriented and problem.scan.fitted is None
     part = PointCloud(problem.scan.points, problem.scan.normals if signed else None)
@@ -85,8 +104,17 @@ def _smaller_in_larger(problem: SearchProblem) -> tuple[SearchProblem, Callable[
 
 
 def _best(problem: SearchProblem, poses: Poses, stage: str) -> Poses:
-    """The best alone; only the proposed ones are in no order."""
-    return poses[problem.order(poses, SCREEN_FEW, SCREEN_REACH)[:1]] if stage == "proposed" else poses.first(1)
+    """The best alone; only the proposed ones are in no order, and of many a choice is compared."""
+    if stage != "proposed":
+        return poses.first(1)
+    poses = poses[sample_rows(len(poses), GLANCED)]
+    if len(poses) > AXES:
+        # They were made from the table, so its grids are there.
+        return poses[problem.order(poses, SCREEN_FEW, SCREEN_REACH)[:1]]
+    points = problem.scan.points[sample_rows(len(problem.scan), SCREEN_FEW)]
+    apart = problem.surface.closest(poses.apply(points).reshape(-1, 3)).distances / (SCREEN_REACH * problem.size)
+    gains = np.maximum(1.0 - apart**2, 0.0).reshape(len(poses), len(points)).mean(axis=1)
+    return poses[np.argsort(-gains, kind="stable")[:1]]
 
 
 def _best_so_far(problem: SearchProblem, poses: Poses, stage: str) -> tuple[Candidate, ...]:

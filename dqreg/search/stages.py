@@ -56,6 +56,12 @@ class StageWatch:
         self._began = self._now()
         self._limit, self._observe = limit, observe
 
+    @property
+    def deadline(self) -> float:
+        """When the limit is over, by `time.perf_counter`; infinite without one, and by another clock."""
+        is_own = self._now is time.perf_counter
+        return self._began + self._limit if is_own and self._limit is not None else np.inf
+
     def is_over(self, stage: str, poses: Poses) -> bool:
         """Report a finished stage; whether the search shall end here."""
         seconds = self._now() - self._began

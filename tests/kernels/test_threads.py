@@ -119,3 +119,14 @@ atexit.register(late)
 """
     done = subprocess.run([sys.executable, "-c", code], env=environment(), capture_output=True, text=True, check=False)
     assert (done.stdout, done.stderr) == ("[0, 2, 4] 1\n", "")
+
+
+def test_a_deadline_is_seen_between_two_ranges() -> None:
+    done = []
+    with pytest.raises(threads.TimeUpError), threads.until(time.perf_counter() - 1.0):
+        threads.over_chunks(lambda first, last: done.append(first), 10, chunk=1)
+    assert done == []
+    with threads.until(time.perf_counter() - 1.0), threads.until(np.inf):
+        threads.over_chunks(lambda first, last: done.append(first), 10, chunk=1)
+    assert sorted(done) == list(range(10))
+    threads.ask_clock()

@@ -56,7 +56,10 @@ def test_nothing_downsampled_or_nothing_found_needs_no_more() -> None:
     sparse = problem_of(moved_back(DENSE[:2_000]), DENSE[:2_000], "identity")
     dense = problem_of(DENSE, DENSE, pose.from_parts(np.eye(3), [50.0, 0.0, 0.0]))
     for problem, status in ((sparse, "converged"), (dense, "no correspondences")):
-        prepared, constraints = Prepared.downsampled(problem, 1_000), problem.constraints(np.eye(4))
+        prepared, constraints = (
+            Prepared.downsampled(problem.source.cloud, problem.target, 1_000),
+            problem.constraints(np.eye(4)),
+        )
         settings = problem.options.icp_settings(0.2, constraints, even=prepared.even)
         assert problem.start is not None
         fit = coarse_to_fine(problem, prepared, problem.to_centred(problem.start), settings, constraints)

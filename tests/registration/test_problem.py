@@ -27,7 +27,7 @@ def target(points: np.ndarray) -> TargetIndex:
 
 
 def downsampled(points: np.ndarray, stands: TargetIndex) -> Prepared:
-    return Prepared.downsampled(SourceAndTarget(source(points), stands), 1_000)
+    return Prepared.downsampled(source(points).cloud, stands, 1_000)
 
 
 @settings(deadline=None, max_examples=100)

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import itertools
+import time
+
 import numpy as np
 import pytest
 
@@ -78,6 +81,19 @@ def test_the_time_limit_returns_the_best_so_far_and_says_so(part):
         found = part.search(scan, time_limit=limit, now=lambda ticks=ticks: float(next(ticks)))
         assert [candidate.stage for candidate in found] == [stage]
     assert part.error(found[0], T) < 0.02
+
+
+@pytest.mark.parametrize("limit", [1.0, 20.0, 60.0])
+def test_the_time_limit_ends_a_stage_halfway(part, monkeypatch, limit):
+    scan, _ = part.scan(3)
+    part.search(scan)
+    # A clock that runs a second at each look, of which a stage has tens: the search makes some, and no more.
+    looks = itertools.count()
+    monkeypatch.setattr(time, "perf_counter", lambda: float(next(looks)))
+    found = part.search(scan, time_limit=limit)
+    assert next(looks) <= limit + 40
+    assert len(found) == 1
+    assert found[0].stage != "judged"
 
 
 def test_stages_are_reported_and_may_stop_the_search(part):
