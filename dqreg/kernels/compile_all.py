@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg.kernels.cache import keep_beside_package
-from dqreg.kernels.grid_gains import mean_gains
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
+from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
 from dqreg.kernels.morton import morton_cells, new_places, sorted_rows
 from dqreg.kernels.newton_steps import newton_steps
 from dqreg.kernels.plane_fits import fit_plane_rows
@@ -28,3 +28,5 @@ def compile_all() -> None:
     newton_steps(np.eye(13), np.r_[np.eye(3).ravel(), np.zeros(3), 1.0], 1.0, 1, 1.0, 1.0, 1.0, 1.0)
     gains, shape = np.zeros(2, dtype=np.float32), np.ones(3, dtype=np.int64)
     mean_gains(0, 1, np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)), shape, gains, np.zeros(1))
+    distinct_rows(np.eye(3)[None], np.zeros((1, 3)), 1.0, 1.0, 1)
+    log_likelihoods(0, 1, np.ones((1, 1)), 1.0, 0.5, 0.001, 1)

@@ -8,25 +8,65 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
-from dqreg.kernels.symmetric_axes import symmetric_axes
 
-# Numbers of a pose, (vec R, t, 1), and its motions: a rotation about the origin, then a translation.
-NUMBERS, MOTIONS, TURNS = 13, 6, 3
+# Of the six motions, the first: rotations about the origin; translations follow.
+TURNS = 3
+# Rounds of Jacobi's rotations over all pairs of axes: convergence is quadratic, and ten are more than six axes need.
+ROUNDS = 20
 # Most damping of a step; curvature counts as this share of the largest strength at least.
 MOST, FLATTEST = 1e12, 1e-9
+
+
+@compiled
+def symmetric_axes(a: FloatArray, v: FloatArray) -> None:
+    """Turn a symmetric matrix by Jacobi's rotations into its eigenvalues, on the diagonal, and v into their axes.
+
+    Shapes (n, n), one axis a column, unsorted; small eigenvalues of a graded matrix keep their digits. O(n^3).
+    """
+    n = len(a)
+    for p in range(n):
+        for q in range(n):
+            v[p, q] = 1.0 if p == q else 0.0
+    for _ in range(ROUNDS):
+        still = True
+        for p in range(n - 1):
+            for q in range(p + 1, n):
+                off = a[p, q]
+                # What changes neither of the two is zero.
+                if abs(a[p, p]) + abs(off) == abs(a[p, p]) and abs(a[q, q]) + abs(off) == abs(a[q, q]):
+                    a[p, q] = a[q, p] = 0.0
+                    continue
+                still = False
+                h = 0.5 * (a[q, q] - a[p, p])
+                root = np.sqrt(h * h + off * off)
+                t = off / (h + root) if h >= 0.0 else off / (h - root)
+                c = 1.0 / np.sqrt(1.0 + t * t)
+                s = t * c
+                a[p, p], a[q, q] = a[p, p] - t * off, a[q, q] + t * off
+                a[p, q] = a[q, p] = 0.0
+                for k in range(n):
+                    if k not in (p, q):
+                        one, two = a[k, p], a[k, q]
+                        a[k, p] = a[p, k] = c * one - s * two
+                        a[k, q] = a[q, k] = s * one + c * two
+                    one, two = v[k, p], v[k, q]
+                    v[k, p], v[k, q] = c * one - s * two, s * one + c * two
+        if still:
+            return
 
 
 @compiled
 def newton_steps(
     M: FloatArray, y: FloatArray, scale: float, steps: int, nothing: float, noise: float, longest: float, flat: float
 ) -> float:
-    """Bring the numbers of a pose, (13,), to the least value of ``y^T M y`` near them; returns that value.
+    """Bring the numbers of a pose, (vec R, t, 1), to the least value of ``y^T M y`` near them; returns that value.
 
     Damped steps that never raise the value; motions whose squares are below ``flat`` of the largest stay as they are.
     """
-    slope, H, S = np.zeros(MOTIONS), np.zeros((MOTIONS, MOTIONS)), np.zeros((MOTIONS, MOTIONS))
-    curvature, strength, motions = np.zeros(MOTIONS), np.zeros(MOTIONS), np.zeros((MOTIONS, MOTIONS))
-    step, moved = np.zeros(MOTIONS), np.zeros(NUMBERS)
+    # Lengths that are not constants: loops over those would be unrolled.
+    numbers, many = len(y), len(y) // 2
+    slope, curvature, strength, step = np.zeros(many), np.zeros(many), np.zeros(many), np.zeros(many)
+    H, S, motions, moved = np.zeros((many, many)), np.zeros((many, many)), np.zeros((many, many)), np.zeros(numbers)
     value, damping, before = value_of(M, y), 0.0, np.inf
     scale = max(scale, abs(value))
     for _ in range(steps):
@@ -44,7 +84,7 @@ def newton_steps(
         if last:
             damping = 0.0
         while True:
-            for i in range(MOTIONS):
+            for i in range(many):
                 step[i] = 0.0
                 for k in range(count):
                     step[i] -= motions[i, k] * slope[k] / (curvature[k] + damping * strength[k])
@@ -57,7 +97,7 @@ def newton_steps(
             damping = max(4.0 * damping, 1e-2)
         if not sound:
             break
-        for i in range(NUMBERS):
+        for i in range(numbers):
             y[i] = moved[i]
         value, damping = reached, 0.25 * damping
         if last and gain * (most / least) ** 2 <= nothing * scale:
@@ -69,10 +109,10 @@ def newton_steps(
 @compiled
 def value_of(M: FloatArray, y: FloatArray) -> float:
     """Value of the form."""
-    total = 0.0
-    for i in range(NUMBERS):
+    total, numbers = 0.0, len(y)
+    for i in range(numbers):
         row = 0.0
-        for j in range(NUMBERS):
+        for j in range(numbers):
             row += M[i, j] * y[j]
         total += y[i] * row
     return total
@@ -81,32 +121,33 @@ def value_of(M: FloatArray, y: FloatArray) -> float:
 @compiled
 def derive(M: FloatArray, y: FloatArray, slope: FloatArray, H: FloatArray, S: FloatArray) -> None:
     """Write gradient, Hessian and its part from squares, for a rotation about the origin and a translation after it."""
-    J, MJ, pull = np.zeros((NUMBERS, MOTIONS)), np.zeros((NUMBERS, MOTIONS)), np.zeros((TURNS, TURNS))
+    numbers, many = len(y), len(slope)
+    J, MJ, pull = np.zeros((numbers, many)), np.zeros((numbers, many)), np.zeros((TURNS, TURNS))
     for k in range(TURNS):
         # The cross product of axis k with each column of R, and with t; k, up and down follow each other in a circle.
         up, down = (k + 1) % 3, (k + 2) % 3
         for j in range(3):
             J[3 * up + j, k], J[3 * down + j, k] = -y[3 * down + j], y[3 * up + j]
         J[9 + up, k], J[9 + down, k], J[9 + k, 3 + k] = -y[9 + down], y[9 + up], 1.0
-    for k in range(MOTIONS):
+    for k in range(many):
         slope[k] = 0.0
-    for i in range(NUMBERS):
+    for i in range(numbers):
         pulled = 0.0
-        for j in range(NUMBERS):
+        for j in range(numbers):
             pulled += 2.0 * M[i, j] * y[j]
-            for k in range(MOTIONS):
+            for k in range(many):
                 MJ[i, k] += 2.0 * M[i, j] * J[j, k]
-        for k in range(MOTIONS):
+        for k in range(many):
             slope[k] += J[i, k] * pulled
         if i < 12:
             row, start, step = (i // 3, i % 3, 3) if i < 9 else (i - 9, 9, 1)
             for b in range(3):
                 pull[row, b] += pulled * y[start + step * b]
     trace = pull[0, 0] + pull[1, 1] + pull[2, 2]
-    for k in range(MOTIONS):
-        for m in range(MOTIONS):
+    for k in range(many):
+        for m in range(many):
             S[k, m] = 0.0
-            for i in range(NUMBERS):
+            for i in range(numbers):
                 S[k, m] += J[i, k] * MJ[i, m]
             H[k, m] = S[k, m]
             if k < TURNS and m < TURNS:
@@ -125,32 +166,34 @@ def independent(
     motions: FloatArray,
 ) -> int:
     """Write slope, curvature, strength and columns of the independent constrained motions; returns their number."""
-    a, axes, turned = np.zeros((MOTIONS, MOTIONS)), np.zeros((MOTIONS, MOTIONS)), np.zeros((MOTIONS, MOTIONS))
+    many = len(slope)
+    a, axes = np.zeros((many, many)), np.zeros((many, many))
     gradient = slope.copy()
     turn, shift = S[0, 0] + S[1, 1] + S[2, 2], S[3, 3] + S[4, 4] + S[5, 5]
     # Rotations and translations in one unit, so that "flat" means the same for both.
     unit = np.sqrt(shift / turn) if turn > 0.0 and shift > 0.0 else 1.0
-    for k in range(MOTIONS):
-        for m in range(MOTIONS):
+    for k in range(many):
+        for m in range(many):
             a[k, m] = S[k, m] * (unit if k < TURNS else 1.0) * (unit if m < TURNS else 1.0)
-    symmetric_axes(a, axes, MOTIONS)
+    symmetric_axes(a, axes)
     most, count = 0.0, 0
-    for k in range(MOTIONS):
+    for k in range(many):
         most = max(most, a[k, k])
-    for k in range(MOTIONS):
+    for k in range(many):
         # The squares decide what is constrained: on a plane the full Hessian has curvature even in a pure slide.
         if a[k, k] > flat * most:
-            for i in range(MOTIONS):
+            for i in range(many):
                 axes[i, count] = axes[i, k] * (unit if i < TURNS else 1.0)
             count += 1
+    a, turned = np.zeros((count, count)), np.zeros((count, count))
     for k in range(count):
         for m in range(count):
             a[k, m] = inner(axes, k, H, axes, m)
-    symmetric_axes(a, turned, count)
+    symmetric_axes(a, turned)
     most = 0.0
     for k in range(count):
         curvature[k], slope[k] = abs(a[k, k]), 0.0
-        for i in range(MOTIONS):
+        for i in range(many):
             motions[i, k] = 0.0
             for m in range(count):
                 motions[i, k] += axes[i, m] * turned[m, k]
@@ -166,9 +209,9 @@ def independent(
 @compiled
 def inner(one: FloatArray, k: int, H: FloatArray, other: FloatArray, m: int) -> float:
     """Product of column k, a matrix, and column l."""
-    total = 0.0
-    for i in range(MOTIONS):
-        for j in range(MOTIONS):
+    total, many = 0.0, len(H)
+    for i in range(many):
+        for j in range(many):
             total += one[i, k] * H[i, j] * other[j, m]
     return total
 

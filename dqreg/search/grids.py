@@ -50,7 +50,7 @@ class Grid:
 
     def mean_gains(self, poses: Poses, points: FloatArray, gains: Single) -> FloatArray:
         """Mean gain of the points under each pose, (n,); gains (count + 1,)."""
-        from dqreg.kernels.grid_gains import mean_gains
+        from dqreg.kernels.many_poses import mean_gains
         from dqreg.kernels.threads import as_plain, over_chunks
 
         means = np.zeros(len(poses))

@@ -61,18 +61,12 @@ class Poses:
 
     def distinct(self, middle: FloatArray, angle_rad: float, offset: float, most: int) -> IntArray:
         """Rows of the first poses that differ from all kept before them, by an angle or at a point of the source."""
-        places = self.R @ middle + self.t
-        alive = np.ones(len(self), dtype=bool)
-        kept: list[int] = []
-        while alive.any() and len(kept) < most:
-            ask_clock()
-            k = int(alive.argmax())
-            kept.append(k)
-            # |R_a - R_b| in the Frobenius norm is 2 sqrt(2) sin(angle / 2).
-            chord = np.linalg.norm((self.R - self.R[k]).reshape(len(self), 9), axis=1)
-            same = (chord < 2.0 * np.sqrt(2.0) * np.sin(0.5 * angle_rad)) & (
-                np.linalg.norm(places - places[k], axis=1) < offset
-            )
-            alive &= ~same
-            alive[k] = False
-        return np.array(kept, dtype=np.int64)
+        from dqreg.kernels.many_poses import distinct_rows
+        from dqreg.kernels.threads import as_plain
+
+        ask_clock()
+        # |R_a - R_b| in the Frobenius norm is 2 sqrt(2) sin(angle / 2).
+        chord = 2.0 * np.sqrt(2.0) * np.sin(0.5 * angle_rad)
+        places = as_plain(self.R @ middle + self.t)
+        rows: IntArray = distinct_rows(as_plain(self.R), places, float(chord), float(offset), int(most))
+        return rows

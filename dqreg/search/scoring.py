@@ -9,8 +9,8 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry import Surface
 from dqreg.icp import InlierMixture
-from dqreg.kernels.threads import ask_clock
 from dqreg.search.poses import Poses
+from dqreg.solvers.robust import LEAST_FRACTION
 
 # Points farther from the target than this fraction of the largest distance of a correspondence are outliers to a score.
 TRUNCATED = 0.25
@@ -112,11 +112,13 @@ def score_poses(
 
 
 def _likelihoods(distances: FloatArray, mixture: InlierMixture) -> FloatArray:
-    found = []
-    for row in distances:
-        ask_clock()
-        found.append(mixture.log_likelihoods(row, rounds=ROUNDS))
-    return np.stack(found)
+    from dqreg.kernels.many_poses import log_likelihoods
+    from dqreg.kernels.threads import over_chunks
+
+    found = mixture.inlier_densities(distances)
+    outlier = 1.0 / mixture.limit
+    over_chunks(log_likelihoods, len(found), found, outlier, mixture.inlier_fraction, LEAST_FRACTION, ROUNDS, chunk=1)
+    return found
 
 
 def _learned(distances: FloatArray, limit: float, floor: float) -> tuple[float, InlierMixture]:

@@ -199,13 +199,8 @@ class InlierMixture:
                 break
         return mixture
 
-    def log_likelihoods(self, distances: FloatArray, *, rounds: int) -> FloatArray:
-        """Of each distance, beyond the limit too, at this scale and the inlier fraction that EM rounds fit to them."""
+    def inlier_densities(self, distances: FloatArray) -> FloatArray:
+        """Density of each distance among the inliers, of any shape; 0 from the limit on."""
         inlier = np.sqrt(2.0 / np.pi) / self.scale * np.exp(-0.5 * (distances / self.scale) ** 2)
-        inlier = inlier * (distances < self.limit)
-        fraction = self.inlier_fraction
-        for _ in range(rounds):
-            weights = fraction * inlier / (fraction * inlier + (1.0 - fraction) / self.limit)
-            fraction = float(np.clip(weights.mean(), LEAST_FRACTION, 1.0 - LEAST_FRACTION))
-        likelihoods: FloatArray = np.log(fraction * inlier + (1.0 - fraction) / self.limit)
-        return likelihoods
+        densities: FloatArray = inlier * (distances < self.limit)
+        return densities

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dqreg.kernels.symmetric_axes import symmetric_axes
+from dqreg.kernels.newton_steps import symmetric_axes
 from dqreg.rigid import pose
 from dqreg.solvers.newton import FreeChart, descend, local_minimum
 from dqreg.solvers.quadratic import QuadraticForm, plane_form, point_form
@@ -63,7 +63,7 @@ def test_axes_are_those_of_lapack(seed: int, n: int, grade: float) -> None:
     rows = rng.normal(size=(n, n)) * np.logspace(0.0, grade, n)
     a, axes = rows.T @ rows, np.zeros((n, n))
     found = a.copy()
-    symmetric_axes(found, axes, n)
+    symmetric_axes(found, axes)
     values = np.diag(found)
     np.testing.assert_allclose(np.sort(values), np.linalg.eigvalsh(a), atol=1e-14 * np.abs(a).max() * n)
     np.testing.assert_allclose(axes.T @ axes, np.eye(n), atol=1e-13)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dqreg.kernels.many_poses import log_likelihoods
 from dqreg.solvers.robust import LEAST_FRACTION, GemanMcClure, Huber, InlierMixture, Kernel, LeastSquares, Tukey, Welsch
 
 SCALES = st.floats(1e-3, 1e3)
@@ -201,7 +202,10 @@ def test_millimetres_and_metres_learn_the_same(seed: int, share: float) -> None:
 def test_log_likelihoods_at_a_fixed_scale_take_the_likeliest_share(share: float) -> None:
     d = drawn(np.random.default_rng(4), 2_000, 0.02, share, 1.0)
     d[:100] = np.inf  # Beyond the limit an outlier is all that is left.
-    found = InlierMixture.starting(0.02, 1.0).log_likelihoods(d, rounds=200)
+    mixture = InlierMixture.starting(0.02, 1.0)
+    rows = mixture.inlier_densities(d)[None]
+    log_likelihoods(0, 1, rows, 1.0 / mixture.limit, mixture.inlier_fraction, LEAST_FRACTION, 200)
+    found = rows[0]
     within = np.minimum(d, 2.0)
     others = [
         np.log(np.where(d < 1.0, density(InlierMixture(0.02, s, 1.0), within), 1.0 - s)).sum()
