@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
 from dqreg.files.atomic import write_atomically
@@ -19,6 +18,7 @@ from dqreg.registration.invariants import as_failed, violated_invariant
 from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.result_json import as_text, read_fields, to_plain
 from dqreg.registration.scan_deviations import scan_deviations
+from dqreg.registration.shown_result import ShownResult
 from dqreg.registration.uncertain_pose import UncertainPose
 from dqreg.trust.records import Alternative, Direction, Verdict
 
@@ -26,7 +26,7 @@ __all__ = ["Alternative", "Direction", "Iteration", "Registration", "Verdict"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Registration(UncertainPose):
+class Registration(UncertainPose, ShownResult):
     """Result of registering a source to a target.
 
     However it was made, its pose is rigid to 1e-12, or all NaN with the verdict "failed"; its covariance is symmetric
@@ -207,47 +207,6 @@ class Registration(UncertainPose):
         """
         self._found()
         return dataclasses.replace(self, **after_alignment(vars(self), alignment, name))
-
-    def report(
-        self,
-        path: str | Path,
-        tolerance: float | None = None,
-        *,
-        reach: float | None = None,
-        start: ArrayLike | None = None,
-    ) -> Path:
-        """Write a report to be judged by eye: one HTML file that opens anywhere and loads nothing.
-
-        Parameters
-        ----------
-        path : str or Path
-            The file; that it can be written is asked before the work.
-        tolerance : float, optional
-            Largest deviation allowed, target units; then points and regions of the part pass or fail.
-        reach : float, optional
-            Points farther off belong to something else, see `deviations`.
-        start : (4, 4) array_like, optional
-            Where the registration began, to show the scan before it.
-
-        Returns
-        -------
-        Path
-            The file. A failed registration is reported too; a result without its two sides has no view.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be written, or the tolerance is no length above zero.
-        """
-        from dqreg.report.page import write_report
-
-        return write_report(self, path, tolerance, reach=reach, start=start)
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows: verdict, numbers and, with both sides, a picture."""
-        from dqreg.report.page import notebook_html
-
-        return notebook_html(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, numbers and strings under the attribute names; NaN and infinity become None.

@@ -66,12 +66,15 @@ def to_html(
     data: ReportData | None,
     inspection: Inspection | None = None,
     head: Mapping[str, str] | None = None,
+    *,
+    in_cell: bool = False,
 ) -> str:
-    """The page of a result; ``head`` names the part and who measured it."""
+    """The page of a result; ``head`` names the part and who measured it. A cell has the verdict and the view alone."""
     from markupsafe import Markup
 
     unit = unit_of(result)
-    values = _words(result, data, unit) | _evidence(result, unit) | _shown(data)
+    values = _words(result, data, unit) | _evidence(result, unit) | _shown(data, printed=not in_cell)
+    values["in_cell"] = in_cell
     values["inspection"] = sheet_of(inspection, unit)
     values["head_rows"] = head_rows({**(inspection.plan.head if inspection else {}), **(head or {})})
     values["digests"] = digests_of(result.settings)
@@ -128,7 +131,7 @@ def _evidence(result: RegistrationResult, unit: str) -> dict[str, Any]:
     }
 
 
-def _shown(data: ReportData | None) -> dict[str, Any]:
+def _shown(data: ReportData | None, *, printed: bool) -> dict[str, Any]:
     """What only a result with source and target can show."""
     if data is None:
         return {
@@ -157,7 +160,9 @@ def _shown(data: ReportData | None) -> dict[str, Any]:
         "labels_shown": bool(scene["labels"]),
         "drawn": tables.drawn_words(data, scene),
         "ellipsoid_words": _ellipsoid_words(data),
-        "picture": data_uri(encode(draw(data, panels_of(data), PANEL_WIDTH, PANEL_HEIGHT), "jpeg"), "jpeg"),
+        "picture": data_uri(encode(draw(data, panels_of(data), PANEL_WIDTH, PANEL_HEIGHT), "jpeg"), "jpeg")
+        if printed
+        else "data:,",
         "picture_alt": "Part and scan before and after, and the deviations in colours, from several sides",
         "scene": _json(scene),
     }

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dqreg.errors import InputError
 from dqreg.rigid import twist
 from dqreg.trust.records import Alternative
 from tests.report.browser import CHROMIUM, Browser
@@ -122,3 +123,30 @@ def test_a_failure_opens_too(browser, tmp_path):
     browser.open(failed().report(tmp_path / "failed.html"), *PHONE, phone=True)
     assert browser.complaints() == []
     assert "Alignment: failed" in browser.run("document.body.innerText")
+
+
+def test_a_cell_of_a_notebook_shows_the_live_view(browser, tmp_path):
+    """In a frame of its own, as a notebook shows it: it draws, turns when dragged, and asks for nothing."""
+    cell = bumpy().view(0.2, height=620, start=T_START)
+    page = tmp_path / "notebook.html"
+    page.write_text(f"<!DOCTYPE html><body>{cell._repr_html_()}</body>", encoding="utf-8")
+    browser.open(page, *DESK)
+    browser.settle()
+    assert browser.complaints() == []
+    assert browser.fetched() == []
+    first = browser.image("iframe")
+    assert colours_in(first[250:550]) > 20
+    browser.drag("iframe", 120, 40)
+    browser.settle()
+    assert changed(first, browser.image("iframe")) > 0.02
+
+
+def test_a_cell_is_refused_without_its_sides_and_is_no_report():
+    cell = bumpy().view(height=300)
+    assert repr(cell) == "Cell(300 pixels high)"
+    assert "data:image/jpeg" not in cell.html
+    with pytest.raises(InputError, match="does not hold the scan"):
+        dataclasses.replace(bumpy(), inputs=None).view()
+    for height in (0, True, 1e3, "tall"):
+        with pytest.raises(InputError, match="whole number of pixels"):
+            bumpy().view(height=height)

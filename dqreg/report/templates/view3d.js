@@ -215,12 +215,12 @@ class View {
   drawNow() {
     const gl = this.gl, dpr = Math.min(devicePixelRatio || 1, 2);
     const w = Math.round(this.canvas.clientWidth * dpr), h = Math.round(this.canvas.clientHeight * dpr);
-    if (!w || !h) return;
-    if (this.canvas.width !== w || this.canvas.height !== h) { this.canvas.width = w; this.canvas.height = h; }
     const s = 2 * this.zoom;
-    this.scale = [s * h / w, s];
-    this.perSize = s * h / 2 / dpr;  // CSS pixels of one size of the part
+    this.perSize = s * (h || 1) / 2 / dpr;  // CSS pixels of one size of the part
     this.axes = cameraAxes(this.yaw, this.pitch);
+    if (!w || !h) return;  // in a frame that is not laid out yet
+    if (this.canvas.width !== w || this.canvas.height !== h) { this.canvas.width = w; this.canvas.height = h; }
+    this.scale = [s * h / w, s];
     const paper = cssColour("--paper");
     gl.viewport(0, 0, w, h);
     gl.clearColor(...paper);
