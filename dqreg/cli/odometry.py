@@ -34,7 +34,8 @@ WIDTH = 120
 @click.option("--frames", type=FILE, help="Write a CSV: verdict, standard deviations and reasons of every frame.")
 @click.option("--plot", type=FILE, help="Plot the path, the errors and the uncertainty (.png, .svg, .pdf).")
 @click.option("--times", type=FILE, help="Timestamps, one line for each frame  [default: times.txt beside the scans].")
-@click.option("--loader", help="One of KISS-ICP's data loaders: kitti, mulran, ncd, rosbag, ...")
+@click.option("--topic", help="Topic of the clouds in a bag that has several.")
+@click.option("--loader", help="One of KISS-ICP's data loaders: kitti, mulran, ncd, ...")
 @click.option("--sequence", help="Sequence for the loader.")
 @click.option("--first", type=int, metavar="N", help="Run the first N frames only.")
 @click.option("--voxel-size", type=float, help="Voxel size of the map  [default: 0.05 of the median range].")
@@ -51,11 +52,13 @@ WIDTH = 120
 def odometry_command(scans: Path, **options: Any) -> int:
     """Estimate the trajectory of a LiDAR sequence, with a verdict for every frame.
 
-    SCANS is a folder of PLY, PCD, BIN (KITTI) or NPZ files, or one .npz with points and offsets.
+    SCANS is a bag of ROS 1 or ROS 2 (.bag, .mcap, .db3 or its folder), a folder of PLY, PCD, LAS, BIN (KITTI) or NPZ
+    files, or one .npz with points and offsets.
 
     \b
     dqreg odometry my_scans --out poses.txt
     dqreg odometry my_scans --truth truth.txt --plot run.png --frames frames.csv
+    dqreg odometry my.bag --topic /points --out poses.tum
     dqreg odometry my_scans --truth truth.txt --compare
     dqreg odometry my_scans --json | jq '.frames[] | select(.level != "accepted")'
     dqreg odometry kitti/ --loader kitti --sequence 07 --out poses_07.txt
@@ -73,7 +76,9 @@ def odometry_command(scans: Path, **options: Any) -> int:
             require_writable(options[name])
     # A table squeezed into a pipe's 80 columns cannot be read.
     console, shown = consoles(quiet=options["quiet"], as_json=options["as_json"], width=WIDTH)
-    data = _first(open_scans(scans, options["times"], options["loader"], options["sequence"]), options["first"])
+    data = _first(
+        open_scans(scans, options["times"], options["loader"], options["sequence"], options["topic"]), options["first"]
+    )
     truth = _truth(options["truth"], data)
     alone = not options["compare"]
     trips = [_run(shown, options["engine"], data, settings)] if alone else _compare(shown, data, settings)

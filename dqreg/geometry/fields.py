@@ -135,5 +135,6 @@ def stamp_of(value: Any) -> float | None:
     stamp = getattr(getattr(value, "header", None), "stamp", None)
     for whole, rest in (("sec", "nanosec"), ("secs", "nsecs")):
         if hasattr(stamp, whole) and hasattr(stamp, rest):
-            return float(getattr(stamp, whole)) + 1e-9 * float(getattr(stamp, rest))
+            # Whole numbers are divided exactly: the same float as of the decimal number.
+            return (int(getattr(stamp, whole)) * 10**9 + int(getattr(stamp, rest))) / 10**9
     return None

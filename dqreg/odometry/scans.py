@@ -21,10 +21,14 @@ from dqreg.files.kitti import kitti_rows
 from dqreg.files.numpy_files import numbers, read_arrays
 from dqreg.files.tables import TIME_NAMES
 from dqreg.files.untrusted import require_readable, unreadable
+from dqreg.odometry.bags import CloudTopic, is_bag
 from dqreg.odometry.kiss import load_kiss
 
 # What a frame may be in a folder of them; text files beside the scans are poses and times.
 KINDS = (".bin", ".csv", ".e57", ".las", ".laz", ".npy", ".npz", ".pcd", ".ply", ".pts", ".xyz")
+
+# KISS-ICP's names for its loaders of bags, which give each frame once and drop times out of step: ours reads them.
+BAGS = ("rosbag", "mcap")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,20 +63,33 @@ class Scans:
 
 
 def open_scans(
-    path: str | Path, times: str | Path | None = None, loader: str | None = None, sequence: str | None = None
+    path: str | Path,
+    times: str | Path | None = None,
+    loader: str | None = None,
+    sequence: str | None = None,
+    topic: str | None = None,
 ) -> Scans:
     """Find the frames of a sequence."""
     path = Path(path)
     if not path.exists():
-        raise InputError(f"cannot read {path}: no such file or folder; expected a folder of scans or an .npz sequence")
-    if loader is not None:
+        raise InputError(
+            f"cannot read {path}: no such file or folder; expected a folder of scans, a bag or an .npz sequence"
+        )
+    if loader in BAGS or (loader is None and is_bag(path)):
+        scans = _from_bag(path, topic)
+    elif topic is not None:
+        raise InputError(f"--topic names a topic of a bag, and {path} is none")
+    elif loader is not None:
         scans = _from_loader(path, loader, sequence)
     elif path.is_dir():
         scans = _from_folder(path)
     elif path.suffix.lower() == ".npz":
         scans = _from_archive(path)
     else:
-        raise InputError(f"{path} is one file; odometry needs a folder of scans or an .npz with points and offsets")
+        raise InputError(
+            f"{path} is one file; odometry needs a folder of scans, a bag (.bag, .db3, .mcap), or an .npz with points "
+            "and offsets"
+        )
     beside = (path if path.is_dir() else path.parent) / "times.txt"
     file = Path(times) if times is not None else beside if beside.is_file() and loader is None else None
     if file is None:
@@ -81,6 +98,19 @@ def open_scans(
     if len(stamps) != len(scans):
         raise InputError(f"{file} holds {len(stamps)} times for {len(scans)} frames; one line a frame is needed")
     return dataclasses.replace(scans, times=stamps)
+
+
+def _from_bag(path: Path, topic: str | None) -> Scans:
+    clouds = CloudTopic.of(path, topic)
+
+    def read(number: int) -> FrameData:
+        found = clouds.read(number)
+        return FrameData(found.points, found.times)
+
+    names = tuple(f"{path.name}[{number}]" for number in range(len(clouds.arrivals)))
+    # Drivers without a clock leave the stamps zero.
+    stamped = bool(np.isfinite(clouds.stamps).all() and np.ptp(clouds.stamps) > 0.0)
+    return Scans(names, read, clouds.stamps if stamped else np.array(clouds.arrivals) / 1e9)
 
 
 def _read_times(file: Path) -> FloatArray:
