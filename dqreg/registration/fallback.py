@@ -33,6 +33,8 @@ MEANT_RAD, MEANT = np.deg2rad(40.0), 0.25
 AS_WELL, ERRORS, ROUNDING = 0.02, 3.0, 5e-4
 # A pose this near to a symmetric copy of another one, in radians and sizes, is that copy.
 COPY = 2e-3
+# A scan whose inliers spread less than this share of the target's spread shows a detail of it.
+PARTIAL = 0.6
 # Poses of a search that are refined.
 TRIED = 8
 # Points that tell whether an initial pose is near.
@@ -56,7 +58,7 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
         return known
     if is_given and not may_search(fit):
         return known
-    is_asked = is_given and problem.options.search == "always"
+    is_asked = is_given and (problem.options.search == "always" or is_partial(fit))
     if not is_asked and ((not is_given and not len(start.others)) or not is_doubtful(fit)):
         return known
     others = np.array([c.T_target_source for c in search.candidates()]).reshape(-1, 4, 4) if is_given else start.others
@@ -70,6 +72,8 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
         fits.append(last)
     fits, copies = _without_equal_copies(fits)
     known = _best(fits, start.T_target_source if is_given else None)
+    if is_partial(fit):
+        copies = np.concatenate([copies, _copies(known.fit)])
     return dataclasses.replace(known, others=np.concatenate([known.others, copies]))
 
 
@@ -79,6 +83,16 @@ def may_search(fit: Fit) -> bool:
     return options.search == "always" or (
         options.search == "doubt" and options.method == "auto" and not fit.constraints.any
     )
+
+
+def is_partial(fit: Fit) -> bool:
+    """Whether the scan shows so little of the target that it may fit elsewhere, where no near symmetry leads to."""
+    if not fit.found:
+        return False
+    points, weights = fit.run.pairs.moved, fit.run.weights
+    middle = np.average(points, axis=0, weights=weights)
+    spread = np.average(((points - middle) ** 2).sum(axis=1), weights=weights)
+    return bool(spread < PARTIAL**2 * float((fit.problem.target.spreads**2).sum()))
 
 
 def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
@@ -108,13 +122,22 @@ def _is_copy(fit: Fit, others: FloatArray) -> BoolArray:
         return found
     for k, T in enumerate(others):
         motion = T @ pose.inverse(fit.T_target_source)
-        axis, angle = target.pairs.symmetry.between(fit.T_target_source, T), angle_of(motion[:3, :3])
+        within = 2.0 * COPY * target.surface.diagonal
+        axis, angle = target.pairs.symmetry.between(fit.T_target_source, T, within), angle_of(motion[:3, :3])
         if axis is None or angle < SAME_AXIS_RAD:
             continue
         step = 2.0 * np.pi / axis.order if axis.order else angle
         shift = float(np.linalg.norm(pose.apply(motion, axis.point[None])[0] - axis.point))
         found[k] = max(abs(angle - step * round(angle / step)), shift / target.surface.diagonal) <= COPY
     return found
+
+
+def _copies(fit: Fit) -> FloatArray:
+    """The fit's pose after each symmetry of the part, (k, 4, 4): as right as it is."""
+    symmetry = fit.problem.target.pairs.symmetry
+    if symmetry is None or not fit.found:
+        return NO_POSES
+    return np.asarray(symmetry.poses[1:] @ fit.T_target_source)
 
 
 def _without_equal_copies(fits: list[Fit]) -> tuple[list[Fit], FloatArray]:

@@ -136,7 +136,7 @@ def alternatives_of(fit: Fit, others: FloatArray) -> tuple[Alternative, ...]:
     for k in np.flatnonzero(deficit[1:] <= WORSE) + 1:
         # Known where a global search has run.
         symmetry = target.pairs.symmetry if "pairs" in vars(target) else None
-        axis = symmetry.between(poses[0], poses[k]) if symmetry else None
+        axis = symmetry.between(poses[0], poses[k], offset * diagonal) if symmetry else None
         words = symmetry_words(axis.moved(target.origin)) if axis else ""
         motion = _motion_words(fit, poses[k] @ pose.inverse(poses[0]))
         pose_k = fit.problem.to_caller(poses[k])

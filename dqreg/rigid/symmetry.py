@@ -49,9 +49,15 @@ class Symmetry:
         found = next((axis for axis in self.axes if axis.order is None), None)
         return None if found is None else np.stack([found.point, found.direction])
 
-    def between(self, T_one: FloatArray, T_other: FloatArray) -> Axis | None:
-        """The axis about which one pose of the part is rotated into another; None if no symmetry does that."""
+    def between(self, T_one: FloatArray, T_other: FloatArray, within: float) -> Axis | None:
+        """The axis about which one pose of the part is rotated into another; None if no symmetry does that.
+
+        A symmetry leaves the centre where it is, here within a length: a period does not.
+        """
         R = T_other[:3, :3] @ T_one[:3, :3].T
+        centre = R @ (self.centre - T_one[:3, 3]) + T_other[:3, 3]
+        if np.linalg.norm(centre - self.centre) > within:
+            return None
         for axis in self.axes:
             if axis.is_kept_by(R):
                 steps = angle_of(R) * (axis.order or 0) / (2.0 * np.pi)

@@ -13,6 +13,10 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, PointCloud, Scan
 from dqreg.search.poses import Poses
 
+# Normals that are equal in so many parts of one are of one face; faces that are looked at, the largest first; cosine
+# below which two are perpendicular.
+ALIKE, LARGEST, ACROSS = 200, 30, 0.02
+
 
 def axis_hypotheses(scan: Scan, target: PointCloud | Mesh) -> Poses:
     """Initial poses that put centre on centre and principal axes on principal axes."""
@@ -38,6 +42,24 @@ def principal_axes(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray
     _, axes = np.linalg.eigh(covariance)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     return mean, axes
+
+
+def face_axes(mesh: Mesh) -> FloatArray | None:
+    """Right-handed axes along the normals of the largest faces, one a column; None where no two are perpendicular.
+
+    The moments of a body that is nearly a cube tell its axes from nothing but details.
+    """
+    normals, areas = mesh.face_normals, mesh.face_areas
+    directions, rows = np.unique((normals * ALIKE).round().astype(np.int64), axis=0, return_inverse=True)
+    order = np.argsort(-np.bincount(rows.ravel(), areas), kind="stable")[:LARGEST]
+    found = directions[order] / np.linalg.norm(directions[order], axis=1, keepdims=True).clip(min=0.5)
+    across = np.flatnonzero(np.abs(found @ found[0]) < ACROSS) if len(found) else found
+    if not len(across):
+        return None
+    first = found[0]
+    second = found[across[0]] - (found[across[0]] @ first) * first
+    second /= np.linalg.norm(second)
+    return np.stack([first, second, np.cross(first, second)], axis=1)
 
 
 def moments(shape: Scan | PointCloud | Mesh) -> tuple[FloatArray, FloatArray]:

@@ -8,14 +8,17 @@ but it vanishes in the mirror.
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
+
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, Scan, Surface, sample_mesh
 from dqreg.geometry.normals import sample_rows
 from dqreg.rigid import pose
-from dqreg.rigid.rotations import about_axis
-from dqreg.search.axes import cube_rotations, moments, principal_axes
+from dqreg.rigid.rotations import about_axis, angle_of
+from dqreg.search.axes import cube_rotations, face_axes, moments, principal_axes
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
@@ -35,6 +38,12 @@ REFINE_POINTS, SCORE_POINTS, WIDE, NARROW, STEPS = 1_000, 5_000, 6e-3, 1e-3, 6
 EQUALLY_LIKELY = 0.015
 # Smaller moment in the larger one of the two across the axis of a ring, at least.
 EQUAL_MOMENTS = 0.9
+# Axes of the faces that are this near to the principal ones are the same.
+SAME_FRAME_RAD = np.deg2rad(1.0)
+# Maps that differ by less are one: the refinement on the scan leads to the same pose from both.
+SAME_MAP_RAD = np.deg2rad(5.0)
+# Half-turns across a ring that are tried, and those around each that fits.
+FLIPS, FINER = 72, 7
 # Teeth of a ring that are tried, and points that score a rotation by one.
 TEETH, RING_POINTS = range(5, 41), 500
 # A step of a ring fits where so much of what half a step moves out of place comes back into it: else it is the whole of
@@ -49,7 +58,8 @@ def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
 
     Shapes: returns (k, 4, 4).
     """
-    return _near_maps(mesh, surface, cube_rotations() + ring_steps(mesh, surface))
+    ring = [*ring_steps(mesh, surface), *ring_flips(mesh, surface)]
+    return _near_maps(mesh, surface, _about(mesh, cube_rotations(), ring))
 
 
 def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
@@ -57,7 +67,46 @@ def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
 
     Shapes: returns (k, 4, 4).
     """
-    return _near_maps(mesh, surface, [-R for R in cube_rotations()])
+    return _near_maps(mesh, surface, _about(mesh, [-R for R in cube_rotations()]))
+
+
+def _about(mesh: Mesh, turns: list[FloatArray], ring: Sequence[FloatArray] = ()) -> list[FloatArray]:
+    """Orthogonal matrices in the frame of the principal axes and in that of the faces, as those of the part's frame."""
+    frames = [principal_axes(*moments(mesh))[1]]
+    faces = face_axes(mesh)
+    if faces is not None and np.abs(faces.T @ frames[0]).max(axis=0).min() < np.cos(SAME_FRAME_RAD):
+        frames.append(faces)
+    # The identity and the inversion are the same in every frame.
+    maps = [axes @ turn @ axes.T for axes in frames for turn in turns if axes is frames[0] or abs(np.trace(turn)) < 3.0]
+    return maps + [frames[0] @ R @ frames[0].T for R in ring]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Ring:
+    """A part with equal moments across one of its axes, in the frame of the principal axes."""
+
+    axis: FloatArray  # (3,): Of the frame
+    centre: FloatArray
+    axes: FloatArray
+    arms: FloatArray  # (m, 3): Points of it, seen from the centre
+    surface: Surface
+
+    @staticmethod
+    def of(mesh: Mesh, surface: Surface) -> _Ring | None:
+        """The ring; None where no two moments, or all, are equal."""
+        mean, covariance = moments(mesh)
+        values = np.linalg.eigvalsh(covariance)
+        low, high = (bool(values[k] > EQUAL_MOMENTS * values[k + 1]) for k in (0, 1))
+        if low == high:
+            return None
+        centre, axes = principal_axes(mean, covariance)
+        arms = (sample_mesh(mesh, RING_POINTS, np.random.default_rng(0)).points - centre) @ axes
+        return _Ring(np.eye(3)[0 if high else 2], centre, axes, arms, surface)
+
+    def in_place(self, rotations: Sequence[FloatArray]) -> FloatArray:
+        """Mean gain of the points after each of some rotations, (k,)."""
+        moved = np.concatenate([self.arms @ (self.axes @ R).T for R in rotations]) + self.centre
+        return _gains(moved, self.surface, NEARLY, len(rotations))
 
 
 def ring_steps(mesh: Mesh, surface: Surface) -> list[FloatArray]:
@@ -66,26 +115,37 @@ def ring_steps(mesh: Mesh, surface: Surface) -> list[FloatArray]:
     About an axis with equal moments across it the rotations of the cube miss them: a ring of 24 teeth fits itself at
     every 15 degrees.
     """
-    mean, covariance = moments(mesh)
-    values = np.linalg.eigvalsh(covariance)
-    low, high = (bool(values[k] > EQUAL_MOMENTS * values[k + 1]) for k in (0, 1))
-    if low == high:
+    ring = _Ring.of(mesh, surface)
+    if ring is None:
         return []
-    axis = np.eye(3)[0 if high else 2]
-    centre, axes = principal_axes(mean, covariance)
-    arms = (sample_mesh(mesh, RING_POINTS, np.random.default_rng(0)).points - centre) @ axes
-
-    def in_place(angles: FloatArray) -> FloatArray:
-        moved = np.concatenate([arms @ (axes @ about_axis(axis, angle)).T for angle in angles]) + centre
-        return _gains(moved, surface, NEARLY, len(angles))
-
     steps = 2.0 * np.pi / np.array(TEETH)
-    whole, half = in_place(steps), in_place(0.5 * steps)
+    whole, half = (ring.in_place([about_axis(ring.axis, angle) for angle in angles]) for angles in (steps, 0.5 * steps))
     # An order beside the right one fits as well, a little worse.
     beside = np.maximum(np.r_[0.0, whole[:-1]], np.r_[whole[1:], 0.0])
     fits = np.flatnonzero((whole > beside) & (whole - half > COMES_BACK * (1.0 - half)))
     fits = fits[np.argsort(-whole[fits], kind="stable")][:ORDERS_KEPT]
-    return [about_axis(axis, sign * steps[k]) for k in fits for sign in (1.0, -1.0)]
+    return [about_axis(ring.axis, sign * steps[k]) for k in fits for sign in (1.0, -1.0)]
+
+
+def ring_flips(mesh: Mesh, surface: Surface) -> list[FloatArray]:
+    """Half-turns of a ring about axes across its own that leave most of it in place: its moments name none of them."""
+    ring = _Ring.of(mesh, surface)
+    if ring is None:
+        return []
+    across = np.roll(ring.axis, 1)
+
+    def flips(angles: FloatArray) -> list[FloatArray]:
+        return [about_axis(about_axis(ring.axis, angle) @ across, np.pi) for angle in angles]
+
+    angles = np.arange(FLIPS) * np.pi / FLIPS
+    gains = ring.in_place(flips(angles))
+    tops = np.flatnonzero((gains >= np.roll(gains, 1)) & (gains > np.roll(gains, -1)) & (gains > gains.mean()))
+    tops = tops[np.argsort(-gains[tops], kind="stable")][:ORDERS_KEPT]
+    found = []
+    for angle in angles[tops]:
+        fine = flips(angle + np.linspace(-0.5, 0.5, FINER) * np.pi / FLIPS)
+        found.append(fine[int(ring.in_place(fine).argmax())])
+    return found
 
 
 def flipped_poses(
@@ -113,20 +173,25 @@ def gain_of_mirror(
 
 
 def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray]) -> FloatArray:
-    """Those of some orthogonal matrices that, about the principal axes, leave most of a part in place, but not all."""
-    centre, axes = principal_axes(*moments(mesh))
+    """Those of some orthogonal matrices that, about the centre, leave most of a part in place, but not all."""
+    centre = moments(mesh)[0]
     points = sample_mesh(mesh, CHECKED, np.random.default_rng(0)).points
-    rotations = [axes @ turn @ axes.T for turn in turns]
-    maps = [pose.from_parts(R, centre - R @ centre) for R in rotations]
+    maps = [pose.from_parts(R, centre - R @ centre) for R in turns]
     # Few points of all rotations in one query; most rotations move most of the part far away.
     few = np.concatenate([pose.apply(T, points[:: CHECKED // SCREENED]) for T in maps])
     fractions = (surface.closest(few).distances <= NEARLY * surface.diagonal).reshape(len(maps), -1).mean(axis=1)
-    found = []
+    found: list[tuple[float, FloatArray]] = []
     for T in (maps[k] for k in np.flatnonzero(fractions >= MOST - SLACK)):
         distances = surface.closest(pose.apply(T, points)).distances / surface.diagonal
-        if np.mean(distances <= NEARLY) >= MOST and np.mean(distances <= SAME) < ALL:
-            found.append(T)
-    return np.array(found).reshape(-1, 4, 4)
+        fraction = float(np.mean(distances <= NEARLY))
+        if fraction >= MOST and np.mean(distances <= SAME) < ALL:
+            found.append((fraction, T))
+    kept: list[FloatArray] = []
+    for _, T in sorted(found, key=lambda pair: -pair[0]):
+        # Both frames may come near to one symmetry.
+        if all(angle_of(T[:3, :3] @ other[:3, :3].T) > SAME_MAP_RAD for other in kept):
+            kept.append(T)
+    return np.array(kept).reshape(-1, 4, 4)
 
 
 def _refined(

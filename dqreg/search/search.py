@@ -143,7 +143,7 @@ def _equally_likely(problem: SearchProblem, poses: Poses) -> tuple[Candidate, ..
     for k in rows[poses[rows].distinct(middle, angle_rad, offset * problem.size, len(rows))]:
         candidate = _candidate(poses, scores, int(k), "judged")
         if found and symmetry:
-            axis = symmetry.between(found[0].T_target_source, candidate.T_target_source)
+            axis = symmetry.between(found[0].T_target_source, candidate.T_target_source, offset * problem.size)
             candidate = dataclasses.replace(candidate, symmetry=axis)
         found.append(candidate)
     return tuple(found)

@@ -12,7 +12,7 @@ from dqreg.registration.fit import coarse_to_fine
 from dqreg.registration.rivals import best_seen
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, random_pose, scan_mesh, worst_vertex_displacement
-from dqreg.synth.parts import bracket
+from dqreg.synth.parts import box, bracket
 from tests.registration.scenes import problem_of
 
 PART = dqreg.Mesh(*bracket())
@@ -98,6 +98,17 @@ def test_a_good_pose_is_not_searched_for_again() -> None:
     result = TARGET.register(SCAN, start(5.0), effort="fast", observe_search=stages.append)
     assert result.verdict.level == "accepted"
     assert stages == []
+
+
+def test_a_corner_of_a_box_fits_at_the_other_corners() -> None:
+    # Eight corners, three ways each; three of the 23 others are symmetries of the box.
+    part = dqreg.Mesh(*box((30.0, 40.0, 55.0)))
+    points = sample_mesh(part, 8_000, np.random.default_rng(0)).points
+    corner = points[np.linalg.norm(points - part.vertices.max(axis=0), axis=1) < 15.0]
+    result = dqreg.register(corner + 0.02 * np.random.default_rng(1).normal(size=corner.shape), part, "identity")
+    assert result.verdict.codes == ("alternative_poses",)
+    assert sum(not other.symmetry for other in result.alternatives) >= 4
+    assert sum(bool(other.symmetry) for other in result.alternatives) == 3
 
 
 @pytest.mark.parametrize("options", [{"method": "dq"}, {"dof": "rz tx ty"}, {"search": "never"}])

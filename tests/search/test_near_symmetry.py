@@ -9,6 +9,8 @@ from dqreg.rigid import pose
 from dqreg.rigid.rotations import about_axis, angle_of
 from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror, near_flips, near_mirrors, ring_steps
 from dqreg.synth.parts import block, box, bracket, cylinder, gear
+from dqreg.synth.parts.blocks import cells
+from dqreg.synth.parts.patches import weld
 from dqreg.trust.doubts import MIRRORED
 
 # Half a turn about an axis leaves this block in place but for one small feature.
@@ -44,6 +46,17 @@ def test_a_nearly_symmetric_block_has_flips() -> None:
 def test_a_symmetry_is_no_flip_and_neither_is_what_moves_the_part(part: tuple) -> None:
     mesh = Mesh(*part)
     assert len(near_flips(mesh, MeshSurface(mesh))) == 0
+
+
+def test_a_nearly_cubic_block_has_the_flips_of_its_faces() -> None:
+    # Its moments are so nearly equal that the notch decides where the principal axes are.
+    levels = np.array([0.0, 0.75, 1.0])
+    filled = np.ones((2, 2, 2), dtype=bool)
+    filled[1, 1, 1] = False
+    mesh = Mesh(*weld(cells([levels, 1.02 * levels, 0.98 * levels], filled)))
+    flips = near_flips(mesh, MeshSurface(mesh))
+    for signs in ([1, -1, -1], [-1, 1, -1], [-1, -1, 1]):
+        assert min(angle_of(T[:3, :3] @ np.diag(signs).astype(float)) for T in flips) < np.deg2rad(1.0)
 
 
 def test_the_small_feature_decides_for_the_truth() -> None:
@@ -156,6 +169,35 @@ def test_what_has_no_teeth_has_no_step(part: tuple) -> None:
 def test_the_facets_of_a_cylinder_are_its_symmetry_and_no_flips() -> None:
     mesh = Mesh(*cylinder())
     assert len(near_flips(mesh, MeshSurface(mesh))) == 0
+
+
+def star(points: int) -> Mesh:
+    """A prism over a star with one point worn off, turned by 10 degrees."""
+    angles = np.deg2rad(10.0) + np.arange(2 * points) * np.pi / points
+    radii = np.where(np.arange(2 * points) % 2, 6.0, 10.0)
+    radii[0] = 9.0
+    rim = np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1)
+    low, high = (np.column_stack([np.append(rim, [[0.0, 0.0]], axis=0), np.full(2 * points + 1, z)]) for z in (0, 3))
+    here = np.arange(2 * points)
+    there, hub, up = (here + 1) % (2 * points), np.full(2 * points, 2 * points), 2 * points + 1
+    faces = [
+        [there, here, hub],
+        [here + up, there + up, hub + up],
+        [here, there, there + up],
+        [here, there + up, here + up],
+    ]
+    return Mesh(np.concatenate([low, high]), np.concatenate([np.stack(rows, axis=1) for rows in faces]))
+
+
+def test_a_ring_is_flipped_about_axes_across_it() -> None:
+    # Half a turn about an axis through a point of the star, or between two: its moments name neither.
+    part = star(7)
+    across = [T[:3, :3] for T in near_flips(part, MeshSurface(part)) if T[2, 2] < -0.99]
+    axes = np.array([np.arctan2(R[1, 0], R[0, 0]) / 2.0 for R in across])
+    # The lines of symmetry of seven points are 180 / 7 degrees apart.
+    off = ((axes - np.deg2rad(10.0)) * 7.0 / np.pi + 0.5) % 1.0 - 0.5
+    assert len(across) >= 2
+    assert np.abs(off).max() < 0.05
 
 
 def test_a_pose_that_is_one_tooth_off_is_told() -> None:

@@ -101,7 +101,15 @@ def test_one_small_feature_breaks_the_symmetry():
 def test_the_axis_between_two_poses_is_found():
     found = symmetry_of(Mesh(*box((3.0, 2.0, 1.0))))
     T = pose.random(np.random.default_rng(0), reach=2.0)
-    axis = found.between(T, found.poses[1] @ T)
+    axis = found.between(T, found.poses[1] @ T, 0.01)
     assert axis.order == 2
     assert "180 degrees" in symmetry_words(axis)
-    assert found.between(T, pose.exp([0.5, 0, 0, 0, 0, 0]) @ T) is None
+    assert found.between(T, pose.exp([0.5, 0, 0, 0, 0, 0]) @ T, 0.01) is None
+
+
+def test_a_shift_is_no_symmetry():
+    # A period of a lattice, with or without a half-turn, puts the part somewhere else.
+    found = symmetry_of(Mesh(*box((3.0, 2.0, 1.0))))
+    T, shift = np.eye(4), pose.exp([0, 0, 0, 0.4, 0, 0])
+    assert found.between(T, shift @ T, 0.01) is None
+    assert found.between(T, shift @ found.poses[1] @ T, 0.01) is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Callable
 
@@ -10,7 +11,7 @@ import numpy as np
 from dqreg.compare.trust import periodic, scans, shapes
 from dqreg.compare.trust.periodic import Periodic
 from dqreg.compare.trust.task import Kind, Make, Task, kinds_of, on_part
-from dqreg.geometry import Mesh
+from dqreg.geometry import Mesh, PointCloud
 from dqreg.rigid import pose
 
 Family = Callable[[np.random.Generator], Periodic]
@@ -105,6 +106,13 @@ def _corner_of_box(rng: np.random.Generator) -> Task:
     return on_part(scan, mesh, rng, noise=scans.NOISE, start=(3.0, 0.01), right=False, rivals=rivals)
 
 
+def _corner_of_cloud(rng: np.random.Generator) -> Task:
+    """The same with a cloud of the whole block as the target."""
+    task = _corner_of_box(rng)
+    assert isinstance(task.target, Mesh)
+    return dataclasses.replace(task, target=PointCloud(scans.sampled(task.target, 8_000, rng)))
+
+
 def _fewer_steps(rng: np.random.Generator) -> Task:
     """Stairs of which only some steps were scanned, without the ends."""
     part = periodic.stairs(rng)
@@ -133,4 +141,5 @@ KINDS: tuple[Kind, ...] = kinds_of(
     ("flipped", "nearly symmetric part, start turned by 180 degrees", _flipped),
     ("notch-unseen", "the one place that tells two poses apart was not scanned", _notch_unseen),
     ("corner-of-box", "one corner of a block: eight places fit", _corner_of_box),
+    ("corner-of-cloud", "the same of a cloud of the block", _corner_of_cloud),
 )
