@@ -60,6 +60,11 @@ def fit_planes_around(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, co
     return _joined(parts, min(count, tree.size))
 
 
+def fit_planes_among(cloud: FloatArray, indices: IntArray) -> PlaneFits:
+    """Fit planes to points of a cloud, (n, k) rows of it."""
+    return _joined([_fit_chunk(cloud, indices)], indices.shape[1])
+
+
 def _joined(parts: list[tuple[FloatArray, FloatArray, FloatArray]], count: int) -> PlaneFits:
     if not parts:
         return PlaneFits(np.zeros((0, 3)), np.zeros(0), np.zeros(0), count)

@@ -64,6 +64,7 @@ def evidence_of(
     *,
     search: str = "",
     mirror_gain: float = -np.inf,
+    sliding_loss: float = np.nan,
 ) -> Evidence:
     """All that the verdict on a fit is made of; see `Evidence` for the meaning of each number."""
     drift, drift_rad = fit.once("drift", lambda: _drift(fit))
@@ -81,6 +82,7 @@ def evidence_of(
         mirror_gain=mirror_gain,
         size=fit.prepared.surface.diagonal,
         carriers=tuple(fit.information.carriers.tolist()) if uncertainty.directions else (),
+        sliding_loss=sliding_loss,
         clutter=fit.problem.options.clutter,
         looked_through=fit.once("looked through", lambda: looked_through_at(fit)),
         drift=drift,

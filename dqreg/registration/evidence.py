@@ -13,6 +13,8 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
 from dqreg.rigid import pose
 from dqreg.trust.chance import random_ratio
+from dqreg.trust.doubts import NORMALS_APART
+from dqreg.trust.neighbourhoods import share_apart
 from dqreg.trust.patch_tests import ON, isolated, patches_off, stretch_of
 from dqreg.trust.segments import Segments, segments_of
 from dqreg.trust.strain import Strain, strain_of
@@ -108,7 +110,7 @@ def agreement_of(
         patches=patches,
         patches_off=off,
         strays=local.strays,
-        normals_apart=local.normals_apart,
+        normals_apart=_normals_apart(pairs, on, surface, local.normals_apart),
         width=float(np.sqrt(np.mean(aside**2))) if len(aside) else mixture.scale,
         # From cloud to cloud the tangent planes are guesses between points that stand apart.
         expected=max(
@@ -136,6 +138,14 @@ def _strain(pairs: Correspondences, counted: BoolArray, *, clutter: bool, sparse
         return strain
     value, along = stretch_of(*columns)
     return dataclasses.replace(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
+
+
+def _normals_apart(pairs: Correspondences, on: BoolArray, surface: Surface, found: float) -> float:
+    """Share of the inliers whose normals disagree; where they are many, asked of what their neighbours would show."""
+    if found <= NORMALS_APART or isinstance(surface, CloudSurface):
+        return found
+    again = share_apart(pairs.moved, pairs.closest.points, pairs.closest.normals, on)
+    return min(found, again) if np.isfinite(again) else found
 
 
 def _random_ratio(pairs: Correspondences, on: BoolArray, surface: Surface) -> float:

@@ -11,11 +11,13 @@ from dqreg.registration.assess import evidence_of, uncertainty_of
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose
 from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, mirror_gain, scores_of
+from dqreg.registration.slides import slide_of
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust import judge
+from dqreg.trust.neighbourhoods import is_flat
 
 # Standard deviations of the distances, in the scan's own noise, beyond which another pose is searched for: of 2,000
 # right poses none came above 1.4, walls settled on their wrong side to 2.4 and more.
@@ -90,9 +92,11 @@ def is_partial(fit: Fit) -> bool:
     if not fit.found:
         return False
     points, weights = fit.run.pairs.moved, fit.run.weights
-    middle = np.average(points, axis=0, weights=weights)
-    spread = np.average(((points - middle) ** 2).sum(axis=1), weights=weights)
-    return bool(spread < PARTIAL**2 * float((fit.problem.target.spreads**2).sum()))
+    values = np.linalg.eigvalsh(np.cov(points.T, aweights=weights, ddof=0))
+    whole = float((fit.problem.target.spreads**2).sum())
+    return bool(
+        values.sum() < PARTIAL**2 * whole or (is_flat(points[weights > 0.0]) and not fit.information.free.any())
+    )
 
 
 def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
@@ -110,7 +114,7 @@ def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
 def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
     """Whether the verdict has nothing against a pose that another one might mend."""
     gain = mirror_gain(fit, always=ask_mirror)
-    verdict = judge(evidence_of(fit, uncertainty_of(fit), mirror_gain=gain))
+    verdict = judge(evidence_of(fit, uncertainty_of(fit), mirror_gain=gain, sliding_loss=slide_of(fit).loss))
     return verdict.level == "accepted" or OF_THE_SCAN.issuperset(verdict.codes)
 
 

@@ -25,6 +25,7 @@ from dqreg.registration.rivals import (
     mirror_gain,
     near_symmetric_poses,
 )
+from dqreg.registration.slides import slide_of, without_slide
 from dqreg.registration.visibility import on_visible_faces
 from dqreg.trust import judge
 from dqreg.trust.records import Alternative, Verdict
@@ -63,7 +64,10 @@ def align(problem: Problem) -> Registration:
             fit = on_visible_faces(fit, problem.viewpoints)
     watch.seconds["total"] = watch.total
     uncertainty, alternatives = uncertainty_of(fit), alternatives_of(fit, others)
-    verdict = judge(evidence_of(fit, uncertainty, alternatives, search=start.search, mirror_gain=gain))
+    evidence = evidence_of(
+        fit, uncertainty, alternatives, search=start.search, mirror_gain=gain, sliding_loss=slide_of(fit).loss
+    )
+    verdict = judge(evidence)
     return registration_of(fit, uncertainty, verdict, alternatives)
 
 
@@ -72,6 +76,8 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
     is_given = fit.problem.start is not None
     known, near = Known(fit, start.others), NO_POSES
     with suppress(TimeUpError), until(fit.problem.watch.deadline):
+        fit, _ = without_slide(fit)
+        known = Known(fit, start.others)
         if is_given:
             fit, near = best_near_symmetric(fit, search.kernel_scale)
             # What is asked of a pose is asked of the answer, with its unconstrained motions as they were given.

@@ -16,7 +16,8 @@ def checks_of(evidence: Evidence, against: Collection[str]) -> tuple[Check, ...]
     """All questions in the order of the verdict, given the codes of those that speak against the pose."""
     checks = []
     for code, _ in limits.DOUBTS:
-        question, relation, unit, figures = QUESTIONS[code]
+        asked = SLIDING if code == "weakly_constrained" and math.isfinite(evidence.sliding_loss) else QUESTIONS[code]
+        question, relation, unit, figures = asked
         value, limit = figures(evidence)
         value = value if math.isfinite(value) else math.nan
         checks.append(Check(code, question, value, relation, limit, unit, code not in against))
@@ -119,3 +120,10 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
     "search_time_limit": ("The global search was finished", "at most", "", lambda e: (math.nan, 0.0)),
     "not_converged": ("ICP converged", "at most", "", lambda e: (math.nan, 0.0)),
 }
+# Asked in place of the number of points where they are few.
+SLIDING: tuple[str, Relation, Unit, Figures] = (
+    "Log-likelihood that a displacement along the weakest motion costs",
+    "at least",
+    "",
+    lambda e: (e.sliding_loss, limits.HOLDS),
+)

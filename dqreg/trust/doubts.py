@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from typing import Any
 
 from dqreg.solvers.motion_words import direction_words
 from dqreg.solvers.status import Status
@@ -35,6 +36,8 @@ CHANCE = 0.25
 UNCERTAIN_RAD, UNCERTAIN = math.radians(2.0), 0.02
 # A motion constrained by fewer points than this, and by this fraction of the inliers, depends on a detail or outliers.
 DETAIL, DETAIL_SHARE = 30.0, 0.02
+# But not where displacements along it cost the whole scan so much log-likelihood: chance reaches it once in 10^8.
+HOLDS = 20.0
 # Surface of the part itself off the target, in shares of what is on it; points off a part that is said to be alone.
 CONTRADICTING, CLUTTER = 0.08, 0.05
 # Points where a scanner looked through: right poses of depth cameras and LiDARs came to 0.004, wrong ones to 0.05.
@@ -44,6 +47,11 @@ ADVICE: dict[Status, str] = {
     "iteration limit": "; raise max_iterations, or give a closer initial pose",
     "stalled": "; the step size stopped decreasing: check the pose, or give a closer initial pose",
 }
+
+
+def few_carriers(carriers: Any, inliers: float) -> Any:
+    """Whether so few points, one number or many, constrain a motion that they may be a detail or outliers."""
+    return carriers < min(DETAIL, DETAIL_SHARE * inliers)
 
 
 def counts_all(evidence: Evidence) -> bool:
@@ -203,8 +211,10 @@ def _large_uncertainty(evidence: Evidence) -> Iterator[str]:
 
 
 def _weakly_constrained(evidence: Evidence) -> Iterator[str]:
+    if evidence.sliding_loss >= HOLDS:
+        return
     for direction, carriers in zip(evidence.directions, evidence.carriers, strict=False):
-        if not direction.is_free and carriers < min(DETAIL, DETAIL_SHARE * evidence.inliers):
+        if not direction.is_free and few_carriers(carriers, evidence.inliers):
             yield f"one motion depends on about {carriers:.0f} points: {direction.words}"
 
 

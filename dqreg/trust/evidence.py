@@ -58,6 +58,9 @@ class Evidence:
         Diagonal of the target; NaN where the uncertainty is not to be tested.
     carriers : tuple of float
         Number of points, about, that constrain each of the directions; empty where that was not counted.
+    sliding_loss : float
+        Least log-likelihood that the scan loses where it is displaced along the motions that few points constrain; NaN
+        where that was not asked.
     share_on, share_other, share_contradicting : float
         Fractions of the scan on the target, on other objects, and on surface of the part itself off the target.
     looked_through : float
@@ -100,6 +103,7 @@ class Evidence:
     looked_through: float = math.nan
     drift: float = 0.0
     drift_rad: float = 0.0
+    sliding_loss: float = math.nan
 
     def length(self, value: float) -> str:
         """A length in words, with its unit where that is known.

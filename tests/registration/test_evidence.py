@@ -9,6 +9,7 @@ from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan
 from dqreg.icp import Alignment, InlierMixture, find_correspondences
 from dqreg.registration.evidence import Agreement, agreement_of
 from dqreg.rigid import pose
+from dqreg.trust.doubts import NORMALS_APART
 from tests.icp.scenes import bracket_mesh, bracket_points
 
 PART = bracket_mesh()
@@ -81,7 +82,8 @@ def test_a_turned_pose_has_other_normals_where_faces_cross() -> None:
     # At a width that calls nearly everything an inlier, the normals still tell.
     wide = agreement(POINTS, tilted, width=0.03 * SIZE)
     assert wide.patches_off <= 0.02
-    assert wide.normals_apart >= 0.5
+    # A neighbourhood whose closest points lie on one face shows it; those near edges need not.
+    assert wide.normals_apart >= 3.0 * NORMALS_APART
 
 
 def test_points_beside_a_target_with_a_border_say_nothing() -> None:

@@ -16,6 +16,7 @@ from dqreg.trust.doubts import (
     FEW_INLIERS,
     FEW_OF_ALL,
     FEWEST_INLIERS,
+    HOLDS,
     NORMALS_APART,
     OFF_PER_STRAY,
     PATCHES_OFF,
@@ -136,6 +137,11 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "one motion depends on about 4 points: translation along (1.00, 0.00, 0.00)",
         "weakly_constrained",
     ),
+    "slides": (
+        {"directions": (HELD,) * 6, "carriers": (4.0, *(500.0,) * 5), "sliding_loss": HOLDS - 0.1},
+        "one motion depends on about 4 points: translation along (1.00, 0.00, 0.00)",
+        "weakly_constrained",
+    ),
     "mirrored": ({"mirror_gain": 0.1}, "the scan fits better when mirrored", "mirrored"),
     "too short": (
         {"stretch": -0.1, "stretched_along": (0.0, 0.0, 1.0)},
@@ -204,6 +210,7 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
         # Few of few, as of a tactile scan, and few of many that are enough.
         {"inliers": 60.0, "carriers": (4.0,) * 6},
         {"inliers": 1e6, "carriers": (30.0,) * 6},
+        {"directions": (HELD,) * 6, "carriers": (4.0, *(500.0,) * 5), "sliding_loss": HOLDS},
         {"expected": 0.0},
     ],
 )

@@ -1,0 +1,96 @@
+"""Motions that few points constrain: what the whole scan loses where the pose is displaced along them.
+
+Few points on an end face fix a long bar along its axis, and points that would hang in the air beyond its rim do so as
+well: the number of points along whose normal the motion goes says little. So the pose is displaced, refined, and all
+points are asked again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry import MeshSurface
+from dqreg.geometry.normals import sample_rows
+from dqreg.registration.fit import Fit
+from dqreg.registration.rivals import scores_of
+from dqreg.rigid import pose, twist
+from dqreg.search.oriented_points import OrientedPoints
+from dqreg.search.poses import Poses
+from dqreg.search.refine import refine
+from dqreg.search.scoring import CLEAR
+from dqreg.trust.doubts import few_carriers
+
+# Displacements that are tried either way, in sizes; those from the second on count as they are, all of them where a
+# refinement leads from there.
+DISPLACED = (0.01, 0.02, 0.05, 0.1)
+# A refinement that ends this near, in sizes, has led back.
+BACK = 0.005
+# Points that refine; first and last kernel scale of it, in sizes, and their number.
+POINTS, WIDE, NARROW, STEPS = 1_000, 6e-3, 1e-3, 6
+# Log-likelihood of all points from which another pose is better; times that one is gone on from.
+BETTER, ROUNDS = 5.0, 2
+# Where points that gain clearly have more than this share of what others lose, the scan is divided.
+SPLIT = 1.0 / 3.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Slide:
+    """What the scan says of the poses along its weakly constrained motions."""
+
+    loss: float = np.nan  # Least log-likelihood that all points together lose there; NaN where it was not asked
+    best: FloatArray | None = None  # (4, 4): A refined pose that explains the scan better
+
+
+def slide_of(fit: Fit) -> Slide:
+    """Displace a pose on a part along all motions that few points constrain."""
+    if not fit.found or not isinstance(fit.prepared.surface, MeshSurface) or fit.problem.watch.is_over:
+        return Slide()
+    information, scan, surface = fit.information, fit.prepared.scan, fit.prepared.surface
+    weak = ~information.free & few_carriers(information.carriers, float(fit.run.weights.sum()))
+    if not weak.any() or fit.constraints.any:
+        return Slide()
+    size = surface.diagonal
+    unit = information.vectors[:, weak] / np.r_[[information.lever] * 3, [1.0] * 3][:, None]
+    steps = np.array([sign * step * size for step in DISPLACED for sign in (1.0, -1.0)])
+    moved = np.stack([twist.exp(step * motion) @ fit.T_target_source for step in steps for motion in unit.T])
+    sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), POINTS)])
+    refined = refine(Poses.of(moved), sample, surface, np.geomspace(WIDE, NARROW, STEPS) * size).matrices
+    poses = np.concatenate([fit.T_target_source[None], moved[2 * unit.shape[1] :], refined])
+    scores = scores_of(fit, poses)
+    losses = _losses(scores.likelihoods[0] - scores.likelihoods[1:])
+    ends = sample.points[[*sample.points.argmin(axis=0), *sample.points.argmax(axis=0)]]
+    here = pose.apply(poses[0], ends)
+    away = np.array([np.linalg.norm(pose.apply(T, ends) - here, axis=1).max() for T in poses[1:]]) > BACK * size
+    best = int(losses.argmin())
+    better = poses[1 + best] if losses[best] < -BETTER else None
+    return Slide(float(losses[away].min(initial=np.inf)), better)
+
+
+def without_slide(fit: Fit) -> tuple[Fit, Slide]:
+    """The fit, or that to a pose along a weakly constrained motion that explains the scan better."""
+    slide = slide_of(fit)
+    for _ in range(ROUNDS):
+        if slide.best is None or fit.problem.options.method != "auto":
+            break
+        # The loop may lead back to where it was: then the pose of the refinement stays.
+        there = fit.at(slide.best)
+        other = fit.resumed(slide.best, NARROW * fit.prepared.surface.diagonal)
+        fit = other if other.found and _gain(there, other) >= 0.0 else there
+        slide = slide_of(fit)
+    return fit, slide
+
+
+def _losses(gaps: FloatArray) -> FloatArray:
+    """Sums of the log-likelihoods that points lose, (k, m) to (k,); nothing where many gain clearly."""
+    clear = np.where(np.abs(gaps) > CLEAR, gaps, 0.0)
+    against, in_favour = np.maximum(clear, 0.0).sum(axis=1), np.maximum(-clear, 0.0).sum(axis=1)
+    total = gaps.sum(axis=1)
+    return np.asarray(np.where(in_favour > SPLIT * against, np.minimum(total, 0.0), total))
+
+
+def _gain(fit: Fit, other: Fit) -> float:
+    means = scores_of(fit, np.stack([fit.T_target_source, other.T_target_source])).means
+    return float(means[1] - means[0])

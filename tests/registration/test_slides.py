@@ -1,0 +1,66 @@
+"""Motions that few points constrain, on a bar: its ends decide where it is along its length."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import dqreg
+from dqreg.geometry import sample_mesh
+from dqreg.registration.fit import Fit, coarse_to_fine
+from dqreg.registration.slides import slide_of, without_slide
+from dqreg.rigid import pose
+from dqreg.synth import worst_vertex_displacement
+from dqreg.synth.parts import box
+from dqreg.trust.doubts import HOLDS, few_carriers
+from tests.registration.scenes import problem_of
+
+LENGTH, NOISE = 200.0, 0.05
+BAR = dqreg.Mesh(*box((LENGTH, 30.0, 20.0)))
+OFF = pose.from_parts(np.eye(3), [0.02 * BAR.diagonal, 0.0, 0.0])
+
+
+def fit_of(points: np.ndarray, start: np.ndarray) -> Fit:
+    """The loop's fit of a scan in the part's frame: the truth is the identity."""
+    rng = np.random.default_rng(1)
+    problem = problem_of(points + NOISE * rng.normal(size=points.shape), BAR, np.eye(4))
+    prepared, constraints = problem.prepare(), problem.constraints(np.eye(4))
+    settings = problem.options.icp_settings(problem.reach(prepared), constraints)
+    return coarse_to_fine(problem, prepared, problem.to_centred(start), settings, constraints)
+
+
+def sides(on_ends: int) -> np.ndarray:
+    """Points all over the long faces, and so many on the ends."""
+    points = sample_mesh(BAR, 4_000, np.random.default_rng(0)).points
+    is_end = np.abs(np.abs(points[:, 0] - BAR.centre[0]) - 0.5 * LENGTH) < 1e-9
+    return np.concatenate([points[~is_end], points[is_end][:on_ends]])
+
+
+@pytest.mark.parametrize("on_ends", [6, 12])
+def test_points_beyond_the_rim_hold_the_bar_where_few_points_lie_on_its_ends(on_ends: int) -> None:
+    fit = fit_of(sides(on_ends), np.eye(4))
+    assert few_carriers(fit.information.carriers, float(fit.run.weights.sum())).any()
+    assert slide_of(fit).loss > 5.0 * HOLDS
+
+
+def test_few_strays_hold_nothing() -> None:
+    # The middle of the bar, and three points beside it where an end would be: each says little, and no rim is there.
+    points = sides(0)
+    middle = points[np.abs(points[:, 0] - BAR.centre[0]) < 0.3 * LENGTH]
+    ends = np.array([BAR.centre + np.array([0.5 * LENGTH, 5.0 * k, 2.0 * k]) for k in (-1, 0, 1)])
+    fit = fit_of(np.concatenate([middle, ends]), np.eye(4))
+    assert fit.information.free.sum() == 1
+    assert not slide_of(fit).loss >= HOLDS
+
+
+def test_a_pose_on_the_slope_is_gone_on_from() -> None:
+    fit = fit_of(sides(12), np.eye(4)).at(OFF)
+    assert worst_vertex_displacement(OFF, np.eye(4), BAR.vertices) > 0.019 * BAR.diagonal
+    better, _ = without_slide(fit)
+    off = worst_vertex_displacement(better.problem.to_caller(better.T_target_source), np.eye(4), BAR.vertices)
+    # Twelve points fix the end to the noise over their root; six times that.
+    assert off <= 6.0 * NOISE / np.sqrt(12.0)
+
+
+def test_nothing_is_asked_where_enough_points_constrain_every_motion() -> None:
+    assert np.isnan(slide_of(fit_of(sides(400), np.eye(4))).loss)
