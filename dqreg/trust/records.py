@@ -45,6 +45,7 @@ Code = Literal[
     "alternative_poses",
     "search_time_limit",
     "not_converged",
+    "low_confidence",
     "scale_unobservable",
     "scale_misfit",
     "scale_ambiguous",

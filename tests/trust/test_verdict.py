@@ -24,6 +24,7 @@ from dqreg.trust.doubts import (
     ROUGH,
     STRAYS,
 )
+from dqreg.trust.verdict import UNLIKELY
 
 NAN, INF = float("nan"), float("inf")
 HELD = Direction(0.1, 0.01, "translation along (1.00, 0.00, 0.00)")
@@ -215,7 +216,17 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
     ],
 )
 def test_at_the_limit_there_is_no_doubt(changes: dict[str, Any]) -> None:
-    assert judge(dataclasses.replace(GOOD, **changes)).level == "accepted"
+    # All figures together may still speak against it.
+    assert set(judge(dataclasses.replace(GOOD, **changes)).codes) <= {"accepted", "low_confidence"}
+
+
+def test_all_figures_together_may_speak_against_a_pose() -> None:
+    # Each of them is within its limit.
+    weak = {"inliers": 40.0, "width": 0.03, "random_ratio": 0.2, "directions": (SHIFT,) * 6, "size": 51.0}
+    verdict = judge(dataclasses.replace(GOOD, **weak))
+    assert verdict.codes == ("low_confidence",)
+    assert verdict.confidence < UNLIKELY
+    assert judge(dataclasses.replace(GOOD, **{**weak, "size": NAN})).level == "accepted"
 
 
 def test_all_doubts_stand_side_by_side_and_each_free_motion_for_itself() -> None:
