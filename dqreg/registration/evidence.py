@@ -12,6 +12,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
 from dqreg.rigid import pose
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.chance import random_ratio
 from dqreg.trust.doubts import NORMALS_APART
 from dqreg.trust.neighbourhoods import share_apart
@@ -41,6 +42,9 @@ MORE_THAN_USUAL = 2.5
 SEGMENTED, SOME_OFF = 5_000, 0.02
 # Points from which the strain is fitted.
 STRAINED = 3_000
+# Patches that deviate are measured by so many standard deviations of most inliers at most, and by this share of the
+# size at least.
+USUAL, LEAST = 3.0, 3e-4
 # Normals farther apart than this are of different faces.
 APART_RAD = np.deg2rad(35.0)
 
@@ -91,8 +95,9 @@ def agreement_of(
         close &= on | ~around.elsewhere
     alone = isolated(pairs.moved, on)
     kept = ~around.elsewhere & ~alone
+    scale = mixture.scale if isinstance(surface, CloudSurface) else min(mixture.scale, _usual_scale(aside, surface))
     patches, off = patches_off(
-        pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept], mixture.scale
+        pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept], scale
     )
     if scan.fitted is not None and len(pairs.scan) < len(scan):
         local = _Local.of(_fitted_pairs(run, scan, scan.fitted, surface, mixture.scale), width)
@@ -125,6 +130,12 @@ def agreement_of(
         share_other=around.share_other,
         share_contradicting=around.share_contradicting,
     )
+
+
+def _usual_scale(aside: FloatArray, surface: Surface) -> float:
+    """Scale of the distances along the normals of most inliers: a sparse scan has a kernel as wide as its spacing."""
+    usual = GAUSSIAN_MEDIAN * float(np.median(np.abs(aside))) if len(aside) else np.inf
+    return max(USUAL * usual, LEAST * surface.diagonal)
 
 
 def _strain(pairs: Correspondences, counted: BoolArray, *, clutter: bool, sparse: bool) -> Strain:

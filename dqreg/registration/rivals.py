@@ -17,6 +17,7 @@ from dqreg.search.poses import Poses
 from dqreg.search.scoring import PoseScores, score_poses
 from dqreg.search.stages import FINE_APART
 from dqreg.solvers.motion_words import axis_words, direction_words
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.patch_tests import ON
 from dqreg.trust.records import Alternative
 
@@ -32,6 +33,9 @@ WORSE = 0.05
 PERIOD = 0.05
 # The same where the time is up, and poses of the loop that are compared then.
 FEW_JUDGES, SEEN = 500, 4
+# Points apart from the target by so many standard deviations of most, and at least so many of that share of the size;
+# the share of them from which on the mirror image is asked for.
+APART, LEAST, SOME = 5.0, 1e-4, 0.005
 NO_POSES: FloatArray = np.zeros((0, 4, 4))
 
 
@@ -113,11 +117,20 @@ def mirror_gain(fit: Fit, *, always: bool = False) -> float:
         target.kind == "cloud"
         or not fit.found
         or fit.problem.watch.is_over
-        or not (always or fit.agreement.patches_off > 0.0)
+        or not (always or fit.agreement.patches_off > 0.0 or _some_apart(fit))
     ):
         return -np.inf
     reflections = target.near_reflections
     return gain_of_mirror(fit.T_target_source, reflections, fit.prepared.scan, target.surface, limit_of(fit), fit.floor)
+
+
+def _some_apart(fit: Fit) -> bool:
+    """Whether some points near the target are far from it, measured by most: what a sparse scan shows of a mirror."""
+    pairs, size = fit.run.pairs, fit.prepared.surface.diagonal
+    near = pairs.distances <= NEAR * fit.problem.reach(fit.prepared)
+    aside = np.abs(pairs.point_to_plane[near])
+    usual = max(GAUSSIAN_MEDIAN * float(np.median(aside)), LEAST * size) if len(aside) else np.inf
+    return bool(np.count_nonzero(aside > APART * usual) > SOME * len(aside))
 
 
 def alternatives_of(fit: Fit, others: FloatArray) -> tuple[Alternative, ...]:

@@ -13,6 +13,8 @@ from dqreg.registration.rivals import best_seen
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, random_pose, scan_mesh, worst_vertex_displacement
 from dqreg.synth.parts import box, bracket
+from dqreg.synth.parts.blocks import cells
+from dqreg.synth.parts.patches import weld
 from tests.registration.scenes import problem_of
 
 PART = dqreg.Mesh(*bracket())
@@ -153,3 +155,17 @@ def test_a_mirrored_scan_of_a_nearly_symmetric_part_is_told(mirrored: bool) -> N
     verdict = TARGET.register(pose.apply(T, points), effort="fast").verdict
     assert verdict.level == ("suspect" if mirrored else "accepted")
     assert mirrored == ("mirrored" in verdict.codes)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_sparse_scan_of_the_mirror_image_is_told(mirrored: bool) -> None:
+    # A block with a notch in one edge, nearer to one end: of 600 points no whole patch deviates.
+    filled = np.ones((3, 2, 2), dtype=bool)
+    filled[1, 1, 1] = False
+    grid = [60.0 * np.array([0.0, 0.5, 0.8, 1.0]), np.array([0.0, 64.0, 80.0]), np.array([0.0, 40.0, 50.0])]
+    part, rng = dqreg.Mesh(*weld(cells(grid, filled))), np.random.default_rng(0)
+    points = sample_mesh(part, 600, rng).points
+    points += 3e-4 * part.diagonal * rng.normal(size=points.shape)
+    points = points * [-1.0, 1.0, 1.0] + [60.0, 0.0, 0.0] if mirrored else points
+    codes = dqreg.register(points, part, "identity").verdict.codes
+    assert codes == (("mirrored",) if mirrored else ("accepted",))
