@@ -128,7 +128,6 @@ def __dir__() -> list[str]:
 
 
 def _hint(name: str) -> str:
-    import difflib
+    from dqreg.errors import did_you_mean
 
-    near = difflib.get_close_matches(name, () if name.startswith("__") else (*__all__, *_ROOMS), n=2)
-    return f"; did you mean {' or '.join(near)}?" if near else ""
+    return did_you_mean(name, () if name.startswith("__") else (*__all__, *_ROOMS))

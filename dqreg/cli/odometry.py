@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 
     from dqreg._arrays import FloatArray
     from dqreg.odometry.engines import TrajectoryRun
+    from dqreg.odometry.live import LiveMap
     from dqreg.odometry.scans import Scans
 
 FILE = click.Path(path_type=Path)
@@ -47,6 +49,9 @@ WIDTH = 120
 @click.option("--search", "search_deg", type=float, default=60.0, show_default=True, help="Largest rotation between "
               "two frames that is searched, degrees.")  # fmt: skip
 @click.option("--method", default="plane", show_default=True, help="Estimator: plane, dq or dq-points.")
+@click.option("--view", is_flag=True, help="Show map, frame and trajectory in the browser while it runs, on this "
+              "machine alone, until Ctrl-C. Works over ssh.")  # fmt: skip
+@click.option("--port", type=int, default=8080, show_default=True, help="Port of --view; the next free one if taken.")
 @as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def odometry_command(scans: Path, **options: Any) -> int:
@@ -60,6 +65,7 @@ def odometry_command(scans: Path, **options: Any) -> int:
     dqreg odometry my_scans --truth truth.txt --plot run.png --frames frames.csv
     dqreg odometry my.bag --topic /points --out poses.tum
     dqreg odometry my_scans --truth truth.txt --compare
+    dqreg odometry my_scans --view
     dqreg odometry my_scans --json | jq '.frames[] | select(.level != "accepted")'
     dqreg odometry kitti/ --loader kitti --sequence 07 --out poses_07.txt
 
@@ -81,7 +87,9 @@ def odometry_command(scans: Path, **options: Any) -> int:
     )
     truth = _truth(options["truth"], data)
     alone = not options["compare"]
-    trips = [_run(shown, options["engine"], data, settings)] if alone else _compare(shown, data, settings)
+    view = _live(console, options)
+    show = None if view is None else view.show
+    trips = [_run(shown, options["engine"], data, settings, show)] if alone else _compare(shown, data, settings, show)
     _show(console, trips, truth)
     main = trips[-1]
     _write(console, main, data, truth, options)
@@ -89,9 +97,29 @@ def odometry_command(scans: Path, **options: Any) -> int:
         from dqreg.odometry.trajectory import to_records
 
         print_json({"engine": main.name, "frames": to_records(main, data)})
+    if view is not None:
+        from dqreg.report.live_server import wait
+
+        wait(view.server)
     if not main.results:
         return 0
     return 0 if all(result.verdict.level == "accepted" for result in main.results) else 1
+
+
+def _live(console: Console, options: dict[str, Any]) -> LiveMap | None:
+    """The page that shows the run, open before it begins."""
+    from dqreg.errors import InputError
+
+    if not options["view"]:
+        return None
+    if options["engine"] != "dq" and not options["compare"]:
+        raise InputError(f"--view shows our engine, and --engine {options['engine']} was asked for: leave one out")
+    from dqreg.odometry.live import LiveMap
+    from dqreg.report.live_server import where
+
+    view = LiveMap(options["port"])
+    say(console, where(view.server))
+    return view
 
 
 def _first(scans: Scans, count: int | None) -> Scans:
@@ -119,19 +147,23 @@ def _truth(file: Path | None, scans: Scans) -> FloatArray | None:
     return match_truth(poses, times, scans.times, len(scans))
 
 
-def _run(console: Console, engine: str, scans: Scans, settings: Any) -> TrajectoryRun:
+def _run(
+    console: Console, engine: str, scans: Scans, settings: Any, show: Callable[..., object] | None = None
+) -> TrajectoryRun:
     from dqreg.odometry.engines import KissEngine, run_engine, run_ours
     from dqreg.report.work_bar import WorkBar
 
     with WorkBar(console) as bar:
         step = bar.steps(len(scans), engine)
         if engine == "dq":
-            return run_ours(scans, settings, step)
+            return run_ours(scans, settings, step, show)
         kiss = KissEngine(settings.max_range or 100.0, settings.voxel_size, settings.deskew)
         return run_engine("KISS-ICP", kiss, scans, step)
 
 
-def _compare(console: Console, scans: Scans, settings: Any) -> list[TrajectoryRun]:
+def _compare(
+    console: Console, scans: Scans, settings: Any, show: Callable[..., object] | None = None
+) -> list[TrajectoryRun]:
     from dqreg.errors import MissingDependencyError
     from dqreg.odometry.engines import peers, run_engine
     from dqreg.odometry.frame import read_frame
@@ -146,7 +178,7 @@ def _compare(console: Console, scans: Scans, settings: Any) -> list[TrajectoryRu
             continue
         with WorkBar(console) as bar:
             trips.append(run_engine(name, engine, scans, bar.steps(len(scans), name)))
-    return [*trips, _run(console, "dq", scans, settings)]
+    return [*trips, _run(console, "dq", scans, settings, show)]
 
 
 def _show(console: Console, trips: list[TrajectoryRun], truth: FloatArray | None) -> None:

@@ -11,6 +11,8 @@ from dqreg.cli.outputs import as_json_option, consoles, deviation_record, print_
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from dqreg.registration.result import Registration
     from dqreg.report.report_data import ReportData
 
@@ -30,6 +32,9 @@ VIEWS = "best"
 @click.option("--tolerance", type=float, metavar="LENGTH", help="Largest deviation allowed, target units: the end "
               "of the colour scale.")  # fmt: skip
 @click.option("--start", type=FILE, help="Initial pose of the registration (4x4), for before: views.")
+@click.option("--serve", is_flag=True, help="Show it in the browser, on this machine alone, until Ctrl-C: iterations, "
+              "alternatives, the ellipsoid of the pose. Works over ssh.")  # fmt: skip
+@click.option("--port", type=int, default=8080, show_default=True, help="Port of --serve; the next free one if taken.")
 @as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def show(
@@ -41,6 +46,8 @@ def show(
     report: Path | None,
     tolerance: float | None,
     start: Path | None,
+    serve: bool,
+    port: int,
     as_json: bool,
     quiet: bool,
 ) -> int:
@@ -51,6 +58,7 @@ def show(
     dqreg show result.json --save sides.png --views before:iso,iso,iso-back,top --start nominal.txt
     dqreg show result.json --report report.html --tolerance 0.05
     dqreg show result.json --json                   verdict, pose and deviations; opens no window
+    dqreg show result.json --serve                  in the browser, also of another machine through ssh
     dqreg show result.json                          a window, where there is a display
     """
     from dqreg.registration.result import Registration
@@ -66,7 +74,7 @@ def show(
         picture_path(save)
     if report is not None:
         page_path(report)
-    in_a_window = save is None and report is None and not as_json
+    in_a_window = save is None and report is None and not as_json and not serve
     if in_a_window:
         require_display()
     began = _start_pose(start)
@@ -84,7 +92,18 @@ def show(
         say(console, f"wrote {save}")
     if as_json:
         print_json(_record(attached, data, [path for path in (report, save) if path is not None]))
+    if serve:
+        _serve(console, data, port)
     return 0
+
+
+def _serve(console: Console, data: ReportData, port: int) -> None:
+    from dqreg.report.live_result import serve_result
+    from dqreg.report.live_server import wait, where
+
+    server = serve_result(data, port).server
+    say(console, where(server))
+    wait(server)
 
 
 def _record(result: Registration, data: ReportData, files: list[Path]) -> dict[str, Any]:

@@ -88,7 +88,10 @@ class TrajectoryRun:
 
 
 def run_ours(
-    scans: Scans, settings: OdometrySettings, tell: Callable[[int, Registration], object] | None = None
+    scans: Scans,
+    settings: OdometrySettings,
+    tell: Callable[[int, Registration], object] | None = None,
+    show: Callable[[FloatArray, Registration], object] | None = None,
 ) -> TrajectoryRun:
     """Run our odometry over a sequence; a frame that cannot be read fails alone."""
     odometry = Odometry(settings)
@@ -98,6 +101,8 @@ def run_ours(
         stamp = None if scans.times is None else float(scans.times[number])
         result = _registered(odometry, data, stamp)
         results.append(result)
+        if show is not None:
+            show(data.points, result)
         if tell is not None:
             tell(number, result)
     return TrajectoryRun("dqreg", odometry.poses, tuple(results), np.array([r.timings["total"] for r in results]))

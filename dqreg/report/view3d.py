@@ -51,7 +51,7 @@ def scene_of(data: ReportData) -> dict[str, Any]:
         "on": _cloud(data, on, with_values=True),
         "off": _cloud(data, off, with_values=False),
         "target": _target(data),
-        "poses": _poses(data),
+        "poses": poses_of(data),
         "labels": [
             {
                 "at": ((label.position - data.origin) / data.size).tolist(),
@@ -79,16 +79,17 @@ def scene_of(data: ReportData) -> dict[str, Any]:
 def _parts_of_scan(data: ReportData) -> tuple[IntArray, IntArray]:
     """Rows of the scan that are drawn: on the part, and off it."""
     if data.deviations is None:
-        return _thinned(data.points, np.arange(len(data.points)), POINTS_ON), np.zeros(0, dtype=np.int64)
+        return thinned(data.points, np.arange(len(data.points)), POINTS_ON), np.zeros(0, dtype=np.int64)
     on = data.deviations.counted
     near = np.linalg.norm(data.points, axis=1) <= FAR * data.size
     return (
-        _thinned(data.points, np.flatnonzero(on), POINTS_ON),
-        _thinned(data.points, np.flatnonzero(~on & near), POINTS_OFF),
+        thinned(data.points, np.flatnonzero(on), POINTS_ON),
+        thinned(data.points, np.flatnonzero(~on & near), POINTS_OFF),
     )
 
 
-def _thinned(points: FloatArray, rows: IntArray, most: int) -> IntArray:
+def thinned(points: FloatArray, rows: IntArray, most: int) -> IntArray:
+    """Of some rows, at most so many, evenly over space."""
     if len(rows) <= most:
         return rows
     # Even steps along a space-filling curve leave no holes.
@@ -118,7 +119,7 @@ def _quantised(points: FloatArray) -> dict[str, Any]:
 def _target(data: ReportData) -> dict[str, Any]:
     geometry = data.inputs.target.geometry
     if not isinstance(geometry, Mesh):
-        rows = _thinned(geometry.points, np.arange(len(geometry.points)), POINTS_TARGET)
+        rows = thinned(geometry.points, np.arange(len(geometry.points)), POINTS_TARGET)
         return _quantised(geometry.points[rows] / data.size) | {"total": len(geometry.points), "kind": "cloud"}
     vertices, faces = fewer_triangles(geometry.vertices / data.size, geometry.faces, TRIANGLES)
     quantised = _quantised(vertices)
@@ -140,7 +141,7 @@ def _numbers(mesh: Mesh, drawn: int) -> dict[str, Any]:
     return {"faceOf": _encoded(labels.astype("<u2"))} if count <= MOST_FACES else {}
 
 
-def _poses(data: ReportData) -> list[dict[str, Any]]:
+def poses_of(data: ReportData) -> list[dict[str, Any]]:
     """Before, after, alternatives and iterations, each as the motion from the points that are drawn."""
     drawn = data.result.T_target_source if data.found else data.T_before
     poses: list[dict[str, Any]] = []

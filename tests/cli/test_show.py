@@ -115,3 +115,16 @@ def test_a_result_without_its_settings_is_one_line(tmp_path, capsys):
         main(["show", str(tmp_path / "result.json"), "--report", str(tmp_path / "a.html")])
     assert ended.value.code == 2
     assert "does not say its max_distance" in capsys.readouterr().err
+
+
+def test_serve_says_where_and_waits(saved, monkeypatch, capsys):
+    pytest.importorskip("viser")
+    from dqreg.report import live_server
+
+    servers = []
+    monkeypatch.setattr(live_server, "wait", servers.append)
+    assert run("show", saved, "--serve", "--port", 18_260) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"http://127.0.0.1:{servers[0].get_port()}" in said
+    assert servers[0].get_host() == "127.0.0.1"
+    servers[0].stop()
