@@ -18,6 +18,7 @@ FILE = click.Path(path_type=Path)
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1; 0 takes a free one.")
 @click.option("--folder", type=FILE, help="Where visits are kept, to go on with them another day  [default: a "
               "temporary folder, removed at the end].")  # fmt: skip
+@click.option("--batch", type=FILE, metavar="FOLDER", help="Show the rows of a dqreg batch as it runs: its --out.")
 @click.option("--no-browser", "browser", flag_value=False, default=True, help="Print the address, open nothing.")
 @click.option("--replay", "visit", type=FILE, metavar="VISIT", help="Do a saved visit again without the page.")
 @click.option("--out", type=FILE, default=Path(), help="Where --replay writes  [default: the working folder].")
@@ -27,6 +28,7 @@ def studio(
     part: Path | None,
     port: int,
     folder: Path | None,
+    batch: Path | None,
     browser: bool,
     visit: Path | None,
     out: Path,
@@ -38,6 +40,7 @@ def studio(
     dqreg studio                           drop both files on the page
     dqreg studio scan.ply part.stl
     dqreg studio --folder visits           visits are kept there
+    dqreg studio --batch out               the table of a batch, while it runs and after
     dqreg studio --replay visit.json --out sheet
 
     The page is served on 127.0.0.1 to this machine alone, under an address with a key; nothing leaves the machine and
@@ -63,5 +66,5 @@ def studio(
         click.echo(address)
         say(console, "Open this address on this machine. Ctrl-C ends the studio.")
 
-    serve(scan, part, port=port, folder=folder, browser=browser, tell=tell)
+    serve(scan, part, port=port, folder=folder, batch=batch, browser=browser, tell=tell)
     return 0

@@ -19,13 +19,14 @@ from dqreg.studio.visit import Side, Visit
 
 if TYPE_CHECKING:
     from dqreg.studio.kept import Place
+    from dqreg.studio.many import Many
 
 Values = dict[str, Any]
 VISIT, RESULTS = "visit.json", "results.json"
 # Seconds after which a worker without work ends, and share of the machine's memory that it may take.
 IDLE, MEMORY = 900.0, 0.7
-# Undo goes back that far; visits kept by a server.
-STEPS, MOST_VISITS = 200, 40
+# Undo goes back that far; visits kept by a server, and worker processes at a time.
+STEPS, MOST_VISITS, MOST_WORKERS = 200, 40, 3
 # Fields of a visit that each result depends on: where one of them changes, the result is of yesterday.
 DEPENDS = {
     "scan": ("scan",),
@@ -37,6 +38,8 @@ DEPENDS = {
 DEPENDS["judge"] = (
     *DEPENDS["align"],
     "alignment",
+    "chosen",
+    "goal",
     "datums",
     "references",
     "reach",
@@ -79,6 +82,11 @@ class Room:
         self._worker: Worker | None = None
         self._lock = asyncio.Lock()
         self._stopping = False
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether it has a worker process that has nothing to do."""
+        return self._worker is not None and not self.running
 
     def change(self, visit: Visit) -> None:
         """Go on with another state; the one before can be brought back."""
@@ -154,7 +162,7 @@ def perform(name: str, folder: Path, visit: Visit, values: Values) -> Any:
 
 def tasks() -> dict[str, Callable[[Place, Values], Any]]:
     """What a worker can be asked for, imported where the work is done: the server stays light."""
-    from dqreg.studio import aligning, judging, picking, reading
+    from dqreg.studio import aligning, alignments, judging, picking, reading
 
     return {
         "scan": lambda place, _: reading.read_scan(place),
@@ -169,7 +177,7 @@ def tasks() -> dict[str, Callable[[Place, Values], Any]]:
         "hand": aligning.pose_of_drawn,
         "align": lambda place, _: aligning.align(place),
         "judge": lambda place, _: judging.judge(place),
-        "suggest_datums": lambda place, _: judging.suggest_datums(place),
+        "suggest_datums": lambda place, _: alignments.suggest_datums(place),
         "report": lambda place, _: judging.write_sheet(place),
         "pdf": lambda place, _: judging.print_sheet(place),
     }
@@ -184,8 +192,10 @@ def _warm() -> None:
 class Desk:
     """All visits of a server, in one folder."""
 
-    def __init__(self, folder: Path, scan: Path | None = None, part: Path | None = None) -> None:
-        self.folder = folder
+    def __init__(
+        self, folder: Path, scan: Path | None = None, part: Path | None = None, many: Many | None = None
+    ) -> None:
+        self.folder, self.many = folder, many
         self.named = scan, part
         self.rooms: dict[str, Room] = {}
         for place in sorted(folder.glob(f"*/{VISIT}")):
@@ -195,8 +205,8 @@ class Desk:
             except (DqregError, OSError, ValueError):
                 continue  # what is no visit of ours is left alone
 
-    def open(self) -> Room:
-        """A new visit, with the files that the command line named."""
+    def open(self, visit: Visit | None = None) -> Room:
+        """A new visit, with the files that the command line named where no others are given."""
         if len(self.rooms) >= MOST_VISITS:
             oldest = min(self.rooms.values(), key=lambda room: room.touched)
             oldest.close()
@@ -205,7 +215,7 @@ class Desk:
         folder = self.folder / name
         folder.mkdir(parents=True)
         scan, part = (None if path is None else Side(path.name, str(path.absolute())) for path in self.named)
-        room = Room(name, folder, Visit(scan, part))
+        room = Room(name, folder, visit or Visit(scan, part))
         self.rooms[name] = room
         room.save()
         return room
@@ -215,6 +225,14 @@ class Desk:
         if name not in self.rooms:
             raise InputError("this visit is not here any more: begin a new one")
         return self.rooms[name]
+
+    async def run(self, room: Room, task: str, values: Values) -> Any:
+        """Do a task of a visit; the workers of visits that nobody looks at any more make room."""
+        idle = [each for each in self.rooms.values() if each.is_idle and each is not room]
+        for each in sorted(idle, key=lambda other: other.touched)[: max(0, len(idle) - MOST_WORKERS + 1)]:
+            each.close()
+        room.touched = time.time()
+        return await room.run(task, values)
 
     def close(self) -> None:
         """End all worker processes."""

@@ -3,40 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from typing import Any
 
 import numpy as np
 
-from dqreg.geometry import Mesh
-from dqreg.inspection import Decision, Deviations, Face, Inspection, decide, inspect, read_plan
+from dqreg.inspection import Decision, Deviations, decide
 from dqreg.inspection.regions import cut_of, regions_of
-from dqreg.registration.result import Registration
 from dqreg.report.colours import Scale, nice_above
 from dqreg.report.page import write_report
 from dqreg.report.page_file import write_page
-from dqreg.studio.aligning import RESULT, START, result_of
+from dqreg.studio.aligning import RESULT, START
+from dqreg.studio.alignments import PLAN, deviations_of, judged, measured_at
 from dqreg.studio.cleaning import CLEANED
 from dqreg.studio.drawing import cloud_payload, drawn_pose, frame_of, rows_to_draw
-from dqreg.studio.kept import Place, kept
-from dqreg.studio.reading import faces_of_part, measure
-from dqreg.studio.words import plan_text
+from dqreg.studio.kept import Place
 
 # Worst places that are listed, and the share of the points that the colours reach where no tolerance is given.
 WORST, SHOWN = 8, 0.98
-# A label is the median of so many points around its place; farther off than that many spacings it was not measured.
-LABEL, LABEL_SPACINGS = 25, 12.0
-# Normals of datums turn from each other by more than this cosine.
-SQUARE = 0.1
-# Faces that a plan names at most, the ones with the most points first.
-PLANNED = 60
-PLAN, REPORT, PDF = "plan.toml", "report.html", "report.pdf"
+REPORT, PDF = "report.html", "report.pdf"
 
 
 def judge(place: Place) -> dict[str, Any]:
     """The part as it was measured: figures, decision, faces, places, and the points in their colours."""
-    inspection = inspected(place)
-    shown = shown_result(place, inspection)
+    shown, inspection = judged(place)
     found, tolerance = deviations_of(place, shown), place.visit.tolerance
     answer: dict[str, Any] = {
         "summary": dataclasses.asdict(found.summary()),
@@ -64,60 +53,9 @@ def judge(place: Place) -> dict[str, Any]:
     return answer
 
 
-def deviations_of(place: Place, result: Registration) -> Deviations:
-    """Deviations of the scan under the pose of a result."""
-    visit = place.visit
-
-    def make() -> Deviations:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # that there are no signs is said on the page
-            return result.deviations(visit.tolerance, reach=visit.reach)
-
-    return kept("deviations", [result.T_target_source, visit.cuts, visit.tolerance, visit.reach], make)
-
-
-def inspected(place: Place) -> Inspection | None:
-    """The plan of the visit carried out; None where there is nothing that a plan could ask for."""
-    visit = place.visit
-    if not isinstance(place.part(), Mesh) or (visit.tolerance is None and not visit.faces):
-        return None
-    found = deviations_of(place, result_of(place))
-    cut = cut_of(found)
-    scanned = () if cut.areas is None else tuple(region.number for region in regions_of(found, cut)[:PLANNED])
-    text = plan_text(visit, scanned)
-    if text is None:
-        return None
-    return inspect(found, read_plan(place.write(PLAN, text)))
-
-
-def suggest_datums(place: Place) -> dict[str, Any]:
-    """Up to three planes that were scanned and stand square on each other, the largest first."""
-    part = place.part()
-    if not isinstance(part, Mesh):
-        return {"datums": []}
-    found = deviations_of(place, result_of(place))
-    scanned = {region.number for region in regions_of(found, cut_of(found))}
-    chosen: list[Face] = []
-    for face in sorted(faces_of_part(place), key=lambda face: -face.area):
-        if len(chosen) < 3 and face.number in scanned and face.kind == "plane" and face.feature is not None:
-            axes = [other.feature.axis for other in chosen if other.feature is not None]
-            if all(abs(float(axis @ face.feature.axis)) < SQUARE for axis in axes):
-                chosen.append(face)
-    return {"datums": [face.number for face in chosen]}
-
-
-def shown_result(place: Place, inspection: Inspection | None) -> Registration:
-    """The registration as it is judged: under the pose of the datums, where the visit has them."""
-    result = result_of(place)
-    if inspection is None or inspection.alignment is None:
-        return result
-    return dataclasses.replace(result, T_target_source=inspection.alignment.T_target_source @ result.T_target_source)
-
-
 def write_sheet(place: Place) -> dict[str, Any]:
     """Write the report, and the plan where there is one."""
-    visit, inspection = place.visit, inspected(place)
-    shown = shown_result(place, inspection)
+    visit, (shown, inspection) = place.visit, judged(place)
     options: dict[str, Any] = {"reach": visit.reach, "required_share": visit.required / 100.0}
     options["deviations"] = deviations_of(place, shown)
     write_report(shown, place.folder / REPORT, visit.tolerance, inspection=inspection, **options)
@@ -131,7 +69,7 @@ def print_sheet(place: Place) -> dict[str, Any]:
     if not page.is_file():
         write_sheet(place)
     write_page(place.folder / PDF, page.read_text(encoding="utf-8"))
-    return _files(place, planned=inspected(place) is not None)
+    return _files(place, planned=judged(place)[1] is not None)
 
 
 def _files(place: Place, *, planned: bool) -> dict[str, Any]:
@@ -145,23 +83,8 @@ def _files(place: Place, *, planned: bool) -> dict[str, Any]:
 
 def _labels(place: Place, found: Deviations) -> list[dict[str, Any]]:
     """Deviation at each place that was labelled; None where the scan has no points."""
-    places = place.visit.labels
-    rows = np.flatnonzero(found.counted)
-    if not places or not len(rows):
-        return [{"at": at, "value": None} for at in places]
-    from scipy.spatial import cKDTree
-
-    near, around = map(
-        np.asarray, cKDTree(found.closest[rows] - found.origin).query(np.array(places) - found.origin, k=LABEL)
-    )
-    far = LABEL_SPACINGS * measure(place).spacing * place.scale()
-    return [
-        {
-            "at": at,
-            "value": None if near[k, 0] > far else float(np.median(found.values[rows[around[k][near[k] < far]]])),
-        }
-        for k, at in enumerate(places)
-    ]
+    values = measured_at(place, found, np.array(place.visit.labels).reshape(-1, 3))
+    return [{"at": at, "value": float(value)} for at, value in zip(place.visit.labels, values, strict=True)]
 
 
 def _drawing(place: Place, found: Deviations) -> dict[str, Any]:

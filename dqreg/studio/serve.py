@@ -21,6 +21,7 @@ def serve(
     *,
     port: int = 0,
     folder: Path | None = None,
+    batch: Path | None = None,
     browser: bool = True,
     tell: Callable[[str], object],
 ) -> None:
@@ -30,10 +31,13 @@ def serve(
         import uvicorn
     except ImportError as error:
         raise MissingDependencyError(NEEDED.format(error.name)) from error
+    from dqreg.studio.many import Many
     from dqreg.studio.server import application
 
+    many = None if batch is None else Many(batch.absolute())
+
     with _folder(folder) as home, _socket(port) as listening:
-        desk, token = Desk(home, scan, part), secrets.token_urlsafe(24)
+        desk, token = Desk(home, scan, part, many), secrets.token_urlsafe(24)
         number = listening.getsockname()[1]
         address = f"http://127.0.0.1:{number}/{token}/"
         app = application(desk, token, number)

@@ -47,6 +47,8 @@ def application(desk: Desk, token: str, port: int) -> App:
     routes = [
         Route("/", api.page),
         Route("/page/{name}", api.asset),
+        Route("/many", api.many),
+        Route("/many/{row}", api.row, methods=["POST"]),
         Route("/visits", api.visits, methods=["GET", "POST"]),
         Route("/visits/{visit}", api.visit),
         Route("/visits/{visit}/change", api.change, methods=["POST"]),
@@ -83,6 +85,18 @@ class Api:
         rooms = sorted(self._desk.rooms.values(), key=lambda room: -room.touched)
         return _json([{"visit": r.name, "scan": _name(r.visit.scan), "part": _name(r.visit.part)} for r in rooms])
 
+    async def many(self, request: Request) -> Response:
+        """The rows of the batch that the command line named."""
+        many = self._desk.many
+        return _json(None if many is None else await asyncio.to_thread(many.rows))
+
+    async def row(self, request: Request) -> Response:
+        """A row of the batch as a visit of its own."""
+        many = self._desk.many
+        if many is None:
+            raise InputError("no batch is shown here: start dqreg studio --batch FOLDER")
+        return _told(self._desk.open(await asyncio.to_thread(many.visit, request.path_params["row"])))
+
     async def visit(self, request: Request) -> Response:
         """A visit as it stands."""
         return _told(self._room(request))
@@ -116,7 +130,7 @@ class Api:
         if task not in NAMES:
             raise InputError(f"there is no task {task!r:.40}")
         values = await _values(request)
-        return _json(await self._room(request).run(task, values))
+        return _json(await self._desk.run(self._room(request), task, values))
 
     async def upload(self, request: Request) -> Response:
         """Take a file for a side."""

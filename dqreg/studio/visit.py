@@ -17,7 +17,8 @@ from dqreg.files.strict_json import plain, record_from
 Vector = tuple[float, float, float]
 Matrix = tuple[tuple[float, ...], ...]
 Start = Literal["none", "identity", "pairs", "hand", "rival"]
-Alignment = Literal["best-fit", "datums", "points"]
+Alignment = Literal["best-fit", "faces", "datums", "points"]
+Goal = Literal["best-fit", "tolerance", "minimax"]
 
 # Key and number of the format, in saved visits.
 FORMAT, VERSION = "dqreg_studio", 1
@@ -91,6 +92,8 @@ class Visit:
     T_start: Matrix | None = None  # T_part_scan, of a start by hand or by a rival
     dof: str = ""  # Motions that are allowed from the start, as in `register`; "" allows all
     alignment: Alignment = "best-fit"
+    chosen: tuple[int, ...] = ()  # Faces that the best fit is on, and what it makes least
+    goal: Goal = "best-fit"
     datums: tuple[int, ...] = ()  # Faces A, B, C
     references: tuple[Reference, ...] = ()
     reach: float | None = None  # Points farther off the part are of something else

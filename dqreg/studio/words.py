@@ -11,6 +11,7 @@ from dqreg.studio.visit import Visit
 CLEANED, START, PLAN = "scan_cleaned.ply", "start.txt", "plan.toml"
 LETTERS = "ABC"
 READ = "from dqreg.files import read_geometry\n\n"
+AGAIN = "dqreg studio --replay visit.json --out ."
 REPLAY = "from dqreg.studio import replay\n\nreplay('visit.json', '.')"
 NOTHING = "# nothing is left out"
 
@@ -19,7 +20,6 @@ def words_of(visit: Visit) -> dict[str, dict[str, str]]:
     """Command and Python of every step, by its name; none where its files are missing."""
     if visit.scan is None or visit.part is None:
         return {}
-    scan, part = visit.scan.name, visit.part.name
     register, call = _register(visit)
     tolerance = "" if visit.tolerance is None else f" --tolerance {visit.tolerance:g} --required {visit.required:g}"
     reach = "" if visit.reach is None else f" --reach {visit.reach:g}"
@@ -30,27 +30,41 @@ def words_of(visit: Visit) -> dict[str, dict[str, str]]:
     if visit.tolerance is not None:
         measured += f"\nprint(dqreg.inspection.decide(deviations, required_share={visit.required / 100.0!r}).outcome)"
     inspected = _inspect(visit)
+    if visit.alignment in ("faces", "points"):
+        # No option of a command says which faces or points were clicked: the saved visit does.
+        return _begun(visit, register, call) | {
+            step: {"command": AGAIN, "python": REPLAY} for step in ("judge", "report")
+        }
     if inspected:
         measured += f'\nplan = dqreg.inspection.read_plan("{PLAN}")\nprint(dqreg.inspection.inspect(deviations, plan))'
     head = "import dqreg\nimport dqreg.inspection\n\n"
     report = f'{call}\nresult.report("report.html"{f", {limit}" if limit else ""})'
+    return _begun(visit, register, call) | {
+        "judge": {"command": inspected or judged, "python": head + measured},
+        "report": {
+            "command": (inspected or judged) + " --report report.html",
+            "python": f"import dqreg\n\n{report}",
+        },
+    }
+
+
+def _begun(visit: Visit, register: str, call: str) -> dict[str, dict[str, str]]:
+    """The first three steps."""
+    assert visit.scan is not None
+    assert visit.part is not None
+    scan, part = visit.scan.name, visit.part.name
     return {
         "load": {
             "command": f"dqreg studio {_words(scan, part)}",
             "python": f"{READ}scan = read_geometry({scan!r})\npart = read_geometry({part!r})",
         },
         "clean": {
-            "command": "dqreg studio --replay visit.json --out ." if visit.cuts else NOTHING,
+            "command": AGAIN if visit.cuts else NOTHING,
             "python": REPLAY if visit.cuts else NOTHING,
         },
         "align": {
             "command": f"{register} --out result.json",
             "python": f"import dqreg\n\n{call}\nprint(result.verdict)",
-        },
-        "judge": {"command": inspected or judged, "python": head + measured},
-        "report": {
-            "command": (inspected or judged) + " --report report.html",
-            "python": f"import dqreg\n\n{report}",
         },
     }
 

@@ -1,6 +1,6 @@
 // Step 3: the scan is laid on the part; what came of it, and how sure it is.
 import { h, number, percent, long } from "./dom.js";
-import { STAND } from "./stage.js";
+import { STAND, inDrawing } from "./stage.js";
 import * as pairs from "./pairs.js";
 import * as hand from "./hand.js";
 
@@ -19,7 +19,7 @@ export function enter(app, stage) {
     if (app.results.align?.rivals?.length && !app.thumbs) thumbnails(app, stage);
   });
 }
-export function leave(app, stage) { stage.picked = null; pairs.leave(app, stage); hand.leave(app, stage); stage.mark({}); }
+export function leave(app, stage) { stage.picked = null; pairs.leave(app, stage); hand.leave(app, stage); stage.mark({}); stage.clearLabels(); stage.layers.scan = stage.layers.off = true; }
 
 export function showPose(app, stage, at) {
   const found = app.results.align, last = found?.history?.length ?? 0;
@@ -35,7 +35,7 @@ function choose(app, stage, way) {
   if (way === "pairs") pairs.enter(app, stage);
   if (way === "hand") hand.enter(app, stage);
   stage.picked = way === "find" ? e => picked(app, stage, e) : stage.picked;
-  if (way === "find") showPose(app, stage, app.results.align?.history?.length ?? 0);
+  if (way === "find") { showPose(app, stage, app.results.align?.history?.length ?? 0); if (app.results.align?.found) markDatums(app, stage); }
   app.render();
 }
 
@@ -115,22 +115,47 @@ function rivals(app, stage, found, busy) {
       h("figcaption", {}, `${number(rival.score)} ${app.unit()} `, h("button", { id: `choose-${k}`, disabled: busy, onclick: () => run(app, stage, { start: "rival", T_start: rival.T }) }, "Use it"))))));
 }
 
+const RESTS = { "best-fit": "Best fit on the whole part", faces: "Best fit on chosen faces", datums: "Datums A, B, C (3-2-1)", points: "Reference points (RPS)" };
+const GOALS = { "best-fit": "least squares", tolerance: "most points within tolerance", minimax: "smallest largest deviation" };
+
 function datums(app, stage) {
   const { visit, results } = app, faces = results.part.faces ?? [];
   if (!faces.length) return null;
   const set = values => app.change(values).then(() => markDatums(app, stage));
-  const pick = (k, value) => set({ datums: Object.assign([...visit.datums], { [k]: Number(value) }).slice(0, 3) });
-  const options = k => faces.filter(f => f.kind === "plane" || f.kind === "cylinder").sort((a, b) => b.area - a.area)
-    .map(f => h("option", { value: String(f.number), selected: visit.datums[k] === f.number }, faceName(f, app.unit())));
+  const first = async key => {
+    if (key === "datums" && visit.datums.length < 3) return { alignment: key, datums: (await app.run("suggest_datums", {}, "Looking for three faces that were scanned")).datums };
+    return { alignment: key };
+  };
+  const state = app.step_state;
+  if (visit.alignment === "datums") state.aim ??= 0;
   return h("details", { id: "datums" }, h("summary", {}, "What the judgement rests on"),
-    h("label", { class: "check" }, h("input", { type: "radio", name: "alignment", id: "best-fit", checked: visit.alignment !== "datums", onchange: () => set({ alignment: "best-fit" }) }), " Best fit on the whole part"),
-    h("label", { class: "check" }, h("input", { type: "radio", name: "alignment", id: "by-datums", checked: visit.alignment === "datums", onchange: async () => set({ alignment: "datums", datums: visit.datums.length === 3 ? visit.datums : (await app.run("suggest_datums", {}, "Looking for three faces that were scanned")).datums }) }), " Datums A, B, C (3-2-1): three faces, the first holds most"),
+    Object.entries(RESTS).map(([key, words]) => h("label", { class: "check" }, h("input", { type: "radio", name: "alignment", id: `by-${key}`, checked: visit.alignment === key, onchange: async () => set(await first(key)) }), ` ${words}`)),
     visit.alignment === "datums" && [
-      [0, 1, 2].map(k => h("div", { class: "row" }, h("b", {}, "ABC"[k]), h("select", { id: `datum-${k}`, "aria-label": `Datum ${"ABC"[k]}`, onchange: e => pick(k, e.target.value) }, options(k)))),
-      h("p", { class: "note" }, "Or click a face in the view for the datum that is chosen here: "), h("div", { class: "row" }, [0, 1, 2].map(k => h("button", { id: `aim-${k}`, "aria-pressed": String(app.step_state.aim === k), onclick: () => { app.step_state.aim = k; app.render(); } }, "ABC"[k])))]);
+      h("p", { class: "note" }, "Three faces; the first holds most. Choose them here, or press a letter and click a face."),
+      [0, 1, 2].map(k => h("div", { class: "row datum" }, h("button", { id: `aim-${k}`, "aria-pressed": String(state.aim === k), "aria-label": `Click a face for datum ${"ABC"[k]}`, onclick: () => { state.aim = k; app.render(); } }, "ABC"[k]),
+        h("select", { id: `datum-${k}`, "aria-label": `Datum ${"ABC"[k]}`, onchange: e => set({ datums: Object.assign([...visit.datums], { [k]: Number(e.target.value) }).slice(0, 3) }) }, options(app, faces, visit.datums[k]))))],
+    visit.alignment === "faces" && [
+      h("p", { class: "note" }, "Click the faces that the scan is laid on; click again to leave one out."),
+      h("div", { class: "row" }, h("label", { for: "goal" }, "Make least"), h("select", { id: "goal", onchange: e => set({ goal: e.target.value }) }, Object.entries(GOALS).map(([key, words]) => h("option", { value: key, selected: visit.goal === key }, words)))),
+      h("div", { class: "row" }, h("select", { id: "add-face", "aria-label": "Add a face", onchange: e => { if (e.target.value) set({ chosen: toggled(visit.chosen, Number(e.target.value)) }); } }, h("option", { value: "" }, "Add a face…"), options(app, faces.filter(f => !visit.chosen.includes(f.number)), null))),
+      visit.chosen.length ? h("ul", { class: "list" }, visit.chosen.map(n => h("li", {}, h("span", {}, faceName(faces.find(f => f.number === n), app.unit())), h("button", { id: `unface-${n}`, onclick: () => set({ chosen: toggled(visit.chosen, n) }) }, "Leave out")))) : null],
+    visit.alignment === "points" && [
+      h("p", { class: "note" }, `Click the part where a point holds it along its normal: six or more, not all on one side. ${visit.references.length} so far.`),
+      visit.references.length ? h("button", { id: "no-points", onclick: () => set({ references: visit.references.slice(0, -1) }) }, "Take the last one back") : null]);
 }
+const options = (app, faces, chosen) => faces.filter(f => f.kind === "plane" || f.kind === "cylinder" || chosen === null).sort((a, b) => b.area - a.area)
+  .map(f => h("option", { value: String(f.number), selected: chosen === f.number }, faceName(f, app.unit())));
+const toggled = (list, item) => list.includes(item) ? list.filter(each => each !== item) : [...list, item];
+
 export function markDatums(app, stage) {
-  stage.mark(app.visit.alignment === "datums" ? Object.fromEntries(app.visit.datums.map((face, k) => [face, ["--free", "--held", "--accent"][k]])) : {});
+  const { visit } = app;
+  stage.mark(visit.alignment === "datums" ? Object.fromEntries(visit.datums.map((face, k) => [face, ["--free", "--held", "--accent"][k]])) : visit.alignment === "faces" ? Object.fromEntries(visit.chosen.map(face => [face, "--accent"])) : {});
+  stage.clearLabels();
+  if (visit.alignment === "points") visit.references.forEach((each, k) => { const at = inDrawing(each.point, app.results.part.frame); stage.label(String(k + 1), () => at, `Reference point ${k + 1}`, "pair"); });
+  if (visit.alignment === "datums") visit.datums.forEach((n, k) => { const face = app.results.part.faces.find(f => f.number === n), at = inDrawing(face.centre, app.results.part.frame); stage.label("ABC"[k], () => at, `Datum ${"ABC"[k]}`, "pair"); });
+  // The faces are under the scan: it steps back while they are chosen.
+  stage.layers.scan = stage.layers.off = visit.alignment === "best-fit" || app.step !== "align";
+  stage.draw();
   app.render();
 }
 export function faceName(face, unit) {
@@ -139,13 +164,18 @@ export function faceName(face, unit) {
   return `${face.number}: ${face.hole ? "hole" : face.kind === "free" ? "free shape" : face.kind}${size} at (${at})`;
 }
 export async function picked(app, stage, e) {
-  if (app.visit.alignment !== "datums" || app.step_state.aim === undefined) return;
+  const { visit } = app;
+  if (visit.alignment === "best-fit") return;
   const hit = await app.quick("pick_part", stage.lookAt(e));
   if (hit.face === undefined) return;
-  const now = [...app.visit.datums];
-  now[app.step_state.aim] = hit.face;
-  app.step_state.aim = (app.step_state.aim + 1) % 3;
-  await app.change({ datums: now });
+  if (visit.alignment === "points") await app.change({ references: [...visit.references, { point: hit.point, normal: hit.normal }] });
+  else if (visit.alignment === "faces") await app.change({ chosen: toggled(visit.chosen, hit.face) });
+  else {
+    const now = [...visit.datums], k = app.step_state.aim ?? 0;
+    now[k] = hit.face;
+    app.step_state.aim = (k + 1) % 3;
+    await app.change({ datums: now });
+  }
   markDatums(app, stage);
 }
 

@@ -11,13 +11,18 @@ export function h(tag, attributes = {}, ...children) {
   return made;
 }
 
-// The same panel again keeps the keyboard where it was.
+// The same panel again keeps the keyboard where it was, and what was typed but not yet taken.
 export function show(home, ...children) {
   const held = home.contains(document.activeElement) ? document.activeElement : null;
   const id = held?.id, at = held?.selectionStart;
+  const typed = new Map([...home.querySelectorAll("input[id]")].filter(i => i.value !== i.defaultValue && !["radio", "checkbox", "range", "file"].includes(i.type)).map(i => [i.id, i]));
   const open = new Set([...home.querySelectorAll("details[open]")].map(d => d.id).filter(Boolean));
   home.replaceChildren(...children.flat(Infinity).filter(child => child !== null && child !== undefined && child !== false));
   for (const each of home.querySelectorAll("details[id]")) if (open.has(each.id)) each.open = true;
+  for (const [name, old] of typed) {
+    const fresh = home.querySelector(`#${CSS.escape(name)}`);
+    if (fresh && fresh.defaultValue === old.defaultValue) fresh.value = old.value;
+  }
   const again = id ? document.getElementById(id) : null;
   if (again) {
     again.focus({ preventScroll: true });

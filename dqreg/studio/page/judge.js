@@ -9,6 +9,7 @@ const SHORT = { pass: "pass", fail: "fail", undecided: "undecided" };
 export function enter(app, stage) {
   app.showJudged = true;
   stage.picked = e => picked(app, stage, e);
+  stage.layers.off = true;
   if (app.results.judge) place(app, stage).then(() => stage.fit()); else measure(app, stage).then(() => stage.fit());
 }
 export function leave(app, stage) { stage.picked = null; stage.layers.scan = true; stage.box.classList.remove("aim"); stage.clearLabels(); stage.mark({}); }
@@ -76,7 +77,7 @@ export function panel(app, stage) {
       h("label", { for: "tolerance" }, "Tolerance ±"), h("input", { id: "tolerance", name: "tolerance", inputmode: "decimal", value: visit.tolerance ?? "", autocomplete: "off", placeholder: "none" }), h("span", {}, unit),
       h("label", { for: "required" }, "Points within"), h("input", { id: "required", name: "required", inputmode: "decimal", value: String(visit.required), autocomplete: "off" }), h("span", {}, "%"),
       h("label", { for: "reach" }, "Belongs to the part up to"), h("input", { id: "reach", name: "reach", inputmode: "decimal", value: visit.reach ?? "", placeholder: found ? number(found.reach) : "from the data", autocomplete: "off" }), h("span", {}, unit),
-      h("span"), h("button", { id: "judge", class: "main", disabled: busy }, "Judge")),
+      h("span"), h("button", { id: "judge", class: "main" }, "Judge")),
     found?.decision && decision(app, found),
     found && figures(app, found, unit),
     found && legend(found, unit),

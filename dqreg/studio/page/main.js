@@ -7,6 +7,7 @@ import * as clean from "./clean.js";
 import * as align from "./align.js";
 import * as judge from "./judge.js";
 import * as report from "./report.js";
+import * as many from "./many.js";
 
 const STEPS = { load, clean, align, judge, report };
 const TITLES = { load: "Load", clean: "Clean", align: "Align", judge: "Judge", report: "Report" };
@@ -56,7 +57,7 @@ export const app = {
   },
   unit() { return app.results.compare?.units?.[1] ?? app.visit?.part?.units ?? app.results.part?.units ?? ""; },
   scale() { return app.results.compare?.scale ?? 1; },
-  go(step) { STEPS[app.step].leave?.(app, stage); app.step = step; location.hash = `${app.name}/${step}`; STEPS[step].enter?.(app, stage); render(); $("#panel").focus({ preventScroll: true }); },
+  go(step) { app.many = false; STEPS[app.step].leave?.(app, stage); app.step = step; location.hash = `${app.name}/${step}`; STEPS[step].enter?.(app, stage); render(); $("#panel").focus({ preventScroll: true }); },
   say(words) { $("#said").replaceChildren(words ? h("p", {}, words, h("button", { onclick: () => app.say("") }, "Close")) : ""); },
   render, stop: () => send(`visits/${app.name}/cancel`).catch(() => {}),
 };
@@ -92,6 +93,7 @@ function render() {
     id: `step-${step}`, "aria-current": step === app.step ? "step" : null, disabled: !ready(step), onclick: () => app.go(step),
   }, TITLES[step]))));
   $("#undo").disabled = !app.undo || Boolean(app.busy.task);
+  if (app.many) { many.open(app, $("#panel")); return; }
   const next = steps[steps.indexOf(app.step) + 1];
   show($("#panel"), h("h2", {}, TITLES[app.step]), STEPS[app.step].panel(app, stage), busyBox(),
     next && h("div", { class: "next" }, h("button", { id: "next", class: "main", disabled: !ready(next) || Boolean(app.busy.task), onclick: () => app.go(next) }, `Next: ${TITLES[next]}`)),
@@ -179,6 +181,10 @@ async function begin() {
   accept(told);
   location.hash = `${app.name}/${app.step}`;
   listen();
+  if (await ask("many")) {
+    $("#many-parts").hidden = false;
+    $("#many-parts").addEventListener("click", () => { app.many = true; render(); });
+  }
   await app.read();
   if (step in STEPS && ready(step)) app.go(step); else STEPS.load.enter(app, stage);
   document.body.dataset.ready = "yes";

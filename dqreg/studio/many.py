@@ -1,0 +1,87 @@
+"""Many parts: what a batch has written so far, a row a scan; and a row as a visit of its own."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+from dqreg.errors import InputError
+from dqreg.files.untrusted import read_record
+from dqreg.registration.batch.resume import RESULTS
+from dqreg.registration.batch.row import BATCH, mark_of
+from dqreg.registration.batch.run import SUMMARY_CSV
+from dqreg.studio.visit import Side, Visit
+
+
+class Many:
+    """The folder of a batch that runs or has run; it is only read."""
+
+    def __init__(self, folder: Path) -> None:
+        if not folder.is_dir():
+            raise InputError(f"cannot show the batch {folder}: expected the folder that dqreg batch --out names")
+        self.folder = folder
+        self._read: dict[Path, tuple[int, dict[str, Any]]] = {}
+
+    def rows(self) -> dict[str, Any]:
+        """Every row that has ended, by name; those without a result are known once the batch is over."""
+        found = {path.stem: self._row(path) for path in sorted((self.folder / RESULTS).glob("*.json"))}
+        over = (self.folder / SUMMARY_CSV).is_file()
+        if over:
+            text = (self.folder / SUMMARY_CSV).read_text(encoding="utf-8", errors="replace")
+            for line in csv.DictReader(io.StringIO(text)):
+                missing = {"level": line.get("verdict"), "why": line.get("reasons"), "scan": line.get("scan")}
+                found.setdefault(str(line.get("name")), missing | {"opens": False})
+        return {"over": over, "rows": [{"name": name, **row} for name, row in found.items()]}
+
+    def visit(self, name: str) -> Visit:
+        """A visit of a row's scan and part under the pose that was found; only if the files are those of the batch."""
+        record = self._record(self.folder / RESULTS / f"{name}.json", name)
+        try:
+            inputs, T = record[BATCH]["inputs"], record["T_target_source"]
+            marks, units = [inputs[side] for side in ("scan", "target")], record["settings"]
+            places = [Path(mark[0]) for mark in marks]
+            names = [units.get(f"{side}_units") for side in ("source", "target")]
+        except (KeyError, TypeError, IndexError) as error:
+            raise InputError(f"the result of {name} was not written by a batch ({error!r})") from error
+        for place, mark in zip(places, marks, strict=True):
+            # A result from elsewhere could name any file of this machine.
+            if mark_of(place) != mark:
+                raise InputError(f"{place.name} has changed since the batch read it")
+        scan, part = (Side(place.name, str(place), unit) for place, unit in zip(places, names, strict=True))
+        plain = {"start": "rival", "T_start": T} if T and T[0][0] is not None else {}
+        return Visit(scan, part).changed(plain)
+
+    def _row(self, path: Path) -> dict[str, Any]:
+        try:
+            record = self._record(path, path.stem)
+            verdict = record["verdict"]
+            return {
+                "level": verdict["level"],
+                "why": "; ".join(map(str, verdict["reasons"])),
+                "scan": Path(record[BATCH]["inputs"]["scan"][0]).name,
+                "rms": record["rms"],
+                "unit": record["settings"].get("target_units"),
+                "inliers": record["inlier_fraction"],
+                "outcome": (record.get("deviations") or {}).get("outcome"),
+                "opens": True,
+            }
+        except (InputError, KeyError, TypeError, IndexError) as error:
+            return {"level": "error", "why": f"its result cannot be read: {error}", "opens": False}
+
+    def _record(self, path: Path, name: str) -> dict[str, Any]:
+        known = {each.stem: each for each in (self.folder / RESULTS).glob("*.json")}
+        if name not in known:
+            raise InputError(f"the batch has no row {name!r:.60}")
+        when = path.stat().st_mtime_ns
+        if path not in self._read or self._read[path][0] != when:
+            try:
+                record = json.loads(read_record(path, "a result"))
+            except ValueError as error:
+                raise InputError(f"the result of {name} is no JSON: {error}") from error
+            # Iterations are most of a result, and no table shows them.
+            record.pop("history", None)
+            self._read[path] = when, record
+        return self._read[path][1]
