@@ -17,6 +17,8 @@ from dqreg.report.view3d import fewer_triangles, sharp_edges
 
 # What is drawn at most.
 POINTS, OFF, TRIANGLES = 200_000, 40_000, 120_000
+# Triangles while the view turns, where there are more than twice as many.
+TURNING = 12_000
 STEPS = 65535
 # Points that a normal is estimated of for the light, and where that comes from.
 NEIGHBOURS, LIGHT = 12, np.array([0.36, -0.48, 0.8])
@@ -99,15 +101,23 @@ def part_payload(part: PointCloud | Mesh, frame: Frame) -> tuple[dict[str, Any],
     starts = np.flatnonzero(np.r_[True, np.diff(labels[order]) != 0])
     counts = np.diff(np.r_[starts, len(order)])
     ranges = np.column_stack([labels[order][starts], starts, counts])
+    coarse: dict[str, Any] = {}
+    numbers = light = b""
+    if len(faces) > 2 * TURNING:
+        few = fewer_triangles(vertices, faces, TURNING)
+        coarse, light = _quantised(few[0])
+        coarse["drawn"], numbers = len(few[1]), _bytes(few[1], "<u4")
     words = {
         **known,
         "kind": "mesh",
+        "coarse": coarse or None,
         "total": len(part.faces),
         "drawn": len(faces),
         "edges": len(edges),
         "faces": ranges.tolist(),
     }
-    return words, steps + _padded(steps) + _bytes(faces[order], "<u4") + _bytes(edges, "<f4")
+    data = steps + _padded(steps) + _bytes(faces[order], "<u4") + _bytes(edges, "<f4")
+    return words, data + numbers + light
 
 
 def shades(points: FloatArray) -> bytes:

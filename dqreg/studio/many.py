@@ -10,8 +10,9 @@ from typing import Any
 
 from dqreg.errors import InputError
 from dqreg.files.untrusted import read_record
+from dqreg.registration.batch.marks import mark_of
 from dqreg.registration.batch.resume import RESULTS
-from dqreg.registration.batch.row import BATCH, mark_of
+from dqreg.registration.batch.row import BATCH
 from dqreg.registration.batch.run import SUMMARY_CSV
 from dqreg.studio.visit import Side, Visit
 
@@ -65,7 +66,7 @@ class Many:
                 "rms": record["rms"],
                 "unit": record["settings"].get("target_units"),
                 "inliers": record["inlier_fraction"],
-                "outcome": (record.get("deviations") or {}).get("outcome"),
+                "outcome": (record[BATCH].get("inspection") or {}).get("outcome"),
                 "opens": True,
             }
         except (InputError, KeyError, TypeError, IndexError) as error:

@@ -30,8 +30,10 @@ def words_of(visit: Visit) -> dict[str, dict[str, str]]:
     if visit.tolerance is not None:
         measured += f"\nprint(dqreg.inspection.decide(deviations, required_share={visit.required / 100.0!r}).outcome)"
     inspected = _inspect(visit)
-    if visit.alignment in ("faces", "points"):
-        # No option of a command says which faces or points were clicked: the saved visit does.
+    unsaid = inspected and (visit.reach is not None or visit.dof or visit.start == "rival")
+    if visit.alignment in ("faces", "points") or unsaid:
+        # No option of a command says which faces or points were clicked, and `inspect` has fewer than `register`: the
+        # saved visit says it all.
         return _begun(visit, register, call) | {
             step: {"command": AGAIN, "python": REPLAY} for step in ("judge", "report")
         }
@@ -41,9 +43,10 @@ def words_of(visit: Visit) -> dict[str, dict[str, str]]:
     report = f'{call}\nresult.report("report.html"{f", {limit}" if limit else ""})'
     return _begun(visit, register, call) | {
         "judge": {"command": inspected or judged, "python": head + measured},
+        # A report with a plan and an overall tolerance is one that no single command writes.
         "report": {
-            "command": (inspected or judged) + " --report report.html",
-            "python": f"import dqreg\n\n{report}",
+            "command": AGAIN if inspected else f"{judged} --report report.html",
+            "python": REPLAY if inspected else f"import dqreg\n\n{report}",
         },
     }
 
@@ -120,8 +123,11 @@ def plan_text(visit: Visit, scanned: Sequence[int] = ()) -> str | None:
     if not rows:
         return None
     datums = visit.datums if visit.alignment == "datums" else ()
-    unit = visit.part.units if visit.part is not None and visit.part.units else "the part's unit"
-    lines = [f"# Lengths are in {unit}, angles in degrees. Faces are those of `dqreg faces`."]
+    lines = ["# Faces are those of `dqreg faces`."]
+    if visit.alignment in ("faces", "points"):
+        lines.append("# The visit rests on chosen faces or points, which no plan can say: dqreg studio --replay does.")
+    if visit.part is not None and visit.part.units is not None:
+        lines.append(f'units = "{visit.part.units}"')
     lines.append(f'alignment = "{"datums" if datums else "best-fit"}"\n')
     if visit.head:
         lines += ["[head]", *(f"{key} = {_text(words)}" for key, words in visit.head), ""]

@@ -16,7 +16,12 @@ const $ = selector => document.querySelector(selector);
 export const app = {
   step: "load", busy: {}, visit: null, results: {}, shown: {}, step_state: {},
 
-  async change(values) { accept(await send(`visits/${app.name}/change`, values)); },
+  async change(values) {
+    // At once here too: the next change must not start from the state before this one.
+    const { units, swap, ...fields } = values;
+    app.visit = { ...app.visit, ...fields };
+    try { accept(await send(`visits/${app.name}/change`, values)); } catch (error) { await app.refresh(); throw error; }
+  },
   async run(task, values = {}, words = "") {
     app.busy = { task, words }; render();
     try { return await send(`visits/${app.name}/run/${task}`, values); }
@@ -86,8 +91,17 @@ export function ready(step) {
   return { load: true, clean: both, align: both, judge: both && app.results.align?.found, report: both && app.results.align?.found }[step];
 }
 
+// A button must not be replaced between the press and the release that make a click.
+let pressed = false, waiting = false;
+addEventListener("pointerdown", () => { pressed = true; }, true);
+for (const name of ["pointerup", "pointercancel", "blur"]) addEventListener(name, () => setTimeout(() => {
+  pressed = false;
+  if (waiting) { waiting = false; render(); }
+}), true);
+
 function render() {
   if (!app.visit) return;
+  if (pressed) { waiting = true; return; }
   const steps = Object.keys(TITLES);
   show($("#steps"), steps.map(step => h("li", {}, h("button", {
     id: `step-${step}`, "aria-current": step === app.step ? "step" : null, disabled: !ready(step), onclick: () => app.go(step),

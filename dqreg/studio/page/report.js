@@ -15,7 +15,10 @@ async function make(app, task, words) {
 }
 export function panel(app) {
   const found = app.results.report, head = Object.fromEntries(app.visit.head), busy = Boolean(app.busy.task);
-  const set = (key, value) => app.change({ head: Object.keys(HEAD).map(each => [each, each === key ? value : head[each] ?? ""]).filter(([, words]) => words) });
+  const set = (key, value) => {
+    const now = { ...Object.fromEntries(app.visit.head), [key]: value };
+    return app.change({ head: Object.keys(HEAD).map(each => [each, now[each] ?? ""]).filter(([, words]) => words) });
+  };
   return [
     h("div", { class: "head" }, Object.entries(HEAD).map(([key, words]) => [h("label", { for: `head-${key}` }, words), h("input", { id: `head-${key}`, maxlength: "400", value: head[key] ?? "", autocomplete: "off", onchange: e => set(key, e.target.value.trim()) })])),
     h("div", { class: "row" }, h("button", { id: "make-report", class: found ? "" : "main", disabled: busy, onclick: () => make(app, "report", "Writing the report") }, found ? "Write it again" : "Write the report"),

@@ -57,6 +57,20 @@ export class Stage extends View {
   place() { super.place(); this.drawOver?.(); }
   figure(words) { const caption = this.box.querySelector("figcaption"); caption.hidden = !words; caption.textContent = words; }
 
+  // While the view turns, a lighter surface stands for the part.
+  upload() {
+    super.upload();
+    const gl = this.gl, coarse = this.scene.target.coarse;
+    this.light_part = coarse && { cloud: coarse, place: this.buffer(coarse.steps), faces: this.buffer(coarse.faceNumbers, gl.ELEMENT_ARRAY_BUFFER), edges: this.buffer(coarse.edgeEnds) };
+  }
+  drawPart(dpr, colour) {
+    if (this.pointLimit === undefined || !this.light_part || this.marked?.length) { super.drawPart(dpr, colour); return; }
+    const whole = this.part;
+    this.part = this.light_part;
+    super.drawPart(dpr, colour);
+    this.part = whole;
+  }
+
   setPart(drawing, buffer) {
     this.scene.target = drawing ? readPart(drawing, buffer) : EMPTY;
     this.marked = [];
@@ -75,7 +89,7 @@ export class Stage extends View {
   }
   renew() {
     // Buffers of the last scene would stay in the memory of the graphics card.
-    const gl = this.gl, old = [this.on, this.off, this.part].flatMap(item => item ? [item.place, item.code, item.faces, item.edges] : []);
+    const gl = this.gl, old = [this.on, this.off, this.part, this.light_part].flatMap(item => item ? [item.place, item.code, item.faces, item.edges] : []);
     for (const buffer of old) if (buffer) gl.deleteBuffer(buffer);
     for (const each of Object.values(this.programs ?? {})) gl.deleteProgram(each.made);
     if (this.texture) gl.deleteTexture(this.texture);
@@ -148,6 +162,11 @@ function readPart(drawing, buffer) {
   part.faceNumbers = new Uint32Array(buffer, at, 3 * drawing.drawn);
   at += 12 * drawing.drawn;
   part.edgeEnds = new Float32Array(buffer, at, 6 * drawing.edges);
+  at += 24 * drawing.edges;
+  if (drawing.coarse) {
+    const { drawn, count } = drawing.coarse;
+    part.coarse = { ...drawing.coarse, kind: "mesh", faceNumbers: new Uint32Array(buffer, at, 3 * drawn), edgeEnds: new Float32Array(0), steps: new Uint16Array(buffer, at + 12 * drawn, 3 * count) };
+  }
   return part;
 }
 
