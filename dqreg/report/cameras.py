@@ -50,6 +50,18 @@ def best_corner(normals: FloatArray) -> str:
     return CORNERS[int(np.argmax(np.array(seen) * weights))]
 
 
+def angles_of(name: str) -> tuple[float, float]:
+    """Yaw and pitch of a view: one of `VIEWS`, or the two numbers themselves, in degrees.
+
+    >>> angles_of("top"), angles_of("12.5/-30")
+    ((0.0, 90.0), (12.5, -30.0))
+    """
+    if name in VIEWS:
+        return VIEWS[name]
+    yaw, _, pitch = name.partition("/")
+    return float(yaw), float(pitch)
+
+
 def require_view(name: str) -> str:
     """A view's name, checked."""
     if name != BEST and name not in VIEWS:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,7 @@ def write_report(
     required_share: float = REQUIRED_SHARE,
     inspection: Inspection | None = None,
     head: Mapping[str, str] | None = None,
+    views: Sequence[str] = (),
 ) -> Path:
     """Write the report of a registration, whole or not at all."""
     goal = page_path(path)
@@ -58,7 +59,7 @@ def write_report(
     data = None
     if result.inputs is not None:
         data = collect(result, result.inputs, tolerance, start, reach, deviations, required_share, inspection)
-    return write_page(goal, to_html(result, data, inspection, head))
+    return write_page(goal, to_html(result, data, inspection, head, views=views))
 
 
 def to_html(
@@ -68,12 +69,17 @@ def to_html(
     head: Mapping[str, str] | None = None,
     *,
     in_cell: bool = False,
+    views: Sequence[str] = (),
 ) -> str:
-    """The page of a result; ``head`` names the part and who measured it. A cell has the verdict and the view alone."""
+    """The page of a result; ``head`` names the part and who measured it, ``views`` the pictures for print.
+
+    A cell has the verdict and the view alone.
+    """
     from markupsafe import Markup
 
     unit = unit_of(result)
-    values = _words(result, data, unit) | _evidence(result, unit) | _shown(data, printed=not in_cell)
+    shown = _shown(data, views, printed=not in_cell)
+    values = _words(result, data, unit) | _evidence(result, unit) | shown
     values["in_cell"] = in_cell
     values["inspection"] = sheet_of(inspection, unit)
     values["head_rows"] = head_rows({**(inspection.plan.head if inspection else {}), **(head or {})})
@@ -131,7 +137,7 @@ def _evidence(result: RegistrationResult, unit: str) -> dict[str, Any]:
     }
 
 
-def _shown(data: ReportData | None, *, printed: bool) -> dict[str, Any]:
+def _shown(data: ReportData | None, views: Sequence[str], *, printed: bool) -> dict[str, Any]:
     """What only a result with source and target can show."""
     if data is None:
         return {
@@ -160,7 +166,7 @@ def _shown(data: ReportData | None, *, printed: bool) -> dict[str, Any]:
         "labels_shown": bool(scene["labels"]),
         "drawn": tables.drawn_words(data, scene),
         "ellipsoid_words": _ellipsoid_words(data),
-        "picture": data_uri(encode(draw(data, panels_of(data), PANEL_WIDTH, PANEL_HEIGHT), "jpeg"), "jpeg")
+        "picture": data_uri(encode(draw(data, panels_of(data, views), PANEL_WIDTH, PANEL_HEIGHT), "jpeg"), "jpeg")
         if printed
         else "data:,",
         "picture_alt": "Part and scan before and after, and the deviations in colours, from several sides",
@@ -168,10 +174,12 @@ def _shown(data: ReportData | None, *, printed: bool) -> dict[str, Any]:
     }
 
 
-def panels_of(data: ReportData) -> list[Panel]:
-    """The panels of the picture for print: before, and the deviations from three sides."""
+def panels_of(data: ReportData, views: Sequence[str] = ()) -> list[Panel]:
+    """The panels of the picture for print: before and the deviations from three sides, or from those asked for."""
     if not data.found:
         return [Panel("before", "best"), Panel("before", "top")]
+    if views:
+        return [Panel("deviation", view) for view in views]
     yaw, pitch = VIEWS[data.view]
     behind = next(name for name, angles in VIEWS.items() if angles == ((yaw + 180.0) % 360.0, pitch))
     first = Panel("before", "best") if data.T_before is not None else Panel("after", "best")

@@ -13,7 +13,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.geometry import Mesh
-from dqreg.report.cameras import BEST, VIEWS, require_view
+from dqreg.report.cameras import BEST, angles_of, require_view
 from dqreg.report.charts import ticks
 from dqreg.report.colours import ALIGNED, OFF_PART, SOURCE, TARGET, ByteArray, nice_above, rgb
 from dqreg.report.figure import encode, new_figure
@@ -40,7 +40,7 @@ class Panel:
     """One part of a picture."""
 
     state: str  # The scan in the colours of its deviations, at the start in orange, or in place in blue
-    view: str  # Name of a view, see `dqreg.report.cameras.VIEWS`, or "best"
+    view: str  # See `dqreg.report.cameras.angles_of`, or "best"
 
 
 def parse_panels(text: str) -> tuple[Panel, ...]:
@@ -92,7 +92,7 @@ def picture_path(path: str | Path) -> Path:
 
 def _panel(figure: Figure, data: ReportData, scene: PartScene, panel: Panel, place: tuple[int, int, int, int]) -> None:
     left, bottom, width, height = place
-    angles = VIEWS[data.view if panel.view == BEST else panel.view]
+    angles = angles_of(data.view if panel.view == BEST else panel.view)
     layers = _layers(data, panel.state)
     corners = _corners(data.inputs.target.surface.diagonal, data)
     # Clutter does not decide what is shown; where the scan was before does, but for strays.

@@ -58,6 +58,8 @@ def write_sheet(place: Place) -> dict[str, Any]:
     visit, (shown, inspection) = place.visit, judged(place)
     options: dict[str, Any] = {"reach": visit.reach, "required_share": visit.required / 100.0}
     options["deviations"] = deviations_of(place, shown)
+    options["head"] = dict(visit.head)
+    options["views"] = [f"{yaw:g}/{pitch:g}" for yaw, pitch in visit.views]
     write_report(shown, place.folder / REPORT, visit.tolerance, inspection=inspection, **options)
     (place.folder / PDF).unlink(missing_ok=True)
     return _files(place, planned=inspection is not None)

@@ -105,7 +105,13 @@ class Visit:
     head: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
-        for name, most in (("cuts", MOST_CUTS), ("pairs", MOST_PAIRS), ("references", MOST_PAIRS), ("labels", 50)):
+        for name, most in (
+            ("cuts", MOST_CUTS),
+            ("pairs", MOST_PAIRS),
+            ("references", MOST_PAIRS),
+            ("labels", 50),
+            ("views", 8),
+        ):
             if len(getattr(self, name)) > most:
                 raise InputError(f"{name}: {most} at most; got {len(getattr(self, name))}")
         if any(len(cut.polygon) > MOST_CORNERS for cut in self.cuts):

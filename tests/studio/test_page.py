@@ -411,3 +411,54 @@ def test_two_tabs_do_not_disturb_each_other(browser, bracket):
         one.wait_for_selector("#verdict")
         assert state(one)["visit"]["cuts"] == []
         assert len(state(two)["visit"]["cuts"]) == 1
+
+
+@pytest.mark.real
+def test_a_real_scan_on_its_table(browser, real_data, tmp_path):
+    tee = real_data / "weld_tee_scan_cad"
+    scan, part = tee / "table_8in10in_tee_x4y24_45.pcd", tee / "tee_nominal.stl"
+    # The collection's own robust fit, from the nominal pose: a reference to about a millimetre, no truth.
+    expected = np.linalg.inv(np.loadtxt(tee / "T_scan_part_fit_table_8in10in_tee_x4y24_45.txt"))
+    with running(scan, part) as address, opened(browser, address) as page:
+        page.click("#step-clean")
+        page.wait_for_selector("#plane")
+        page.click("#plane-out")
+        page.locator(".list li").wait_for()
+        busy_over(page)
+        keep_picture(page, "studio_table")
+        seen = state(page)
+        assert seen["results"]["draw_scan"]["left"] < 0.8 * seen["results"]["scan"]["points"]
+        align(page)
+        found = state(page)["results"]["align"]
+        assert found["level"] in ("accepted", "suspect")
+        T = np.array(found["T"])
+        ends = np.array([[0.1, 0.1, 0.0], [-0.1, 0.0, 0.03]])
+        assert np.linalg.norm(pose.apply(T @ np.linalg.inv(expected), ends) - ends, axis=1).max() < 0.005
+
+
+def test_a_rival_is_chosen_by_its_picture(browser, tmp_path):
+    import trimesh
+
+    from dqreg.files import write_cloud
+    from dqreg.geometry import Mesh, sample_mesh
+    from dqreg.synth.parts import box
+
+    part = Mesh(*box((30.0, 20.0, 10.0)))
+    trimesh.Trimesh(part.vertices, part.faces, process=False).export(tmp_path / "box.stl")
+    # A box has three other poses that fit as well: half turns about its axes.
+    points = sample_mesh(part, 8000, np.random.default_rng(0)).points
+    write_cloud(tmp_path / "scan.ply", pose.apply(pose.inverse(TRUTH), points))
+    with running(tmp_path / "scan.ply", tmp_path / "box.stl") as address, opened(browser, address) as page:
+        align(page)
+        found = state(page)["results"]["align"]
+        assert len(found["rivals"]) == 3
+        page.locator("#rival-2 img").wait_for()
+        keep_picture(page, "studio_rivals")
+        page.click("#choose-0")
+        page.wait_for_selector("#busy")
+        busy_over(page)
+        chosen = state(page)
+        assert chosen["visit"]["start"] == "rival"
+        assert "--search never" in chosen["words"]["align"]["command"]
+        # It stays with the pose that was chosen: no search goes back to the other one.
+        np.testing.assert_allclose(chosen["results"]["align"]["T"], found["rivals"][0]["T"], atol=0.05)

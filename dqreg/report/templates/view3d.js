@@ -105,7 +105,7 @@ class View {
   constructor(box, scene, layers) {
     this.box = box; this.scene = scene; this.layers = layers;
     this.canvas = $("canvas", box);
-    this.gl = this.canvas.getContext("webgl2", { alpha: false, antialias: true, preserveDrawingBuffer: true });
+    this.gl = this.canvas.getContext("webgl2", { alpha: false, antialias: true, preserveDrawingBuffer: true, ...this.constructor.context });
     if (!this.gl) throw new Error("no WebGL 2");
     this.T = STAND;
     this.labels = [];
@@ -213,7 +213,7 @@ class View {
     requestAnimationFrame(() => { this.waiting = false; this.drawNow(); });
   }
   drawNow() {
-    const gl = this.gl, dpr = Math.min(devicePixelRatio || 1, 2);
+    const gl = this.gl, dpr = Math.min(devicePixelRatio || 1, 2) * (this.sharpness ?? 1);
     const w = Math.round(this.canvas.clientWidth * dpr), h = Math.round(this.canvas.clientHeight * dpr);
     const s = 2 * this.zoom;
     this.perSize = s * (h || 1) / 2 / dpr;  // CSS pixels of one size of the part

@@ -97,7 +97,7 @@ function decision(app, found) {
   return h("section", { class: `light ${all}`, id: "decision", "aria-label": "Decision" }, h("p", { class: "word" }, h("i", { "aria-hidden": "true" }), `Part: ${WORDS[all]}`),
     h("p", {}, `${percent(share_within, 2)} of the points are within ±${long(tolerance, unit)}; ${percent(required_share, 1)} are asked for, on the whole and on each face, and no place may be out.`),
     found.decision.places.length ? h("p", {}, `${found.decision.places.length} ${found.decision.places.length === 1 ? "place is" : "places are"} not proven to be within; the worst deviates by ${off(found.decision.places[0].value, unit)}.`) : null,
-    own && h("p", {}, `Faces with their own tolerance: ${WORDS[own]}.`));
+    own && h("p", {}, `Face by face: ${WORDS[own]}.`));
 }
 function figures(app, found, unit) {
   const { counts, summary } = found, others = [["other_surfaces", "on surfaces that leave the part"], ["outliers", "single outliers"], ["beyond_reach", `farther off than ${long(found.reach, unit)}`], ["excluded", "excluded"]].filter(([key]) => counts[key]);

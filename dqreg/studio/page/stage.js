@@ -6,7 +6,16 @@ const VIEWS = { front: [0, 0], right: [90, 0], back: [180, 0], left: [-90, 0], t
 // While the view turns, so many points at most; fewer where the machine is slow, until a frame takes this long.
 const FRAME = 45, FEWEST = 4000;
 
+// Without a graphics card the processor draws: no smoothing of edges then, and half the resolution while the view turns.
+const drawsInSoftware = (() => {
+  const gl = document.createElement("canvas").getContext("webgl2"), known = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = known ? String(gl.getParameter(known.UNMASKED_RENDERER_WEBGL)) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
+})();
+
 export class Stage extends View {
+  static context = drawsInSoftware ? { antialias: false } : {};
   constructor(box) {
     const scene = { on: EMPTY, off: null, target: EMPTY, views: VIEWS, view: "iso", size: 1, unit: "", spacing: 0, worst: [], motions: [] };
     super(box, scene, { part: true, edges: true, scan: true, off: true, coded: false, before: true });
@@ -28,8 +37,9 @@ export class Stage extends View {
   // Draw less for a while, then all again.
   hurry() {
     this.pointLimit = this.allowed;
+    this.sharpness = drawsInSoftware ? 0.5 : 1;
     clearTimeout(this.rest);
-    this.rest = setTimeout(() => { this.pointLimit = undefined; this.last = undefined; this.draw(); }, 220);
+    this.rest = setTimeout(() => { this.pointLimit = this.last = undefined; this.sharpness = 1; this.draw(); }, 220);
   }
   drawNow() {
     this.light?.();
@@ -120,7 +130,7 @@ export class Stage extends View {
   across(points) {
     return points.map(([x, y]) => { const p = this.fromScreen(x, y); return [dot(this.axes[0], p), dot(this.axes[1], p)]; });
   }
-  picture() { this.pointLimit = undefined; this.drawNow(); return this.canvas.toDataURL("image/png"); }
+  picture() { this.pointLimit = undefined; this.sharpness = 1; this.drawNow(); return this.canvas.toDataURL("image/png"); }
   clearLabels(kind) {
     for (const label of this.labels.filter(l => !kind || l.element.classList.contains(kind))) label.element.remove();
     this.labels = this.labels.filter(l => l.element.isConnected);

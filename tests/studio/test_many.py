@@ -1,0 +1,73 @@
+"""The table of a batch: rows as they are written, and no file but those of the batch."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from dqreg.errors import InputError
+from dqreg.registration.batch.marks import mark_of
+from dqreg.studio.many import Many
+
+
+@pytest.fixture
+def batch(tmp_path):
+    (tmp_path / "out" / "results").mkdir(parents=True)
+    for name in ("scan.xyz", "part.stl", "secret.ply"):
+        (tmp_path / name).write_text(name)
+    return tmp_path
+
+
+def write(batch, name: str, **inputs) -> None:
+    marks = {"scan": mark_of(batch / "scan.xyz"), "target": mark_of(batch / "part.stl")} | inputs
+    record = {
+        "verdict": {"level": "accepted", "reasons": ["all is well"]},
+        "rms": 0.01,
+        "inlier_fraction": 0.9,
+        "T_target_source": [[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]],
+        "settings": {"target_units": "mm", "source_units": None},
+        "batch": {"name": name, "inputs": marks, "seconds": 1.0, "inspection": {"outcome": "fail", "values": []}},
+        "history": [],
+    }
+    (batch / "out" / "results" / f"{name}.json").write_text(json.dumps(record))
+
+
+def test_the_table_fills_while_the_batch_runs(batch):
+    many = Many(batch / "out")
+    assert many.rows() == {"over": False, "rows": []}
+    write(batch, "one")
+    (row,) = many.rows()["rows"]
+    assert (row["name"], row["level"], row["outcome"], row["scan"]) == ("one", "accepted", "fail", "scan.xyz")
+    (batch / "out" / "results" / "bad.json").write_text("{")
+    (batch / "out" / "summary.csv").write_text(
+        "name,verdict,reasons,scan\nlost,timeout,no answer,x.ply\none,accepted,,x\n"
+    )
+    found = many.rows()
+    assert found["over"]
+    assert {row["name"]: row["level"] for row in found["rows"]} == {
+        "one": "accepted",
+        "bad": "error",
+        "lost": "timeout",
+    }
+
+
+def test_a_row_opens_its_own_files_and_no_others(batch):
+    many = Many(batch / "out")
+    write(batch, "one")
+    visit = many.visit("one")
+    assert (visit.scan.name, visit.part.units, visit.start) == ("scan.xyz", "mm", "rival")
+    # A result that names a file that the batch has not read, or that has changed since, opens nothing.
+    write(batch, "two", scan=[str(batch / "secret.ply"), 10, "0" * 64])
+    (batch / "scan.xyz").write_text("changed")
+    for name in ("one", "two"):
+        with pytest.raises(InputError, match="has changed"):
+            many.visit(name)
+    for name in ("none", "../../part", ""):
+        with pytest.raises(InputError, match="no row"):
+            many.visit(name)
+
+
+def test_a_folder_that_is_none_is_refused(tmp_path):
+    with pytest.raises(InputError, match="dqreg batch"):
+        Many(tmp_path / "none")

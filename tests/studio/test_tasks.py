@@ -1,0 +1,195 @@
+"""What the worker process does for a step, asked directly: cuts, drawings, picks, alignments, the sheet."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from dqreg.errors import InputError
+from dqreg.files import write_cloud
+from dqreg.geometry import Mesh, sample_mesh
+from dqreg.inspection import inspect, read_plan
+from dqreg.registration.register import register
+from dqreg.rigid import pose, twist
+from dqreg.studio import alignments, cleaning, drawing, judging, picking, reading
+from dqreg.studio.aligning import align, align_pairs, pose_of_drawn
+from dqreg.studio.kept import Place
+from dqreg.studio.visit import Cut, FaceTolerance, Pair, Reference, Side, Visit
+from dqreg.synth.parts import box
+
+PART = Mesh(*box((30.0, 20.0, 10.0)))
+# Known pose of the virtual scan: it was moved by the inverse of it.
+T = twist.exp(np.array([0.02, -0.03, 0.05, 0.4, -0.3, 0.2]))
+STAND = list(np.eye(4)[:3].ravel())
+AXES = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory) -> Place:
+    folder = tmp_path_factory.mktemp("visit")
+    on_part = sample_mesh(PART, 3000, np.random.default_rng(0)).points
+    table = np.random.default_rng(1).uniform(-60.0, 60.0, (3000, 3)) * [1.0, 1.0, 0.0] + [0.0, 0.0, -7.0]
+    write_cloud(folder / "scan.ply", pose.apply(pose.inverse(T), np.concatenate([on_part, table])))
+    _write_stl(folder / "part.stl", PART)
+    scan, part = Side("scan.ply", "scan.ply", "mm"), Side("part.stl", "part.stl", "mm")
+    return Place(folder, Visit(scan, part, start="identity"))
+
+
+def _write_stl(path, mesh: Mesh) -> None:
+    import trimesh
+
+    trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(path)
+
+
+def changed(place: Place, **values) -> Place:
+    return Place(place.folder, dataclasses.replace(place.visit, **values))
+
+
+@pytest.fixture(scope="module")
+def cleaned(place) -> Place:
+    return changed(place, cuts=(Cut(**reading.plane_question(place)["plane"]),))
+
+
+def test_the_table_is_found_and_the_part_is_not(place, cleaned):
+    stays = cleaning.kept_rows(place.scan().points, cleaned.visit.cuts)
+    assert stays[:3000].mean() > 0.99
+    assert not stays[3000:].any()
+    # What is left of the scan has planes too; none of them extends beyond the part.
+    assert reading.plane_question(cleaned) == {"plane": None}
+    drawn = reading.draw_scan(cleaned)
+    assert drawn["on"] + drawn["off"] == 6000
+    assert drawn["left"] == drawn["on"] == stays.sum()
+
+
+def test_cuts_follow_their_rules():
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (500, 3))
+    cube = Cut("box", low=(0.0, 0.0, 0.0), high=(1.0, 1.0, 1.0))
+    inside = (points >= 0.0).all(axis=1)
+    np.testing.assert_array_equal(cleaning.kept_rows(points, (cube,)), ~inside)
+    np.testing.assert_array_equal(cleaning.kept_rows(points, (dataclasses.replace(cube, keep=True),)), inside)
+    square = Cut("lasso", polygon=((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
+    np.testing.assert_array_equal(cleaning.kept_rows(points, (square,)), ~(points[:, :2] > 0.0).all(axis=1))
+    assert not cleaning.kept_rows(points, (cube, dataclasses.replace(cube, keep=True))).any()
+
+
+def test_nothing_left_is_refused(place):
+    everything = Cut("box", low=(-1e3, -1e3, -1e3), high=(1e3, 1e3, 1e3))
+    with pytest.raises(InputError, match="leave nothing"):
+        cleaning.cleaned_file(changed(place, cuts=(everything,)))
+
+
+@pytest.mark.parametrize("scale", [1.0, 25.4])
+def test_a_drawn_pose_is_the_pose(scale):
+    rng = np.random.default_rng(3)
+    scan, part = (drawing.Frame(rng.normal(size=3), size) for size in (2.0, 7.0))
+    points = rng.normal(size=(50, 3))
+    motion = np.array(drawing.drawn_pose(T, scale, scan, part)).reshape(3, 4)
+    drawn = scan.to_drawn(points) @ motion[:, :3].T + motion[:, 3]
+    np.testing.assert_allclose(part.to_side(drawn), pose.apply(T, scale * points), atol=1e-12)
+    np.testing.assert_allclose(drawing.true_pose(motion, scale, scan, part), T, atol=1e-12)
+
+
+def test_drawings_hold_the_places_to_their_steps():
+    words, data = drawing.part_payload(PART, frame := drawing.frame_of(PART))
+    steps = np.frombuffer(data, "<u2", 3 * words["count"]).reshape(-1, 3)
+    places = frame.to_side(np.array(words["low"]) + steps / 65535 * words["extent"])
+    at = (6 * words["count"] + 3) // 4 * 4
+    faces = np.frombuffer(data, "<u4", 3 * words["drawn"], offset=at).reshape(-1, 3)
+    assert Mesh(places, faces.astype(np.int64)).volume == pytest.approx(6000.0, rel=1e-4)
+    # Every face of the part is one run of triangles.
+    assert sorted(face for face, _, _ in words["faces"]) == list(range(6))
+    assert sum(count for _, _, count in words["faces"]) == len(PART.faces)
+
+
+def test_a_click_meets_part_and_scan(place):
+    frame = drawing.frame_of(place.part())
+    look = {"at": frame.to_drawn(np.array([4.0, 3.0, 0.0])).tolist(), "axes": AXES, "radius": 0.05, "motion": STAND}
+    hit = picking.pick_part(place, look)
+    np.testing.assert_allclose(hit["point"], [4.0, 3.0, 5.0], atol=1e-9)
+    np.testing.assert_allclose(hit["normal"], [0.0, 0.0, 1.0], atol=1e-9)
+    assert picking.pick_part(place, look | {"at": [9.0, 9.0, 0.0]}) == {"point": None}
+    motion = drawing.drawn_pose(T, 1.0, drawing.frame_of(place.scan()), frame)
+    point = picking.pick_scan(place, look | {"motion": motion})["point"]
+    # The point in front is one of the top face, not of the table below.
+    np.testing.assert_allclose(pose.apply(T, np.array([point]))[0], [4.0, 3.0, 5.0], atol=1.7)
+    assert point in place.scan().points.tolist()
+
+
+def test_a_lasso_is_about_the_points_that_are_seen_in_it(place):
+    frame = drawing.frame_of(place.part())
+    motion = drawing.drawn_pose(T, 1.0, drawing.frame_of(place.scan()), frame)
+    corners = frame.to_drawn(np.array([[0.0, 0.0, 0.0], [15.5, 0, 0], [15.5, 10.5, 0], [0, 10.5, 0]]))[:, :2].tolist()
+    cut = picking.lasso_cut(place, {"axes": AXES, "motion": motion, "polygon": corners})
+    on_part = pose.apply(T, place.scan().points)
+    expected = ((on_part[:, :2] > 0.0) & (on_part[:, :2] < [15.5, 10.5])).all(axis=1)
+    np.testing.assert_array_equal(~cleaning.kept_rows(place.scan().points, (cut,)), expected)
+
+
+@pytest.mark.parametrize("look", [{}, {"axes": [[1, 0, 0]]}, {"axes": AXES, "motion": [1.0] * 11}, {"axes": "x"}])
+def test_a_look_that_is_none_is_refused(place, look):
+    with pytest.raises(InputError):
+        picking.pick_part(place, look)
+
+
+def test_pairs_are_the_closed_form(place):
+    corners = np.array([[15.0, 10, 5], [-15, 10, 5], [15, -10, 5], [-15, -10, -5]])
+    seen = pose.apply(pose.inverse(T), corners)
+    pairs = tuple(Pair(tuple(a), tuple(b)) for a, b in zip(seen.tolist(), corners.tolist(), strict=True))
+    found = align_pairs(changed(place, pairs=pairs))
+    assert max(found["pairs"]) < 1e-12
+    moved = pose_of_drawn(changed(place, pairs=pairs), {"drawn": found["drawn"]})
+    np.testing.assert_allclose(moved["T"], T, atol=1e-12)
+
+
+def test_the_studio_says_what_the_library_says(cleaned, tmp_path):
+    told = align(cleaned)
+    alone = register(
+        cleaning.cleaned_file(cleaned), cleaned.part_path, "identity", source_units="mm", target_units="mm"
+    )
+    np.testing.assert_array_equal(told["T"], alone.T_target_source)
+    assert told["level"] == alone.verdict.level
+    # The points are on the part exactly: the scan was drawn from its surface.
+    np.testing.assert_allclose(told["T"], T, atol=1e-6)
+    judged = judging.judge(changed(cleaned, tolerance=0.1, faces=(FaceTolerance(2, 0.05),), labels=((4.0, 3.0, 5.0),)))
+    assert judged["decision"]["outcome"] == "pass"
+    assert judged["labels"][0]["value"] == pytest.approx(0.0, abs=1e-6)
+    again = inspect(alone.deviations(), read_plan(cleaned.folder / "plan.toml"))
+    assert [row.value for row in again.characteristics] == [row["value"] for row in judged["characteristics"]]
+    limits = {row["faces"][0]: row["high"] for row in judged["characteristics"]}
+    assert limits == {**dict.fromkeys(range(6), 0.2), 2: 0.1}
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        {"alignment": "datums"},
+        {"alignment": "faces", "chosen": (0, 2, 4), "goal": "minimax"},
+        {"alignment": "points"},
+    ],
+)
+def test_every_alignment_lays_an_exact_scan_where_it_belongs(cleaned, chosen):
+    align(cleaned)
+    visit = changed(cleaned, tolerance=0.1, **chosen)
+    if chosen["alignment"] == "datums":
+        visit = changed(visit, datums=tuple(alignments.suggest_datums(cleaned)["datums"]))
+        assert len(visit.visit.datums) == 3
+    if chosen["alignment"] == "points":
+        places = [(9.0, 5, 5), (-9, 5, 5), (0, -6, 5), (10, 10, 0), (-10, 10, 0), (15, 0, 0)]
+        normals = [(0.0, 0, 1)] * 3 + [(0.0, 1, 0)] * 2 + [(1.0, 0, 0)]
+        visit = changed(visit, references=tuple(map(Reference, places, normals)))
+    shown, _ = alignments.judged(visit)
+    np.testing.assert_allclose(shown.T_target_source, T, atol=1e-6)
+    assert shown.settings["alignments"][-1]["name"] == alignments.NAMES[chosen["alignment"]]
+
+
+def test_an_alignment_that_lacks_something_says_what(cleaned):
+    for chosen, words in (
+        ({"alignment": "faces"}, "choose the faces"),
+        ({"alignment": "points"}, "six reference points"),
+        ({"alignment": "datums", "datums": (0, 2, 4)}, "give a tolerance"),
+        ({"alignment": "faces", "chosen": (0,), "goal": "tolerance"}, "needs a tolerance"),
+    ):
+        with pytest.raises(InputError, match=words):
+            alignments.judged(changed(cleaned, **chosen))
