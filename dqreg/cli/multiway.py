@@ -26,7 +26,7 @@ FILE = click.Path(path_type=Path)
 WIDTH = 120
 SECTIONS = {
     "Output": ("out", "fused", "report", "graph", "voxel", "as_json"),
-    "What is known": ("order", "edges", "target", "starts", "anchor"),
+    "What is known": ("order", "edges", "target", "starts", "viewpoint", "anchor"),
     "Registration": ("effort", "workers", "time_limit", "resume", "seed"),
 }
 
@@ -44,6 +44,8 @@ SECTIONS = {
               "are useful, neighbours, or neighbours and the last with the first.")  # fmt: skip
 @click.option("--target", type=FILE, help="A CAD part (or scan) in whose frame all scans are placed.")
 @click.option("--starts", type=FILE, help="Initial poses, one a scan: KITTI or TUM, or an earlier result.")
+@click.option("--viewpoint", metavar="origin|X,Y,Z", help="Where the scanner stood, in the frame of each scan: tells "
+              "the front of a thin sheet from its back.")  # fmt: skip
 @click.option("--anchor", type=int, default=0, show_default=True, metavar="N", help="Scan whose frame is the world, "
               "counted from 0.")  # fmt: skip
 @click.option("--effort", type=Choice(("fast", "normal", "best")), default="normal", show_default=True,
@@ -85,6 +87,7 @@ def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **optio
         result = register_many(
             files,
             starts=None if options["starts"] is None else read_starts_file(options["starts"]),
+            viewpoints=_place(options["viewpoint"]),
             observe=_told(bar, shown, files),
             folder=folder,
             **{name: options[name] for name in names},
@@ -110,6 +113,20 @@ def _files(scans: tuple[str, ...]) -> list[Path]:
                 raise InputError(f"{name} is a folder; give the scans in it: '{name}/*.ply'")
             found.append(Path(name))
     return found
+
+
+def _place(text: str | None) -> str | list[float] | None:
+    from dqreg.errors import InputError
+
+    if text is None or text == "origin":
+        return text
+    try:
+        place = [float(word) for word in text.split(",")]
+    except ValueError:
+        place = []
+    if len(place) != 3:
+        raise InputError(f"--viewpoint must be the word origin, or three numbers X,Y,Z; got {text!r}")
+    return place
 
 
 def _folder(out: Path | None, *, resume: bool) -> Path | None:

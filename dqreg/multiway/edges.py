@@ -22,6 +22,7 @@ EdgeCode = Literal[
     "uncertain",
     "unconfirmed",
     "contradicts",
+    "opposite_sides",
     "elsewhere",
 ]
 WORDS: dict[EdgeCode, str] = {
@@ -32,6 +33,7 @@ WORDS: dict[EdgeCode, str] = {
     "uncertain": "not used: its pose is too uncertain to tell anything",
     "unconfirmed": "not used: its registration is suspect and no loop confirms it",
     "contradicts": "not used: it contradicts the other edges",
+    "opposite_sides": "not used: it lays one side of a sheet on the other",
     "elsewhere": "not used: it joins scans that are not placed",
 }
 # Node of a part in whose frame all scans are placed.
@@ -51,7 +53,8 @@ class Edge:
     used : bool
         Whether the poses rest on it.
     code : str
-        Why: "used", "confirmed", "no_pose", "uncertain", "unconfirmed", "contradicts" or "elsewhere".
+        Why: "used", "confirmed", "no_pose", "uncertain", "unconfirmed", "contradicts", "opposite_sides"
+        or "elsewhere".
     chi2 : float
         Squared difference between this pose and the one of all scans together, in units of its covariance: about 6
         where the covariance tells all. NaN where one of the scans is not placed.

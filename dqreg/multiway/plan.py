@@ -12,8 +12,7 @@ from dqreg.multiway.believe import Belief
 from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairJob, PairRunner
-from dqreg.multiway.pairs import Pair
-from dqreg.multiway.retrieval import alike_pairs
+from dqreg.multiway.pairs import Pair, alike_pairs
 from dqreg.multiway.turntable import step_of
 from dqreg.rigid import pose
 

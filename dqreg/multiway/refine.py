@@ -40,12 +40,19 @@ class Refined:
     rounds: int
 
 
-def refined(views: Sequence[View], part: Target | None, belief: Belief, size: float, effort: Effort) -> Refined:
-    """Refine all placed scans, and whatever else overlaps, at once."""
+def refined(
+    views: Sequence[View],
+    known: Sequence[Body | None],
+    part: Target | None,
+    belief: Belief,
+    size: float,
+    effort: Effort,
+) -> Refined:
+    """Refine all placed scans, and whatever else overlaps, at once; there is a body for each usable scan."""
     count = len(views)
     T = belief.T_world_scan[:count]
     placed = [k for k in range(count) if views[k].usable and np.isfinite(T[k]).all()]
-    bodies = [Body(views[k].scan, views[k].surface, views[k].origin) for k in placed]
+    bodies = [body for k in placed if (body := known[k]) is not None]
     poses = [T[k] @ _shift(body.origin) for k, body in zip(placed, bodies, strict=True)]
     pairs = _pairs(views, placed, T, size)
     held = placed.index(belief.anchor) if belief.anchor in placed else -1

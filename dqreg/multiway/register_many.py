@@ -19,6 +19,7 @@ from dqreg.multiway.plan import first_edges, rescued
 from dqreg.multiway.refine import refined
 from dqreg.multiway.result import Multiway, assembled
 from dqreg.multiway.scans import read_views, typical_size, typical_spacing
+from dqreg.multiway.sides import Sides
 from dqreg.multiway.starts import read_starts
 from dqreg.registration.log import log_verdict
 from dqreg.registration.options import EFFORTS, Effort
@@ -33,6 +34,7 @@ def register_many(
     *,
     target: Any = None,
     starts: Any = None,
+    viewpoints: Any = None,
     edges: Any = "auto",
     order: str = "any",
     anchor: int = 0,
@@ -56,6 +58,9 @@ def register_many(
         A part (or a scan) in whose frame all scans are to be placed; "world" is its frame then.
     starts : (n, 4, 4) array_like, or sequence of (4, 4) or None, optional
         Initial poses ``T_world_scan``; NaN or None where there is none. Pairs with both begin there.
+    viewpoints : "origin", (3,) or (n, 3) array_like, optional
+        Where the scanner stood, in the frame of each scan. It tells front from back, which thin sheets ask for.
+        Default: what the scans hold; the scanner of a turntable stands on one side of all scans.
     edges : {"auto", "chain", "ring"} or sequence of (int, int)
         Pairs (target, source) to register first. Auto: all pairs of up to 40 scans, beyond that those that look alike;
         the neighbours of an ordered sequence, then loops between scans that turn out to overlap.
@@ -99,7 +104,7 @@ def register_many(
     """
     began = time.monotonic()
     _check(effort, seed, time_limit, observe)
-    views = read_views(scans, seed)
+    views = read_views(scans, seed, viewpoints)
     part = None if target is None else target if isinstance(target, Target) else prepare_target(target)
     usable = [k for k, view in enumerate(views) if view.usable]
     known = read_starts(starts, len(views))
@@ -117,18 +122,19 @@ def register_many(
     )
     seconds = {"read": time.monotonic() - began}
     found = first_edges(runner, pairs, known, order, automatic=edges == "auto" if isinstance(edges, str) else False)
+    sides = Sides.of(views, order)
     size, floor = typical_size(views), FLOOR * typical_spacing(views)
     home = PART if part is not None else anchor
     T_home = np.eye(4) if part is not None or known[anchor] is None else known[anchor]
 
     def judged(edges: Sequence[Edge]) -> Belief:
-        return believe(edges, len(views), home, size, floor, np.asarray(T_home))
+        return believe(sides.checked(edges), len(views), home, size, floor, np.asarray(T_home))
 
     belief = judged(found)
     if isinstance(edges, str) and edges == "auto":
         belief = rescued(runner, belief, judged, size)
     seconds["pairs"] = time.monotonic() - began - sum(seconds.values())
-    joint = refined(views, part, belief, size, effort)
+    joint = refined(views, sides.bodies, part, belief, size, effort)
     seconds["joint"] = time.monotonic() - began - sum(seconds.values())
     settings = {
         "order": order,
@@ -142,7 +148,8 @@ def register_many(
         "floor": floor,
     }
     overlap = overlap_matrix(views, joint.T_world_scan, size)
-    result = assembled(views, belief, joint, overlap, settings, seconds, runner.stopped)
+    against = tuple(sides.contradictions(joint.T_world_scan, overlap))
+    result = assembled(views, belief, joint, overlap, settings, seconds, runner.stopped, against)
     log_verdict(result.verdict, f"{len(views)} scans into one frame", time.monotonic() - began)
     return result
 

@@ -18,6 +18,7 @@ from dqreg.multiway.believe import Belief
 from dqreg.multiway.edges import PART, Edge, graph_of
 from dqreg.multiway.refine import Refined
 from dqreg.multiway.scans import View
+from dqreg.multiway.sides import Contradiction
 from dqreg.multiway.verdict import judge_scans
 from dqreg.trust.records import Verdict
 
@@ -243,6 +244,7 @@ def assembled(
     settings: dict[str, Any],
     seconds: dict[str, float],
     stopped: str,
+    against: Sequence[Contradiction] = (),
 ) -> Multiway:
     """The result of all stages; copies of a scan get its pose."""
     T, covariance = joint.T_world_scan.copy(), joint.covariance
@@ -265,7 +267,7 @@ def assembled(
     )
     blocks = np.einsum("kikj->kij", covariance.reshape(len(views), 6, len(views), 6))
     size = float(settings["size"])
-    verdict = judge_scans(views, belief, T, blocks, size, converged=joint.converged, stopped=stopped)
+    verdict = judge_scans(views, belief, T, blocks, size, converged=joint.converged, stopped=stopped, against=against)
     return Multiway(
         T_world_scan=T,
         verdict=verdict,

@@ -5,14 +5,14 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, bounds
+from dqreg._arrays import FloatArray, as_float, bounds
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.files.untrusted import require_readable
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, prepare_scan, sample_mesh
@@ -69,27 +69,47 @@ class View:
         return hashlib.sha256(np.ascontiguousarray(self.cloud.points).tobytes()).hexdigest()
 
 
-def read_views(scans: Sequence[Any], seed: int, observe: Callable[[int], object] | None = None) -> tuple[View, ...]:
-    """Read all scans; what cannot be used is named and left out, unless fewer than two remain."""
+def read_views(scans: Sequence[Any], seed: int, viewpoints: Any = None) -> tuple[View, ...]:
+    """Read all scans; what cannot be used is named and left out, unless fewer than two remain.
+
+    Viewpoints are "origin", one place for all or one a scan, each in the scan's own frame.
+    """
     if isinstance(scans, (str, os.PathLike)) or not hasattr(scans, "__len__"):
         raise InputError(f"scans must be a list of paths, arrays or clouds; got {type(scans).__name__}")
     if len(scans) < FEWEST:
         raise InputError(f"multiway registration needs two scans at least; got {len(scans)}")
+    places = _places(viewpoints, len(scans))
     views: list[View] = []
     known: dict[str, int] = {}
     for number, given in enumerate(scans):
-        view = _read(given, number, seed)
+        view = _read(given, number, seed, places[number])
         if not view.problem:
             first = known.setdefault(view.digest, number)
             view = view if first == number else dataclasses.replace(view, copy_of=first, target=None)
         views.append(view)
-        if observe is not None:
-            observe(number)
     _require_some(views)
     return tuple(views)
 
 
-def _read(given: Any, number: int, seed: int) -> View:
+def _places(viewpoints: Any, count: int) -> list[FloatArray | None]:
+    if viewpoints is None:
+        return [None] * count
+    if isinstance(viewpoints, str):
+        if viewpoints != "origin":
+            raise InputError(
+                f'viewpoints must be "origin", one place (3,) or one a scan (n, 3); got {viewpoints!r:.60}'
+            )
+        viewpoints = np.zeros(3)
+    places = as_float(viewpoints, "viewpoints")
+    if places.shape not in ((3,), (count, 3)) or not np.isfinite(places).all():
+        raise InputError(
+            f'viewpoints must be "origin", one finite place (3,) or one a scan, ({count}, 3), in the frame of the '
+            f"scan; got shape {places.shape}"
+        )
+    return list(np.broadcast_to(places, (count, 3)))
+
+
+def _read(given: Any, number: int, seed: int, place: FloatArray | None) -> View:
     name = f"scan {number}"
     if isinstance(given, (str, os.PathLike)):
         # A name that is not there is a mistake of the call, not of the scan.
@@ -99,6 +119,8 @@ def _read(given: Any, number: int, seed: int) -> View:
         geometry = open_geometry(given, f"scans[{number}]")
         if isinstance(geometry, Mesh):
             geometry = sample_mesh(geometry, MESH_SAMPLES, np.random.default_rng([seed, number]))
+        if place is not None:
+            geometry = dataclasses.replace(geometry, viewpoint=place)
         return View(name, geometry, Target(index_target(geometry).build()))
     except (InputError, DegenerateGeometryError) as error:
         return View(name, problem=str(error))

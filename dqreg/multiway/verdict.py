@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray
 from dqreg.multiway.believe import Belief
 from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.scans import View
+from dqreg.multiway.sides import Contradiction
 from dqreg.trust.records import Level, Reason, Verdict
 
 # Standard deviations of a pose beyond these are no answer: rotations, and translations in sizes of a scan.
@@ -29,6 +31,7 @@ def judge_scans(
     *,
     converged: bool,
     stopped: str,
+    against: Sequence[Contradiction] = (),
 ) -> Verdict:
     """Level and reasons: "failed" where no two scans are joined, "suspect" where something speaks against a pose."""
     usable = [k for k, view in enumerate(views) if view.usable]
@@ -36,6 +39,7 @@ def judge_scans(
     joined = len(placed) > 1 or (belief.anchor == PART and bool(placed))
     doubts = [*_unplaced(views, belief, placed), *_weak(views, belief, placed)]
     doubts += _uncertain(views, placed, covariances, size) if joined else ()
+    doubts += _contradicted(views, against)
     if stopped:
         doubts.append(Reason(f"not all pairs were registered: {stopped} ended them", "search_time_limit"))
     if not joined:
@@ -103,6 +107,20 @@ def _weak(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> Itera
             "little shape in the overlap)",
             "alternative_poses",
         )
+
+
+def _contradicted(views: Sequence[View], against: Sequence[Contradiction]) -> Iterator[Reason]:
+    """Pairs of placed scans that sides or lines of sight speak against."""
+    words: dict[Literal["opposite_sides", "looked_through"], str] = {
+        "opposite_sides": "saw the same surface from opposite sides, where they were placed: front and back of a sheet "
+        "lie on each other",
+        "looked_through": "stand, in part, where the scanner of the other one looked through",
+    }
+    for code, sentence in words.items():
+        pairs = [f"{views[each.target].name} - {views[each.source].name}" for each in against if each.code == code]
+        more = f" and {len(pairs) - NAMED} more" if len(pairs) > NAMED else ""
+        if pairs:
+            yield Reason(f"{', '.join(pairs[:NAMED])}{more}: these scans {sentence}", code)
 
 
 def has_alternatives(edge: Edge) -> bool:

@@ -58,6 +58,7 @@ Code = Literal[
     "unconfirmed_scan",
     "duplicate_scan",
     "contradicting_edge",
+    "opposite_sides",
     # notes
     "dropped_points",
     "not_deskewed",
