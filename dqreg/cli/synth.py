@@ -22,16 +22,31 @@ if TYPE_CHECKING:
 def synth(recipe: Path, out: Path | None, seed: int | None, as_json: bool, quiet: bool) -> int:
     """Make the case that RECIPE (TOML) describes: scan.ply, part.stl, truth.json and the recipe itself.
 
+    A recipe with the table [turntable] or [room] makes many scans: scans/view00.ply and on, and truth.json with
+    T_world_scan, for dqreg multiway and dqreg compare --multiway.
+
     The same recipe and seed give the same bytes on one kind of processor and library version, and the same case to
     rounding elsewhere. An older case in the folder is replaced, other files are not.
 
     \b
     dqreg synth datasets_synth/bracket/recipe.toml --out my_bracket --seed 7
     dqreg synth datasets_synth/recipes/gear.toml
+    dqreg synth datasets_synth/many/turntable.toml
     """
+    import json
+
     from dqreg.synth import read_recipe, write_case
+    from dqreg.synth.many_cases import is_of_many, write_many
 
     console, shown = consoles(quiet=quiet, as_json=as_json)
+    if is_of_many(recipe):
+        with shown.status("scanning"):
+            folder = write_many(out or recipe.stem, recipe, seed=seed)
+        truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+        say(console, f"wrote {folder}: {len(truth['scans'])} scans, truth.json with T_world_scan and viewpoints")
+        if as_json:
+            print_json({"folder": str(folder), "truth": truth})
+        return 0
     what = read_recipe(recipe)
     with shown.status("scanning"):
         case = write_case(out or Path(what.name), what, seed=seed)

@@ -163,7 +163,7 @@ def write_case(
     12
     """
     folder = Path(folder).resolve()  # "." has no name that can be moved, and a link would lose its target
-    _require_replaceable(folder)
+    require_replaceable(folder, (SCAN, PART, TRUTH, RECIPE))
     recipe = recipe if isinstance(recipe, Recipe) else read_recipe(recipe)
     recipe = recipe if seed is None else recipe.with_seed(seed)
     contents = case_contents(recipe)
@@ -172,7 +172,7 @@ def write_case(
         partial.mkdir(parents=True)
         for name, content in contents.items():
             (partial / name).write_bytes(content)
-        _put_in_place(partial, folder)
+        put_in_place(partial, folder)
     except OSError as error:
         raise InputError(f"cannot write the case {folder}: {error}") from error
     finally:
@@ -213,16 +213,17 @@ def _poses(rows: Any) -> FloatArray:
     return np.stack([as_pose(T, f"symmetric_truths[{k}]") for k, T in enumerate(rows)])
 
 
-def _require_replaceable(folder: Path) -> None:
+def require_replaceable(folder: Path, names: tuple[str, ...]) -> None:
+    """Raise unless a folder is new, empty, or holds an older case of these files alone."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"cannot write the case {folder}: it is a file; give the name of a folder")
     if folder.is_dir() and any(folder.iterdir()):
-        foreign = sorted({p.name for p in folder.iterdir()} - {SCAN, PART, TRUTH, RECIPE})
+        foreign = sorted({p.name for p in folder.iterdir()} - set(names))
         if foreign:
             raise InputError(f"cannot write the case {folder}: it holds {foreign[0]!r}; give a new folder")
 
 
-def _put_in_place(partial: Path, folder: Path) -> None:
+def put_in_place(partial: Path, folder: Path) -> None:
     """Give a finished folder its name; an older case is moved aside and restored if that fails."""
     if not folder.exists():
         partial.rename(folder)
