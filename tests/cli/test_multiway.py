@@ -1,0 +1,101 @@
+"""`dqreg multiway` from scans on disk to poses, model, graph and report; and what it says of a wrong call."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dqreg.cli.main import main
+from dqreg.files import read_cloud, write_cloud
+from dqreg.rigid import pose
+from tests.multiway.test_register_many import views_of_a_part
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main(["multiway", *map(str, arguments)])
+    return int(stop.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two scans of a part, a file of their poses, and one in which the second pose is wrong."""
+    where = tmp_path_factory.mktemp("scans")
+    scans, truth = views_of_a_part(2)
+    for k, points in enumerate(scans):
+        write_cloud(where / f"view{k}.ply", points)
+    truth = pose.inverse(truth[0]) @ truth
+    wrong = truth.copy()
+    wrong[1] = wrong[1] @ pose.exp(np.r_[2.5, 0.0, 1.0, 0.0, 0.0, 0.0])
+    for name, poses in (("truth", truth), ("wrong", wrong)):
+        np.savetxt(where / f"{name}.txt", poses[:, :3].reshape(2, 12))
+    return where
+
+
+@pytest.fixture(scope="module")
+def made(folder: Path) -> Path:
+    names = {"out": "poses.json", "fused": "model.ply", "graph": "graph.g2o", "report": "report.html"}
+    options: list[Any] = [part for key, name in names.items() for part in (f"--{key}", folder / name)]
+    starts = ("--starts", folder / "truth.txt", "--effort", "fast", "--workers", 1, "--quiet")
+    assert run(f"{folder}/view*.ply", *options, *starts) in (0, 1)
+    return folder
+
+
+def test_one_command_makes_poses_model_graph_and_report(made: Path) -> None:
+    record = json.loads((made / "poses.json").read_text())
+    truth = np.loadtxt(made / "truth.txt").reshape(2, 3, 4)
+    size = np.linalg.norm(np.ptp(read_cloud(made / "view0.ply").points, axis=0))
+    # As of the library's test of the same scans: a tenth of the distance of the points.
+    np.testing.assert_allclose(np.array(record["T_world_scan"])[:, :3, 3], truth[:, :, 3], atol=2e-3 * size)
+    assert {"verdict", "covariances", "edges", "overlap", "loop_errors", "names"} <= set(record)
+    assert read_cloud(made / "model.ply").normals is not None
+    assert (made / "graph.g2o").read_text().count("EDGE_SE3:QUAT") == 1
+    assert "view1" in (made / "report.html").read_text()
+
+
+def test_a_resumed_run_takes_the_finished_pairs(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kept = sorted((made / "poses-pairs").glob("*.json"))
+    before = [path.stat().st_mtime_ns for path in kept]
+    assert kept
+    starts = ("--starts", made / "truth.txt", "--effort", "fast", "--workers", 1)
+    assert run(f"{made}/view*.ply", "--out", made / "poses.json", "--resume", *starts) in (0, 1)
+    assert [path.stat().st_mtime_ns for path in kept] == before
+    assert "verdict:" in capsys.readouterr().out
+
+
+def test_a_contradictory_start_is_no_reason_to_give_up(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    starts = ("--starts", made / "wrong.txt", "--effort", "fast", "--workers", 1, "--json")
+    run(f"{made}/view*.ply", *starts)
+    found = np.array(json.loads(capsys.readouterr().out)["T_world_scan"], dtype=float)
+    wrong = np.loadtxt(made / "wrong.txt").reshape(2, 3, 4)
+    # Either the right pose, or none: never the start, which puts the scan on nothing.
+    assert not np.allclose(found[1, :3], wrong[1], atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["nothing*.ply"], "no file"),
+        (["{folder}"], "folder"),
+        (["{folder}/view0.ply"], "two scans"),
+        (["{folder}/view*.ply", "--resume"], "--resume needs --out"),
+        (["{folder}/view*.ply", "--fused", "model.obj"], "PLY"),
+        (["{folder}/view*.ply", "--graph", "graph.txt"], "g2o"),
+        (["{folder}/view*.ply", "--voxel", "-1"], "--voxel"),
+        (["{folder}/view*.ply", "--viewpoint", "here"], "--viewpoint"),
+        (["{folder}/view*.ply", "--viewpoint", "1,2"], "--viewpoint"),
+        (["{folder}/view*.ply", "--starts", "{folder}/view0.ply"], "initial poses"),
+        (["{folder}/view*.ply", "--anchor", "7"], "anchor"),
+    ],
+)
+def test_a_wrong_call_is_one_line(
+    arguments: list[str], named: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(*(text.format(folder=folder) for text in arguments)) == 2
+    error = capsys.readouterr().err
+    assert named in error
+    assert error.count("\n") == 1
