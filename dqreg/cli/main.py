@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
+import threading
 
 from dqreg.cli.signals import Signals, leave, leave_at_once, listen, say
 
@@ -23,8 +24,9 @@ def console() -> None:
         main()
     except SystemExit as end:
         # After a signal all is tidied up by now. Python's own end would wait for threads that nobody needs any more,
-        # and libraries that are taken down in the middle of their work have changed the code.
-        if isinstance(end.code, int) and end.code > SIGNALLED:
+        # and libraries that are taken down in the middle of their work have changed the code and written to the
+        # standard output. So it is where an error ends the work while another thread prepares the target.
+        if isinstance(end.code, int) and (end.code > SIGNALLED or threading.active_count() > 1):
             leave(end.code)
         raise
 

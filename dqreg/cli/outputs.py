@@ -29,7 +29,7 @@ as_json_option = click.option("--json", "as_json", is_flag=True, help="The resul
 PLACES = 5
 
 
-def consoles(*, quiet: bool, as_json: bool, width: int | None = None) -> tuple[Console, Console]:
+def consoles(*, quiet: bool, as_json: bool, width: int | None = None, apart: bool = False) -> tuple[Console, Console]:
     """Where the answer is told to people, and where the progress is shown.
 
     >>> [console.quiet for console in consoles(quiet=False, as_json=True)][0]
@@ -38,7 +38,8 @@ def consoles(*, quiet: bool, as_json: bool, width: int | None = None) -> tuple[C
     from rich.console import Console
 
     told = Console(stderr=as_json, quiet=quiet or as_json, highlight=False)
-    shown = Console(stderr=as_json, quiet=quiet, highlight=False)
+    # A pipe gets the answer, not the iterations before it.
+    shown = Console(stderr=as_json or (apart and not told.is_terminal), quiet=quiet, highlight=False)
     shown.quiet = quiet or (as_json and not shown.is_terminal)
     if width is not None:
         for console in (told, shown):

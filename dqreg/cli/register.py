@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dqreg.cli.attempts import register_files
 from dqreg.cli.lazy_group import Choice, SectionedCommand
 from dqreg.cli.outputs import (
     consoles,
@@ -60,7 +61,8 @@ class ScaleType(Base):
 @click.argument("scan", type=FILE)
 @click.argument("target", type=FILE)
 @click.option("--start", default="none", show_default=True, metavar="none|identity|FILE", help="Initial pose: "
-              "none: global registration; FILE: 4x4 T_target_source as text, or a result.json.")  # fmt: skip
+              "none: global registration; FILE: 4x4 T_target_source as text, a result.json, or result.json#2, its "
+              "second alternative.")  # fmt: skip
 @click.option("--search", type=Choice(SEARCHES), default="doubt", show_default=True, help="Global search beside an "
               "initial pose: never, where the pose is in doubt, or always; the better pose is kept.")  # fmt: skip
 @click.option("--dof", metavar="MOTIONS", help="Degrees of freedom in which the pose may differ from the initial pose, "
@@ -139,14 +141,13 @@ def register_command(
     """
     from dqreg._open3d import load_open3d
     from dqreg.files.poses import read_start
-    from dqreg.registration.register import register
     from dqreg.report import make_progress, print_summary
 
     # Asked before the work starts, so that no result is lost after it.
     _check(out, aligned, deviations, report, {"--tolerance": tolerance, "--reach": reach})
     if not 0.0 < required <= 100.0:
         raise InputError(f"--required is a percentage above 0 and at most 100; got {required:g}")
-    console, shown = consoles(quiet=quiet, as_json=as_json)
+    console, shown = consoles(quiet=quiet, as_json=as_json, apart=True)
     began = read_start(start)
     shows = make_progress(shown, quiet=shown.quiet, unit=options["target_units"], searching=began is None)
     options["viewpoint"] = options["viewpoint"] or None
@@ -154,7 +155,9 @@ def register_command(
         # A file that is not there is said at once, without the second that Open3D takes to load.
         if scan.exists() and target.exists():
             load_open3d()
-        result = register(scan, target, began, observe=progress, observe_search=progress.search, **options)
+        result = register_files(
+            scan, target, began, console, observe=progress, observe_search=progress.search, **options
+        )
     print_summary(console, result)
     write_outputs(result, out, aligned, console)
     measured = decision = None

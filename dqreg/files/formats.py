@@ -31,6 +31,7 @@ READERS: dict[str, Callable[[Path], CloudData | MeshData]] = {
     ".ply": read_ply,
     ".pcd": read_pcd,
     ".xyz": read_table,
+    ".asc": read_table,
     ".xyzn": read_table,
     ".txt": read_table,
     ".csv": read_table,
@@ -55,8 +56,8 @@ _EXACT = "exact CAD surfaces; export the part as STEP (read with dqreg[step]), S
 _SCAN = "a scanner's format; export the scan as E57 (read with dqreg[scans]) or PLY, for example with CloudCompare"
 # Formats that users do have, and what to do about them.
 FOREIGN = {
-    **dict.fromkeys((".iges", ".igs", ".brep", ".x_t", ".sldprt", ".ipt", ".3dm"), _EXACT),
-    **dict.fromkeys((".ptx", ".fls", ".rcp", ".zfs"), _SCAN),
+    **dict.fromkeys((".iges", ".igs", ".brep", ".x_t", ".sldprt", ".ipt", ".3dm", ".jt", ".catpart", ".prt"), _EXACT),
+    **dict.fromkeys((".ptx", ".fls", ".rcp", ".zfs", ".g3d"), _SCAN),
 }
 
 

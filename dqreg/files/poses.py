@@ -32,13 +32,16 @@ def read_pose(path: str | os.PathLike[str]) -> FloatArray:
 
 
 def read_start(text: str | os.PathLike[str]) -> FloatArray | str | None:
-    """Initial pose of a word or a file, as `dqreg.register` takes it."""
+    """Initial pose of a word, a file or an alternative (``result.json#2``), as `dqreg.register` takes it."""
     if text in START_WORDS:
         return None if text == "none" else str(text)
     try:
         found = Path(text).is_file()
     except OSError:
         found = False  # a name too long for the system
+    path, mark, number = os.fspath(text).rpartition("#")
+    if not found and mark and number.isdecimal():
+        return _alternative(path, int(number))
     if not found:
         raise InputError(
             f"start must be none, identity or a file with a 4x4 pose; there is no file {os.fspath(text)!r:.300}"
@@ -47,6 +50,18 @@ def read_start(text: str | os.PathLike[str]) -> FloatArray | str | None:
     if np.isnan(T).all():
         raise InputError(f"start {text}: no pose was found there; give another result, or start from none")
     as_pose(T, f"start {text}")  # looked at, but kept as it was: to the last bit
+    return T
+
+
+def _alternative(path: str, number: int) -> FloatArray:
+    """Another pose of a result, counted from 1."""
+    found = read_json(require_readable(path, "a result")).get("alternatives")
+    if not isinstance(found, list) or not 1 <= number <= len(found):
+        has = f"{len(found)} alternatives" if isinstance(found, list) and found else "no alternatives"
+        raise InputError(f"start {path}#{number}: that result has {has}; they are counted from 1")
+    rows = found[number - 1].get(POSE) if isinstance(found[number - 1], dict) else None
+    T = _matrix(_with_nan(rows), Path(path))
+    as_pose(T, f"start {path}#{number}")
     return T
 
 

@@ -108,8 +108,8 @@ def read_table(path: Path) -> CloudData:
     """Cloud of a text table.
 
     Columns are found by name where a first line (or a comment above the numbers) names them. Without names there must
-    be three, x y z, or six, x y z nx ny nz. Numbers are parted by white space, commas or semicolons (then a comma may
-    be the decimal sign); an empty field counts as NaN.
+    be three, x y z; four, with an intensity, which is not used; or six, x y z nx ny nz. Numbers are parted by white
+    space, commas or semicolons (then a comma may be the decimal sign); an empty field counts as NaN.
     """
     names, lines = _split_header(path, read_text(path).splitlines())
     delimiter = _delimiter(lines[0])
@@ -117,7 +117,9 @@ def read_table(path: Path) -> CloudData:
     if names is not None and len(names) != width:
         raise unreadable(path, f"{len(names)} column names over {width} columns", "one name for each column")
     if names is None:
-        table = parse_rows(path, _tidy(lines, delimiter), delimiter=delimiter)
+        # The fourth of four is an intensity: what most scanners export.
+        wanted = (0, 1, 2) if width == 4 else None
+        table = parse_rows(path, _tidy(lines, delimiter), delimiter=delimiter, wanted=wanted)
         return nameless_cloud(path, table, trust_normals=path.suffix.lower() == ".xyzn")
     positions, normals = find_columns(path, names)
     table = parse_rows(path, _tidy(lines, delimiter), delimiter=delimiter, wanted=positions + (normals or []))

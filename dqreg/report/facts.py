@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.files.units import MIXED, factor
-from dqreg.report.report_data import ReportData
 from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.summary import scale_words
 from dqreg.report.text import percent, place_text, setting_text, text_of
@@ -157,47 +155,3 @@ def versions_of() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             continue
     return found | {"Machine": f"{platform.system()} {platform.machine()}"}
-
-
-def hints_of(result: RegistrationResult, data: ReportData | None) -> list[str]:
-    """What to try where a pose was not accepted."""
-    level = result.verdict.level
-    hints: list[str] = []
-    if level == "accepted":
-        return hints
-    if data is not None:
-        hints += _size_hint(data)
-        hints += _distance_hint(data) if level == "failed" else []
-    if result.alternatives:
-        hints.append("Choose among the alternatives below, in the view and in the list, by a feature that tells them "
-                     "apart; then register again with that pose as the initial pose.")  # fmt: skip
-    if level == "failed":
-        hints.append("Give an initial pose at which part and scan overlap (--start FILE), or none for a global search.")
-        reach = text_of(result.settings.get("max_distance"), 4)
-        hints.append(f"Raise --max-distance: correspondences farther apart than {reach} are rejected.")
-        hints.append("See below where the scan lay before: the wrong part, a mirrored one or much clutter show there.")
-    return hints
-
-
-def _size_hint(data: ReportData) -> list[str]:
-    scan, part = float(np.linalg.norm(np.ptp(data.points, axis=0))), data.size
-    ratio = max(scan, part) / max(min(scan, part), np.finfo(float).tiny)
-    if ratio < 5.0:
-        return []
-    sizes = f"The scan is {text_of(scan, 4)} across, the target {text_of(part, 4)} ({text_of(ratio, 3)} to 1)"
-    near = [f"{coarse} and {fine}" for coarse, fine in MIXED if 0.6 < ratio / factor(coarse, fine) < 1.7]
-    if near:
-        return [f"{sizes}, close to the ratio of {near[0]}: name the units (--source-units, --target-units)."]
-    return [f"{sizes}: cut the scan to the part, or check the units."]
-
-
-def _distance_hint(data: ReportData) -> list[str]:
-    middle = 0.5 * (data.points.min(axis=0) + data.points.max(axis=0))
-    apart = float(np.linalg.norm(middle))
-    if apart <= data.size:
-        return []
-    far = f"{text_of(apart, 4)} {data.unit}"
-    return [
-        f"Before, the centre of the scan lay {far} from the target's centre; the target is "
-        f"{text_of(data.size, 4)} across."
-    ]

@@ -62,12 +62,16 @@ def frame_words(found: Inspection) -> str:
     return "datums " + " | ".join(found.alignment.constrained)
 
 
-def tell_inspection(console: Console, result: RegistrationResult, found: Inspection, unit: str) -> None:
-    """Print both lines and the table."""
+def tell_alignment(console: Console, result: RegistrationResult) -> None:
+    """Print whether the alignment can be trusted, and why."""
     level = result.verdict.level
     console.print(f"[bold {COLOURS[level]}]{level.upper()}[/]: alignment {ALIGNMENT[level]}", highlight=False)
     for reason in result.verdict.reasons:
         console.print(f"  {reason}", highlight=False, markup=False, soft_wrap=True)
+
+
+def tell_inspection(console: Console, found: Inspection, unit: str) -> None:
+    """Print the decision and the table."""
     colour = OUTCOME_COLOURS[found.outcome]
     console.print(f"[bold {colour}]{found.outcome.upper()}[/]: part by its plan", highlight=False)
     print_tables(console, [characteristics_table(found, unit)])

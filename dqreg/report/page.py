@@ -18,8 +18,9 @@ from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
 from dqreg.report.charts import NARROW, WIDE, convergence
 from dqreg.report.colours import LEVELS
-from dqreg.report.facts import facts_of, file_name, hints_of, motions_of
+from dqreg.report.facts import facts_of, file_name, motions_of
 from dqreg.report.figure import encode
+from dqreg.report.hints import hints_of
 from dqreg.report.html import data_uri, render
 from dqreg.report.page_file import page_path, write_page
 from dqreg.report.pictures import Panel, draw
@@ -102,7 +103,7 @@ def _words(result: RegistrationResult, data: ReportData | None, unit: str) -> di
         "advice": tables.ADVICE[level],
         "reasons": result.verdict.reasons,
         "confidence": confidence_words(result),
-        "hints": hints_of(result, data),
+        "hints": hints_of(result),
         "source": file_name(settings.get("source")),
         "target": file_name(settings.get("target")),
         "written": time.strftime("%Y-%m-%d %H:%M"),

@@ -22,6 +22,10 @@ class RegisteredSource(Protocol):
     def origin(self) -> FloatArray:
         """What was subtracted from the scaled coordinates, (3,)."""
 
+    @property
+    def mesh(self) -> Mesh | None:
+        """The mesh that the points were drawn from; None of a scan."""
+
 
 class RegisteredTarget(Protocol):
     """The target near the origin."""

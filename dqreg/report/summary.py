@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dqreg.report.hints import hints_of
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -79,6 +81,8 @@ def print_summary(console: Console, result: RegistrationResult) -> None:
         console.print(f"  {reason}", highlight=False, markup=False, soft_wrap=True)
     for name, value in summary_rows(result):
         console.print(f"{name:>10}  {value}", highlight=False, markup=False, soft_wrap=True)
+    for hint in hints_of(result):
+        console.print(f"{'try':>10}  {hint}", highlight=False, markup=False, soft_wrap=True)
     if np.isfinite(result.rms):
         console.print(f"T_target_source (translation in {unit})", highlight=False, markup=False)
         for row in result.T_target_source:

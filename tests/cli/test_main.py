@@ -61,7 +61,10 @@ def test_quiet_prints_nothing(case, start, capsys):
 
 def test_piped_iterations_are_one_line_each(case, start, capsys):
     run("register", case.scan, case.part, "--start", start, "--effort", "fast")
-    lines = capsys.readouterr().out.splitlines()
+    captured = capsys.readouterr()
+    # The answer alone is on the standard output.
+    assert "iteration " not in captured.out
+    lines = captured.err.splitlines()
     assert lines[0].split()[:2] == ["iteration", "stage"]
     numbers = [int(line.split()[0]) for line in lines[1:] if line.strip()[:1].isdigit() and "patient" in line]
     assert numbers == list(range(1, len(numbers) + 1))

@@ -59,7 +59,7 @@ def test_a_path_that_cannot_be_is_refused(path: str) -> None:
     ("name", "message"),
     [
         ("scan.plyy", r"extension '\.plyy'; expected one of .* did you mean \.ply\?"),
-        ("scan.xlsx", r"extension '\.xlsx'; expected one of \.3mf \.bin \.csv"),
+        ("scan.xlsx", r"extension '\.xlsx'; expected one of \.3mf \.asc \.bin \.csv"),
         ("scan", "a name without extension"),
         ("part.x_t", "exact CAD surfaces; .* export the part as STEP"),
         ("part.igs", "exact CAD surfaces"),

@@ -23,6 +23,8 @@ ROWS = [[4400000.123456, -2.5, 3.0], [4.0, 5.0, 6.0]]
         ("a.csv", "x,y,z\n4400000.123456,-2.5,3\n4,5,6\n"),
         ("a.csv", '\ufeff"X";"Y";"Z"\n4400000,123456;-2,5;3\n4;5;6\n'),
         ("a.csv", "label,z,y,x\nfirst,3,-2.5,4400000.123456\nsecond,6,5,4\n"),
+        ("a.xyz", "4400000.123456 -2.5 3 117\n4 5 6 90\n"),  # the fourth is an intensity
+        ("a.asc", "4400000.123456;-2.5;3;117\n4;5;6;90\n"),
         ("a.csv", "x y z intensity\n4400000.123456,-2.5,3,7\n4,5,6,8\n"),
         ("a.xyz", "# made by a scanner: all x y z in metres\n4400000.123456 -2.5 3\n# the end\n4 5 6\n"),
         ("a.txt", "//X Y Z Quality\n4400000.123456 -2.5 3 1\n4 5 6 0\n"),
@@ -80,7 +82,7 @@ def test_empty_fields_and_infinities_are_dropped_and_counted(tmp_path: Path) -> 
         (b"x,y,z\n", "no row of numbers"),
         (b"hello\nworld\n1 2 3\n", "the line 'world'; expected numbers below"),
         (b"1 2\n3 4\n", "2 columns; expected 3"),
-        (b"1 2 3 4\n5 6 7 8\n", "4 columns; expected 3"),
+        (b"1 2 3 4 5\n5 6 7 8 9\n", "5 columns; expected 3"),
         (b"1 2 3 255 128 0\n4 5 6 200 100 7\n", "columns 4 to 6 with a typical length of"),
         (b"1 2 3\n4 5\n", "columns changed from 3 to 2 at row 2"),
         (b"1 2 3\n4 five 6\n", "'five'"),

@@ -12,7 +12,8 @@ from dqreg.geometry import Mesh
 from dqreg.inspection.regions import areas_of, faces_of
 from dqreg.report.charts import NARROW, WIDE, convergence, histogram, ticks
 from dqreg.report.colours import Scale, nice_above
-from dqreg.report.facts import facts_of, hints_of
+from dqreg.report.facts import facts_of
+from dqreg.report.hints import hints_of
 from dqreg.report.text import pose_forms
 from dqreg.report.view3d import fewer_triangles, scene_of, sharp_edges
 from dqreg.rigid import DualQuaternion, quaternion, twist
@@ -137,9 +138,13 @@ def test_hints_name_units_that_are_confused():
     points = bumpy().inputs.source.cloud.points[:2000]
     result = dqreg.register(points / 1000.0, bumpy().inputs.target.geometry, "identity", units="ignore")
     assert result.verdict.level != "accepted"
-    assert any("m and mm" in hint for hint in hints_of(result, data_of(result)))
-    assert hints_of(bumpy(), data_of(bumpy())) == []
-    assert hints_of(failed(), None)
+    assert any("m and mm" in hint for hint in hints_of(result))
+    named = dqreg.register(
+        points, bumpy().inputs.target.geometry, "identity", source_units="mm", target_units="m", time_limit=3.0
+    )
+    assert any("although they are named mm and m" in hint for hint in hints_of(named))
+    assert hints_of(bumpy()) == []
+    assert hints_of(failed())
 
 
 def test_fewer_triangles_keep_the_shape():

@@ -1,0 +1,101 @@
+"""A registration of two files; two mistakes that files invite are tried: an inverted pose, swapped files."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dqreg.cli.outputs import say
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from dqreg._arrays import FloatArray
+    from dqreg.registration.result import Registration
+
+# Points that tell how much of a scan lies at its target under a pose.
+FEW = 2_000
+# Another pose is tried where so many times as many points lie at the target as under the one that was given.
+CLEARLY = 2.0
+# Two poses are the same to a person within this rotation, and this fraction of the target's size.
+SAME_DEG, SAME = 20.0, 0.2
+
+
+def register_files(
+    scan: Path, target: Path, start: FloatArray | str | None, console: Console, **options: Any
+) -> Registration:
+    """`dqreg.register` of two files; where the start is inverted or the files are swapped, it is said."""
+    from dqreg.registration.register import register
+
+    result = register(scan, target, start, **options)
+    if not isinstance(start, str) and start is not None:
+        result = _with_inverse(result, scan, target, start, console, options)
+    if result.verdict.level != "accepted" and _look_swapped(result):
+        _try_swapped(scan, target, console, options)
+    return result
+
+
+def _with_inverse(
+    result: Registration, scan: Path, target: Path, start: FloatArray, console: Console, options: dict[str, Any]
+) -> Registration:
+    """The same, or what the inverse of its initial pose leads to."""
+    from dqreg.registration.register import register
+    from dqreg.rigid import pose
+
+    inverse = pose.inverse(start)
+    if _alike(result, start, inverse):
+        return result
+    if result.verdict.level == "accepted":
+        if _alike(result, result.T_target_source, inverse):
+            say(console, "the initial pose is inverted (it maps the target to the scan): a search found this pose")
+        return result
+    if _share_near(result, inverse) <= CLEARLY * _share_near(result, start):
+        return result
+    other = register(scan, target, inverse, **options)
+    if other.verdict.level != "accepted":
+        return result
+    say(console, "the initial pose is inverted (it maps the target to the scan): this is the result from its inverse")
+    return dataclasses.replace(other, settings={**other.settings, "start": "inverted"})
+
+
+def _alike(result: Registration, a: FloatArray, b: FloatArray) -> bool:
+    import numpy as np
+
+    from dqreg.rigid import pose
+
+    if result.inputs is None or not (np.isfinite(a).all() and np.isfinite(b).all()):
+        return True
+    near = np.rad2deg(pose.angle_between(a, b)) < SAME_DEG
+    one, other = (result.inputs.placed(T).mean(axis=0) for T in (a, b))
+    return bool(near and np.linalg.norm(one - other) < SAME * result.settings["diagonal"])
+
+
+def _share_near(result: Registration, T: FloatArray) -> float:
+    import numpy as np
+
+    assert result.inputs is not None
+    points = result.inputs.placed(T)
+    points = points[:: max(1, len(points) // FEW)]
+    found = result.inputs.target.surface.closest(points)
+    return float(np.mean(np.linalg.norm(found.points - points, axis=1) <= result.settings["max_distance"]))
+
+
+def _look_swapped(result: Registration) -> bool:
+    from dqreg.geometry import Mesh
+
+    inputs = result.inputs
+    return inputs is not None and inputs.source.mesh is not None and not isinstance(inputs.target.geometry, Mesh)
+
+
+def _try_swapped(scan: Path, target: Path, console: Console, options: dict[str, Any]) -> None:
+    from dqreg.registration.register import register
+
+    swapped = {"source_units": "target_units", "target_units": "source_units"}
+    kept = {name: options[name] for name in ("effort", "seed", "time_limit") if name in options}
+    kept |= {other: options[name] for name, other in swapped.items() if name in options}
+    if register(target, scan, None, **kept).verdict.level == "accepted":
+        say(
+            console,
+            f"the files look swapped: with {target.name} as SCAN and {scan.name} as TARGET the alignment is trusted",
+        )

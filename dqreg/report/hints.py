@@ -1,0 +1,72 @@
+"""What to try where a pose was not accepted: on the page and on the screen."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import bounds
+from dqreg.files.units import MIXED, factor
+from dqreg.geometry import Mesh
+from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
+from dqreg.report.text import text_of
+
+# Sizes that differ by more than that factor are worth a word, and those within these bounds of a unit's factor.
+APART, NEAR = 5.0, (0.6, 1.7)
+
+
+def hints_of(result: RegistrationResult) -> list[str]:
+    """Sentences, the likeliest cause first; none for a pose that was accepted."""
+    level = result.verdict.level
+    hints: list[str] = []
+    if level == "accepted":
+        return hints
+    if result.inputs is not None:
+        hints += _sides_hint(result.inputs)
+        hints += _size_hint(result, result.inputs)
+        hints += _distance_hint(result, result.inputs) if level == "failed" else []
+    if result.alternatives:
+        hints.append("Choose among the alternatives by a feature that distinguishes them; then register again with "
+                     "that pose as the initial pose: --start result.json#2 for the second.")  # fmt: skip
+    if level == "failed":
+        hints.append("Give an initial pose at which part and scan overlap (--start FILE), or none for a global search.")
+        reach = text_of(result.settings.get("max_distance"), 4)
+        hints.append(f"Raise --max-distance: correspondences farther apart than {reach} are rejected.")
+        hints.append("Look where the scan lay before: the wrong part, a mirrored one or much clutter show there.")
+    return hints
+
+
+def _sides_hint(inputs: RegisteredPair) -> list[str]:
+    if isinstance(inputs.target.geometry, Mesh) or inputs.source.mesh is None:
+        return []
+    return ["The first file is a mesh and the second a cloud of points: if the first is the part, swap them."]
+
+
+def _size_hint(result: RegistrationResult, inputs: RegisteredPair) -> list[str]:
+    scan = float(np.linalg.norm(np.subtract(*bounds(inputs.source.cloud.points))))
+    part = inputs.target.surface.diagonal
+    ratio = max(scan, part) / max(min(scan, part), np.finfo(float).tiny)
+    if ratio < APART:
+        return []
+    sizes = f"The scan is {text_of(scan, 4)} across, the target {text_of(part, 4)} ({text_of(ratio, 3)} to 1)"
+    near = [f"{coarse} and {fine}" for coarse, fine in MIXED if NEAR[0] < ratio / factor(coarse, fine) < NEAR[1]]
+    if not near:
+        return [f"{sizes}: cut the scan to the part, or check the units."]
+    named = [result.settings.get(name) for name in ("source_units", "target_units")]
+    if all(named):
+        words = f"although they are named {named[0]} and {named[1]}: one of these may be wrong"
+        return [f"{sizes}, close to the ratio of {near[0]}, {words} (--source-units, --target-units)."]
+    return [f"{sizes}, close to the ratio of {near[0]}: name the units (--source-units, --target-units)."]
+
+
+def _distance_hint(result: RegistrationResult, inputs: RegisteredPair) -> list[str]:
+    start = result.settings.get("T_start")
+    points = inputs.placed(np.eye(4) if start is None else np.array(start))
+    apart = float(np.linalg.norm(0.5 * np.add(*bounds(points))))
+    size = inputs.target.surface.diagonal
+    if apart <= size:
+        return []
+    unit = str(result.settings.get("target_units") or "units of the target")
+    return [
+        f"Before, the centre of the scan lay {text_of(apart, 4)} {unit} from the target's centre; the target is "
+        f"{text_of(size, 4)} across."
+    ]
