@@ -92,7 +92,7 @@ def _try_swapped(scan: Path, target: Path, console: Console, options: dict[str, 
     from dqreg.registration.register import register
 
     swapped = {"source_units": "target_units", "target_units": "source_units"}
-    kept = {name: options[name] for name in ("effort", "seed", "time_limit") if name in options}
+    kept: dict[str, Any] = {name: options[name] for name in ("effort", "seed", "time_limit") if name in options}
     kept |= {other: options[name] for name, other in swapped.items() if name in options}
     if register(target, scan, None, **kept).verdict.level == "accepted":
         say(
