@@ -1,7 +1,8 @@
 """Characteristics of a drawing: sizes, distances, angles, form, orientation, position, profile; each with uncertainty.
 
 Every value is a function of measured features (and, for zones, of points); its uncertainty follows from the features'
-covariances, one parameter at a time. Decisions are those of ISO 14253-1: pass or fail is proven, or neither is.
+covariances and that of the frame, one parameter at a time. Decisions are those of ISO 14253-1: pass or fail is proven,
+or neither is.
 """
 
 from __future__ import annotations
@@ -15,12 +16,18 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.inspection.decision import COVERAGE
-from dqreg.inspection.features import Feature
-from dqreg.inspection.medians import smoothed
+from dqreg.inspection.features import Feature, fit_feature
+from dqreg.inspection.features.models import distances
+from dqreg.inspection.features.spread import normals_of
+from dqreg.inspection.medians import on_face
 from dqreg.inspection.regions import Outcome
+from dqreg.rigid import pose, twist
 
 # Step of the numerical derivatives, in standard deviations of a feature's parameters.
 NUDGE = 1e-2
+# A length in two directions, such as the offset of an axis, is below that many standard deviations in 95 of 100 cases
+# where it is none at all; one value is below 2.
+FROM_NOTHING = 2.4477
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,17 +46,53 @@ class Measured:
         return "undecided"
 
 
-def propagated(value: Callable[[Sequence[Feature]], float], features: Sequence[Feature]) -> Measured:
-    """A function of features with the uncertainty that follows from their covariances, to first order."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class Frame:
+    """How well the frame is known that positions and profiles are measured in."""
+
+    covariance: FloatArray  # (6, 6): Of a left increment about the centre, rotation first
+    centre: FloatArray  # (3,)
+
+    def sigma(self, points: FloatArray, normals: FloatArray) -> FloatArray:
+        """Standard deviation of deviations along normals that the frame gives them. Shapes: (n, 3), (n, 3)."""
+        arms = np.hstack([np.cross(points - self.centre, normals), normals])
+        return np.asarray(np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", arms, self.covariance, arms), 0.0)))
+
+
+Value = Callable[[Sequence[Feature]], float]
+
+
+def propagated(value: Value, features: Sequence[Feature], frame: Frame | None = None) -> Measured:
+    """A function of features with the uncertainty that follows from their covariances, to first order.
+
+    Where few points leave the covariance itself uncertain, it is wider as Student's distribution is.
+    """
     found, total = value(features), 0.0
     for k, feature in enumerate(features):
-        variances, vectors = np.linalg.eigh(feature.covariance)
-        for variance, vector in zip(variances, vectors.T, strict=True):
-            if variance > 0.0:
-                step = NUDGE * math.sqrt(float(variance)) * vector
-                changed = value([*features[:k], feature.nudged(step), *features[k + 1 :]])
-                total += ((changed - found) / NUDGE) ** 2
-    return Measured(found, COVERAGE * math.sqrt(total))
+        for step in _steps(feature.covariance):
+            changed = value([*features[:k], feature.nudged(step), *features[k + 1 :]])
+            total += ((changed - found) / NUDGE) ** 2
+    if frame is not None:
+        for step in _steps(frame.covariance):
+            T = pose.about(twist.exp(step), frame.centre)
+            total += ((value([feature.moved(T) for feature in features]) - found) / NUDGE) ** 2
+    return Measured(found, coverage_of(min(feature.freedom for feature in features)) * math.sqrt(total))
+
+
+def _steps(covariance: FloatArray) -> list[FloatArray]:
+    variances, vectors = np.linalg.eigh(covariance)
+    return [NUDGE * math.sqrt(float(s)) * v for s, v in zip(variances, vectors.T, strict=True) if s > 0.0]
+
+
+def coverage_of(freedom: int) -> float:
+    """Factor of the expanded uncertainty: 2, or as much more as few degrees of freedom ask (GUM, G.3).
+
+    >>> round(coverage_of(1000), 2), round(coverage_of(4), 2)
+    (2.0, 2.87)
+    """
+    from scipy.special import ndtr, stdtrit
+
+    return float(stdtrit(max(freedom, 1), ndtr(COVERAGE)))
 
 
 def diameter(feature: Feature) -> Measured:
@@ -66,43 +109,96 @@ def distance(first: Feature, second: Feature) -> Measured:
 
 def angle(first: Feature, second: Feature) -> Measured:
     """Angle between the normals or axes of two features, 0 to 90 degrees; a plane and an axis by the plane itself."""
-    for feature in (first, second):
-        if feature.kind == "sphere":
-            raise InputError("a sphere has no direction, so no angle")
+    _require_directions(first, second)
     return propagated(lambda f: _angle_deg(f[0], f[1]), [first, second])
 
 
-def form(feature: Feature, points: FloatArray) -> Measured:
+def form(feature: Feature, points: FloatArray, noise: float) -> Measured:
     """Flatness, straightness, roundness or cylindricity: the width of the zone that holds the surface.
 
-    Of medians of 25 neighbouring points, which single points do not move. Noise of n medians widens the zone by
-    ``2 sqrt(2 ln n)`` of their standard deviation at most: that is the uncertainty.
+    Of medians of neighbouring points, which single points do not move. Noise widens the zone of a perfect surface by
+    what the extremes of so many medians are apart, and that of one high place not at all: half of it is taken off, and
+    is in the uncertainty.
     """
-    from dqreg.inspection.features import fit_feature
-
-    places, sigma = _medians(feature, points)
+    offsets = distances(feature.kind, feature.shape, points)[0][-len(points) :]
+    medians, sigma, count = on_face(offsets, points, noise)
+    # Each point moves along the shape's own normal.
+    places = points + (medians - offsets)[:, None] * normals_of(feature.kind, feature.shape, points)
     zone = fit_feature(places, feature.kind, method="chebyshev")
-    return Measured(zone.form, 2.0 * sigma * math.sqrt(2.0 * math.log(max(len(places), 2))))
+    half = min(extreme_of(count) * sigma, zone.form)
+    return Measured(zone.form - half, half + math.sqrt(2.0) * COVERAGE * sigma)
 
 
-def orientation(feature: Feature, datum: Feature, points: FloatArray) -> Measured:
-    """Parallelism or perpendicularity, whichever is nearer: width of the zone in the ideal direction to the datum."""
+def extreme_of(count: float) -> float:
+    """The largest of so many independent values, in standard deviations of one, where there is noise alone.
+
+    >>> round(extreme_of(240), 1)
+    2.8
+    """
+    from scipy.special import ndtri
+
+    return float(ndtri((count - 0.375) / (count + 0.25)))
+
+
+def orientation(feature: Feature, datum: Feature, points: FloatArray, nominal_deg: float | None = None) -> Measured:
+    """Parallelism, perpendicularity or angularity: width of the zone in the ideal direction to the datum.
+
+    The ideal angle is the nominal one, or of 0 and 90 degrees the nearer.
+    """
+    _require_directions(feature, datum)
     extent = _extent(feature, points)
-    return propagated(lambda f: extent * math.sin(math.radians(_off_square(f[0], f[1]))), [feature, datum])
+    ideal = nominal_deg
+    if ideal is None:
+        ideal = 0.0 if _angle_deg(feature, datum) < 45.0 else 90.0
+
+    def width(f: Sequence[Feature]) -> float:
+        return extent * math.sin(math.radians(abs(_angle_deg(f[0], f[1]) - ideal)))
+
+    return _from_nothing(propagated(width, [feature, datum]))
 
 
-def position(feature: Feature, nominal: Feature) -> Measured:
+def position(feature: Feature, nominal: Feature, frame: Frame | None = None) -> Measured:
     """Diameter of the least zone about the nominal place that holds the feature: twice its distance from there."""
     if nominal.kind == "plane":
-        return propagated(lambda f: 2.0 * abs(float((f[0].point - nominal.point) @ nominal.axis)), [feature])
-    return propagated(lambda f: 2.0 * _across(f[0].point, nominal), [feature])
+        return propagated(lambda f: 2.0 * abs(float((f[0].point - nominal.point) @ nominal.axis)), [feature], frame)
+    return _from_nothing(propagated(lambda f: 2.0 * _across(f[0].point, nominal), [feature], frame))
 
 
-def profile(deviations: FloatArray, points: FloatArray) -> Measured:
-    """Profile of a surface: twice the largest deviation of medians of 25 neighbouring points. Shapes: (n,), (n, 3)."""
-    medians, sigma = smoothed(deviations, points)
-    largest = float(np.abs(medians).max())
-    return Measured(2.0 * largest, 2.0 * COVERAGE * sigma)
+def coaxiality(feature: Feature, datum: Feature, points: FloatArray) -> Measured:
+    """Diameter of the least cylinder about the datum's axis that holds the feature's axis over its length."""
+    for each in (feature, datum):
+        if each.kind not in ("line", "cylinder", "cone", "circle"):
+            raise InputError(f"a {each.kind} has no axis; coaxiality is of cylinders, cones, circles and lines")
+    along = (points - feature.point) @ feature.axis
+    ends = (float(along.min()), float(along.max())) if feature.kind != "circle" else (0.0,)
+    return propagated(
+        lambda f: 2.0 * max(_across(f[0].point + end * f[0].axis, f[1]) for end in ends), [feature, datum]
+    )
+
+
+def profile(
+    deviations: FloatArray, points: FloatArray, noise: float, *, frame_sigma: float = 0.0, middle: float = 0.0
+) -> Measured:
+    """Profile of a surface: twice the largest distance of medians of neighbouring points from the zone's middle.
+
+    ``middle`` is that of a unilateral or unequal zone, signed, outside the part positive. Noise is treated as in
+    `form`. Shapes: (n,), (n, 3).
+    """
+    medians, sigma, count = on_face(deviations, points, noise)
+    largest = float(np.abs(medians - middle).max())
+    half = min(0.5 * extreme_of(2.0 * count) * sigma, largest)
+    return Measured(2.0 * (largest - half), 2.0 * (half + COVERAGE * math.hypot(sigma, frame_sigma)))
+
+
+def _from_nothing(found: Measured) -> Measured:
+    # Near zero a length has one side only, and directions that its slope does not show.
+    wide = FROM_NOTHING / COVERAGE * found.uncertainty
+    return Measured(found.value, max(found.uncertainty, min(wide, found.value)))
+
+
+def _require_directions(*features: Feature) -> None:
+    if any(feature.kind == "sphere" for feature in features):
+        raise InputError("a sphere has no direction, so no angle")
 
 
 def _distance(a: Feature, b: Feature) -> float:
@@ -127,36 +223,9 @@ def _angle_deg(a: Feature, b: Feature) -> float:
     return 90.0 - between if (a.kind == "plane") != (b.kind == "plane") else between
 
 
-def _off_square(a: Feature, b: Feature) -> float:
-    # Degrees from parallel or from perpendicular, whichever is nearer.
-    found = _angle_deg(a, b)
-    return min(found, 90.0 - found)
-
-
 def _extent(feature: Feature, points: FloatArray) -> float:
     offsets = points - feature.point
     along = offsets @ feature.axis
     if feature.kind != "plane":
         return float(np.ptp(along))
     return 2.0 * float(np.linalg.norm(offsets - along[:, None] * feature.axis, axis=1).max())
-
-
-def _medians(feature: Feature, points: FloatArray) -> tuple[FloatArray, float]:
-    """Points of the surface, each moved along the shape's own normal to the median of its neighbourhood."""
-    from dqreg.inspection.features.models import Shape, distances
-
-    plain = [0.0 if np.isnan(x) else x for x in (feature.radius, feature.half_angle)]
-    shape = Shape(feature.point, feature.frame, *plain)
-    offsets = distances(feature.kind, shape, points)[0][-len(points) :]
-    medians, sigma = smoothed(offsets, points)
-    return points + (medians - offsets)[:, None] * _outward(feature, points), sigma
-
-
-def _outward(feature: Feature, points: FloatArray) -> FloatArray:
-    if feature.kind == "plane":
-        return np.broadcast_to(feature.axis, points.shape)
-    offsets = points - feature.point
-    if feature.kind != "sphere":
-        offsets = offsets - (offsets @ feature.axis)[:, None] * feature.axis
-    outward: FloatArray = offsets / np.maximum(np.linalg.norm(offsets, axis=1), 1e-300)[:, None]
-    return outward

@@ -12,7 +12,17 @@ from dqreg.errors import InputError, did_you_mean
 from dqreg.files.units import METRES
 
 CharacteristicKind = Literal[
-    "diameter", "distance", "angle", "form", "parallelism", "perpendicularity", "position", "profile"
+    "diameter",
+    "distance",
+    "angle",
+    "form",
+    "parallelism",
+    "perpendicularity",
+    "angularity",
+    "position",
+    "coaxiality",
+    "profile",
+    "thickness",
 ]
 AlignmentKind = Literal["best-fit", "datums"]
 # Who a face is: its number of `dqreg faces`, or the face that is nearest to a point.
@@ -21,9 +31,9 @@ FaceName = int | tuple[float, float, float]
 # Faces that a characteristic is of; one of a distance or an angle is of two.
 FACES: dict[str, int] = {"distance": 2, "angle": 2}
 # Those that relate a face to a datum.
-TO_DATUM = ("parallelism", "perpendicularity")
+TO_DATUM = ("parallelism", "perpendicularity", "angularity", "coaxiality")
 # Zones: their tolerance is a width from 0, and nothing is nominal.
-ZONES = ("form", "parallelism", "perpendicularity", "position", "profile")
+ZONES = ("form", *TO_DATUM, "position", "profile")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +55,7 @@ class PlannedCharacteristic:
     nominal: float | None = None  # Default: from the part
     plus: float = 0.0  # Largest value above nominal; of a zone its width
     minus: float = 0.0  # Largest value below nominal
+    middle: float = 0.0  # Of the zone of a profile that is not equal to both sides: outside the part positive
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,9 +161,12 @@ def _characteristic(entry: Any, where: str, letters: list[str]) -> PlannedCharac
         raise InputError(f"{where}: no tolerance is given; give tolerance, or plus and minus")
     if plus < 0.0 or minus < 0.0 or plus + minus <= 0.0:
         raise InputError(f"{where}: a tolerance is above 0; got plus {plus:g}, minus {minus:g}")
-    nominal = _number(entry, "nominal", where) if "nominal" in entry else None
+    nominal, middle = _number(entry, "nominal", where) if "nominal" in entry else None, 0.0
+    if kind == "profile" and "tolerance" not in entry:
+        # Unilateral or unequal: the zone reaches from minus below the part's surface to plus above it.
+        middle, plus, minus = 0.5 * (plus - minus), plus + minus, 0.0
     return PlannedCharacteristic(
-        str(entry.get("name", kind)), kind, _faces(entry, kind, where), datum, nominal, plus, minus
+        str(entry.get("name", kind)), kind, _faces(entry, kind, where), datum, nominal, plus, minus, middle
     )
 
 

@@ -10,13 +10,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from dqreg.errors import DegenerateGeometryError, InputError
-from dqreg.inspection import characteristics as compute
 from dqreg.inspection.alignment import Datum, DatumAlignment, align_datums
-from dqreg.inspection.characteristics import Measured
+from dqreg.inspection.characteristics import Frame, Measured
 from dqreg.inspection.coverage import FaceCoverage
 from dqreg.inspection.decision import worst_of
 from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.part_faces import Face
+from dqreg.inspection.measured_values import measured_value, nominal_value
 from dqreg.inspection.plan import ZONES, Plan, PlannedCharacteristic, PlannedDatum
 from dqreg.inspection.regions import Outcome
 from dqreg.inspection.scanned_part import ScannedPart
@@ -122,12 +121,14 @@ def inspect(deviations: Deviations, plan: Plan) -> Inspection:
         If a datum has too few scan points, or the datums leave a degree of freedom unconstrained.
     """
     part, T, aligned = ScannedPart.of(deviations), np.eye(4), None
+    frame = Frame(np.nan_to_num(deviations.covariance, nan=0.0), deviations.centre - deviations.origin)
     for _ in range(ROUNDS if plan.alignment == "datums" else 0):
         # Which face a point near an edge belongs to is asked again under the new pose.
         aligned = align_datums([_datum(part, datum) for datum in plan.datums])
         T = aligned.T_target_source @ T
         part = part.moved(aligned.T_target_source)
-    rows = tuple(_measured(part, plan, row) for row in plan.characteristics)
+        frame = Frame(aligned.covariance, aligned.centre)
+    rows = tuple(_measured(part, plan, row, frame) for row in plan.characteristics)
     if aligned is not None:
         # Features were fitted about the part's middle, where coordinates keep their digits.
         shift = pose.from_parts(np.eye(3), deviations.origin)
@@ -161,13 +162,13 @@ def _entry(where: str) -> Iterator[None]:
         raise type(error)(f"{where}: {error}") from error
 
 
-def _measured(part: ScannedPart, plan: Plan, row: PlannedCharacteristic) -> Characteristic:
+def _measured(part: ScannedPart, plan: Plan, row: PlannedCharacteristic, frame: Frame) -> Characteristic:
     remark = ""
     with _entry(f"characteristic {row.name!r}"):
         faces = [part.face(name) for name in row.faces]
-        nominal = row.nominal if row.nominal is not None else _nominal(part, row, faces)
+        nominal = row.nominal if row.nominal is not None else nominal_value(part, row, faces)
         try:
-            found = _value(part, plan, row, faces)
+            found = measured_value(part, plan, row, faces, frame)
         except DegenerateGeometryError as error:
             # A face that the scanner did not see costs its own lines of the sheet only.
             found, remark = Measured(math.nan, math.nan), str(error)
@@ -190,39 +191,3 @@ def _measured(part: ScannedPart, plan: Plan, row: PlannedCharacteristic) -> Char
         position=part.label(faces[0]),
         remark=remark,
     )
-
-
-def _nominal(part: ScannedPart, row: PlannedCharacteristic, faces: list[Face]) -> float:
-    """What a characteristic is on the part itself."""
-    if row.kind == "diameter":
-        nominal = compute.diameter(part.ideal(faces[0])).value
-    elif row.kind == "distance":
-        nominal = compute.distance(*map(part.ideal, faces)).value
-    elif row.kind == "angle":
-        nominal = compute.angle(*map(part.ideal, faces)).value
-    else:
-        nominal = 0.0
-    # A part's file holds single precision: more digits of its nominal values are noise.
-    return float(f"{nominal:.6g}")
-
-
-def _value(part: ScannedPart, plan: Plan, row: PlannedCharacteristic, faces: list[Face]) -> Measured:
-    points = part.on(faces[0])
-    if row.kind == "profile":
-        part.require_scanned(faces[0])
-        found = part.surface.closest(points)
-        signed = np.einsum("ij,ij->i", points - found.points, part.mesh.face_normals[found.elements])
-        return compute.profile(signed, points)
-    measured = [part.measured(face) for face in faces]
-    if row.kind == "diameter":
-        return compute.diameter(measured[0])
-    if row.kind == "distance":
-        return compute.distance(*measured)
-    if row.kind == "angle":
-        return compute.angle(*measured)
-    if row.kind == "form":
-        return compute.form(measured[0], points)
-    if row.kind == "position":
-        return compute.position(measured[0], part.ideal(faces[0]))
-    datum = next(datum for datum in plan.datums if datum.name == row.datum)
-    return compute.orientation(measured[0], part.measured(part.face(datum.face)), points)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -10,8 +11,10 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.inspection.coverage import covered
+from dqreg.inspection.decision import MEDIAN_SIGMA, PLACE
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.features import Feature, fit_feature
+from dqreg.inspection.medians import smoothed
 from dqreg.inspection.part_faces import Face, nearest_face, part_faces
 from dqreg.inspection.plan import FaceName
 from dqreg.inspection.regions import SCANNED, faces_of, weighted_median
@@ -37,6 +40,7 @@ class ScannedPart:
     def __post_init__(self) -> None:
         self._features: dict[int, Feature] = {}
         self._covered: FloatArray | None = None
+        self._noise: float | None = None
         self._on = self.of_triangle[self.triangles]
         counts = np.bincount(self._on, minlength=len(self.faces))
         areas = np.array([max(face.area, 1e-300) for face in self.faces])
@@ -72,6 +76,33 @@ class ScannedPart:
         """Scan points on a face, (n, 3)."""
         found: FloatArray = self.points[self._on == face.number]
         return found
+
+    def rows_on(self, face: Face) -> IntArray:
+        """Rows of the scan points on a face."""
+        return np.flatnonzero(self._on == face.number)
+
+    @property
+    def face_of_points(self) -> IntArray:
+        """Number of the face of each scan point."""
+        return self._on
+
+    @property
+    def spacing(self) -> float:
+        """Usual distance of neighbouring scan points on the part."""
+        return float(1.0 / np.sqrt(self._density))
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of a scan point, from how neighbours on one face differ."""
+        if self._noise is None:
+            self._noise = smoothed(self.deviations()[2], self.points, self._on)[1] * math.sqrt(PLACE) / MEDIAN_SIGMA
+        return self._noise
+
+    def deviations(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Closest places of the part to the scan points, outward normals there, signed distances."""
+        found = self.surface.closest(self.points)
+        normals = self.mesh.face_normals[found.elements]
+        return found.points, normals, np.asarray(np.einsum("ij,ij->i", self.points - found.points, normals))
 
     def ideal(self, face: Face) -> Feature:
         """What a face is on the part itself."""

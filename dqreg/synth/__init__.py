@@ -4,6 +4,7 @@
 - `dqreg.synth.cameras`, `dqreg.synth.patterns`, `dqreg.synth.tactile`: cameras, structured light and LiDAR, probes.
 - `dqreg.synth.scene`, `dqreg.synth.motion`, `dqreg.synth.noise`: surroundings, motion and errors.
 - `dqreg.synth.raycast`, `dqreg.synth.scanner`: what rays meet, and the scan.
+- `dqreg.synth.faults`: waves on a face, a feature moved or of another size.
 - `dqreg.synth.coverage`: the fraction of the surface that is seen.
 - `dqreg.synth.truth`, `dqreg.synth.cramer_rao`: known motions, pose errors, and the least error there is.
 - `dqreg.synth.recipe`, `dqreg.synth.cases`: a case as a text file, and as a folder.
@@ -13,6 +14,7 @@ from dqreg.synth.cameras import Scanner
 from dqreg.synth.cases import Case, demo_case, load_case, write_case
 from dqreg.synth.coverage import visible_share
 from dqreg.synth.cramer_rao import cramer_rao_bound
+from dqreg.synth.faults import form_error, moved_feature
 from dqreg.synth.motion import Motion
 from dqreg.synth.noise import Noise
 from dqreg.synth.patterns import Lidar, StructuredLight
@@ -43,7 +45,9 @@ __all__ = [
     "cramer_rao_bound",
     "demo_case",
     "disturbance",
+    "form_error",
     "load_case",
+    "moved_feature",
     "nearest_truth",
     "random_pose",
     "read_recipe",

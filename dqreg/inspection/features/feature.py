@@ -12,6 +12,7 @@ from dqreg._arrays import FloatArray, as_pose, as_vectors
 from dqreg.errors import DegenerateGeometryError, InputError, did_you_mean
 from dqreg.inspection.features.gauss import fit_gauss
 from dqreg.inspection.features.models import FEWEST, PARAMETERS, FeatureKind, Shape, distances
+from dqreg.inspection.features.spread import covariance_of
 from dqreg.inspection.features.zone import fit_zone
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
@@ -52,7 +53,8 @@ class Feature:
     points, outliers : int
         Points used and points cut.
     covariance : ndarray, (k, k)
-        Of the parameters, from the residuals as if they were independent; see ``parameters``.
+        Of the parameters, see ``parameters``; from the scatter of the residuals between patches of neighbouring points
+        where there are 400, else as if they were independent.
     parameters : tuple of str
         Rotations about the local x and y axes in radians, translations along the local axes, radius, half angle.
     frame : ndarray, (3, 3)
@@ -72,6 +74,18 @@ class Feature:
     covariance: FloatArray
     parameters: tuple[str, ...]
     frame: FloatArray = dataclasses.field(repr=False)
+
+    @property
+    def freedom(self) -> int:
+        """Distances less parameters: how well the covariance itself is known."""
+        rows = 2 * self.points if self.kind in ("line", "circle") else self.points
+        return max(rows - len(self.parameters), 1)
+
+    @property
+    def shape(self) -> Shape:
+        """Its point, frame and size alone."""
+        plain = [0.0 if np.isnan(x) else x for x in (self.radius, self.half_angle)]
+        return Shape(self.point, self.frame, *plain)
 
     @property
     def diameter(self) -> float:
@@ -147,8 +161,7 @@ class Feature:
         Feature
             With the same covariance.
         """
-        plain = [0.0 if np.isnan(x) else x for x in (self.radius, self.half_angle)]
-        shape = Shape(self.point, self.frame, *plain).moved(self.kind, step)
+        shape = self.shape.moved(self.kind, step)
         axis = self.axis if self.kind == "sphere" else shape.axis
         radius = shape.radius if "radius" in self.parameters else self.radius
         angle = shape.half_angle if "half_angle" in self.parameters else self.half_angle
@@ -262,8 +275,6 @@ def _require_held(kind: FeatureKind, shape: Shape, points: FloatArray) -> None:
 
 def _feature(kind: FeatureKind, method: FeatureMethod, shape: Shape, points: FloatArray, outliers: int) -> Feature:
     rows, slopes = distances(kind, shape, points)
-    freedom = max(len(rows) - slopes.shape[1], 1)
-    covariance: FloatArray = np.linalg.pinv(slopes.T @ slopes) * float(rows @ rows) / freedom
     return Feature(
         kind=kind,
         method=method,
@@ -275,7 +286,7 @@ def _feature(kind: FeatureKind, method: FeatureMethod, shape: Shape, points: Flo
         rms=float(np.sqrt(np.mean(_offsets(kind, shape, points) ** 2))),
         points=len(points),
         outliers=outliers,
-        covariance=0.5 * (covariance + covariance.T),
+        covariance=covariance_of(kind, shape, points, rows, slopes),
         parameters=PARAMETERS[kind],
         frame=shape.frame,
     )

@@ -1,0 +1,91 @@
+"""The value of each kind of characteristic on a scanned part, and what it is on the part itself."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import DegenerateGeometryError
+from dqreg.inspection import characteristics as compute
+from dqreg.inspection.characteristics import Frame, Measured
+from dqreg.inspection.decision import COVERAGE
+from dqreg.inspection.part_faces import Face
+from dqreg.inspection.plan import Plan, PlannedCharacteristic
+from dqreg.inspection.scanned_part import ScannedPart
+from dqreg.inspection.thickness import wall_thickness
+
+
+def nominal_value(part: ScannedPart, row: PlannedCharacteristic, faces: list[Face]) -> float:
+    """What a characteristic is on the part itself."""
+    if row.kind == "diameter":
+        nominal = compute.diameter(part.ideal(faces[0])).value
+    elif row.kind == "distance":
+        nominal = compute.distance(*map(part.ideal, faces)).value
+    elif row.kind == "angle":
+        nominal = compute.angle(*map(part.ideal, faces)).value
+    elif row.kind == "thickness":
+        try:
+            nominal = wall_thickness(part, faces[0]).worst[1]
+        except DegenerateGeometryError:
+            # That it was not scanned is said where it is measured.
+            nominal = float("nan")
+    else:
+        nominal = 0.0
+    # A part's file holds single precision: more digits of its nominal values are noise.
+    return float(f"{nominal:.6g}")
+
+
+def measured_value(
+    part: ScannedPart, plan: Plan, row: PlannedCharacteristic, faces: list[Face], frame: Frame
+) -> Measured:
+    """The value of a characteristic, with its uncertainty."""
+    points = part.on(faces[0])
+    if row.kind == "profile":
+        part.require_scanned(faces[0])
+        signed, normals = surface_deviations(part, faces[0], points)
+        spread = float(frame.sigma(points, normals).max(initial=0.0))
+        return compute.profile(signed, points, part.noise, frame_sigma=spread, middle=row.middle)
+    if row.kind == "thickness":
+        part.require_scanned(faces[0])
+        found = wall_thickness(part, faces[0])
+        value, nominal = found.worst
+        # The worst of many places is off by noise too: half of what it would be on a perfect wall is taken off.
+        half = min(0.5 * compute.extreme_of(found.independent) * found.sigma, abs(value - nominal))
+        return Measured(value - np.sign(value - nominal) * half, half + COVERAGE * found.sigma)
+    measured = [part.measured(face) for face in faces]
+    if row.kind == "diameter":
+        return compute.diameter(measured[0])
+    if row.kind == "distance":
+        return compute.distance(*measured)
+    if row.kind == "angle":
+        return compute.angle(*measured)
+    if row.kind == "form":
+        return compute.form(measured[0], points, part.noise)
+    if row.kind == "position":
+        return compute.position(measured[0], part.ideal(faces[0]), frame)
+    datum = part.face(next(datum.face for datum in plan.datums if datum.name == row.datum))
+    if row.kind == "coaxiality":
+        return compute.coaxiality(measured[0], part.measured(datum), points)
+    ideal = {"parallelism": 0.0, "perpendicularity": 90.0}.get(row.kind)
+    if ideal is None:
+        ideal = compute.angle(part.ideal(faces[0]), part.ideal(datum)).value
+    return compute.orientation(measured[0], part.measured(datum), points, ideal)
+
+
+def surface_deviations(part: ScannedPart, face: Face, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Signed distances of points from a face, and its outward normals there. Shapes: (n,), (n, 3).
+
+    From the exact shape where the face has one: the facets of a hole lie up to a chord's height inside of it.
+    """
+    found = part.surface.closest(points)
+    normals = part.mesh.face_normals[found.elements]
+    if face.feature is None or face.kind == "plane":
+        return np.einsum("ij,ij->i", points - found.points, normals), normals
+    from dqreg.inspection.features.models import distances
+    from dqreg.inspection.features.spread import normals_of
+
+    shape = face.feature.shape
+    outward = normals_of(face.feature.kind, shape, points)
+    # Of a hole the material lies outside: the normals of its faces point to the axis.
+    side = 1.0 if float(np.einsum("ij,ij->", outward, normals)) >= 0.0 else -1.0
+    return side * distances(face.feature.kind, shape, points)[0], side * outward

@@ -1,0 +1,84 @@
+"""Wall thickness: from each scanned place of a face straight through the material to the scanned far side."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import DegenerateGeometryError
+from dqreg.geometry.raycasting import RayScene
+from dqreg.inspection.decision import PLACE
+from dqreg.inspection.medians import OVERLAP, smoothed
+from dqreg.inspection.part_faces import Face
+from dqreg.inspection.scanned_part import ScannedPart
+
+# Places that are asked; more say the same.
+PLACES = 2_000
+# The far side is a wall where its normal turns from the ray by at most this cosine.
+OPPOSITE = 0.7
+# Scan points on the far side are its measurement there within so many usual spacings.
+NEAR = 3.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Thickness:
+    """Thickness of a wall, place by place, target units."""
+
+    values: FloatArray  # (n,)
+    nominals: FloatArray  # (n,): Of the part itself
+    positions: FloatArray  # (n, 3): On the face, about the part's middle
+    sigma: float  # Standard deviation of a value: of the medians on both sides
+    independent: float  # Number of values that behave as independent ones do
+
+    @property
+    def worst(self) -> tuple[float, float]:
+        """Value and nominal value where they differ most."""
+        k = int(np.argmax(np.abs(self.values - self.nominals)))
+        return float(self.values[k]), float(self.nominals[k])
+
+
+def wall_thickness(part: ScannedPart, face: Face) -> Thickness:
+    """Thickness behind a face: medians of 25 neighbouring deviations on either side, on the part's own thickness."""
+    from scipy.spatial import cKDTree
+
+    own = part.rows_on(face)
+    feet, normals, values = part.deviations()
+    medians, sigma = smoothed(values, part.points, part.face_of_points)
+    own = own[:: -(-len(own) // PLACES)]
+    far, far_normals, lengths = _far_side(part, feet[own], normals[own])
+    kept = np.isfinite(lengths) & (np.einsum("ij,ij->i", far_normals, normals[own]) < -OPPOSITE)
+    own, far, far_normals, lengths = own[kept], far[kept], far_normals[kept], lengths[kept]
+    if not len(own):
+        raise DegenerateGeometryError(
+            f"no wall lies behind face {face.number}: straight through it there is no far side"
+        )
+    away, nearest = cKDTree(feet).query(far)
+    row = np.asarray(nearest, dtype=np.int64)
+    alike = np.einsum("ij,ij->i", normals[row], far_normals) > OPPOSITE
+    seen = (away <= NEAR * part.spacing) & alike
+    if not seen.any():
+        raise DegenerateGeometryError(f"the far side of the wall behind face {face.number} was not scanned")
+    own, row, lengths = own[seen], row[seen], lengths[seen]
+    lean = -np.einsum("ij,ij->i", far_normals[seen], normals[own])
+    thick = lengths + medians[own] + medians[row] / lean
+    return Thickness(thick, lengths, feet[own], float(np.sqrt(2.0) * sigma), max(OVERLAP * len(own) / PLACE, 2.0))
+
+
+def _far_side(part: ScannedPart, feet: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Where a ray from each foot into the material leaves it: places, outward normals, lengths (infinite for none)."""
+    mesh = part.mesh
+    scene = RayScene(mesh.vertices, mesh.faces, mesh.centre, mesh.diagonal)
+    # The ray begins below its own face: in single precision a foot may lie on either side of it.
+    begin = (feet - mesh.centre) / mesh.diagonal - 1e-5 * normals
+    triangles, _ = scene.first_faces(np.hstack([begin, -normals]))
+    met = triangles >= 0
+    outward = mesh.face_normals[np.where(met, triangles, 0)]
+    corner = mesh.vertices[mesh.faces[np.where(met, triangles, 0), 0]]
+    against = -np.einsum("ij,ij->i", normals, outward)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lengths = np.einsum("ij,ij->i", corner - feet, outward) / against
+    lengths = np.where(met & (against > 0.0), lengths, np.inf)
+    far = feet - np.where(np.isfinite(lengths), lengths, 0.0)[:, None] * normals
+    return far, outward, lengths
