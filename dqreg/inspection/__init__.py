@@ -23,6 +23,7 @@ from dqreg.inspection.part_faces import Face, nearest_face, part_faces
 from dqreg.inspection.plan import Plan, read_plan
 from dqreg.inspection.plan_run import Characteristic, Inspection, inspect
 from dqreg.inspection.regions import Region
+from dqreg.inspection.sections import Section, section_of
 from dqreg.inspection.statistics import Band, Bands, Place, Summary
 
 __all__ = [
@@ -44,6 +45,7 @@ __all__ = [
     "Plan",
     "PointAlignment",
     "Region",
+    "Section",
     "Summary",
     "SurfaceAlignment",
     "align_datums",
@@ -57,5 +59,6 @@ __all__ = [
     "nearest_face",
     "part_faces",
     "read_plan",
+    "section_of",
     "why_unsigned",
 ]

@@ -13,6 +13,7 @@ from dqreg.geometry import Mesh, MeshSurface
 from dqreg.inspection.coverage import covered
 from dqreg.inspection.decision import MEDIAN_SIGMA, PLACE
 from dqreg.inspection.deviations import Deviations
+from dqreg.inspection.face_edges import edge_places
 from dqreg.inspection.features import Feature, fit_feature
 from dqreg.inspection.medians import smoothed
 from dqreg.inspection.part_faces import Face, nearest_face, part_faces
@@ -23,6 +24,9 @@ from dqreg.rigid import pose
 
 # Points farther from a feature than that many robust standard deviations are cut.
 CUT = 3.5
+# Points nearer to an edge than so many times what 95 % of the deviations do not exceed may be of the face beyond it; at
+# most that share of a face's extent is left out, and never half of its points.
+MIXED, EDGE, HALF = 2.0, 0.05, 0.5
 
 
 @dataclasses.dataclass(eq=False)
@@ -41,6 +45,9 @@ class ScannedPart:
         self._features: dict[int, Feature] = {}
         self._covered: FloatArray | None = None
         self._noise: float | None = None
+        self._found: tuple[FloatArray, FloatArray, FloatArray] | None = None
+        self._from_edges: FloatArray | None = None
+        self._mixed = 0.0
         self._on = self.of_triangle[self.triangles]
         counts = np.bincount(self._on, minlength=len(self.faces))
         areas = np.array([max(face.area, 1e-300) for face in self.faces])
@@ -73,13 +80,27 @@ class ScannedPart:
         return self.faces[name]
 
     def on(self, face: Face) -> FloatArray:
-        """Scan points on a face, (n, 3)."""
-        found: FloatArray = self.points[self._on == face.number]
-        return found
+        """Scan points on a face, away from its edges, (n, 3)."""
+        return self.points[self.rows_on(face)]
 
     def rows_on(self, face: Face) -> IntArray:
-        """Rows of the scan points on a face."""
-        return np.flatnonzero(self._on == face.number)
+        """Rows of the scan points on a face, away from its edges: nearer to them, the points of two faces mix."""
+        rows = np.flatnonzero(self._on == face.number)
+        if self._from_edges is None:
+            self._from_edges, self._mixed = self._edges()
+        inner = rows[self._from_edges[rows] > min(self._mixed, EDGE * face.extent)]
+        return inner if len(inner) > HALF * len(rows) else rows
+
+    def _edges(self) -> tuple[FloatArray, float]:
+        """Distance of each point's foot from the nearest edge, and how far from one the points of two faces mix."""
+        from scipy.spatial import cKDTree
+
+        feet, _, values = self.deviations()
+        mixed = MIXED * float(np.quantile(np.abs(values), 0.95)) if len(values) else 0.0
+        places, step = edge_places(self.mesh, self.of_triangle, max(0.5 * mixed, 1e-4 * self.mesh.diagonal))
+        if not len(places) or not len(feet):
+            return np.full(len(feet), np.inf), 0.0
+        return np.asarray(cKDTree(places).query(feet)[0], dtype=np.float64), math.hypot(mixed, 0.5 * step)
 
     @property
     def face_of_points(self) -> IntArray:
@@ -100,9 +121,12 @@ class ScannedPart:
 
     def deviations(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Closest places of the part to the scan points, outward normals there, signed distances."""
-        found = self.surface.closest(self.points)
-        normals = self.mesh.face_normals[found.elements]
-        return found.points, normals, np.asarray(np.einsum("ij,ij->i", self.points - found.points, normals))
+        if self._found is None:
+            found = self.surface.closest(self.points)
+            normals = self.mesh.face_normals[found.elements]
+            values = np.asarray(np.einsum("ij,ij->i", self.points - found.points, normals))
+            self._found = found.points, normals, values
+        return self._found
 
     def ideal(self, face: Face) -> Feature:
         """What a face is on the part itself."""
@@ -118,7 +142,8 @@ class ScannedPart:
 
     def _fitted(self, face: Face, nominal: Feature) -> Feature:
         self.require_scanned(face)
-        points, normals = self.on(face), self.mesh.face_normals[self.triangles[self._on == face.number]]
+        rows = self.rows_on(face)
+        points, normals = self.points[rows], self.mesh.face_normals[self.triangles[rows]]
         try:
             found = fit_feature(points, nominal.kind, normals=normals, cut=CUT if len(points) > PROBED else None)
         except DegenerateGeometryError as error:
@@ -130,7 +155,7 @@ class ScannedPart:
 
     def require_scanned(self, face: Face) -> None:
         """`DegenerateGeometryError` where a face has too few points for a face that was scanned."""
-        count, usual = len(self.on(face)), self._density * face.area
+        count, usual = int(np.count_nonzero(self._on == face.number)), self._density * face.area
         if count < SCANNED * usual:
             raise DegenerateGeometryError(
                 f"face {face.number} was not scanned: {count} points lie on it where {usual:.0f} are usual"
