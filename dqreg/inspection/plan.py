@@ -8,8 +8,10 @@ import tomllib
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from dqreg.errors import InputError, did_you_mean
+from dqreg.errors import InputError
 from dqreg.files.units import METRES
+from dqreg.inspection.plan_keys import FaceName, face_of, list_of, number_of, require_known, require_one_of, triple_of
+from dqreg.inspection.planned_alignment import PlannedStep, steps_of
 
 CharacteristicKind = Literal[
     "diameter",
@@ -24,9 +26,7 @@ CharacteristicKind = Literal[
     "profile",
     "thickness",
 ]
-AlignmentKind = Literal["best-fit", "datums"]
-# Who a face is: its number of `dqreg faces`, or the face that is nearest to a point.
-FaceName = int | tuple[float, float, float]
+AlignmentKind = Literal["best-fit", "datums", "steps"]
 
 # Faces that a characteristic is of; one of a distance or an angle is of two.
 FACES: dict[str, int] = {"distance": 2, "angle": 2}
@@ -59,6 +59,15 @@ class PlannedCharacteristic:
 
 
 @dataclasses.dataclass(frozen=True)
+class PlannedSection:
+    """A cut: its name, a point of the plane and its normal."""
+
+    name: str
+    point: tuple[float, float, float]
+    normal: tuple[float, float, float]
+
+
+@dataclasses.dataclass(frozen=True)
 class Plan:
     """What is asked of a part.
 
@@ -68,12 +77,16 @@ class Plan:
         Fields of the report's head as given: part, drawing, serial, operator, device, note.
     datums : tuple of PlannedDatum
         In their order of precedence.
-    alignment : {"best-fit", "datums"}
+    alignment : {"best-fit", "datums", "steps"}
         Which pose the characteristics are of.
     characteristics : tuple of PlannedCharacteristic
         In the order of the file.
     units : str or None
         Length unit of the plan and its part; None: the part's, whatever it is.
+    steps : tuple of PlannedStep
+        Alignments that follow each other, where ``alignment`` is "steps".
+    sections : tuple of PlannedSection
+        Cuts of part and scan.
     """
 
     head: dict[str, str]
@@ -81,6 +94,8 @@ class Plan:
     alignment: AlignmentKind
     characteristics: tuple[PlannedCharacteristic, ...]
     units: str | None = None
+    steps: tuple[PlannedStep, ...] = ()
+    sections: tuple[PlannedSection, ...] = ()
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
@@ -112,56 +127,73 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
 
 def plan_of(values: dict[str, Any], name: str = "plan") -> Plan:
     """A plan from the values of a TOML file, each checked under the name of its entry."""
-    _known(values, ("units", "head", "alignment", "datum", "characteristic"), name)
-    datums = tuple(_datum(entry, f"{name}: datum {k + 1}") for k, entry in enumerate(_list(values, "datum", name)))
+    require_known(values, ("units", "head", "alignment", "datum", "characteristic", "section"), name)
+    datums = tuple(_datum(entry, f"{name}: datum {k + 1}") for k, entry in enumerate(list_of(values, "datum", name)))
     letters = [datum.name for datum in datums]
     for letter in letters:
         if letters.count(letter) > 1:
             raise InputError(f"{name}: datum {letter} is given twice")
-    rows = _list(values, "characteristic", name)
+    rows = list_of(values, "characteristic", name)
     if not rows:
         raise InputError(f"{name}: no [[characteristic]] is given, so there is nothing to inspect")
     characteristics = tuple(
         _characteristic(entry, f"{name}: characteristic {k + 1}", letters) for k, entry in enumerate(rows)
     )
-    alignment = values.get("alignment", "datums" if datums else "best-fit")
-    _one_of(alignment, get_args(AlignmentKind), f"{name}: alignment")
+    chosen = values.get("alignment", "datums" if datums else "best-fit")
+    steps = steps_of(chosen, letters, name) if isinstance(chosen, list) else ()
+    alignment: AlignmentKind = "steps" if steps else chosen
+    if not steps:
+        require_one_of(chosen, ("best-fit", "datums"), f"{name}: alignment")
     if alignment == "datums" and not datums:
         raise InputError(f'{name}: alignment = "datums" needs [[datum]] entries')
     units = values.get("units")
     if units is not None:
-        _one_of(units, sorted(METRES), f"{name}: units")
+        require_one_of(units, sorted(METRES), f"{name}: units")
+    cuts = enumerate(list_of(values, "section", name))
+    sections = tuple(_section(entry, f"{name}: section {k + 1}") for k, entry in cuts)
     head = values.get("head", {})
     if not isinstance(head, dict):
         raise InputError(f"{name}: head must be a table of words")
-    return Plan({key: str(value) for key, value in head.items()}, datums, alignment, characteristics, units)
+    return Plan(
+        {key: str(value) for key, value in head.items()}, datums, alignment, characteristics, units, steps, sections
+    )
 
 
 def _datum(entry: Any, where: str) -> PlannedDatum:
-    _known(entry, ("name", "face", "near"), where)
+    require_known(entry, ("name", "face", "near"), where)
     letter = entry.get("name")
     if not isinstance(letter, str) or not letter:
         raise InputError(f'{where}: name must be a letter such as "A"; got {letter!r}')
-    return PlannedDatum(letter, _face(entry, where))
+    return PlannedDatum(letter, face_of(entry, where))
+
+
+def _section(entry: Any, where: str) -> PlannedSection:
+    require_known(entry, ("name", "point", "normal"), where)
+    point, normal = (triple_of(entry, key, where) for key in ("point", "normal"))
+    if not any(normal):
+        raise InputError(f"{where}: normal must not be of length zero")
+    return PlannedSection(str(entry.get("name", where.rpartition(": ")[2])), point, normal)
 
 
 def _characteristic(entry: Any, where: str, letters: list[str]) -> PlannedCharacteristic:
-    _known(entry, ("name", "kind", "face", "faces", "near", "datum", "nominal", "tolerance", "plus", "minus"), where)
+    require_known(
+        entry, ("name", "kind", "face", "faces", "near", "datum", "nominal", "tolerance", "plus", "minus"), where
+    )
     kind = entry.get("kind")
-    _one_of(kind, get_args(CharacteristicKind), f"{where}: kind")
+    require_one_of(kind, get_args(CharacteristicKind), f"{where}: kind")
     where = f"{where} ({entry.get('name', kind)})"
     datum = entry.get("datum", "")
     if kind in TO_DATUM or datum:
-        _one_of(datum, letters, f"{where}: datum")
+        require_one_of(datum, letters, f"{where}: datum")
     if "tolerance" in entry:
-        plus = minus = _number(entry, "tolerance", where)
+        plus = minus = number_of(entry, "tolerance", where)
     elif "plus" in entry or "minus" in entry:
-        plus, minus = (_number(entry, key, where) if key in entry else 0.0 for key in ("plus", "minus"))
+        plus, minus = (number_of(entry, key, where) if key in entry else 0.0 for key in ("plus", "minus"))
     else:
         raise InputError(f"{where}: no tolerance is given; give tolerance, or plus and minus")
     if plus < 0.0 or minus < 0.0 or plus + minus <= 0.0:
         raise InputError(f"{where}: a tolerance is above 0; got plus {plus:g}, minus {minus:g}")
-    nominal, middle = _number(entry, "nominal", where) if "nominal" in entry else None, 0.0
+    nominal, middle = number_of(entry, "nominal", where) if "nominal" in entry else None, 0.0
     if kind == "profile" and "tolerance" not in entry:
         # Unilateral or unequal: the zone reaches from minus below the part's surface to plus above it.
         middle, plus, minus = 0.5 * (plus - minus), plus + minus, 0.0
@@ -173,48 +205,8 @@ def _characteristic(entry: Any, where: str, letters: list[str]) -> PlannedCharac
 def _faces(entry: dict[str, Any], kind: str, where: str) -> tuple[FaceName, ...]:
     wanted = FACES.get(kind, 1)
     if wanted == 1:
-        return (_face(entry, where),)
+        return (face_of(entry, where),)
     given = entry.get("faces")
     if not isinstance(given, list) or len(given) != wanted:
         raise InputError(f"{where}: a {kind} is of two faces: faces = [3, 4]; got {given!r}")
-    return tuple(_face({"near": face} if isinstance(face, list) else {"face": face}, where) for face in given)
-
-
-def _face(entry: dict[str, Any], where: str) -> FaceName:
-    if "face" in entry:
-        number = entry["face"]
-        if isinstance(number, bool) or not isinstance(number, int) or number < 0:
-            raise InputError(f"{where}: face is a number of `dqreg faces`; got {number!r}")
-        return number
-    near = entry.get("near")
-    if isinstance(near, list) and len(near) == 3 and all(isinstance(x, (int, float)) for x in near):
-        return float(near[0]), float(near[1]), float(near[2])
-    raise InputError(f"{where}: give face = NUMBER of `dqreg faces`, or near = [x, y, z]; got {near!r}")
-
-
-def _list(values: dict[str, Any], key: str, name: str) -> list[Any]:
-    found = values.get(key, [])
-    if not isinstance(found, list):
-        raise InputError(f"{name}: {key} must be written as [[{key}]]")
-    return found
-
-
-def _known(entry: Any, known: tuple[str, ...], where: str) -> None:
-    if not isinstance(entry, dict):
-        raise InputError(f"{where} must be a table; got {entry!r:.60}")
-    for key in entry:
-        if key not in known:
-            raise InputError(f"{where}: {key!r} is not known{did_you_mean(key, known)}")
-
-
-def _one_of(value: Any, known: tuple[str, ...] | list[str], where: str) -> None:
-    if value not in known:
-        names = ", ".join(known) or "none is given"
-        raise InputError(f"{where} must be one of {names}; got {value!r}{did_you_mean(str(value), known)}")
-
-
-def _number(entry: dict[str, Any], key: str, where: str) -> float:
-    value = entry[key]
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < float("inf"):
-        raise InputError(f"{where}: {key} must be a number; got {value!r}")
-    return float(value)
+    return tuple(face_of({"near": face} if isinstance(face, list) else {"face": face}, where) for face in given)

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
-from dqreg.errors import DegenerateGeometryError, InputError
-from dqreg.inspection.alignment import Datum, DatumAlignment, align_datums
+from dqreg.errors import DegenerateGeometryError
+from dqreg.inspection.aligned_part import AlignedStep, Alignment, aligned_part, entry
 from dqreg.inspection.characteristics import Frame, Measured
 from dqreg.inspection.coverage import FaceCoverage
 from dqreg.inspection.decision import worst_of
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.measured_values import measured_value, nominal_value
-from dqreg.inspection.plan import ZONES, Plan, PlannedCharacteristic, PlannedDatum
+from dqreg.inspection.plan import ZONES, Plan, PlannedCharacteristic, PlannedSection
 from dqreg.inspection.regions import Outcome
 from dqreg.inspection.scanned_part import ScannedPart
-from dqreg.rigid import pose
-
-# Times that the scan is laid on the datums: the first pose decides which points are on which face.
-ROUNDS = 3
+from dqreg.inspection.sections import Section, section_on
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,19 +78,25 @@ class Inspection:
         The worst of the characteristics.
     characteristics : tuple of Characteristic
         In the order of the plan.
-    alignment : DatumAlignment or None
-        In the caller's target frame, from the registered scan onto the datums; None for the best fit.
+    alignment : DatumAlignment, PointAlignment, SurfaceAlignment or None
+        The last step in the caller's target frame, from the registered scan; None for the best fit.
     plan : Plan
         What was asked.
     faces : tuple of FaceCoverage
         How much of every face of the part was scanned.
+    steps : tuple of AlignedStep
+        Alignments that followed each other, by name; none for the best fit.
+    sections : tuple of (str, Section)
+        Cuts of the plan, by name.
     """
 
     outcome: Outcome
     characteristics: tuple[Characteristic, ...]
-    alignment: DatumAlignment | None
+    alignment: Alignment | None
     plan: Plan
     faces: tuple[FaceCoverage, ...] = ()
+    steps: tuple[AlignedStep, ...] = ()
+    sections: tuple[tuple[str, Section], ...] = ()
 
 
 def inspect(deviations: Deviations, plan: Plan) -> Inspection:
@@ -120,27 +121,23 @@ def inspect(deviations: Deviations, plan: Plan) -> Inspection:
     DegenerateGeometryError
         If a datum has too few scan points, or the datums leave a degree of freedom unconstrained.
     """
-    part, T, aligned = ScannedPart.of(deviations), np.eye(4), None
-    frame = Frame(np.nan_to_num(deviations.covariance, nan=0.0), deviations.centre - deviations.origin)
-    for _ in range(ROUNDS if plan.alignment == "datums" else 0):
-        # Which face a point near an edge belongs to is asked again under the new pose.
-        aligned = align_datums([_datum(part, datum) for datum in plan.datums])
-        T = aligned.T_target_source @ T
-        part = part.moved(aligned.T_target_source)
-        frame = Frame(aligned.covariance, aligned.centre)
-    rows = tuple(_measured(part, plan, row, frame) for row in plan.characteristics)
-    if aligned is not None:
-        # Features were fitted about the part's middle, where coordinates keep their digits.
-        shift = pose.from_parts(np.eye(3), deviations.origin)
-        moved = shift @ T @ pose.inverse(shift)
-        aligned = dataclasses.replace(aligned, T_target_source=moved, centre=aligned.centre + deviations.origin)
-    return Inspection(worst_of([row.outcome for row in rows]), rows, aligned, plan, _faces(part, plan, rows))
+    aligned = aligned_part(deviations, plan)
+    part = aligned.part
+    rows = tuple(_measured(part, plan, row, aligned.frame) for row in plan.characteristics)
+    return Inspection(
+        outcome=worst_of([row.outcome for row in rows]),
+        characteristics=rows,
+        alignment=aligned.final,
+        plan=plan,
+        faces=_faces(part, plan, rows),
+        steps=aligned.steps,
+        sections=tuple((cut.name, _section(part, cut)) for cut in plan.sections),
+    )
 
 
-def _datum(part: ScannedPart, datum: PlannedDatum) -> Datum:
-    with _entry(f"datum {datum.name}"):
-        face = part.face(datum.face)
-        return Datum(datum.name, part.measured(face), part.ideal(face))
+def _section(part: ScannedPart, cut: PlannedSection) -> Section:
+    with entry(f"section {cut.name!r}"):
+        return section_on(part, np.array(cut.point), np.array(cut.normal))
 
 
 def _faces(part: ScannedPart, plan: Plan, rows: tuple[Characteristic, ...]) -> tuple[FaceCoverage, ...]:
@@ -153,18 +150,9 @@ def _faces(part: ScannedPart, plan: Plan, rows: tuple[Characteristic, ...]) -> t
     )
 
 
-@contextlib.contextmanager
-def _entry(where: str) -> Iterator[None]:
-    """Errors inside name an entry of the plan."""
-    try:
-        yield
-    except (InputError, DegenerateGeometryError) as error:
-        raise type(error)(f"{where}: {error}") from error
-
-
 def _measured(part: ScannedPart, plan: Plan, row: PlannedCharacteristic, frame: Frame) -> Characteristic:
     remark = ""
-    with _entry(f"characteristic {row.name!r}"):
+    with entry(f"characteristic {row.name!r}"):
         faces = [part.face(name) for name in row.faces]
         nominal = row.nominal if row.nominal is not None else nominal_value(part, row, faces)
         try:

@@ -22,6 +22,8 @@ LEVEL_DEG, FLAT_AREA = 0.5, 0.02
 SCANNED = 0.08
 # More faces than that make no table: an organic shape, or a rough mesh. It is cut into eight boxes instead.
 MOST_FACES = 400
+# Places along the edges of faces at most.
+MOST_PLACES = 400_000
 # Points from which on a region is judged.
 FEWEST = 30
 # A region is flat where its normals agree to that much.
@@ -147,6 +149,22 @@ def weld_edges(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, IntArra
     owners = np.repeat(np.arange(len(faces)), 3)
     order = np.lexsort((sides[:, 1], sides[:, 0]))
     return sides[order], owners[order]
+
+
+def edge_places(mesh: Mesh, of_triangle: IntArray, step: float) -> tuple[FloatArray, float]:
+    """Places along all sides at which two faces of the part meet or one ends, and their distance. Shapes: (m, 3)."""
+    sides = np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    across = mesh.face_neighbours
+    own = np.repeat(np.arange(len(mesh.faces)), 3)
+    other = across.reshape(-1)
+    border = (of_triangle[own] != of_triangle[other]) | (own == other)
+    ends = mesh.vertices[sides[border]]
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    step = max(step, float(lengths.sum()) / MOST_PLACES)
+    counts = np.maximum(np.ceil(lengths / step).astype(np.int64), 1)
+    side = np.repeat(np.arange(len(ends)), counts)
+    share = (np.arange(len(side)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5) / counts[side]
+    return ends[side, 0] + share[:, None] * (ends[side, 1] - ends[side, 0]), step
 
 
 def areas_of(mesh: Mesh, of_face: IntArray) -> FloatArray:

@@ -13,12 +13,11 @@ from dqreg.geometry import Mesh, MeshSurface
 from dqreg.inspection.coverage import covered
 from dqreg.inspection.decision import MEDIAN_SIGMA, PLACE
 from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.face_edges import edge_places
 from dqreg.inspection.features import Feature, fit_feature
 from dqreg.inspection.medians import smoothed
 from dqreg.inspection.part_faces import Face, nearest_face, part_faces
-from dqreg.inspection.plan import FaceName
-from dqreg.inspection.regions import SCANNED, faces_of, weighted_median
+from dqreg.inspection.plan_keys import FaceName
+from dqreg.inspection.regions import SCANNED, edge_places, faces_of, weighted_median
 from dqreg.inspection.statistics import PROBED
 from dqreg.rigid import pose
 

@@ -101,13 +101,18 @@ def section_of(deviations: Deviations, point: ArrayLike, normal: ArrayLike, *, s
     >>> len(cut.curves), round(float(np.nanmedian(cut.values)), 6)
     (1, 0.01)
     """
+    return section_on(ScannedPart.of(deviations), point, normal, step)
+
+
+def section_on(part: ScannedPart, point: ArrayLike, normal: ArrayLike, step: float | None = None) -> Section:
+    """Cut a scanned part, see `section_of`."""
     at, towards = as_vectors([point], "point")[0], as_vectors([normal], "normal")[0]
     length = float(np.linalg.norm(towards))
     if length == 0.0:
         raise InputError("the normal of a section must not be of length zero")
     if step is not None and not 0.0 < step < np.inf:
         raise InputError(f"step must be a length above 0; got {step!r}")
-    part, towards = ScannedPart.of(deviations), towards / length
+    towards = towards / length
     begin = at - part.origin
     curves, normals = outlines(part.mesh, begin, towards)
     if not curves:

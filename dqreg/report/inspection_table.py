@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from dqreg.inspection import Inspection
+from dqreg.inspection import DatumAlignment, Inspection
 from dqreg.report.summary import ALIGNMENT, COLOURS
 from dqreg.report.table import Column, Table, print_tables
 
@@ -59,6 +59,8 @@ def frame_words(found: Inspection) -> str:
     """What the values are aligned to."""
     if found.alignment is None:
         return FRAMES["best-fit"]
+    if len(found.steps) > 1 or not isinstance(found.alignment, DatumAlignment):
+        return ", then ".join(step.name for step in found.steps)
     return "datums " + " | ".join(found.alignment.constrained)
 
 

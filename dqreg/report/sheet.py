@@ -16,6 +16,7 @@ from dqreg._arrays import FloatArray
 from dqreg.inspection import Inspection, Place
 from dqreg.inspection.decision import worst_of
 from dqreg.report.inspection_table import decimals_of, frame_words
+from dqreg.report.section_picture import section_picture
 from dqreg.report.text import percent, text_of
 
 SIGNS = {"pass": "✓", "undecided": "?", "fail": "✗"}
@@ -69,6 +70,7 @@ def sheet_of(found: Inspection | None, unit: str) -> dict[str, Any] | None:
         "remarks": [(k + 1, row.name, row.remark) for k, row in enumerate(found.characteristics) if row.remark],
         "unit": unit,
         "coverage": _coverage(found, unit),
+        "sections": [(name, section_picture(cut, unit)) for name, cut in found.sections],
     }
 
 

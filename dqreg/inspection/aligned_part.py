@@ -1,0 +1,155 @@
+"""A scanned part under the alignment of a plan: datums, or steps that follow each other."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.inspection.alignment import (
+    Datum,
+    DatumAlignment,
+    FaceTerms,
+    PointAlignment,
+    SurfaceAlignment,
+    align_datums,
+    align_points,
+    align_surface,
+)
+from dqreg.inspection.characteristics import Frame
+from dqreg.inspection.decision import MEDIAN_SIGMA, PLACE
+from dqreg.inspection.deviations import Deviations
+from dqreg.inspection.plan import Plan, PlannedDatum
+from dqreg.inspection.planned_alignment import PlannedStep
+from dqreg.inspection.scanned_part import ScannedPart
+from dqreg.rigid import pose
+
+Alignment = DatumAlignment | PointAlignment | SurfaceAlignment
+
+# Times that the scan is laid on the datums: the first pose decides which points are on which face.
+ROUNDS = 3
+# A reference point is measured where scan points lie within so many usual spacings.
+NEAR = 4.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class AlignedStep:
+    """A step of the alignment that was carried out.
+
+    Attributes
+    ----------
+    name, kind : str
+        As in the plan.
+    T_target_source : ndarray, (4, 4)
+        From the registered scan to the scan after this step, in the caller's target frame.
+    alignment : DatumAlignment, PointAlignment or SurfaceAlignment
+        What was found, from the step before; about the part's middle.
+    """
+
+    name: str
+    kind: str
+    T_target_source: FloatArray
+    alignment: Alignment
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class AlignedPart:
+    """The part with the scan under its alignment."""
+
+    part: ScannedPart
+    frame: Frame
+    steps: tuple[AlignedStep, ...]  # None for the best fit
+
+    @property
+    def final(self) -> Alignment | None:
+        """The last alignment with the pose of all steps, in the caller's target frame."""
+        if not self.steps:
+            return None
+        last = self.steps[-1]
+        centre = last.alignment.centre + self.part.origin
+        return dataclasses.replace(last.alignment, T_target_source=last.T_target_source, centre=centre)
+
+
+def aligned_part(deviations: Deviations, plan: Plan) -> AlignedPart:
+    """Carry out the alignment of a plan."""
+    part = ScannedPart.of(deviations)
+    frame = Frame(np.nan_to_num(deviations.covariance, nan=0.0), deviations.centre - deviations.origin)
+    planned = plan.steps
+    if plan.alignment == "datums":
+        planned = (PlannedStep("datums", "datums"),)
+    T, steps = np.eye(4), []
+    shift = pose.from_parts(np.eye(3), part.origin)
+    for step in planned:
+        with entry(f"alignment {step.name!r}") if plan.steps else contextlib.nullcontext():
+            for _ in range(ROUNDS if step.kind == "datums" else 1):
+                # Which face a point near an edge belongs to is asked again under the new pose.
+                found = _found(part, deviations, plan, step, T)
+                T = found.T_target_source @ T
+                part = part.moved(found.T_target_source)
+        frame = Frame(found.covariance, found.centre)
+        steps.append(AlignedStep(step.name, step.kind, shift @ T @ pose.inverse(shift), found))
+    return AlignedPart(part, frame, tuple(steps))
+
+
+@contextlib.contextmanager
+def entry(where: str) -> Iterator[None]:
+    """Errors inside name an entry of the plan."""
+    try:
+        yield
+    except (InputError, DegenerateGeometryError) as error:
+        raise type(error)(f"{where}: {error}") from error
+
+
+def _found(part: ScannedPart, deviations: Deviations, plan: Plan, step: PlannedStep, T: FloatArray) -> Alignment:
+    """The alignment of one step, about the part's middle."""
+    if step.kind == "datums":
+        return align_datums([_datum(part, datum) for datum in plan.datums], dof=step.dof)
+    if step.kind == "points":
+        return _points(part, step)
+    chosen = [part.face(name).number for name in step.faces] or [face.number for face in part.faces]
+    weights = step.weights or (1.0,) * len(chosen)
+    low, high = step.band or (-np.inf, np.inf)
+    terms = {face: FaceTerms(weight, low, high) for face, weight in zip(chosen, weights, strict=True)}
+    shift = pose.from_parts(np.eye(3), part.origin)
+    moved = pose.apply(shift @ T @ pose.inverse(shift), deviations.points)
+    faces = part.surface.closest(moved - part.origin).elements
+    scan = dataclasses.replace(deviations, points=moved, faces=faces)
+    found = align_surface(scan, step.kind, faces=terms, dof=step.dof)
+    inner = pose.inverse(shift) @ found.T_target_source @ shift
+    return dataclasses.replace(found, T_target_source=inner, centre=found.centre - part.origin)
+
+
+def _datum(part: ScannedPart, datum: PlannedDatum) -> Datum:
+    with entry(f"datum {datum.name}"):
+        face = part.face(datum.face)
+        return Datum(datum.name, part.measured(face), part.ideal(face))
+
+
+def _points(part: ScannedPart, step: PlannedStep) -> PointAlignment:
+    """Reference points, each measured by the median deviation of the scan points that are nearest to it."""
+    from scipy.spatial import cKDTree
+
+    given = np.array([each[:3] for each in step.points]) - part.origin
+    nominal = part.surface.closest(given)
+    normals = part.mesh.face_normals[nominal.elements]
+    feet, own, values = part.deviations()
+    away, rows = cKDTree(feet).query(nominal.points, k=min(PLACE, len(feet)))
+    rows = np.asarray(rows, dtype=np.int64).reshape(len(given), -1)
+    # Of a neighbouring face the deviations are along another normal.
+    alike = np.einsum("ijk,ik->ij", own[rows], normals) > 0.9
+    near = (np.asarray(away).reshape(rows.shape) <= NEAR * part.spacing * np.sqrt(PLACE)) & alike
+    for k, each in enumerate(step.points):
+        if not near[k].any():
+            raise DegenerateGeometryError(
+                f"reference point {list(each[:3])} was not scanned: no scan point lies near it"
+            )
+    medians = np.array([np.median(values[row[kept]]) for row, kept in zip(rows, near, strict=True)])
+    counts = near.sum(axis=1)
+    directions = [each[3:] if len(each) == 6 else normal for each, normal in zip(step.points, normals, strict=True)]
+    sigma = MEDIAN_SIGMA * max(part.noise, 1e-12 * part.mesh.diagonal) / np.sqrt(counts)
+    measured = nominal.points + medians[:, None] * normals
+    return align_points(measured, nominal.points, directions, sigma=sigma, dof=step.dof)

@@ -1,0 +1,108 @@
+"""Alignments of a plan as steps, each named; reference points from a scan; sections."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.geometry import Mesh, MeshSurface, sample_mesh
+from dqreg.inspection import Deviations, inspect, measure_deviations
+from dqreg.inspection.plan import plan_of
+from dqreg.inspection.regions import faces_of
+from dqreg.report.inspection_table import frame_words
+from dqreg.rigid import pose, twist
+from dqreg.synth.parts import box
+
+PART = Mesh(*box((30.0, 20.0, 10.0)))
+SURFACE = MeshSurface(PART)
+T_TRUE = twist.exp([1e-3, -1e-3, 1.5e-3, 0.05, -0.04, 0.06])
+
+
+def number(side: tuple[float, float, float]) -> int:
+    return int(faces_of(PART)[1][int(np.argmax(PART.face_normals @ side))])
+
+
+TOP, BOTTOM, RIGHT, BACK = (number(n) for n in ((0, 0, 1.0), (0, 0, -1.0), (1.0, 0, 0), (0, 1.0, 0)))
+HEIGHT = {"name": "height", "kind": "distance", "faces": [BOTTOM, TOP], "tolerance": 0.2}
+SIX = [[10, 5, 5], [-10, 5, 5], [0, -8, 5], [10, 10, 0], [-10, 10, 0], [15, 0, 0]]
+PLAN: dict[str, Any] = {
+    "datum": [{"name": n, "face": f} for n, f in zip("ABC", (TOP, BACK, RIGHT), strict=True)],
+    "alignment": [
+        {"name": "all faces", "kind": "best-fit"},
+        {"name": "within 0.05", "kind": "tolerance", "tolerance": 0.05},
+        {"name": "A|B|C", "kind": "datums"},
+    ],
+    "characteristic": [HEIGHT],
+    "section": [{"name": "middle", "point": [0, 1, 0], "normal": [0, 1, 0]}],
+}
+
+
+def scanned(thick: float = 0.1) -> Deviations:
+    """The block with its bottom that much lower, under the inverse of a pose."""
+    cloud = sample_mesh(PART, 4_000, np.random.default_rng(0))
+    points = cloud.points.copy()
+    points[points[:, 2] < -4.999, 2] -= thick
+    points += 0.003 * np.random.default_rng(1).normal(size=points.shape)
+    return measure_deviations(pose.apply(pose.inverse(T_TRUE), points), PART, SURFACE, reach=2.0)
+
+
+def error_of(T: np.ndarray) -> float:
+    return float(np.abs(pose.apply(T @ pose.inverse(T_TRUE), PART.vertices) - PART.vertices).max())
+
+
+@pytest.mark.parametrize("last", ["datums", "points", "minimax"])
+def test_steps_follow_each_other(last: str) -> None:
+    plan = copy.deepcopy(PLAN)
+    if last == "points":
+        plan["alignment"][2] = {"name": "RPS", "kind": "points", "points": SIX}
+    elif last == "minimax":
+        plan["alignment"][2] = {"name": "largest least", "kind": "minimax", "dof": "tz"}
+    found = inspect(scanned(), plan_of(plan))
+    assert [step.kind for step in found.steps] == ["best-fit", "tolerance", last]
+    assert frame_words(found) == ", then ".join(step.name for step in found.steps)
+    assert found.alignment is not None
+    # Datums and points hold the good faces; the smallest largest deviation shares the error out: 0.05 of it.
+    expected = 0.05 if last == "minimax" else 0.0
+    assert error_of(found.alignment.T_target_source) == pytest.approx(expected, abs=0.006)
+    (row,) = found.characteristics
+    assert abs(row.value - 10.1) <= row.uncertainty
+    ((name, cut),) = found.sections
+    assert name == "middle"
+    low = cut.outward[:, 2] < -0.5
+    assert np.nanmedian(cut.values[low]) == pytest.approx(0.1 - expected, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("step", "words"),
+    [
+        ({"kind": "bestfit"}, "alignment 1: kind must be one of best-fit"),
+        ({"kind": "tolerance"}, "a tolerance fit needs tolerance"),
+        ({"kind": "best-fit", "faces": [0], "weights": [1, 2]}, "weights one of as many"),
+        ({"kind": "points"}, "goes with kind = "),
+        ({"kind": "points", "points": [[1, 2]]}, "a point is"),
+        ({"kind": "best-fit", "face": 3}, "did you mean faces"),
+        ({"kind": "outside", "plus": -1.0}, "a band is above 0 wide"),
+        ({"kind": "best-fit", "dof": 3}, "dof is text"),
+    ],
+)
+def test_a_wrong_step_is_named(step: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        plan_of({**PLAN, "alignment": [step]})
+
+
+def test_what_a_step_cannot_do_is_said_with_its_name() -> None:
+    far = {"name": "RPS", "kind": "points", "points": SIX[:3]}
+    with pytest.raises(DegenerateGeometryError, match="alignment 'RPS': the points leave"):
+        inspect(scanned(), plan_of({**PLAN, "alignment": [far]}))
+    one = {"name": "top", "kind": "best-fit", "faces": [TOP]}
+    with pytest.raises(DegenerateGeometryError, match="alignment 'top': the chosen faces leave"):
+        inspect(scanned(), plan_of({**PLAN, "alignment": [one]}))
+    miss = [{"name": "off", "point": [0, 99, 0], "normal": [0, 1, 0]}]
+    with pytest.raises(DegenerateGeometryError, match="section 'off': the plane"):
+        inspect(scanned(), plan_of({**PLAN, "section": miss}))
+    with pytest.raises(InputError, match="point must be three numbers"):
+        plan_of({**PLAN, "section": [{"point": [0, 1]}]})
