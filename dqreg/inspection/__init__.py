@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dqreg.inspection.aligned_part import AlignedStep
 from dqreg.inspection.alignment import (
     Datum,
     DatumAlignment,
@@ -27,6 +28,7 @@ from dqreg.inspection.sections import Section, section_of
 from dqreg.inspection.statistics import Band, Bands, Place, Summary
 
 __all__ = [
+    "AlignedStep",
     "Band",
     "Bands",
     "Characteristic",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import runpy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -74,6 +76,14 @@ def test_steps_follow_each_other(last: str) -> None:
     assert name == "middle"
     low = cut.outward[:, 2] < -0.5
     assert np.nanmedian(cut.values[low]) == pytest.approx(0.1 - expected, abs=0.005)
+
+
+def test_a_best_fit_spreads_a_bend_and_datums_show_it() -> None:
+    # The figure of the inspection page: a plate bent by 0.6 mm.
+    page = Path(__file__).parents[2] / "docs" / "bent_part.py"
+    least, datums = runpy.run_path(str(page))["sections"]().values()
+    assert np.nanmax(np.abs(least.values)) < 0.15
+    assert np.nanmin(datums.values) < -0.45
 
 
 @pytest.mark.parametrize(
