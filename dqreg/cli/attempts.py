@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg._arrays import FloatArray
+    from dqreg.geometry import Mesh
     from dqreg.registration.result import Registration
 
 # Points that tell how much of a scan lies at its target under a pose.
@@ -23,7 +24,7 @@ SAME_DEG, SAME = 20.0, 0.2
 
 
 def register_files(
-    scan: Path, target: Path, start: FloatArray | str | None, console: Console, **options: Any
+    scan: Path, target: Path | Mesh, start: FloatArray | str | None, console: Console, **options: Any
 ) -> Registration:
     """`dqreg.register` of two files; where the start is inverted or the files are swapped, it is said."""
     from dqreg.registration.register import register
@@ -31,13 +32,13 @@ def register_files(
     result = register(scan, target, start, **options)
     if not isinstance(start, str) and start is not None:
         result = _with_inverse(result, scan, target, start, console, options)
-    if result.verdict.level != "accepted" and _look_swapped(result):
+    if result.verdict.level != "accepted" and isinstance(target, Path) and _look_swapped(result):
         _try_swapped(scan, target, console, options)
     return result
 
 
 def _with_inverse(
-    result: Registration, scan: Path, target: Path, start: FloatArray, console: Console, options: dict[str, Any]
+    result: Registration, scan: Path, target: Path | Mesh, start: FloatArray, console: Console, options: dict[str, Any]
 ) -> Registration:
     """The same, or what the inverse of its initial pose leads to."""
     from dqreg.registration.register import register

@@ -56,6 +56,22 @@ def read_part(path: Path) -> Mesh:
     return Mesh(read.vertices, read.faces, units=read.units, regions=read.regions)
 
 
+def read_part_in(path: Path, units: str | None, wanted: str | None) -> tuple[Mesh, float]:
+    """The part in a unit that was asked for, and the factor to it: 1 where its own unit is not known, or is that one.
+
+    ``units`` is that of the part where its file does not say.
+    """
+    from dqreg.files.units import factor
+    from dqreg.geometry import Mesh
+
+    mesh = read_part(path)
+    own = units or mesh.units
+    if wanted is None or own is None or own == wanted:
+        return Mesh(mesh.vertices, mesh.faces, units=own or wanted), 1.0
+    scale = factor(own, wanted)
+    return Mesh(mesh.vertices * scale, mesh.faces, units=wanted), scale
+
+
 def _table(faces: tuple[Face, ...], unit: str, name: str) -> Table:
     from dqreg.report.table import Column, Table
 

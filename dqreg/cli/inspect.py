@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.attempts import register_files
+from dqreg.cli.faces import read_part_in
 from dqreg.cli.lazy_group import Choice, SectionedCommand
 from dqreg.cli.outputs import as_json_option, consoles, print_json, read_head, say, tell_decision
 from dqreg.errors import InputError
@@ -25,7 +26,7 @@ SECTIONS = {
     "Plan": ("plan", "suggest", "tolerance", "required"),
     "Output": ("report", "pdf", "head", "table", "out", "deviations", "as_json"),
     "Points of the part": ("reach", "exclude", "keep"),
-    "Registration": ("start", "source_units", "target_units", "time_limit", "seed"),
+    "Registration": ("start", "source_units", "target_units", "display_units", "time_limit", "seed"),
 }
 
 
@@ -58,6 +59,8 @@ SECTIONS = {
 @click.option("--source-units", type=UNITS, help="Length unit of SCAN, where its file does not say.")
 @click.option("--target-units", type=UNITS, help="Length unit of PART, where its file does not say  [default: the "
               "plan's].")  # fmt: skip
+@click.option("--display-units", type=UNITS, help="Length unit of the sheet, and of all lengths given here  [default: "
+              "the plan's, else PART's].")  # fmt: skip
 @click.option("--seed", type=int, metavar="N", default=0, show_default=True, help="Seed of all random draws.")
 @as_json_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
@@ -96,10 +99,11 @@ def inspect_command(
 
     _check(goals)
     asked = None if plan is None else read_plan(plan)
-    if asked is not None and options["target_units"] is None:
-        options["target_units"] = asked.units
+    unit = options.pop("display_units") or (None if asked is None else asked.units)
+    if goals["out"] is not None and unit is not None and read_part_in(part, options["target_units"], unit)[1] != 1.0:
+        raise InputError(f"--out is in the part's unit, and the sheet in {unit}: give one of the two")
     console, shown = consoles(quiet=quiet, as_json=as_json, apart=True)
-    result = _registered(scan, part, start, shown, options)
+    result = _registered(scan, part, start, unit, shown, options)
     try:
         found = inspect_registration(result, asked, tolerance, required_share=required / 100.0, **taken)
     except InputError:
@@ -130,17 +134,33 @@ def _check(goals: dict[str, Path | None]) -> None:
         require_suffix(goals["deviations"])
 
 
-def _registered(scan: Path, part: Path, start: str, shown: Console, options: dict[str, Any]) -> Registration:
+def _registered(
+    scan: Path, part: Path, start: str, unit: str | None, shown: Console, options: dict[str, Any]
+) -> Registration:
+    """The scan on the part, in the unit that was asked for."""
+    import numpy as np
+
     from dqreg._open3d import load_open3d
     from dqreg.files.poses import read_start
     from dqreg.report import make_progress
 
     began = read_start(start)
+    target: Any = part
+    if unit is not None:
+        mesh, scale = read_part_in(part, options["target_units"], unit)
+        options["target_units"] = unit
+        if scale != 1.0:
+            target = mesh
+            if not isinstance(began, str) and began is not None:
+                began = np.vstack([np.column_stack([began[:3, :3], scale * began[:3, 3]]), began[3]])
     shows = make_progress(shown, quiet=shown.quiet, unit=options["target_units"], searching=began is None)
     with shows as progress:
         if scan.exists() and part.exists():
             load_open3d()
-        return register_files(scan, part, began, shown, observe=progress, observe_search=progress.search, **options)
+        told = {"observe": progress, "observe_search": progress.search}
+        found = register_files(scan, target, began, shown, **told, **options)
+    # A part that was converted is still that file to its reader.
+    return dataclasses.replace(found, settings={**found.settings, "target": str(part)})
 
 
 def _tell_failed(console: Console, result: Registration) -> None:
@@ -198,22 +218,18 @@ def _write(
 
 
 def _suggest(part: Path, scan: Path | None, start: str, options: dict[str, Any]) -> int:
-    from dqreg.cli.faces import read_part
     from dqreg.inspection.suggested_plan import suggested_plan
 
+    wanted = options.pop("display_units")
+    mesh, _ = read_part_in(part, options["target_units"], wanted)
     if scan is None:
-        click.echo(suggested_plan(read_part(part), units=options["target_units"]))
+        click.echo(suggested_plan(mesh, units=mesh.units))
         return 0
-    from dqreg.geometry import Mesh
     from dqreg.inspection.scanned_part import ScannedPart
 
-    result = _registered(scan, part, start, consoles(quiet=True, as_json=True)[1], options)
-    mesh = read_part(part)
-    measured = ScannedPart.of(result.deviations())
-    assert isinstance(measured.mesh, Mesh)
-    shares = dict(enumerate(measured.coverage().tolist()))
-    unit = options["target_units"] or result.settings.get("target_units")
-    click.echo(suggested_plan(mesh, shares, units=unit))
+    result = _registered(scan, part, start, mesh.units, consoles(quiet=True, as_json=True)[1], options)
+    shares = dict(enumerate(ScannedPart.of(result.deviations()).coverage().tolist()))
+    click.echo(suggested_plan(mesh, shares, units=mesh.units))
     return 0 if result.verdict.level == "accepted" else 1
 
 

@@ -46,7 +46,8 @@ def summary_rows(result: RegistrationResult) -> list[tuple[str, str]]:
             ("inliers", f"{100 * result.inlier_fraction:.1f} % of the points, rms distance {result.rms:.4g} {unit}")
         )
         weakest = result.observability[0]
-        rows.append(("weakest", f"{weakest.words} (one sigma {weakest.sigma:.2g} {unit})"))
+        known = f"one sigma {weakest.sigma:.2g} {unit}" if np.isfinite(weakest.sigma) else "no sigma is known"
+        rows.append(("weakest", f"{weakest.words} ({known})"))
     return rows
 
 

@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from dqreg.cli.main import main
+from dqreg.files import write_cloud
+from dqreg.geometry import Mesh, sample_mesh
 from dqreg.synth import demo_case, load_case
+from dqreg.synth.parts import bracket
 
 
 def run(*arguments: object) -> int:
@@ -47,3 +50,28 @@ def test_what_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "--plan FILE; dqreg inspect --suggest PART" in capsys.readouterr().err
     assert run("inspect", case.scan, case.part, "--plan", tmp_path / "none.toml") == 2
     assert "cannot read the plan" in capsys.readouterr().err
+
+
+def test_the_sheet_is_in_the_unit_that_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # The same part and scan in metres: every length of the sheet is in mm all the same.
+    rng = np.random.default_rng(0)
+    part = Mesh(*bracket())
+    points = sample_mesh(part, 6_000, rng).points + rng.normal(scale=0.01, size=(6_000, 3))
+    write_cloud(tmp_path / "scan.ply", points / 1000.0)
+    corners = [" ".join(map(repr, v)) for v in (part.vertices / 1000.0).tolist()]
+    sides = [f"3 {a} {b} {c}" for a, b, c in part.faces]
+    off = [f"OFF\n{len(corners)} {len(sides)} 0", *corners, *sides]
+    (tmp_path / "part.off").write_text("\n".join(off) + "\n")
+    plan = '[[characteristic]]\nkind = "distance"\nname = "base"\nfaces = [0, 1]\ntolerance = 0.1\n'
+    (tmp_path / "plan.toml").write_text(f'units = "mm"\n{plan}')
+    common = ("inspect", tmp_path / "scan.ply", tmp_path / "part.off", "--plan", tmp_path / "plan.toml", "--start",
+              "identity", "--source-units", "m", "--target-units", "m", "--json")  # fmt: skip
+    assert run(*common) == 0
+    found = json.loads(capsys.readouterr().out)
+    (row,) = found["characteristics"]
+    assert found["units"] == "mm"
+    assert row["nominal"] == pytest.approx(10.0, rel=1e-5)
+    # Noise of 0.01 mm on hundreds of points.
+    assert row["value"] == pytest.approx(10.0, abs=0.01)
+    assert run(*common, "--out", tmp_path / "r.json") == 2
+    assert "--out is in the part's unit" in capsys.readouterr().err

@@ -116,6 +116,7 @@ function mainView(scene) {
     tip.style.transform = `translate(${Math.min(x + 12, rect.width - tip.offsetWidth - 4)}px, ${Math.max(y - 30, 2)}px)`;
   };
   view.leave = () => { tip.hidden = true; };
+  view.canvas.addEventListener("wheel", view.leave, { passive: true });
   // A click says which face of the part it is on: the number of dqreg faces, as a plan names it.
   view.picked = e => {
     const target = scene.target, rect = view.canvas.getBoundingClientRect();
