@@ -17,8 +17,8 @@ from dqreg.studio.drawing import Frame, frame_of
 from dqreg.studio.kept import Place, kept
 from dqreg.studio.visit import Cut
 
-# A point in front is taken before one that is nearer to the pointer by no more than this, in drawn sizes.
-FRONT = 0.002
+# Points that make a surface, and how deep it may lie under the pointer, in radii of what is near.
+TOGETHER, DEEP = 3, 3.0
 STAND = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
@@ -95,8 +95,13 @@ def _nearest(points: FloatArray, axes: FloatArray, shift: FloatArray, look: Look
     near = np.flatnonzero(off < look.radius**2)
     if not len(near):
         return None
-    front = seen[near, 2] - FRONT * off[near] / look.radius**2
-    found: list[float] = points[near[np.argmax(front)]].tolist()
+    # The surface in front: the first depth at which a few points lie together. A stray before it is none.
+    depth = np.sort(seen[near, 2])[::-1]
+    together = np.minimum(np.arange(len(depth)) + TOGETHER, len(depth)) - 1
+    held = depth - depth[together] <= DEEP * look.radius
+    front = depth[np.argmax(held)] if held.any() else depth[0]
+    surface = near[(seen[near, 2] <= front) & (seen[near, 2] >= front - DEEP * look.radius)]
+    found: list[float] = points[surface[np.argmin(off[surface])]].tolist()
     return found
 
 

@@ -117,6 +117,18 @@ def test_a_click_meets_part_and_scan(place):
     assert point in place.scan().points.tolist()
 
 
+def test_a_stray_in_front_is_not_what_was_meant(place):
+    part = place.part()
+    on_part = sample_mesh(part, 20_000, np.random.default_rng(0)).points
+    strays = np.array([[4.0, 3.0, 9.0], [4.2, 3.1, 14.0]])
+    points = np.concatenate([on_part, strays])
+    look = picking.Look.of({"at": [4.0, 3.0, 0.0], "axes": AXES, "radius": 0.8})
+    found = picking._nearest(points, np.eye(3), np.zeros(3), look)
+    np.testing.assert_allclose(found, [4.0, 3.0, 5.0], atol=0.8)
+    # Where there is nothing else, a stray can be pointed at.
+    assert picking._nearest(strays, np.eye(3), np.zeros(3), look) == [4.0, 3.0, 9.0]
+
+
 def test_a_lasso_is_about_the_points_that_are_seen_in_it(place):
     frame = drawing.frame_of(place.part())
     motion = drawing.drawn_pose(T, 1.0, drawing.frame_of(place.scan()), frame)
