@@ -102,6 +102,16 @@ def diameter(feature: Feature) -> Measured:
     return propagated(lambda f: f[0].diameter, [feature])
 
 
+def width(feature: Feature) -> Measured:
+    """Width of a slot, across its flat sides."""
+    return propagated(lambda f: f[0].width, [feature])
+
+
+def length(feature: Feature) -> Measured:
+    """Length of a slot, over its round ends."""
+    return propagated(lambda f: f[0].length, [feature])
+
+
 def distance(first: Feature, second: Feature) -> Measured:
     """Distance of two features: along the normal of a plane, across the axes of others."""
     return propagated(lambda f: _distance(f[0], f[1]), [first, second])

@@ -10,7 +10,7 @@ from dqreg.inspection import characteristics as compute
 from dqreg.inspection.characteristics import Frame, Measured
 from dqreg.inspection.decision import COVERAGE
 from dqreg.inspection.part_faces import Face
-from dqreg.inspection.plan import Plan, PlannedCharacteristic
+from dqreg.inspection.plan import OF_SLOT, Plan, PlannedCharacteristic
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.thickness import wall_thickness
 
@@ -23,6 +23,9 @@ def nominal_value(part: ScannedPart, row: PlannedCharacteristic, faces: list[Fac
         nominal = compute.distance(*map(part.ideal, faces)).value
     elif row.kind == "angle":
         nominal = compute.angle(*map(part.ideal, faces)).value
+    elif row.kind in ("width", "length"):
+        ideal = part.ideal_slot(faces)
+        nominal = ideal.width if row.kind == "width" else ideal.length
     elif row.kind == "thickness":
         try:
             nominal = wall_thickness(part, faces[0]).worst[1]
@@ -52,6 +55,11 @@ def measured_value(
         # The worst of many places is off by noise too: half of what it would be on a perfect wall is taken off.
         half = min(0.5 * compute.extreme_of(found.independent) * found.sigma, abs(value - nominal))
         return Measured(value - np.sign(value - nominal) * half, half + COVERAGE * found.sigma)
+    if row.kind in OF_SLOT:
+        slot = part.measured_slot(faces)
+        if row.kind == "slot-position":
+            return compute.position(slot, part.ideal_slot(faces), frame)
+        return compute.width(slot) if row.kind == "width" else compute.length(slot)
     measured = [part.measured(face) for face in faces]
     if row.kind == "diameter":
         return compute.diameter(measured[0])

@@ -25,15 +25,20 @@ CharacteristicKind = Literal[
     "coaxiality",
     "profile",
     "thickness",
+    "width",
+    "length",
+    "slot-position",
 ]
 AlignmentKind = Literal["best-fit", "datums", "steps"]
 
 # Faces that a characteristic is of; one of a distance or an angle is of two.
 FACES: dict[str, int] = {"distance": 2, "angle": 2}
+# Those of a slot: of all the faces of its wall.
+OF_SLOT = ("width", "length", "slot-position")
 # Those that relate a face to a datum.
 TO_DATUM = ("parallelism", "perpendicularity", "angularity", "coaxiality")
 # Zones: their tolerance is a width from 0, and nothing is nominal.
-ZONES = ("form", *TO_DATUM, "position", "profile")
+ZONES = ("form", *TO_DATUM, "position", "profile", "slot-position")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -204,7 +209,9 @@ def _characteristic(entry: Any, where: str, letters: list[str]) -> PlannedCharac
 
 def _faces(entry: dict[str, Any], kind: str, where: str) -> tuple[FaceName, ...]:
     wanted = FACES.get(kind, 1)
-    if wanted == 1:
+    if kind in OF_SLOT and isinstance(entry.get("faces"), list):
+        wanted = len(entry["faces"])
+    elif wanted == 1:
         return (face_of(entry, where),)
     given = entry.get("faces")
     if not isinstance(given, list) or len(given) != wanted:

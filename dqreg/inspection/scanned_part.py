@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -26,6 +27,8 @@ CUT = 3.5
 # Points nearer to an edge than so many times what 95 % of the deviations do not exceed may be of the face beyond it; at
 # most that share of a face's extent is left out, and never half of its points.
 MIXED, EDGE, HALF = 2.0, 0.05, 0.5
+# Faces are the wall of a slot where their corners lie within that share of its length of one.
+SLOT = 1e-3
 
 
 @dataclasses.dataclass(eq=False)
@@ -151,6 +154,29 @@ class ScannedPart:
         if found.kind == "sphere" or found.axis @ nominal.axis > 0.0:
             return found
         return found.reversed()
+
+    def ideal_slot(self, faces: Sequence[Face]) -> Feature:
+        """The slot whose wall some faces are, on the part itself."""
+        triangles = np.flatnonzero(np.isin(self.of_triangle, [face.number for face in faces]))
+        corners = self.mesh.corners[triangles].reshape(-1, 3)
+        numbers = ", ".join(str(face.number) for face in faces)
+        refusal = f"faces {numbers} are not the wall of a slot: name its two flat sides and both round ends"
+        try:
+            found = fit_feature(corners, "slot", normals=np.repeat(self.mesh.face_normals[triangles], 3, axis=0))
+        except DegenerateGeometryError as error:
+            raise InputError(refusal) from error
+        if found.form > SLOT * found.length:
+            raise InputError(refusal)
+        return found
+
+    def measured_slot(self, faces: Sequence[Face]) -> Feature:
+        """The slot that is fitted to the scan's points on some faces."""
+        for face in faces:
+            self.require_scanned(face)
+        rows = np.concatenate([self.rows_on(face) for face in faces])
+        normals = self.mesh.face_normals[self.triangles[rows]]
+        found = fit_feature(self.points[rows], "slot", normals=normals, cut=CUT if len(rows) > PROBED else None)
+        return found if found.axis @ self.ideal_slot(faces).axis > 0.0 else found.reversed()
 
     def require_scanned(self, face: Face) -> None:
         """`DegenerateGeometryError` where a face has too few points for a face that was scanned."""

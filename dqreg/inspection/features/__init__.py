@@ -1,8 +1,9 @@
-"""Features of a part: planes, lines, circles, cylinders, cones and spheres fitted to points."""
+"""Features of a part: planes, lines, circles, cylinders, cones, spheres and slots fitted to points."""
 
 from __future__ import annotations
 
-from dqreg.inspection.features.feature import Feature, FeatureMethod, fit_feature
+from dqreg.inspection.features.feature import Feature, FeatureMethod
+from dqreg.inspection.features.fit import fit_feature
 from dqreg.inspection.features.models import FeatureKind
 
 __all__ = ["Feature", "FeatureKind", "FeatureMethod", "fit_feature"]

@@ -3,28 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_pose, as_vectors
-from dqreg.errors import DegenerateGeometryError, InputError, did_you_mean
-from dqreg.inspection.features.gauss import fit_gauss
-from dqreg.inspection.features.models import FEWEST, PARAMETERS, FeatureKind, Shape, distances
-from dqreg.inspection.features.spread import covariance_of
-from dqreg.inspection.features.zone import fit_zone
+from dqreg._arrays import FloatArray, as_pose
+from dqreg.inspection.features.models import FeatureKind, Shape
 from dqreg.rigid import pose
-from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 FeatureMethod = Literal["gauss", "chebyshev", "inscribed", "circumscribed"]
-
-# Shapes that have a largest one inside and a least one outside.
-ROUND = ("circle", "cylinder", "sphere")
-# Parameters whose standard deviation exceeds the size of the points by that much are not held by them.
-LOOSE = 1e-8
-# Rounds of cutting outliers at most.
-CUTS = 10
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -33,7 +21,7 @@ class Feature:
 
     Attributes
     ----------
-    kind : {"plane", "line", "circle", "cylinder", "cone", "sphere"}
+    kind : {"plane", "line", "circle", "cylinder", "cone", "sphere", "slot"}
         The shape.
     method : {"gauss", "chebyshev", "inscribed", "circumscribed"}
         How it was fitted.
@@ -58,7 +46,9 @@ class Feature:
     parameters : tuple of str
         Rotations about the local x and y axes in radians, translations along the local axes, radius, half angle.
     frame : ndarray, (3, 3)
-        Columns are the local axes; the third is ``axis``.
+        Columns are the local axes; the third is ``axis``, the first of a slot points along it.
+    half_length : float
+        Of a slot: half the distance between the axes of its round ends. NaN for other shapes.
     """
 
     kind: FeatureKind
@@ -74,6 +64,7 @@ class Feature:
     covariance: FloatArray
     parameters: tuple[str, ...]
     frame: FloatArray = dataclasses.field(repr=False)
+    half_length: float = float("nan")
 
     @property
     def freedom(self) -> int:
@@ -84,13 +75,23 @@ class Feature:
     @property
     def shape(self) -> Shape:
         """Its point, frame and size alone."""
-        plain = [0.0 if np.isnan(x) else x for x in (self.radius, self.half_angle)]
+        plain = [0.0 if np.isnan(x) else x for x in (self.radius, self.half_angle, self.half_length)]
         return Shape(self.point, self.frame, *plain)
 
     @property
     def diameter(self) -> float:
         """Twice the radius."""
         return 2.0 * self.radius
+
+    @property
+    def width(self) -> float:
+        """Distance of the flat sides of a slot; NaN for other shapes."""
+        return 2.0 * self.radius if self.kind == "slot" else float("nan")
+
+    @property
+    def length(self) -> float:
+        """Longest extent of a slot; NaN for other shapes."""
+        return 2.0 * (self.radius + self.half_length) if self.kind == "slot" else float("nan")
 
     def sigma(self, parameter: str) -> float:
         """Standard deviation of one of ``parameters``; NaN where the shape has it not.
@@ -138,7 +139,7 @@ class Feature:
             Its parameters turned with it.
         """
         # Half a turn about the local x axis: what lies along y and z changes sign.
-        flip, other = np.diag([1.0, -1.0, -1.0]), {"tilt_y", "shift_y", "shift_z", "half_angle"}
+        flip, other = np.diag([1.0, -1.0, -1.0]), {"tilt_y", "tilt_z", "shift_y", "shift_z", "half_angle"}
         signs = np.array([-1.0 if name in other else 1.0 for name in self.parameters])
         return dataclasses.replace(
             self,
@@ -165,136 +166,7 @@ class Feature:
         axis = self.axis if self.kind == "sphere" else shape.axis
         radius = shape.radius if "radius" in self.parameters else self.radius
         angle = shape.half_angle if "half_angle" in self.parameters else self.half_angle
+        half = shape.half_length if "half_length" in self.parameters else self.half_length
         return dataclasses.replace(
-            self, point=shape.point, frame=shape.frame, axis=axis, radius=radius, half_angle=angle
+            self, point=shape.point, frame=shape.frame, axis=axis, radius=radius, half_angle=angle, half_length=half
         )
-
-
-def fit_feature(
-    points: ArrayLike,
-    kind: FeatureKind,
-    *,
-    method: FeatureMethod = "gauss",
-    normals: ArrayLike | None = None,
-    cut: float | None = None,
-) -> Feature:
-    """Fit an ideal shape to points by orthogonal distances.
-
-    ``gauss`` is the least squares shape (the digits of the points are reached), ``chebyshev`` the one of least form
-    error (minimum zone), ``inscribed`` and ``circumscribed`` the largest within and the least about a circle, cylinder
-    or sphere: linear programs from the least squares shape. A line's minimum zone is the least cylinder about it.
-
-    Parameters
-    ----------
-    points : array_like, (n, 3)
-        Any length unit.
-    kind : {"plane", "line", "circle", "cylinder", "cone", "sphere"}
-        The shape.
-    method : {"gauss", "chebyshev", "inscribed", "circumscribed"}
-        What is least or largest.
-    normals : array_like, (n, 3), optional
-        Unit normals at the points: they tell the axis of a cylinder or cone at once, and the side of a plane.
-    cut : float, optional
-        Points farther than that many robust standard deviations are cut, and the shape fitted again, until none is.
-
-    Returns
-    -------
-    Feature
-        In the frame of the points.
-
-    Raises
-    ------
-    InputError
-        If a word or the points cannot be used.
-    DegenerateGeometryError
-        If the points are too few, or do not hold every parameter of the shape.
-
-    Examples
-    --------
-    >>> angle = np.linspace(0.0, 1.0, 50)
-    >>> arc = np.column_stack([3 * np.cos(angle), 3 * np.sin(angle), np.zeros(50)])
-    >>> found = fit_feature(arc + [10, 0, 5], "circle")
-    >>> round(found.radius, 9), (found.point.round(9) + 0.0).tolist()
-    (3.0, [10.0, 0.0, 5.0])
-    """
-    chosen = as_vectors(points, "points")
-    sides = None if normals is None else as_vectors(normals, "normals")
-    _check(chosen, kind, method)
-    used = np.ones(len(chosen), dtype=bool)
-    for _ in range(CUTS if cut is not None else 1):
-        shape = fit_gauss(kind, chosen[used], None if sides is None else sides[used])
-        if cut is None:
-            break
-        sizes = np.abs(_offsets(kind, shape, chosen))
-        inside = sizes <= max(cut * GAUSSIAN_MEDIAN * float(np.median(sizes[used])), 1e-12 * float(np.ptp(chosen)))
-        if (inside == used).all() or inside.sum() < FEWEST[kind]:
-            break
-        used = inside
-    kept = chosen[used]
-    _require_held(kind, shape, kept)
-    if method != "gauss" and kind == "line":
-        shape = fit_zone("line", "circumscribed", kept, shape)
-    elif method != "gauss":
-        shape = fit_zone(kind, method, kept, shape)
-    found = _feature(kind, method, shape, kept, len(chosen) - len(kept))
-    if sides is not None and kind == "plane" and found.axis @ sides[used].mean(axis=0) < 0.0:
-        return found.reversed()
-    return found
-
-
-def _check(points: FloatArray, kind: str, method: str) -> None:
-    for word, known, name in ((kind, tuple(PARAMETERS), "kind"), (method, get_args(FeatureMethod), "method")):
-        if word not in known:
-            raise InputError(f"{name} must be one of {', '.join(known)}; got {word!r}{did_you_mean(str(word), known)}")
-    if method in ("inscribed", "circumscribed") and kind not in ROUND:
-        raise InputError(f"method {method!r} is for {', '.join(ROUND)}; a {kind} has neither inside nor outside")
-    if len(points) < FEWEST[kind]:  # type: ignore[index]
-        needed = FEWEST[kind]  # type: ignore[index]
-        raise DegenerateGeometryError(f"a {kind} needs at least {needed} points; got {len(points)}")
-
-
-def _offsets(kind: FeatureKind, shape: Shape, points: FloatArray) -> FloatArray:
-    """Signed distance of each point; of a line the distance, of a circle the distance from its rim."""
-    rows = distances(kind, shape, points)[0]
-    if kind not in ("line", "circle"):
-        return rows
-    return np.hypot(rows[: len(points)], rows[len(points) :])
-
-
-def _require_held(kind: FeatureKind, shape: Shape, points: FloatArray) -> None:
-    _, slopes = distances(kind, shape, points)
-    size = float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
-    lengths = np.array([size if name.startswith("shift") or name == "radius" else 1.0 for name in PARAMETERS[kind]])
-    values = np.linalg.svd(slopes * lengths, compute_uv=False) if size > 0.0 else np.zeros(1)
-    if values[-1] <= LOOSE * max(values[0], np.finfo(float).tiny):
-        raise DegenerateGeometryError(
-            f"{len(points)} points do not hold a {kind}: they lie too nearly on one place, line, circle or plane; "
-            "measure more of the feature, or fit another kind"
-        )
-
-
-def _feature(kind: FeatureKind, method: FeatureMethod, shape: Shape, points: FloatArray, outliers: int) -> Feature:
-    rows, slopes = distances(kind, shape, points)
-    return Feature(
-        kind=kind,
-        method=method,
-        point=shape.point,
-        axis=np.full(3, np.nan) if kind == "sphere" else shape.axis,
-        radius=shape.radius if kind not in ("plane", "line") else np.nan,
-        half_angle=shape.half_angle if kind == "cone" else np.nan,
-        form=_form(kind, rows, len(points)),
-        rms=float(np.sqrt(np.mean(_offsets(kind, shape, points) ** 2))),
-        points=len(points),
-        outliers=outliers,
-        covariance=covariance_of(kind, shape, points, rows, slopes),
-        parameters=PARAMETERS[kind],
-        frame=shape.frame,
-    )
-
-
-def _form(kind: FeatureKind, rows: FloatArray, count: int) -> float:
-    if kind == "line":
-        return 2.0 * float(np.hypot(rows[:count], rows[count:]).max())
-    if kind == "circle":
-        return float(np.ptp(rows[count:]))
-    return float(np.ptp(rows))

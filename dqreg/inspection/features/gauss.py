@@ -36,13 +36,13 @@ def placed(shape: Shape, centre: FloatArray, size: float, scaled: FloatArray) ->
         along = float((scaled.mean(axis=0) - point) @ shape.axis)
         shape = along_axis(shape, along)
         point = shape.point
-    return Shape(centre + size * point, shape.frame, size * shape.radius, shape.half_angle)
+    return Shape(centre + size * point, shape.frame, size * shape.radius, shape.half_angle, size * shape.half_length)
 
 
 def along_axis(shape: Shape, distance: float) -> Shape:
     """The same shape, named by another point of its axis; a cone's radius is that at the point."""
     radius = shape.radius + distance * float(np.tan(shape.half_angle))
-    return Shape(shape.point + distance * shape.axis, shape.frame, radius, shape.half_angle)
+    return Shape(shape.point + distance * shape.axis, shape.frame, radius, shape.half_angle, shape.half_length)
 
 
 def _cost(kind: FeatureKind, shape: Shape, points: FloatArray) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.rigid import twist
 
-FeatureKind = Literal["plane", "line", "circle", "cylinder", "cone", "sphere"]
+FeatureKind = Literal["plane", "line", "circle", "cylinder", "cone", "sphere", "slot"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,6 +22,8 @@ class Shape:
     frame: FloatArray  # (3, 3): A rotation; columns are the local axes
     radius: float = 0.0  # Of a cone: at `point`
     half_angle: float = 0.0  # Of a cone: its radius grows along the axis by the tangent of it; radians
+    # Of a slot: half the distance between the axes of its round ends, which lie along the first column
+    half_length: float = 0.0
 
     @property
     def axis(self) -> FloatArray:
@@ -35,13 +37,14 @@ class Shape:
     def moved(self, kind: FeatureKind, step: FloatArray) -> Shape:
         """The shape after a step along its parameters, see `PARAMETERS`."""
         change = dict(zip(PARAMETERS[kind], step.tolist(), strict=True))
-        tilt = np.array([change.get("tilt_x", 0.0), change.get("tilt_y", 0.0), 0.0])
+        tilt = np.array([change.get(f"tilt_{axis}", 0.0) for axis in "xyz"])
         shift = np.array([change.get(f"shift_{axis}", 0.0) for axis in "xyz"])
         return Shape(
             point=self.point + self.frame @ shift,
             frame=self.frame @ twist.exp(np.r_[tilt, 0.0, 0.0, 0.0])[:3, :3],
             radius=self.radius + change.get("radius", 0.0),
             half_angle=self.half_angle + change.get("half_angle", 0.0),
+            half_length=max(self.half_length + change.get("half_length", 0.0), 0.0),
         )
 
 
@@ -53,9 +56,10 @@ PARAMETERS: dict[FeatureKind, tuple[str, ...]] = {
     "cylinder": ("tilt_x", "tilt_y", "shift_x", "shift_y", "radius"),
     "cone": ("tilt_x", "tilt_y", "shift_x", "shift_y", "radius", "half_angle"),
     "sphere": ("shift_x", "shift_y", "shift_z", "radius"),
+    "slot": ("tilt_x", "tilt_y", "tilt_z", "shift_x", "shift_y", "radius", "half_length"),
 }
 # Points that are needed: one more than the parameters, so that a form error can show; a circle has two rows a point.
-FEWEST: dict[FeatureKind, int] = {"plane": 4, "line": 3, "circle": 4, "cylinder": 6, "cone": 7, "sphere": 5}
+FEWEST: dict[FeatureKind, int] = {"plane": 4, "line": 3, "circle": 4, "cylinder": 6, "cone": 7, "sphere": 5, "slot": 8}
 
 Rows = tuple[FloatArray, FloatArray]
 
@@ -119,6 +123,18 @@ def _sphere(q: FloatArray, shape: Shape) -> Rows:
     return length - shape.radius, np.column_stack([-unit, -np.ones_like(length)])
 
 
+def _slot(q: FloatArray, shape: Shape) -> Rows:
+    # Distance from the line between the axes of the ends: the sides are flat where it is met across.
+    x, y, z = q.T
+    along = np.clip(x, -shape.half_length, shape.half_length)
+    u = x - along
+    rho = np.hypot(u, y)
+    safe = np.maximum(rho, np.finfo(float).tiny)
+    a, b = u / safe, y / safe
+    rows = np.stack([b * z, -a * z, -b * along, -a, -b, -np.ones_like(rho), -np.abs(a)], axis=1)
+    return rho - shape.radius, rows
+
+
 def _height(q: FloatArray) -> FloatArray:
     # Of q_z by a rotation about local x and y and a translation along z.
     return np.stack([-q[:, 1], q[:, 0], -np.ones(len(q))], axis=1)
@@ -138,4 +154,5 @@ MODELS: dict[FeatureKind, Callable[[FloatArray, Shape], Rows]] = {
     "cylinder": _cylinder,
     "cone": _cone,
     "sphere": _sphere,
+    "slot": _slot,
 }

@@ -44,6 +44,9 @@ def normals_of(kind: FeatureKind, shape: Shape, points: FloatArray) -> FloatArra
     if kind == "plane":
         return np.broadcast_to(shape.axis, points.shape)
     offsets = points - shape.point
+    if kind == "slot":
+        x = shape.frame[:, 0]
+        offsets = offsets - np.clip(offsets @ x, -shape.half_length, shape.half_length)[:, None] * x
     if kind != "sphere":
         offsets = offsets - (offsets @ shape.axis)[:, None] * shape.axis
     outward: FloatArray = offsets / np.maximum(np.linalg.norm(offsets, axis=1), 1e-300)[:, None]

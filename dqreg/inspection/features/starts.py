@@ -26,6 +26,10 @@ def starts_of(kind: FeatureKind, points: FloatArray, normals: FloatArray | None)
         return [_sphere(points)]
     if kind == "circle":
         return [_round("circle", points, axes[2])]
+    if kind == "slot":
+        return [
+            _slot(points, axis) for axis in _directions("cylinder", axes, normals)[: KEPT if normals is None else 1]
+        ]
     found = [_round(kind, points, axis) for axis in _directions(kind, axes, normals)]
     found.sort(key=lambda shape: float(np.sum(distances(kind, shape, points)[0] ** 2)))
     return found[:KEPT]
@@ -78,6 +82,22 @@ def _round(kind: FeatureKind, points: FloatArray, axis: FloatArray) -> Shape:
     radius = math.sqrt(max(float(solved[2] + solved[:2] @ solved[:2]), 1e-12))
     angle = float(np.arctan(0.5 * solved[3] / radius))
     return Shape(frame[:, :2] @ solved[:2], frame, radius, angle)
+
+
+def _slot(points: FloatArray, axis: FloatArray) -> Shape:
+    """A slot about a given direction: the box of the points across it."""
+    frame = frame_along(axis)
+    flat = points @ frame[:, :2]
+    # Points lie along the outline: the direction of its longest extent, tried by degrees.
+    turns = np.deg2rad(np.arange(0.0, 180.0, 1.0))
+    extents = np.ptp(flat @ np.stack([np.cos(turns), np.sin(turns)]), axis=0)
+    turn = turns[int(np.argmax(extents))]
+    x = np.cos(turn) * frame[:, 0] + np.sin(turn) * frame[:, 1]
+    frame = np.column_stack([x, np.cross(frame[:, 2], x), frame[:, 2]])
+    across = points @ frame[:, :2]
+    middle = 0.5 * (across.min(axis=0) + across.max(axis=0))
+    long, short = 0.5 * np.ptp(across, axis=0)
+    return Shape(frame[:, :2] @ middle, frame, float(short), half_length=float(max(long - short, 1e-3 * long)))
 
 
 def _linear(matrix: FloatArray, wanted: FloatArray) -> tuple[FloatArray, float]:

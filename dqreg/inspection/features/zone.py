@@ -85,7 +85,8 @@ def fit_zone(kind: FeatureKind, method: ZoneMethod, points: FloatArray, gauss: S
     """
     centre = points.mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum((points - centre) ** 2, axis=1)))) or 1.0
-    shape = Shape((gauss.point - centre) / size, gauss.frame, gauss.radius / size, gauss.half_angle)
+    place, half = (gauss.point - centre) / size, gauss.half_length / size
+    shape = Shape(place, gauss.frame, gauss.radius / size, gauss.half_angle, half)
     problem = _Problem(kind, method, (points - centre) / size)
     height, trust = problem.height(shape), TRUST
     for _ in range(ROUNDS):
@@ -102,5 +103,6 @@ def fit_zone(kind: FeatureKind, method: ZoneMethod, points: FloatArray, gauss: S
     radius = shape.radius
     if method != "chebyshev":
         radius = height if method == "circumscribed" else -height
-    shape = Shape(centre + size * shape.point, shape.frame, size * radius, shape.half_angle)
+    half = size * shape.half_length
+    shape = Shape(centre + size * shape.point, shape.frame, size * radius, shape.half_angle, half)
     return along_axis(shape, float((centre - shape.point) @ shape.axis)) if kind in ("cylinder", "cone") else shape
