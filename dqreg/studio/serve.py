@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import secrets
+import signal
 import socket
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 from dqreg.errors import InputError, MissingDependencyError
 from dqreg.studio.desk import Desk
@@ -50,9 +52,29 @@ def serve(
 
             webbrowser.open(address)
         try:
-            uvicorn.Server(config).run(sockets=[listening])
+            _quiet(uvicorn.Server)(config).run(sockets=[listening])
         finally:
             desk.close()
+
+
+def _quiet(server: type[Any]) -> type[Any]:
+    """A server that ends as it should at Ctrl-C: to its user that is no error."""
+
+    class Quiet(server):  # type: ignore[misc]
+        """Hears signals, and does not raise them again afterwards."""
+
+        @contextlib.contextmanager
+        def capture_signals(self) -> Iterator[None]:
+            """Whoever listened before listens again at the end."""
+            numbers = (signal.SIGINT, signal.SIGTERM)
+            before = {number: signal.signal(number, self.handle_exit) for number in numbers}
+            try:
+                yield
+            finally:
+                for number, handler in before.items():
+                    signal.signal(number, handler)
+
+    return Quiet
 
 
 @contextlib.contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import shutil
 import unicodedata
 from collections.abc import AsyncIterator
@@ -42,9 +43,8 @@ async def receive(folder: Path, which: str, name: str, length: int | None, chunk
     room = min(MOST, shutil.disk_usage(folder).free - FREE)
     if length is not None and length > room:
         raise InputError(f"{clean} has {_size(length)}; there is room for {_size(max(room, 0))}")
-    # A folder for this file alone: a file that names others finds none.
-    home = folder / which
-    shutil.rmtree(home, ignore_errors=True)
+    # A folder for this file alone: a file that names others finds none, and the one before it can be brought back.
+    home = folder / which / secrets.token_hex(4)
     home.mkdir(parents=True)
     partial, got = home / ".part", 0
     try:
@@ -59,7 +59,7 @@ async def receive(folder: Path, which: str, name: str, length: int | None, chunk
         partial.rename(home / clean)
     finally:
         partial.unlink(missing_ok=True)
-    return Side(clean, f"{which}/{clean}")
+    return Side(clean, f"{which}/{home.name}/{clean}")
 
 
 def _known() -> str:

@@ -22,7 +22,7 @@ FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshad
 DESK, PHONE = {"width": 1280, "height": 860}, {"width": 390, "height": 844}
 # Pictures of the documentation are written where this names a folder.
 PICTURES = os.environ.get("DQREG_PICTURES")
-WAIT = 120_000
+WAIT = 180_000
 
 
 @contextlib.contextmanager
@@ -39,10 +39,13 @@ def running(*words: str | Path) -> Iterator[str]:
     finally:
         process.send_signal(signal.SIGINT)
         try:
-            process.communicate(timeout=20)
+            _, words = process.communicate(timeout=60)
+            # Ctrl-C is how it ends: no error to its user.
+            assert (process.returncode, words) == (0, "")
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
+            raise
 
 
 @contextlib.contextmanager

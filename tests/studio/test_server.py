@@ -86,7 +86,15 @@ def test_an_upload_stays_in_its_folder(client, desk):
     told = client.put(f"visits/{visit}/scan", params={"name": "../../../<b>evil</b>.ply"}, content=b"ply\n").json()
     assert told["visit"]["scan"]["name"] == "b.ply"
     written = list(desk.folder.rglob("*.ply"))
-    assert [path.parent for path in written] == [desk.folder / visit / "scan"]
+    assert [path.parents[1] for path in written] == [desk.folder / visit / "scan"]
+
+
+def test_a_file_that_was_replaced_can_be_brought_back(client, desk):
+    visit = opened(client)
+    for content in (b"first", b"second"):
+        client.put(f"visits/{visit}/scan", params={"name": "scan.ply"}, content=content)
+    told = client.post(f"visits/{visit}/undo").json()
+    assert (desk.folder / visit / told["visit"]["scan"]["path"]).read_bytes() == b"first"
 
 
 @pytest.mark.parametrize("name", ["", "..", "scan", ".ply", "x.exe", "x.step.bat"])
