@@ -40,6 +40,8 @@ def _kinds() -> dict[str, type]:
     for name, parameter in inspect.signature(register).parameters.items():
         words = [word.strip() for word in str(parameter.annotation).split("|")]
         kind = next((KINDS[word] for word in words if word in KINDS), None)
+        if kind is None and isinstance(parameter.default, str):
+            kind = str  # one of some words
         if parameter.kind is parameter.KEYWORD_ONLY and name not in NOT_OFFERED and kind is not None:
             found[name] = kind
     return found
