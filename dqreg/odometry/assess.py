@@ -12,6 +12,7 @@ from dqreg.icp import NO_POSE, Alignment
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.map_surface import MapSurface
+from dqreg.odometry.prediction import Prediction, held_directions
 from dqreg.odometry.rivals import Placed
 from dqreg.registration.assess import Uncertainty
 from dqreg.registration.result import Registration
@@ -33,13 +34,17 @@ def frame_result(
     usual: float,
     notes: tuple[Reason, ...],
     settings: dict[str, Any],
+    prediction: Prediction | None = None,
 ) -> Registration:
-    """The answer for one frame."""
+    """The answer for one frame; with a prediction that has a covariance, both are weighed."""
     run, free = place.aligned, place.axis if place.is_free else None
     if run.status not in NO_POSE and not run.inlier_fraction >= LOST:
         words = f"no pose: only {100 * run.inlier_fraction:.0f} % of the points are inliers at the best one"
         return without_pose((Reason(words, "lost"), *notes), run.status, settings)
     uncertainty = Uncertainty.of(information_at(run, surface, frame.reach, free)) if run.found else None
+    T = rigid(run.T_target_source)
+    if uncertainty is not None and prediction is not None and prediction.information is not None:
+        T, uncertainty = _with_prediction(T, uncertainty, prediction, frame.reach, settings["reach"])
     evidence = Evidence(
         status=run.status,
         found=run.found,
@@ -62,7 +67,6 @@ def frame_result(
     reasons = (*verdict.reasons, *notes)
     if uncertainty is None:
         return without_pose(reasons, run.status, settings)
-    T = rigid(run.T_target_source)
     return Registration(
         T_target_source=T,
         verdict=Verdict(verdict.level, reasons, verdict.checks),
@@ -77,6 +81,17 @@ def frame_result(
         settings={**settings, "centre": T[:3, 3].tolist(), "width": run.mixture.scale},
         partial_information=uncertainty.partial_information,
     )
+
+
+def _with_prediction(
+    T: FloatArray, uncertainty: Uncertainty, prediction: Prediction, lever: float, reach: float
+) -> tuple[FloatArray, Uncertainty]:
+    """The pose weighed with a prediction: it decides what the frame leaves free."""
+    partial = uncertainty.partial_information
+    if partial is None:
+        partial = np.asarray(np.linalg.pinv(uncertainty.covariance, hermitian=True), dtype=np.float64)
+    T, covariance = prediction.fused(T, partial)
+    return T, Uncertainty(covariance, held_directions(uncertainty.directions, covariance, lever, reach))
 
 
 def information_at(
@@ -131,6 +146,44 @@ def _without(information: Information, motion: FloatArray) -> Information:
     return dataclasses.replace(
         information, values=np.maximum(values, 0.0), vectors=vectors, carriers=overlap @ information.carriers
     )
+
+
+# Reasons after which the place of a frame is not known.
+LOOSE = {
+    "unconstrained",
+    "alternative_poses",
+    "low_inlier_fraction",
+    "falling_inlier_fraction",
+    "lost",
+    "no_correspondences",
+}
+
+
+class MapLink:
+    """Whether the map hangs on a frame that was not accepted."""
+
+    def __init__(self) -> None:
+        # That frame; for good, or until a frame fits that cannot have slid.
+        self._frame: int | None = None
+        self._for_good = False
+
+    def linked(self, result: Registration, place: Placed, number: int, *, fits: bool) -> Registration:
+        """The result of a frame, doubted where it hangs on an earlier one that was not accepted."""
+        accepted = result.verdict.level == "accepted"
+        if self._frame is not None and not self._for_good and accepted and not place.is_weak:
+            self._frame = None
+        before = self._frame
+        if before is None and LOOSE.intersection(result.verdict.codes):
+            merged = place.is_escaped or fits
+            self._for_good = merged
+            self._frame = number if merged or place.is_weak else None
+        if before is None:
+            return result
+        words = (
+            f"frame {before} was not accepted, and this pose hangs on it: it may be right against the frames since and "
+            "wrong against those before"
+        )
+        return dataclasses.replace(result, verdict=result.verdict.doubted(Reason(words, "untrusted_map")))
 
 
 def without_pose(reasons: tuple[Reason, ...], status: str, settings: dict[str, Any]) -> Registration:

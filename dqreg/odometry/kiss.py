@@ -77,6 +77,10 @@ class KissParts:
         """Add the points of a frame to the map, and forget what is out of range from there."""
         self._map.update(points, rigid(T_map_frame))
 
+    def load(self, points: FloatArray) -> None:
+        """Fill the map with points of its own frame."""
+        self._map.add_points(points)
+
     def points(self) -> FloatArray:
         """All points of the map, (n, 3)."""
         return np.array(self._map.point_cloud(), dtype=np.float64).reshape(-1, 3)

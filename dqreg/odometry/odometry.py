@@ -4,46 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 import time as clock
-from collections import deque
+from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_pose
+from dqreg._arrays import FloatArray
 from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
+from dqreg.geometry import PointCloud
 from dqreg.geometry.fields import stamp_of
-from dqreg.odometry.align import FrameSearch
-from dqreg.odometry.assess import first_frame, frame_result, without_pose
-from dqreg.odometry.deskew import Deskewed
-from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame, read_frame
+from dqreg.odometry.assess import MapLink
+from dqreg.odometry.frame import downsample_frame, read_frame
 from dqreg.odometry.kiss import KissParts, load_kiss, rigid
-from dqreg.odometry.map_surface import MapSurface, surface_within
-from dqreg.odometry.rivals import Placed, placed
-from dqreg.odometry.settings import OdometryOptions, OdometrySettings, Resolved
-from dqreg.odometry.starts import predict
+from dqreg.odometry.map_file import SavedMap, load_map, save_map
+from dqreg.odometry.prediction import Prediction
+from dqreg.odometry.settings import OdometryOptions, OdometrySettings
+from dqreg.odometry.tracker import FEWEST_POINTS, Tracker
 from dqreg.registration.log import logged
+from dqreg.registration.register import register
 from dqreg.registration.result import Registration
-from dqreg.rigid import Trajectory, pose
-from dqreg.trust.doubts import fraction_fits
-from dqreg.trust.records import Reason
-
-# Points below which a frame gets no pose, and cannot begin a map.
-FEWEST_POINTS = 30
-# Frames over which the usual fraction of inliers is taken.
-MEMORY = 10
-# Reasons after which the place of a frame is not known.
-LOOSE = {
-    "unconstrained",
-    "alternative_poses",
-    "low_inlier_fraction",
-    "falling_inlier_fraction",
-    "lost",
-    "no_correspondences",
-}
+from dqreg.rigid import Trajectory
 
 
-class Odometry:
+class Odometry(Tracker):
     """LiDAR odometry with a verdict and a covariance for every frame.
 
     Parameters
@@ -77,41 +61,30 @@ class Odometry:
     def __init__(
         self, settings: OdometrySettings | None = None, *, start: Any = None, **options: Unpack[OdometryOptions]
     ) -> None:
-        self.settings = (settings or OdometrySettings()).replaced(options)
         # Imports of seconds belong here, not into the first frame.
         load_kiss("mapping")
         load_open3d()
-        self._lengths: Resolved | None = None
-        self._kiss: KissParts | None = None
-        self._surface: MapSurface | None = None
-        self._T_last = np.eye(4) if start is None else as_pose(start, "start")
-        self._motion = np.eye(4)
-        self._T_doubtful: FloatArray | None = None
-        self._poses: list[FloatArray] = []
-        self._stamps: list[float | None] = []
-        self._usual: deque[float] = deque(maxlen=MEMORY)
-        # Frames kept out of the map in a row, frames since the last trusted one, and seconds since then; seconds a
-        # frame, where stamps told.
-        self._kept_out, self._missed, self._gap, self._pace = 0, 0, 0.0, 0.0
-        self._stamp: float | None = None
-        # Frame that the map hangs on though it was not accepted, for good or until a frame fits that cannot have slid.
-        self._unlinked: int | None = None
-        self._for_good = False
+        super().__init__((settings or OdometrySettings()).replaced(options), start)
+
+    def reset(self, start: Any = None) -> None:
+        """Forget map, poses and motion; the next frame begins a new map.
+
+        Parameters
+        ----------
+        start : (4, 4) array_like, optional
+            Pose of the next frame, T_map_frame. Default: the identity.
+        """
+        self._begin(start)
 
     @property
     def poses(self) -> FloatArray:
         """Pose T_map_frame of every frame so far, (n, 4, 4); NaN where none was found (see `bridge_gaps`)."""
-        return np.array(self._poses).reshape(-1, 4, 4)
+        return self._timeline.poses
 
     @property
     def trajectory(self) -> Trajectory:
         """The frames that were placed, at their stamps; at their numbers, from 0, where one has none or goes back."""
-        found = np.flatnonzero(np.isfinite(self.poses).all(axis=(1, 2)))
-        if not len(found):
-            raise InputError(f"none of the {len(self._poses)} frames was placed; there is no trajectory")
-        stamps = np.array([np.nan if stamp is None else stamp for stamp in self._stamps])[found]
-        timed = bool(np.isfinite(stamps).all() and np.all(np.diff(stamps) > 0.0))
-        return Trajectory(stamps if timed else found.astype(np.float64), self.poses[found])
+        return self._timeline.trajectory
 
     @property
     def last_pose(self) -> FloatArray:
@@ -123,7 +96,16 @@ class Odometry:
         """Points of the map, (n, 3)."""
         return np.zeros((0, 3)) if self._kiss is None else self._kiss.points()
 
-    def register_frame(self, points: Any, timestamps: Any = None, *, stamp: float | None = None) -> Registration:
+    def register_frame(
+        self,
+        points: Any,
+        timestamps: Any = None,
+        *,
+        stamp: float | None = None,
+        prediction: Any = None,
+        prediction_covariance: Any = None,
+        insert: bool = True,
+    ) -> Registration:
         """Place one frame in the map.
 
         Parameters
@@ -137,6 +119,14 @@ class Odometry:
         stamp : float, optional
             Time of the frame, seconds: scales the predicted motion where frames are missing. Default: that of a
             message's header.
+        prediction : (4, 4) array_like, optional
+            Where other sensors (wheels, an IMU) expect the frame, T_map_frame: ``last_pose`` times their motion since.
+            Default: constant velocity.
+        prediction_covariance : (6, 6) array_like, optional
+            Of a left increment about the sensor in the map's axes, rotation first, as the result's own. With it, the
+            prediction is weighed with the frame: it decides what the frame leaves free, in a corridor for example.
+        insert : bool
+            Whether the frame may enter the map; False follows the sensor in a map that stays as it is.
 
         Returns
         -------
@@ -150,151 +140,86 @@ class Odometry:
             If the shapes are wrong.
         """
         began = clock.perf_counter()
-        raw = read_frame(points, timestamps)
+        raw, expected = read_frame(points, timestamps), Prediction.of(prediction, prediction_covariance)
         stamp = stamp_of(points) if stamp is None else stamp
-        ratio, doubt = self._time_ratio(stamp)
-        result = self._place(raw, ratio)
+        ratio, doubt = self._timeline.ratio(stamp)
+        result = self._place(raw, ratio, expected, insert=insert)
         if doubt is not None:
             result = dataclasses.replace(result, verdict=result.verdict.doubted(doubt))
-        self._poses.append(result.T_target_source)
-        self._stamps.append(stamp)
+        self._timeline.add(result.T_target_source, stamp)
         result = dataclasses.replace(result, timings={"total": clock.perf_counter() - began})
-        return logged(result, f"frame {len(self._poses)}")
+        return logged(result, f"frame {self._timeline.count}")
 
-    def _time_ratio(self, stamp: float | None) -> tuple[float, Reason | None]:
-        """Time since the last trusted frame over that of the last motion, and what is wrong with the stamp."""
-        steps = 1.0 + self._missed
-        if stamp is None:
-            return steps, None
-        before, self._stamp = self._stamp, float(stamp)
-        if not np.isfinite(stamp):
-            self._stamp = before
-            return steps, Reason("the frame's time is not finite", "time_stamp")
-        if before is None:
-            return steps, None
-        if stamp <= before:
-            self._stamp = before
-            words = f"the frame's time {stamp:.6f} is not after that of the frame before, {before:.6f}"
-            return steps, Reason(words, "time_stamp")
-        self._gap += stamp - before
-        # Beyond a few steps constant velocity is a guess like any other.
-        return (float(np.clip(self._gap / self._pace, 0.0, 5.0)) if self._pace else steps), None
+    def relocalise(self, points: Any, start: Any = None) -> Registration:
+        """Find the sensor in the map, wherever it is: after it was carried, or in a map that was loaded.
 
-    def _place(self, raw: RawFrame, ratio: float) -> Registration:
-        if not len(raw.points):
-            return self._failed("the frame holds no finite point", raw, "no points")
-        lengths = self._lengths or self.settings.resolve(raw.points)
-        kiss = self._kiss or KissParts(lengths)
-        inside = kiss.compensate(raw.points, raw.times, self._motion)
-        frame = downsample_frame(inside, lengths.voxel_size)
+        Parameters
+        ----------
+        points : (n, 3) array_like or object
+            Points of one frame in the sensor's frame.
+        start : (4, 4) array_like, optional
+            Where to look first, T_map_frame. Default: everywhere, by a global search.
+
+        Returns
+        -------
+        Registration
+            That of `register` to the map. Where it is accepted, the next frame is expected there.
+
+        Raises
+        ------
+        InputError
+            If there is no map, or too few points are left.
+        """
+        raw = read_frame(points, None)
+        if self._kiss is None or self._lengths is None:
+            raise InputError("there is no map to be found in: register a frame first, or load a map")
+        frame = downsample_frame(self._kiss.compensate(raw.points, None, np.eye(4)), self._lengths.voxel_size)
         if frame is None or len(frame.scan) < FEWEST_POINTS:
-            why = (
-                f"downsampling leaves {0 if frame is None else len(frame.scan)} of {len(raw.points)} points (within "
-                f"{lengths.max_range:.4g}, voxels of {lengths.voxel_size:.4g}); {FEWEST_POINTS} are needed"
-            )
-            return self._failed(why, raw, "too few points")
-        if self._kiss is None:
-            self._lengths, self._kiss = lengths, kiss
-            self._merge(kiss, frame)
-            return first_frame(self._T_last, raw.notes, self._words(frame))
-        return self._register(kiss, lengths, frame, raw, ratio)
+            raise InputError(f"downsampling leaves too few of {len(raw.points)} points; {FEWEST_POINTS} are needed")
+        found = register(PointCloud(frame.dense, viewpoint=np.zeros(3)), self._kiss.points(), start)
+        if found.verdict.level == "accepted":
+            self._T_last, self._motion, self._surface = rigid(found.T_target_source), np.eye(4), None
+            self._T_doubtful, self._kept_out, self._timeline.missed, self._link = None, 0, 0, MapLink()
+        return found
 
-    def _failed(self, why: str, raw: RawFrame, status: str) -> Registration:
-        self._missed += 1
-        return without_pose((Reason(why, "too_few_points"), *raw.notes), status, {})
+    def save(self, path: str | Path) -> None:
+        """Write the map with its settings, to be read by `load`: arrays and a JSON header in an NPZ archive, no pickle.
 
-    def _register(
-        self, kiss: KissParts, lengths: Resolved, frame: DownsampledFrame, raw: RawFrame, ratio: float
-    ) -> Registration:
-        T_predicted = rigid(predict(self._T_last, self._motion, ratio))
-        # Points beyond the frame's farthest, wherever it may have turned to, cannot be met.
-        surface = self._surface or surface_within(kiss.points(), self._T_last[:3, 3], frame.reach + lengths.reach)
-        self._surface = surface
-        search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(T_predicted))
-        aligned, notes = search.find(frame.scan, trust_motion=kiss.deviation <= lengths.voxel_size), raw.notes
-        if raw.times is not None and self.settings.deskew:
-            deskewed = Deskewed(kiss, raw, lengths.voxel_size, frame, aligned, self._motion)
-            deskewed = deskewed.repeated(search, self._T_last, ratio)
-            frame, aligned, notes = deskewed.frame, deskewed.aligned, notes + deskewed.notes
-        # After a frame that was not trusted constant velocity is worth nothing.
-        place = placed(search, frame.scan, aligned, T_predicted, np.inf if self._missed else kiss.deviation)
-        result = frame_result(place, surface, frame, self._usual_fraction, notes, self._words(frame))
-        linked = self._linked(result, place)
-        self._learn(kiss, frame, linked, T_predicted, ratio, trusted=place.is_escaped)
-        return linked
+        Parameters
+        ----------
+        path : str or Path
+            File to write, as it is named.
 
-    def _linked(self, result: Registration, place: Placed) -> Registration:
-        """The result, doubted where it hangs on a frame that was not accepted."""
-        if (
-            self._unlinked is not None
-            and not self._for_good
-            and result.verdict.level == "accepted"
-            and not place.is_weak
-        ):
-            self._unlinked = None
-        before = self._unlinked
-        if before is None and LOOSE.intersection(result.verdict.codes):
-            merged = place.is_escaped or self._kept_out >= self.settings.patience
-            merged |= result.verdict.level != "failed" and fraction_fits(result.inlier_fraction, self._usual_fraction)
-            self._for_good = merged
-            self._unlinked = len(self._poses) if merged or place.is_weak else None
-        if before is None:
-            return result
-        words = (
-            f"frame {before} was not accepted, and this pose hangs on it: it may be right against the frames since and "
-            "wrong against those before"
-        )
-        return dataclasses.replace(result, verdict=result.verdict.doubted(Reason(words, "untrusted_map")))
+        Raises
+        ------
+        InputError
+            If there is no map yet, or the file cannot be written.
+        """
+        if self._kiss is None or self._lengths is None:
+            raise InputError("there is no map to save; register a frame first")
+        save_map(path, SavedMap(self._kiss.points(), self._T_last, self.settings, self._lengths))
 
-    def _anchors(self, T_predicted: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-        """Where the sensor may be: at the last trusted pose going on, or at the last doubtful one."""
-        anchors = [(self._T_last, T_predicted)]
-        return anchors if self._T_doubtful is None else [*anchors, (self._T_doubtful, self._T_doubtful)]
+    @staticmethod
+    def load(path: str | Path) -> Odometry:
+        """Odometry in a map that `save` wrote.
 
-    def _learn(
-        self,
-        kiss: KissParts,
-        frame: DownsampledFrame,
-        result: Registration,
-        T_predicted: FloatArray,
-        ratio: float,
-        *,
-        trusted: bool,
-    ) -> None:
-        if result.verdict.level == "failed":
-            self._missed += 1
-            return
-        T = result.T_target_source
-        fits = trusted or fraction_fits(result.inlier_fraction, self._usual_fraction)
-        if not fits and self._kept_out < self.settings.patience:
-            # Reported, not absorbed: neither the map nor the motion learns from it.
-            self._kept_out += 1
-            self._missed += 1
-            self._T_doubtful = T
-            return
-        kiss.learn(pose.inverse(T_predicted) @ T)
-        steps = max(1.0 + self._missed, 1.0)
-        # Of a gap only the mean motion is known.
-        self._motion = rigid(predict(np.eye(4), pose.inverse(self._T_last) @ T, 1.0 / steps))
-        self._pace, self._gap, self._missed = self._gap / steps, 0.0, 0
-        self._T_last = T
-        self._usual.append(result.inlier_fraction)
-        self._merge(kiss, frame)
+        Parameters
+        ----------
+        path : str or Path
+            File to read.
 
-    @property
-    def _usual_fraction(self) -> float:
-        return float(np.median(self._usual)) if self._usual else np.nan
+        Returns
+        -------
+        Odometry
+            It expects the sensor where it was last; `relocalise` finds it elsewhere.
 
-    def _merge(self, kiss: KissParts, frame: DownsampledFrame) -> None:
-        kiss.insert(frame.dense, self._T_last)
-        self._surface, self._kept_out, self._T_doubtful = None, 0, None
-
-    def _words(self, frame: DownsampledFrame) -> dict[str, Any]:
-        return {
-            **({} if self._lengths is None else dataclasses.asdict(self._lengths)),
-            "method": self.settings.method,
-            "centre": self._T_last[:3, 3].tolist(),
-            "used_points": len(frame.scan),
-            "source_points": len(frame.dense),
-            "source_scale": 1.0,
-        }
+        Raises
+        ------
+        InputError
+            If the file is missing or holds something else.
+        """
+        saved = load_map(path)
+        made = Odometry(saved.settings, start=saved.T_map_frame)
+        made._lengths, made._kiss = saved.lengths, KissParts(saved.lengths)
+        made._kiss.load(saved.points)
+        return made

@@ -33,6 +33,7 @@ class OdometryOptions(TypedDict, total=False):
     patience: int
     method: Method
     threads: int
+    history: int | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,6 +61,8 @@ class OdometrySettings:
         Pose step: points to tangent planes, the dual-quaternion closed form on points and normals, or on points.
     threads : int
         Threads of KISS-ICP's parts; 0 takes all cores.
+    history : int, optional
+        Frames that ``poses`` and ``trajectory`` keep, for programs that never end. Default: all, 128 bytes a frame.
     """
 
     voxel_size: float | None = None
@@ -71,6 +74,7 @@ class OdometrySettings:
     patience: int = 2
     method: Method = "plane"
     threads: int = 0
+    history: int | None = None
 
     def replaced(self, options: OdometryOptions) -> OdometrySettings:
         """The same with some fields replaced."""
@@ -93,6 +97,8 @@ class OdometrySettings:
                 "max_points_per_voxel must be at least 1, patience and threads at least 0; got "
                 f"{self.max_points_per_voxel}, {self.patience} and {self.threads}"
             )
+        if self.history is not None and self.history < 1:
+            raise InputError(f"history must be at least 1, or None to keep all poses; got {self.history}")
         if self.method not in ("plane", "dq", "dq-points"):
             raise InputError(f"unknown method {self.method!r}; known are plane, dq, dq-points")
 

@@ -1,0 +1,90 @@
+"""A pose that other sensors predict (wheels, an IMU), and the pose of a frame with it: both are weighed."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, as_float, as_pose, require_finite
+from dqreg.errors import InputError
+from dqreg.odometry.kiss import rigid
+from dqreg.rigid import pose, twist
+from dqreg.trust.records import Direction
+
+# One sigma to three: where a prediction is taken to hold.
+COVERED = 3.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Prediction:
+    """Where a frame is expected."""
+
+    T_map_frame: FloatArray  # (4, 4)
+    information: FloatArray | None = None  # (6, 6): of a left increment about the sensor; None weighs nothing
+
+    @staticmethod
+    def of(prediction: Any, covariance: Any) -> Prediction | None:
+        """What a caller gave, checked."""
+        if prediction is None:
+            if covariance is not None:
+                raise InputError("prediction_covariance needs a prediction: the expected pose T_map_frame")
+            return None
+        T = as_pose(prediction, "prediction")
+        if covariance is None:
+            return Prediction(T)
+        C = as_float(covariance, "prediction_covariance")
+        if C.shape != (6, 6):
+            raise InputError(f"prediction_covariance must be (6, 6), rotation first; got shape {C.shape}")
+        require_finite(C, "prediction_covariance")
+        lowest = float(np.linalg.eigvalsh(0.5 * (C + C.T))[0])
+        if not np.allclose(C, C.T, rtol=1e-6, atol=1e-12 * float(np.abs(C).max())) or lowest <= 0.0:
+            raise InputError(
+                f"prediction_covariance must be symmetric with eigenvalues above 0; the smallest is {lowest:.3g}. Give "
+                "a motion of which nothing is known a large variance"
+            )
+        return Prediction(T, np.asarray(np.linalg.inv(0.5 * (C + C.T)), dtype=np.float64))
+
+    @property
+    def spread(self) -> float:
+        """How far off the place may be; infinite where no covariance was given."""
+        if self.information is None:
+            return np.inf
+        place = np.linalg.inv(self.information)[3:, 3:]
+        return COVERED * float(np.sqrt(np.linalg.eigvalsh(place)[-1]))
+
+    def fused(self, T: FloatArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Pose and covariance of a frame with the prediction.
+
+        ``information`` is that of the pose found, (6, 6), of a left increment about the sensor; 0 on free motions.
+        """
+        assert self.information is not None
+        # About the sensor's place in the pose found, as its own information is.
+        centre = pose.from_parts(np.eye(3), T[:3, 3])
+        carried = pose.adjoint(pose.from_parts(np.eye(3), T[:3, 3] - self.T_map_frame[:3, 3]))
+        prior = carried.T @ self.information @ carried
+        off = twist.log(rigid(pose.inverse(centre) @ self.T_map_frame @ pose.inverse(T) @ centre))
+        total = information + prior
+        scale = np.sqrt(np.maximum(np.diag(total), np.finfo(float).tiny))
+        covariance = np.linalg.inv(total / scale / scale[:, None]) / scale / scale[:, None]
+        step = covariance @ prior @ off
+        return rigid(centre @ twist.exp(step) @ pose.inverse(centre) @ T), 0.5 * (covariance + covariance.T)
+
+
+def held_directions(
+    directions: tuple[Direction, ...], covariance: FloatArray, lever: float, limit: float
+) -> tuple[Direction, ...]:
+    """Motions that the frame leaves free and a prediction holds to within a limit, with their standard deviation."""
+    return tuple(_held(each, covariance, lever, limit) if each.is_free else each for each in directions)
+
+
+def _held(direction: Direction, covariance: FloatArray, lever: float, limit: float) -> Direction:
+    turns = direction.kind == "rotation"
+    part = covariance[:3, :3] * lever**2 if turns else covariance[3:, 3:]
+    axis = np.array(direction.axis)
+    sigma = float(np.sqrt(axis @ part @ axis))
+    if not sigma <= limit:
+        return direction
+    words = f"{direction.words}, held by the prediction alone to {sigma:.3g}"
+    return dataclasses.replace(direction, sigma=sigma, words=words)

@@ -1,0 +1,76 @@
+"""The frames so far: their poses and stamps, and the pace of the motion."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import InputError
+from dqreg.rigid import Trajectory
+from dqreg.trust.records import Reason
+
+# Steps of the last motion beyond which constant velocity is a guess like any other.
+FARTHEST = 5.0
+
+
+class Timeline:
+    """Poses and stamps of the last frames, and how long it is since the last trusted one."""
+
+    def __init__(self, history: int | None) -> None:
+        self.count = 0  # Frames so far
+        self.missed = 0  # Frames since the last trusted one
+        self._poses: deque[FloatArray] = deque(maxlen=history)
+        self._stamps: deque[float | None] = deque(maxlen=history)
+        # Seconds since the last trusted frame, and seconds a frame, where stamps told.
+        self._gap, self._pace = 0.0, 0.0
+        self._last: float | None = None
+
+    @property
+    def steps(self) -> float:
+        """Frames since the last trusted one, with the one to come."""
+        return 1.0 + self.missed
+
+    @property
+    def poses(self) -> FloatArray:
+        """Poses of the frames that are kept, (n, 4, 4)."""
+        return np.array(self._poses).reshape(-1, 4, 4)
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The frames that were placed, at their stamps; at their numbers where one has none or goes back."""
+        found = np.flatnonzero(np.isfinite(self.poses).all(axis=(1, 2)))
+        if not len(found):
+            raise InputError(f"none of the {len(self._poses)} frames was placed; there is no trajectory")
+        stamps = np.array([np.nan if stamp is None else stamp for stamp in self._stamps])[found]
+        timed = bool(np.isfinite(stamps).all() and np.all(np.diff(stamps) > 0.0))
+        numbers = found.astype(np.float64) + (self.count - len(self._poses))
+        return Trajectory(stamps if timed else numbers, self.poses[found])
+
+    def add(self, T: FloatArray, stamp: float | None) -> None:
+        """Keep the pose of a frame."""
+        self.count += 1
+        self._poses.append(T)
+        self._stamps.append(stamp)
+
+    def ratio(self, stamp: float | None) -> tuple[float, Reason | None]:
+        """Time since the last trusted frame over that of the last motion, and what is wrong with the stamp."""
+        if stamp is None:
+            return self.steps, None
+        before, self._last = self._last, float(stamp)
+        if not np.isfinite(stamp):
+            self._last = before
+            return self.steps, Reason("the frame's time is not finite", "time_stamp")
+        if before is None:
+            return self.steps, None
+        if stamp <= before:
+            self._last = before
+            words = f"the frame's time {stamp:.6f} is not after that of the frame before, {before:.6f}"
+            return self.steps, Reason(words, "time_stamp")
+        self._gap += stamp - before
+        return (float(np.clip(self._gap / self._pace, 0.0, FARTHEST)) if self._pace else self.steps), None
+
+    def trust(self) -> None:
+        """The frame of now is trusted: the pace is that of the steps since the last one."""
+        self._pace, self._gap, self.missed = self._gap / self.steps, 0.0, 0

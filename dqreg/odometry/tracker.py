@@ -1,0 +1,167 @@
+"""What an odometry does with a frame: place it, judge it, learn from it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, as_pose
+from dqreg.odometry.align import FrameSearch
+from dqreg.odometry.assess import MapLink, first_frame, frame_result, without_pose
+from dqreg.odometry.deskew import Deskewed
+from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
+from dqreg.odometry.kiss import KissParts, rigid
+from dqreg.odometry.map_surface import MapSurface, surface_within
+from dqreg.odometry.prediction import Prediction
+from dqreg.odometry.rivals import placed
+from dqreg.odometry.settings import OdometrySettings, Resolved
+from dqreg.odometry.starts import predict
+from dqreg.odometry.timeline import Timeline
+from dqreg.registration.result import Registration
+from dqreg.rigid import pose
+from dqreg.trust.doubts import fraction_fits
+from dqreg.trust.records import Reason
+
+# Points below which a frame gets no pose, and cannot begin a map.
+FEWEST_POINTS = 30
+# Frames over which the usual fraction of inliers is taken.
+MEMORY = 10
+
+
+class Tracker:
+    """Map, motion and frames so far."""
+
+    def __init__(self, settings: OdometrySettings, start: Any) -> None:
+        self.settings = settings
+        self._begin(start)
+
+    def _begin(self, start: Any) -> None:
+        self._lengths: Resolved | None = None
+        self._kiss: KissParts | None = None
+        self._surface: MapSurface | None = None
+        self._T_last = np.eye(4) if start is None else as_pose(start, "start")
+        self._motion = np.eye(4)
+        self._T_doubtful: FloatArray | None = None
+        self._usual: deque[float] = deque(maxlen=MEMORY)
+        # Frames kept out of the map in a row.
+        self._kept_out = 0
+        self._timeline, self._link = Timeline(self.settings.history), MapLink()
+
+    def _place(self, raw: RawFrame, ratio: float, expected: Prediction | None, *, insert: bool) -> Registration:
+        if not len(raw.points):
+            return self._failed("the frame holds no finite point", raw, "no points")
+        lengths = self._lengths or self.settings.resolve(raw.points)
+        kiss = self._kiss or KissParts(lengths)
+        if expected is not None and self._kiss is not None:
+            # What deskews the frame: the motion that is expected, over the frames that it spans.
+            step = rigid(pose.inverse(self._T_last) @ expected.T_map_frame)
+            self._motion = rigid(predict(np.eye(4), step, 1.0 / max(ratio, 1.0)))
+        inside = kiss.compensate(raw.points, raw.times, self._motion)
+        frame = downsample_frame(inside, lengths.voxel_size)
+        if frame is None or len(frame.scan) < FEWEST_POINTS:
+            why = (
+                f"downsampling leaves {0 if frame is None else len(frame.scan)} of {len(raw.points)} points (within "
+                f"{lengths.max_range:.4g}, voxels of {lengths.voxel_size:.4g}); {FEWEST_POINTS} are needed"
+            )
+            return self._failed(why, raw, "too few points")
+        if self._kiss is None:
+            self._lengths, self._kiss = lengths, kiss
+            self._T_last = self._T_last if expected is None else expected.T_map_frame
+            self._merge(kiss, frame)
+            return first_frame(self._T_last, raw.notes, self._words(frame))
+        return self._register(kiss, lengths, frame, raw, ratio, expected, insert=insert)
+
+    def _failed(self, why: str, raw: RawFrame, status: str) -> Registration:
+        self._timeline.missed += 1
+        return without_pose((Reason(why, "too_few_points"), *raw.notes), status, {})
+
+    def _register(
+        self,
+        kiss: KissParts,
+        lengths: Resolved,
+        frame: DownsampledFrame,
+        raw: RawFrame,
+        ratio: float,
+        expected: Prediction | None,
+        *,
+        insert: bool,
+    ) -> Registration:
+        T_predicted = rigid(predict(self._T_last, self._motion, ratio)) if expected is None else expected.T_map_frame
+        # Points beyond the frame's farthest, wherever it may have turned to, cannot be met.
+        surface = self._surface or surface_within(kiss.points(), self._T_last[:3, 3], frame.reach + lengths.reach)
+        self._surface = surface
+        search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(T_predicted))
+        trusted = expected is not None or kiss.deviation <= lengths.voxel_size
+        aligned, notes = search.find(frame.scan, trust_motion=trusted), raw.notes
+        if raw.times is not None and self.settings.deskew:
+            deskewed = Deskewed(kiss, raw, lengths.voxel_size, frame, aligned, self._motion)
+            deskewed = deskewed.repeated(search, self._T_last, ratio)
+            frame, aligned, notes = deskewed.frame, deskewed.aligned, notes + deskewed.notes
+        # After a frame that was not trusted constant velocity is worth nothing.
+        deviation = np.inf if self._timeline.missed else kiss.deviation
+        spread = deviation if expected is None or expected.information is None else expected.spread
+        place = placed(search, frame.scan, aligned, T_predicted, spread)
+        found = frame_result(place, surface, frame, self._usual_fraction, notes, self._words(frame), expected)
+        fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
+        result = self._link.linked(found, place, self._timeline.count, fits=fits)
+        self._learn(kiss, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
+        return result
+
+    def _fits(self, result: Registration) -> bool:
+        return fraction_fits(result.inlier_fraction, self._usual_fraction)
+
+    def _anchors(self, T_predicted: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """Where the sensor may be: at the last trusted pose going on, or at the last doubtful one."""
+        anchors = [(self._T_last, T_predicted)]
+        return anchors if self._T_doubtful is None else [*anchors, (self._T_doubtful, self._T_doubtful)]
+
+    def _learn(
+        self,
+        kiss: KissParts,
+        frame: DownsampledFrame,
+        result: Registration,
+        T_predicted: FloatArray,
+        *,
+        trusted: bool,
+        insert: bool,
+    ) -> None:
+        if result.verdict.level == "failed":
+            self._timeline.missed += 1
+            return
+        T = result.T_target_source
+        if not (trusted or self._fits(result)) and self._kept_out < self.settings.patience:
+            # Reported, not absorbed: neither the map nor the motion learns from it.
+            self._kept_out += 1
+            self._timeline.missed += 1
+            self._T_doubtful = T
+            return
+        kiss.learn(pose.inverse(T_predicted) @ T)
+        # Of a gap only the mean motion is known.
+        step = pose.inverse(self._T_last) @ T
+        self._motion = rigid(predict(np.eye(4), step, 1.0 / self._timeline.steps))
+        self._timeline.trust()
+        self._T_last = T
+        self._usual.append(result.inlier_fraction)
+        self._merge(kiss, frame, insert=insert)
+
+    @property
+    def _usual_fraction(self) -> float:
+        return float(np.median(self._usual)) if self._usual else np.nan
+
+    def _merge(self, kiss: KissParts, frame: DownsampledFrame, *, insert: bool = True) -> None:
+        if insert:
+            kiss.insert(frame.dense, self._T_last)
+        self._surface, self._kept_out, self._T_doubtful = None, 0, None
+
+    def _words(self, frame: DownsampledFrame) -> dict[str, Any]:
+        return {
+            **({} if self._lengths is None else dataclasses.asdict(self._lengths)),
+            "method": self.settings.method,
+            "centre": self._T_last[:3, 3].tolist(),
+            "used_points": len(frame.scan),
+            "source_points": len(frame.dense),
+            "source_scale": 1.0,
+        }

@@ -1,0 +1,115 @@
+"""Odometry as a node needs it: predictions, a map that stays, saving and finding again, bounded memory."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("kiss_icp")
+
+from dqreg.errors import InputError
+from dqreg.odometry import Odometry
+from dqreg.odometry.prediction import Prediction
+from dqreg.rigid import pose, twist
+
+
+def corridor(x: float, rng: np.random.Generator) -> np.ndarray:
+    """A frame at x in a corridor without features, 4 wide and 3 high: nothing constrains x."""
+    points = rng.uniform(-1, 1, (4000, 3)) * [12.0, 2.0, 1.5]
+    side = np.arange(4000) % 4
+    points[side < 2, 1] = np.where(side[side < 2] == 0, -2.0, 2.0)
+    points[side >= 2, 2] = np.where(side[side >= 2] == 2, -1.5, 1.5)
+    return points + rng.normal(0, 0.01, points.shape)
+
+
+def test_a_corridor_is_followed_with_wheels_and_told_without():
+    # Truth: the frames differ by the noise alone, so x is what the wheels say, and nothing else can be.
+    sigma = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02]) ** 2
+    results = {}
+    for wheels in (False, True):
+        rng, odometry = np.random.default_rng(0), Odometry()
+        for step in range(5):
+            T = pose.from_parts(np.eye(3), [0.3 * step, 0.0, 0.0])
+            options = {"prediction": T, "prediction_covariance": sigma} if wheels and step else {}
+            results[wheels] = odometry.register_frame(corridor(0.3 * step, rng), **options)
+    assert "unconstrained" in results[False].verdict.codes
+    assert np.isnan(results[False].covariance).any()
+    told = results[True]
+    assert "unconstrained" not in told.verdict.codes
+    np.testing.assert_allclose(told.T_target_source[:3, 3], [1.2, 0.0, 0.0], atol=0.02)
+    # Along the corridor the wheels alone, across it the frame.
+    deviations = np.sqrt(np.diag(told.covariance)[3:])
+    assert deviations[0] == pytest.approx(0.02, rel=0.05)
+    assert deviations[1:].max() < 0.01
+
+
+def test_a_prediction_and_a_pose_are_weighed_as_two_gaussians():
+    # By hand: one dimension, information 4 at 0 and 1 at 1 give 0.2 with variance 1/5.
+    T = pose.from_parts(np.eye(3), [5.0, 0.0, 0.0])
+    expected = Prediction.of(pose.from_parts(np.eye(3), [6.0, 0.0, 0.0]), np.eye(6))
+    found, covariance = expected.fused(T, 4.0 * np.eye(6))
+    np.testing.assert_allclose(found[:3, 3], [5.2, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(covariance[:3, :3] @ np.ones(3), np.full(3, 0.2), atol=0.2)
+    # A prediction of a turned sensor pulls it about its own place.
+    turned = Prediction.of(T @ twist.exp([0, 0, 0.1, 0, 0, 0]), 1e-6 * np.eye(6))
+    found, _ = turned.fused(T, np.zeros((6, 6)))
+    np.testing.assert_allclose(found, turned.T_map_frame, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"prediction_covariance": np.eye(6)}, "needs a prediction"),
+        ({"prediction": np.eye(4), "prediction_covariance": np.eye(3)}, r"must be \(6, 6\)"),
+        ({"prediction": np.eye(4), "prediction_covariance": np.zeros((6, 6))}, "eigenvalues above 0"),
+        ({"prediction": np.eye(3)}, "prediction"),
+    ],
+)
+def test_predictions_that_are_none_are_refused(options, said):
+    with pytest.raises(InputError, match=said):
+        Odometry().register_frame(np.zeros((0, 3)), **options)
+
+
+def test_a_saved_map_is_followed_without_change_and_the_sensor_found_in_it(jerky, tmp_path):
+    odometry = Odometry()
+    for frame in jerky.frames[:6]:
+        odometry.register_frame(frame)
+    odometry.save(tmp_path / "hall.npz")
+    again = Odometry.load(tmp_path / "hall.npz")
+    before = again.local_map
+    assert {tuple(p) for p in before} == {tuple(p) for p in odometry.local_map}
+    # Truth: the poses that the rays were cast from, in the frame of the first.
+    truth = pose.inverse(jerky.truth[0]) @ jerky.truth
+    result = again.register_frame(jerky.frames[6], insert=False)
+    assert result.verdict.level == "accepted"
+    assert np.abs(result.T_target_source - truth[6]).max() < 0.05
+    np.testing.assert_array_equal(again.local_map, before)
+    # Carried somewhere else: from no pose.
+    carried = Odometry.load(tmp_path / "hall.npz")
+    found = carried.relocalise(jerky.frames[3])
+    assert found.verdict.level == "accepted"
+    assert np.abs(carried.last_pose - truth[3]).max() < 0.05
+    with pytest.raises(InputError, match="no map"):
+        Odometry().relocalise(jerky.frames[0])
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"1 2 3"])
+def test_what_is_no_map_is_refused(tmp_path, content):
+    (tmp_path / "a.npz").write_bytes(content)
+    with pytest.raises(InputError, match=r"a\.npz"):
+        Odometry.load(tmp_path / "a.npz")
+    with pytest.raises(InputError, match="no map to save"):
+        Odometry().save(tmp_path / "b.npz")
+
+
+def test_history_is_bounded_and_a_reset_begins_anew(jerky):
+    odometry = Odometry(history=3)
+    for number, frame in enumerate(jerky.frames[:5]):
+        odometry.register_frame(frame[::3], stamp=0.1 * number)
+    assert odometry.trajectory.times.tolist() == pytest.approx([0.2, 0.3, 0.4])
+    assert len(odometry.poses) == 3
+    odometry.reset(start=pose.from_parts(np.eye(3), [1.0, 2.0, 3.0]))
+    assert (len(odometry.poses), len(odometry.local_map)) == (0, 0)
+    assert odometry.register_frame(jerky.frames[0][::3]).T_target_source[:3, 3].tolist() == [1.0, 2.0, 3.0]
+    with pytest.raises(InputError, match="history"):
+        Odometry(history=0)
