@@ -14,26 +14,26 @@ from contextvars import ContextVar
 from dqreg.trust.evidence import Evidence
 
 # Weight of each figure in the logarithm of the odds, and what is added to all of them.
-OFFSET = -3.1543
+OFFSET = -1.2485
 WEIGHTS: dict[str, float] = {
-    "suspect": -0.4241,
-    "doubts": -0.4125,
-    "inliers": 0.7314,
-    "inliers_near": 0.0748,
-    "patches_off": -0.2267,
-    "normals_apart": 0.4981,
-    "width": -0.7557,
-    "random_ratio": -0.3098,
-    "sigma": -0.6148,
-    "carriers": -0.1890,
-    "rivals": -1.1923,
-    "strays": 0.0149,
-    "contradicting": -0.7077,
-    "other_objects": 0.0638,
-    "strain": -0.9942,
-    "border": 0.3191,
-    "searched": 0.1309,
-    "unconverged": -0.1199,
+    "suspect": -1.0677,
+    "doubts": -1.3776,
+    "inliers": 0.5989,
+    "inliers_near": 0.1040,
+    "patches_off": -0.5041,
+    "normals_apart": 0.0418,
+    "width": -1.0260,
+    "random_ratio": -1.2411,
+    "sigma": -0.5812,
+    "carriers": -0.2479,
+    "rivals": -1.4023,
+    "strays": 0.1332,
+    "contradicting": -0.6569,
+    "other_objects": 0.3219,
+    "strain": -0.5240,
+    "border": 0.3530,
+    "searched": -0.5921,
+    "unconverged": -0.2933,
 }
 
 NAMES = tuple(WEIGHTS)
