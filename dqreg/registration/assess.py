@@ -11,6 +11,7 @@ from dqreg.geometry import MeshSurface
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import find_correspondences
+from dqreg.registration.exposures import second_pose
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import looked_through_at
 from dqreg.rigid import pose
@@ -67,7 +68,7 @@ def evidence_of(
     sliding_loss: float = np.nan,
 ) -> Evidence:
     """All that the verdict on a fit is made of; see `Evidence` for the meaning of each number."""
-    drift, drift_rad = fit.once("drift", lambda: _drift(fit))
+    drift, drift_rad = fit.once("drift", lambda: max(_drift(fit), second_pose(fit)))
     return Evidence(
         **vars(fit.agreement),
         status=fit.run.status,

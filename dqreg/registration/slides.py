@@ -46,6 +46,10 @@ class Slide:
 
 def slide_of(fit: Fit) -> Slide:
     """Displace a pose on a part along all motions that few points constrain."""
+    return fit.once("slide", lambda: _slide_of(fit))
+
+
+def _slide_of(fit: Fit) -> Slide:
     if not fit.found or not isinstance(fit.prepared.surface, MeshSurface) or fit.problem.watch.is_over:
         return Slide()
     information, scan, surface = fit.information, fit.prepared.scan, fit.prepared.surface

@@ -183,7 +183,7 @@ def _drift(evidence: Evidence) -> Iterator[str]:
     if evidence.drift:
         yield (
             f"the pose drifts by {evidence.length(evidence.drift)} and {math.degrees(evidence.drift_rad):.2g} degrees "
-            "from the first point of the scan to the last: part or scanner moved, or its views do not fit together"
+            "within the scan: part or scanner moved during it or between two exposures, or its views do not fit"
         )
 
 

@@ -107,7 +107,7 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
     "too small": ({"stretch": -0.01}, "the scan is 1 % too small: another part", "stretched"),
     "drift": (
         {"drift": 1.7, "drift_rad": math.radians(0.8)},
-        "the pose drifts by 1.7 and 0.8 degrees from the first point of the scan to the last",
+        "the pose drifts by 1.7 and 0.8 degrees within the scan",
         "drift",
     ),
     "bent": ({"bend": 0.004}, "the scan is bent by 0.4 % of its length", "bent"),
