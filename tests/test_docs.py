@@ -29,6 +29,7 @@ def blocks(page: str, language: str) -> list[str]:
 def test_python_on_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
     if page == "howto_perception.md":
         pytest.importorskip("kiss_icp", reason="the page ends with odometry: kiss-icp")
+        pytest.importorskip("viser", reason="and shows it in the browser: viser")
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     for body in blocks(page, "python"):

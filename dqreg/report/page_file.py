@@ -13,6 +13,8 @@ from dqreg.files.atomic import require_writable, write_atomically
 
 # The browser to use where it is not on the path, or not the one on it.
 VARIABLE = "DQREG_BROWSER"
+# The paper of a PDF where it is not A4.
+PAPER, PAPERS = "DQREG_PAPER", ("a4", "letter")
 NAMES = (
     "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge", "microsoft-edge",
     "microsoft-edge-stable", "brave-browser",
@@ -35,6 +37,14 @@ FLAGS = (
 SECONDS = 180.0
 
 
+def paper() -> str:
+    """Size of the paper, from the environment."""
+    name = os.environ.get(PAPER, "").lower() or "a4"
+    if name not in PAPERS:
+        raise InputError(f"{PAPER} must be {' or '.join(PAPERS)}; got {name!r:.60}")
+    return name
+
+
 def page_path(path: str | os.PathLike[str]) -> Path:
     """Path of a page that can be written; asked before the work. It ends in .html, .htm, .pdf, or in nothing."""
     goal = require_writable(path)
@@ -43,6 +53,7 @@ def page_path(path: str | os.PathLike[str]) -> Path:
         raise InputError(f"cannot write {goal}: a report ends in .html or .pdf; got {ending!r}")
     if ending == ".pdf":
         browser()
+        paper()
     return goal
 
 
@@ -81,6 +92,8 @@ def to_pdf(html: str) -> bytes:
     program = browser()
     with tempfile.TemporaryDirectory(prefix="dqreg-", ignore_cleanup_errors=True) as folder:
         page, printed = Path(folder) / "page.html", Path(folder) / "page.pdf"
+        # The last rule counts; what is laid out by the width of the paper is so by this one.
+        html = html.replace("</head>", f"<style>@page {{ size: {paper()}; }}</style></head>", 1)
         page.write_text(html, encoding="utf-8", errors="backslashreplace")
         # A browser of the administrator refuses to start in its sandbox.
         flags = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []

@@ -50,3 +50,21 @@ def test_each_printed_page_names_its_file() -> None:
     page = render("compare.html", title='a"b</style>', note="", command="", tables=[], plots=[])
     assert r'@bottom-left { content: "Comparison\3a  a\22 b\3c \2f style\3e "; }' in page
     assert "counter(pages)" in page
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium to print with")
+@pytest.mark.parametrize(("name", "width", "height"), [("letter", 612, 792), ("", 595, 842)])
+def test_the_paper_is_a4_or_letter(monkeypatch: pytest.MonkeyPatch, name: str, width: int, height: int) -> None:
+    """Sizes in points, 1/72 inch, as the file itself says them."""
+    monkeypatch.setenv("DQREG_PAPER", name)
+    page = "<!DOCTYPE html><html><head><style>@page { size: A4; }</style></head><body>text</body></html>"
+    box = re.search(rb"/MediaBox\s*\[\s*0\s+0\s+([\d.]+)\s+([\d.]+)", to_pdf(page))
+    assert box is not None
+    assert [float(number) for number in box.groups()] == pytest.approx([width, height], abs=1.0)
+
+
+def test_another_paper_is_refused_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DQREG_PAPER", "legal")
+    monkeypatch.setattr("dqreg.report.page_file.browser", lambda: "browser")
+    with pytest.raises(InputError, match="a4 or letter"):
+        page_path(tmp_path / "report.pdf")
