@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.registration.batch import read_manifest
+from dqreg.registration.batch import Asked, read_manifest
 from dqreg.registration.batch.row import Targets, inputs_of, run_row
+from dqreg.registration.inspected import require_record
 from dqreg.registration.register import register
 from tests.registration.batch.scenes import make_scene
 
@@ -37,6 +38,23 @@ def test_a_row_is_a_registration(rows, tmp_path):
     assert done.record["batch"]["inputs"] == inputs_of(row)
     assert done.record["settings"]["source"] == os.fspath(row.scan)
     assert (done.status, done.message, done.thumbnail) == ("ran", "", None)
+
+
+def test_a_part_is_inspected_and_what_cannot_be_measured_costs_no_pose(rows, tmp_path):
+    # Noise of 1e-4 of a part of 156 mm, drawn on its own surface: within 0.2 mm, and not within 0.001 mm.
+    outcomes = {}
+    for tolerance in (0.2, 0.001):
+        done = run_row(dataclasses.replace(rows[0], asked=Asked(tolerance=tolerance)), Targets())
+        require_record(done.record["batch"]["inspection"])
+        outcomes[tolerance] = done.record["batch"]["inspection"]["outcome"]
+        assert done.page is None
+    assert outcomes == {0.2: "pass", 0.001: "fail"}
+    datum, row = '[[datum]]\nname = "A"\nface = 0\n', '[[characteristic]]\nkind = "form"\nface = 0\ntolerance = 1\n'
+    (tmp_path / "plan.toml").write_text(datum + row)
+    done = run_row(dataclasses.replace(rows[0], asked=Asked(plan=tmp_path / "plan.toml")), Targets())
+    found = done.record["batch"]["inspection"]
+    assert (done.status, found["outcome"], found["values"]) == ("ran", "undecided", [])
+    assert "datums constrain" in found["error"]
 
 
 def rewrite(path: Path) -> None:
