@@ -17,8 +17,8 @@ from dqreg.studio.drawing import Frame, frame_of
 from dqreg.studio.kept import Place, kept
 from dqreg.studio.visit import Cut
 
-# Points that make a surface, and how deep it may lie under the pointer, in radii of what is near.
-TOGETHER, DEEP = 3, 3.0
+# Points that make a surface, and their share of the most at any depth; how deep it may lie, in radii of what is near.
+TOGETHER, MANY, DEEP = 3, 0.15, 2.0
 STAND = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
@@ -95,11 +95,10 @@ def _nearest(points: FloatArray, axes: FloatArray, shift: FloatArray, look: Look
     near = np.flatnonzero(off < look.radius**2)
     if not len(near):
         return None
-    # The surface in front: the first depth at which a few points lie together. A stray before it is none.
+    # The surface in front: the first depth at which many points lie together. A few strays before it are none.
     depth = np.sort(seen[near, 2])[::-1]
-    together = np.minimum(np.arange(len(depth)) + TOGETHER, len(depth)) - 1
-    held = depth - depth[together] <= DEEP * look.radius
-    front = depth[np.argmax(held)] if held.any() else depth[0]
+    together = np.searchsorted(-depth, DEEP * look.radius - depth, side="right") - np.arange(len(depth))
+    front = depth[np.argmax(together >= max(min(TOGETHER, len(depth)), MANY * together.max()))]
     surface = near[(seen[near, 2] <= front) & (seen[near, 2] >= front - DEEP * look.radius)]
     found: list[float] = points[surface[np.argmin(off[surface])]].tolist()
     return found

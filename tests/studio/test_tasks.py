@@ -126,7 +126,7 @@ def test_a_stray_in_front_is_not_what_was_meant(place):
     found = picking._nearest(points, np.eye(3), np.zeros(3), look)
     np.testing.assert_allclose(found, [4.0, 3.0, 5.0], atol=0.8)
     # Where there is nothing else, a stray can be pointed at.
-    assert picking._nearest(strays, np.eye(3), np.zeros(3), look) == [4.0, 3.0, 9.0]
+    assert picking._nearest(strays, np.eye(3), np.zeros(3), look) == [4.2, 3.1, 14.0]
 
 
 def test_a_lasso_is_about_the_points_that_are_seen_in_it(place):
