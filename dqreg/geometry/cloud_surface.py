@@ -95,7 +95,7 @@ class CloudSurface:
             self._known[missing] = True
         return np.take(self._fits, rows, axis=0)
 
-    def closest(self, points: FloatArray, hint: Hint | None = None) -> Closest:
+    def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Nearest cloud point for each query.
 
         A query that moved by m since the hint has no other point nearer than ``others - m``; while the old match is
@@ -108,6 +108,8 @@ class CloudSurface:
         hint : (ndarray, Closest), optional
             Earlier places of the same queries and the answer there; the matches are the same without it, distances may
             differ by rounding.
+        within : float
+            Not used: what is farther off is found as well.
 
         Returns
         -------

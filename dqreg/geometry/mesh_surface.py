@@ -5,6 +5,8 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from dqreg._arrays import FloatArray
 from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.mesh import Mesh
@@ -56,7 +58,7 @@ class MeshSurface:
 
         return TriangleTree.of(self.mesh.corners, self.mesh.face_normals)
 
-    def closest(self, points: FloatArray, hint: Hint | None = None) -> Closest:
+    def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Closest point on the triangles for each query.
 
         Parameters
@@ -65,13 +67,16 @@ class MeshSurface:
             Queries in the mesh's frame; n may be 0.
         hint : (ndarray, Closest), optional
             Earlier places of the same queries and the answer there: the search begins with those faces.
+        within : float
+            Distance from which on nothing is looked for: points and normals are NaN there, distances infinite and
+            faces -1.
 
         Returns
         -------
         Closest
             Points, face normals, distances and face numbers.
         """
-        return Closest(*self._tree.closest(points, None if hint is None else hint[1].elements))
+        return Closest(*self._tree.closest(points, None if hint is None else hint[1].elements, within))
 
     def closest_again(self, points: FloatArray, before: Closest, places: FloatArray) -> Closest:
         """`closest` with the hint ``(places, before)``.

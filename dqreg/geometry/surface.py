@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Protocol
 
+import numpy as np
+
 from dqreg._arrays import FloatArray, IntArray
 
 
@@ -58,7 +60,7 @@ class Surface(Protocol):
         """Whether the normals point outwards for sure (a mesh), or only up to sign (an estimate)."""
         ...
 
-    def closest(self, points: FloatArray, hint: Hint | None = None) -> Closest:
+    def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Closest place for each query.
 
         Parameters
@@ -68,6 +70,8 @@ class Surface(Protocol):
         hint : (ndarray, Closest), optional
             Where the same queries stood earlier, (n, 3), and what the surface answered there. It may save work after
             small motions, and never changes what is found by more than rounding.
+        within : float
+            Distance from which on nothing need be found: distances may be infinite there, and points NaN.
 
         Returns
         -------

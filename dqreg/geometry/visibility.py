@@ -119,12 +119,13 @@ class VisibleSurface(MeshSurface):
         """Where what was seen ends."""
         return self._seen.mesh.borders
 
-    def closest(self, points: FloatArray, hint: Hint | None = None) -> Closest:
+    def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Closest point on the faces that were seen, for each query."""
         if hint is not None:
             places, before = hint
             hint = places, dataclasses.replace(before, elements=np.searchsorted(self.rows, before.elements))
-        return self._in_whole(self._seen.closest(points, hint))
+        return self._in_whole(self._seen.closest(points, hint, within))
 
     def _in_whole(self, found: Closest) -> Closest:
-        return dataclasses.replace(found, elements=self.rows[found.elements])
+        elements = np.where(found.elements < 0, -1, self.rows[found.elements])
+        return dataclasses.replace(found, elements=elements)

@@ -37,7 +37,7 @@ class MapSurface:
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))
 
-    def closest(self, points: FloatArray, hint: Hint | None = None) -> Closest:
+    def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Nearest map point for each query, (n, 3), with the normal there; zero where the neighbours fix none."""
         indices, distances = self._tree.nearest(points, 1)
         rows = indices[:, 0]

@@ -132,7 +132,7 @@ class PlaneGrid(DistanceGrid):
         super().__init__(distances, low, high, surface.diagonal)
         self._planes = planes
 
-    def closest(self, points: FloatArray, hint: Hint | None = None) -> Closest:
+    def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Foot on the tangent plane, its normal, and the distance; infinite outside the grid, (n, 3) each."""
         nodes = self.nodes(points)
         planes = self._planes[nodes].astype(np.float64)

@@ -179,10 +179,12 @@ def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray]) -> FloatAr
     maps = [pose.from_parts(R, centre - R @ centre) for R in turns]
     # Few points of all rotations in one query; most rotations move most of the part far away.
     few = np.concatenate([pose.apply(T, points[:: CHECKED // SCREENED]) for T in maps])
-    fractions = (surface.closest(few).distances <= NEARLY * surface.diagonal).reshape(len(maps), -1).mean(axis=1)
+    within = 2.0 * NEARLY * surface.diagonal
+    near = surface.closest(few, within=within).distances <= NEARLY * surface.diagonal
+    fractions = near.reshape(len(maps), -1).mean(axis=1)
     found: list[tuple[float, FloatArray]] = []
     for T in (maps[k] for k in np.flatnonzero(fractions >= MOST - SLACK)):
-        distances = surface.closest(pose.apply(T, points)).distances / surface.diagonal
+        distances = surface.closest(pose.apply(T, points), within=within).distances / surface.diagonal
         fraction = float(np.mean(distances <= NEARLY))
         if fraction >= MOST and np.mean(distances <= SAME) < ALL:
             found.append((fraction, T))
@@ -214,5 +216,5 @@ def _worth_refining(T_target_source: FloatArray, flips: FloatArray, scan: Scan, 
 
 def _gains(points: FloatArray, surface: Surface, reach: float, count: int) -> FloatArray:
     """Mean of ``1 - (d / reach)^2``, 0 beyond the reach in sizes, for each of so many poses of the same points."""
-    apart = surface.closest(points).distances / (reach * surface.diagonal)
+    apart = surface.closest(points, within=reach * surface.diagonal).distances / (reach * surface.diagonal)
     return np.asarray(np.maximum(1.0 - apart**2, 0.0).reshape(count, -1).mean(axis=1))

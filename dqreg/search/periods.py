@@ -33,6 +33,10 @@ FITS, MAY_FIT, COMES_BACK, BESIDE, PARTS = 0.25, 0.15, 0.08, 0.03, (1, 2, 3)
 KEPT, MULTIPLE, MOST = 6, 0.1, 16
 
 
+# Points farther off than that are not looked for: a little more than what counts, which is within it.
+NEAR = 1.01
+
+
 def near_periods(mesh: Mesh, surface: Surface) -> FloatArray:
     """Periods of a part, either way: near translations that put most of what it has of them onto itself, (k, 4, 4)."""
     rng = np.random.default_rng(0)
@@ -99,7 +103,7 @@ def _periodic(poses: Poses, checks: OrientedPoints, surface: Surface) -> IntArra
 
 def _in_place(poses: Poses, checks: OrientedPoints, surface: Surface, within: float) -> FloatArray:
     """Fraction of the points that each pose puts so near to the surface, in sizes, with an equal normal, (k,)."""
-    found = surface.closest(poses.apply(checks.points).reshape(-1, 3))
+    found = surface.closest(poses.apply(checks.points).reshape(-1, 3), within=NEAR * within * surface.diagonal)
     normals = found.normals.reshape(len(poses), len(checks), 3)
     equal = np.einsum("kni,ni->kn", normals, checks.directions) > EQUAL_COS
     near = found.distances.reshape(len(poses), len(checks)) <= within * surface.diagonal

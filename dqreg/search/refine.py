@@ -6,6 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Surface
+from dqreg.geometry.surface import Hint
 from dqreg.kernels.threads import ask_clock
 from dqreg.rigid.rotations import about_axis
 from dqreg.search.grids import Edges
@@ -30,10 +31,14 @@ def refine(
     faces, at_edges = sample.faces, sample.edges
     middle = faces.points.mean(axis=0)
     lever = np.sqrt(((faces.points - middle) ** 2).sum(axis=1).mean())
+    before: Hint | None = None
     for width in widths:
         ask_clock()
         centre = poses.R @ middle + poses.t
-        H, g = _face_equations(poses, centre, faces, surface, width, lever)
+        moved = poses.apply(faces.points)
+        found = surface.closest(moved.reshape(-1, 3), before)
+        before = moved.reshape(-1, 3), found
+        H, g = _face_equations(poses, centre, faces, (moved, found), width, lever)
         if edges is not None and len(at_edges):
             H_edge, g_edge = _edge_equations(poses, centre, at_edges, edges, width, lever)
             H, g = H + EDGE_WEIGHT * H_edge, g + EDGE_WEIGHT * g_edge
@@ -42,16 +47,14 @@ def refine(
         step = np.linalg.solve(H, -g[:, :, None])[:, :, 0]
         angle = np.linalg.norm(step[:, :3], axis=1)
         turn = about_axis(step[:, :3] / np.maximum(angle, np.finfo(float).tiny)[:, None], angle)
-        moved = np.einsum("nij,nj->ni", turn, poses.t - centre) + centre + lever * step[:, 3:]
-        poses = Poses(turn @ poses.R, moved)
+        poses = Poses(turn @ poses.R, np.einsum("nij,nj->ni", turn, poses.t - centre) + centre + lever * step[:, 3:])
     return poses
 
 
 def _face_equations(
-    poses: Poses, centre: FloatArray, sample: OrientedPoints, surface: Surface, width: float, lever: float
+    poses: Poses, centre: FloatArray, sample: OrientedPoints, at: Hint, width: float, lever: float
 ) -> tuple[FloatArray, FloatArray]:
-    moved = poses.apply(sample.points)
-    found = surface.closest(moved.reshape(-1, 3))
+    moved, found = at
     normals = found.normals.reshape(moved.shape)
     gap = moved - found.points.reshape(moved.shape)
     turned = sample.directions @ poses.R.transpose(0, 2, 1)
