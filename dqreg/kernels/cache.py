@@ -13,11 +13,14 @@ import os
 import sys
 import tempfile
 import warnings
+from contextlib import suppress
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent
 # Packages whose version changes the machine code or the form in which it is kept.
 COMPILERS = ("numba", "llvmlite", "numpy")
+# File in a folder that says which installation keeps code there.
+OWNER = "owner"
 
 
 @functools.cache
@@ -66,6 +69,25 @@ def keep_beside_package() -> None:
 def kept() -> list[Path]:
     """Files of kernels that are kept for this version of the package."""
     return [file for folder in folders()[0] for file in sorted(folder.glob("*.code"))]
+
+
+def claim(folder: Path) -> None:
+    """Mark a folder as this installation's own, and remove those that it kept before an upgrade.
+
+    Folders of other installations, and those without a mark, are left alone.
+    """
+    mine = f"{sys.prefix}\n{PACKAGE}\n"
+    with suppress(OSError):
+        (folder / OWNER).write_text(mine, encoding="utf-8")
+    for other in folder.parent.glob("kernels-*"):
+        # Where a mark cannot be read, there is none.
+        with suppress(OSError, UnicodeDecodeError):
+            if other == folder or other.is_symlink() or (other / OWNER).read_text(encoding="utf-8") != mine:
+                continue
+            # Nothing else than was written there, and the mark last: what is interrupted is done the next time.
+            for file in (*other.glob("*.code*"), other / OWNER):
+                file.unlink()
+            other.rmdir()
 
 
 def is_writable(folder: Path) -> bool:

@@ -15,13 +15,14 @@ import numba
 from numba.core import serialize
 from numba.core.compiler import CompileResult
 
-from dqreg.kernels.cache import folders
+from dqreg.kernels.cache import claim, folders
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 ANNOUNCEMENT = "dqreg: compiling inner loops that were not used on this machine before; it takes seconds, once\n"
 
-# Whether this process has said so.
+# Whether this process has said so, and the folders in which it has looked for what is out of date.
 _announced = False
+_claimed: set[Path] = set()
 
 
 def compiled(function: Function) -> Function:
@@ -59,6 +60,9 @@ class KeptCode:
         folder = folders()[1]
         if folder is None:
             return
+        if folder not in _claimed:
+            _claimed.add(folder)
+            claim(folder)
         path = folder / self._file(signature, code.codegen)
         beside = path.with_name(f"{path.name}.{uuid.uuid4().hex}")
         try:

@@ -40,7 +40,7 @@ def test_what_was_compiled_is_found_again_and_a_damaged_file_counts_as_absent(
 ) -> None:
     monkeypatch.setattr(compiled, "folders", lambda: ((tmp_path / "none", tmp_path), tmp_path))
     assert [was_kept(), was_kept()] == [False, True]
-    (kept,) = tmp_path.iterdir()
+    (kept,) = tmp_path.glob("*.code")
     whole = kept.read_bytes()
     for damaged in (b"", whole[:100], b"junk" * 30):
         kept.write_bytes(damaged)
@@ -50,7 +50,28 @@ def test_what_was_compiled_is_found_again_and_a_damaged_file_counts_as_absent(
     assert was_kept()
     kept.unlink()
     assert not was_kept()
-    assert list(tmp_path.iterdir()) == []
+    assert list(tmp_path.glob("*.code")) == []
+
+
+def test_folders_of_an_older_version_go_and_those_of_others_stay(tmp_path: Path) -> None:
+    old, others, unmarked, busy, now = (
+        tmp_path / f"kernels-{name}" for name in ("old", "others", "unmarked", "busy", "now")
+    )
+    for folder in (old, others, unmarked, busy, now):
+        folder.mkdir()
+        (folder / "kernel-1.code").write_bytes(b"code")
+    cache.claim(old)
+    cache.claim(busy)
+    (others / cache.OWNER).write_text("/another/prefix\n/another/package\n", encoding="utf-8")
+    # Whatever somebody else put there stays, and so does the folder.
+    (busy / "notes.txt").write_text("mine", encoding="utf-8")
+    (tmp_path / "kernels-link").symlink_to(others)
+    cache.claim(now)
+    left = {str(file.relative_to(tmp_path)) for file in tmp_path.rglob("*") if file.is_file()}
+    assert left >= {"kernels-now/kernel-1.code", "kernels-others/kernel-1.code", "kernels-unmarked/kernel-1.code"}
+    assert "kernels-busy/notes.txt" in left
+    assert not old.exists()
+    cache.claim(tmp_path / "kernels-gone")
 
 
 def test_with_nothing_to_write_to_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -84,7 +84,7 @@ if __name__ == "__main__":
 def test_the_same_after_fork_spawn_and_forkserver(tmp_path) -> None:
     file = tmp_path / "forked.py"
     file.write_text(FORKED, encoding="utf-8")
-    words = [sys.executable, "-W", "ignore", str(file), "fork", "forkserver"]
+    words = [sys.executable, "-W", "ignore", str(file), "fork", "forkserver", "spawn"]
     done = subprocess.run(words, env=environment(), capture_output=True, text=True, timeout=120, check=False)
     assert (done.returncode, done.stdout) == (0, "same\n"), done.stderr
 
