@@ -23,6 +23,9 @@ from dqreg.search import PairTable
 from dqreg.search.near_symmetry import near_flips, near_mirrors
 from dqreg.search.periods import near_periods
 
+# What is derived and goes along with a copy: a few numbers that took longer to find than a tree takes to build.
+SMALL = ("spreads", "diagonal", "near_rotations", "near_periods", "near_reflections")
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TargetIndex:
@@ -63,7 +66,8 @@ class TargetIndex:
         fitted = self.fitted
         if isinstance(built, CloudSurface) and built._all_fitted and not built.oriented:
             fitted = built.fitted
-        return {**kept, "geometry": _without_caches(self.geometry), "fitted": fitted, "visible": self.visible}
+        small = {name: self.__dict__[name] for name in SMALL if name in self.__dict__}
+        return {**kept, **small, "geometry": _without_caches(self.geometry), "fitted": fitted, "visible": self.visible}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _lock=threading.Lock(), _evened={})
