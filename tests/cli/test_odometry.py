@@ -94,6 +94,20 @@ def test_bad_input_is_one_line_and_code_2(sequence, monkeypatch, capsys, argumen
     assert len(error.splitlines()) == 1
 
 
+def test_a_view_is_open_while_it_runs_and_is_of_our_engine_alone(sequence, monkeypatch, capsys):
+    pytest.importorskip("viser")
+    from dqreg.report import live_server
+
+    servers = []
+    monkeypatch.setattr(live_server, "wait", servers.append)
+    assert run("odometry", sequence / "good.npz", "--view", "--port", 18_270, "--first", 2) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"http://127.0.0.1:{servers[0].get_port()}" in said
+    servers[0].stop()
+    assert run("odometry", sequence / "good.npz", "--view", "--engine", "kiss-icp") == 2
+    assert "--view shows our engine" in capsys.readouterr().err
+
+
 def test_help_loads_nothing_heavy():
     code = (
         "import sys; from dqreg.cli.odometry import odometry_command; "
