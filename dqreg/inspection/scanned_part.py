@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.inspection.coverage import covered
@@ -185,6 +185,11 @@ class ScannedPart:
             raise DegenerateGeometryError(
                 f"face {face.number} was not scanned: {count} points lie on it where {usual:.0f} are usual"
             )
+
+    def scanned(self) -> BoolArray:
+        """Which faces have enough points for faces that were scanned, (faces,)."""
+        usual = self._density * np.array([face.area for face in self.faces])
+        return np.asarray(self.counts() >= SCANNED * usual)
 
     def counts(self) -> IntArray:
         """Scan points on each face, (faces,)."""

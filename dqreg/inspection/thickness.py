@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry.raycasting import RayScene
 from dqreg.inspection.decision import PLACE
@@ -47,9 +47,9 @@ def wall_thickness(part: ScannedPart, face: Face) -> Thickness:
     feet, normals, values = part.deviations()
     medians, sigma = smoothed(values, part.points, part.face_of_points)
     own = own[:: -(-len(own) // PLACES)]
-    far, far_normals, lengths = _far_side(part, feet[own], normals[own])
+    far, far_normals, lengths, beyond = _far_side(part, feet[own], normals[own])
     kept = np.isfinite(lengths) & (np.einsum("ij,ij->i", far_normals, normals[own]) < -OPPOSITE)
-    own, far, far_normals, lengths = own[kept], far[kept], far_normals[kept], lengths[kept]
+    own, far, far_normals, lengths, beyond = own[kept], far[kept], far_normals[kept], lengths[kept], beyond[kept]
     if not len(own):
         raise DegenerateGeometryError(
             f"no wall lies behind face {face.number}: straight through it there is no far side"
@@ -57,7 +57,8 @@ def wall_thickness(part: ScannedPart, face: Face) -> Thickness:
     away, nearest = cKDTree(feet).query(far)
     row = np.asarray(nearest, dtype=np.int64)
     alike = np.einsum("ij,ij->i", normals[row], far_normals) > OPPOSITE
-    seen = (away <= NEAR * part.spacing) & alike
+    # Strays near a face that the scanner did not see are no measurement of it.
+    seen = (away <= NEAR * part.spacing) & alike & part.scanned()[beyond]
     if not seen.any():
         raise DegenerateGeometryError(f"the far side of the wall behind face {face.number} was not scanned")
     own, row, lengths = own[seen], row[seen], lengths[seen]
@@ -66,8 +67,10 @@ def wall_thickness(part: ScannedPart, face: Face) -> Thickness:
     return Thickness(thick, lengths, feet[own], float(np.sqrt(2.0) * sigma), max(OVERLAP * len(own) / PLACE, 2.0))
 
 
-def _far_side(part: ScannedPart, feet: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where a ray from each foot into the material leaves it: places, outward normals, lengths (infinite for none)."""
+def _far_side(
+    part: ScannedPart, feet: FloatArray, normals: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+    """Where a ray from each foot into the material leaves it: places, normals, lengths (infinite for none), faces."""
     mesh = part.mesh
     scene = RayScene(mesh.vertices, mesh.faces, mesh.centre, mesh.diagonal)
     # The ray begins below its own face: in single precision a foot may lie on either side of it.
@@ -81,4 +84,4 @@ def _far_side(part: ScannedPart, feet: FloatArray, normals: FloatArray) -> tuple
         lengths = np.einsum("ij,ij->i", corner - feet, outward) / against
     lengths = np.where(met & (against > 0.0), lengths, np.inf)
     far = feet - np.where(np.isfinite(lengths), lengths, 0.0)[:, None] * normals
-    return far, outward, lengths
+    return far, outward, lengths, part.of_triangle[np.where(met, triangles, 0)]

@@ -92,3 +92,7 @@ def test_wall_thickness_is_both_sides_together() -> None:
         measure_deviations(one[one[:, 2] > 0], PART, MeshSurface(PART), reach=2.0), plan_of(plan)
     ).characteristics
     assert "far side" in row.remark
+    # Ten points at the bottom are no far side.
+    few = np.concatenate([one[one[:, 2] > 0], one[one[:, 2] < 0][:10]])
+    (row,) = inspect(measure_deviations(few, PART, MeshSurface(PART), reach=2.0), plan_of(plan)).characteristics
+    assert "far side" in row.remark
