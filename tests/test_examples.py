@@ -16,9 +16,9 @@ from dqreg.synth import demo_case, load_case, worst_vertex_displacement
 from dqreg.synth.parts import bracket
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-# Run by hand, for their minutes.
 # Runs with a stub of ROS in tests/odometry/test_ros2_node.py.
 ELSEWHERE = {"ros2_node"}
+# Run by hand, for their minutes.
 LONG = {"verdicts", "covariances", "cramer_rao", "real_pairs", "cloud_pairs"}
 # Imported by "from_nothing".
 BESIDE = {"peers", "random_views", "kept_runs"}

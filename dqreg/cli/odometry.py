@@ -27,8 +27,12 @@ WIDTH = 120
 
 @click.command("odometry")
 @click.argument("scans", type=FILE)
-@click.option("--out", type=FILE, help="Write the trajectory (KITTI; TUM for names ending in .tum or _tum.txt).")
-@click.option("--format", "form", type=click.Choice(["kitti", "tum"]), help="Format of --out, whatever its name.")
+@click.option(
+    "--out", type=FILE, help="Write the trajectory (KITTI; TUM for names ending in .tum or _tum.txt, g2o for .g2o)."
+)
+@click.option(
+    "--format", "form", type=click.Choice(["kitti", "tum", "g2o"]), help="Format of --out, whatever its name."
+)
 @click.option("--engine", type=click.Choice(["dq", "kiss-icp"]), default="dq", show_default=True,
               help="Odometry engine.")  # fmt: skip
 @click.option("--truth", type=FILE, help="True trajectory (KITTI or TUM), to print the errors.")
@@ -208,7 +212,8 @@ def _write(
 
     if options["out"] is not None:
         poses = trip.poses if scans.calibrate is None else scans.calibrate(trip.poses)
-        form = write_trajectory(options["out"], poses, scans.times, options["form"])
+        spread = [result.covariance for result in trip.results] or None
+        form = write_trajectory(options["out"], poses, scans.times, options["form"], covariances=spread)
         missing = bridge_gaps(trip.poses)[1].tolist()
         done = "bridged" if form == "kitti" else "left out"
         gaps = f"; frames without a pose are {done}: {', '.join(map(str, missing))}" if missing else ""

@@ -15,7 +15,7 @@ from dqreg.files.atomic import write_atomically
 from dqreg.odometry.engines import TrajectoryRun
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.scans import Scans
-from dqreg.odometry.trajectory_files import form_of, read_poses, text_of
+from dqreg.odometry.trajectory_files import form_of, graph_of, read_poses, text_of
 from dqreg.registration.result import Registration
 from dqreg.rigid import Trajectory
 
@@ -41,7 +41,9 @@ def bridge_gaps(poses: Any) -> tuple[FloatArray, IntArray]:
     return bridged, missing
 
 
-def write_trajectory(path: str | Path, poses: Any, times: Any = None, form: str | None = None) -> str:
+def write_trajectory(
+    path: str | Path, poses: Any, times: Any = None, form: str | None = None, *, covariances: Any = None
+) -> str:
     r"""Write a trajectory, whole or not at all.
 
     Parameters
@@ -52,13 +54,15 @@ def write_trajectory(path: str | Path, poses: Any, times: Any = None, form: str 
         Poses T_map_frame; NaN where none was found. A `dqreg.Trajectory` brings its times.
     times : array_like, (n,), optional
         Time of each frame, seconds; the frame numbers where there are none.
-    form : {"kitti", "tum"}, optional
-        Default: TUM for names that end in ``.tum`` or ``_tum.txt``, else KITTI.
+    form : {"kitti", "tum", "g2o"}, optional
+        Default: TUM for names that end in ``.tum`` or ``_tum.txt``, g2o for ``.g2o``, else KITTI.
+    covariances : array_like, (n, 6, 6), optional
+        For g2o: of each pose, as the results of `Odometry` have them. Without, every step weighs the same.
 
     Returns
     -------
     str
-        The format. TUM leaves frames without a pose out; KITTI, which counts lines, bridges them.
+        The format. TUM and g2o leave frames without a pose out; KITTI, which counts lines, bridges them.
 
     Raises
     ------
@@ -80,6 +84,13 @@ def write_trajectory(path: str | Path, poses: Any, times: Any = None, form: str 
     stamps = np.arange(len(bridged), dtype=float) if times is None else as_float(times, "times").ravel()
     if len(stamps) != len(bridged):
         raise InputError(f"times must be one a frame; got {len(stamps)} for {len(bridged)} frames")
+    if form == "g2o":
+        placed = np.setdiff1d(np.arange(len(bridged)), missing)
+        spread = None if covariances is None else as_float(covariances, "covariances").reshape(-1, 6, 6)
+        if spread is not None and len(spread) != len(bridged):
+            raise InputError(f"covariances must be one a frame; got {len(spread)} for {len(bridged)} frames")
+        write_atomically(path, graph_of(placed, bridged[placed], None if spread is None else spread[placed]))
+        return form
     keep = np.setdiff1d(np.arange(len(bridged)), missing if form == "tum" else ())
     write_atomically(path, text_of(bridged[keep], stamps[keep], form))
     return form

@@ -1,4 +1,4 @@
-"""Trajectories on disk: KITTI (twelve numbers a line) and TUM (time, position, quaternion x y z w)."""
+"""Trajectories on disk: KITTI (twelve numbers a line), TUM (time, position, quaternion x y z w) and g2o (written)."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
 from dqreg.files.untrusted import read_record
 from dqreg.rigid import Trajectory, quaternion
 
-FORMATS = ("kitti", "tum")
+FORMATS = ("kitti", "tum", "g2o")
+# Rows and columns of a 6x6 matrix with the translation first; what is written of a motion of which nothing is known.
+SHIFT_FIRST, UNKNOWN = np.r_[3:6, 0:3], 1e-9
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
@@ -43,7 +45,10 @@ def load_trajectory(path: str | Path) -> Trajectory:
 def form_of(path: str | Path, form: str | None) -> str:
     """Format that was asked for, or that the name of a file stands for."""
     path = Path(path)
-    form = form or ("tum" if path.suffix == ".tum" or path.stem.endswith("_tum") else "kitti")
+    by_name = (
+        "tum" if path.suffix == ".tum" or path.stem.endswith("_tum") else "g2o" if path.suffix == ".g2o" else "kitti"
+    )
+    form = form or by_name
     if form not in FORMATS:
         raise InputError(f"unknown trajectory format {form!r}; known are {', '.join(FORMATS)}")
     return form
@@ -58,9 +63,39 @@ def text_of(poses: FloatArray, times: FloatArray, form: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _tum_line(time: float, T: FloatArray) -> str:
+def graph_of(numbers: IntArray, poses: FloatArray, covariances: FloatArray | None) -> str:
+    """The placed frames and the steps between them as a g2o file, as GTSAM, Ceres and Open3D read it.
+
+    Covariances are of left increments about the sensors in the map's axes, rotation first; a step is as uncertain as
+    the later frame is in the map. Shapes: numbers (n,), poses (n, 4, 4), covariances (n, 6, 6).
+    """
+    lines = [f"VERTEX_SE3:QUAT {k} {_place(T)}" for k, T in zip(numbers, poses, strict=True)]
+    lines.append(f"FIX {numbers[0]}")
+    for k in range(1, len(poses)):
+        step = np.linalg.inv(poses[k - 1]) @ poses[k]
+        information = np.eye(6) if covariances is None else _information(poses[k, :3, :3], covariances[k])
+        upper = " ".join(map(repr, information[np.triu_indices(6)].tolist()))
+        lines.append(f"EDGE_SE3:QUAT {numbers[k - 1]} {numbers[k]} {_place(step)} {upper}")
+    return "\n".join(lines) + "\n"
+
+
+def _information(R: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Information of a right increment in the sensor's axes, translation first."""
+    if not np.isfinite(covariance).all() or not covariance.any():
+        return UNKNOWN * np.eye(6)
+    axes = np.kron(np.eye(2), R)
+    found = np.asarray(np.linalg.pinv(axes.T @ covariance @ axes, hermitian=True), dtype=np.float64)
+    shifted: FloatArray = found[np.ix_(SHIFT_FIRST, SHIFT_FIRST)]
+    return shifted
+
+
+def _place(T: FloatArray) -> str:
     w, x, y, z = quaternion.from_matrix(T[:3, :3]).tolist()
-    return " ".join([f"{time:.9f}", *map(repr, [*T[:3, 3].tolist(), x, y, z, w])])
+    return " ".join(map(repr, [*T[:3, 3].tolist(), x, y, z, w]))
+
+
+def _tum_line(time: float, T: FloatArray) -> str:
+    return f"{time:.9f} {_place(T)}"
 
 
 def read_poses(path: str | Path) -> tuple[FloatArray, FloatArray | None]:

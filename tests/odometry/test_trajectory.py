@@ -117,6 +117,28 @@ def test_a_straight_path_has_an_error_where_the_alignment_is_not_unique():
         assert errors.evo_ape_rmse == errors.absolute_rmse
 
 
+def test_g2o_holds_the_placed_frames_and_the_weight_of_each_step(tmp_path):
+    poses = walk(5)
+    poses[2] = np.nan
+    covariances = np.tile(np.diag([1.0, 4.0, 9.0, 16.0, 25.0, 36.0]), (5, 1, 1))
+    assert write_trajectory(tmp_path / "a.g2o", poses, covariances=covariances) == "g2o"
+    lines = [line.split() for line in (tmp_path / "a.g2o").read_text().splitlines()]
+    assert [line[1] for line in lines if line[0] == "VERTEX_SE3:QUAT"] == ["0", "1", "3", "4"]
+    edges = [line for line in lines if line[0] == "EDGE_SE3:QUAT"]
+    assert [line[1:3] for line in edges] == [["0", "1"], ["1", "3"], ["3", "4"]]
+    information = np.zeros((6, 6))
+    information[np.triu_indices(6)] = np.array(edges[-1][10:], dtype=float)
+    information += np.triu(information, 1).T
+    # By hand: translation first, in the axes of the sensor.
+    R = poses[4, :3, :3]
+    np.testing.assert_allclose(information[:3, :3], R.T @ np.diag(1.0 / np.array([16.0, 25.0, 36.0])) @ R, atol=1e-12)
+    gtsam = pytest.importorskip("gtsam")
+    graph, values = gtsam.readG2o(str(tmp_path / "a.g2o"), True)
+    assert (graph.size(), values.size()) == (3, 4)
+    with pytest.raises(InputError, match="one a frame"):
+        write_trajectory(tmp_path / "a.g2o", poses, covariances=covariances[:3])
+
+
 def test_lost_frames_are_counted():
     truth = walk(12)
     poses = truth.copy()
