@@ -199,3 +199,16 @@ def test_what_the_part_cannot_answer_is_named(tmp_path: Path) -> None:
     (tmp_path / "bad.toml").write_text("a = [", encoding="utf-8")
     with pytest.raises(InputError, match="is no TOML"):
         read_plan(tmp_path / "bad.toml")
+
+
+def test_facets_of_a_hole_are_no_deviation() -> None:
+    hole = FACES[HOLE].feature
+    assert hole is not None
+    turn, height = np.random.default_rng(0).uniform(0.0, 1.0, (2, 2_000)) * [[2.0 * np.pi], [10.0]]
+    points = hole.point * [1, 1, 0] + np.column_stack([8.0 * np.cos(turn), 8.0 * np.sin(turn), height])
+    scan = measure_deviations(points, PART, MeshSurface(PART), reach=2.0)
+    plan = {"characteristic": [{"name": "hole", "kind": "profile", "face": HOLE, "tolerance": 0.01}]}
+    (row,) = inspect(scan, plan_of(plan)).characteristics
+    # The facets lie up to 8 (1 - cos(pi / 48)) = 0.017 inside: a profile of 0.034 from them.
+    assert np.abs(scan.values).max() > 0.015
+    assert row.value < 1e-5
