@@ -28,10 +28,12 @@ def second_pose(fit: Fit) -> tuple[float, float]:
     surface, scan = fit.prepared.surface, fit.prepared.scan
     if not fit.found or fit.is_late or not isinstance(surface, MeshSurface):
         return 0.0, 0.0
-    size = surface.diagonal
+    size, within = surface.diagonal, ON * fit.run.mixture.scale
+    if within <= ON_TARGET * size and fit.agreement.share_on >= 1.0 - SHARE and not fit.has_border:
+        return 0.0, 0.0
+    within = min(within, ON_TARGET * size)
     points = scan.points[sample_rows(len(scan), LOOKED_AT)]
     distances = surface.closest(pose.apply(fit.T_target_source, points)).distances
-    within = min(ON * fit.run.mixture.scale, ON_TARGET * size)
     beside = points[(distances > within) & (distances <= NEAR * size)]
     if len(beside) < max(FEWEST, SHARE * len(points)):
         return 0.0, 0.0

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
+from dqreg.geometry.normals import sample_rows
 from dqreg.registration.assess import evidence_of, uncertainty_of
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose
@@ -35,8 +36,8 @@ MEANT_RAD, MEANT = np.deg2rad(40.0), 0.25
 AS_WELL, ERRORS, ROUNDING = 0.02, 3.0, 5e-4
 # A pose this near to a symmetric copy of another one, in radians and sizes, is that copy.
 COPY = 2e-3
-# A scan whose inliers spread less than this share of the target's spread shows a detail of it.
-PARTIAL = 0.6
+# A scan whose inliers spread less than this share of the target's spread shows a detail of it; points that tell.
+PARTIAL, SPREAD = 0.6, 2_000
 # Poses of a search that are refined.
 TRIED = 8
 # Points that tell whether an initial pose is near.
@@ -91,7 +92,10 @@ def is_partial(fit: Fit) -> bool:
     """Whether the scan shows so little of the target that it may fit elsewhere, where no near symmetry leads to."""
     if not fit.found:
         return False
-    points, weights = fit.run.pairs.moved, fit.run.weights
+    rows = sample_rows(len(fit.run.weights), SPREAD)
+    points, weights = fit.run.pairs.moved[rows], fit.run.weights[rows]
+    if not weights.any():
+        return False
     values = np.linalg.eigvalsh(np.cov(points.T, aweights=weights, ddof=0))
     whole = float((fit.problem.target.spreads**2).sum())
     return bool(
