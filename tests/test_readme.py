@@ -39,7 +39,7 @@ def test_command_lines_parse(line):
 
     from dqreg.cli.lazy_group import cli
 
-    words = shlex.split(line)
+    words = shlex.split(line, comments=True)
     assert words[0] == "dqreg"
     command = cli.get_command(click.Context(cli), words[1])
     assert command is not None
