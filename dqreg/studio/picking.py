@@ -19,6 +19,8 @@ from dqreg.studio.visit import Cut
 
 # Points that make a surface, and their share of the most at any depth; how deep it may lie, in radii of what is near.
 TOGETHER, MANY, DEEP = 3, 0.15, 2.0
+# Points nearest to the pointer, of which the one of middle depth is meant.
+AMONG = 5
 STAND = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
@@ -99,8 +101,12 @@ def _nearest(points: FloatArray, axes: FloatArray, shift: FloatArray, look: Look
     depth = np.sort(seen[near, 2])[::-1]
     together = np.searchsorted(-depth, DEEP * look.radius - depth, side="right") - np.arange(len(depth))
     front = depth[np.argmax(together >= max(min(TOGETHER, len(depth)), MANY * together.max()))]
-    surface = near[(seen[near, 2] <= front) & (seen[near, 2] >= front - DEEP * look.radius)]
-    found: list[float] = points[surface[np.argmin(off[surface])]].tolist()
+    window = DEEP * look.radius
+    middle = np.median(depth[(depth <= front) & (depth >= front - window)])
+    surface = near[np.abs(seen[near, 2] - middle) <= window]
+    # Of the few that are nearest to the pointer the one in the middle: a stray close to the surface is none either.
+    nearest = surface[np.argsort(off[surface])[:AMONG]]
+    found: list[float] = points[nearest[np.argsort(seen[nearest, 2])[len(nearest) // 2]]].tolist()
     return found
 
 
