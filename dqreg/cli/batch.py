@@ -89,18 +89,16 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
     fails or is undecided, 130 or 143 stopped by a signal.
     """
     from dqreg.registration.batch import Asked, Defaults, Workers, read_manifest, run_batch
-    from dqreg.registration.batch.manifest import columns_inspect
     from dqreg.report.work_bar import WorkBar
 
     console, shown = consoles(quiet=quiet, as_json=as_json)
     with PoliteSignals() as stop:
         workers = Workers(*(options[name] for name in ("workers", "scheduler", "threads", "timeout")))
-        inspects = options["plan"] is not None or options["tolerance"] is not None
         asked = Asked(
             None if options["plan"] is None else options["plan"].absolute(),
             options["tolerance"],
             options["required"] / 100.0,
-            report=options["reports"] and (inspects or columns_inspect(manifest)),
+            report=options["reports"],
             head=tuple(read_head(options["head"]).items()),
         )
         shared = {name: options[name] for name in SHARED if options[name] is not None}

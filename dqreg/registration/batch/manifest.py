@@ -8,7 +8,6 @@ import inspect
 import io
 import math
 import os
-import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -144,17 +143,6 @@ def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None
     return tuple(rows)
 
 
-def columns_inspect(path: Path) -> bool:
-    """Whether the rows of a manifest say themselves how their parts are inspected."""
-    try:
-        with path.open(encoding="utf-8-sig") as stream:
-            return bool(
-                {"plan", "tolerance"} & {word.strip(' "').lower() for word in re.split("[,;\t\n]", stream.readline())}
-            )
-    except (OSError, UnicodeDecodeError):
-        return False
-
-
 def _of_csv(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     """Line number and cells by column, of every line that is not empty."""
     text = read_record(path, "a CSV manifest or a folder of scans")
@@ -247,6 +235,8 @@ def _asked(values: Mapping[str, str], base: Path, default: Asked) -> Asked:
         own["required_share"] = _positive("required", values["required"]) / 100.0
     head = {**dict(default.head), **{name: values[name] for name in HEAD if values.get(name)}}
     asked = dataclasses.replace(default, head=tuple(head.items()), **own)
+    # A part that is not inspected needs no page.
+    asked = dataclasses.replace(asked, report=asked.report and asked.inspects)
     if asked.plan is not None:
         read_plan(asked.plan)
     return asked
