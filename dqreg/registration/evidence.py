@@ -153,7 +153,8 @@ def _strain(pairs: Correspondences, counted: BoolArray, *, clutter: bool, sparse
 
 def _normals_apart(pairs: Correspondences, on: BoolArray, surface: Surface, found: float) -> float:
     """Share of the inliers whose normals disagree; where they are many, asked of what their neighbours would show."""
-    if found <= NORMALS_APART or isinstance(surface, CloudSurface):
+    # Normals that were given are witnesses themselves.
+    if found <= NORMALS_APART or pairs.scan.oriented or isinstance(surface, CloudSurface):
         return found
     again = share_apart(pairs.moved, pairs.closest.points, pairs.closest.normals, on)
     return min(found, again) if np.isfinite(again) else found
