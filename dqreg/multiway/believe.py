@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.multiway.confirm import Confirmation, confirm, joined_by
 from dqreg.multiway.edges import PART, Edge, EdgeCode, graph_of
 from dqreg.multiway.graph import PoseGraph, solve_graph
 from dqreg.multiway.loops import BLUNT, BLUNT_RAD, LIMIT, Loops, covariances_of, find_loops
@@ -28,6 +29,7 @@ class Belief:
     anchor: int  # Node whose pose was held
     loops: Loops  # Among the edges that have a pose
     rows: IntArray  # (m,): Numbers of those edges, in the order that the loops count them
+    confirmed: BoolArray  # (m,): Whether a closing loop, of three or more, confirms them
 
 
 def believe(edges: Sequence[Edge], count: int, anchor: int, size: float, floor: float, T_anchor: FloatArray) -> Belief:
@@ -41,12 +43,12 @@ def believe(edges: Sequence[Edge], count: int, anchor: int, size: float, floor: 
     graph = graph_of([edges[k] for k in rows], count)
     loops = find_loops(graph, size, floor)
     accepted = np.array([edges[k].level == "accepted" for k in rows], dtype=bool)
-    closing, failing = (loops.counts(part, len(rows)) for part in (loops.closes, loops.fails))
-    candidate = accepted | (closing > 0)
-    informations = np.asarray(np.linalg.inv(covariances_of(graph, size, floor)), dtype=np.float64)
-    gated = dataclasses.replace(graph, information=informations)
-    order = _by_trust(gated, accepted, closing, failing)
-    T, kept = _inliers(gated, order[candidate[order]], count)
+    covariances = covariances_of(graph, size, floor)
+    told = confirm(graph, covariances, loops, accepted, size)
+    candidate = accepted | told.confirmed | (loops.counts(loops.closes, len(rows)) > 0)
+    gated = dataclasses.replace(graph, information=np.asarray(np.linalg.inv(covariances), dtype=np.float64))
+    order = np.lexsort((-np.linalg.slogdet(gated.information)[1], -told.trust, told.refuted, ~told.confirmed))
+    T, kept = _inliers(gated, order[candidate[order]], told)
     for row, k in enumerate(rows):
         if not candidate[row]:
             continue
@@ -67,7 +69,7 @@ def believe(edges: Sequence[Edge], count: int, anchor: int, size: float, floor: 
         if code in ("used", "confirmed") and not placed[edge.source]:
             code = "elsewhere"
         judged.append(dataclasses.replace(edge, code=code, used=code in ("used", "confirmed"), chi2=float(chi2[k])))
-    return Belief(tuple(judged), final, island[:count], PART if node == count else node, loops, rows)
+    return Belief(tuple(judged), final, island[:count], PART if node == count else node, loops, rows, told.confirmed)
 
 
 def _first_look(edge: Edge, size: float) -> EdgeCode:
@@ -85,21 +87,33 @@ def _first_look(edge: Edge, size: float) -> EdgeCode:
     return "unconfirmed"
 
 
-def _by_trust(graph: PoseGraph, accepted: BoolArray, closing: IntArray, failing: IntArray) -> IntArray:
-    """Rows of the edges, the most trusted first."""
-    sigma = np.linalg.slogdet(graph.information)[1] if len(accepted) else np.zeros(0)
-    return np.lexsort((-sigma, failing - closing, ~accepted, (closing == 0) & (failing > 0)))
+def _inliers(graph: PoseGraph, order: IntArray, told: Confirmation) -> tuple[FloatArray, BoolArray]:
+    """Poses and edges that agree with them: from the tree of the most trusted edges by graduated non-convexity.
 
-
-def _inliers(graph: PoseGraph, order: IntArray, count: int) -> tuple[FloatArray, BoolArray]:
-    """Poses and edges that agree with them: from the tree of the most trusted edges by graduated non-convexity."""
-    T = _along_tree(graph, order)
+    Refuted edges shape the poses only where nothing else joins the scans.
+    """
+    tree = joined_by(graph, order)
+    T = _along_tree(graph, tree)
     kept = np.zeros(len(graph.targets), dtype=bool)
     if not len(order):
         return T, kept
     part = graph.part(order)
-    free = np.arange(graph.count)[np.isin(np.arange(graph.count), np.r_[part.targets, part.sources])]
-    free = _without_roots(part, free)
+    free = _without_roots(part, np.unique(np.r_[part.targets, part.sources]))
+    asked = ~told.refuted[order] | np.isin(order, tree)
+    T = _graduated(graph.part(order[asked]), T, free)
+    inside = part.chi2(T) <= LIMIT
+    T = solve_graph(part, T, free, np.where(inside, 1.0, 1e-9))
+    # An edge much sharper than its neighbours lies outside until it takes part: loops have confirmed it.
+    more = inside | told.confirmed[order]
+    if (more & ~inside).any():
+        trial = solve_graph(part, T, free, np.where(more, 1.0, 1e-9))
+        T = trial if (part.chi2(trial)[more] <= LIMIT).all() else T
+    kept[order[part.chi2(T) <= LIMIT]] = True
+    return T, kept
+
+
+def _graduated(part: PoseGraph, T: FloatArray, free: IntArray) -> FloatArray:
+    """Poses by graduated non-convexity."""
     chi2 = part.chi2(T)
     worst = float(chi2.max())
     mu = LIMIT / max(2.0 * worst - LIMIT, 1e-9 * LIMIT)
@@ -111,10 +125,7 @@ def _inliers(graph: PoseGraph, order: IntArray, count: int) -> tuple[FloatArray,
         mu *= FACTOR
         if ((weights < 1e-6) | (weights > 1.0 - 1e-6)).all():
             break
-    inside = chi2 <= LIMIT
-    T = solve_graph(part, T, free, np.where(inside, 1.0, 1e-9))
-    kept[order[part.chi2(T) <= LIMIT]] = True
-    return T, kept
+    return T
 
 
 def _truncated(chi2: FloatArray, mu: float) -> FloatArray:
@@ -124,24 +135,13 @@ def _truncated(chi2: FloatArray, mu: float) -> FloatArray:
     return np.where(chi2 <= low, 1.0, np.where(chi2 >= high, 0.0, np.clip(middle, 0.0, 1.0)))
 
 
-def _along_tree(graph: PoseGraph, order: IntArray) -> FloatArray:
-    """Poses along the spanning trees of the most trusted edges (Kruskal); each tree from its lowest node."""
+def _along_tree(graph: PoseGraph, tree: IntArray) -> FloatArray:
+    """Poses along spanning trees; each tree from its lowest node."""
     near: dict[int, list[tuple[int, FloatArray]]] = {k: [] for k in range(graph.count)}
-    group = list(range(graph.count))
-
-    def root(k: int) -> int:
-        while group[k] != k:
-            group[k] = group[group[k]]
-            k = group[k]
-        return k
-
-    for row in order:
+    for row in tree:
         i, j = int(graph.targets[row]), int(graph.sources[row])
-        a, b = root(i), root(j)
-        if a != b:
-            group[max(a, b)] = min(a, b)
-            near[i].append((j, graph.measured[row]))
-            near[j].append((i, pose.inverse(graph.measured[row])))
+        near[i].append((j, graph.measured[row]))
+        near[j].append((i, pose.inverse(graph.measured[row])))
     T = np.tile(np.eye(4), (graph.count, 1, 1))
     seen = set()
     for first in range(graph.count):

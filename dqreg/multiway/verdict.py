@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Literal
 
 import numpy as np
+import scipy.sparse as sparse
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.multiway.believe import Belief
@@ -37,7 +38,7 @@ def judge_scans(
     usable = [k for k, view in enumerate(views) if view.usable]
     placed = [k for k in usable if np.isfinite(T_world_scan[k]).all()]
     joined = len(placed) > 1 or (belief.anchor == PART and bool(placed))
-    doubts = [*_unplaced(views, belief, placed), *_weak(views, belief, placed)]
+    doubts = [*_unplaced(views, belief, placed), *_weak(views, belief, placed), *_unconfirmed(views, belief, placed)]
     doubts += _uncertain(views, placed, covariances, size) if joined else ()
     doubts += _contradicted(views, against)
     if stopped:
@@ -106,6 +107,25 @@ def _weak(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> Itera
             f"{named(views, ambiguous)}: each pair has other poses that are equally likely (a symmetric part, or too "
             "little shape in the overlap)",
             "alternative_poses",
+        )
+
+
+def _unconfirmed(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> Iterator[Reason]:
+    """Edges on which the poses rest though no closing loop confirms them: more than two scans, and a single thread."""
+    rows = [row for row, sure in zip(belief.rows.tolist(), belief.confirmed, strict=True) if sure]
+    count = len(views)
+    ends = np.array([(e.target % (count + 1), e.source) for e in (belief.edges[row] for row in rows) if e.used])
+    ends = ends.reshape(-1, 2).astype(np.int64)
+    links = sparse.coo_matrix((np.ones(len(ends)), tuple(ends.T)), shape=(count + 1, count + 1))
+    _, group = sparse.csgraph.connected_components(links, directed=False)
+    single = [edge for edge in belief.edges if edge.used and group[edge.target] != group[edge.source]]
+    if single and len(placed) + (belief.anchor == PART) > 2:
+        words = ", ".join(f"{name_of(views, e.target)} - {name_of(views, e.source)}" for e in single[:NAMED])
+        more = f" and {len(single) - NAMED} more" if len(single) > NAMED else ""
+        yield Reason(
+            f"{words}{more}: no closing loop confirms these pairs, and nothing else joins their scans: scan more "
+            "overlap there",
+            "unconfirmed_edge",
         )
 
 

@@ -56,6 +56,7 @@ Code = Literal[
     "scan_left_out",
     "islands",
     "unconfirmed_scan",
+    "unconfirmed_edge",
     "duplicate_scan",
     "contradicting_edge",
     "opposite_sides",

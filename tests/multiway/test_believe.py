@@ -6,7 +6,10 @@ import pytest
 from dqreg.multiway.believe import Belief, believe
 from dqreg.multiway.edges import Edge
 from dqreg.multiway.loops import LIMIT
+from dqreg.multiway.scans import View
+from dqreg.multiway.verdict import judge_scans
 from dqreg.rigid import pose
+from dqreg.trust.records import Verdict
 from tests.multiway.edges_of_truth import edges_of, registration, world
 
 SIGMA = 1e-3
@@ -80,3 +83,54 @@ def test_the_limit_is_the_chi_square_that_one_in_a_thousand_exceeds() -> None:
     from scipy.stats import chi2
 
     assert chi2.sf(LIMIT, 6) == pytest.approx(1e-3, rel=1e-2)
+
+
+def ring(count: int, reach: int) -> list[tuple[int, int]]:
+    """Pairs of a ring, each scan with so many neighbours to either side."""
+    return sorted(
+        {(min(i, j), max(i, j)) for i in range(count) for j in ((i + d) % count for d in range(1, reach + 1))}
+    )
+
+
+@pytest.mark.parametrize(("count", "reach", "seed"), [(20, 2, 0), (24, 3, 1), (24, 3, 2), (12, 5, 3)])
+def test_what_confirmed_edges_hold_together_is_right_however_dense_the_graph(count: int, reach: int, seed: int) -> None:
+    # The truth is what the edges were made of; errors are drawn from their covariances.
+    T, pairs, rng = world(count, seed), ring(count, reach), np.random.default_rng(seed)
+    wrong = frozenset(pairs[k] for k in rng.choice(len(pairs), round(0.3 * len(pairs)), replace=False))
+    belief = judged(edges_of(T, pairs, SIGMA, seed=seed, wrong=wrong), count)
+    sure = {(belief.edges[row].target, belief.edges[row].source) for row in belief.rows[belief.confirmed]}
+    assert not sure & wrong
+    for i, j in sorted(sure):
+        relative = pose.inverse(belief.T_world_scan[i]) @ belief.T_world_scan[j]
+        apart = pose.log(relative @ pose.inverse(pose.inverse(T[i]) @ T[j]))
+        # Centres of the edges lie some units away: a few standard deviations with their lever.
+        assert np.abs(apart).max() < 20 * SIGMA
+    # Both ends of what is wrong and used hang on nothing else: the verdict has a reason.
+    used = {(edge.target, edge.source) for edge in belief.edges if edge.used}
+    told = {reason.code for reason in judge_edges(belief, count).reasons}
+    assert not used & wrong or "unconfirmed_edge" in told
+
+
+def judge_edges(belief: Belief, count: int) -> Verdict:
+    views = [View(str(k)) for k in range(count)]
+    covariances = np.zeros((count, 6, 6))
+    return judge_scans(views, belief, belief.T_world_scan[:count], covariances, 2.0, converged=True, stopped="")
+
+
+def test_scans_that_hang_on_a_single_edge_are_not_accepted() -> None:
+    pairs = [(0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5)]
+    for wrong in (frozenset[tuple[int, int]](), frozenset({(2, 3)})):
+        belief = judged(edges_of(world(6, seed=9), [*pairs, (2, 3)], SIGMA, seed=9, wrong=wrong), 6)
+        verdict = judge_edges(belief, 6)
+        assert verdict.level == "suspect"
+        assert verdict.codes == ("unconfirmed_edge",)
+        assert "2 - 3" in verdict.reasons[0]
+    belief = judged(edges_of(world(6, seed=9), [*pairs, (2, 3), (1, 4)], SIGMA, seed=9), 6)
+    assert judge_edges(belief, 6).level == "accepted"
+
+
+def test_a_loop_longer_than_three_confirms_its_edges() -> None:
+    edges = edges_of(world(6, seed=2), ring(6, 1), SIGMA, seed=2)
+    assert judged(edges, 6).confirmed.all()
+    edges = edges_of(world(6, seed=2), ring(6, 1), SIGMA, seed=2, wrong=frozenset({(2, 3)}))
+    assert not judged(edges, 6).confirmed.any()
