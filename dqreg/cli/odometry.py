@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from dqreg._arrays import FloatArray
     from dqreg.odometry.engines import TrajectoryRun
     from dqreg.odometry.live import LiveMap
+    from dqreg.odometry.motion import MotionPrior
     from dqreg.odometry.scans import Scans
 
 FILE = click.Path(path_type=Path)
@@ -41,6 +43,7 @@ WIDTH = 120
 @click.option("--plot", type=FILE, help="Plot the path, the errors and the uncertainty (.png, .svg, .pdf).")
 @click.option("--times", type=FILE, help="Timestamps, one line for each frame  [default: times.txt beside the scans].")
 @click.option("--topic", help="Topic of the clouds in a bag that has several.")
+@click.option("--motion", help="Topic of the bag that predicts the motion: wheels (Odometry) or a gyroscope (Imu).")
 @click.option("--loader", help="One of KISS-ICP's data loaders: kitti, mulran, ncd, ...")
 @click.option("--sequence", help="Sequence for the loader.")
 @click.option("--first", type=int, metavar="N", help="Run the first N frames only.")
@@ -67,7 +70,7 @@ def odometry_command(scans: Path, **options: Any) -> int:
     \b
     dqreg odometry my_scans --out poses.txt
     dqreg odometry my_scans --truth truth.txt --plot run.png --frames frames.csv
-    dqreg odometry my.bag --topic /points --out poses.tum
+    dqreg odometry my.bag --topic /points --motion /odom --out poses.tum
     dqreg odometry my_scans --truth truth.txt --compare
     dqreg odometry my_scans --view
     dqreg odometry my_scans --json | jq '.frames[] | select(.level != "accepted")'
@@ -91,9 +94,11 @@ def odometry_command(scans: Path, **options: Any) -> int:
     )
     truth = _truth(options["truth"], data)
     alone = not options["compare"]
+    motion = _motion(console, scans, data, options)
     view = _live(console, options)
     show = None if view is None else view.show
-    trips = [_run(shown, options["engine"], data, settings, show)] if alone else _compare(shown, data, settings, show)
+    ours = functools.partial(_run, shown, options["engine"] if alone else "dq", data, settings, show, motion)
+    trips = [ours()] if alone else [*_compare(shown, data, settings), ours()]
     _show(console, trips, truth)
     main = trips[-1]
     _write(console, main, data, truth, options)
@@ -126,6 +131,21 @@ def _live(console: Console, options: dict[str, Any]) -> LiveMap | None:
     return view
 
 
+def _motion(console: Console, path: Path, scans: Scans, options: dict[str, Any]) -> MotionPrior | None:
+    """The motion that another topic of the bag tells."""
+    from dqreg.errors import InputError
+
+    if options["motion"] is None:
+        return None
+    if options["engine"] != "dq" and not options["compare"]:
+        raise InputError(f"--motion guides our engine, and --engine {options['engine']} was asked for: leave one out")
+    from dqreg.odometry.motion_topics import open_motion
+
+    prior = open_motion(path, options["motion"], scans, options["topic"])
+    say(console, prior.words)
+    return prior
+
+
 def _first(scans: Scans, count: int | None) -> Scans:
     import dataclasses
 
@@ -152,7 +172,12 @@ def _truth(file: Path | None, scans: Scans) -> FloatArray | None:
 
 
 def _run(
-    console: Console, engine: str, scans: Scans, settings: Any, show: Callable[..., object] | None = None
+    console: Console,
+    engine: str,
+    scans: Scans,
+    settings: Any,
+    show: Callable[..., object] | None = None,
+    motion: MotionPrior | None = None,
 ) -> TrajectoryRun:
     from dqreg.odometry.engines import KissEngine, run_engine, run_ours
     from dqreg.report.work_bar import WorkBar
@@ -160,14 +185,13 @@ def _run(
     with WorkBar(console) as bar:
         step = bar.steps(len(scans), engine)
         if engine == "dq":
-            return run_ours(scans, settings, step, show)
+            return run_ours(scans, settings, step, show, motion)
         kiss = KissEngine(settings.max_range or 100.0, settings.voxel_size, settings.deskew)
         return run_engine("KISS-ICP", kiss, scans, step)
 
 
-def _compare(
-    console: Console, scans: Scans, settings: Any, show: Callable[..., object] | None = None
-) -> list[TrajectoryRun]:
+def _compare(console: Console, scans: Scans, settings: Any) -> list[TrajectoryRun]:
+    """The other engines."""
     from dqreg.errors import MissingDependencyError
     from dqreg.odometry.engines import peers, run_engine
     from dqreg.odometry.frame import read_frame
@@ -182,7 +206,7 @@ def _compare(
             continue
         with WorkBar(console) as bar:
             trips.append(run_engine(name, engine, scans, bar.steps(len(scans), name)))
-    return [*trips, _run(console, "dq", scans, settings, show)]
+    return trips
 
 
 def _show(console: Console, trips: list[TrajectoryRun], truth: FloatArray | None) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,6 +13,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError, load_package
 from dqreg.odometry.frame import read_frame
 from dqreg.odometry.kiss import load_kiss, rigid
+from dqreg.odometry.motion import MotionGuide, MotionPrior
 from dqreg.odometry.odometry import Odometry
 from dqreg.odometry.scans import FrameData, Scans
 from dqreg.odometry.settings import OdometrySettings
@@ -92,15 +93,18 @@ def run_ours(
     settings: OdometrySettings,
     tell: Callable[[int, Registration], object] | None = None,
     show: Callable[[FloatArray, Registration], object] | None = None,
+    motion: MotionPrior | None = None,
 ) -> TrajectoryRun:
     """Run our odometry over a sequence; a frame that cannot be read fails alone."""
-    odometry = Odometry(settings)
+    odometry, guide = Odometry(settings), None if motion is None else MotionGuide(motion)
     results: list[Registration] = []
     for number in range(len(scans)):
         data = scans[number]
         stamp = None if scans.times is None else float(scans.times[number])
-        result = _registered(odometry, data, stamp)
+        result = _registered(odometry, data, stamp, {} if guide is None else guide.options(stamp))
         results.append(result)
+        if guide is not None:
+            guide.learn(result, odometry.last_pose, stamp)
         if show is not None:
             show(data.points, result)
         if tell is not None:
@@ -108,7 +112,9 @@ def run_ours(
     return TrajectoryRun("dqreg", odometry.poses, tuple(results), np.array([r.timings["total"] for r in results]))
 
 
-def _registered(odometry: Odometry, data: FrameData, stamp: float | None) -> Registration:
+def _registered(
+    odometry: Odometry, data: FrameData, stamp: float | None, prediction: Mapping[str, Any]
+) -> Registration:
     timestamps: FloatArray | None = data.timestamps
     mismatch: tuple[Reason, ...] = ()
     if timestamps is not None and len(timestamps) != len(data.points):
@@ -116,7 +122,7 @@ def _registered(odometry: Odometry, data: FrameData, stamp: float | None) -> Reg
         words = f"{len(timestamps)} times for {len(data.points)} points: not used"
         mismatch = (Reason(words, "not_deskewed"),)
         timestamps = None
-    result = odometry.register_frame(data.points, timestamps, stamp=stamp)
+    result = odometry.register_frame(data.points, timestamps, stamp=stamp, **prediction)
     problem = (Reason(data.problem, "unreadable"),) if data.problem else ()
     reasons = (*problem, *mismatch, *result.verdict.reasons) if problem else (*result.verdict.reasons, *mismatch)
     return dataclasses.replace(result, verdict=Verdict(result.verdict.level, reasons))
