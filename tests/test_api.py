@@ -18,6 +18,8 @@ ROOMS = [
     "dqreg.synth",
     "dqreg.trust",
 ]
+# Names of rooms whose others are not promised yet.
+SINGLE = [("dqreg.odometry", "deskew")]
 # How to write the file anew, once the change is meant and the changelog says so.
 REMEDY = "a public name or signature changed; if that is meant, run: python -m tests.test_api"
 
@@ -62,6 +64,8 @@ def public_api() -> str:
             # The odometry stands on a package that need not be there.
             if name not in ("Odometry", "solvers"):
                 lines.update(lines_of(f"{room}.{name}", getattr(module, name)))
+    for room, name in SINGLE:
+        lines.update(lines_of(f"{room}.{name}", getattr(importlib.import_module(room), name)))
     return "".join(f"{line}\n" for line in sorted(lines))
 
 

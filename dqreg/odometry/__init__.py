@@ -6,6 +6,7 @@ are KISS-ICP's own (package ``kiss-icp``); the pose is found by the steps of `dq
 
 from __future__ import annotations
 
+from dqreg.odometry.deskewing import deskew
 from dqreg.odometry.evaluation import Errors, evaluate, nees
 from dqreg.odometry.odometry import Odometry
 from dqreg.odometry.settings import OdometrySettings
@@ -17,6 +18,7 @@ __all__ = [
     "Odometry",
     "OdometrySettings",
     "bridge_gaps",
+    "deskew",
     "evaluate",
     "load_trajectory",
     "nees",

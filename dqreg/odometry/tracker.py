@@ -11,7 +11,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import MapLink, first_frame, frame_result, without_pose
-from dqreg.odometry.deskew import Deskewed
+from dqreg.odometry.deskewing import Deskewed
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.map_surface import MapSurface, surface_within
