@@ -123,6 +123,20 @@ def test_bad_input_is_named(scans: Any, options: dict[str, Any], named: str) -> 
         dqreg.register_many(scans, **options)
 
 
+def test_scans_may_be_objects_of_other_libraries() -> None:
+    # All in float64, so the answer is that of the arrays to the last bit.
+    scans, truth = views_of_a_part(2)
+    options: dict[str, Any] = {"starts": truth, "effort": "fast", "workers": 1}
+    plain = dqreg.register_many(scans, **options)
+    rows = np.zeros(len(scans[0]), dtype=[("intensity", "f4"), *((axis, "f8") for axis in "xyz")])
+    for axis, column in zip("xyz", scans[0].T, strict=True):
+        rows[axis] = column
+    message = dqreg.PointCloud(scans[1]).to_pointcloud2("lidar", 0.0, "float64")
+    result = dqreg.register_many([rows, message], **options)
+    assert plain.placed == (0, 1)
+    np.testing.assert_array_equal(result.T_world_scan, plain.T_world_scan)
+
+
 def test_what_cannot_be_used_is_left_out_and_the_rest_is_placed() -> None:
     scans, truth = views_of_a_part(2)
     odd = [scans[0], np.full((5, 3), np.nan), scans[1], scans[0].copy()]
