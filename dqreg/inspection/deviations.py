@@ -6,16 +6,18 @@ import dataclasses
 import math
 import os
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, one_line
 from dqreg.errors import InputError
+from dqreg.geometry import exports
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 from dqreg.inspection.deviation_files import require_suffix, write_array, write_coloured, write_table
 from dqreg.inspection.membership import ON_PART, Counts, Flags, by_reach, counts_of
-from dqreg.inspection.statistics import Bands, Place, Summary, bands_of, summary_of, worst_places
+from dqreg.inspection.statistics import Bands, Place, Summary, bands_of, require_length, summary_of, worst_places
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,8 +85,8 @@ class Deviations:
 
     def __post_init__(self) -> None:
         if self.tolerance is not None:
-            _require_length(self.tolerance, "tolerance")
-        _require_length(self.reach, "reach", or_infinite=True)
+            require_length(self.tolerance, "tolerance")
+        require_length(self.reach, "reach", or_infinite=True)
         if len(self.flags) != len(self.values):
             object.__setattr__(self, "flags", by_reach(self.values, self.reach))
 
@@ -212,7 +214,7 @@ class Deviations:
             If the distance is no length above 0.
         """
         if apart is not None:
-            _require_length(apart, "apart")
+            require_length(apart, "apart")
         near = np.flatnonzero(self.counted)
         # Places are sought near the origin, where squares of coordinates keep their digits.
         feet = self.closest[near] - self.origin
@@ -240,7 +242,7 @@ class Deviations:
             If the suffix is another one, or the file cannot be written.
         """
         if limit is not None:
-            _require_length(limit, "limit")
+            require_length(limit, "limit")
         suffix = require_suffix(path)
         if suffix == ".npy":
             write_array(path, self.values)
@@ -262,6 +264,21 @@ class Deviations:
                 units=self.units,
             )
 
+    def to_pyvista(self) -> Any:
+        """The scan under its pose as PyVista's PolyData, with its deviations.
+
+        Returns
+        -------
+        pyvista.PolyData
+            A copy; ``point_data`` has ``deviation``, target units, and ``flags``.
+
+        Raises
+        ------
+        MissingDependencyError
+            If PyVista is not installed.
+        """
+        return exports.to_pyvista(self.points, None, {"deviation": self.values, "flags": self.flags})
+
     def _colour_limit(self) -> float:
         # The tolerance, else the 95 % of the absolute deviations that count.
         limit = self.tolerance or self.summary().p95
@@ -272,14 +289,5 @@ class Deviations:
         # A tolerance that was asked for, else the record's own.
         if given is None:
             return self.tolerance
-        _require_length(given, "tolerance")
+        require_length(given, "tolerance")
         return float(given)
-
-
-def _require_length(value: float, name: str, or_infinite: bool = False) -> None:
-    try:
-        usable = 0.0 < float(value) < np.inf or (or_infinite and value == np.inf)
-    except (TypeError, ValueError):
-        usable = False
-    if not usable or isinstance(value, (str, bool)):
-        raise InputError(f"{name} must be a length above 0 in target units; got {value!r}")

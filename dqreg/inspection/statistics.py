@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg.errors import InputError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -206,3 +207,13 @@ def _place(feet: FloatArray, values: FloatArray, row: int, apart: float) -> Plac
     alike = np.flatnonzero(values * math.copysign(1.0, value) >= SAME * abs(value))
     near = np.linalg.norm(feet[alike] - feet[row], axis=1) <= apart
     return Place(value, feet[row], int(np.count_nonzero(near)), row)
+
+
+def require_length(value: float, name: str, or_infinite: bool = False) -> None:
+    """Refuse what is no length above 0."""
+    try:
+        usable = 0.0 < float(value) < np.inf or (or_infinite and value == np.inf)
+    except (TypeError, ValueError):
+        usable = False
+    if not usable or isinstance(value, (str, bool)):
+        raise InputError(f"{name} must be a length above 0 in target units; got {value!r}")

@@ -1,12 +1,13 @@
 from __future__ import annotations
 
+import sys
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dqreg.errors import InputError
+from dqreg.errors import InputError, MissingDependencyError
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
@@ -81,3 +82,19 @@ def test_a_target_without_an_inside_warns() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         register(scan, part, "identity", effort="fast").deviations()
+
+
+def test_deviations_go_out_to_pyvista(far_result) -> None:
+    pyvista = pytest.importorskip("pyvista", reason="pip install pyvista")
+    found = far_result[0].deviations()
+    cloud = found.to_pyvista()
+    assert isinstance(cloud, pyvista.PolyData)
+    np.testing.assert_array_equal(cloud.points, found.points)
+    np.testing.assert_array_equal(cloud.point_data["deviation"], found.values)
+    np.testing.assert_array_equal(cloud.point_data["flags"], found.flags)
+
+
+def test_deviations_without_pyvista_say_what_to_install(far_result, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(MissingDependencyError, match="pip install pyvista"):
+        far_result[0].deviations().to_pyvista()
