@@ -111,7 +111,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, names: dict[str, Any]) -> P
     )
     mesh.compute_triangle_normals()
     names["o3d"].io.write_triangle_mesh(str(path / "part.stl"), mesh)
-    np.savetxt(path / "pose.txt", pose.exp([0.01, 0.0, 0.0, 0.2, 0.0, 0.0]))
+    np.savetxt(path / "pose.txt", pose.exp([0.0, 0.0, 0.01, 0.0, 0.0, 0.2]))  # off in the motions left free
     (path / "parts.csv").write_text("scan,target,start\nscan.ply,part.stl,pose.txt\n", encoding="utf-8")
     (path / "scans").mkdir()
     walls = np.random.default_rng(0).uniform(-4, 4, (4000, 3))

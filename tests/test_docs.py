@@ -25,7 +25,13 @@ def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.S | re.M)
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")])
+# Its calls are those of tests/multiway; twelve scans take longer than a default suite should.
+SLOW = "howto_many_scans.md"
+
+
+@pytest.mark.parametrize("page", [
+    pytest.param(page, marks=pytest.mark.soak) if page == SLOW else page for page in PAGES if blocks(page, "python")
+])  # fmt: skip
 def test_python_on_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
     if page == "howto_perception.md":
         pytest.importorskip("kiss_icp", reason="the page ends with odometry: kiss-icp")

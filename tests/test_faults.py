@@ -60,8 +60,10 @@ def run_there(*arguments: object, variables: dict[str, str] | None = None, **opt
 
 def require_error(answer, *said: str) -> None:
     assert answer.returncode == 2, answer.stderr
-    assert answer.stderr.startswith("dqreg: error: "), answer.stderr
-    assert answer.stderr.count("\n") == 1, answer.stderr
+    *before, last = answer.stderr.splitlines()
+    assert last.startswith("dqreg: error: "), answer.stderr
+    # What went before is progress, which goes to the standard error.
+    assert all(line.split()[0] in ("iteration", str(row)) for row, line in enumerate(before)), answer.stderr
     for words in said:
         assert words in answer.stderr
 

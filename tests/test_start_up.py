@@ -19,7 +19,7 @@ import dqreg
 from tests.registration.batch.scenes import CODE, all_gone, command, environment, left_over, make_scene
 
 HEAVY = ("scipy", "numba", "open3d", "trimesh", "matplotlib", "numpy", "rich", "jinja2")
-SIGNALS = int(os.environ.get("DQREG_KILLS", "0")) or 6
+SIGNALS = int(os.environ.get("DQREG_KILLS", "0")) or 3
 LINE = {
     signal.SIGINT: "dqreg: error: stopped by the user; no file is left half-written\n",
     signal.SIGTERM: "dqreg: error: ended by a signal (SIGTERM); no file is left half-written\n",

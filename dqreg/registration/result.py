@@ -201,9 +201,9 @@ class Registration(UncertainPose, ShownResult):
         >>> from dqreg.geometry import Mesh
         >>> part = Mesh(*box((3.0, 2.0, 1.0)))
         >>> found = register(part, part, "identity", effort="fast")
-        >>> aligned = found.aligned(align_surface(found.deviations(), "minimax"), "smallest deviation")
+        >>> aligned = found.aligned(align_surface(found.deviations(), "best-fit"), "best fit")
         >>> [step["name"] for step in aligned.settings["alignments"]]
-        ['smallest deviation']
+        ['best fit']
         """
         self._found()
         return dataclasses.replace(self, **after_alignment(vars(self), alignment, name))

@@ -191,10 +191,10 @@ def test_a_failure_is_marked_and_ends_with_one(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_an_optional_part_does_not_change_the_exit_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    install(monkeypatch, kiss_icp=None)
+    install(monkeypatch, kiss_matcher=None)
     result = CliRunner().invoke(doctor, [])
     assert result.exit_code == 0
-    assert any(line.startswith("optional\tkiss-icp\tmissing\tpip install ") for line in result.output.splitlines())
+    assert any(line.startswith("optional\tkiss-matcher\tmissing\tpip install ") for line in result.output.splitlines())
 
 
 def test_a_terminal_gets_a_table_with_every_remedy_whole(

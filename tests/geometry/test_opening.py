@@ -138,7 +138,7 @@ def lines() -> Any:
     ("make", "message"),
     [
         (lambda: None, "source: points must be an array of real numbers; got NoneType"),
-        (lambda: {"x": 1}, "source: points must be .* got dict"),
+        (lambda: {"x": 1}, "source: the fields must hold x, y and z; got x"),
         (lambda: object(), "source: points must be .* got object"),
         (lambda: np.zeros((3, 2)), r"source: points must have shape \(n, 3\).* got shape \(3, 2\)"),
         (lambda: np.zeros((0, 3)), "source: .* it is empty"),

@@ -39,7 +39,7 @@ def digests(task: str, threads: int, repeats: int) -> list[str]:
     return done.stdout.split()
 
 
-@pytest.mark.parametrize("task", ["start", "search"])
+@pytest.mark.parametrize("task", [pytest.param("start", marks=pytest.mark.soak), "search"])
 def test_fresh_processes_with_one_and_two_threads_give_the_same_bytes(task: str) -> None:
     repeats = 2 if task == "start" else 1
     found = digests(task, 1, repeats) + digests(task, 2, repeats)

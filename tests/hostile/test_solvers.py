@@ -142,7 +142,7 @@ CALLS: dict[str, Callable[[], Any]] = {
     "dual quaternion of a mirror": lambda: DualQuaternion.from_matrix(np.diag([1.0, 1, -1, 1])),
     "dual quaternion of NaN": lambda: DualQuaternion.from_matrix(np.full((4, 4), NAN)),
     "dual quaternion of a scale": lambda: DualQuaternion.from_matrix(np.diag([2.0, 2, 2, 1])),
-    "pose of three rows": lambda: pose.apply(np.eye(4)[:3], P),
+    "pose of two rows": lambda: pose.apply(np.eye(4)[:2], P),
     "moved text": lambda: pose.apply(np.eye(4), "points"),
     "moved two columns": lambda: pose.apply(np.eye(4), P[:, :2]),
     "target of None": lambda: dqreg.prepare_target(None),

@@ -62,7 +62,7 @@ def marked(marks: Path) -> list[str]:
     return sorted(path.name for path in marks.iterdir())
 
 
-@pytest.mark.parametrize("place", ["working", "scene"])
+@pytest.mark.parametrize("place", ["working", pytest.param("scene", marks=pytest.mark.soak)])
 def test_a_batch_imports_nothing_of_the_working_folder(planted, tmp_path, place):
     scene, working, marks = planted
     folder = working if place == "working" else scene.folder
@@ -81,7 +81,7 @@ def test_a_batch_on_dask_imports_nothing_of_the_working_folder(planted, tmp_path
     assert [row["verdict"] for row in summary(tmp_path / "out")] == ["accepted", "accepted"]
 
 
-@pytest.mark.parametrize("flags", [(), ("-E",)])
+@pytest.mark.parametrize("flags", [pytest.param((), marks=pytest.mark.soak), ("-E",)])
 def test_a_comparison_imports_nothing_of_the_working_folder(planted, tmp_path, flags):
     _, working, marks = planted
     # An engine of the script itself is found as well.
