@@ -10,6 +10,11 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """One more than there are cores: tests that wait for processes and signals leave a core idle."""
+    return (os.cpu_count() or 1) + 1
+
+
 # Run by hand, with atheris; see its first lines.
 collect_ignore = ["hostile/fuzz_readers.py"]
 

@@ -93,6 +93,7 @@ def test_a_loop_follows_the_part(capsys):
     assert capsys.readouterr().out.count("accepted") == 3
 
 
+@pytest.mark.soak
 def test_each_failure_has_its_verdict(capsys):
     answers = main_of("gallery_of_failures")()
     said = {name: level for name, (level, _) in answers.items()}
@@ -144,6 +145,7 @@ def test_race_ranks_exact_mesh_before_sampled_cad(capsys):
     assert "worst vertex" in capsys.readouterr().out
 
 
+@pytest.mark.soak
 def test_poses_from_nothing_are_found_and_kept(tmp_path, capsys):
     kept = tmp_path / "runs.jsonl"
     race = main_of("from_nothing")
