@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError, load_package
 from dqreg.files.cloud_data import CloudData, make_cloud
+from dqreg.files.limited_process import run_limited
 from dqreg.files.untrusted import require_proportion, unreadable
 
 WANTED = "a whole LAS or LAZ file"
@@ -24,17 +23,9 @@ GEO_KEYS, LINEAR_UNITS, UNITS = 34735, 3076, {9001: "m", 9002: "ft"}
 # Seconds and bytes that a file may take, and those for each of its bytes.
 SECONDS, SECONDS_EACH = 20.0, 1e-6
 MEMORY, MEMORY_EACH = 1 << 30, 100
-CHILD = """
-import sys
-path, out, seconds, memory = sys.argv[1:]
-try:
-    import resource
-    resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 5))
-    resource.setrlimit(resource.RLIMIT_AS, (int(memory), int(memory)))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-except (ImportError, ValueError):
-    pass
+UNPACK = """
 import laspy
+path, out = words
 laspy.open(path, read_evlrs=False).read().write(out)
 """
 
@@ -65,14 +56,12 @@ def read_las(path: Path) -> CloudData:
 def _unpacked(path: Path, laspy: Any) -> Any:
     """Points of a LAZ file, unpacked by a process of its own: damaged sizes in it ask for any amount of memory."""
     size = path.stat().st_size
-    limits = int(SECONDS + SECONDS_EACH * size), int(MEMORY + MEMORY_EACH * size)
+    seconds, memory = SECONDS + SECONDS_EACH * size, MEMORY + MEMORY_EACH * size
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "unpacked.las"
-        command = [sys.executable, "-P", "-c", CHILD, *map(str, (path.resolve(), out, *limits))]
-        try:
-            done = subprocess.run(command, capture_output=True, timeout=10.0 * limits[0], check=False)
-        except subprocess.TimeoutExpired as error:
-            raise unreadable(path, "what lazrs does not get done with", WANTED) from error
+        done = run_limited(UNPACK, path.resolve(), out, seconds=seconds, memory=memory)
+        if done is None:
+            raise unreadable(path, "what lazrs does not get done with", WANTED)
         if done.returncode or not out.is_file():
             reason = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
             raise unreadable(path, f"a damaged scan ({' '.join(reason)[:200]})", WANTED)

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import importlib.util
 import re
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import MissingDependencyError
+from dqreg.files.limited_process import run_limited
 from dqreg.files.mesh_data import MeshData, make_mesh
 from dqreg.files.units import METRES, UNIT_WORDS
 from dqreg.files.untrusted import max_faces, unreadable
@@ -36,17 +35,10 @@ SAME_SURFACE = 1e-7
 # Bytes of a statement that is searched for, and statements of units that are looked at.
 STATEMENT, STATEMENTS = 2_000, 100
 
-CHILD = """
+TESSELLATE = """
 import sys
-path, out, chord, turn, seconds, memory = sys.argv[1:]
-try:
-    import resource
-    resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 5))
-    resource.setrlimit(resource.RLIMIT_AS, (int(memory), int(memory)))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-except (ImportError, ValueError):
-    pass
 import cascadio
+path, out, chord, turn = words
 sys.exit(cascadio.step_to_glb(path, out, float(chord), float(turn), include_brep=True))
 """
 
@@ -90,13 +82,10 @@ def _tessellated(path: Path, chord_mm: float, unit: str) -> MeshData:
 def _run(path: Path, out: Path, chord_mm: float) -> None:
     size = path.stat().st_size
     seconds, memory = SECONDS + SECONDS_EACH * size, MEMORY + MEMORY_EACH * size
-    words = [path.resolve(), out, chord_mm, TURN, int(seconds), int(memory)]
-    command = [sys.executable, "-P", "-c", CHILD, *map(str, words)]
+    done = run_limited(TESSELLATE, path.resolve(), out, chord_mm, TURN, seconds=seconds, memory=memory)
     expected = "a whole STEP file; try to export it anew, or as STL"
-    try:
-        done = subprocess.run(command, capture_output=True, timeout=10.0 * seconds, check=False)
-    except subprocess.TimeoutExpired as error:
-        raise unreadable(path, "what OpenCASCADE does not get done with", expected) from error
+    if done is None:
+        raise unreadable(path, "what OpenCASCADE does not get done with", expected)
     if done.returncode or not out.is_file():
         # A negative code is the signal that ended it: out of memory, out of time, or lost in a damaged file.
         found = f"what ends OpenCASCADE by signal {-done.returncode}" if done.returncode < 0 else "no shape in it"

@@ -73,15 +73,15 @@ def test_what_is_no_part_is_refused_by_name(
     ("child", "words"),
     [
         ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "by signal 11"),
-        (step.CHILD.replace("import cascadio", "while True: pass"), "by signal (24|9)"),
+        (step.TESSELLATE.replace("import cascadio", "while True: pass"), "by signal (24|9)"),
         ("import time; time.sleep(60)", "does not get done with"),
-        (step.CHILD.replace("import cascadio", "bytearray(1 << 33)"), "no shape in it"),
+        (step.TESSELLATE.replace("import cascadio", "bytearray(1 << 33)"), "no shape in it"),
     ],
 )
 def test_a_file_that_crashes_hangs_or_takes_all_memory_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, child: str, words: str
 ) -> None:
-    monkeypatch.setattr(step, "CHILD", child)
+    monkeypatch.setattr(step, "TESSELLATE", child)
     monkeypatch.setattr(step, "SECONDS", 0.15 if "sleep" in child else 1.0)
     monkeypatch.setattr(step, "MEMORY_EACH", 0)
     with pytest.raises(InputError, match=words):
