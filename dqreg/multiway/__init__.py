@@ -2,8 +2,9 @@
 
 from dqreg.multiway.edges import Edge
 from dqreg.multiway.exports import Factors
+from dqreg.multiway.loop_errors import LoopError
 from dqreg.multiway.pair_runs import Progress
 from dqreg.multiway.register_many import register_many
-from dqreg.multiway.result import LoopError, Multiway
+from dqreg.multiway.result import Multiway
 
 __all__ = ["Edge", "Factors", "LoopError", "Multiway", "Progress", "register_many"]

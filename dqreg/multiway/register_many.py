@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dqreg.errors import InputError
+from dqreg.multiway.assemble import assembled
 from dqreg.multiway.believe import Belief, believe
 from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.overlap import overlap_matrix
@@ -17,7 +18,7 @@ from dqreg.multiway.pair_runs import PairRunner, Progress, workers_of
 from dqreg.multiway.pairs import asked_pairs
 from dqreg.multiway.plan import first_edges, rescued
 from dqreg.multiway.refine import refined
-from dqreg.multiway.result import Multiway, assembled
+from dqreg.multiway.result import Multiway
 from dqreg.multiway.scans import read_views, typical_size, typical_spacing
 from dqreg.multiway.sides import Sides
 from dqreg.multiway.starts import read_starts

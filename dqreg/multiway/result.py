@@ -14,39 +14,10 @@ from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.geometry import PointCloud
 from dqreg.multiway import exports, merge, result_json
-from dqreg.multiway.believe import Belief
-from dqreg.multiway.edges import PART, Edge, graph_of
-from dqreg.multiway.refine import Refined
+from dqreg.multiway.edges import Edge
+from dqreg.multiway.loop_errors import LoopError
 from dqreg.multiway.scans import View
-from dqreg.multiway.sides import Contradiction
-from dqreg.multiway.verdict import judge_scans
 from dqreg.trust.records import Verdict
-
-
-@dataclasses.dataclass(frozen=True)
-class LoopError:
-    """How well the poses of three pairs agree: the product round the loop should be the identity.
-
-    Attributes
-    ----------
-    scans : tuple of int
-        The three scans; -1 is the part.
-    rotation_rad, translation : float
-        Size of the product.
-    chi2 : float
-        Its square in units of its covariance; about 6 where the covariances tell all.
-    used : bool
-        Whether all three edges are used.
-    sharp : bool
-        Whether the covariances are narrow enough for the loop to tell anything.
-    """
-
-    scans: tuple[int, int, int]
-    rotation_rad: float
-    translation: float
-    chi2: float
-    used: bool
-    sharp: bool
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -234,67 +205,3 @@ class Multiway:
         from dqreg.multiway.page import write_report
 
         return write_report(self, path)
-
-
-def assembled(
-    views: tuple[View, ...],
-    belief: Belief,
-    joint: Refined,
-    overlap: FloatArray,
-    settings: dict[str, Any],
-    seconds: dict[str, float],
-    stopped: str,
-    against: Sequence[Contradiction] = (),
-) -> Multiway:
-    """The result of all stages; copies of a scan get its pose."""
-    T, covariance = joint.T_world_scan.copy(), joint.covariance
-    rows = np.array([k if view.copy_of is None else view.copy_of for k, view in enumerate(views)])
-    T = T[rows]
-    spread = (6 * rows[:, None] + np.arange(6)).ravel()
-    covariance = covariance[np.ix_(spread, spread)]
-    overlap = overlap[np.ix_(rows, rows)]
-    graph = graph_of([belief.edges[row] for row in belief.rows], len(views))
-    nodes = np.concatenate([T, np.eye(4)[None]])
-    there = np.flatnonzero(
-        np.isfinite(nodes[graph.targets]).all((1, 2)) & np.isfinite(nodes[graph.sources]).all((1, 2))
-    )
-    chi2 = np.full(len(belief.edges), np.nan)
-    known = np.isfinite(nodes).all(axis=(1, 2), keepdims=True)
-    chi2[belief.rows[there]] = graph.part(there).chi2(np.where(known, nodes, np.eye(4)))
-    edges = tuple(
-        dataclasses.replace(edge, chi2=float(chi2[k]), overlap=_overlap_of(overlap, edge))
-        for k, edge in enumerate(belief.edges)
-    )
-    blocks = np.einsum("kikj->kij", covariance.reshape(len(views), 6, len(views), 6))
-    size = float(settings["size"])
-    verdict = judge_scans(views, belief, T, blocks, size, converged=joint.converged, stopped=stopped, against=against)
-    return Multiway(
-        T_world_scan=T,
-        verdict=verdict,
-        edges=edges,
-        loop_errors=_loop_errors(belief, len(views)),
-        overlap=overlap,
-        centre=joint.centre,
-        joint=covariance,
-        names=tuple(view.name for view in views),
-        settings={**settings, "anchor": belief.anchor, "rounds": joint.rounds},
-        timings={**seconds, "total": sum(seconds.values())},
-        views=views,
-    )
-
-
-def _overlap_of(overlap: FloatArray, edge: Edge) -> float:
-    return np.nan if edge.target == PART else float(overlap[edge.target, edge.source])
-
-
-def _loop_errors(belief: Belief, count: int) -> tuple[LoopError, ...]:
-    loops = belief.loops
-    used = np.array([belief.edges[row].used for row in belief.rows], dtype=bool)
-    found = []
-    for nodes, rows, twist, chi2, sharp in zip(
-        loops.nodes.tolist(), loops.edges, loops.twists, loops.chi2, loops.sharp, strict=True
-    ):
-        a, b, c = (PART if node == count else int(node) for node in nodes)
-        turn, shift = float(np.linalg.norm(twist[:3])), float(np.linalg.norm(twist[3:]))
-        found.append(LoopError((a, b, c), turn, shift, float(chi2), bool(used[rows].all()), bool(sharp)))
-    return tuple(sorted(found, key=lambda loop: (not loop.used, not loop.sharp, -loop.chi2)))

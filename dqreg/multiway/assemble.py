@@ -1,0 +1,70 @@
+"""All stages put together into the result."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.multiway.believe import Belief
+from dqreg.multiway.edges import PART, Edge, graph_of
+from dqreg.multiway.loop_errors import loop_errors_of
+from dqreg.multiway.refine import Refined
+from dqreg.multiway.result import Multiway
+from dqreg.multiway.scans import View
+from dqreg.multiway.sides import Contradiction
+from dqreg.multiway.verdict import judge_scans
+
+
+def assembled(
+    views: tuple[View, ...],
+    belief: Belief,
+    joint: Refined,
+    overlap: FloatArray,
+    settings: dict[str, Any],
+    seconds: dict[str, float],
+    stopped: str,
+    against: Sequence[Contradiction] = (),
+) -> Multiway:
+    """The result of all stages; copies of a scan get its pose."""
+    T, covariance = joint.T_world_scan.copy(), joint.covariance
+    rows = np.array([k if view.copy_of is None else view.copy_of for k, view in enumerate(views)])
+    T = T[rows]
+    spread = (6 * rows[:, None] + np.arange(6)).ravel()
+    covariance = covariance[np.ix_(spread, spread)]
+    overlap = overlap[np.ix_(rows, rows)]
+    graph = graph_of([belief.edges[row] for row in belief.rows], len(views))
+    nodes = np.concatenate([T, np.eye(4)[None]])
+    there = np.flatnonzero(
+        np.isfinite(nodes[graph.targets]).all((1, 2)) & np.isfinite(nodes[graph.sources]).all((1, 2))
+    )
+    chi2 = np.full(len(belief.edges), np.nan)
+    known = np.isfinite(nodes).all(axis=(1, 2), keepdims=True)
+    chi2[belief.rows[there]] = graph.part(there).chi2(np.where(known, nodes, np.eye(4)))
+    edges = tuple(
+        dataclasses.replace(edge, chi2=float(chi2[k]), overlap=_overlap_of(overlap, edge))
+        for k, edge in enumerate(belief.edges)
+    )
+    blocks = np.einsum("kikj->kij", covariance.reshape(len(views), 6, len(views), 6))
+    size = float(settings["size"])
+    verdict = judge_scans(views, belief, T, blocks, size, converged=joint.converged, stopped=stopped, against=against)
+    return Multiway(
+        T_world_scan=T,
+        verdict=verdict,
+        edges=edges,
+        loop_errors=loop_errors_of(belief, len(views)),
+        overlap=overlap,
+        centre=joint.centre,
+        joint=covariance,
+        names=tuple(view.name for view in views),
+        settings={**settings, "anchor": belief.anchor, "rounds": joint.rounds},
+        timings={**seconds, "total": sum(seconds.values())},
+        views=views,
+    )
+
+
+def _overlap_of(overlap: FloatArray, edge: Edge) -> float:
+    return np.nan if edge.target == PART else float(overlap[edge.target, edge.source])
