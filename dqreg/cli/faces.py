@@ -19,24 +19,34 @@ if TYPE_CHECKING:
 @click.command("faces")
 @click.argument("part", type=click.Path(path_type=Path))
 @click.option("--near", type=float, nargs=3, metavar="X Y Z", help="Only the face that is closest to this point.")
+@click.option("--box", type=float, nargs=6, metavar="X Y Z X Y Z", help="Only the faces that lie in this box as a "
+              "whole: two opposite corners.")  # fmt: skip
 @as_json_option
-def faces_command(part: Path, near: tuple[float, float, float] | None, as_json: bool) -> int:
+def faces_command(
+    part: Path, near: tuple[float, float, float] | None, box: tuple[float, ...] | None, as_json: bool
+) -> int:
     """List the faces of PART: planes, cylinders (holes and bosses), cones, spheres and free faces.
 
     \b
     dqreg faces part.stl
     dqreg faces part.stl --near 46.5 20 5          which face is here?
+    dqreg faces part.stl --box 0 0 9 120 80 11     which lie in this box?
     dqreg faces part.stl --json
 
     Exit codes: 0, or 2 for bad input.
     """
-    from dqreg.inspection import nearest_face, part_faces
+    from dqreg.inspection import faces_in_box, nearest_face, part_faces
     from dqreg.report.table import print_tables
 
     mesh = read_part(part)
     faces = part_faces(mesh)
     if near is not None:
         faces = (nearest_face(mesh, faces, near),)
+    if box is not None:
+        within = {face.number for face in faces_in_box(mesh, faces, box)}
+        faces = tuple(face for face in faces if face.number in within)
+        if not faces:
+            raise InputError("no face of the part lies as a whole in that box")
     if as_json:
         print_json({"units": mesh.units, "faces": [_record(face) for face in faces]})
         return 0

@@ -20,7 +20,7 @@ from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.features import Feature, fit_feature
 from dqreg.inspection.measure import measure_deviations, why_unsigned
 from dqreg.inspection.membership import Counts
-from dqreg.inspection.part_faces import Face, nearest_face, part_faces
+from dqreg.inspection.part_faces import Face, faces_in_box, nearest_face, part_faces
 from dqreg.inspection.plan import Plan, read_plan
 from dqreg.inspection.plan_run import Characteristic, Inspection, inspect
 from dqreg.inspection.regions import Region
@@ -55,6 +55,7 @@ __all__ = [
     "align_surface",
     "colours_of",
     "decide",
+    "faces_in_box",
     "fit_feature",
     "inspect",
     "measure_deviations",

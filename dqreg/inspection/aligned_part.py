@@ -110,10 +110,13 @@ def _found(part: ScannedPart, deviations: Deviations, plan: Plan, step: PlannedS
         return align_datums([_datum(part, datum) for datum in plan.datums], dof=step.dof)
     if step.kind == "points":
         return _points(part, step)
-    chosen = [part.face(name).number for name in step.faces] or [face.number for face in part.faces]
-    weights = step.weights or (1.0,) * len(chosen)
+    names = step.faces or tuple(range(len(part.faces)))
     low, high = step.band or (-np.inf, np.inf)
-    terms = {face: FaceTerms(weight, low, high) for face, weight in zip(chosen, weights, strict=True)}
+    terms = {
+        face.number: FaceTerms(weight, low, high)
+        for name, weight in zip(names, step.weights or (1.0,) * len(names), strict=True)
+        for face in part.named([name])
+    }
     shift = pose.from_parts(np.eye(3), part.origin)
     moved = pose.apply(shift @ T @ pose.inverse(shift), deviations.points)
     faces = part.surface.closest(moved - part.origin).elements

@@ -18,6 +18,8 @@ FaceKind = Literal["plane", "cylinder", "cone", "sphere", "free"]
 
 # A face is of a kind where its corners lie within that share of its size of the ideal shape: a tessellation's do.
 EXACT = 1e-4
+# Single precision, in sizes of the part.
+ROUNDING = 1e-6
 # Corners that are fitted; more say the same.
 FITTED = 3_000
 # Kinds that are tried, the simplest first.
@@ -110,6 +112,46 @@ def nearest_face(mesh: Mesh, faces: tuple[Face, ...], point: ArrayLike) -> Face:
         raise InputError(f"a point is three finite coordinates; got {point!r:.80}")
     triangle = int(MeshSurface(mesh).closest(place[None]).elements[0])
     return faces[int(faces_of(mesh)[1][triangle])]
+
+
+def faces_in_box(mesh: Mesh, faces: tuple[Face, ...], box: ArrayLike) -> tuple[Face, ...]:
+    """The faces that lie in a box as a whole.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The part.
+    faces : tuple of Face
+        From `part_faces`.
+    box : array_like, (6,)
+        Two opposite corners, x y z x y z, in the part's frame.
+
+    Returns
+    -------
+    tuple of Face
+        By their number; empty where there are none.
+
+    Raises
+    ------
+    InputError
+        If the box is not six finite coordinates.
+
+    Examples
+    --------
+    >>> from dqreg.synth.parts import box
+    >>> part = Mesh(*box((3.0, 2.0, 1.0)))
+    >>> [face.centre.tolist() for face in faces_in_box(part, part_faces(part), [-2, -2, 0.4, 2, 2, 0.6])]
+    [[0.0, 0.0, 0.5]]
+    """
+    ends = np.asarray(box, dtype=np.float64)
+    if ends.shape != (6,) or not np.isfinite(ends).all():
+        raise InputError(f"a box is six finite coordinates, two opposite corners; got {box!r:.80}")
+    low, high = np.minimum(ends[:3], ends[3:]), np.maximum(ends[:3], ends[3:])
+    # A corner in single precision may lie beside the plane that it was meant for.
+    margin = ROUNDING * mesh.diagonal
+    inside = ((mesh.corners >= low - margin) & (mesh.corners <= high + margin)).all(axis=(1, 2))
+    out = np.bincount(faces_of(mesh)[1], weights=~inside, minlength=len(faces))
+    return tuple(face for face in faces if not out[face.number])
 
 
 def _face(mesh: Mesh, number: int, rows: IntArray, area: float) -> Face:

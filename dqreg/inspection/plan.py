@@ -10,7 +10,16 @@ from typing import Any, Literal, get_args
 
 from dqreg.errors import InputError
 from dqreg.files.units import METRES
-from dqreg.inspection.plan_keys import FaceName, face_of, list_of, number_of, require_known, require_one_of, triple_of
+from dqreg.inspection.plan_keys import (
+    FaceName,
+    face_of,
+    faces_of_list,
+    list_of,
+    number_of,
+    require_known,
+    require_one_of,
+    triple_of,
+)
 from dqreg.inspection.planned_alignment import PlannedStep, steps_of
 
 CharacteristicKind = Literal[
@@ -165,7 +174,7 @@ def plan_of(values: dict[str, Any], name: str = "plan") -> Plan:
 
 
 def _datum(entry: Any, where: str) -> PlannedDatum:
-    require_known(entry, ("name", "face", "near"), where)
+    require_known(entry, ("name", "face", "near", "box"), where)
     letter = entry.get("name")
     if not isinstance(letter, str) or not letter:
         raise InputError(f'{where}: name must be a letter such as "A"; got {letter!r}')
@@ -182,7 +191,7 @@ def _section(entry: Any, where: str) -> PlannedSection:
 
 def _characteristic(entry: Any, where: str, letters: list[str]) -> PlannedCharacteristic:
     require_known(
-        entry, ("name", "kind", "face", "faces", "near", "datum", "nominal", "tolerance", "plus", "minus"), where
+        entry, ("name", "kind", "face", "faces", "near", "box", "datum", "nominal", "tolerance", "plus", "minus"), where
     )
     kind = entry.get("kind")
     require_one_of(kind, get_args(CharacteristicKind), f"{where}: kind")
@@ -208,12 +217,9 @@ def _characteristic(entry: Any, where: str, letters: list[str]) -> PlannedCharac
 
 
 def _faces(entry: dict[str, Any], kind: str, where: str) -> tuple[FaceName, ...]:
-    wanted = FACES.get(kind, 1)
-    if kind in OF_SLOT and isinstance(entry.get("faces"), list):
-        wanted = len(entry["faces"])
-    elif wanted == 1:
-        return (face_of(entry, where),)
-    given = entry.get("faces")
-    if not isinstance(given, list) or len(given) != wanted:
+    wanted, given = FACES.get(kind, 1), entry.get("faces")
+    if wanted == 1 and not (kind in OF_SLOT and given is not None):
+        return (face_of({key: value for key, value in entry.items() if key != "faces"}, where),)
+    if wanted > 1 and (not isinstance(given, list) or len(given) != wanted):
         raise InputError(f"{where}: a {kind} is of two faces: faces = [3, 4]; got {given!r}")
-    return tuple(face_of({"near": face} if isinstance(face, list) else {"face": face}, where) for face in given)
+    return faces_of_list(given, where)

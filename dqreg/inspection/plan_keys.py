@@ -6,21 +6,42 @@ from typing import Any
 
 from dqreg.errors import InputError, did_you_mean
 
-# Who a face is: its number of `dqreg faces`, or the face that is nearest to a point.
-FaceName = int | tuple[float, float, float]
+# What names a face: its number of `dqreg faces`, three coordinates that it is nearest to, or the six of a box that it
+# lies in.
+FaceName = int | tuple[float, ...]
+# Keys that do, and the coordinates of each.
+NAMES = {"near": 3, "box": 6}
 
 
 def face_of(entry: dict[str, Any], where: str) -> FaceName:
     """The face that an entry names."""
-    if "face" in entry:
+    given = [key for key in ("face", *NAMES) if key in entry]
+    if len(given) != 1:
+        got = " and ".join(given) or "none of them"
+        words = "face = NUMBER of `dqreg faces`, near = [x, y, z] or box = [x, y, z, x, y, z]"
+        raise InputError(f"{where}: give {words}; got {got}")
+    key = given[0]
+    if key == "face":
         number = entry["face"]
         if isinstance(number, bool) or not isinstance(number, int) or number < 0:
             raise InputError(f"{where}: face is a number of `dqreg faces`; got {number!r}")
         return number
-    near = entry.get("near")
-    if isinstance(near, list) and len(near) == 3 and all(isinstance(x, (int, float)) for x in near):
-        return float(near[0]), float(near[1]), float(near[2])
-    raise InputError(f"{where}: give face = NUMBER of `dqreg faces`, or near = [x, y, z]; got {near!r}")
+    values, count = entry[key], NAMES[key]
+    if not isinstance(values, list) or len(values) != count:
+        words = {3: "[x, y, z]", 6: "[x, y, z, x, y, z], two opposite corners"}[count]
+        raise InputError(f"{where}: {key} is {words}; got {values!r:.80}")
+    return tuple(number_of({key: x}, key, where) for x in values)
+
+
+def faces_of_list(given: Any, where: str) -> tuple[FaceName, ...]:
+    """The faces of a list: numbers, points [x, y, z] that they are nearest to, boxes [x, y, z, x, y, z]."""
+    if not isinstance(given, list):
+        raise InputError(f"{where}: faces is a list such as [3, 4]; got {given!r:.80}")
+    keys = {count: key for key, count in NAMES.items()}
+    return tuple(
+        face_of({keys.get(len(face), "box"): face} if isinstance(face, list) else {"face": face}, where)
+        for face in given
+    )
 
 
 def list_of(values: dict[str, Any], key: str, name: str) -> list[Any]:

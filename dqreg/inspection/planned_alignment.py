@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any, Literal, get_args
 
 from dqreg.errors import InputError
-from dqreg.inspection.plan_keys import FaceName, face_of, number_of, require_known, require_one_of
+from dqreg.inspection.plan_keys import FaceName, faces_of_list, number_of, require_known, require_one_of
 
 StepKind = Literal["best-fit", "tolerance", "minimax", "outside", "inside", "datums", "points"]
 KEYS = ("name", "kind", "faces", "weights", "tolerance", "plus", "minus", "dof", "points")
@@ -57,7 +57,7 @@ def _step(entry: Any, letters: list[str], where: str) -> PlannedStep:
     return PlannedStep(
         name=str(entry.get("name", kind)),
         kind=kind,
-        faces=tuple(face_of({"near": each} if isinstance(each, list) else {"face": each}, where) for each in faces),
+        faces=faces_of_list(faces, where),
         weights=tuple(number_of({"weights": each}, "weights", where) for each in weights),
         band=band,
         dof=dof,

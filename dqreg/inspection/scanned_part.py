@@ -16,7 +16,7 @@ from dqreg.inspection.decision import MEDIAN_SIGMA, PLACE
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.features import Feature, fit_feature
 from dqreg.inspection.medians import smoothed
-from dqreg.inspection.part_faces import Face, nearest_face, part_faces
+from dqreg.inspection.part_faces import Face, faces_in_box, nearest_face, part_faces
 from dqreg.inspection.plan_keys import FaceName
 from dqreg.inspection.regions import SCANNED, edge_places, faces_of, weighted_median
 from dqreg.inspection.statistics import PROBED
@@ -74,12 +74,31 @@ class ScannedPart:
         return ScannedPart(self.mesh, self.faces, self.of_triangle, self.origin, points, triangles, self.surface)
 
     def face(self, name: FaceName) -> Face:
-        """The face that a plan names."""
-        if isinstance(name, tuple):
-            return nearest_face(self.mesh, self.faces, np.array(name) - self.origin)
-        if name >= len(self.faces):
-            raise InputError(f"the part has no face {name}; its faces are 0 to {len(self.faces) - 1}")
-        return self.faces[name]
+        """The one face that a plan names."""
+        found = self.named([name])
+        if len(found) > 1:
+            numbers = ", ".join(str(face.number) for face in found)
+            raise InputError(f"the box {_words(name)} holds faces {numbers}: make it smaller, or give face = NUMBER")
+        return found[0]
+
+    def named(self, names: Sequence[FaceName]) -> list[Face]:
+        """The faces that a plan names, each once; a box stands for all that lie in it."""
+        found: dict[int, Face] = {}
+        for name in names:
+            found |= {face.number: face for face in self._named(name)}
+        return list(found.values())
+
+    def _named(self, name: FaceName) -> tuple[Face, ...]:
+        if not isinstance(name, tuple):
+            if name >= len(self.faces):
+                raise InputError(f"the part has no face {name}; its faces are 0 to {len(self.faces) - 1}")
+            return (self.faces[name],)
+        if len(name) == 3:
+            return (nearest_face(self.mesh, self.faces, np.array(name) - self.origin),)
+        within = faces_in_box(self.mesh, self.faces, np.array(name) - np.tile(self.origin, 2))
+        if not within:
+            raise InputError(f"no face of the part lies as a whole in the box {_words(name)}; see dqreg faces --box")
+        return within
 
     def on(self, face: Face) -> FloatArray:
         """Scan points on a face, away from its edges, (n, 3)."""
@@ -208,3 +227,7 @@ class ScannedPart:
             at = points[np.argmin(np.linalg.norm(points - at, axis=1))]
         x, y, z = (at + self.origin).tolist()
         return x, y, z
+
+
+def _words(name: FaceName) -> str:
+    return "[" + ", ".join(f"{x:g}" for x in name) + "]" if isinstance(name, tuple) else str(name)

@@ -11,7 +11,7 @@ import pytest
 
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
-from dqreg.inspection import Deviations, inspect, measure_deviations, nearest_face, part_faces, read_plan
+from dqreg.inspection import Deviations, faces_in_box, inspect, measure_deviations, nearest_face, part_faces, read_plan
 from dqreg.inspection.characteristics import Measured
 from dqreg.inspection.plan import plan_of
 from dqreg.inspection.suggested_plan import suggested_plan
@@ -104,6 +104,35 @@ def test_a_datum_alignment_takes_the_pose_of_the_scan_out() -> None:
     for one, other in zip(straight.characteristics, moved.characteristics, strict=True):
         # The points that closest faces give to each feature may differ by a few at edges.
         assert other.value == pytest.approx(one.value, abs=max(one.uncertainty, 2e-3))
+
+
+def test_faces_are_named_by_number_by_the_nearest_place_and_by_a_box() -> None:
+    by_box = copy.deepcopy(PLAN)
+    whole = [-1, -1, -0.5, 121, 81, 0.5]
+    by_box["datum"][0] = {"name": "A", "box": whole}
+    by_box["datum"][1] = {"name": "B", "near": [60, 0, 5]}
+    by_box["characteristic"][0]["faces"] = [whole, [100, 40, 10]]
+    scan = scanned(2)
+    for plan in (by_box, one_line := {**PLAN, "characteristic": PLAN["characteristic"][:1]}):
+        plan["characteristic"] = plan["characteristic"][:1]
+    numbers, names = (inspect(scan, plan_of(plan)).characteristics for plan in (one_line, by_box))
+    assert [(row.faces, row.value) for row in numbers] == [(row.faces, row.value) for row in names]
+    # A box stands for all faces in it where several may be meant.
+    steps = [{"kind": "best-fit", "faces": [BOTTOM, [-1, -1, -0.5, 121, 81, 10.5]], "weights": [2, 1]}]
+    boxed = faces_in_box(PART, FACES, [-1, -1, -0.5, 121, 81, 10.5])
+    each = [face.number for face in boxed]
+    assert BOTTOM in each
+    assert SIDE in each
+    listed = [{"kind": "best-fit", "faces": each}]
+    one, other = (inspect(scan, plan_of({**one_line, "alignment": kind})).alignment for kind in (steps, listed))
+    assert one is not None
+    assert other is not None
+    np.testing.assert_allclose(one.T_target_source, other.T_target_source, atol=1e-12)
+    with pytest.raises(InputError, match=r"characteristic 'flat': the box \[.*\] holds faces \d+, .*: make it smaller"):
+        inspect(scan, plan_of({"characteristic": [{"name": "flat", "kind": "form", "box": [-1, -1, -1, 200, 200, 200],
+                                                   "tolerance": 1}]}))  # fmt: skip
+    with pytest.raises(InputError, match=r"no face of the part lies as a whole in the box \[0, 0, 0, 1, 1, 1\]"):
+        inspect(scan, plan_of({"characteristic": [{"kind": "form", "box": [0, 0, 0, 1, 1, 1], "tolerance": 1}]}))
 
 
 def test_decisions_follow_the_standard() -> None:
