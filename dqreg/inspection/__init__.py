@@ -17,7 +17,8 @@ from dqreg.inspection.coverage import FaceCoverage
 from dqreg.inspection.decision import Decision, OutOfTolerance, decide
 from dqreg.inspection.deviation_files import colours_of
 from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.features import Feature, fit_feature
+from dqreg.inspection.edge_points import edge_point
+from dqreg.inspection.features import EdgePoint, Feature, fit_feature
 from dqreg.inspection.measure import measure_deviations, why_unsigned
 from dqreg.inspection.membership import Counts
 from dqreg.inspection.part_faces import Face, faces_in_box, nearest_face, part_faces
@@ -37,6 +38,7 @@ __all__ = [
     "DatumAlignment",
     "Decision",
     "Deviations",
+    "EdgePoint",
     "Face",
     "FaceCoverage",
     "FaceTerms",
@@ -55,6 +57,7 @@ __all__ = [
     "align_surface",
     "colours_of",
     "decide",
+    "edge_point",
     "faces_in_box",
     "fit_feature",
     "inspect",

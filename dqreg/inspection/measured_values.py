@@ -9,10 +9,19 @@ from dqreg.errors import DegenerateGeometryError
 from dqreg.inspection import characteristics as compute
 from dqreg.inspection.characteristics import Frame, Measured
 from dqreg.inspection.decision import COVERAGE
+from dqreg.inspection.edge_points import edge_beside, edge_on
 from dqreg.inspection.part_faces import Face
 from dqreg.inspection.plan import OF_SLOT, Plan, PlannedCharacteristic
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.thickness import wall_thickness
+
+
+def faces_of_row(part: ScannedPart, row: PlannedCharacteristic) -> list[Face]:
+    """The faces that a characteristic is of; of an edge point those that meet there."""
+    if row.point is not None:
+        face = part.face(row.faces[0]).number if row.faces else None
+        return [part.faces[number] for number in edge_beside(part, np.array(row.point) - part.origin, face).faces]
+    return part.named(row.faces) if row.kind in OF_SLOT else [part.face(name) for name in row.faces]
 
 
 def nominal_value(part: ScannedPart, row: PlannedCharacteristic, faces: list[Face]) -> float:
@@ -43,6 +52,10 @@ def measured_value(
 ) -> Measured:
     """The value of a characteristic, with its uncertainty."""
     points = part.on(faces[0])
+    if row.point is not None:
+        edge = edge_on(part, np.array(row.point) - part.origin, face=faces[0].number)
+        spread = float(frame.sigma(edge.point[None], edge.outward[None])[0])
+        return Measured(edge.offset, COVERAGE * float(np.hypot(edge.sigma, spread)))
     if row.kind == "profile":
         part.require_scanned(faces[0])
         signed, normals = surface_deviations(part, faces[0], points)

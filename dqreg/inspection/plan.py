@@ -37,6 +37,7 @@ CharacteristicKind = Literal[
     "width",
     "length",
     "slot-position",
+    "edge-point",
 ]
 AlignmentKind = Literal["best-fit", "datums", "steps"]
 
@@ -70,6 +71,7 @@ class PlannedCharacteristic:
     plus: float = 0.0  # Largest value above nominal; of a zone its width
     minus: float = 0.0  # Largest value below nominal
     middle: float = 0.0  # Of the zone of a profile that is not equal to both sides: outside the part positive
+    point: tuple[float, float, float] | None = None  # Near the edge of an edge point
 
 
 @dataclasses.dataclass(frozen=True)
@@ -191,7 +193,9 @@ def _section(entry: Any, where: str) -> PlannedSection:
 
 def _characteristic(entry: Any, where: str, letters: list[str]) -> PlannedCharacteristic:
     require_known(
-        entry, ("name", "kind", "face", "faces", "near", "box", "datum", "nominal", "tolerance", "plus", "minus"), where
+        entry,
+        ("name", "kind", "face", "faces", "near", "box", "point", "datum", "nominal", "tolerance", "plus", "minus"),
+        where,
     )
     kind = entry.get("kind")
     require_one_of(kind, get_args(CharacteristicKind), f"{where}: kind")
@@ -211,13 +215,19 @@ def _characteristic(entry: Any, where: str, letters: list[str]) -> PlannedCharac
     if kind == "profile" and "tolerance" not in entry:
         # Unilateral or unequal: the zone reaches from minus below the part's surface to plus above it.
         middle, plus, minus = 0.5 * (plus - minus), plus + minus, 0.0
+    point = triple_of(entry, "point", where) if kind == "edge-point" or "point" in entry else None
+    if point is not None and kind != "edge-point":
+        raise InputError(f"{where}: point is of an edge-point; name the faces of a {kind} by face, near or box")
     return PlannedCharacteristic(
-        str(entry.get("name", kind)), kind, _faces(entry, kind, where), datum, nominal, plus, minus, middle
+        str(entry.get("name", kind)), kind, _faces(entry, kind, where), datum, nominal, plus, minus, middle, point
     )
 
 
 def _faces(entry: dict[str, Any], kind: str, where: str) -> tuple[FaceName, ...]:
     wanted, given = FACES.get(kind, 1), entry.get("faces")
+    if kind == "edge-point" and not {"face", "near", "box"} & set(entry):
+        # The larger of the two that meet there.
+        return ()
     if wanted == 1 and not (kind in OF_SLOT and given is not None):
         return (face_of({key: value for key, value in entry.items() if key != "faces"}, where),)
     if wanted > 1 and (not isinstance(given, list) or len(given) != wanted):

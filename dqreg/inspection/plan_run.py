@@ -13,8 +13,8 @@ from dqreg.inspection.characteristics import Frame, Measured
 from dqreg.inspection.coverage import FaceCoverage
 from dqreg.inspection.decision import worst_of
 from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.measured_values import measured_value, nominal_value
-from dqreg.inspection.plan import OF_SLOT, ZONES, Plan, PlannedCharacteristic, PlannedSection
+from dqreg.inspection.measured_values import faces_of_row, measured_value, nominal_value
+from dqreg.inspection.plan import ZONES, Plan, PlannedCharacteristic, PlannedSection
 from dqreg.inspection.regions import Outcome
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.sections import Section, section_on
@@ -153,7 +153,7 @@ def _faces(part: ScannedPart, plan: Plan, rows: tuple[Characteristic, ...]) -> t
 def _measured(part: ScannedPart, plan: Plan, row: PlannedCharacteristic, frame: Frame) -> Characteristic:
     remark = ""
     with entry(f"characteristic {row.name!r}"):
-        faces = part.named(row.faces) if row.kind in OF_SLOT else [part.face(name) for name in row.faces]
+        faces = faces_of_row(part, row)
         nominal = row.nominal if row.nominal is not None else nominal_value(part, row, faces)
         try:
             found = measured_value(part, plan, row, faces, frame)

@@ -135,6 +135,28 @@ def test_faces_are_named_by_number_by_the_nearest_place_and_by_a_box() -> None:
         inspect(scan, plan_of({"characteristic": [{"kind": "form", "box": [0, 0, 0, 1, 1, 1], "tolerance": 1}]}))
 
 
+def test_an_edge_point_of_a_plan_is_where_the_faults_put_the_edge() -> None:
+    rows = [
+        {"name": "rim", "kind": "edge-point", "point": [120, 40, 10], "near": [120, 40, 5], "tolerance": 0.1},
+        {"name": "end", "kind": "edge-point", "point": [120, 40, 10], "plus": 0.05},
+        {"name": "off", "kind": "edge-point", "point": [120, 40, 0], "face": TOP, "tolerance": 1},
+    ]
+    scan = scanned(4)
+    rim, end = inspect(scan, plan_of({**PLAN, "alignment": "best-fit", "characteristic": rows[:2]})).characteristics
+    # In the side face the edge is as much higher as the top is; in the top it is where the side is.
+    assert rim.faces == (SIDE, TOP)
+    assert end.faces == (TOP, SIDE)
+    assert abs(rim.value - THICKER) <= rim.uncertainty < 0.03
+    assert abs(end.value) <= end.uncertainty < 0.03
+    assert (rim.low, rim.high, end.low, end.high) == (-0.1, 0.1, 0.0, 0.05)
+    with pytest.raises(InputError, match=f"characteristic 'off': face {TOP} does not end at the edge there"):
+        inspect(scan, plan_of({"characteristic": rows[2:]}))
+    with pytest.raises(InputError, match="point must be three numbers"):
+        plan_of({"characteristic": [{"kind": "edge-point", "face": 1, "tolerance": 1}]})
+    with pytest.raises(InputError, match="point is of an edge-point"):
+        plan_of({"characteristic": [{"kind": "form", "face": 1, "point": [1, 2, 3], "tolerance": 1}]})
+
+
 def test_decisions_follow_the_standard() -> None:
     decide = [Measured(1.0, 0.1).decide(*limits) for limits in ((0.8, 1.2), (0.95, 1.2), (1.2, 1.5), (-np.inf, 1.05))]
     assert decide == ["pass", "undecided", "fail", "undecided"]
