@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.inspection.features.feature import Feature
 
@@ -75,12 +75,11 @@ def meeting_point(
     total = np.zeros((3, 3))
     for k, plane in enumerate((first, second)):
         variances, vectors = np.linalg.eigh(plane.covariance)
-        for variance, vector in zip(variances, vectors.T, strict=True):
-            if variance > 0.0:
-                moved = plane.nudged(NUDGE * np.sqrt(variance) * vector)
-                pair = (moved, second) if k == 0 else (first, moved)
-                change = (_met(*pair, nominal, direction) - found) / NUDGE
-                total += np.outer(change, change)
+        for step in (vectors * np.sqrt(np.maximum(variances, 0.0))).T:
+            moved = plane.nudged(NUDGE * step)
+            pair = (moved, second) if k == 0 else (first, moved)
+            change = (_met(*pair, nominal, direction) - found) / NUDGE
+            total += np.outer(change, change)
     return found, total
 
 
@@ -114,7 +113,7 @@ def border_offset(along: FloatArray, outward: FloatArray, spacing: float) -> tup
     return found + float(missed.mean()), float(np.sqrt(missed.var(ddof=1) * (1.0 + 1.0 / CUTS)))
 
 
-def _outermost(strip: FloatArray, outward: FloatArray, count: int, cut: float) -> FloatArray:
+def _outermost(strip: IntArray, outward: FloatArray, count: int, cut: float) -> FloatArray:
     """The outermost point below a cut in each strip; NaN where there is none."""
     most = np.full(count, -np.inf)
     below = outward <= cut
