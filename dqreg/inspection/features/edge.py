@@ -62,7 +62,7 @@ class EdgePoint:
     @property
     def sigma(self) -> float:
         """Standard deviation of ``offset``."""
-        return float(np.sqrt(max(self.outward @ self.covariance @ self.outward, 0.0)))
+        return float(np.sqrt(max(float(self.outward @ self.covariance @ self.outward), 0.0)))
 
 
 def meeting_point(
