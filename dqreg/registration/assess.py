@@ -14,6 +14,7 @@ from dqreg.icp import find_correspondences
 from dqreg.registration.exposures import second_pose
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import looked_through_at
+from dqreg.registration.slides import slide_of
 from dqreg.rigid import pose
 from dqreg.trust import (
     Evidence,
@@ -47,7 +48,8 @@ class Uncertainty:
     @staticmethod
     def of(information: Information) -> Uncertainty:
         """What follows from the information of the six motions."""
-        partial = partial_information_of(information) if information.free.any() else None
+        is_free = information.free.any() and np.isnan(information.by_rims)
+        partial = partial_information_of(information) if is_free else None
         return Uncertainty(covariance_of(information), observe_directions(information), partial)
 
 
@@ -55,7 +57,9 @@ def uncertainty_of(fit: Fit) -> Uncertainty:
     """Covariance and observability of a fit; NaN and none where no pose was found."""
     if not fit.found:
         return Uncertainty(np.full((6, 6), np.nan), ())
-    return fit.once("uncertainty", lambda: Uncertainty.of(fit.information))
+    return fit.once(
+        "uncertainty", lambda: Uncertainty.of(dataclasses.replace(fit.information, by_rims=slide_of(fit).by_rims))
+    )
 
 
 def evidence_of(
@@ -65,7 +69,6 @@ def evidence_of(
     *,
     search: str = "",
     mirror_gain: float = -np.inf,
-    sliding_loss: float = np.nan,
 ) -> Evidence:
     """All that the verdict on a fit is made of; see `Evidence` for the meaning of each number."""
     drift, drift_rad = fit.once("drift", lambda: max(_drift(fit), second_pose(fit)))
@@ -83,7 +86,7 @@ def evidence_of(
         mirror_gain=mirror_gain,
         size=fit.prepared.surface.diagonal,
         carriers=tuple(fit.information.carriers.tolist()) if uncertainty.directions else (),
-        sliding_loss=sliding_loss,
+        sliding_loss=slide_of(fit).loss,
         clutter=fit.problem.options.clutter,
         looked_through=fit.once("looked through", lambda: looked_through_at(fit)),
         drift=drift,
@@ -115,7 +118,7 @@ def _drift(fit: Fit) -> tuple[float, float]:
 
 def without_drift(fit: Fit, start: FloatArray) -> Fit:
     """The fit with unconstrained motions as the initial pose had them; as it is where that would lose inliers."""
-    if not fit.found or fit.constraints.any or not fit.information.free.any():
+    if not fit.found or fit.constraints.any or not fit.information.free.any() or np.isfinite(slide_of(fit).by_rims):
         return fit
     run = fit.run
     T = without_free_motion(run.T_target_source, start, fit.information)

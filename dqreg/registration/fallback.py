@@ -9,10 +9,10 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.normals import sample_rows
 from dqreg.registration.assess import evidence_of, uncertainty_of
+from dqreg.registration.evidence import MISFIT
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose
 from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, mirror_gain, scores_of
-from dqreg.registration.slides import slide_of
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
@@ -20,9 +20,6 @@ from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust import judge
 from dqreg.trust.neighbourhoods import is_flat
 
-# Standard deviations of the distances, in the scan's own noise, beyond which another pose is searched for: of 2,000
-# right poses none came above 1.4, walls settled on their wrong side to 2.4 and more.
-MISFIT = 2.0
 # Fraction of the points near a part that lie off it beyond which the same is done: right poses leave 0.002, and half
 # of the strays. Fewer than the verdict allows are evidence where they are no strays.
 OFF, OFF_PER_STRAY = 0.015, 0.7
@@ -99,7 +96,8 @@ def is_partial(fit: Fit) -> bool:
     values = np.linalg.eigvalsh(np.cov(points.T, aweights=weights, ddof=0))
     whole = float((fit.problem.target.spreads**2).sum())
     return bool(
-        values.sum() < PARTIAL**2 * whole or (is_flat(points[weights > 0.0]) and not fit.information.free.any())
+        values.sum() < PARTIAL**2 * whole
+        or (is_flat(points[weights > 0.0]) and not any(motion.is_free for motion in uncertainty_of(fit).directions))
     )
 
 
@@ -118,7 +116,7 @@ def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
 def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
     """Whether the verdict has nothing against a pose that another one might mend."""
     gain = mirror_gain(fit, always=ask_mirror)
-    verdict = judge(evidence_of(fit, uncertainty_of(fit), mirror_gain=gain, sliding_loss=slide_of(fit).loss))
+    verdict = judge(evidence_of(fit, uncertainty_of(fit), mirror_gain=gain))
     return verdict.level == "accepted" or OF_THE_SCAN.issuperset(verdict.codes)
 
 

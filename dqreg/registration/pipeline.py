@@ -25,7 +25,7 @@ from dqreg.registration.rivals import (
     mirror_gain,
     near_symmetric_poses,
 )
-from dqreg.registration.slides import slide_of, without_slide
+from dqreg.registration.slides import without_slide
 from dqreg.registration.visibility import on_visible_faces
 from dqreg.trust import judge
 from dqreg.trust.records import Alternative, Verdict
@@ -64,9 +64,7 @@ def align(problem: Problem) -> Registration:
             fit = on_visible_faces(fit, problem.viewpoints)
     watch.seconds["total"] = watch.total
     uncertainty, alternatives = uncertainty_of(fit), alternatives_of(fit, others)
-    evidence = evidence_of(
-        fit, uncertainty, alternatives, search=start.search, mirror_gain=gain, sliding_loss=slide_of(fit).loss
-    )
+    evidence = evidence_of(fit, uncertainty, alternatives, search=start.search, mirror_gain=gain)
     verdict = judge(evidence)
     return registration_of(fit, uncertainty, verdict, alternatives)
 

@@ -1,13 +1,14 @@
-"""Motions that few points constrain: what the whole scan loses where the pose is displaced along them.
+"""Motions that few points constrain, or none: what the whole scan loses where the pose is displaced along them.
 
 Few points on an end face fix a long bar along its axis, and points that would hang in the air beyond its rim do so as
-well: the number of points along whose normal the motion goes says little. So the pose is displaced, refined, and all
-points are asked again.
+well, even where no point lies on an end: the number of points along whose normal the motion goes says little. So the
+pose is displaced, refined, and all points are asked again.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
 from dqreg.search.scoring import CLEAR
-from dqreg.trust.doubts import few_carriers
+from dqreg.trust.doubts import HOLDS, few_carriers
 
 # Displacements that are tried either way, in sizes; those from the second on count as they are, all of them where a
 # refinement leads from there.
@@ -30,10 +31,14 @@ DISPLACED = (0.01, 0.02, 0.05, 0.1)
 BACK = 0.005
 # Points that refine; first and last kernel scale of it, in sizes, and their number.
 POINTS, WIDE, NARROW, STEPS = 1_000, 6e-3, 1e-3, 6
+# Log-likelihood that one point may lose at most: few strays hold nothing.
+MOST = HOLDS / 8.0
 # Log-likelihood of all points from which another pose is better; times that one is gone on from.
 BETTER, ROUNDS = 5.0, 2
 # Where points that gain clearly have more than this share of what others lose, the scan is divided.
 SPLIT = 1.0 / 3.0
+# So many free motions at once are those of a single plane or ball: no rim of it is a witness of a part.
+PLANE = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,35 +47,62 @@ class Slide:
 
     loss: float = np.nan  # Least log-likelihood that all points together lose there; NaN where it was not asked
     best: FloatArray | None = None  # (4, 4): A refined pose that explains the scan better
+    # Standard deviation along motions that no normal constrains, as the rims of the target hold them; NaN: they do not
+    by_rims: float = np.nan
 
 
 def slide_of(fit: Fit) -> Slide:
-    """Displace a pose on a part along all motions that few points constrain."""
+    """Displace a pose on a part along all motions that few points constrain, or none."""
     return fit.once("slide", lambda: _slide_of(fit))
 
 
 def _slide_of(fit: Fit) -> Slide:
     if not fit.found or not isinstance(fit.prepared.surface, MeshSurface) or fit.problem.watch.is_over:
         return Slide()
-    information, scan, surface = fit.information, fit.prepared.scan, fit.prepared.surface
-    weak = ~information.free & few_carriers(information.carriers, float(fit.run.weights.sum()))
-    if not weak.any() or fit.constraints.any:
+    motions, by_rims = _motions(fit)
+    if not len(motions):
         return Slide()
-    size = surface.diagonal
-    unit = information.vectors[:, weak] / np.r_[[information.lever] * 3, [1.0] * 3][:, None]
-    steps = np.array([sign * step * size for step in DISPLACED for sign in (1.0, -1.0)])
-    moved = np.stack([twist.exp(step * motion) @ fit.T_target_source for step in steps for motion in unit.T])
-    sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), POINTS)])
-    refined = refine(Poses.of(moved), sample, surface, np.geomspace(WIDE, NARROW, STEPS) * size).matrices
-    poses = np.concatenate([fit.T_target_source[None], moved[2 * unit.shape[1] :], refined])
+    size = fit.prepared.surface.diagonal
+    steps = [sign * step * size for step in DISPLACED for sign in (1.0, -1.0)]
+    moved = np.stack([twist.exp(step * motion) @ fit.T_target_source for step in steps for motion in motions])
+    sample = OrientedPoints.on_faces(fit.prepared.scan.points[sample_rows(len(fit.prepared.scan), POINTS)])
+    widths = np.geomspace(WIDE, NARROW, STEPS) * size
+    refined = refine(Poses.of(moved), sample, fit.prepared.surface, widths).matrices
+    poses = np.concatenate([fit.T_target_source[None], moved, refined])
     scores = scores_of(fit, poses)
     losses = _losses(scores.likelihoods[0] - scores.likelihoods[1:])
     ends = sample.points[[*sample.points.argmin(axis=0), *sample.points.argmax(axis=0)]]
     here = pose.apply(poses[0], ends)
-    away = np.array([np.linalg.norm(pose.apply(T, ends) - here, axis=1).max() for T in poses[1:]]) > BACK * size
-    best = int(losses.argmin())
+    counted = np.array([np.linalg.norm(pose.apply(T, ends) - here, axis=1).max() for T in poses[1:]]) > BACK * size
+    counted[: 2 * len(motions)] = False
+    best = 2 * len(motions) + int(losses[2 * len(motions) :].argmin())
+    loss = float(losses[counted].min(initial=np.inf))
     better = poses[1 + best] if losses[best] < -BETTER else None
-    return Slide(float(losses[away].min(initial=np.inf)), better)
+    reach = np.nan
+    if by_rims and loss >= HOLDS:
+        nearest = losses[: 2 * len(motions)].min() >= HOLDS
+        # Anywhere within the least displacement that is excluded: an even distribution.
+        reach = DISPLACED[0 if nearest else 1] * size / np.sqrt(3.0)
+    return Slide(loss, better, reach)
+
+
+def _motions(fit: Fit) -> tuple[FloatArray, bool]:
+    """Twists, (k, 6), of displacement one along which the pose is displaced; and whether some are free."""
+    information = fit.information
+    free, nothing = information.free, np.zeros((0, 6))
+    weak = ~free & few_carriers(information.carriers, float(fit.run.weights.sum()))
+    # An open target ends where it was not measured, and its rim holds nothing.
+    held_by_rims = bool(0 < np.count_nonzero(free) < PLANE and not fit.has_border)
+    if fit.constraints.any or not (weak.any() or held_by_rims):
+        return nothing, False
+    unit = information.vectors / np.r_[[information.lever] * 3, [1.0] * 3][:, None]
+    motions = [unit[:, weak].T]
+    if held_by_rims:
+        # The free motions have any basis: mixtures of them too, one of each pair of opposites.
+        signs = np.array(list(itertools.product([1.0, 0.0, -1.0], repeat=int(free.sum()))))
+        signs = signs[: len(signs) // 2]
+        motions.append(signs / np.linalg.norm(signs, axis=1, keepdims=True) @ unit[:, free].T)
+    return np.concatenate(motions).astype(np.float64), held_by_rims
 
 
 def without_slide(fit: Fit) -> tuple[Fit, Slide]:
@@ -89,6 +121,7 @@ def without_slide(fit: Fit) -> tuple[Fit, Slide]:
 
 def _losses(gaps: FloatArray) -> FloatArray:
     """Sums of the log-likelihoods that points lose, (k, m) to (k,); nothing where many gain clearly."""
+    gaps = np.clip(gaps, -MOST, MOST)
     clear = np.where(np.abs(gaps) > CLEAR, gaps, 0.0)
     against, in_favour = np.maximum(clear, 0.0).sum(axis=1), np.maximum(-clear, 0.0).sum(axis=1)
     total = gaps.sum(axis=1)

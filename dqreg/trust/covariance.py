@@ -49,9 +49,13 @@ def covariance_of(information: Information) -> FloatArray:
     scaled = information.scatter
     if scaled is None:
         scaled = (vectors / (information.values[held] * information.weight)) @ vectors.T * information.sigma**2
+    free = information.vectors[:, ~held]
+    if math.isfinite(information.by_rims):
+        scaled = scaled + information.by_rims**2 * free @ free.T
+        free = free[:, :0]
     unscale = np.r_[[1.0 / information.lever] * 3, [1.0] * 3]
     covariance: FloatArray = scaled * unscale[:, None] * unscale
-    touched = (np.abs(information.vectors[:, ~held]) > TOUCHED).any(axis=1)
+    touched = (np.abs(free) > TOUCHED).any(axis=1)
     covariance[touched] = np.nan
     covariance[:, touched] = np.nan
     return covariance
@@ -98,7 +102,9 @@ def observe_directions(information: Information) -> tuple[Direction, ...]:
         kind: Kind = "rotation" if np.linalg.norm(vector[:3]) >= share else "translation"
         motion = Motion.of(vector[:3] / information.lever, vector[3:], information.centre, kind)
         sigma, words = np.nan, f"unconstrained: {motion.words}"
-        if not is_free:
+        if is_free and math.isfinite(information.by_rims):
+            sigma, words = information.by_rims, f"{motion.words} is constrained by the rims of the target only"
+        elif not is_free:
             # Where most of the points add nothing, it matters how many do.
             few = carriers < FEW * information.weight
             only = f" is constrained by about {carriers:.0f} points only" if few else ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -42,6 +43,9 @@ class Information:
     scatter : ndarray, (6, 6), or None
         Covariance of the scaled twist, estimated from the scatter of the residuals between patches; zero along free
         motions. None takes ``sigma^2`` for every correspondence, each independent.
+    by_rims : float
+        Standard deviation, as a displacement, along the free motions where the rims of the target constrain them; NaN
+        where they do not.
     """
 
     values: FloatArray
@@ -52,10 +56,11 @@ class Information:
     centre: FloatArray
     carriers: FloatArray = dataclasses.field(default_factory=lambda: np.full(6, np.inf))
     scatter: FloatArray | None = None
+    by_rims: float = math.nan
 
     @property
     def free(self) -> BoolArray:
-        """Which of the six motions are unconstrained, (6,)."""
+        """Which of the six motions no normal constrains, (6,)."""
         return np.asarray(self.values < FREE)
 
     @property

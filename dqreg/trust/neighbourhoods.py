@@ -1,11 +1,14 @@
-"""Normals of a scan against those of its own neighbourhoods moved onto the target.
+"""Normals and noise of a scan, from its neighbourhoods and what they would be on the target.
 
 A neighbourhood that spans an edge, that lies on few rings of a LiDAR or that is noisy has another normal than the face
-its point is closest to, at the right pose too. The closest points of its members show what it would be on the target:
-at a right pose they lie in the same plane, where faces cross they do not.
+its point is closest to, at the right pose too. The closest points of its members, the feet, show what it would be on
+the target: at a right pose they lie in the same plane, where faces cross they do not. Where the feet lie on a line, the
+neighbourhood is of a single profile: its plane is that of the laser, and says nothing of a face or of the noise.
 """
 
 from __future__ import annotations
+
+import dataclasses
 
 import numpy as np
 
@@ -15,34 +18,54 @@ from dqreg.geometry.normals import NEIGHBOURS, fit_planes_among, sample_rows
 
 # Neighbourhoods that are looked at; those flatter than this, in their extent, have a normal worth comparing.
 LOOKED_AT, SMOOTH = 1_500, 0.4
-# Normals farther apart than this are of different faces.
-APART_COS = np.cos(np.deg2rad(35.0))
+# Normals farther apart than this are of different faces; one that noise alone tilts by this much over the spread of its
+# feet is no witness.
+APART_COS, TILT_RAD = np.cos(np.deg2rad(35.0)), np.deg2rad(10.0)
+# Neighbours that are of several profiles: what they leave of their planes is an upper estimate of the noise.
+MANY = 3 * NEIGHBOURS
+# Fewer of a single profile are those at rims.
+PROFILES = 0.1
 # Thickness of a scan in its length: what is thinner may be a single profile, whose neighbourhoods turn freely about it.
 FLAT = 0.02
+# Neighbourhoods without which no noise is estimated; and its quantile: in others there is an edge.
+FEWEST, QUIET = 50, 0.3
 
 
-def share_apart(points: FloatArray, feet: FloatArray, normals: FloatArray, on: BoolArray) -> float:
-    """Share of the neighbourhoods on the target whose normal is neither that of the target nor that of their feet.
+@dataclasses.dataclass(frozen=True)
+class Neighbourhoods:
+    """What the neighbourhoods on the target say; NaN where too few are there, or where they are of a single profile."""
 
-    NaN where too few are there, or where they are of a single profile, which has no normals.
+    apart: float = np.nan  # Share of those whose normal is neither that of the target nor that of their feet
+    noise: float = np.nan  # Distance of their points from their own plane, root mean square, where their feet are flat
 
-    Shapes: points, feet (their closest points), normals (the target's there) (n, 3), on (n,).
-    """
-    rows = np.flatnonzero(on)
-    if len(rows) <= NEIGHBOURS or is_flat(points[rows]):
-        return np.nan
-    rows = rows[sample_rows(len(rows), LOOKED_AT)]
-    indices, _ = NeighbourTree(points).nearest(points[rows], NEIGHBOURS)
-    own, there = fit_planes_among(points, indices), fit_planes_among(feet, indices)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        flat = np.nan_to_num(own.residuals / np.sqrt(own.lever), nan=np.inf) < SMOOTH
-    flat &= normals[rows].any(axis=1)
-    if not flat.any():
-        return np.nan
-    scan = np.nan_to_num(own.normals[flat])
-    others = normals[rows][flat], np.nan_to_num(there.normals[flat])
-    apart = [np.abs(np.einsum("ij,ij->i", scan, other)) < APART_COS for other in others]
-    return float(np.mean(apart[0] & apart[1]))
+    @staticmethod
+    def of(points: FloatArray, feet: FloatArray, normals: FloatArray, on: BoolArray, width: float) -> Neighbourhoods:
+        """Those of points on a target that they are from by so many lengths, one sigma.
+
+        Shapes: points, feet (their closest points), normals (the target's there) (n, 3), on (n,).
+        """
+        rows = np.flatnonzero(on)
+        if len(rows) <= NEIGHBOURS or is_flat(points[rows]):
+            return Neighbourhoods()
+        rows = rows[sample_rows(len(rows), LOOKED_AT)]
+        tree = NeighbourTree(points)
+        indices, _ = tree.nearest(points[rows], NEIGHBOURS)
+        own, there = fit_planes_among(points, indices), fit_planes_among(feet, indices)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            smooth = np.nan_to_num(own.residuals / np.sqrt(own.lever), nan=np.inf) < SMOOTH
+        wide = fit_planes_among(points, tree.nearest(points[rows], min(MANY, len(points)))[0])
+        noise = min(width, float(np.quantile(wide.residuals[np.isfinite(wide.residuals)], QUIET)))
+        spans = noise / np.sqrt(NEIGHBOURS * np.maximum(there.lever, np.finfo(float).tiny)) < TILT_RAD
+        spans |= np.mean(spans) >= 1.0 - PROFILES
+        quiet = spans & (there.residuals <= width)
+        noise = float(np.quantile(own.residuals[quiet], QUIET)) if np.count_nonzero(quiet) >= FEWEST else np.nan
+        counted = smooth & spans & normals[rows].any(axis=1)
+        if not counted.any():
+            return Neighbourhoods(noise=noise)
+        scan = np.nan_to_num(own.normals[counted])
+        others = normals[rows][counted], np.nan_to_num(there.normals[counted])
+        apart = [np.abs(np.einsum("ij,ij->i", scan, other)) < APART_COS for other in others]
+        return Neighbourhoods(float(np.mean(apart[0] & apart[1])), noise)
 
 
 def is_flat(points: FloatArray) -> bool:

@@ -7,6 +7,7 @@ import pytest
 
 import dqreg
 from dqreg.geometry import sample_mesh
+from dqreg.registration.assess import uncertainty_of
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.slides import slide_of, without_slide
 from dqreg.rigid import pose
@@ -20,10 +21,10 @@ BAR = dqreg.Mesh(*box((LENGTH, 30.0, 20.0)))
 OFF = pose.from_parts(np.eye(3), [0.02 * BAR.diagonal, 0.0, 0.0])
 
 
-def fit_of(points: np.ndarray, start: np.ndarray) -> Fit:
+def fit_of(points: np.ndarray, start: np.ndarray, part: dqreg.Mesh = BAR) -> Fit:
     """The loop's fit of a scan in the part's frame: the truth is the identity."""
     rng = np.random.default_rng(1)
-    problem = problem_of(points + NOISE * rng.normal(size=points.shape), BAR, np.eye(4))
+    problem = problem_of(points + NOISE * rng.normal(size=points.shape), part, np.eye(4))
     prepared, constraints = problem.prepare(), problem.constraints(np.eye(4))
     settings = problem.options.icp_settings(problem.reach(prepared), constraints)
     return coarse_to_fine(problem, prepared, problem.to_centred(start), settings, constraints)
@@ -34,6 +35,12 @@ def sides(on_ends: int) -> np.ndarray:
     points = sample_mesh(BAR, 4_000, np.random.default_rng(0)).points
     is_end = np.abs(np.abs(points[:, 0] - BAR.centre[0]) - 0.5 * LENGTH) < 1e-9
     return np.concatenate([points[~is_end], points[is_end][:on_ends]])
+
+
+def almost_to_the_rims() -> np.ndarray:
+    """Points all over the long faces but for their last half millimetre."""
+    points = sides(0)
+    return points[np.abs(points[:, 0] - BAR.centre[0]) < 0.5 * LENGTH - 0.5]
 
 
 @pytest.mark.parametrize("on_ends", [6, 12])
@@ -51,6 +58,27 @@ def test_few_strays_hold_nothing() -> None:
     fit = fit_of(np.concatenate([middle, ends]), np.eye(4))
     assert fit.information.free.sum() == 1
     assert not slide_of(fit).loss >= HOLDS
+
+
+def test_rims_alone_hold_the_bar_where_no_point_lies_on_its_ends() -> None:
+    # The scan is made in the part's frame. Points of the long faces nearly reach both rims; no normal tells the length.
+    fit = fit_of(almost_to_the_rims(), np.eye(4))
+    assert fit.information.free.sum() == 1
+    assert slide_of(fit).loss >= HOLDS
+    along, *_ = uncertainty_of(fit).directions
+    assert not along.is_free
+    off = abs(fit.problem.to_caller(fit.T_target_source)[0, 3])
+    # The figure is above what is off.
+    assert off <= along.sigma <= 0.01 * BAR.diagonal
+    assert np.isfinite(uncertainty_of(fit).covariance).all()
+
+
+def test_the_rims_of_an_open_target_hold_nothing() -> None:
+    # The same bar without its ends: there the model ends, not the part.
+    open_bar = dqreg.Mesh(BAR.vertices, BAR.faces[np.ptp(BAR.vertices[BAR.faces][..., 0], axis=1) > 0.0])
+    fit = fit_of(almost_to_the_rims(), np.eye(4), open_bar)
+    assert np.isnan(slide_of(fit).by_rims)
+    assert uncertainty_of(fit).directions[0].is_free
 
 
 def test_a_pose_on_the_slope_is_gone_on_from() -> None:

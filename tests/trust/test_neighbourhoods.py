@@ -8,18 +8,24 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import fit_planes_among
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import about_axis
 from dqreg.synth.parts import bracket
-from dqreg.trust.neighbourhoods import is_flat, share_apart
+from dqreg.trust.neighbourhoods import Neighbourhoods, is_flat
 
 PART = Mesh(*bracket())
 SURFACE = MeshSurface(PART)
 
 
-def asked(points: np.ndarray, within: float) -> float:
+def said(points: np.ndarray, within: float, width: float = 0.0) -> Neighbourhoods:
     found = SURFACE.closest(points)
-    return share_apart(points, found.points, found.normals, found.distances <= within)
+    return Neighbourhoods.of(points, found.points, found.normals, found.distances <= within, width)
+
+
+def asked(points: np.ndarray, within: float) -> float:
+    return said(points, within).apart
 
 
 @pytest.mark.parametrize("count", [60, 1_000, 3_000])
@@ -47,3 +53,26 @@ def test_a_single_profile_has_no_normals() -> None:
     assert is_flat(profile)
     assert math.isnan(asked(profile, 1e-3 * PART.diagonal))
     assert not is_flat(points[:500])
+
+
+def test_points_of_one_profile_say_nothing_of_faces_and_noise() -> None:
+    # Laser fans 5 mm apart with noise within the fan. Planes fitted to the neighbours of a point are those of the fans:
+    # they cross the face, and leave no noise.
+    rng = np.random.default_rng(0)
+    noise = 1.0
+    x, y = np.meshgrid(np.arange(0.0, 60.0, 5.0), np.arange(0.0, 60.0, 0.5))
+    points = np.column_stack([x.ravel(), y.ravel() + noise * rng.normal(size=x.size), noise * rng.normal(size=x.size)])
+    feet = points * [1.0, 1.0, 0.0]
+    # A wall at the end, or it would be one face only.
+    wall = np.column_stack([np.zeros(200), rng.uniform(0.0, 60.0, 200), rng.uniform(0.0, 30.0, 200)]) - [5.0, 0.0, 0.0]
+    up = np.concatenate([np.tile([0.0, 0.0, 1.0], (x.size, 1)), np.tile([1.0, 0.0, 0.0], (200, 1))])
+    points, feet = (
+        np.concatenate([points, wall + noise * rng.normal(size=(200, 1)) * [1.0, 0.0, 0.0]]),
+        np.concatenate([feet, wall]),
+    )
+    found = Neighbourhoods.of(points, feet, up, np.ones(len(points), dtype=bool), noise)
+    own = fit_planes_among(points, NeighbourTree(points).nearest(points, 16)[0])
+    assert float(np.median(own.residuals[: x.size])) < 0.01 * noise
+    assert np.mean(np.abs(own.normals[: x.size, 2]) < 0.8) > 0.5
+    assert not found.apart > 0.05
+    assert not found.noise < 0.5 * noise
