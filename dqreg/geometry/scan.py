@@ -140,7 +140,7 @@ class Scan:
         """Which points have a normal, (n,)."""
         return np.asarray(self.normals.any(axis=1))
 
-    @property
+    @cached_property
     def diagonal(self) -> float:
         """Diagonal of the bounding box."""
         low, high = bounds(self.points)

@@ -117,11 +117,15 @@ def mirror_gain(fit: Fit, *, always: bool = False) -> float:
         target.kind == "cloud"
         or not fit.found
         or fit.problem.watch.is_over
-        or not (always or fit.agreement.patches_off > 0.0 or _some_apart(fit))
+        or not (always or fit.agreement.patches_off > 0.0 or fit.once("apart", lambda: _some_apart(fit)))
     ):
         return -np.inf
-    reflections = target.near_reflections
-    return gain_of_mirror(fit.T_target_source, reflections, fit.prepared.scan, target.surface, limit_of(fit), fit.floor)
+
+    def gain() -> float:
+        scan, surface, mirrors = fit.prepared.scan, target.surface, target.near_reflections
+        return gain_of_mirror(fit.T_target_source, mirrors, scan, surface, limit_of(fit), fit.floor)
+
+    return fit.once("mirror gain", gain)
 
 
 def _some_apart(fit: Fit) -> bool:

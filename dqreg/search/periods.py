@@ -7,7 +7,7 @@ well one period on.
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
+from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh, Surface, sample_mesh
@@ -35,6 +35,11 @@ KEPT, MULTIPLE, MOST = 6, 0.1, 16
 
 # Points farther off than that are not looked for: a little more than what counts, which is within it.
 NEAR = 1.01
+# The grid of differences: cells a side, with room for those around the longest ones; steps of a row number along each
+# axis; and the row of no difference.
+SIDE = 2 * (round(LONGEST / CELL) + 4) + 1
+PLACES = np.array([SIDE**2, SIDE, 1])
+HERE = SIDE**3 // 2
 
 
 def near_periods(mesh: Mesh, surface: Surface) -> FloatArray:
@@ -63,30 +68,50 @@ def near_periods(mesh: Mesh, surface: Surface) -> FloatArray:
 
 def _crowded(points: FloatArray, normals: FloatArray, size: float) -> FloatArray:
     """Middles of the cells where differences of points with equal normals crowd, (k, 3)."""
-    first, second = np.nonzero(normals @ normals.T > EQUAL_COS)
-    differences = points[second] - points[first]
-    # Either way: a period and its opposite are one, whichever side of a plane the first point is on.
+    # Either way: a period and its opposite are one, whichever side of a plane the first point is on. So the pairs are
+    # taken one way, and what they fill is mirrored: a cell and its opposite change places in the grid.
+    rows = np.flatnonzero(normals @ normals.T > EQUAL_COS)
+    first, second = np.divmod(rows, len(normals))
+    once = first < second
+    differences = np.take(points, second[once], axis=0) - np.take(points, first[once], axis=0)
     squared = np.einsum("ij,ij->i", differences, differences)
     differences = differences[(squared > (SHORTEST * size) ** 2) & (squared < (LONGEST * size) ** 2)]
-    if not len(differences):
-        return np.zeros((0, 3))
-    cells = np.round(differences / (CELL * size)).astype(np.int64)
-    low = cells.min(axis=0) - 1
-    shape = cells.max(axis=0) + 2 - low
-    flat = np.ravel_multi_index(tuple((cells - low).T), tuple(shape))
-    counts, *sums = (
-        np.bincount(flat, weights, minlength=int(np.prod(shape))).reshape(shape) for weights in (None, *differences.T)
-    )
-    near, around = (k**3 * ndimage.uniform_filter(counts.astype(np.float64), k, mode="constant") for k in (3, 9))
-    around = (around - near) * 27.0 / 702.0
-    stands = (near - around) / np.sqrt(np.maximum(around, 1.0))
-    top = (ndimage.maximum_filter(near, 5) == near) & (stands > STANDS_OUT)
-    # One of each pair of opposites.
-    found = np.argwhere(top)
-    found = found[((found + low) @ [1_000_000, 1_000, 1]) > 0]
-    found = found[np.argsort(-near[tuple(found.T)], kind="stable")][:CROWDS]
-    blocks = [tuple(slice(max(k - 1, 0), k + 2) for k in cell) for cell in found]
-    return np.array([[total[block].sum() / counts[block].sum() for total in sums] for block in blocks]).reshape(-1, 3)
+    cells = np.rint(differences / (CELL * size)).astype(np.int64) @ PLACES + HERE
+    counts = np.bincount(cells, minlength=SIDE**3).astype(np.int32)
+    near = _box_sums(counts + counts[::-1], 1)
+    # A box of nine cells a side is three of three.
+    around = (_box_sums(near, 3) - near)[HERE + 1 :] * (27.0 / 702.0)
+    found = HERE + 1 + np.flatnonzero(near[HERE + 1 :] - around > STANDS_OUT * np.sqrt(np.maximum(around, 1.0)))
+    found = found[near[found] == near[found[:, None] + _cube(2)].max(axis=1, initial=0)]
+    found = found[np.argsort(-near[found], kind="stable")][:CROWDS]
+    return _middles(differences, cells, found)
+
+
+def _box_sums(counts: NDArray[np.int32], step: int) -> NDArray[np.int32]:
+    """Sums over a cell and those one step before and after it along each axis of the grid, whose rim is empty."""
+    for stride in PLACES * step:
+        total = counts.copy()
+        total[stride:] += counts[:-stride]
+        total[:-stride] += counts[stride:]
+        counts = total
+    return counts
+
+
+def _cube(reach: int) -> IntArray:
+    """Steps from a cell of the grid to those around it, up to so many along each axis, and to itself."""
+    steps = np.arange(-reach, reach + 1)
+    return np.asarray((steps[:, None, None] * SIDE**2 + steps[:, None] * SIDE + steps).ravel())
+
+
+def _middles(differences: FloatArray, cells: IntArray, found: IntArray) -> FloatArray:
+    """Mean of the differences in each of some cells and those around it, either way, (k, 3)."""
+    blocks = found[:, None] + _cube(1)
+    asked = np.zeros(SIDE**3, dtype=bool)
+    asked[blocks] = True
+    ahead, back = asked[cells], asked[2 * HERE - cells]
+    either = np.concatenate([differences[ahead], -differences[back]])
+    at = np.r_[cells[ahead], 2 * HERE - cells[back]]
+    return np.array([either[np.isin(at, block)].mean(axis=0) for block in blocks]).reshape(-1, 3)
 
 
 def _periodic(poses: Poses, checks: OrientedPoints, surface: Surface) -> IntArray:

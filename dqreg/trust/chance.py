@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Surface
@@ -25,6 +24,8 @@ def random_ratio(placed: FloatArray, inlying: float, rms: float, surface: Surfac
     extent = float(np.linalg.norm(np.ptp(placed, axis=0))) if len(placed) else 0.0
     if not rms > OVERWHELMING * extent:
         return 0.0
+    from scipy.spatial.transform import Rotation
+
     points = placed[np.linspace(0, len(placed) - 1, min(POINTS, len(placed))).round().astype(np.int64)]
     middle, count = points.mean(axis=0), max(round(inlying * len(points)), 1)
     rng = np.random.default_rng(0)

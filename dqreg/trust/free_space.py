@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from scipy import ndimage
 
 from dqreg._arrays import BoolArray, FloatArray, bounds
 from dqreg.geometry.neighbours import NeighbourTree
@@ -38,6 +37,8 @@ class DepthImage:
     @staticmethod
     def of(points: FloatArray, eye: FloatArray) -> DepthImage:
         """Image of points, (n, 3), from a viewpoint, (3,)."""
+        from scipy import ndimage
+
         axes = _looking(points.mean(axis=0) - eye)
         places, ranges = _project(points, axes, eye)
         low, high = places.min(axis=0), places.max(axis=0)

@@ -11,8 +11,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
@@ -133,6 +131,9 @@ def _smooth_segments(
     points: FloatArray, own: FloatArray, fits: PlaneFits, indices: IntArray, flat: BoolArray
 ) -> tuple[IntArray, FloatArray]:
     """Segment of each point, -1 for those that are not flat, and the distance to the usual neighbour, (n,) each."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
     one, two = np.repeat(np.arange(len(points)), indices.shape[1]), indices.ravel()
     apart = points[two] - points[one]
     lengths = np.sqrt(np.einsum("ij,ij->i", apart, apart))
