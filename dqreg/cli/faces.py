@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,14 +73,13 @@ def read_part_in(path: Path, units: str | None, wanted: str | None) -> tuple[Mes
     ``units`` is that of the part where its file does not say.
     """
     from dqreg.files.units import factor
-    from dqreg.geometry import Mesh
 
     mesh = read_part(path)
     own = units or mesh.units
     if wanted is None or own is None or own == wanted:
-        return Mesh(mesh.vertices, mesh.faces, units=own or wanted), 1.0
+        return dataclasses.replace(mesh, units=own or wanted), 1.0
     scale = factor(own, wanted)
-    return Mesh(mesh.vertices * scale, mesh.faces, units=wanted), scale
+    return dataclasses.replace(mesh, vertices=mesh.vertices * scale, units=wanted), scale
 
 
 def _table(faces: tuple[Face, ...], unit: str, name: str) -> Table:

@@ -19,7 +19,7 @@ from dqreg.errors import InputError, printable
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dqreg.inspection import Decision, Deviations
+    from dqreg.inspection import Decision, Deviations, Tolerance
     from dqreg.registration.result import Registration
 
 as_json_option = click.option("--json", "as_json", is_flag=True, help="The result as JSON on standard output, and "
@@ -100,12 +100,14 @@ def write_outputs(result: Registration, out: Path | None, aligned: Path | None, 
 
 
 def tell_deviations(
-    result: Registration, path: Path | None, tolerance: float | None, console: Console, **options: Any
+    result: Registration, path: Path | None, tolerance: Tolerance | None, console: Console, **options: Any
 ) -> Deviations | None:
     """Print the deviations of a result and write them."""
     if not math.isfinite(result.rms):
         say(console, f"not written: {path} (no pose was found)" if path else "no deviations: no pose was found")
         return None
+    from dqreg.registration.inspected import deviations_within
+
     with warnings.catch_warnings(), console.status("measuring deviations") as status:
 
         def show(done: int, total: int) -> None:
@@ -113,7 +115,7 @@ def tell_deviations(
 
         # Why there are no signs stands in the first line.
         warnings.simplefilter("ignore", UserWarning)
-        deviations = result.deviations(tolerance, progress=show, **options)
+        deviations = deviations_within(result, tolerance, progress=show, **options)
     for name, text in deviation_lines(deviations):
         say(console, f"{name:>10}  {text}")
     if path is not None:
@@ -161,7 +163,7 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
             f"mean {summary.mean:{sign}.4g} {unit}, rms {summary.rms:.4g} {unit}",
         )
     )
-    if deviations.tolerance is not None:
+    if deviations.tolerance is not None and deviations.allowed is None:
         bands = deviations.bands()
         below = f"{100 * bands.below:.2f} % below, " if deviations.signed else ""
         mark = "+-" if deviations.signed else ""
@@ -173,20 +175,17 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
     return lines
 
 
-def tell_decision(deviations: Deviations, required_share: float, console: Console) -> Decision:
+def tell_decision(found: Decision, deviations: Deviations, console: Console) -> None:
     """Print whether the part is within its tolerance, and why."""
-    from dqreg.inspection import decide
-    from dqreg.report.page_tables import decision_words
+    from dqreg.report.decision_tables import decision_words
+    from dqreg.report.text import tolerance_text
 
     unit = deviations.units or "target units"
-    found = decide(deviations, required_share=required_share)
     colour = {"pass": "green", "undecided": "yellow", "fail": "red"}[found.outcome]
-    console.print(
-        f"[bold {colour}]{found.outcome.upper()}[/]: part against +-{found.tolerance:g} {unit}", highlight=False
-    )
+    against = tolerance_text(found, unit).replace("±", "+-").replace("−", "-")
+    console.print(f"[bold {colour}]{found.outcome.upper()}[/]: part against {against}", highlight=False)
     for words in decision_words(found, unit, deviations.signed):
         say(console, f"  {words}")
-    return found
 
 
 def deviation_record(deviations: Deviations, decision: Decision | None = None) -> dict[str, Any]:
@@ -209,12 +208,11 @@ def deviation_record(deviations: Deviations, decision: Decision | None = None) -
 def tell_report(
     result: Registration,
     path: Path,
-    tolerance: float | None,
     reach: float | None,
     start: Any,
     console: Console,
     deviations: Deviations | None,
-    required_share: float,
+    decision: Decision | None,
 ) -> None:
     """Write the HTML report of a result."""
     import numpy as np
@@ -223,9 +221,7 @@ def tell_report(
 
     T_start = start if isinstance(start, np.ndarray) else None
     with console.status("writing the report"):
-        write_report(
-            result, path, tolerance, reach=reach, start=T_start, deviations=deviations, required_share=required_share
-        )
+        write_report(result, path, reach=reach, start=T_start, deviations=deviations, decision=decision)
     say(console, f"wrote {path}")
 
 

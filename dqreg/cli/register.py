@@ -18,6 +18,7 @@ from dqreg.cli.outputs import (
     tell_report,
     write_outputs,
 )
+from dqreg.cli.values import ScaleType, ToleranceType
 from dqreg.errors import InputError
 
 # The same words as in the library, which a test compares: importing them would load the solvers for `--help`.
@@ -26,6 +27,8 @@ EFFORTS = ("fast", "normal", "best")
 SEARCHES = ("never", "doubt", "always")
 UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
 FILE = click.Path(path_type=Path)
+if TYPE_CHECKING:
+    from dqreg.inspection import Tolerance
 SECTIONS = {
     "Output": ("out", "report", "aligned", "deviations", "as_json"),
     "Initial pose": ("start", "search", "dof", "viewpoint", "clutter"),
@@ -33,28 +36,6 @@ SECTIONS = {
     "Deviations of the part": ("tolerance", "required", "reach", "exclude", "keep"),
     "Registration": ("effort", "time_limit", "max_distance", "max_angle_deg", "method", "accelerate", "seed"),
 }
-
-
-if TYPE_CHECKING:
-    Base = click.ParamType[float | str]
-else:
-    # The types of an older click take no brackets when the program runs.
-    Base = click.ParamType
-
-
-class ScaleType(Base):
-    """A factor above 0, or "solve"."""
-
-    name = "scale"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | str:
-        """The number or the word that a text means."""
-        if value == "solve":
-            return "solve"
-        try:
-            return float(value)
-        except ValueError:
-            self.fail(f"{value!r} is neither solve nor a number", param, ctx)
 
 
 @click.command("register", cls=SectionedCommand, sections=SECTIONS)
@@ -74,8 +55,8 @@ class ScaleType(Base):
 @click.option("--aligned", type=FILE, help="The scan in the target's frame as PLY.")
 @click.option("--deviations", type=FILE, help="Every point with its signed deviation: coloured .ply, .csv or .npy.")
 @click.option("--json", "as_json", is_flag=True, help="The result as JSON on standard output, and nothing else there.")
-@click.option("--tolerance", type=float, metavar="LENGTH", help="Largest deviation allowed, target units: decide "
-              "whether the part passes, and end the colour scale there.")  # fmt: skip
+@click.option("--tolerance", type=ToleranceType(), metavar="LENGTH", help="Largest deviation allowed, target units, or "
+              "two sides as +0.2/-0.05: decide whether the part passes, and end the colour scale there.")  # fmt: skip
 @click.option("--required", type=float, metavar="PERCENT", default=95.0, show_default=True, help="Points, of all and "
               "of each region, that must be within the tolerance. Single points are forgiven, places not.")  # fmt: skip
 @click.option("--reach", type=float, metavar="LENGTH", help="Points farther from the target than this are taken for "
@@ -114,7 +95,7 @@ def register_command(
     aligned: Path | None,
     deviations: Path | None,
     report: Path | None,
-    tolerance: float | None,
+    tolerance: float | Tolerance | None,
     required: float,
     reach: float | None,
     exclude: tuple[tuple[float, ...], ...],
@@ -141,10 +122,13 @@ def register_command(
     """
     from dqreg._open3d import load_open3d
     from dqreg.files.poses import read_start
+    from dqreg.inspection import decide
+    from dqreg.inspection.tolerances import tolerance_of
     from dqreg.report import make_progress, print_summary
 
     # Asked before the work starts, so that no result is lost after it.
-    _check(out, aligned, deviations, report, {"--tolerance": tolerance, "--reach": reach})
+    _check(out, aligned, deviations, report, {"--reach": reach})
+    allowed = None if tolerance is None else tolerance_of(tolerance, "--tolerance")
     if not 0.0 < required <= 100.0:
         raise InputError(f"--required is a percentage above 0 and at most 100; got {required:g}")
     console, shown = consoles(quiet=quiet, as_json=as_json, apart=True)
@@ -161,12 +145,13 @@ def register_command(
     print_summary(console, result)
     write_outputs(result, out, aligned, console)
     measured = decision = None
-    if deviations is not None or tolerance is not None:
-        measured = tell_deviations(result, deviations, tolerance, console, reach=reach, exclude=exclude, keep=keep)
-    if measured is not None and tolerance is not None:
-        decision = tell_decision(measured, required / 100.0, console)
+    if deviations is not None or allowed is not None:
+        measured = tell_deviations(result, deviations, allowed, console, reach=reach, exclude=exclude, keep=keep)
+    if measured is not None and allowed is not None:
+        decision = decide(measured, allowed, required / 100.0)
+        tell_decision(decision, measured, console)
     if report is not None:
-        tell_report(result, report, tolerance, reach, began, console, measured, required / 100.0)
+        tell_report(result, report, reach, began, console, measured, decision)
     if as_json:
         found = None if measured is None else deviation_record(measured, decision)
         print_json(result.to_dict() if found is None else result.to_dict() | {"deviations": found})

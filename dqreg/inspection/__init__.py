@@ -14,7 +14,7 @@ from dqreg.inspection.alignment import (
     align_surface,
 )
 from dqreg.inspection.coverage import FaceCoverage
-from dqreg.inspection.decision import Decision, OutOfTolerance, decide
+from dqreg.inspection.decision import Decision, decide
 from dqreg.inspection.deviation_files import colours_of
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.edge_points import edge_point
@@ -22,11 +22,13 @@ from dqreg.inspection.features import EdgePoint, Feature, fit_feature
 from dqreg.inspection.measure import measure_deviations, why_unsigned
 from dqreg.inspection.membership import Counts
 from dqreg.inspection.part_faces import Face, faces_in_box, nearest_face, part_faces
+from dqreg.inspection.places import OutOfTolerance
 from dqreg.inspection.plan import Plan, read_plan
 from dqreg.inspection.plan_run import Characteristic, Inspection, inspect
 from dqreg.inspection.regions import Region
 from dqreg.inspection.sections import Section, section_of
 from dqreg.inspection.statistics import Band, Bands, Place, Summary
+from dqreg.inspection.tolerances import Tolerance
 
 __all__ = [
     "AlignedStep",
@@ -52,6 +54,7 @@ __all__ = [
     "Section",
     "Summary",
     "SurfaceAlignment",
+    "Tolerance",
     "align_datums",
     "align_points",
     "align_surface",

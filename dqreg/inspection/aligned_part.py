@@ -21,8 +21,8 @@ from dqreg.inspection.alignment import (
     align_surface,
 )
 from dqreg.inspection.characteristics import Frame
-from dqreg.inspection.decision import MEDIAN_SIGMA, PLACE
 from dqreg.inspection.deviations import Deviations
+from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
 from dqreg.inspection.plan import Plan, PlannedDatum
 from dqreg.inspection.planned_alignment import PlannedStep
 from dqreg.inspection.scanned_part import ScannedPart

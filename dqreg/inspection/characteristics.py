@@ -15,11 +15,11 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.inspection.decision import COVERAGE
 from dqreg.inspection.features import Feature, fit_feature
 from dqreg.inspection.features.models import distances
 from dqreg.inspection.features.spread import normals_of
 from dqreg.inspection.medians import on_face
+from dqreg.inspection.places import COVERAGE
 from dqreg.inspection.regions import Outcome
 from dqreg.rigid import pose, twist
 

@@ -4,53 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.regions import Cut, Outcome, Region, cut_of, regions_of
-from dqreg.inspection.statistics import PROBED
-from dqreg.solvers.robust import GAUSSIAN_MEDIAN
+from dqreg.inspection.places import COVERAGE, OutOfTolerance, places_of
+from dqreg.inspection.regions import Outcome, Region, cut_of, regions_of, require_faces
+from dqreg.inspection.tolerances import PointLimits, Tolerance, limits_at, require_share, tolerance_of
 
 # Share of the points that must be within the tolerance, of the scan and of each region, unless another one is asked.
 REQUIRED_SHARE = 0.95
-# Expanded uncertainty, in standard deviations: 95 % (ISO 14253-1, k = 2).
-COVERAGE = 2.0
-# A place is the median of so many neighbouring points: half of them may be noise.
-PLACE = 25
-# Places that are named.
-NAMED = 50
-# Points asked whether a place is out of tolerance, and points that answer for the neighbourhood: more say the same.
-ASKED, NEIGHBOURS = 20_000, 1_000_000
-# Standard deviation of a median of n normal values: 1.2533 sigma / sqrt(n).
-MEDIAN_SIGMA = 1.2533
-
-
-@dataclasses.dataclass(frozen=True)
-class OutOfTolerance:
-    """A place of the part that is not proven to be within the tolerance.
-
-    Attributes
-    ----------
-    value : float
-        Median deviation of the 25 neighbouring points there, signed where signs are known, target units.
-    uncertainty : float
-        Of that value, expanded (k = 2): of the pose and of the median.
-    position : ndarray, (3,)
-        In the caller's target frame.
-    outcome : {"fail", "undecided"}
-        Undecided where the tolerance lies within the uncertainty.
-    region : int
-        Number of its region.
-    """
-
-    value: float
-    uncertainty: float
-    position: FloatArray
-    outcome: Outcome
-    region: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +28,7 @@ class Decision:
     outcome : {"pass", "fail", "undecided"}
         The worst of the share, the regions and the places. Undecided where the tolerance lies within the uncertainty.
     tolerance : float
-        Largest deviation allowed, target units.
+        Largest deviation allowed, target units; of several tolerances the largest.
     required_share : float
         Share of the points that must be within it, of all and of each region.
     share_within : float
@@ -77,6 +43,10 @@ class Decision:
         Scanned regions of the part with the outcome of each, the one with the most points first.
     regions_how : str
         How the part was cut into them.
+    low, high : float
+        Signed deviations allowed on faces without a tolerance of their own; infinite where they have none.
+    own : int
+        Faces with a tolerance of their own.
     """
 
     outcome: Outcome
@@ -88,9 +58,17 @@ class Decision:
     places: tuple[OutOfTolerance, ...]
     regions: tuple[Region, ...]
     regions_how: str
+    low: float = -math.inf
+    high: float = math.inf
+    own: int = 0
 
 
-def decide(deviations: Deviations, tolerance: float | None = None, required_share: float = REQUIRED_SHARE) -> Decision:
+def decide(
+    deviations: Deviations,
+    tolerance: float | Tolerance | None = None,
+    required_share: float = REQUIRED_SHARE,
+    faces: Mapping[int, float | Tolerance] | None = None,
+) -> Decision:
     """Whether the part is within its tolerance.
 
     A place of the part is never forgiven, single points are: the part fails where the median of 25 neighbouring points
@@ -101,10 +79,13 @@ def decide(deviations: Deviations, tolerance: float | None = None, required_shar
     ----------
     deviations : Deviations
         From `dqreg.Registration.deviations`.
-    tolerance : float, optional
-        Largest deviation allowed, target units; default: that of ``deviations``.
+    tolerance : float or Tolerance, optional
+        Largest deviation allowed, target units, or the signed limits of unequal sides; default: that of ``deviations``.
     required_share : float
         Share of the points that must be within the tolerance, of all and of each region, above 0 and at most 1.
+    faces : mapping of int to float or Tolerance, optional
+        Tolerances of single faces, by their numbers (`part_faces`); each may have a required share of its own. Faces
+        without one have ``tolerance``; without that too, nothing is asked of them.
 
     Returns
     -------
@@ -114,7 +95,8 @@ def decide(deviations: Deviations, tolerance: float | None = None, required_shar
     Raises
     ------
     InputError
-        If there is no tolerance, or one of the numbers cannot be used.
+        If there is no tolerance, it is not below the reach (what deviates more was left out, so nothing could fail), it
+        needs signs that the part does not have, or one of the numbers cannot be used.
 
     Examples
     --------
@@ -124,41 +106,76 @@ def decide(deviations: Deviations, tolerance: float | None = None, required_shar
     >>> part = Mesh(*box((2.0, 2.0, 2.0)))
     >>> top = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 3)) * [1, 1, 0] + [0, 0, 1]
     >>> top[np.linalg.norm(top[:, :2], axis=1) < 0.2, 2] += 0.03
-    >>> found = decide(measure_deviations(top, part, MeshSurface(part)), tolerance=0.01)
-    >>> found.outcome, round(found.share_within, 2), round(found.places[0].value, 3)
+    >>> found = measure_deviations(top, part, MeshSurface(part))
+    >>> first = decide(found, tolerance=0.01)
+    >>> first.outcome, round(first.share_within, 2), round(first.places[0].value, 3)
     ('fail', 0.98, 0.03)
+    >>> decide(found, Tolerance(0.0 - 0.01, 0.04)).outcome
+    'pass'
     """
-    allowed = deviations.summary(tolerance).tolerance
-    if allowed is None:
-        raise InputError("a decision needs a tolerance: the largest deviation allowed, in target units")
-    if not 0.0 < required_share <= 1.0:
-        raise InputError(f"required_share must be above 0 and at most 1; got {required_share!r}")
+    require_share(required_share)
+    whole, own = _asked(deviations, tolerance, faces or {})
     rows = np.flatnonzero(deviations.counted)
-    sizes, room = np.abs(deviations.values[rows]), COVERAGE * deviations.pose_sigma(rows)
-    cut = cut_of(deviations)
-    places = _places(deviations, rows, room, allowed, cut)
+    values, room = deviations.values[rows], COVERAGE * deviations.pose_sigma(rows)
+    cut = cut_of(deviations, by_face=bool(own))
+    limits = limits_at(cut.labels, whole, own)
+    places = places_of(deviations, rows, room, limits, cut.labels)
 
     def of_region(region: Region) -> Region:
-        own = cut.labels == region.number
-        share = _by_share(sizes[own], room[own], allowed, required_share)
+        at = cut.labels == region.number
+        allowed = own.get(region.number, whole)
+        if allowed is None:
+            return region
+        inner = limits.of(at)
+        share = _by_share(values[at], room[at], inner, allowed.required_share or required_share)
         outcome = worst_of([share, *(place.outcome for place in places if place.region == region.number)])
-        within = float(np.count_nonzero(sizes[own] <= allowed) / max(region.points, 1))
-        return dataclasses.replace(region, share_within=within, outcome=outcome)
+        within = float(np.count_nonzero(inner.beyond(values[at]) <= 0.0) / max(region.points, 1))
+        return dataclasses.replace(region, share_within=within, outcome=outcome, low=allowed.low, high=allowed.high)
 
     regions = tuple(of_region(region) for region in regions_of(deviations, cut))
-    share = _by_share(sizes, room, allowed, required_share)
+    judged = limits.asked
+    values, room, limits = values[judged], room[judged], limits.of(judged)
+    share = _by_share(values, room, limits, required_share)
     outcomes = [share, *(place.outcome for place in places), *(region.outcome or "pass" for region in regions)]
+    within = np.count_nonzero(limits.beyond(values) <= 0.0)
     return Decision(
         outcome=worst_of(outcomes),
-        tolerance=allowed,
+        tolerance=max(each.size for each in (*own.values(), *([] if whole is None else [whole]))),
         required_share=required_share,
-        share_within=float(np.count_nonzero(sizes <= allowed) / len(sizes)) if len(sizes) else math.nan,
+        share_within=float(within / len(values)) if len(values) else math.nan,
         share=share,
         uncertainty=float(room.max()) if len(room) else math.nan,
         places=places,
         regions=regions,
         regions_how=cut.how,
+        low=-math.inf if whole is None else whole.low,
+        high=math.inf if whole is None else whole.high,
+        own=len(own),
     )
+
+
+def _asked(
+    deviations: Deviations, tolerance: float | Tolerance | None, faces: Mapping[int, float | Tolerance]
+) -> tuple[Tolerance | None, dict[int, Tolerance]]:
+    """The tolerance of the whole part and those of single faces, checked against what was measured."""
+    given = deviations.tolerance if tolerance is None else tolerance
+    whole = None if given is None else tolerance_of(given)
+    own = {int(number): tolerance_of(each, f"the tolerance of face {number}") for number, each in faces.items()}
+    if whole is None and not own:
+        raise InputError("a decision needs a tolerance: the largest deviation allowed, in target units")
+    if own:
+        require_faces(deviations, list(own))
+    for each in (*own.values(), *([] if whole is None else [whole])):
+        if not deviations.signed and not each.equal:
+            raise InputError(f"unequal sides of a tolerance need signs: {deviations.reason}")
+        if each.size >= deviations.reach:
+            unit = deviations.units or "units of the target"
+            raise InputError(
+                f"a tolerance of {each.size:g} {unit} is not below the reach of {deviations.reach:.4g} {unit}: points "
+                "farther off were left out, so that nothing could fail; check the unit of the tolerance, or give a "
+                "larger reach"
+            )
+    return whole, own
 
 
 def worst_of(outcomes: list[Outcome]) -> Outcome:
@@ -170,64 +187,11 @@ def worst_of(outcomes: list[Outcome]) -> Outcome:
     return "fail" if "fail" in outcomes else "undecided" if "undecided" in outcomes else "pass"
 
 
-def _by_share(sizes: FloatArray, room: FloatArray, tolerance: float, required: float) -> Outcome:
+def _by_share(values: FloatArray, room: FloatArray, limits: PointLimits, required: float) -> Outcome:
     # Pass where deviations larger by their uncertainty would do too, fail where smaller ones would not.
-    if not len(sizes):
+    if not len(values):
         return "undecided"
-    if np.count_nonzero(sizes + room <= tolerance) >= required * len(sizes):
+    beyond = limits.beyond(values)
+    if np.count_nonzero(beyond + room <= 0.0) >= required * len(values):
         return "pass"
-    return "fail" if np.count_nonzero(sizes - room <= tolerance) < required * len(sizes) else "undecided"
-
-
-def _places(
-    deviations: Deviations, rows: IntArray, room: FloatArray, tolerance: float, cut: Cut
-) -> tuple[OutOfTolerance, ...]:
-    asked = np.flatnonzero(np.abs(deviations.values[rows]) + room > tolerance)
-    asked = asked[:: -(-max(len(asked), 1) // ASKED)]
-    if not len(asked):
-        return ()
-    medians, spreads = _medians(deviations, rows, asked)
-    uncertainty = np.hypot(room[asked], COVERAGE * spreads)
-    fails = np.abs(medians) - uncertainty > tolerance
-    near = fails | (np.abs(medians) + uncertainty > tolerance)
-    feet = deviations.closest[rows[asked]] - deviations.origin
-    # Those that fail first, the largest first.
-    order = np.lexsort((-np.abs(medians), ~fails))
-    return tuple(
-        OutOfTolerance(
-            value=float(medians[k]),
-            uncertainty=float(uncertainty[k]),
-            position=deviations.points[rows[asked[k]]],
-            outcome="fail" if fails[k] else "undecided",
-            region=int(cut.labels[asked[k]]),
-        )
-        for k in _apart(feet, order[near[order]], deviations.apart)
-    )
-
-
-def _medians(deviations: Deviations, rows: IntArray, asked: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Median deviation about each asked point, and its standard deviation. Shapes: (m,), (m,)."""
-    values = deviations.values[rows]
-    if len(rows) < PROBED:
-        return values[asked], np.zeros(len(asked))
-    from scipy.spatial import cKDTree
-
-    # Neighbours on the part: a point off it stands with those that were measured where it should be.
-    step = -(-len(rows) // NEIGHBOURS)
-    feet = deviations.closest[rows] - deviations.origin
-    _, beside = cKDTree(feet[::step]).query(feet[asked], k=PLACE)
-    around = values[::step][beside]
-    medians = np.median(around, axis=1)
-    spreads = GAUSSIAN_MEDIAN * np.median(np.abs(around - medians[:, None]), axis=1)
-    return medians, MEDIAN_SIGMA * spreads / math.sqrt(PLACE)
-
-
-def _apart(feet: FloatArray, order: IntArray, apart: float) -> list[int]:
-    """The first of the order, and each further one that is not near one taken."""
-    taken: list[int] = []
-    left: BoolArray = np.ones(len(order), dtype=bool)
-    while left.any() and len(taken) < NAMED:
-        first = int(order[np.argmax(left)])
-        taken.append(first)
-        left &= np.linalg.norm(feet[order] - feet[first], axis=1) >= max(apart, 1e-300)
-    return taken
+    return "fail" if np.count_nonzero(beyond - room <= 0.0) < required * len(values) else "undecided"

@@ -18,6 +18,7 @@ from dqreg.geometry.mesh import Mesh
 from dqreg.inspection.deviation_files import require_suffix, write_array, write_coloured, write_table
 from dqreg.inspection.membership import ON_PART, Counts, Flags, by_reach, counts_of
 from dqreg.inspection.statistics import Bands, Place, Summary, bands_of, require_length, summary_of, worst_places
+from dqreg.inspection.tolerances import PointLimits
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -52,6 +53,8 @@ class Deviations:
         Of the pose: rotation vector, then translation, about ``centre``; NaN where a motion is unconstrained.
     centre : ndarray, (3,)
         In the caller's target frame.
+    allowed : PointLimits or None
+        Smallest and largest deviation allowed at each point, where a plan asks for more than one tolerance.
     apart : float
         Least distance between two worst places, a length.
     size : float
@@ -82,6 +85,7 @@ class Deviations:
     target: Mesh | PointCloud | None = dataclasses.field(default=None, repr=False)
     covariance: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((6, 6)), repr=False)
     centre: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(3), repr=False)
+    allowed: PointLimits | None = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if self.tolerance is not None:
@@ -249,6 +253,8 @@ class Deviations:
         elif suffix == ".csv":
             lengths = np.column_stack([self.points, self.values, self.closest])
             within = None if self.tolerance is None else np.abs(self.values) <= self.tolerance
+            if self.allowed is not None:
+                within = self.allowed.beyond(self.values) <= 0.0
             normals = self.normals(np.arange(len(self)))
             write_table(path, lengths, self.faces, normals, self.flags, within, self.size)
         else:

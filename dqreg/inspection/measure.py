@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 
@@ -11,6 +12,7 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.mesh_normals import PseudoNormals
+from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.scan import measure_spacing
@@ -18,6 +20,7 @@ from dqreg.geometry.surface import Surface
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.membership import EXCLUDED, by_reach, in_boxes, membership
 from dqreg.inspection.statistics import FEWEST, PROBED
+from dqreg.rigid import pose
 
 # Bounds the memory of one step to some hundred bytes times this.
 CHUNK = 1 << 18
@@ -131,6 +134,27 @@ def measure_deviations(
         target=geometry,
         covariance=np.zeros((6, 6)) if covariance is None else covariance,
         centre=shift if centre is None else centre,
+    )
+
+
+def deviations_under(deviations: Deviations, T: FloatArray, covariance: FloatArray, centre: FloatArray) -> Deviations:
+    """The same scan under a further alignment, which is as uncertain as told; what belongs to the part stays so.
+
+    ``T`` moves the scan in the caller's target frame; the covariance is about ``centre``, of that frame too.
+    """
+    mesh = deviations.target
+    assert isinstance(mesh, Mesh)
+    points = pose.apply(T, deviations.points) - deviations.origin
+    ask = _on_mesh(mesh, MeshSurface(mesh))[0]
+    values, closest, faces = ask(points)
+    return dataclasses.replace(
+        deviations,
+        values=values,
+        points=points + deviations.origin,
+        closest=closest + deviations.origin,
+        faces=faces,
+        covariance=covariance,
+        centre=centre,
     )
 
 

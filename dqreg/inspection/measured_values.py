@@ -8,9 +8,9 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.inspection import characteristics as compute
 from dqreg.inspection.characteristics import Frame, Measured
-from dqreg.inspection.decision import COVERAGE
 from dqreg.inspection.edge_points import edge_beside, edge_on
 from dqreg.inspection.part_faces import Face
+from dqreg.inspection.places import COVERAGE
 from dqreg.inspection.plan import OF_SLOT, Plan, PlannedCharacteristic
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.thickness import wall_thickness

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.inspection.decision import MEDIAN_SIGMA, PLACE
+from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 # A neighbourhood on a face holds that part of its points at most.

@@ -21,6 +21,8 @@ from dqreg.inspection.plan_keys import (
     triple_of,
 )
 from dqreg.inspection.planned_alignment import PlannedStep, steps_of
+from dqreg.inspection.planned_tolerances import SIDES, FaceTolerance, face_tolerances, sides_of, whole_tolerance
+from dqreg.inspection.tolerances import Tolerance
 
 CharacteristicKind = Literal[
     "diameter",
@@ -41,6 +43,7 @@ CharacteristicKind = Literal[
 ]
 AlignmentKind = Literal["best-fit", "datums", "steps"]
 
+KEYS = ("units", "head", "alignment", "datum", "characteristic", "section", "face", *SIDES, "required")
 # Faces that a characteristic is of; one of a distance or an angle is of two.
 FACES: dict[str, int] = {"distance": 2, "angle": 2}
 # Those of a slot: of all the faces of its wall.
@@ -103,6 +106,10 @@ class Plan:
         Alignments that follow each other, where ``alignment`` is "steps".
     sections : tuple of PlannedSection
         Cuts of part and scan.
+    tolerance : Tolerance or None
+        Of deviations anywhere on the part; None where none is given.
+    face_tolerances : tuple of FaceTolerance
+        Faces with a tolerance of their own, in the order of the file: the last that names a face counts.
     """
 
     head: dict[str, str]
@@ -112,6 +119,8 @@ class Plan:
     units: str | None = None
     steps: tuple[PlannedStep, ...] = ()
     sections: tuple[PlannedSection, ...] = ()
+    tolerance: Tolerance | None = None
+    face_tolerances: tuple[FaceTolerance, ...] = ()
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
@@ -143,15 +152,16 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
 
 def plan_of(values: dict[str, Any], name: str = "plan") -> Plan:
     """A plan from the values of a TOML file, each checked under the name of its entry."""
-    require_known(values, ("units", "head", "alignment", "datum", "characteristic", "section"), name)
+    require_known(values, KEYS, name)
     datums = tuple(_datum(entry, f"{name}: datum {k + 1}") for k, entry in enumerate(list_of(values, "datum", name)))
     letters = [datum.name for datum in datums]
     for letter in letters:
         if letters.count(letter) > 1:
             raise InputError(f"{name}: datum {letter} is given twice")
     rows = list_of(values, "characteristic", name)
-    if not rows:
-        raise InputError(f"{name}: no [[characteristic]] is given, so there is nothing to inspect")
+    whole, single = whole_tolerance(values, name), face_tolerances(values, name)
+    if not rows and whole is None and not single:
+        raise InputError(f"{name}: no [[characteristic]] and no tolerance is given, so there is nothing to inspect")
     characteristics = tuple(
         _characteristic(entry, f"{name}: characteristic {k + 1}", letters) for k, entry in enumerate(rows)
     )
@@ -170,9 +180,8 @@ def plan_of(values: dict[str, Any], name: str = "plan") -> Plan:
     head = values.get("head", {})
     if not isinstance(head, dict):
         raise InputError(f"{name}: head must be a table of words")
-    return Plan(
-        {key: str(value) for key, value in head.items()}, datums, alignment, characteristics, units, steps, sections
-    )
+    words = {key: str(value) for key, value in head.items()}
+    return Plan(words, datums, alignment, characteristics, units, steps, sections, whole, single)
 
 
 def _datum(entry: Any, where: str) -> PlannedDatum:
@@ -194,7 +203,7 @@ def _section(entry: Any, where: str) -> PlannedSection:
 def _characteristic(entry: Any, where: str, letters: list[str]) -> PlannedCharacteristic:
     require_known(
         entry,
-        ("name", "kind", "face", "faces", "near", "box", "point", "datum", "nominal", "tolerance", "plus", "minus"),
+        ("name", "kind", "face", "faces", "near", "box", "point", "datum", "nominal", *SIDES),
         where,
     )
     kind = entry.get("kind")
@@ -203,14 +212,7 @@ def _characteristic(entry: Any, where: str, letters: list[str]) -> PlannedCharac
     datum = entry.get("datum", "")
     if kind in TO_DATUM or datum:
         require_one_of(datum, letters, f"{where}: datum")
-    if "tolerance" in entry:
-        plus = minus = number_of(entry, "tolerance", where)
-    elif "plus" in entry or "minus" in entry:
-        plus, minus = (number_of(entry, key, where) if key in entry else 0.0 for key in ("plus", "minus"))
-    else:
-        raise InputError(f"{where}: no tolerance is given; give tolerance, or plus and minus")
-    if plus < 0.0 or minus < 0.0 or plus + minus <= 0.0:
-        raise InputError(f"{where}: a tolerance is above 0; got plus {plus:g}, minus {minus:g}")
+    plus, minus = sides_of(entry, where)
     nominal, middle = number_of(entry, "nominal", where) if "nominal" in entry else None, 0.0
     if kind == "profile" and "tolerance" not in entry:
         # Unilateral or unequal: the zone reaches from minus below the part's surface to plus above it.
@@ -225,11 +227,18 @@ def _characteristic(entry: Any, where: str, letters: list[str]) -> PlannedCharac
 
 def _faces(entry: dict[str, Any], kind: str, where: str) -> tuple[FaceName, ...]:
     wanted, given = FACES.get(kind, 1), entry.get("faces")
+    if kind in OF_SLOT and given is not None:
+        found = faces_of_list(given, where)
+        if not found:
+            raise InputError(f"{where}: faces are all faces of the slot's wall; none is given")
+        return found
+    if wanted == 1 and given is not None:
+        raise InputError(f"{where}: a {kind} is of one face: face = 3; got faces = {given!r:.60}")
     if kind == "edge-point" and not {"face", "near", "box"} & set(entry):
         # The larger of the two that meet there.
         return ()
-    if wanted == 1 and not (kind in OF_SLOT and given is not None):
-        return (face_of({key: value for key, value in entry.items() if key != "faces"}, where),)
-    if wanted > 1 and (not isinstance(given, list) or len(given) != wanted):
-        raise InputError(f"{where}: a {kind} is of two faces: faces = [3, 4]; got {given!r}")
+    if wanted == 1:
+        return (face_of(entry, where),)
+    if not isinstance(given, list) or len(given) != wanted or {"face", "near", "box"} & set(entry):
+        raise InputError(f"{where}: a {kind} is of two faces: faces = [3, 4]; got {given!r:.60}")
     return faces_of_list(given, where)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 from dqreg.errors import InputError, did_you_mean
@@ -11,6 +12,8 @@ from dqreg.errors import InputError, did_you_mean
 FaceName = int | tuple[float, ...]
 # Keys that do, and the coordinates of each.
 NAMES = {"near": 3, "box": 6}
+# No part has more.
+MOST_FACES = 10**9
 
 
 def face_of(entry: dict[str, Any], where: str) -> FaceName:
@@ -23,8 +26,8 @@ def face_of(entry: dict[str, Any], where: str) -> FaceName:
     key = given[0]
     if key == "face":
         number = entry["face"]
-        if isinstance(number, bool) or not isinstance(number, int) or number < 0:
-            raise InputError(f"{where}: face is a number of `dqreg faces`; got {number!r}")
+        if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < MOST_FACES:
+            raise InputError(f"{where}: face is a number of `dqreg faces`; got {number!r:.60}")
         return number
     values, count = entry[key], NAMES[key]
     if not isinstance(values, list) or len(values) != count:
@@ -58,21 +61,22 @@ def require_known(entry: Any, known: tuple[str, ...], where: str) -> None:
         raise InputError(f"{where} must be a table; got {entry!r:.60}")
     for key in entry:
         if key not in known:
-            raise InputError(f"{where}: {key!r} is not known{did_you_mean(key, known)}")
+            raise InputError(f"{where}: {key!r:.60} is not known{did_you_mean(key[:60], known)}")
 
 
 def require_one_of(value: Any, known: tuple[str, ...] | list[str], where: str) -> None:
     """Raise where a value is none of those known."""
     if value not in known:
         names = ", ".join(known) or "none is given"
-        raise InputError(f"{where} must be one of {names}; got {value!r}{did_you_mean(str(value), known)}")
+        raise InputError(f"{where} must be one of {names}; got {value!r:.60}{did_you_mean(str(value)[:60], known)}")
 
 
 def number_of(entry: dict[str, Any], key: str, where: str) -> float:
     """A finite number."""
     value = entry[key]
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < float("inf"):
-        raise InputError(f"{where}: {key} must be a number; got {value!r}")
+    # Integers of TOML may be longer than any float.
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= sys.float_info.max:
+        raise InputError(f"{where}: {key} must be a number; got {value!r:.60}")
     return float(value)
 
 

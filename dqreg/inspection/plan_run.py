@@ -8,16 +8,18 @@ import math
 import numpy as np
 
 from dqreg.errors import DegenerateGeometryError
-from dqreg.inspection.aligned_part import AlignedStep, Alignment, aligned_part, entry
+from dqreg.inspection.aligned_part import AlignedPart, AlignedStep, Alignment, aligned_part, entry
 from dqreg.inspection.characteristics import Frame, Measured
 from dqreg.inspection.coverage import FaceCoverage
-from dqreg.inspection.decision import worst_of
+from dqreg.inspection.decision import REQUIRED_SHARE, Decision, decide, worst_of
 from dqreg.inspection.deviations import Deviations
+from dqreg.inspection.measure import deviations_under
 from dqreg.inspection.measured_values import faces_of_row, measured_value, nominal_value
 from dqreg.inspection.plan import ZONES, Plan, PlannedCharacteristic, PlannedSection
 from dqreg.inspection.regions import Outcome
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.sections import Section, section_on
+from dqreg.inspection.tolerances import Tolerance, limits_at
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +77,7 @@ class Inspection:
     Attributes
     ----------
     outcome : {"pass", "fail", "undecided"}
-        The worst of the characteristics.
+        The worst of the characteristics and of the decision on the deviations.
     characteristics : tuple of Characteristic
         In the order of the plan.
     alignment : DatumAlignment, PointAlignment, SurfaceAlignment or None
@@ -88,6 +90,10 @@ class Inspection:
         Alignments that followed each other, by name; none for the best fit.
     sections : tuple of (str, Section)
         Cuts of the plan, by name.
+    decision : Decision or None
+        On the deviations, where the plan gives them a tolerance.
+    deviations : Deviations or None
+        Under the alignment of the plan.
     """
 
     outcome: Outcome
@@ -97,6 +103,8 @@ class Inspection:
     faces: tuple[FaceCoverage, ...] = ()
     steps: tuple[AlignedStep, ...] = ()
     sections: tuple[tuple[str, Section], ...] = ()
+    decision: Decision | None = None
+    deviations: Deviations | None = None
 
 
 def inspect(deviations: Deviations, plan: Plan) -> Inspection:
@@ -124,15 +132,37 @@ def inspect(deviations: Deviations, plan: Plan) -> Inspection:
     aligned = aligned_part(deviations, plan)
     part = aligned.part
     rows = tuple(_measured(part, plan, row, aligned.frame) for row in plan.characteristics)
+    laid, decision = _judged(deviations, plan, aligned)
     return Inspection(
-        outcome=worst_of([row.outcome for row in rows]),
+        outcome=worst_of([*(row.outcome for row in rows), *([decision.outcome] if decision else [])]),
         characteristics=rows,
         alignment=aligned.final,
         plan=plan,
         faces=_faces(part, plan, rows),
         steps=aligned.steps,
         sections=tuple((cut.name, _section(part, cut)) for cut in plan.sections),
+        decision=decision,
+        deviations=laid,
     )
+
+
+def _judged(deviations: Deviations, plan: Plan, aligned: AlignedPart) -> tuple[Deviations, Decision | None]:
+    """Deviations under the alignment of the plan, and the decision on them where they have a tolerance."""
+    part, final = aligned.part, aligned.final
+    if final is not None:
+        deviations = deviations_under(deviations, final.T_target_source, final.covariance, final.centre)
+    own: dict[int, Tolerance] = {}
+    for row in plan.face_tolerances:
+        with entry(row.where):
+            own |= {face.number: row.tolerance for face in part.named(row.faces)}
+    if plan.tolerance is None and not own:
+        return deviations, None
+    required = (plan.tolerance.required_share if plan.tolerance else None) or REQUIRED_SHARE
+    decision = decide(deviations, plan.tolerance, required, own)
+    limits = None
+    if own or (plan.tolerance is not None and not plan.tolerance.equal):
+        limits = limits_at(part.of_triangle[deviations.faces], plan.tolerance, own)
+    return dataclasses.replace(deviations, tolerance=decision.tolerance, allowed=limits), decision
 
 
 def _section(part: ScannedPart, cut: PlannedSection) -> Section:
@@ -143,6 +173,7 @@ def _section(part: ScannedPart, cut: PlannedSection) -> Section:
 def _faces(part: ScannedPart, plan: Plan, rows: tuple[Characteristic, ...]) -> tuple[FaceCoverage, ...]:
     used = {number for row in rows for number in row.faces}
     used |= {part.face(datum.face).number for datum in plan.datums}
+    used |= {face.number for each in plan.face_tolerances for face in part.named(each.faces)}
     counts, shares = part.counts(), part.coverage()
     return tuple(
         FaceCoverage(f.number, f.kind, f.area, int(counts[f.number]), float(shares[f.number]), f.number in used)

@@ -7,9 +7,11 @@ from typing import Any, Literal, get_args
 
 from dqreg.errors import InputError
 from dqreg.inspection.plan_keys import FaceName, faces_of_list, number_of, require_known, require_one_of
+from dqreg.inspection.planned_tolerances import SIDES, sides_of
+from dqreg.solvers.dof import Freedom
 
 StepKind = Literal["best-fit", "tolerance", "minimax", "outside", "inside", "datums", "points"]
-KEYS = ("name", "kind", "faces", "weights", "tolerance", "plus", "minus", "dof", "points")
+KEYS = ("name", "kind", "faces", "weights", *SIDES, "dof", "points")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,32 +39,43 @@ def _step(entry: Any, letters: list[str], where: str) -> PlannedStep:
     require_one_of(kind, get_args(StepKind), f"{where}: kind")
     if kind == "datums" and not letters:
         raise InputError(f'{where}: kind = "datums" needs [[datum]] entries')
-    faces = entry.get("faces", [])
-    weights = entry.get("weights", [])
-    if not isinstance(faces, list) or not isinstance(weights, list) or len(weights) not in (0, len(faces)):
-        raise InputError(f"{where}: faces is a list such as [3, 4], weights one of as many numbers")
     band = None
-    if "tolerance" in entry:
-        band = (-number_of(entry, "tolerance", where), number_of(entry, "tolerance", where))
-    elif "plus" in entry or "minus" in entry:
-        plus, minus = (number_of(entry, key, where) if key in entry else 0.0 for key in ("plus", "minus"))
+    if any(key in entry for key in SIDES):
+        plus, minus = sides_of(entry, where)
         band = (-minus, plus)
-    if band is not None and not band[0] < band[1]:
-        raise InputError(f"{where}: a band is above 0 wide; got plus {band[1]:g}, minus {-band[0]:g}")
     if kind == "tolerance" and band is None:
         raise InputError(f"{where}: a tolerance fit needs tolerance, or plus and minus")
-    dof = entry.get("dof", "all")
-    if not isinstance(dof, str):
-        raise InputError(f'{where}: dof is text such as "tz rx ry"; got {dof!r}')
+    faces = faces_of_list(entry.get("faces", []), where)
+    if faces and kind in ("datums", "points"):
+        raise InputError(f"{where}: faces do not go with kind = {kind!r}")
     return PlannedStep(
         name=str(entry.get("name", kind)),
         kind=kind,
-        faces=faces_of_list(faces, where),
-        weights=tuple(number_of({"weights": each}, "weights", where) for each in weights),
+        faces=faces,
+        weights=_weights(entry.get("weights", []), len(faces), where),
         band=band,
-        dof=dof,
+        dof=_dof(entry.get("dof", "all"), where),
         points=_points(entry.get("points", []), kind, where),
     )
+
+
+def _weights(given: Any, count: int, where: str) -> tuple[float, ...]:
+    if not isinstance(given, list) or len(given) not in (0, count):
+        raise InputError(f"{where}: weights is a list of as many numbers as faces; got {given!r:.60}")
+    weights = tuple(number_of({"weights": each}, "weights", where) for each in given)
+    if any(weight <= 0.0 for weight in weights):
+        raise InputError(f"{where}: weights are above 0; leave a face out instead; got {given!r:.60}")
+    return weights
+
+
+def _dof(given: Any, where: str) -> str:
+    if not isinstance(given, str):
+        raise InputError(f'{where}: dof is text such as "tz rx ry"; got {given!r:.60}')
+    try:
+        Freedom.parse(given)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    return given
 
 
 def _points(given: Any, kind: str, where: str) -> tuple[tuple[float, ...], ...]:
@@ -71,6 +84,8 @@ def _points(given: Any, kind: str, where: str) -> tuple[tuple[float, ...], ...]:
     for each in given:
         if not isinstance(each, list) or len(each) not in (3, 6):
             raise InputError(
-                f"{where}: a point is [x, y, z], or [x, y, z, dx, dy, dz] with its direction; got {each!r}"
+                f"{where}: a point is [x, y, z], or [x, y, z, dx, dy, dz] with its direction; got {each!r:.60}"
             )
+        if len(each) == 6 and not any(each[3:]):
+            raise InputError(f"{where}: the direction of a point must not be of length zero; got {each!r:.60}")
     return tuple(tuple(number_of({"points": x}, "points", where) for x in each) for each in given)

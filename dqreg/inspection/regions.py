@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.inspection.deviations import Deviations
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
@@ -53,6 +55,8 @@ class Region:
         Share of its points within the tolerance; None where none was given.
     outcome : {"pass", "fail", "undecided"} or None
         The decision on it; None where no tolerance was given.
+    low, high : float
+        Signed deviations allowed on it; infinite where no tolerance was given.
     """
 
     number: int
@@ -64,6 +68,8 @@ class Region:
     within: float
     share_within: float | None = None
     outcome: Outcome | None = None
+    low: float = -np.inf
+    high: float = np.inf
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -75,18 +81,28 @@ class Cut:
     how: str  # In words
 
 
-def cut_of(deviations: Deviations) -> Cut:
-    """The regions of a part's scan: its faces, or eight boxes where it has too many or none."""
+def cut_of(deviations: Deviations, *, by_face: bool = False) -> Cut:
+    """The regions of a part's scan: its faces, or eight boxes where it has too many (unless asked for) or none."""
     target, on = deviations.target, np.flatnonzero(deviations.counted)
     if isinstance(target, Mesh):
         count, of_face = faces_of(target)
-        if count <= MOST_FACES:
+        if count <= MOST_FACES or by_face:
             return Cut(of_face[deviations.faces[on]], areas_of(target, of_face), FACES)
     middle = target.centre if isinstance(target, Mesh) else np.zeros(3)
     if isinstance(target, PointCloud):
         middle = 0.5 * np.add(*bounds(target.points))
     boxes = (deviations.points[on] - deviations.origin > middle) @ np.array([1, 2, 4])
     return Cut(boxes.astype(np.int64), None, BOXES)
+
+
+def require_faces(deviations: Deviations, numbers: Sequence[int]) -> None:
+    """`InputError` where the part has none of those faces."""
+    if not isinstance(deviations.target, Mesh):
+        raise InputError("tolerances of faces need a mesh as the target: a cloud has no faces")
+    count = faces_of(deviations.target)[0]
+    for number in numbers:
+        if not 0 <= number < count:
+            raise InputError(f"the part has no face {number}; its faces are 0 to {count - 1}")
 
 
 def regions_of(deviations: Deviations, cut: Cut) -> tuple[Region, ...]:

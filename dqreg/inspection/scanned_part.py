@@ -12,11 +12,11 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.inspection.coverage import covered
-from dqreg.inspection.decision import MEDIAN_SIGMA, PLACE
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.features import Feature, fit_feature
 from dqreg.inspection.medians import smoothed
 from dqreg.inspection.part_faces import Face, faces_in_box, nearest_face, part_faces
+from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
 from dqreg.inspection.plan_keys import FaceName
 from dqreg.inspection.regions import SCANNED, edge_places, faces_of, weighted_median
 from dqreg.inspection.statistics import PROBED

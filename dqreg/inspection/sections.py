@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, IntArray, as_vectors
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh
-from dqreg.inspection.decision import MEDIAN_SIGMA
 from dqreg.inspection.deviations import Deviations
+from dqreg.inspection.places import MEDIAN_SIGMA
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 

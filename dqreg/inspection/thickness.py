@@ -9,9 +9,9 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry.raycasting import RayScene
-from dqreg.inspection.decision import PLACE
 from dqreg.inspection.medians import OVERLAP, smoothed
 from dqreg.inspection.part_faces import Face
+from dqreg.inspection.places import PLACE
 from dqreg.inspection.scanned_part import ScannedPart
 
 # Places that are asked; more say the same.

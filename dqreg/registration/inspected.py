@@ -8,10 +8,13 @@ import warnings
 from collections.abc import Sequence
 from typing import Any, get_args
 
+import numpy as np
+
 from dqreg.errors import InputError
 from dqreg.inspection import Decision, Deviations, Inspection, Plan, decide, inspect
 from dqreg.inspection.decision import REQUIRED_SHARE, worst_of
 from dqreg.inspection.regions import Outcome
+from dqreg.inspection.tolerances import Tolerance, limits_at, tolerance_of
 from dqreg.registration.result import Registration
 
 # Fields of one measured value in a file.
@@ -23,15 +26,14 @@ class Inspected:
     """What a registered scan says of its part."""
 
     registration: Registration  # Under the pose that the values are of: the datums' where a plan asks for them
-    deviations: Deviations  # Of the best fit
+    deviations: Deviations  # Under that pose
     sheet: Inspection | None  # The plan carried out; None without one
     decision: Decision | None  # On the tolerance; None without one
 
     @property
     def outcome(self) -> Outcome:
         """The worst of the plan and the tolerance."""
-        found = [part.outcome for part in (self.sheet, self.decision) if part is not None]
-        return worst_of([str(outcome) for outcome in found])  # type: ignore[misc]
+        return worst_of([part.outcome for part in (self.sheet, self.decision) if part is not None])
 
     def record(self) -> dict[str, Any]:
         """The same for a file: outcome, and every measured value with its limits."""
@@ -44,24 +46,43 @@ class Inspected:
 def inspect_registration(
     result: Registration,
     plan: Plan | None = None,
-    tolerance: float | None = None,
+    tolerance: float | Tolerance | None = None,
     *,
-    required_share: float = REQUIRED_SHARE,
+    required_share: float | None = None,
     reach: float | None = None,
     keep: bool = False,
     exclude: Sequence[Sequence[float]] = (),
 ) -> Inspected:
-    """Measure a registered scan by a plan, against a tolerance, or both."""
+    """Measure a registered scan by a plan, against a tolerance (it wins over the plan's), or both."""
+    allowed = None if tolerance is None else tolerance_of(tolerance)
     with warnings.catch_warnings():
         # Why there are no signs stands in the deviations.
         warnings.simplefilter("ignore", UserWarning)
-        deviations = result.deviations(tolerance, reach=reach, keep=keep, exclude=exclude)
-    sheet = None
-    if plan is not None:
-        require_unit(plan, result.settings.get("target_units"))
-        sheet = inspect(deviations, plan)
-    decision = None if tolerance is None else decide(deviations, tolerance, required_share)
-    return Inspected(aligned_to(result, sheet), deviations, sheet, decision)
+        deviations = deviations_within(result, allowed, reach=reach, keep=keep, exclude=exclude)
+    if plan is None:
+        decision = None if allowed is None else decide(deviations, allowed, required_share or REQUIRED_SHARE)
+        return Inspected(result, deviations, None, decision)
+    require_unit(plan, result.settings.get("target_units"))
+    sheet = inspect(deviations, _with(plan, allowed, required_share))
+    assert sheet.deviations is not None
+    return Inspected(aligned_to(result, sheet), sheet.deviations, sheet, sheet.decision)
+
+
+def deviations_within(result: Registration, tolerance: Tolerance | None, **options: Any) -> Deviations:
+    """Deviations with the tolerance that they are held against."""
+    found = result.deviations(None if tolerance is None else tolerance.size, **options)
+    if tolerance is None or tolerance.equal:
+        return found
+    limits = limits_at(np.zeros(len(found), dtype=np.int64), tolerance, {})
+    return dataclasses.replace(found, allowed=limits)
+
+
+def _with(plan: Plan, tolerance: Tolerance | None, required_share: float | None) -> Plan:
+    """The plan with a tolerance or a required share of the caller."""
+    whole = plan.tolerance if tolerance is None else tolerance
+    if whole is not None and required_share is not None:
+        whole = dataclasses.replace(whole, required_share=required_share)
+    return dataclasses.replace(plan, tolerance=whole)
 
 
 def require_unit(plan: Plan, unit: str | None) -> None:
@@ -74,10 +95,10 @@ def require_unit(plan: Plan, unit: str | None) -> None:
 
 
 def aligned_to(result: Registration, sheet: Inspection | None) -> Registration:
-    """The registration under the pose of the datums; unchanged for the best fit."""
+    """The registration under the plan's alignment, with its covariance; unchanged for the best fit."""
     if sheet is None or sheet.alignment is None:
         return result
-    return dataclasses.replace(result, T_target_source=sheet.alignment.T_target_source @ result.T_target_source)
+    return result.aligned(sheet.alignment, ", then ".join(step.name for step in sheet.steps))
 
 
 def require_record(record: Any) -> None:
@@ -102,11 +123,12 @@ def _of_decision(found: Decision) -> list[dict[str, Any]]:
             "points within the tolerance, %", 100.0 * found.share_within, found.share, low=100.0 * found.required_share
         )
     ]
-    limit = found.tolerance
     for region in sorted(found.regions, key=lambda region: region.number):
+        if region.outcome is None:
+            continue
         name = f"median deviation of face {region.number}, {region.name}"
-        outcome = region.outcome or "undecided"
-        rows.append(_value(name, region.median, outcome, low=-limit, high=limit, uncertainty=found.uncertainty))
+        ends = {"low": region.low, "high": region.high}
+        rows.append(_value(name, region.median, region.outcome, **ends, uncertainty=found.uncertainty))
     return rows
 
 

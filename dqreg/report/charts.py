@@ -51,10 +51,17 @@ class Axes:
 
 
 def histogram(
-    values: FloatArray, scale: Scale, unit: str, tolerance: float | None, size: tuple[int, int] = WIDE
+    values: FloatArray,
+    scale: Scale,
+    unit: str,
+    limits: tuple[float, float] | None,
+    size: tuple[int, int] = WIDE,
 ) -> str:
-    """Histogram of the deviations in the colours of the view; what is beyond the scale stands in bars of its own."""
-    reach = scale.limit * (1.0 if tolerance is None else 1.6)
+    """Histogram of the deviations in the colours of the view; how many lie beyond its ends is written there.
+
+    ``limits`` are the deviations allowed, where all faces have the same.
+    """
+    reach = scale.limit * (1.0 if limits is None else 1.6)
     low = -reach if scale.signed else 0.0
     edges = np.linspace(low, reach, BARS + 1)
     counts, _ = np.histogram(values, edges)
@@ -63,12 +70,12 @@ def histogram(
     axes = Axes((low, reach), (0.0, max(float(shares.max()), 1e-9) * 1.08), size)
     table = scale.table()
     colours = table[scale.codes(0.5 * (edges[1:] + edges[:-1]))]
-    body = [_band(axes, scale, tolerance)] if tolerance is not None else []
+    body = [_band(axes, scale, limits)] if limits is not None else []
     for share, left, right, colour in zip(shares, edges, edges[1:], colours, strict=False):
         body.append(_bar(axes, left, right, share, colour))
     body.append(_x_axis(axes, f"deviation [{unit}]" if scale.signed else f"distance [{unit}]"))
     body.append(_y_axis(axes, "fraction of the points [%]"))
-    body.append(_beyond(axes, below, above, scale.signed))
+    body.append(_beyond(axes, below, above, unit, scale.signed))
     return _svg("Histogram of the deviations", axes, body)
 
 
@@ -106,9 +113,8 @@ def _bar(axes: Axes, left: float, right: float, share: float, colour: Sequence[i
     )
 
 
-def _band(axes: Axes, scale: Scale, tolerance: float | None) -> str:
-    assert tolerance is not None
-    left, right = axes.across(scale.low if scale.signed else 0.0), axes.across(tolerance)
+def _band(axes: Axes, scale: Scale, limits: tuple[float, float]) -> str:
+    left, right = axes.across(limits[0] if scale.signed else 0.0), axes.across(limits[1])
     lines = "".join(
         f'<line class="limit" x1="{x:.1f}" x2="{x:.1f}" y1="{TOP}" y2="{axes.base}"/>'
         for x in ([left, right] if scale.signed else [right])
@@ -119,10 +125,12 @@ def _band(axes: Axes, scale: Scale, tolerance: float | None) -> str:
     )
 
 
-def _beyond(axes: Axes, below: float, above: float, signed: bool) -> str:
-    texts = [f'<text class="end" x="{axes.end}" y="{TOP - 6}">{above:.1f} % →</text>']
+def _beyond(axes: Axes, below: float, above: float, unit: str, signed: bool) -> str:
+    # With the length they are beyond: the share out of tolerance is another one, and stands in the table.
+    low, high = (f"{limit:.3g}".replace("-", "−") for limit in axes.x)
+    texts = [f'<text class="end" x="{axes.end}" y="{TOP - 6}">above {high} {escape(unit)}: {above:.1f} %</text>']
     if signed:
-        texts.append(f'<text class="start" x="{LEFT}" y="{TOP - 6}">← {below:.1f} %</text>')
+        texts.append(f'<text class="start" x="{LEFT}" y="{TOP - 6}">below {low} {escape(unit)}: {below:.1f} %</text>')
     return "".join(texts)
 
 

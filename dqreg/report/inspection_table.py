@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from dqreg.inspection import DatumAlignment, Inspection
+from dqreg.inspection import DatumAlignment, Decision, Inspection
+from dqreg.inspection.places import PLACE
 from dqreg.report.summary import ALIGNMENT, COLOURS
-from dqreg.report.table import Column, Table, print_tables
+from dqreg.report.table import Column, Table, print_tables, to_csv
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -53,6 +54,35 @@ def characteristics_table(found: Inspection, unit: str) -> Table:
     note = f"Lengths in {unit or 'units of the part'}, angles in degrees; aligned to: {frame_words(found)}."
     note = "\n".join([note, *missing])
     return Table("characteristics", "Characteristics", columns, rows, note)
+
+
+def sheet_csv(found: Inspection | None, decision: Decision | None, unit: str) -> str:
+    """What was measured as CSV, one line each: characteristics, then the deviations of the part and of its regions."""
+    columns = ("no.", "characteristic", "kind", "unit", "nominal", "low", "high", "measured", "U (k=2)", "decision",
+               "points", "scanned [%]", "remark")  # fmt: skip
+    rows: list[tuple[object, ...]] = []
+    for k, row in enumerate([] if found is None else found.characteristics):
+        of = "degree" if row.kind == "angle" else unit
+        outcome = row.outcome if row.measured else "not measured"
+        rows.append((k + 1, row.name, row.kind, of, *_cells(row.nominal, row.low, row.high, row.value, row.uncertainty),
+                     outcome, row.points, f"{100.0 * row.coverage:.3g}", row.remark))  # fmt: skip
+    if decision is not None:
+        shares = _cells(100.0, 100.0 * decision.required_share, math.nan, 100.0 * decision.share_within, math.nan)
+        rows.append((len(rows) + 1, "points within the tolerance", "share", "%", *shares, decision.share, "", "", ""))
+        ends = {region.number: (region.low, region.high) for region in decision.regions}
+        for region in sorted(decision.regions, key=lambda region: region.number):
+            name = f"face {region.number}, {region.name}: median deviation"
+            cells = _cells(0.0, region.low, region.high, region.median, decision.uncertainty)
+            rows.append((len(rows) + 1, name, "deviation", unit, *cells, region.outcome or "", region.points, "", ""))
+        for place in decision.places:
+            name = "place at " + " ".join(f"{x:.7g}" for x in place.position)
+            cells = _cells(0.0, *ends.get(place.region, (decision.low, decision.high)), place.value, place.uncertainty)
+            rows.append((len(rows) + 1, name, "deviation", unit, *cells, place.outcome, PLACE, "", ""))
+    return to_csv(columns, rows)
+
+
+def _cells(*numbers: float) -> list[str]:
+    return [f"{number + 0.0:.7g}" if math.isfinite(number) else "" for number in numbers]
 
 
 def frame_words(found: Inspection) -> str:

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg.files.strict_json import plain
-from dqreg.inspection import Deviations, Inspection
+from dqreg.inspection import Decision, Deviations, Inspection
 from dqreg.inspection.decision import REQUIRED_SHARE
 from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
 from dqreg.report.charts import NARROW, WIDE, convergence
 from dqreg.report.colours import LEVELS
+from dqreg.report.decision_tables import bands_of, decision_of, regions_table
 from dqreg.report.facts import facts_of, file_name, motions_of
 from dqreg.report.figure import encode
 from dqreg.report.hints import hints_of
@@ -53,13 +54,14 @@ def write_report(
     inspection: Inspection | None = None,
     head: Mapping[str, str] | None = None,
     views: Sequence[str] = (),
+    decision: Decision | None = None,
 ) -> Path:
-    """Write the report of a registration, whole or not at all."""
+    """Write the report of a registration, whole or not at all; a decision that was made is shown as it is."""
     goal = page_path(path)
     checked_tolerance(tolerance)
     data = None
     if result.inputs is not None:
-        data = collect(result, result.inputs, tolerance, start, reach, deviations, required_share, inspection)
+        data = collect(result, result.inputs, tolerance, start, reach, deviations, required_share, inspection, decision)
     return write_page(goal, to_html(result, data, inspection, head, views=views))
 
 
@@ -143,6 +145,7 @@ def _shown(data: ReportData | None, views: Sequence[str], *, printed: bool) -> d
     if data is None:
         return {
             "deviations": None,
+            "bands": None,
             "decision": None,
             "worst": [],
             "scene": "",
@@ -157,8 +160,9 @@ def _shown(data: ReportData | None, views: Sequence[str], *, printed: bool) -> d
         pose["checked"] = pose["kind"] == checked
     return {
         "deviations": tables.deviations_of(data),
-        "decision": tables.decision_of(data),
-        "regions": tables.regions_table(data),
+        "bands": bands_of(data),
+        "decision": decision_of(data),
+        "regions": regions_table(data),
         "worst": tables.worst_of(data),
         "scale": tables.scale_words(data),
         "poses": poses,

@@ -193,7 +193,11 @@ def _draw_legend(figure: Figure, data: ReportData, width: int) -> None:
         signed = f"{value:+g}" if scale.signed and value else f"{value:g}"
         _draw_text(figure, x, bottom - 13, signed, size=10)
     meaning = "deviation, + outside the part" if scale.signed else "distance"
-    tolerance = "" if data.tolerance is None else f"; the scale ends at the tolerance, ±{data.tolerance:g}"
+    tolerance = (
+        ""
+        if data.tolerance is None
+        else f"; the scale ends at {'the tolerance' if data.limits else 'the largest tolerance'}, ±{data.tolerance:g}"
+    )
     _draw_text(figure, left + 0.5 * length, 9, f"{meaning} [{data.unit}]{tolerance}", size=10)
 
 

@@ -46,6 +46,7 @@ class ReportData:
     decision: Decision | None  # Whether the part is within its tolerance; None where none was given
     view: str  # Name of the view that shows most of the scan
     labels: tuple[Label, ...]  # Numbers on the part: characteristics of a plan, else worst places
+    limits: tuple[float, float] | None = None  # Deviations allowed, signed, where all faces have the same
 
     @property
     def ellipsoid(self) -> FloatArray | None:
@@ -69,6 +70,7 @@ def collect(
     deviations: Deviations | None = None,
     required_share: float = REQUIRED_SHARE,
     inspection: Inspection | None = None,
+    decision: Decision | None = None,
 ) -> ReportData:
     """Everything that a report shows."""
     tolerance = checked_tolerance(tolerance)
@@ -76,10 +78,14 @@ def collect(
     T_before, before_words = _before(result, T_start)
     surface = inputs.target.surface
     drawn = result.T_target_source if found else T_before
+    if decision is None and inspection is not None and inspection.decision is not None:
+        # A plan says what is asked, under its own alignment.
+        decision, deviations = inspection.decision, inspection.deviations
+    if decision is not None:
+        tolerance = decision.tolerance
     if found and deviations is None:
         deviations = _quiet_deviations(result, tolerance, reach)
     regions: tuple[Region, ...] = ()
-    decision: Decision | None = None
     how, view = "", "iso"
     if deviations is not None:
         view = best_corner(deviations.normals(np.flatnonzero(deviations.counted)))
@@ -87,7 +93,7 @@ def collect(
             cut = cut_of(deviations)
             regions, how = regions_of(deviations, cut), cut.how
         else:
-            decision = decide(deviations, tolerance, required_share)
+            decision = decision or decide(deviations, tolerance, required_share)
             regions, how = decision.regions, decision.regions_how
     origin, unit = inputs.target.origin, unit_of(result)
     worst = deviations.worst(PLACES) if deviations else ()
@@ -110,6 +116,7 @@ def collect(
         decision=decision,
         view=view,
         labels=labels_of(inspection, worst, unit),
+        limits=None if decision is None or decision.own else (decision.low, decision.high),
     )
 
 

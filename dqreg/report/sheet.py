@@ -58,7 +58,11 @@ def sheet_of(found: Inspection | None, unit: str) -> dict[str, Any] | None:
         return None
     count = sum(row.outcome == "pass" for row in found.characteristics)
     missing = sum(not row.measured for row in found.characteristics)
-    words = [f"{count} of {len(found.characteristics)} characteristics pass; aligned to {frame_words(found)}."]
+    words = [f"Aligned to {frame_words(found)}."]
+    if found.characteristics:
+        words.append(f"{count} of {len(found.characteristics)} characteristics pass.")
+    if found.decision is not None:
+        words.append(f"The deviations against their tolerance: {found.decision.outcome}.")
     if missing:
         words.append(f"{missing} could not be measured: their faces were not scanned.")
     return {

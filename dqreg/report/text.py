@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose
+from dqreg.inspection import Decision
 from dqreg.rigid import DualQuaternion, quaternion
 
 # Settings that are lengths in the target's unit.
@@ -37,6 +38,28 @@ def percent(share: float) -> str:
     if share < 0.001:
         return "< 0.1"
     return "> 99.9" if share > 0.999 else f"{100.0 * share:.1f}"
+
+
+def limits_text(low: float, high: float) -> str:
+    """Deviations allowed.
+
+    >>> limits_text(-0.1, 0.1), limits_text(-0.05, 0.2), limits_text(0.0, 0.2), limits_text(-np.inf, np.inf)
+    ('±0.1', '+0.2/−0.05', '+0.2/0', 'none')
+    """
+    if np.isinf(high):
+        return "none"
+    if low == -high:
+        return f"±{text_of(high, 6)}"
+    return "/".join(text_of(x + 0.0, 6, sign=True) for x in (high, low))
+
+
+def tolerance_text(found: Decision, unit: str) -> str:
+    """The tolerance that a decision is against."""
+    single = "" if not found.own else "1 face" if found.own == 1 else f"{found.own} faces"
+    if np.isinf(found.high):
+        return f"the tolerance of {single}" if found.own == 1 else f"the tolerances of {single}"
+    whole = f"{limits_text(found.low, found.high)} {unit}"
+    return whole if not single else f"{whole} ({single}: own tolerance)"
 
 
 def place_text(point: FloatArray) -> str:

@@ -81,6 +81,7 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "%",
         lambda e: (e.share_near if math.isfinite(e.usual) else math.nan, limits.FALL * e.usual),
     ),
+    "stretched": ("Significant strain against the target", "at most", "%", lambda e: (abs(e.stretch), 0.0)),
     "mirrored": (
         "Log-likelihood that mirroring the scan gains",
         "at most",
@@ -104,7 +105,6 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
     ),
     "outliers": ("Points on no surface", "at most", "%", lambda e: (e.strays, limits.STRAYS)),
     "large_residuals": ("Residuals against the noise of the scan", "at most", "times", _residuals),
-    "stretched": ("Significant strain against the target", "at most", "%", lambda e: (abs(e.stretch), 0.0)),
     "bent": ("Significant bend, sagitta over length", "at most", "%", lambda e: (e.bend, 0.0)),
     "drift": ("Significant drift of the pose along the scan, of the size", "at most", "%", _drift),
     "random_fit": (

@@ -104,7 +104,13 @@ def _falling_inlier_fraction(evidence: Evidence) -> Iterator[str]:
 
 def _mirrored(evidence: Evidence) -> Iterator[str]:
     if evidence.mirror_gain > MIRRORED:
-        yield "the scan fits better when mirrored: it shows the part's mirror image, or comes from a left-handed frame"
+        # At a wrong scale neither image fits, and either may gain.
+        scaled = evidence.stretch and not any(evidence.stretched_along)
+        also = "; at another scale this may be otherwise" if scaled else ""
+        yield (
+            "the scan fits better when mirrored: it shows the part's mirror image, or comes from a left-handed frame"
+            + also
+        )
 
 
 def _deviating_patches(evidence: Evidence) -> Iterator[str]:
@@ -171,7 +177,10 @@ def _stretched(evidence: Evidence) -> Iterator[str]:
     along = evidence.stretched_along if any(evidence.stretched_along) else None
     how = ("short", "long")[evidence.stretch > 0.0] if along else ("small", "large")[evidence.stretch > 0.0]
     words = f"{100 * abs(evidence.stretch):.2g} % too {how}" + (f" along {direction_words(along)}" if along else "")
-    yield f"the scan is {words}: another part, a scaled file, or a local minimum"
+    cause = (
+        "another part" if along else 'a part that shrank or a scaled file (scale="solve" estimates it), another part'
+    )
+    yield f"the scan is {words}: {cause}, or a local minimum"
 
 
 def _bent(evidence: Evidence) -> Iterator[str]:
@@ -245,6 +254,8 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("few_inliers", _few_inliers),
     ("low_inlier_fraction", _low_inlier_fraction),
     ("falling_inlier_fraction", _falling_inlier_fraction),
+    # Before the mirror image: a part that shrank feigns one.
+    ("stretched", _stretched),
     ("mirrored", _mirrored),
     ("deviating_patches", _deviating_patches),
     ("contradicting_surface", _contradicting_surface),
@@ -253,7 +264,6 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("disagreeing_normals", _disagreeing_normals),
     ("outliers", _outliers),
     ("large_residuals", _large_residuals),
-    ("stretched", _stretched),
     ("bent", _bent),
     ("drift", _drift),
     ("random_fit", _random_fit),

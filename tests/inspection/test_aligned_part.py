@@ -91,11 +91,11 @@ def test_a_best_fit_spreads_a_bend_and_datums_show_it() -> None:
     [
         ({"kind": "bestfit"}, "alignment 1: kind must be one of best-fit"),
         ({"kind": "tolerance"}, "a tolerance fit needs tolerance"),
-        ({"kind": "best-fit", "faces": [0], "weights": [1, 2]}, "weights one of as many"),
+        ({"kind": "best-fit", "faces": [0], "weights": [1, 2]}, "as many numbers as faces"),
         ({"kind": "points"}, "goes with kind = "),
         ({"kind": "points", "points": [[1, 2]]}, "a point is"),
         ({"kind": "best-fit", "face": 3}, "did you mean faces"),
-        ({"kind": "outside", "plus": -1.0}, "a band is above 0 wide"),
+        ({"kind": "outside", "plus": -1.0}, "a tolerance is above 0"),
         ({"kind": "best-fit", "dof": 3}, "dof is text"),
     ],
 )

@@ -9,7 +9,7 @@ import pytest
 
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, MeshSurface
-from dqreg.inspection import Decision, Deviations, decide, measure_deviations
+from dqreg.inspection import Decision, Deviations, Tolerance, decide, measure_deviations
 from dqreg.synth.parts import box
 
 NOISE, TOLERANCE = 0.01, 0.1
@@ -120,3 +120,46 @@ def test_what_cannot_be_decided_is_named() -> None:
         decide(found)
     with pytest.raises(InputError, match="required_share must be above 0"):
         decide(found, 0.1, required_share=95.0)
+
+
+def test_sides_of_a_tolerance_count_for_themselves() -> None:
+    # The upper face stands 0.07 off, with noise of 0.01.
+    points = top()
+    points[points[:, 2] > HALF - 1.0, 2] += 0.07
+    found = deviations(points, 0.0005)
+    limits = {(-0.03, 0.11): "pass", (-0.2, 0.03): "fail", (0.03, 0.2): "fail"}
+    assert {ends: decide(found, Tolerance(*ends)).outcome for ends in limits} == limits
+    assert decide(found, Tolerance(-0.1, 0.1)).outcome == decide(found, 0.1).outcome == "pass"
+
+
+def test_a_face_has_its_own_tolerance_and_share() -> None:
+    found = deviations(bumped(0.3))
+    (up,) = (region.number for region in decide(found, TOLERANCE).regions if region.outcome == "fail")
+    wide = decide(found, TOLERANCE, faces={up: Tolerance(-0.1, 0.4)})
+    assert (wide.outcome, wide.own, wide.tolerance, wide.low, wide.high) == ("pass", 1, 0.4, -0.1, 0.1)
+    assert {region.number: region.high for region in wide.regions}[up] == 0.4
+    # Alone, it is all that is asked: the share is of its points.
+    alone = decide(found, faces={up: TOLERANCE})
+    assert alone.outcome == "fail"
+    assert [region.outcome for region in alone.regions] == ["fail", None]
+    assert alone.share_within == pytest.approx(0.992, abs=2e-3)
+    # Noise as large as the tolerance leaves 68 % within: a required share of its own forgives that.
+    points = top()
+    points[:20_000, 2] += np.random.default_rng(3).normal(0.0, TOLERANCE, 20_000)
+    noisy = deviations(points)
+    assert decide(noisy, TOLERANCE, 0.6, {up: Tolerance(-0.1, 0.1, 0.8)}).outcome == "fail"
+    eased = decide(noisy, TOLERANCE, 0.6, {up: Tolerance(-0.1, 0.1, 0.6)})
+    assert not [place for place in eased.places if place.outcome == "fail"]
+    assert eased.share == "pass"
+
+
+def test_tolerances_that_cannot_be_held_are_named() -> None:
+    found = deviations(top(400))
+    with pytest.raises(InputError, match=r"tolerance of 2 .* is not below the reach of 2"):
+        decide(found, 2.0)
+    with pytest.raises(InputError, match="has no face 17; its faces are 0 to 5"):
+        decide(found, 0.1, faces={17: 0.1})
+    with pytest.raises(InputError, match="need signs"):
+        decide(dataclasses.replace(found, signed=False), Tolerance(0.0, 0.1))
+    with pytest.raises(InputError, match="low < high"):
+        Tolerance(0.1, -0.1)

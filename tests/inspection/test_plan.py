@@ -263,3 +263,21 @@ def test_facets_of_a_hole_are_no_deviation() -> None:
     # The facets lie up to 8 (1 - cos(pi / 48)) = 0.017 inside: a profile of 0.034 from them.
     assert np.abs(scan.values).max() > 0.015
     assert row.value < 1e-5
+
+
+def test_tolerances_of_deviations_stand_in_the_plan() -> None:
+    found = scanned(1)
+    # The upper face is 0.05 thicker, and the hole 0.03 wider on each side and moved by 0.04.
+    plain = {"alignment": "best-fit", "tolerance": 0.04, "required": 60}
+    alone = inspect(found, plan_of(plain))
+    assert alone.decision is not None
+    assert {region.number for region in alone.decision.regions if region.outcome == "fail"} >= {TOP, HOLE}
+    box = [80, 0, 9.9, 121, 80, 10.1]
+    own = [{"face": HOLE, "tolerance": 0.12}, {"near": [100, 40, 10], "plus": 0.1, "minus": 0.02, "required": 90}]
+    eased = inspect(found, plan_of({**PLAN, **plain, "face": own, "alignment": "datums"}))
+    assert eased.decision is not None
+    assert eased.decision.outcome == "pass"
+    # Under the datums: by far most of the upper face lies between 0.02 and 0.08.
+    assert {r.number: round(r.median, 2) for r in eased.decision.regions}[TOP] == THICKER
+    with pytest.raises(InputError, match="face entry 1: no face of the part lies as a whole in the box"):
+        inspect(found, plan_of({**plain, "face": [{"box": box, "tolerance": 1.0}]}))

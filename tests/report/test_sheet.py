@@ -25,7 +25,7 @@ FOUND = Inspection("fail", ROWS, None, Plan({"part": "4711"}, (), "best-fit", RO
 def test_the_sheet_says_what_passes_what_is_missing_and_how_much_was_seen() -> None:
     sheet = sheet_of(FOUND, "mm")
     assert sheet is not None
-    assert sheet["words"] == ["1 of 3 characteristics pass; aligned to best fit of the scan.",
+    assert sheet["words"] == ["Aligned to best fit of the scan.", "1 of 3 characteristics pass.",
                               "1 could not be measured: their faces were not scanned."]  # fmt: skip
     # A value has the digits of its uncertainty, down to the second.
     assert [row["numbers"][3:5] for row in sheet["rows"]] == [["10.012", "0.012"]] * 2 + [["not measured", "–"]]

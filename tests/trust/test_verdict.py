@@ -104,7 +104,7 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "the scan is 3.4 % too long along (1.00, 0.00, 0.00)",
         "stretched",
     ),
-    "too small": ({"stretch": -0.01}, "the scan is 1 % too small: another part", "stretched"),
+    "too small": ({"stretch": -0.01}, "the scan is 1 % too small: a part that shrank", "stretched"),
     "drift": (
         {"drift": 1.7, "drift_rad": math.radians(0.8)},
         "the pose drifts by 1.7 and 0.8 degrees within the scan",

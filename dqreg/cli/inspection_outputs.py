@@ -1,0 +1,107 @@
+"""What `dqreg inspect` leaves behind: on the screen, in tables, pages and JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dqreg.cli.outputs import say, tell_decision
+from dqreg.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from dqreg.registration.inspected import Inspected
+
+Goals = Mapping[str, Path | None]
+
+
+def check_goals(goals: Goals) -> None:
+    """Refuse, before the work, what cannot be written."""
+    from dqreg.files.atomic import require_writable
+    from dqreg.inspection.deviation_files import require_suffix
+    from dqreg.report.page_file import page_path
+
+    for name, path in goals.items():
+        if path is not None:
+            (page_path if name in ("report", "pdf") else require_writable)(path)
+    if goals["pdf"] is not None and goals["pdf"].suffix.lower() != ".pdf":
+        raise InputError(f"--pdf must end in .pdf; got {goals['pdf'].name!r}")
+    if goals["deviations"] is not None:
+        require_suffix(goals["deviations"])
+
+
+def tell(console: Console, found: Inspected) -> None:
+    """Print the alignment, the decision and the characteristics."""
+    from dqreg.report.inspection_table import tell_alignment, tell_inspection
+
+    result = found.registration
+    tell_alignment(console, result)
+    if found.decision is not None:
+        tell_decision(found.decision, found.deviations, console)
+    if found.sheet is not None and found.sheet.characteristics:
+        tell_inspection(console, found.sheet, str(result.settings.get("target_units") or ""))
+
+
+def write(goals: Goals, found: Inspected, record: dict[str, Any], head: dict[str, str], console: Console) -> None:
+    """Write all files that were asked for."""
+    from dqreg.files.atomic import write_atomically
+    from dqreg.report.inspection_table import sheet_csv
+    from dqreg.report.page import to_html
+    from dqreg.report.page_file import write_page
+    from dqreg.report.report_data import collect
+
+    shown = found.registration
+    unit = str(shown.settings.get("target_units") or "")
+    if goals["table"] is not None:
+        write_atomically(goals["table"], sheet_csv(found.sheet, found.decision, unit))
+    if goals["out"] is not None:
+        shown.save(goals["out"])
+    if goals["deviations"] is not None:
+        found.deviations.save(goals["deviations"])
+    if goals["as_json"] is not None and str(goals["as_json"]) != "-":
+        write_atomically(goals["as_json"], json_text(record))
+    pages = [path for path in (goals["report"], goals["pdf"]) if path is not None]
+    if pages:
+        assert shown.inputs is not None
+        with console.status("writing the report"):
+            data = collect(
+                shown, shown.inputs, deviations=found.deviations, decision=found.decision, inspection=found.sheet
+            )
+            html = to_html(shown, data, found.sheet, head)
+            for path in pages:
+                write_page(path, html)
+    for goal in goals.values():
+        if goal is not None and goal.exists():
+            say(console, f"wrote {goal}")
+
+
+def json_text(record: dict[str, Any]) -> str:
+    """A record as a JSON file."""
+    import json
+
+    from dqreg.files.strict_json import plain
+
+    return json.dumps(plain(record), indent=1, allow_nan=False) + "\n"
+
+
+def record_of(found: Inspected, head: dict[str, str]) -> dict[str, Any]:
+    """The inspection as plain values."""
+    from dqreg.report.sheet import digests_of
+
+    sheet, result = found.sheet, found.registration
+    return {
+        "verdict": result.verdict,
+        "outcome": found.outcome,
+        "units": result.settings.get("target_units"),
+        "T_target_source": result.T_target_source,
+        "alignment": None if sheet is None or sheet.alignment is None else dataclasses.asdict(sheet.alignment),
+        "head": {**({} if sheet is None else sheet.plan.head), **head},
+        "characteristics": [] if sheet is None else [dataclasses.asdict(row) for row in sheet.characteristics],
+        "faces": [] if sheet is None else [dataclasses.asdict(face) for face in sheet.faces],
+        "decision": None if found.decision is None else dataclasses.asdict(found.decision),
+        "counts": dataclasses.asdict(found.deviations.counts),
+        "sha256": dict(digests_of(result.settings)),
+    }

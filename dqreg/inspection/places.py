@@ -1,0 +1,109 @@
+"""Places of a part that are not proven to be within the tolerance: medians of neighbouring points."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.inspection.deviations import Deviations
+from dqreg.inspection.regions import Outcome
+from dqreg.inspection.statistics import PROBED
+from dqreg.inspection.tolerances import PointLimits
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN
+
+# Expanded uncertainty, in standard deviations: 95 % (ISO 14253-1, k = 2).
+COVERAGE = 2.0
+# A place is the median of so many neighbouring points: half of them may be noise.
+PLACE = 25
+# Places that are named.
+NAMED = 50
+# Points asked whether a place is out of tolerance, and points that answer for the neighbourhood: more say the same.
+ASKED, NEIGHBOURS = 20_000, 1_000_000
+# Standard deviation of a median of n normal values: 1.2533 sigma / sqrt(n).
+MEDIAN_SIGMA = 1.2533
+
+
+@dataclasses.dataclass(frozen=True)
+class OutOfTolerance:
+    """A place of the part that is not proven to be within the tolerance.
+
+    Attributes
+    ----------
+    value : float
+        Median deviation of the 25 neighbouring points there, signed where signs are known, target units.
+    uncertainty : float
+        Of that value, expanded (k = 2): of the pose and of the median.
+    position : ndarray, (3,)
+        In the caller's target frame.
+    outcome : {"fail", "undecided"}
+        Undecided where the tolerance lies within the uncertainty.
+    region : int
+        Number of its region.
+    """
+
+    value: float
+    uncertainty: float
+    position: FloatArray
+    outcome: Outcome
+    region: int
+
+
+def places_of(
+    deviations: Deviations, rows: IntArray, room: FloatArray, limits: PointLimits, labels: IntArray
+) -> tuple[OutOfTolerance, ...]:
+    """Places that are not proven to be within, those that fail first, then the farthest out.
+
+    Of the counted points, ``rows`` of the scan: expanded uncertainty, limits and region of each.
+    """
+    asked = np.flatnonzero(limits.beyond(deviations.values[rows]) + room > 0.0)
+    asked = asked[:: -(-max(len(asked), 1) // ASKED)]
+    if not len(asked):
+        return ()
+    medians, spreads = _medians(deviations, rows, asked)
+    uncertainty = np.hypot(room[asked], COVERAGE * spreads)
+    beyond = limits.of(asked).beyond(medians)
+    fails = beyond > uncertainty
+    near = fails | (beyond + uncertainty > 0.0)
+    feet = deviations.closest[rows[asked]] - deviations.origin
+    order = np.lexsort((-beyond, ~fails))
+    return tuple(
+        OutOfTolerance(
+            value=float(medians[k]),
+            uncertainty=float(uncertainty[k]),
+            position=deviations.points[rows[asked[k]]],
+            outcome="fail" if fails[k] else "undecided",
+            region=int(labels[asked[k]]),
+        )
+        for k in _apart(feet, order[near[order]], deviations.apart)
+    )
+
+
+def _medians(deviations: Deviations, rows: IntArray, asked: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Median deviation about each asked point, and its standard deviation. Shapes: (m,), (m,)."""
+    values = deviations.values[rows]
+    if len(rows) < PROBED:
+        return values[asked], np.zeros(len(asked))
+    from scipy.spatial import cKDTree
+
+    # Neighbours on the part: a point off it stands with those that were measured where it should be.
+    step = -(-len(rows) // NEIGHBOURS)
+    feet = deviations.closest[rows] - deviations.origin
+    _, beside = cKDTree(feet[::step]).query(feet[asked], k=PLACE)
+    around = values[::step][beside]
+    medians = np.median(around, axis=1)
+    spreads = GAUSSIAN_MEDIAN * np.median(np.abs(around - medians[:, None]), axis=1)
+    return medians, MEDIAN_SIGMA * spreads / math.sqrt(PLACE)
+
+
+def _apart(feet: FloatArray, order: IntArray, apart: float) -> list[int]:
+    """The first of the order, and each further one that is not near one taken."""
+    taken: list[int] = []
+    left: BoolArray = np.ones(len(order), dtype=bool)
+    while left.any() and len(taken) < NAMED:
+        first = int(order[np.argmax(left)])
+        taken.append(first)
+        left &= np.linalg.norm(feet[order] - feet[first], axis=1) >= max(apart, 1e-300)
+    return taken

@@ -1,0 +1,99 @@
+"""Tolerances of deviations: equal or unequal sides, one for the whole part or one for each face."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.errors import InputError
+from dqreg.inspection.statistics import require_length
+
+
+@dataclasses.dataclass(frozen=True)
+class Tolerance:
+    """Deviations that are allowed, target units; positive outside the part.
+
+    Attributes
+    ----------
+    low, high : float
+        Smallest and largest signed deviation allowed: -0.05 and 0.1 for +0.1/-0.05, 0 and 0.2 for a one-sided one.
+    required_share : float or None
+        Share of the points that must be within; None: that of the whole part.
+    """
+
+    low: float
+    high: float
+    required_share: float | None = None
+
+    def __post_init__(self) -> None:
+        if not -math.inf < self.low < self.high < math.inf:
+            raise InputError(
+                f"a tolerance lies between two lengths, low < high, such as -0.05 and 0.1; got {self.low!r}, "
+                f"{self.high!r}"
+            )
+        if self.required_share is not None:
+            require_share(self.required_share)
+
+    @property
+    def equal(self) -> bool:
+        """Whether both sides are the same."""
+        return self.low == -self.high
+
+    @property
+    def size(self) -> float:
+        """Largest absolute deviation allowed."""
+        return max(abs(self.low), abs(self.high))
+
+
+def tolerance_of(given: Any, name: str = "tolerance") -> Tolerance:
+    """A tolerance from what a caller gives: a length for both sides, or a `Tolerance`.
+
+    >>> tolerance_of(0.1)
+    Tolerance(low=-0.1, high=0.1, required_share=None)
+    """
+    if isinstance(given, Tolerance):
+        return given
+    require_length(given, name)
+    return Tolerance(-float(given), float(given))
+
+
+def require_share(share: Any) -> None:
+    """Refuse what is no share of points."""
+    if isinstance(share, bool) or not isinstance(share, (int, float)) or not 0.0 < share <= 1.0:
+        raise InputError(f"required_share must be above 0 and at most 1; got {share!r}")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PointLimits:
+    """Deviations allowed at some points, (n,) each; infinite where nothing is asked of a face."""
+
+    low: FloatArray
+    high: FloatArray
+
+    @property
+    def asked(self) -> BoolArray:
+        """Points whose face has a tolerance."""
+        return np.isfinite(self.high)
+
+    def of(self, rows: Any) -> PointLimits:
+        """Those of some of the points."""
+        return PointLimits(self.low[rows], self.high[rows])
+
+    def beyond(self, values: FloatArray) -> FloatArray:
+        """How far values lie beyond their limits; negative within."""
+        return np.maximum(values - self.high, self.low - values)
+
+
+def limits_at(labels: IntArray, whole: Tolerance | None, faces: Mapping[int, Tolerance]) -> PointLimits:
+    """Limits of points on faces, by the number of the face of each, (n,)."""
+    low, high = (-math.inf, math.inf) if whole is None else (whole.low, whole.high)
+    found = PointLimits(np.full(len(labels), low), np.full(len(labels), high))
+    for number, tolerance in faces.items():
+        own = labels == number
+        found.low[own], found.high[own] = tolerance.low, tolerance.high
+    return found

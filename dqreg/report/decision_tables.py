@@ -1,0 +1,116 @@
+"""The decision on the deviations for the page: in words, by bands of deviation, by regions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dqreg.inspection import Band, Decision
+from dqreg.report.page_tables import goto, rounded
+from dqreg.report.report_data import ReportData
+from dqreg.report.text import limits_text, percent, place_text, text_of, tolerance_text
+
+OUTCOME_SIGNS = {"pass": "✓", "undecided": "?", "fail": "✗"}
+# Rows of the table of regions.
+ROWS = 14
+
+
+def decision_of(data: ReportData) -> dict[str, Any] | None:
+    """The line on the part, and why."""
+    if data.decision is None:
+        return None
+    found = data.decision
+    return {
+        "outcome": found.outcome,
+        "sign": OUTCOME_SIGNS[found.outcome],
+        "against": tolerance_text(found, data.unit),
+        "words": decision_words(found, data.unit, data.deviations is not None and data.deviations.signed),
+    }
+
+
+def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
+    """Why a part passes, fails or stays undecided: one sentence a cause."""
+    against = tolerance_text(found, unit)
+    share = f"{percent(found.share_within)} % of the points on the part are within {against}"
+    words = [f"{share}; {percent(found.required_share)} % are required."]
+    out = [place for place in found.places if place.outcome == "fail"]
+    open_places = [place for place in found.places if place.outcome == "undecided"]
+    if out:
+        worst = text_of(out[0].value, sign=signed)
+        room = text_of(out[0].uncertainty, 2)
+        many = "1 place is" if len(out) == 1 else f"{len(out)} places are"
+        words.append(f"{many} out of tolerance; the worst deviates by {worst} ± {room} {unit} (k = 2).")
+    if open_places:
+        many = "1 place is" if len(open_places) == 1 else f"{len(open_places)} places are"
+        words.append(f"{many} within the uncertainty of the tolerance (k = 2): neither in nor out is proven.")
+    bad = [region for region in found.regions if region.outcome == "fail"]
+    if bad:
+        many = "1 region fails" if len(bad) == 1 else f"{len(bad)} of {len(found.regions)} regions fail"
+        words.append(f"{many}; see the table of regions.")
+    words.append(
+        f"The pose adds an uncertainty of up to {text_of(found.uncertainty, 2)} {unit} (k = 2) to a deviation."
+    )
+    return words
+
+
+def bands_of(data: ReportData) -> dict[str, Any] | None:
+    """Points by their deviation, in steps of the tolerance; None where there is not one, equal on both sides."""
+    if data.deviations is None or data.limits is None or data.limits[0] != -data.limits[1]:
+        return None
+    bands = data.deviations.bands()
+    rows = [
+        {
+            "range": _range(band),
+            "count": f"{band.count:,}",
+            "share": percent(band.share),
+            "inside": max(abs(band.low), abs(band.high)) <= bands.tolerance,
+        }
+        for band in bands.rows
+    ]
+    return {"tolerance": text_of(bands.tolerance, 6), "rows": rows}
+
+
+def _range(band: Band) -> str:
+    if np.isinf(band.low):
+        return f"below {text_of(band.high, 4)}"
+    if np.isinf(band.high):
+        return f"above {text_of(band.low, 4)}"
+    return f"{text_of(band.low, 4)} to {text_of(band.high, 4)}"
+
+
+def regions_table(data: ReportData) -> dict[str, Any]:
+    """Rows of the regions."""
+    toleranced, unit = data.tolerance is not None, data.unit
+    signed = data.deviations is not None and data.deviations.signed
+    columns = [("No.", "", True), ("Region", "", False), ("Points", "", True), ("Median", unit, True),
+               ("Spread, 1σ", unit, True), ("95 % within", unit, True)]  # fmt: skip
+    columns += [("Tolerance", unit, True), ("In tolerance", "%", True), ("Decision", "", False)] if toleranced else []
+    columns += [("Middle x, y, z", unit, False), ("", "", False)]
+    # Those that do not pass must be seen.
+    shown = sorted(data.regions, key=lambda region: ("fail", "undecided", "pass", None).index(region.outcome))[:ROWS]
+    rows = [
+        {
+            "number": str(region.number),
+            "name": region.name,
+            "points": f"{region.points:,}",
+            "median": text_of(region.median, 2, sign=signed),
+            "spread": text_of(region.spread, 2),
+            "p95": text_of(region.within, 2),
+            "tolerance": limits_text(region.low, region.high) if toleranced else None,
+            "within": "" if region.share_within is None else percent(region.share_within),
+            "outcome": region.outcome or "",
+            "sign": OUTCOME_SIGNS[region.outcome] if region.outcome else "",
+            "at": place_text(rounded(region.centre + data.origin, data.size)),
+            "goto": goto(region.centre, data.size),
+        }
+        for region in shown
+    ]
+    rule = ""
+    if data.decision is not None:
+        required = percent(data.decision.required_share)
+        rule = f"A region passes where {required} % of its points and each place of it are within its tolerance."
+    how = data.regions_how
+    if len(shown) < len(data.regions):
+        how += f" {len(shown)} of {len(data.regions)} are shown: those that do not pass, then the largest."
+    return {"columns": columns, "rows": rows, "how": how, "rule": rule}
