@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh
-from dqreg.inspection.regions import triangle_areas
+from dqreg.geometry.mesh_faces import triangle_areas
 
 # A place of a face is covered where a scan point of that face lies within so many usual spacings: of points that are
 # spread at random over a face, 0.0004 % of the places have none.

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh
+from dqreg.geometry.mesh_faces import areas_of, faces_of
 from dqreg.inspection.features import Feature, FeatureKind, fit_feature
-from dqreg.inspection.regions import areas_of, faces_of
 
 FaceKind = Literal["plane", "cylinder", "cone", "sphere", "free"]
 

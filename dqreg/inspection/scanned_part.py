@@ -11,6 +11,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface
+from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection.coverage import covered
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.features import Feature, fit_feature
@@ -18,7 +19,7 @@ from dqreg.inspection.medians import smoothed
 from dqreg.inspection.part_faces import Face, faces_in_box, nearest_face, part_faces
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
 from dqreg.inspection.plan_keys import FaceName
-from dqreg.inspection.regions import SCANNED, edge_places, faces_of, weighted_median
+from dqreg.inspection.regions import SCANNED, edge_places, weighted_median
 from dqreg.inspection.statistics import PROBED
 from dqreg.rigid import pose
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg._open3d import load_open3d
 from dqreg.geometry import Mesh, MeshSurface, PointCloud
+from dqreg.geometry.mesh_faces import faces_of
 from dqreg.geometry.morton import morton_order
-from dqreg.inspection.regions import faces_of
 from dqreg.report.view3d import fewer_triangles, sharp_edges
 
 # What is drawn at most.

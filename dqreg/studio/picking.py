@@ -10,8 +10,8 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray, as_vectors
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud
+from dqreg.geometry.mesh_faces import faces_of
 from dqreg.geometry.raycasting import RayScene
-from dqreg.inspection.regions import faces_of
 from dqreg.studio.cleaning import kept_rows, scan_points
 from dqreg.studio.drawing import Frame, frame_of
 from dqreg.studio.kept import Place, kept

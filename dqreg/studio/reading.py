@@ -9,9 +9,10 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, bounds
 from dqreg.geometry import Mesh, PointCloud, prepare_scan
+from dqreg.geometry.mesh_faces import faces_of
 from dqreg.geometry.unit_check import find_unit_mistake
 from dqreg.inspection import Face, part_faces, why_unsigned
-from dqreg.inspection.regions import MOST_FACES, faces_of
+from dqreg.inspection.regions import MOST_FACES
 from dqreg.studio.cleaning import kept_rows, leaving_plane, scan_points
 from dqreg.studio.drawing import cloud_payload, drawn_pose, frame_of, part_payload, rows_to_draw, shades
 from dqreg.studio.kept import Place, kept

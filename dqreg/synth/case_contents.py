@@ -66,6 +66,7 @@ def case_contents(recipe: Recipe) -> dict[str, bytes]:
         **symmetry_record(recipe.symmetry(), T_target_source),
         "motion": motion_record(recipe.motion, centre, S, T_source_target),
         **settings_record(recipe),
+        **({"faults": [fault.record((vertices, faces)) for fault in recipe.faults]} if recipe.faults else {}),
     }
     # The folder shall make itself again, also where the part came from a file that lies elsewhere.
     text = re.sub(r"(?m)^file\s*=.*$", f'file = "{PART}"', recipe.text)
@@ -83,7 +84,10 @@ def _scan(recipe: Recipe, part: Mesh, surroundings: Mesh | None, rng: np.random.
     with named("scanner", _keys(recipe.scanner)):
         if isinstance(recipe.scanner, TactileProbe):
             return touch_mesh(*part, recipe.scanner, recipe.noise.range_sigma, rng=rng)
-        return scan_mesh(*part, recipe.scanner, recipe.noise, rng=rng, motion=recipe.motion, surroundings=surroundings)
+        scan = scan_mesh(*part, recipe.scanner, recipe.noise, rng=rng, motion=recipe.motion, surroundings=surroundings)
+    for fault in recipe.faults:
+        scan = fault.made(scan, part)
+    return scan
 
 
 def _scan_bytes(recipe: Recipe, scan: Scan) -> bytes:

@@ -85,7 +85,7 @@ def form_error(
         low, high = float((corners @ along).min()), float((corners @ along).max())
         phase = 2.0 * np.pi * waves * (points[rows] @ along - low) / max(high - low, np.finfo(float).tiny)
     else:
-        points[rows], normals[rows], turn = _rounded(points[rows], normals[rows], corners, axis)
+        points[rows], normals[rows], turn = _rounded(scan, mesh, rows, corners, axis)
         phase = waves * turn
     points[rows] += 0.5 * amplitude * np.cos(phase)[:, None] * normals[rows]
     return dataclasses.replace(scan, points=points, normals=normals)
@@ -142,7 +142,7 @@ def moved_feature(
     points, normals = scan.points.copy(), scan.normals.copy()
     outward = normals[rows]
     if axis is not None:
-        points[rows], normals[rows], _ = _rounded(points[rows], normals[rows], corners, axis)
+        points[rows], normals[rows], _ = _rounded(scan, mesh, rows, corners, axis)
         offsets = points[rows] - as_float(axis[0], "axis")
         along = as_float(axis[1], "axis") / np.linalg.norm(as_float(axis[1], "axis"))
         offsets = offsets - (offsets @ along)[:, None] * along
@@ -165,17 +165,24 @@ def _on(scan: Scan, mesh: Mesh, triangles: ArrayLike) -> tuple[BoolArray, FloatA
 
 
 def _rounded(
-    points: FloatArray, normals: FloatArray, corners: FloatArray, axis: tuple[ArrayLike, ArrayLike]
+    scan: Scan, mesh: Mesh, rows: BoolArray, corners: FloatArray, axis: tuple[ArrayLike, ArrayLike]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Points on the cylinder through the corners, its normals on the side of the given ones, angles about the axis."""
+    """Points on the cylinder through the corners, its normals on the side of the given ones, angles about the axis.
+
+    Each moves along its radius by what its facet is inside of the cylinder there: noise stays as it is.
+    """
     centre, along = as_float(axis[0], "axis"), as_float(axis[1], "axis")
     along = along / np.linalg.norm(along)
+    points, normals = scan.points[rows], scan.normals[rows]
     heights = (points - centre) @ along
     offsets = points - centre - heights[:, None] * along
     outward = offsets / np.linalg.norm(offsets, axis=1, keepdims=True)
     arms = corners - centre
     radius = float(np.median(np.linalg.norm(arms - (arms @ along)[:, None] * along, axis=1)))
     side = np.sign(np.einsum("ij,ij->i", outward, normals))[:, None]
+    # Where the radius through the point meets the plane of its facet.
+    base = mesh[0][mesh[1][scan.face_index[rows], 0]] - centre - heights[:, None] * along
+    facet = np.einsum("ij,ij->i", base, normals) / np.einsum("ij,ij->i", outward, normals)
     across = np.linalg.svd(along[None, :])[2][1:]
     turn = np.arctan2(outward @ across[1], outward @ across[0])
-    return centre + heights[:, None] * along + radius * outward, side * outward, turn
+    return points + (radius - facet)[:, None] * outward, side * outward, turn

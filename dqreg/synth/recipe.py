@@ -19,6 +19,8 @@ from dqreg.files.untrusted import read_record
 from dqreg.synth import parts
 from dqreg.synth.motion import Motion
 from dqreg.synth.noise import Noise
+from dqreg.synth.recipe_faults import KEYS as FAULTS
+from dqreg.synth.recipe_faults import Fault, read_faults
 from dqreg.synth.recipe_keys import build, check_name, check_seed, get_number, get_table, get_text, require_known
 from dqreg.synth.recipe_tables import (
     AnyScanner,
@@ -31,7 +33,20 @@ from dqreg.synth.recipe_tables import (
 )
 from dqreg.synth.scene import Scene
 
-_TOP = ("name", "seed", "units", "coordinates", "part", "scene", "scanner", "noise", "motion", "frame", "start")
+_TOP = (
+    "name",
+    "seed",
+    "units",
+    "coordinates",
+    "part",
+    "scene",
+    "scanner",
+    "noise",
+    "motion",
+    "frame",
+    "start",
+    *FAULTS,
+)
 # Farther than this, in diagonals of the part, an initial pose or a frame is a typing error.
 _FAR = 1e6
 
@@ -62,6 +77,8 @@ class Recipe:
         Error model.
     motion : Motion, optional
         How the part moves meanwhile; None at rest.
+    faults : tuple of Fault
+        Form errors and moved features of the part, from ``[[form_error]]`` and ``[[moved_feature]]``.
     frame_offset : float
         How far the part's centre is moved when the scan gets its own frame, in diagonals of the part.
     start_angle_rad : float
@@ -89,6 +106,7 @@ class Recipe:
     start_offset: float
     text: str
     folder: Path
+    faults: tuple[Fault, ...] = ()
 
     def with_seed(self, seed: int) -> Recipe:
         r"""Return the same recipe with another seed, also in its text.
@@ -236,4 +254,5 @@ def parse_recipe(text: str, folder: str | os.PathLike[str] = ".") -> Recipe:
         start_offset=get_number(start, "start.offset", 0.05, most=_FAR),
         text=text,
         folder=Path(folder),
+        faults=read_faults(data, kind),
     )

@@ -66,7 +66,7 @@ def scanned(seed: int, T: np.ndarray | None = None, count: int = 8_000) -> Devia
 
 
 def _labels(surface: MeshSurface, points: np.ndarray) -> np.ndarray:
-    from dqreg.inspection.regions import faces_of
+    from dqreg.geometry.mesh_faces import faces_of
 
     return faces_of(PART)[1][surface.closest(points).elements]
 

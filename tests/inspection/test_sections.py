@@ -77,7 +77,7 @@ def test_the_picture_says_how_much_it_enlarges() -> None:
 
 
 def test_wall_thickness_is_both_sides_together() -> None:
-    from dqreg.inspection.regions import faces_of
+    from dqreg.geometry.mesh_faces import faces_of
 
     plan = {
         "characteristic": [{"name": "wall", "kind": "thickness", "face": int(faces_of(PART)[1][TOP]), "tolerance": 0.1}]

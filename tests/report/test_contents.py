@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dqreg.geometry import Mesh
-from dqreg.inspection.regions import areas_of, faces_of
+from dqreg.geometry.mesh_faces import areas_of, faces_of
 from dqreg.report.charts import NARROW, WIDE, convergence, histogram, ticks
 from dqreg.report.colours import Scale, nice_above
 from dqreg.report.facts import facts_of

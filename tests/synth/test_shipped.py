@@ -92,6 +92,11 @@ def check(case) -> None:
         grazing = 1 + noise["grazing_growth"] * (1 / np.cos(np.deg2rad(noise["max_incidence_deg"])) - 1)
         lateral = noise["lateral_sigma"] * 0.02 * case.part_diagonal
         tolerance = 5 * (case.range_sigma * grazing + lateral) + noise["quantisation"] + 1e-5 * case.part_diagonal
+        # Faults lie off the part by what the truth says of them.
+        for fault in truth.get("faults", []):
+            turned = np.linalg.norm(np.deg2rad(fault.get("rotation_deg", 0.0))) * case.part_diagonal
+            off_by = abs(fault.get("larger", 0.0)) + np.linalg.norm(fault.get("shift", 0.0)) + turned
+            tolerance = max(tolerance, off_by + fault.get("amplitude", 0.0))
         share, count = truth["part_points"] / truth["points"], len(off)
         # Strays and clutter may lie on the part by chance, so the share can only be exceeded.
         assert (off < tolerance).mean() > share - 5 * np.sqrt(share * (1 - share) / count) - 1e-3

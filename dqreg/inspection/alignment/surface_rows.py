@@ -11,10 +11,10 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface
+from dqreg.geometry.mesh_faces import faces_of
 from dqreg.geometry.morton import morton_order
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.medians import smoothed
-from dqreg.inspection.regions import faces_of
 from dqreg.rigid import pose, twist
 from dqreg.solvers import Freedom, PoseCost
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN

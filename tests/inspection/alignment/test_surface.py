@@ -8,9 +8,9 @@ from scipy.optimize import minimize
 
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, sample_mesh
+from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection import Deviations, FaceTerms, SurfaceAlignment, align_surface, measure_deviations
 from dqreg.inspection.alignment.surface_rows import rows_of
-from dqreg.inspection.regions import faces_of
 from dqreg.registration.register import register
 from dqreg.rigid import pose, twist
 from dqreg.solvers import Freedom
