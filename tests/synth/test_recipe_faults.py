@@ -48,8 +48,8 @@ def test_a_face_is_wavy_moved_and_turned_by_what_the_recipe_says(tmp_path: Path)
     )
     plane = fit_feature(moved, "plane")
     assert np.degrees(np.arccos(abs(plane.axis[2]))) == pytest.approx(0.5, abs=1e-9)
-    # About the middle of the face, which is 0.25 higher.
-    assert (plane.point - [0, 0, 5.25]) @ plane.axis == pytest.approx(0.0, abs=1e-9)
+    # 0.25 higher, then turned about where the middle of the face was.
+    assert abs((plane.point - [0, 0, 5]) @ plane.axis) == pytest.approx(0.25, abs=1e-9)
     # The number that the truth gives is that of the entry.
     number = truth["faults"][0]["face"]
     again, _ = contents(f"[[moved_feature]]\nface = {number}\nlarger = 0.25\nrotation_deg = [0, 0.5, 0]\n", tmp_path)

@@ -20,7 +20,7 @@ NUDGE = 1e-2
 # Width of a strip across a border, and depth of the points that it takes, in spacings.
 STRIP, FEWEST_STRIPS = 2.0, 5
 # Imaginary borders inside the sheet, from and to that share of the depth: how the estimate does is seen there.
-INNER, CUTS = (0.15, 0.55), 40
+INNER, CUTS = (0.1, 0.8), 40
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -107,10 +107,15 @@ def border_offset(along: FloatArray, outward: FloatArray, spacing: float) -> tup
     straight = outward - slope * along
     depth = found - float(straight.min())
     cuts = found - depth * np.linspace(*INNER, CUTS)
-    missed = np.array([cut - _line(middles, _outermost(strip, straight, count, cut))[0] for cut in cuts])
+    short = np.array([cut - _outermost(strip, straight, count, cut) for cut in cuts])
+    missed = np.array([_line(middles, row)[0] for row in short])
     if not np.isfinite(found) or not np.isfinite(missed).all():
         raise DegenerateGeometryError(f"{len(along)} points do not show where a border is: scan it more densely")
-    return found + float(missed.mean()), float(np.sqrt(missed.var(ddof=1) * (1.0 + 1.0 / CUTS)))
+    # Strips of random points scatter by themselves; rows of points along the border are all short by the same.
+    alone = float(np.nanvar(short, axis=1, ddof=2).mean()) / count
+    between = float(missed.var(ddof=1))
+    layers = max(float(np.ptp(cuts)) / max(float(np.nanmean(short)), np.finfo(float).tiny), 1.0)
+    return found + float(missed.mean()), float(np.sqrt(max(alone, between) * (1.0 + 1.0 / layers)))
 
 
 def _outermost(strip: IntArray, outward: FloatArray, count: int, cut: float) -> FloatArray:
