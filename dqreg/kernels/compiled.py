@@ -16,6 +16,7 @@ from numba.core import serialize
 from numba.core.compiler import CompileResult
 
 from dqreg.kernels.cache import claim, folders
+from dqreg.kernels.file_locks import FileLocks
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 ANNOUNCEMENT = "dqreg: compiling inner loops that were not used on this machine before; it takes seconds, once\n"
@@ -37,6 +38,7 @@ class KeptCode:
 
     def __init__(self, name: str) -> None:
         self._name = name
+        self._locks = FileLocks()
 
     @property
     def cache_path(self) -> str | None:
@@ -48,22 +50,25 @@ class KeptCode:
         """Code of a signature; None where it has to be compiled."""
         target_context.refresh()
         file = self._file(signature, target_context.codegen())
-        for folder in folders()[0]:
-            # A file that is absent, damaged or from elsewhere is one and the same: the code is compiled anew.
-            with suppress(Exception):
-                return CompileResult._rebuild(target_context, *pickle.loads((folder / file).read_bytes()))
+        if (code := _kept(file, target_context)) is not None:
+            return code
         _announce()
+        if self._locks.acquire(folders()[1], file) and (code := _kept(file, target_context)) is not None:
+            self._locks.release(file)
+            return code
         return None
 
     def save_overload(self, signature: Any, code: Any) -> None:
         """Keep the code of a signature, where that can be done."""
-        folder = folders()[1]
-        if folder is None:
-            return
-        if folder not in _claimed:
-            _claimed.add(folder)
-            claim(folder)
-        path = folder / self._file(signature, code.codegen)
+        file = self._file(signature, code.codegen)
+        if (folder := folders()[1]) is not None:
+            self._save(folder / file, code)
+        self._locks.release(file)
+
+    def _save(self, path: Path, code: Any) -> None:
+        if path.parent not in _claimed:
+            _claimed.add(path.parent)
+            claim(path.parent)
         beside = path.with_name(f"{path.name}.{uuid.uuid4().hex}")
         try:
             beside.write_bytes(serialize.dumps(code._reduce()))
@@ -85,6 +90,14 @@ class KeptCode:
     def _file(self, signature: Any, codegen: Any) -> Path:
         key = hashlib.sha256(repr((str(signature), codegen.magic_tuple())).encode()).hexdigest()[:16]
         return Path(f"{self._name}-{key}.code")
+
+
+def _kept(file: Path, target_context: Any) -> Any:
+    for folder in folders()[0]:
+        # A file that is absent, damaged or from elsewhere is one and the same: the code is compiled anew.
+        with suppress(Exception):
+            return CompileResult._rebuild(target_context, *pickle.loads((folder / file).read_bytes()))
+    return None
 
 
 def _announce() -> None:

@@ -8,7 +8,7 @@ import json
 import tempfile
 import warnings
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +48,13 @@ class Kind:
     """A kind of file: good ones, and what reads one."""
 
     file: str
-    seeds: list[bytes]
+    make: Callable[[], list[bytes]]
     read: Callable[[Path], object]
+
+    @property
+    def seeds(self) -> list[bytes]:
+        """Good files, made when a test asks for them: every worker knows the names."""
+        return self.make()
 
 
 def _geometry(path: Path) -> None:
@@ -103,6 +108,24 @@ def _npz(**arrays: Any) -> bytes:
     return stream.getvalue()
 
 
+def scan() -> np.ndarray:
+    return np.tile(POINTS, (4, 1)) + np.arange(48)[:, None] * [0.01, 0.02, 0.005]
+
+
+@cache
+def results() -> list[bytes]:
+    registered = register(scan(), Mesh(VERTICES, FACES), "identity", effort="fast", max_iterations=3)
+    return [json.dumps(each.to_dict()).encode() for each in (registered, good(source_scale=1.0, target_units="mm"))]
+
+
+@cache
+def saved(of_mesh: bool) -> list[bytes]:
+    """A prepared target as a file."""
+    with tempfile.TemporaryDirectory() as folder:
+        prepare_target(Mesh(VERTICES, FACES) if of_mesh else scan()).save(Path(folder) / "a.npz")
+        return [(Path(folder) / "a.npz").read_bytes()]
+
+
 @cache
 def kinds() -> dict[str, Kind]:
     """Every kind, by name."""
@@ -110,11 +133,8 @@ def kinds() -> dict[str, Kind]:
     for suffix, content in good_files().values():
         by_suffix.setdefault(suffix, []).append(content)
     by_suffix[".gltf"] = [json.dumps(gltf_tree("data.bin")[0]).encode()]
-    found = {suffix: Kind(f"a{suffix}", seeds, _geometry) for suffix, seeds in by_suffix.items()}
+    found = {suffix: Kind(f"a{suffix}", partial(list, seeds), _geometry) for suffix, seeds in by_suffix.items()}
     folder = demo_case()
-    part, scan = Mesh(VERTICES, FACES), np.tile(POINTS, (4, 1)) + np.arange(48)[:, None] * [0.01, 0.02, 0.005]
-    registered = register(scan, part, "identity", effort="fast", max_iterations=3)
-    results = [json.dumps(each.to_dict()).encode() for each in (registered, good(source_scale=1.0, target_units="mm"))]
     text = "".join(" ".join(map(str, row)) + "\n" for row in np.eye(4))
     tum = "0.0 0 0 0 0 0 0 1\n0.1 1 0 0 0 0 0.7071 0.7071\n"
     kitti = "1 0 0 0 0 1 0 0 0 0 1 0\n0 -1 0 1 1 0 0 0 0 0 1 0\n"
@@ -123,44 +143,49 @@ def kinds() -> dict[str, Kind]:
     frames = np.concatenate([POINTS, POINTS])
     return found | {
         "result": Kind("a.json", results, _result),
-        "target, mesh": Kind("a.npz", [_saved(part)], _target),
-        "target, cloud": Kind("a.npz", [_saved(scan)], _target),
+        "target, mesh": Kind("a.npz", partial(saved, True), _target),
+        "target, cloud": Kind("a.npz", partial(saved, False), _target),
         "pose, json": Kind("a.json", results, _poses),
-        "pose, text": Kind("a.txt", [text.encode(), text.replace(" ", ",").encode()], _poses),
-        "pose, npy": Kind("a.npy", [npy(np.eye(4))], _poses),
-        "recipe": Kind("a.toml", [file.read_bytes() for file in recipes], read_recipe),
-        "manifest": Kind("a.csv", [rows.encode()], read_manifest),
+        "pose, text": Kind("a.txt", lambda: [text.encode(), text.replace(" ", ",").encode()], _poses),
+        "pose, npy": Kind("a.npy", lambda: [npy(np.eye(4))], _poses),
+        "recipe": Kind("a.toml", lambda: [file.read_bytes() for file in recipes], read_recipe),
+        "manifest": Kind("a.csv", lambda: [rows.encode()], read_manifest),
         "manifest with a target": Kind(
             "b.csv",
-            [rows.replace("part.obj", "").encode()],
+            lambda: [rows.replace("part.obj", "").encode()],
             lambda path: read_manifest(path, Defaults(path.parent / "part.obj")),
         ),
-        "trajectory": Kind("a.txt", [tum.encode(), kitti.encode()], _trajectory),
-        "frame times": Kind("times.txt", [b"0.0\n0.1\n"], lambda path: _frames(path.parent / "frames")),
-        "frame, bin": Kind("frames/0.bin", [np.c_[POINTS, POINTS[:, :1]].tobytes()], lambda path: _frames(path.parent)),
+        "trajectory": Kind("a.txt", lambda: [tum.encode(), kitti.encode()], _trajectory),
+        "frame times": Kind("times.txt", lambda: [b"0.0\n0.1\n"], lambda path: _frames(path.parent / "frames")),
+        "frame, bin": Kind(
+            "frames/0.bin", lambda: [np.c_[POINTS, POINTS[:, :1]].tobytes()], lambda path: _frames(path.parent)
+        ),
         "frame, npz": Kind(
-            "one/0.npz", [_npz(points=POINTS, timestamps=np.arange(12.0))], lambda path: _frames(path.parent)
+            "one/0.npz", lambda: [_npz(points=POINTS, timestamps=np.arange(12.0))], lambda path: _frames(path.parent)
         ),
         "sequence": Kind(
             "a.npz",
-            [_npz(points=(1000 * frames).astype(np.int16), offsets=np.array([0, 12, 24]), scale=np.float64(1e-3),
-                  timestamps=np.arange(24.0), times=np.arange(2.0))],
+            lambda: [
+                _npz(
+                    points=(1000 * frames).astype(np.int16),
+                    offsets=np.array([0, 12, 24]),
+                    scale=np.float64(1e-3),
+                    timestamps=np.arange(24.0),
+                    times=np.arange(2.0),
+                )
+            ],
             _frames,
         ),
-        "truth": Kind("case/truth.json", [(folder / "truth.json").read_bytes()], _case),
+        "truth": Kind("case/truth.json", lambda: [(folder / "truth.json").read_bytes()], _case),
         "sweep": Kind(
             "a.toml",
-            [b'title = "t"\ntimeout = 5\n[base]\npart = "bracket"\n[axis.noise]\nvalues = [0.0, 0.1]\n'],
+            lambda: [b'title = "t"\ntimeout = 5\n[base]\npart = "bracket"\n[axis.noise]\nvalues = [0.0, 0.1]\n'],
             read_sweep,
         ),
-        "runs": Kind("a.jsonl", [b'{"format": "dqreg comparison 1", "machine": "a", "threads": 1}\n' * 2], Store),
-    }  # fmt: skip
-
-
-def _saved(target: Any) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        prepare_target(target).save(Path(folder) / "a.npz")
-        return (Path(folder) / "a.npz").read_bytes()
+        "runs": Kind(
+            "a.jsonl", lambda: [b'{"format": "dqreg comparison 1", "machine": "a", "threads": 1}\n' * 2], Store
+        ),
+    }
 
 
 def _folder(place: Path) -> None:
