@@ -66,7 +66,13 @@ def require_same_units(
     target_units: str | None = None,
     target_spreads: FloatArray | None = None,
 ) -> None:
-    """Raise where source and target look as if they were in different units."""
+    """Raise where source and target look as if they were in different units.
+
+    Where both units are known, the source is in the target's unit already, and the units may be the mistake.
+    """
+    if source_units is not None and target_units is not None:
+        require_right_units(source, target, source_units, target_units, target_spreads)
+        return
     mistake = find_unit_mistake(source, target, source_units, target_units, target_spreads)
     if mistake is not None:
         raise UnitsError(mistake.sentence)
@@ -102,6 +108,39 @@ def find_unit_mistake(
     units = factor(coarse, fine)
     named = (fine, coarse) if ratio > 1.0 else (coarse, fine)
     return UnitMistake(ratio, units if ratio > 1.0 else 1.0 / units, *named, _sentence(ratio, sizes, seen))
+
+
+def require_right_units(
+    source: PointCloud | Mesh,
+    target: PointCloud | Mesh,
+    source_units: str,
+    target_units: str,
+    target_spreads: FloatArray | None = None,
+) -> None:
+    """Raise where sizes agree without the conversion that two units ask for, and with it cannot; source: converted."""
+    converted = factor(source_units, target_units)
+    if converted == 1.0:
+        return
+    spreads = principal_spreads(source), principal_spreads(target) if target_spreads is None else target_spreads
+    sizes = tuple(float(np.linalg.norm(spread)) for spread in spreads)
+    if not min(sizes) > 0.0:
+        return
+    ratio = sizes[0] / sizes[1]
+    as_is, over = ratio / converted, max(converted, 1.0 / converted)
+    absurd = max(ratio, 1.0 / ratio) > ABSURD and 1.0 / PARTIAL <= as_is <= PARTIAL
+    if not absurd:
+        # A conversion the other way brought the sizes nearer.
+        if (ratio > 1.0) != (converted > 1.0) or not _same_shape(*spreads, ratio, over):
+            return
+        if not _same_spacing(source, target, ratio, over):
+            return
+    size = f"{ratio:.4g} times as large as" if ratio > 1.0 else f"{1.0 / ratio:.4g} times smaller than"
+    raise UnitsError(
+        f"with the source in {source_units} and the target in {target_units}, the source is {size} the target; with "
+        f"the numbers as they are, it is {as_is:.3g} times as large: one of the units is wrong. If both are in "
+        f"{target_units}, say source_units={target_units!r} (--source-units {target_units}); if the units are right as "
+        'they are, say units="ignore" (--units ignore)'
+    )
 
 
 def principal_spreads(geometry: PointCloud | Mesh) -> FloatArray:

@@ -61,9 +61,11 @@ def colours_of(values: FloatArray, limit: float, reach: float = np.inf) -> ByteA
 
 SUFFIXES = (".ply", ".csv", ".npy")
 # flag: 0 the part, 1 beyond reach, 2 another surface, 3 an outlier, 4 excluded; within: 1 in tolerance, 0 out of it.
-COLUMNS = "x,y,z,deviation,closest_x,closest_y,closest_z,face,row,normal_x,normal_y,normal_z,flag"
-# Digits of lengths in a table: a step of that share of the target's size. And of unit normals.
-STEP, NORMAL_DIGITS = 1e-8, 6
+LENGTHS = ("x", "y", "z", "deviation", "closest_x", "closest_y", "closest_z")
+OTHERS = ("face", "row", "normal_x", "normal_y", "normal_z", "flag")
+# Digits of lengths in a table: a step of that share of the scan's noise, which rounding widens by 2e-5, or of the
+# target's size where that is more or no noise is known. And of unit normals.
+OF_NOISE, OF_SIZE, NORMAL_DIGITS = 0.02, 1e-8, 4
 
 
 def require_suffix(path: str | os.PathLike[str]) -> str:
@@ -85,6 +87,16 @@ def write_array(path: str | os.PathLike[str], values: FloatArray) -> None:
     write_atomically(path, stream.getvalue())
 
 
+def decimals_of(size: float, noise: float | None) -> int:
+    """Decimals of lengths in a table.
+
+    >>> decimals_of(200.0, None), decimals_of(200.0, 0.03), decimals_of(0.2, 3e-5)
+    (6, 4, 7)
+    """
+    step = max(OF_SIZE * size, OF_NOISE * (noise or 0.0))
+    return max(0, math.ceil(-math.log10(step))) if step > 0.0 else 9
+
+
 def write_table(
     path: str | os.PathLike[str],
     lengths: FloatArray,
@@ -92,17 +104,18 @@ def write_table(
     normals: FloatArray,
     flags: NDArray[np.int8],
     within: NDArray[np.bool_] | None,
-    size: float,
+    *,
+    decimals: int,
+    units: str | None,
 ) -> None:
     """Write deviations as a CSV file, one row a point. Shapes: lengths (n, 7): point, deviation, closest place."""
-    decimals = max(0, math.ceil(-math.log10(STEP * size))) if size > 0.0 else 9
     columns: list[NDArray[Any]] = [lengths, faces, np.arange(len(faces)), normals, flags]
     formats = [f"%.{decimals}f"] * 7 + ["%d"] * 2 + [f"%.{NORMAL_DIGITS}f"] * 3 + ["%d"]
-    header = COLUMNS
+    names = [*(f"{name} [{units}]" if units else name for name in LENGTHS), *OTHERS]
     if within is not None:
-        columns, formats, header = [*columns, within], [*formats, "%d"], f"{header},within"
+        columns, formats, names = [*columns, within], [*formats, "%d"], [*names, "within"]
     stream = io.StringIO()
-    stream.write(header + "\n")
+    stream.write(",".join(names) + "\n")
     np.savetxt(stream, np.column_stack(columns), fmt=formats, delimiter=",")
     write_atomically(path, stream.getvalue())
 

@@ -15,7 +15,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
-from dqreg.inspection.deviation_files import require_suffix, write_array, write_coloured, write_table
+from dqreg.inspection.deviation_files import decimals_of, require_suffix, write_array, write_coloured, write_table
 from dqreg.inspection.membership import ON_PART, Counts, Flags, by_reach, counts_of
 from dqreg.inspection.statistics import Bands, Place, Summary, bands_of, require_length, summary_of, worst_places
 from dqreg.inspection.tolerances import PointLimits
@@ -55,6 +55,8 @@ class Deviations:
         In the caller's target frame.
     allowed : PointLimits or None
         Smallest and largest deviation allowed at each point, where a plan asks for more than one tolerance.
+    noise : float or None
+        Standard deviation of the scan's noise, where known: tables have as many digits as that deserves.
     apart : float
         Least distance between two worst places, a length.
     size : float
@@ -86,6 +88,7 @@ class Deviations:
     covariance: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((6, 6)), repr=False)
     centre: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(3), repr=False)
     allowed: PointLimits | None = dataclasses.field(default=None, repr=False)
+    noise: float | None = None
 
     def __post_init__(self) -> None:
         if self.tolerance is not None:
@@ -234,8 +237,8 @@ class Deviations:
         Parameters
         ----------
         path : str or path
-            ``.ply``: the coloured cloud with the value as the property ``deviation``; ``.csv``: one row a point;
-            ``.npy``: the array ``values``.
+            ``.ply``: the coloured cloud with the value as the property ``deviation``; ``.csv``: one row a point, the
+            unit of lengths in the head, digits to a fiftieth of the noise; ``.npy``: the array ``values``.
         limit : float, optional
             Deviation at which the colours end, target units. Default: the tolerance, so that what is out of it has a
             colour of its own; without one, the 95 % of the absolute deviations.
@@ -256,7 +259,8 @@ class Deviations:
             if self.allowed is not None:
                 within = self.allowed.beyond(self.values) <= 0.0
             normals = self.normals(np.arange(len(self)))
-            write_table(path, lengths, self.faces, normals, self.flags, within, self.size)
+            decimals = decimals_of(self.size, self.noise)
+            write_table(path, lengths, self.faces, normals, self.flags, within, decimals=decimals, units=self.units)
         else:
             write_coloured(
                 path,

@@ -134,6 +134,7 @@ def measure_deviations(
         target=geometry,
         covariance=np.zeros((6, 6)) if covariance is None else covariance,
         centre=shift if centre is None else centre,
+        noise=noise,
     )
 
 

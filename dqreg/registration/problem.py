@@ -143,7 +143,7 @@ class Problem(SourceAndTarget):
                 require_mesh(index.geometry)
                 centred = centred.oriented_from(viewpoints)
             units = options.source_units or centred.cloud.units, unit
-            if options.units == "check" and None in units:
+            if options.units == "check":
                 require_same_units(centred.cloud, index.geometry, *units, index.spreads)
         asked = {
             **options.recorded,

@@ -102,6 +102,19 @@ def test_known_units_are_believed() -> None:
     assert inch is None  # there is no unit of which 25.4 go into a metre
 
 
+@pytest.mark.parametrize("units", [("m", "mm"), ("inch", "mm"), ("mm", "m")])
+def test_units_that_are_named_wrong_are_told_by_the_sizes(units: tuple[str, str]) -> None:
+    # Scan and part are in one unit, and the scan is said to be in another: it was multiplied by that.
+    converted = times(scan(), factor(*units))
+    with pytest.raises(UnitsError, match=f"--source-units {units[1]}\\).*--units ignore"):
+        require_same_units(converted, part(), *units)
+    # As it was meant: the numbers differ by the factor, and after the conversion the sizes agree.
+    require_same_units(scan(), part(), *units)
+    # A patch of the part, or a scene about it, has other sizes whatever the units.
+    patch = PointCloud(scan().points[np.linalg.norm(scan().points - scan().points[0], axis=1) < 15.0])
+    require_same_units(patch, part(), *units)
+
+
 def test_spreads_do_not_depend_on_the_pose_and_scale_with_the_numbers() -> None:
     turned = PointCloud(pose.apply(pose.random(np.random.default_rng(6), reach=1e4), scan().points))
     np.testing.assert_allclose(principal_spreads(turned), principal_spreads(scan()), rtol=1e-2)
