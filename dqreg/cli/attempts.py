@@ -12,8 +12,10 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg._arrays import FloatArray
-    from dqreg.geometry import Mesh
+    from dqreg.geometry import Mesh, PointCloud
     from dqreg.registration.result import Registration
+
+    Target = Path | Mesh | PointCloud
 
 # Points that tell how much of a scan lies at its target under a pose.
 FEW = 2_000
@@ -24,7 +26,7 @@ SAME_DEG, SAME = 20.0, 0.2
 
 
 def register_files(
-    scan: Path, target: Path | Mesh, start: FloatArray | str | None, console: Console, **options: Any
+    scan: Path, target: Target, start: FloatArray | str | None, console: Console, **options: Any
 ) -> Registration:
     """`dqreg.register` of two files; where the start is inverted or the files are swapped, it is said."""
     from dqreg.registration.register import register
@@ -38,7 +40,7 @@ def register_files(
 
 
 def _with_inverse(
-    result: Registration, scan: Path, target: Path | Mesh, start: FloatArray, console: Console, options: dict[str, Any]
+    result: Registration, scan: Path, target: Target, start: FloatArray, console: Console, options: dict[str, Any]
 ) -> Registration:
     """The same, or what the inverse of its initial pose leads to."""
     from dqreg.registration.register import register

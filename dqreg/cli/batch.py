@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import as_json_option, consoles, print_json, read_head, say
 from dqreg.cli.signals import PoliteSignals
 from dqreg.errors import printable
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from dqreg.report.work_bar import WorkBar
 
 FILE = click.Path(path_type=Path)
+UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
 # Decisions on a part, the good first.
 OUTCOMES = ("pass", "undecided", "fail")
 # Rows that are named one by one on the screen; all of them are in the summary.
@@ -57,6 +59,8 @@ WIDTH, HEIGHT, DOTS = 240, 180, 20_000
               "passes, fails or is undecided.")  # fmt: skip
 @click.option("--required", type=float, metavar="PERCENT", default=95.0, show_default=True, help="Points that must be "
               "within the tolerance.")  # fmt: skip
+@click.option("--display-units", type=UNITS, help="Length unit of values, trends and reports, and of --tolerance; "
+              "results/*.json stay in the target's  [default: the plan's, else the target's].")  # fmt: skip
 @click.option("--head", multiple=True, metavar="NAME=VALUE", help="Field of the head of all reports, such as "
               "operator='M. Muster'.")  # fmt: skip
 @click.option("--no-reports", "reports", flag_value=False, default=True, help="No report for each row, where parts are "
@@ -100,6 +104,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
             options["required"] / 100.0,
             report=options["reports"],
             head=tuple(read_head(options["head"]).items()),
+            display_units=options["display_units"],
         )
         shared = {name: options[name] for name in SHARED if options[name] is not None}
         rows = read_manifest(manifest, Defaults(target, options["start"], shared, asked))

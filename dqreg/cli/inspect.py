@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg.inspection import Tolerance
+    from dqreg.registration.display_unit import ShownTarget
     from dqreg.registration.result import Registration
 
 UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
@@ -132,6 +132,7 @@ def inspect_command(
         )
     from dqreg.inspection import read_plan
     from dqreg.inspection.tolerances import tolerance_of
+    from dqreg.registration.display_unit import shown_target
     from dqreg.registration.inspected import inspect_registration
 
     check_goals(goals)
@@ -139,12 +140,13 @@ def inspect_command(
     if required is not None and not 0.0 < required <= 100.0:
         raise InputError(f"--required is a percentage above 0 and at most 100; got {required:g}")
     asked = None if plan is None else read_plan(plan)
-    unit = options.pop("display_units") or (None if asked is None else asked.units)
-    if goals["out"] is not None and unit is not None and read_part_in(part, options["target_units"], unit)[1] != 1.0:
-        raise InputError(f"--out is in the part's unit, and the sheet in {unit}: give one of the two")
+    wanted = options.pop("display_units")
+    unit = shown_target(
+        part, options["target_units"], wanted or (None if asked is None else asked.units), asked=wanted is not None
+    )
     to_screen = goals["as_json"] == Path("-")
     console, shown = consoles(quiet=quiet, as_json=to_screen, apart=True)
-    result = _registered(scan, part, unit, shown, options)
+    result = unit.named(_registered(scan, unit, shown, options), part)
     share = None if required is None else required / 100.0
     try:
         found = inspect_registration(result, asked, allowed, required_share=share, **taken)
@@ -155,7 +157,7 @@ def inspect_command(
         raise
     tell(console, found)
     record = record_of(found, head)
-    write(goals, found, record, head, console)
+    write(goals, found, record, head, console, unit.native)
     if to_screen:
         print_json(record)
     if found.registration.verdict.level != "accepted":
@@ -163,32 +165,21 @@ def inspect_command(
     return 0 if found.outcome == "pass" else 3
 
 
-def _registered(scan: Path, part: Path, unit: str | None, shown: Console, options: dict[str, Any]) -> Registration:
+def _registered(scan: Path, unit: ShownTarget, shown: Console, options: dict[str, Any]) -> Registration:
     """The scan on the part, in the unit that was asked for."""
-    import numpy as np
-
     from dqreg._open3d import load_open3d
     from dqreg.files.poses import read_start
     from dqreg.report import make_progress
 
-    began = read_start(options.pop("start"))
+    began = unit.start(read_start(options.pop("start")))
     options["viewpoint"] = options["viewpoint"] or None
-    target: Any = part
-    if unit is not None:
-        mesh, scale = read_part_in(part, options["target_units"], unit)
-        options["target_units"] = unit
-        if scale != 1.0:
-            target = mesh
-            if not isinstance(began, str) and began is not None:
-                began = np.vstack([np.column_stack([began[:3, :3], scale * began[:3, 3]]), began[3]])
-    shows = make_progress(shown, quiet=shown.quiet, unit=options["target_units"], searching=began is None)
+    options["target_units"] = unit.units
+    shows = make_progress(shown, quiet=shown.quiet, unit=unit.units, searching=began is None)
     with shows as progress:
-        if scan.exists() and part.exists():
+        if scan.exists():
             load_open3d()
         told = {"observe": progress, "observe_search": progress.search}
-        found = register_files(scan, target, began, shown, **told, **options)
-    # A part that was converted is still that file to its reader.
-    return dataclasses.replace(found, settings={**found.settings, "target": str(part)})
+        return register_files(scan, unit.geometry, began, shown, **told, **options)
 
 
 def _tell_failed(console: Console, result: Registration) -> None:
@@ -200,6 +191,7 @@ def _tell_failed(console: Console, result: Registration) -> None:
 
 def _suggest(part: Path, scan: Path | None, options: dict[str, Any]) -> int:
     from dqreg.inspection.suggested_plan import suggested_plan
+    from dqreg.registration.display_unit import shown_target
 
     wanted = options.pop("display_units")
     mesh, _ = read_part_in(part, options["target_units"], wanted)
@@ -208,7 +200,8 @@ def _suggest(part: Path, scan: Path | None, options: dict[str, Any]) -> int:
         return 0
     from dqreg.inspection.scanned_part import ScannedPart
 
-    result = _registered(scan, part, mesh.units, consoles(quiet=True, as_json=True)[1], options)
+    unit = shown_target(part, options["target_units"], wanted, asked=wanted is not None)
+    result = _registered(scan, unit, consoles(quiet=True, as_json=True)[1], options)
     shares = dict(enumerate(ScannedPart.of(result.deviations()).coverage().tolist()))
     click.echo(suggested_plan(mesh, shares, units=mesh.units))
     return 0 if result.verdict.level == "accepted" else 1

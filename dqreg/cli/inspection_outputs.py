@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg.registration.inspected import Inspected
+    from dqreg.registration.result import Registration
 
 Goals = Mapping[str, Path | None]
 
@@ -45,8 +46,15 @@ def tell(console: Console, found: Inspected) -> None:
         tell_inspection(console, found.sheet, str(result.settings.get("target_units") or ""))
 
 
-def write(goals: Goals, found: Inspected, record: dict[str, Any], head: dict[str, str], console: Console) -> None:
-    """Write all files that were asked for."""
+def write(
+    goals: Goals,
+    found: Inspected,
+    record: dict[str, Any],
+    head: dict[str, str],
+    console: Console,
+    native: Callable[[Registration], Registration],
+) -> None:
+    """Write all files that were asked for; ``native`` brings a result to the unit of the part's file."""
     from dqreg.files.atomic import write_atomically
     from dqreg.report.inspection_table import sheet_csv
     from dqreg.report.page import to_html
@@ -58,7 +66,7 @@ def write(goals: Goals, found: Inspected, record: dict[str, Any], head: dict[str
     if goals["table"] is not None:
         write_atomically(goals["table"], sheet_csv(found.sheet, found.decision, unit))
     if goals["out"] is not None:
-        shown.save(goals["out"])
+        native(shown).save(goals["out"])
     if goals["deviations"] is not None:
         found.deviations.save(goals["deviations"])
     if goals["as_json"] is not None and str(goals["as_json"]) != "-":

@@ -139,13 +139,15 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
     tolerance: +-0.05 mm: 100.00 % within, 0.00 % below, 0.00 % above
     worst: +0.02 mm at (0, 0, 0) mm, 1000 points around it
     """
-    unit = deviations.units or "target units"
+    from dqreg.report.text import unit_words
+
+    unit = unit_words(deviations.units)
     summary = deviations.summary()
     counted = f"{summary.count} points"
     if summary.beyond:
         counts = deviations.counts
         others = [
-            (counts.beyond_reach, f"farther off than {deviations.reach:.4g} {unit} (--reach)"),
+            (counts.beyond_reach, f"farther off than {deviations.reach:.4g}{unit} (--reach)"),
             (counts.other_surfaces, "on surfaces that leave the part (--keep counts them)"),
             (counts.outliers, "outliers"),
             (counts.excluded, "excluded"),
@@ -159,8 +161,8 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
     lines.append(
         (
             "deviation",
-            f"p50 {summary.p50:.4g} {unit}, p95 {summary.p95:.4g} {unit}, max {summary.max:.4g} {unit}; "
-            f"mean {summary.mean:{sign}.4g} {unit}, rms {summary.rms:.4g} {unit}",
+            f"p50 {summary.p50:.4g}{unit}, p95 {summary.p95:.4g}{unit}, max {summary.max:.4g}{unit}; "
+            f"mean {summary.mean:{sign}.4g}{unit}, rms {summary.rms:.4g}{unit}",
         )
     )
     if deviations.tolerance is not None and deviations.allowed is None:
@@ -168,10 +170,10 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
         below = f"{100 * bands.below:.2f} % below, " if deviations.signed else ""
         mark = "+-" if deviations.signed else ""
         shares = f"{100 * bands.within:.2f} % within, {below}{100 * bands.above:.2f} % above"
-        lines.append(("tolerance", f"{mark}{bands.tolerance:g} {unit}: {shares}"))
+        lines.append(("tolerance", f"{mark}{bands.tolerance:g}{unit}: {shares}"))
     for place in deviations.worst(PLACES):
         where = ", ".join(f"{x:.7g}" for x in place.position)
-        lines.append(("worst", f"{place.value:{sign}.4g} {unit} at ({where}) {unit}, {place.points} points around it"))
+        lines.append(("worst", f"{place.value:{sign}.4g}{unit} at ({where}){unit}, {place.points} points around it"))
     return lines
 
 
@@ -180,7 +182,7 @@ def tell_decision(found: Decision, deviations: Deviations, console: Console) -> 
     from dqreg.report.decision_tables import decision_words
     from dqreg.report.text import tolerance_text
 
-    unit = deviations.units or "target units"
+    unit = deviations.units or ""
     colour = {"pass": "green", "undecided": "yellow", "fail": "red"}[found.outcome]
     against = tolerance_text(found, unit).replace("±", "+-").replace("−", "-")
     console.print(f"[bold {colour}]{found.outcome.upper()}[/]: part against {against}", highlight=False)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 SECTIONS = {
     "Output": ("out", "report", "aligned", "deviations", "as_json"),
     "Initial pose": ("start", "search", "dof", "viewpoint", "clutter"),
-    "Units": ("source_units", "target_units", "units", "scale"),
+    "Units": ("source_units", "target_units", "display_units", "units", "scale"),
     "Deviations of the part": ("tolerance", "required", "reach", "exclude", "keep"),
     "Registration": ("effort", "time_limit", "max_distance", "max_angle_deg", "method", "accelerate", "seed"),
 }
@@ -82,6 +82,8 @@ SECTIONS = {
               "seed gives the same pose.")  # fmt: skip
 @click.option("--source-units", type=UNITS, help="Length unit of SCAN, where its file does not say.")
 @click.option("--target-units", type=UNITS, help="Length unit of TARGET, where its file does not say.")
+@click.option("--display-units", type=UNITS, help="Length unit of all that people read (screen, report, deviations) and "
+              "of all lengths given here; --out and --aligned stay in TARGET's  [default: TARGET's].")  # fmt: skip
 @click.option("--units", type=Choice(["check", "ignore"]), default="check", show_default=True, help="Whether scans "
               "and parts whose sizes differ as mm and inches do are refused.")  # fmt: skip
 @click.option("--scale", type=ScaleType(), default="1", show_default=True, metavar="solve|FACTOR", help="Scale factor "
@@ -113,6 +115,7 @@ def register_command(
     dqreg register moved.ply fixed.ply --start identity --aligned moved_on_fixed.ply
     dqreg register scan.ply part.stl --source-units m --target-units mm
     dqreg register scan.ply part.stl --start nominal.txt --dof "rz tx ty"
+    dqreg register scan.ply part.stl --target-units m --display-units mm --report report.html
     dqreg register scan.ply part.stl --scale solve
     dqreg register scan.ply part.stl --viewpoint 0 0 0
     dqreg register scan.ply part.stl --json | jq .verdict.level
@@ -124,6 +127,7 @@ def register_command(
     from dqreg.files.poses import read_start
     from dqreg.inspection import decide
     from dqreg.inspection.tolerances import tolerance_of
+    from dqreg.registration.display_unit import shown_target
     from dqreg.report import make_progress, print_summary
 
     # Asked before the work starts, so that no result is lost after it.
@@ -132,18 +136,21 @@ def register_command(
     if not 0.0 < required <= 100.0:
         raise InputError(f"--required is a percentage above 0 and at most 100; got {required:g}")
     console, shown = consoles(quiet=quiet, as_json=as_json, apart=True)
-    began = read_start(start)
-    shows = make_progress(shown, quiet=shown.quiet, unit=options["target_units"], searching=began is None)
+    wanted = options.pop("display_units")
+    unit = shown_target(target, options["target_units"], wanted, asked=True)
+    options["target_units"], began = unit.units, unit.start(read_start(start))
+    shows = make_progress(shown, quiet=shown.quiet, unit=unit.units, searching=began is None)
     options["viewpoint"] = options["viewpoint"] or None
     with shows as progress:
         # A file that is not there is said at once, without the second that Open3D takes to load.
         if scan.exists() and target.exists():
             load_open3d()
         result = register_files(
-            scan, target, began, console, observe=progress, observe_search=progress.search, **options
+            scan, unit.geometry, began, console, observe=progress, observe_search=progress.search, **options
         )
+    result = unit.named(result, target)
     print_summary(console, result)
-    write_outputs(result, out, aligned, console)
+    write_outputs(unit.native(result), out, aligned, console)
     measured = decision = None
     if deviations is not None or allowed is not None:
         measured = tell_deviations(result, deviations, allowed, console, reach=reach, exclude=exclude, keep=keep)

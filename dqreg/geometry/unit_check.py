@@ -137,9 +137,9 @@ def require_right_units(
     size = f"{ratio:.4g} times as large as" if ratio > 1.0 else f"{1.0 / ratio:.4g} times smaller than"
     raise UnitsError(
         f"with the source in {source_units} and the target in {target_units}, the source is {size} the target; with "
-        f"the numbers as they are, it is {as_is:.3g} times as large: one of the units is wrong. If both are in "
-        f"{target_units}, say source_units={target_units!r} (--source-units {target_units}); if the units are right as "
-        'they are, say units="ignore" (--units ignore)'
+        f"the numbers as they are, it is {as_is:.3g} times as large: one of the units is wrong. Name the unit that "
+        f"both are in for each, such as --source-units {target_units} --target-units {target_units}; if the units are "
+        'right as they are, say units="ignore" (--units ignore)'
     )
 
 

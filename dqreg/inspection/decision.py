@@ -169,9 +169,9 @@ def _asked(
         if not deviations.signed and not each.equal:
             raise InputError(f"unequal sides of a tolerance need signs: {deviations.reason}")
         if each.size >= deviations.reach:
-            unit = deviations.units or "units of the target"
+            unit = f" {deviations.units}" if deviations.units else ""
             raise InputError(
-                f"a tolerance of {each.size:g} {unit} is not below the reach of {deviations.reach:.4g} {unit}: points "
+                f"a tolerance of {each.size:g}{unit} is not below the reach of {deviations.reach:.4g}{unit}: points "
                 "farther off were left out, so that nothing could fail; check the unit of the tolerance, or give a "
                 "larger reach"
             )

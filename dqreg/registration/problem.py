@@ -23,6 +23,7 @@ from dqreg.registration.options import Options
 from dqreg.registration.source import CentredSource, centre_source
 from dqreg.registration.target_index import TargetIndex, index_target, require_mesh
 from dqreg.rigid import pose
+from dqreg.solvers.dof import Freedom
 
 # Largest distance of a correspondence, in diagonals of the smaller of source and target.
 REACH = 0.2
@@ -207,6 +208,8 @@ def read_start(start: Any, prior: Any, dof: Any) -> FloatArray | None:
         return as_pose(prior[0], "prior[0]")
     if start is None:
         if dof is not None:
+            # Words that mean nothing are named first.
+            Freedom.parse(dof)
             raise InputError(f"dof={str(dof)!r} locks motions of a start, and there is none: give start, or a prior")
         return None
     if isinstance(start, str):

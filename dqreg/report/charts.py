@@ -15,6 +15,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.icp.history import Iteration
 from dqreg.report.colours import Scale
+from dqreg.report.text import in_unit, unit_words
 
 # Canvases in CSS pixels: for a desk and paper, and for a phone. Text is never scaled down.
 WIDE, NARROW = (760, 300), (380, 260)
@@ -73,7 +74,7 @@ def histogram(
     body = [_band(axes, scale, limits)] if limits is not None else []
     for share, left, right, colour in zip(shares, edges, edges[1:], colours, strict=False):
         body.append(_bar(axes, left, right, share, colour))
-    body.append(_x_axis(axes, f"deviation [{unit}]" if scale.signed else f"distance [{unit}]"))
+    body.append(_x_axis(axes, in_unit("deviation" if scale.signed else "distance", unit)))
     body.append(_y_axis(axes, "fraction of the points [%]"))
     body.append(_beyond(axes, below, above, unit, scale.signed))
     return _svg("Histogram of the deviations", axes, body)
@@ -88,7 +89,7 @@ def convergence(history: Sequence[Iteration], unit: str, size: tuple[int, int] =
     low, high = (float(seen.min()), float(seen.max())) if len(seen) else (-1.0, 0.0)
     axes = Axes((0.5, len(history) + 0.5), (low - 0.15, max(high, low + 0.5) + 0.15), size)
     body = [_stages(axes, history), _curve(axes, width, "line two", "kernel"), _curve(axes, rms, "line one", "rms")]
-    body += [_x_axis(axes, "iteration"), _log_axis(axes, f"length [{unit}]")]
+    body += [_x_axis(axes, "iteration"), _log_axis(axes, in_unit("length", unit))]
     return _svg("Convergence: rms distance and kernel scale", axes, body)
 
 
@@ -128,9 +129,13 @@ def _band(axes: Axes, scale: Scale, limits: tuple[float, float]) -> str:
 def _beyond(axes: Axes, below: float, above: float, unit: str, signed: bool) -> str:
     # With the length they are beyond: the share out of tolerance is another one, and stands in the table.
     low, high = (f"{limit:.3g}".replace("-", "−") for limit in axes.x)
-    texts = [f'<text class="end" x="{axes.end}" y="{TOP - 6}">above {high} {escape(unit)}: {above:.1f} %</text>']
+    texts = [
+        f'<text class="end" x="{axes.end}" y="{TOP - 6}">above {high}{escape(unit_words(unit))}: {above:.1f} %</text>'
+    ]
     if signed:
-        texts.append(f'<text class="start" x="{LEFT}" y="{TOP - 6}">below {low} {escape(unit)}: {below:.1f} %</text>')
+        texts.append(
+            f'<text class="start" x="{LEFT}" y="{TOP - 6}">below {low}{escape(unit_words(unit))}: {below:.1f} %</text>'
+        )
     return "".join(texts)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from dqreg.inspection import Band, Decision
 from dqreg.report.page_tables import goto, rounded
 from dqreg.report.report_data import ReportData
-from dqreg.report.text import limits_text, percent, place_text, text_of, tolerance_text
+from dqreg.report.text import limits_text, percent, place_text, text_of, tolerance_text, unit_words
 
 OUTCOME_SIGNS = {"pass": "✓", "undecided": "?", "fail": "✗"}
 # Rows of the table of regions.
@@ -31,6 +31,7 @@ def decision_of(data: ReportData) -> dict[str, Any] | None:
 
 def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
     """Why a part passes, fails or stays undecided: one sentence a cause."""
+    of = unit_words(unit)
     against = tolerance_text(found, unit)
     share = f"{percent(found.share_within)} % of the points on the part are within {against}"
     words = [f"{share}; {percent(found.required_share)} % are required."]
@@ -40,7 +41,7 @@ def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
         worst = text_of(out[0].value, sign=signed)
         room = text_of(out[0].uncertainty, 2)
         many = "1 place is" if len(out) == 1 else f"{len(out)} places are"
-        words.append(f"{many} out of tolerance; the worst deviates by {worst} ± {room} {unit} (k = 2).")
+        words.append(f"{many} out of tolerance; the worst deviates by {worst} ± {room}{of} (k = 2).")
     if open_places:
         many = "1 place is" if len(open_places) == 1 else f"{len(open_places)} places are"
         words.append(f"{many} within the uncertainty of the tolerance (k = 2): neither in nor out is proven.")
@@ -48,9 +49,7 @@ def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
     if bad:
         many = "1 region fails" if len(bad) == 1 else f"{len(bad)} of {len(found.regions)} regions fail"
         words.append(f"{many}; see the table of regions.")
-    words.append(
-        f"The pose adds an uncertainty of up to {text_of(found.uncertainty, 2)} {unit} (k = 2) to a deviation."
-    )
+    words.append(f"The pose adds an uncertainty of up to {text_of(found.uncertainty, 2)}{of} (k = 2) to a deviation.")
     return words
 
 

@@ -8,7 +8,7 @@ from dqreg._arrays import bounds
 from dqreg.files.units import MIXED, factor
 from dqreg.geometry import Mesh
 from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
-from dqreg.report.text import text_of
+from dqreg.report.text import text_of, unit_words
 
 # Sizes that differ by more than that factor are worth a word, and those within these bounds of a unit's factor.
 APART, NEAR = 5.0, (0.6, 1.7)
@@ -65,8 +65,8 @@ def _distance_hint(result: RegistrationResult, inputs: RegisteredPair) -> list[s
     size = inputs.target.surface.diagonal
     if apart <= size:
         return []
-    unit = str(result.settings.get("target_units") or "units of the target")
+    unit = unit_words(result.settings.get("target_units"))
     return [
-        f"Before, the centre of the scan lay {text_of(apart, 4)} {unit} from the target's centre; the target is "
+        f"Before, the centre of the scan lay {text_of(apart, 4)}{unit} from the target's centre; the target is "
         f"{text_of(size, 4)} across."
     ]

@@ -11,7 +11,7 @@ from dqreg.inspection import Counts
 from dqreg.report.charts import NARROW, WIDE, histogram
 from dqreg.report.report_data import ReportData
 from dqreg.report.result_protocol import RegistrationResult
-from dqreg.report.text import percent, place_text, text_of, tolerance_text
+from dqreg.report.text import in_unit, percent, place_text, text_of, tolerance_text
 
 ADVICE = {
     "accepted": "The pose can be used.",
@@ -94,7 +94,11 @@ def scale_words(data: ReportData) -> dict[str, Any] | None:
         return None
     gradient, below, above = data.scale.css()
     marks = np.linspace(data.scale.low, data.scale.limit, 5)
-    words = f"deviation [{data.unit}], + outside the part" if data.scale.signed else f"distance [{data.unit}]"
+    words = (
+        in_unit("deviation", data.unit) + ", + outside the part"
+        if data.scale.signed
+        else in_unit("distance", data.unit)
+    )
     if data.tolerance is not None:
         which = "tolerance" if data.limits is not None else "largest tolerance"
         words += f"; the scale ends at the {which}, dark ends are out of it"

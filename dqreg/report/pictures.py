@@ -19,6 +19,7 @@ from dqreg.report.colours import ALIGNED, OFF_PART, SOURCE, TARGET, ByteArray, n
 from dqreg.report.figure import encode, new_figure
 from dqreg.report.raster import Dots, Frame, PartScene, frame_of
 from dqreg.report.report_data import ReportData
+from dqreg.report.text import in_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -198,7 +199,7 @@ def _draw_legend(figure: Figure, data: ReportData, width: int) -> None:
         if data.tolerance is None
         else f"; the scale ends at {'the tolerance' if data.limits else 'the largest tolerance'}, ±{data.tolerance:g}"
     )
-    _draw_text(figure, left + 0.5 * length, 9, f"{meaning} [{data.unit}]{tolerance}", size=10)
+    _draw_text(figure, left + 0.5 * length, 9, in_unit(meaning, data.unit) + tolerance, size=10)
 
 
 def _draw_labels(figure: Figure, data: ReportData, scene: PartScene, frame: Frame, corner: tuple[int, int]) -> None:

@@ -248,7 +248,7 @@ class LiveTable(Silent):
 
 def columns(unit: str | None) -> tuple[str, ...]:
     """Names of the columns, with units."""
-    return tuple(f"{name} [{unit or 'target units'}]" if name in LENGTHS else name for name in COLUMNS)
+    return tuple(f"{name} [{unit}]" if unit and name in LENGTHS else name for name in COLUMNS)
 
 
 def stage_words(stage: Stage) -> str:

@@ -171,5 +171,5 @@ def _scale_of(deviations: Deviations, result: RegistrationResult) -> Scale:
 
 
 def unit_of(result: RegistrationResult) -> str:
-    """Length unit of the target, in words."""
-    return str(result.settings.get("target_units") or "units of the target")
+    """Length unit of the target; empty where it is not known."""
+    return str(result.settings.get("target_units") or "")

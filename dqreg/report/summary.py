@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dqreg.report.hints import hints_of
+from dqreg.report.text import unit_words
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -16,23 +17,25 @@ if TYPE_CHECKING:
 COLOURS = {"accepted": "green", "suspect": "yellow", "failed": "red"}
 # What a verdict says of the alignment: "accepted" alone could be taken for the part.
 ALIGNMENT = {"accepted": "trusted", "suspect": "doubtful", "failed": "failed"}
+# Where the unit is not known, it is asked for once.
+UNNAMED = "the target's unit: name it with --target-units"
 
 
 def summary_rows(result: RegistrationResult) -> list[tuple[str, str]]:
     """Names and values of the summary, without the verdict."""
     settings = result.settings
-    unit = settings["target_units"] or "target units"
+    unit = unit_words(settings["target_units"])
     rows = [
         ("status", f"{result.status} after {len(result.history)} iterations, {result.timings['total']:.2f} s"),
         (
             "source",
             f"{settings['source_points']} points, {settings['used_points']} used, {settings['source_dropped']} "
-            f"dropped; spacing {settings['source_spacing']:.4g} {unit}, noise {settings['source_noise']:.4g} {unit}",
+            f"dropped; spacing {settings['source_spacing']:.4g}{unit}, noise {settings['source_noise']:.4g}{unit}",
         ),
         (
             "target",
-            f"{settings['target_kind']}, size {settings['diagonal']:.5g} {unit}; "
-            f"correspondences up to {settings['max_distance']:.4g} {unit}",
+            f"{settings['target_kind']}, size {settings['diagonal']:.5g}{unit}; "
+            f"correspondences up to {settings['max_distance']:.4g}{unit}",
         ),
     ]
     if words := confidence_words(result):
@@ -43,10 +46,10 @@ def summary_rows(result: RegistrationResult) -> list[tuple[str, str]]:
         rows.append(("units", f"source converted from {settings['source_units']}: x {settings['source_scale']:g}"))
     if np.isfinite(result.rms):
         rows.append(
-            ("inliers", f"{100 * result.inlier_fraction:.1f} % of the points, rms distance {result.rms:.4g} {unit}")
+            ("inliers", f"{100 * result.inlier_fraction:.1f} % of the points, rms distance {result.rms:.4g}{unit}")
         )
         weakest = result.observability[0]
-        known = f"one sigma {weakest.sigma:.2g} {unit}" if np.isfinite(weakest.sigma) else "no sigma is known"
+        known = f"one sigma {weakest.sigma:.2g}{unit}" if np.isfinite(weakest.sigma) else "no sigma is known"
         rows.append(("weakest", f"{weakest.words} ({known})"))
     return rows
 
@@ -73,9 +76,10 @@ def scale_words(result: RegistrationResult) -> str:
 def print_summary(console: Console, result: RegistrationResult) -> None:
     """Print the verdict, the rows and the pose."""
     level = result.verdict.level
-    unit = result.settings["target_units"] or "target units"
+    unit = result.settings["target_units"]
     console.print(
-        f"[bold {COLOURS[level]}]{level.upper()}[/]: alignment {ALIGNMENT[level]} [dim](lengths in {unit})[/]",
+        f"[bold {COLOURS[level]}]{level.upper()}[/]: alignment {ALIGNMENT[level]} "
+        f"[dim](lengths in {unit or UNNAMED})[/]",
         highlight=False,
     )
     for reason in result.verdict.reasons:
@@ -85,6 +89,6 @@ def print_summary(console: Console, result: RegistrationResult) -> None:
     for hint in hints_of(result):
         console.print(f"{'try':>10}  {hint}", highlight=False, markup=False, soft_wrap=True)
     if np.isfinite(result.rms):
-        console.print(f"T_target_source (translation in {unit})", highlight=False, markup=False)
+        console.print("T_target_source" + (f" (translation in {unit})" if unit else ""), highlight=False, markup=False)
         for row in result.T_target_source:
             console.print("  " + " ".join(f"{x: .12e}" for x in row), highlight=False, soft_wrap=True)

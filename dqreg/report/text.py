@@ -40,6 +40,24 @@ def percent(share: float) -> str:
     return "> 99.9" if share > 0.999 else f"{100.0 * share:.1f}"
 
 
+def unit_words(unit: str | None) -> str:
+    """A unit behind a number; nothing where it is not known, which is said once, not at every number.
+
+    >>> f"0.1{unit_words('mm')}, 0.1{unit_words(None)}"
+    '0.1 mm, 0.1'
+    """
+    return f" {unit}" if unit else ""
+
+
+def in_unit(name: str, unit: str | None) -> str:
+    """The name of a length with its unit.
+
+    >>> in_unit("deviation", "mm"), in_unit("deviation", "")
+    ('deviation [mm]', 'deviation')
+    """
+    return f"{name} [{unit}]" if unit else name
+
+
 def limits_text(low: float, high: float) -> str:
     """Deviations allowed.
 
@@ -58,7 +76,7 @@ def tolerance_text(found: Decision, unit: str) -> str:
     single = "" if not found.own else "1 face" if found.own == 1 else f"{found.own} faces"
     if np.isinf(found.high):
         return f"the tolerance of {single}" if found.own == 1 else f"the tolerances of {single}"
-    whole = f"{limits_text(found.low, found.high)} {unit}"
+    whole = limits_text(found.low, found.high) + unit_words(unit)
     return whole if not single else f"{whole} ({single}: own tolerance)"
 
 
@@ -104,6 +122,7 @@ def pose_forms(T_target_source: FloatArray, unit: str) -> list[PoseForm]:
     as_pose(T_target_source, "T_target_source")
     # Written as it is, to the last bit: checking rounds it anew.
     T = np.asarray(T_target_source, dtype=np.float64)
+    unit = unit or "the target's unit"
     dq = DualQuaternion.from_matrix(T).canonical()
     screw = dq.as_screw()
     q = quaternion.from_matrix(T[:3, :3])

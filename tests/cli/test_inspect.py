@@ -73,5 +73,11 @@ def test_the_sheet_is_in_the_unit_that_is_asked_for(tmp_path: Path, capsys: pyte
     assert row["nominal"] == pytest.approx(10.0, rel=1e-5)
     # Noise of 0.01 mm on hundreds of points.
     assert row["value"] == pytest.approx(10.0, abs=0.01)
-    assert run(*common, "--out", tmp_path / "r.json") == 2
-    assert "--out is in the part's unit" in capsys.readouterr().err
+    assert run(*common, "--quiet", "--out", tmp_path / "r.json") == 0
+    # The result maps the scan to the part's file, which is in metres.
+    result = json.loads((tmp_path / "r.json").read_text())
+    assert result["settings"]["target_units"] == "m"
+    inner = np.array(result["T_target_source"])[:3, 3], np.array(found["T_target_source"])[:3, 3]
+    np.testing.assert_allclose(inner[0], inner[1] / 1000.0, atol=1e-12)
+    assert run("inspect", *common[1:3], "--tolerance", "1", "--display-units", "mm") == 2
+    assert "names no length unit; name it with --target-units" in capsys.readouterr().err

@@ -106,7 +106,7 @@ def test_known_units_are_believed() -> None:
 def test_units_that_are_named_wrong_are_told_by_the_sizes(units: tuple[str, str]) -> None:
     # Scan and part are in one unit, and the scan is said to be in another: it was multiplied by that.
     converted = times(scan(), factor(*units))
-    with pytest.raises(UnitsError, match=f"--source-units {units[1]}\\).*--units ignore"):
+    with pytest.raises(UnitsError, match=f"--source-units {units[1]} --target-units {units[1]};.*--units ignore"):
         require_same_units(converted, part(), *units)
     # As it was meant: the numbers differ by the factor, and after the conversion the sizes agree.
     require_same_units(scan(), part(), *units)

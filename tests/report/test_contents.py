@@ -140,7 +140,13 @@ def test_hints_name_units_that_are_confused():
     assert result.verdict.level != "accepted"
     assert any("m and mm" in hint for hint in hints_of(result))
     named = dqreg.register(
-        points, bumpy().inputs.target.geometry, "identity", source_units="mm", target_units="m", time_limit=3.0
+        points,
+        bumpy().inputs.target.geometry,
+        "identity",
+        source_units="mm",
+        target_units="m",
+        units="ignore",
+        time_limit=3.0,
     )
     assert any("although they are named mm and m" in hint for hint in hints_of(named))
     assert hints_of(bumpy()) == []

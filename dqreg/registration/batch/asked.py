@@ -27,6 +27,7 @@ class Asked:
     required_share: float = REQUIRED_SHARE  # Share of the points that must be within it
     report: bool = False  # Whether the row gets a page
     head: tuple[tuple[str, str], ...] = ()  # Fields of the head of that page
+    display_units: str | None = None  # Length unit of values and reports; None: the plan's, else the part's
 
     def __post_init__(self) -> None:
         if self.tolerance is not None and not 0.0 < self.tolerance < float("inf"):
@@ -39,6 +40,13 @@ class Asked:
         """Whether the part is inspected at all."""
         return self.plan is not None or self.tolerance is not None
 
+    @property
+    def units(self) -> str | None:
+        """Length unit that is asked for, of the command line or of the plan."""
+        from dqreg.inspection import read_plan
+
+        return self.display_units or (None if self.plan is None else read_plan(self.plan).units)
+
     def mark(self) -> dict[str, Any]:
         """All that the inspection depends on, in plain JSON values."""
         return {
@@ -47,6 +55,7 @@ class Asked:
             "required_share": self.required_share,
             "report": self.report,
             "head": dict(self.head),
+            **({} if self.display_units is None else {"display_units": self.display_units}),
         }
 
 

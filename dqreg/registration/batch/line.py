@@ -55,16 +55,17 @@ def line_of(row: Row, done: RowResult, *, kept: bool = False) -> Line:
     record = done.record
     if record is None:
         return Line(row, done.status, (done.message,))
+    shown = record[BATCH].get("shown") or {"units": (record.get("settings") or {}).get("target_units")}
     return Line(
         row,
         record["verdict"]["level"],
         tuple(record["verdict"]["reasons"]),
-        _number(record["rms"]),
+        _number(shown.get("rms", record["rms"])),
         _number(record["inlier_fraction"]),
         _number(record[BATCH]["seconds"]),
         _pose(record),
         kept,
-        str((record.get("settings") or {}).get("target_units") or ""),
+        str(shown["units"] or ""),
         record[BATCH].get("inspection"),
     )
 

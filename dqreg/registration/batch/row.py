@@ -17,6 +17,7 @@ from dqreg.registration.batch.marks import mark_of
 from dqreg.registration.batch.worker import Failure, Status, Worker
 
 if TYPE_CHECKING:
+    from dqreg.registration.display_unit import ShownTarget
     from dqreg.registration.result import Registration
     from dqreg.registration.target import Target
 
@@ -73,19 +74,30 @@ class Targets:
 
     def __init__(self, kept: int = TARGETS_KEPT) -> None:
         self._kept = kept
-        self._prepared: OrderedDict[tuple[Any, ...], Target] = OrderedDict()
+        self._prepared: OrderedDict[tuple[Any, ...], tuple[Target, ShownTarget]] = OrderedDict()
 
     def get(self, path: Path) -> Target:
-        """Prepared target of a file; read again where the file has changed since."""
+        """Prepared target of a file."""
+        return self.shown(path)[0]
+
+    def shown(self, path: Path, own: str | None = None, asked: Asked | None = None) -> tuple[Target, ShownTarget]:
+        """Prepared target of a file, in the unit that is asked for; read again where the file has changed since.
+
+        ``own`` is the unit of a file that does not say.
+        """
+        from dqreg.registration.display_unit import shown_target
         from dqreg.registration.target import prepare_target
 
-        mark = tuple(mark_of(path))
+        asked = asked or Asked()
+        wanted = asked.units
+        mark = (*mark_of(path), own, wanted)
         if mark not in self._prepared:
             # Makes room first: no more than the kept number are ever in memory.
             while len(self._prepared) >= self._kept:
                 self._prepared.popitem(last=False)
             # Under the mark from before it was read: had it changed meanwhile, the row fails and the next reads anew.
-            self._prepared[mark] = prepare_target(path)
+            shown = shown_target(path, own, wanted, asked=asked.display_units is not None)
+            self._prepared[mark] = prepare_target(shown.geometry), shown
         self._prepared.move_to_end(mark)
         return self._prepared[mark]
 
@@ -95,7 +107,7 @@ def run_row(row: Row, targets: Targets, thumbnail: Thumbnail | None = None) -> R
     began = time.perf_counter()
     try:
         before = inputs_of(row)
-        result = _registered(row, targets, keep_inputs=thumbnail is not None or row.asked != Asked())
+        result, shown = _registered(row, targets, keep_inputs=thumbnail is not None or row.asked != Asked())
         inspected, page = answered(result, row.asked)
         if inputs_of(row) != before:
             return RowResult(
@@ -113,15 +125,20 @@ def run_row(row: Row, targets: Targets, thumbnail: Thumbnail | None = None) -> R
     about = {"name": row.name, "inputs": before, "seconds": time.perf_counter() - began}
     if inspected is not None:
         about["inspection"] = inspected
-    return RowResult("ran", "", {**result.to_dict(), BATCH: about}, picture, page)
+    if shown.scale != 1.0:
+        about["shown"] = {"units": shown.units, "rms": result.rms}
+    return RowResult("ran", "", {**shown.native(result).to_dict(), BATCH: about}, picture, page)
 
 
-def _registered(row: Row, targets: Targets, *, keep_inputs: bool) -> Registration:
+def _registered(row: Row, targets: Targets, *, keep_inputs: bool) -> tuple[Registration, ShownTarget]:
+    """The result in the unit that is asked for; files of results are in the target's own."""
     from dqreg.registration.register import register
 
-    start = read_start(row.start)
-    target = targets.get(row.target)
-    return register(row.scan, target, start, keep_inputs=keep_inputs, **row.options)
+    start, own = read_start(row.start), row.options.get("target_units")
+    target, shown = targets.shown(row.target, own, row.asked)
+    options = row.options if shown.units == own else {**row.options, "target_units": shown.units}
+    result = register(row.scan, target, shown.start(start), keep_inputs=keep_inputs, **options)
+    return shown.named(result, row.target), shown
 
 
 def _picture(thumbnail: Thumbnail | None, result: Registration) -> bytes | None:

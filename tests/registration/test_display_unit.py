@@ -1,0 +1,58 @@
+"""Results in another unit of the target, and back: numbers change by the factor, rotations and shares do not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dqreg.errors import InputError
+from dqreg.registration.display_unit import in_unit, shown_target
+from dqreg.registration.register import register
+from dqreg.registration.result import Registration
+from dqreg.synth import demo_case, load_case
+
+
+@pytest.fixture(scope="module")
+def found() -> Registration:
+    # The pose is the truth that the virtual scan came with.
+    case = load_case(demo_case())
+    return register(case.scan, case.part, case.T_target_source, effort="fast", source_units="mm", target_units="mm")
+
+
+def test_a_result_in_metres_maps_the_same_points(found: Registration) -> None:
+    other = in_unit(found, "m")
+    points = np.random.default_rng(0).normal(scale=100.0, size=(50, 3))
+    np.testing.assert_allclose(other.apply(points), found.apply(points) / 1000.0, rtol=1e-12, atol=1e-15)
+    # The covariance of a translation is an area, that of a rotation has no unit.
+    np.testing.assert_allclose(np.diag(other.covariance)[:3], np.diag(found.covariance)[:3], rtol=1e-12)
+    np.testing.assert_allclose(np.diag(other.covariance)[3:], np.diag(found.covariance)[3:] / 1e6, rtol=1e-12)
+    assert other.rms == pytest.approx(found.rms / 1000.0)
+    assert other.settings["diagonal"] == pytest.approx(found.settings["diagonal"] / 1000.0)
+    assert other.settings["target_units"] == "m"
+    assert found.settings["target_units"] == "mm"
+
+
+def test_there_and_back_is_the_same(found: Registration, tmp_path: Path) -> None:
+    back = in_unit(in_unit(found, "inch"), "mm")
+    back.save(tmp_path / "r.json")
+    loaded = Registration.load(tmp_path / "r.json")
+    np.testing.assert_allclose(loaded.T_target_source, found.T_target_source, rtol=1e-13, atol=1e-13)
+    assert [d.sigma for d in loaded.observability] == pytest.approx([d.sigma for d in found.observability])
+    assert [i.energy for i in loaded.history] == pytest.approx([i.energy for i in found.history])
+
+
+def test_a_part_is_shown_in_a_unit_only_where_its_own_is_known(found: Registration) -> None:
+    part = load_case(demo_case()).part
+    with pytest.raises(InputError, match="names no length unit; name it with --target-units"):
+        shown_target(part, None, "mm", asked=True)
+    assert shown_target(part, "mm", "mm", asked=True).geometry == part
+    shown = shown_target(part, "mm", "inch", asked=True)
+    assert (shown.units, shown.own, shown.scale) == ("inch", "mm", pytest.approx(1.0 / 25.4))
+    T = np.eye(4)
+    T[:3, 3] = 25.4
+    np.testing.assert_allclose(shown.start(T)[:3, 3], 1.0)
+    assert shown.start("identity") == "identity"
+    native = shown.native(in_unit(found, "inch"))
+    np.testing.assert_allclose(native.T_target_source, found.T_target_source, rtol=1e-13, atol=1e-13)
