@@ -82,8 +82,8 @@ SECTIONS = {
               "seed gives the same pose.")  # fmt: skip
 @click.option("--source-units", type=UNITS, help="Length unit of SCAN, where its file does not say.")
 @click.option("--target-units", type=UNITS, help="Length unit of TARGET, where its file does not say.")
-@click.option("--display-units", type=UNITS, help="Length unit of all that people read (screen, report, deviations) and "
-              "of all lengths given here; --out and --aligned stay in TARGET's  [default: TARGET's].")  # fmt: skip
+@click.option("--display-units", type=UNITS, help="Length unit of all that people read (screen, report, deviations), "
+              "and of all lengths given here; --out and --aligned stay in TARGET's  [default: TARGET's].")  # fmt: skip
 @click.option("--units", type=Choice(["check", "ignore"]), default="check", show_default=True, help="Whether scans "
               "and parts whose sizes differ as mm and inches do are refused.")  # fmt: skip
 @click.option("--scale", type=ScaleType(), default="1", show_default=True, metavar="solve|FACTOR", help="Scale factor "

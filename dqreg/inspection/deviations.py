@@ -262,17 +262,9 @@ class Deviations:
             decimals = decimals_of(self.size, self.noise)
             write_table(path, lengths, self.faces, normals, self.flags, within, decimals=decimals, units=self.units)
         else:
-            write_coloured(
-                path,
-                self.points,
-                self.values,
-                limit=limit or self._colour_limit(),
-                reach=self.reach,
-                flags=self.flags,
-                reason=self.reason,
-                signed=self.signed,
-                units=self.units,
-            )
+            about = {"reason": self.reason, "signed": self.signed, "units": self.units, "reach": self.reach}
+            limit = limit or self._colour_limit()
+            write_coloured(path, self.points, self.values, limit=limit, flags=self.flags, **about)  # type: ignore[arg-type]
 
     def to_pyvista(self) -> Any:
         """The scan under its pose as PyVista's PolyData, with its deviations.
