@@ -11,7 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.mesh_surface import MeshSurface
-from dqreg.geometry.surface import Surface
+from dqreg.geometry.surface import Closest, Surface
 from dqreg.icp.correspondences import Correspondences
 from dqreg.solvers.robust import Kernel
 
@@ -98,7 +98,11 @@ class RejectMeshBoundary:
 
     def __call__(self, pairs: Correspondences) -> FloatArray:
         """0 at the boundary, else 1."""
-        return np.where(self.borders.near(pairs.closest.points, self.margin), 0.0, 1.0)
+        return np.where(self.rejects(pairs.closest), 0.0, 1.0)
+
+    def rejects(self, closest: Closest) -> BoolArray:
+        """Which target points are at the boundary, (n,)."""
+        return self.borders.near(closest.points, self.margin)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,7 +113,11 @@ class RejectCloudBoundary:
 
     def __call__(self, pairs: Correspondences) -> FloatArray:
         """0 at the boundary, else 1."""
-        return np.where(self.surface.on_rim(pairs.closest), 0.0, 1.0)
+        return np.where(self.rejects(pairs.closest), 0.0, 1.0)
+
+    def rejects(self, closest: Closest) -> BoolArray:
+        """Which target points are at the boundary, (n,)."""
+        return self.surface.on_rim(closest)
 
 
 def boundary_rejectors(surface: Surface, width: float) -> tuple[RejectMeshBoundary | RejectCloudBoundary, ...]:
@@ -120,9 +128,14 @@ def boundary_rejectors(surface: Surface, width: float) -> tuple[RejectMeshBounda
     return () if borders is None else (RejectMeshBoundary(borders, STRIP * width),)
 
 
+def at_boundary(closest: Closest, surface: Surface, width: float) -> BoolArray:
+    """Which target points are at the boundary of an open target, (n,)."""
+    out = np.zeros(len(closest.distances), dtype=bool)
+    for rejector in boundary_rejectors(surface, width):
+        out |= rejector.rejects(closest)
+    return out
+
+
 def beyond_boundary(pairs: Correspondences, surface: Surface, width: float, reach: float) -> BoolArray:
     """Correspondences within reach that the boundary rejectors reject, (n,)."""
-    out = np.zeros(len(pairs.distances), dtype=bool)
-    for rejects in boundary_rejectors(surface, width):
-        out |= (rejects(pairs) == 0.0) & (pairs.distances <= reach)
-    return out
+    return at_boundary(pairs.closest, surface, width) & (pairs.distances <= reach)

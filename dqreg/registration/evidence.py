@@ -11,6 +11,7 @@ from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
+from dqreg.icp.rejectors import at_boundary
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.chance import random_ratio
@@ -91,6 +92,8 @@ def agreement_of(
     aside = pairs.point_to_plane[on]
     close = pairs.distances <= near
     if has_border:
+        # What lies beyond the border of an open target was not measured there.
+        close &= on | ~at_boundary(pairs.closest, surface, mixture.scale)
         close &= on | (np.abs(pairs.point_to_plane) > width)
         around = _Surroundings(np.zeros(len(on), dtype=bool), float(np.mean(on)), float(np.mean(~on)), 0.0)
     else:

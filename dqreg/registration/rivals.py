@@ -8,7 +8,7 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry.normals import sample_rows
 from dqreg.registration.evidence import NEAR
 from dqreg.registration.fit import Fit
-from dqreg.rigid import pose
+from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of, axis_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.search import symmetry_words
@@ -31,6 +31,9 @@ STEPS = 12
 WORSE = 0.05
 # A shift is a period within this share of it.
 PERIOD = 0.05
+# A free motion is a screw where its rotation moves the part by more than this share of the whole, and its shift by more
+# than that share of the rotation's.
+SCREWS, PITCH = 0.3, 3e-3
 # The same where the time is up, and poses of the loop that are compared then.
 FEW_JUDGES, SEEN = 500, 4
 # Points apart from the target by so many standard deviations of most, and at least so many of that share of the size;
@@ -72,7 +75,7 @@ def near_symmetric_poses(fit: Fit) -> FloatArray:
     if not fit.found or fit.problem.watch.is_over:
         return NO_POSES
     target, scan, surface = fit.problem.target, fit.prepared.scan, fit.prepared.surface
-    maps = np.concatenate([target.near_rotations, target.near_periods])
+    maps = np.concatenate([target.near_rotations, target.near_periods, _half_screws(fit)])
     found = flipped_poses(fit.T_target_source, maps, scan, surface, limit_of(fit), fit.floor)
     others = np.array([T for T, _ in found]).reshape(-1, 4, 4)
     if not len(others):
@@ -81,6 +84,20 @@ def near_symmetric_poses(fit: Fit) -> FloatArray:
     scores = scores_of(fit, np.concatenate([fit.T_target_source[None], others]))
     worse = scores.distinguishable(0) | (scores.deficit(0)[0] > BETTER)
     return others[~worse[1:]]
+
+
+def _half_screws(fit: Fit) -> FloatArray:
+    """Half-turns, either way, along unconstrained screws such as that of a thread, (k, 4, 4)."""
+    information = fit.information
+    twists = information.vectors[:, information.free].T / np.r_[[information.lever] * 3, [1.0] * 3]
+    found = []
+    for motion in twists:
+        rate = float(np.linalg.norm(motion[:3]))
+        shift = abs(float(motion[:3] @ motion[3:])) / max(rate, np.finfo(float).tiny)
+        # Rotations of a round part, and shifts along a bar, are no screws.
+        if shift > PITCH * information.lever * rate > PITCH * SCREWS:
+            found += [twist.exp(sign * np.pi / rate * motion) for sign in (1.0, -1.0)]
+    return np.array(found).reshape(-1, 4, 4)
 
 
 def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]:
@@ -168,12 +185,19 @@ def _motion_words(fit: Fit, T: FloatArray) -> str:
     if angle > SAME_AXIS_RAD:
         axis = axis_of(T[:3, :3])
         # The point of the axis nearest to the middle; what is left is along the axis.
-        point = np.linalg.lstsq(np.eye(3) - T[:3, :3], T[:3, 3] - axis * (axis @ T[:3, 3]), rcond=1e-6)[0]
-        return f"rotated by {np.rad2deg(angle):.4g} degrees about {axis_words(point + target.origin, axis)}"
+        along = float(axis @ T[:3, 3])
+        point = np.linalg.lstsq(np.eye(3) - T[:3, :3], T[:3, 3] - axis * along, rcond=1e-6)[0]
+        words = f"rotated by {np.rad2deg(angle):.4g} degrees about {axis_words(point + target.origin, axis)}"
+        is_screw = abs(along) > FINE_APART[1] * target.surface.diagonal
+        return words + (f" and shifted by {_in_units(along, units)} along it" if is_screw else "")
     length = float(np.linalg.norm(T[:3, 3]))
-    words = f"{length:.4g}" + (f" {units}" if units else "")
+    words = _in_units(length, units)
     where = direction_words(T[:3, 3] / length)
     periods = target.near_periods[:, :3, 3] if "near_periods" in vars(target) else np.zeros((0, 3))
     if len(periods) and np.linalg.norm(periods - T[:3, 3], axis=1).min() < PERIOD * length:
         return f"one period ({words}) along {where}"
     return f"shifted by {words} along {where}"
+
+
+def _in_units(length: float, units: str | None) -> str:
+    return f"{length:.4g}" + (f" {units}" if units else "")

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan
+from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, prepare_scan
 from dqreg.icp import Alignment, InlierMixture, find_correspondences
 from dqreg.registration.evidence import Agreement, agreement_of
 from dqreg.rigid import pose
@@ -113,3 +113,27 @@ def test_lengths_follow_the_unit_and_shares_do_not() -> None:
         assert getattr(scaled, name) == pytest.approx(getattr(plain, name), abs=1e-3)
     for name in ("width", "expected", "near"):
         assert getattr(scaled, name) == pytest.approx(1e3 * getattr(plain, name), rel=1e-6)
+
+
+def test_points_beyond_the_border_of_a_cloud_speak_neither_for_a_pose_nor_against_it() -> None:
+    # Two views of one block: the target shows two faces, the scan those and a third behind their edge. The truth is the
+    # identity.
+    x, y = (side.ravel() for side in np.meshgrid(np.arange(0.0, 40.0), np.arange(0.0, 40.0)))
+    top, front = np.column_stack([x, y, 0.0 * x]), np.column_stack([x, 0.0 * x, -1.0 - y])
+    behind = np.column_stack([-1.0 + 0.0 * x, x, -1.0 - y])
+    surface, scan = (
+        CloudSurface(PointCloud(np.vstack([top, front]))),
+        prepare_scan(PointCloud(np.vstack([top, behind]))),
+    )
+    mixture = InlierMixture(0.5, 0.9, 40.0)
+
+    def at(T: np.ndarray) -> Agreement:
+        pairs = find_correspondences(scan, surface, T)
+        run = Alignment(T, "converged", (), pairs, mixture.weight(pairs.distances), mixture=mixture)
+        return agreement_of(run, scan, surface, 40.0, has_border=True)
+
+    right, sunk = at(np.eye(4)), at(pose.from_parts(np.eye(3), [0.0, 0.0, -6.0]))
+    assert right.share_near >= 0.9
+    assert right.patches_off <= 0.02
+    # Six spacings off, the middle of the top face is seen to be off.
+    assert sunk.patches_off >= 0.5

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import dqreg
+from dqreg.compare.trust.periodic import thread
 from dqreg.geometry import sample_mesh
 from dqreg.rigid import pose
 from dqreg.synth import worst_vertex_displacement
@@ -52,3 +53,15 @@ def test_alternatives_are_saved_and_read(tmp_path) -> None:
     assert [(a.gain, a.gain_sigma, a.words) for a in read] == [
         (a.gain, a.gain_sigma, a.words) for a in result.alternatives
     ]
+
+
+def test_half_a_turn_along_the_screw_of_a_thread_is_named() -> None:
+    # The middle of a threaded rod, made by the sweep's generator: any turn with its part of the pitch fits as well.
+    part = thread(np.random.default_rng(0))
+    points = sample_mesh(part.mesh, 6_000, np.random.default_rng(1)).points
+    points = points[np.abs(points[:, 2] - part.middle[2]) < 1.2 * part.cell]
+    result = dqreg.register(points, part.mesh, np.eye(4), effort="fast", search="never")
+    assert "unconstrained" in result.verdict.codes
+    off = [worst_vertex_displacement(a.T_target_source, part.period, part.mesh.vertices) for a in result.alternatives]
+    assert min(off) <= 0.01 * part.mesh.diagonal
+    assert "and shifted by" in result.alternatives[int(np.argmin(off))].words

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -148,7 +149,8 @@ def _one_profile(rng: np.random.Generator) -> Task:
     away = (scan - mesh.centre) @ normal
     line = scan[np.abs(away - rng.normal() * 0.1 * np.ptp(away)) < 2e-3 * mesh.diagonal][:1500]
     T = random_pose(rng, 0.3 * mesh.diagonal, mesh.centre)
-    return unrelated(pose.apply(T, line), mesh, rng)
+    # A search may find its place all the same.
+    return dataclasses.replace(unrelated(pose.apply(T, line), mesh, rng), truths=pose.inverse(T)[None])
 
 
 KINDS: tuple[Kind, ...] = kinds_of(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -11,8 +10,9 @@ import numpy as np
 from dqreg.compare.trust import periodic, scans, shapes
 from dqreg.compare.trust.periodic import Periodic
 from dqreg.compare.trust.task import Kind, Make, Task, kinds_of, on_part
-from dqreg.geometry import Mesh, PointCloud
+from dqreg.geometry import Mesh, MeshSurface, PointCloud
 from dqreg.rigid import pose
+from dqreg.search.axes import cube_rotations
 
 Family = Callable[[np.random.Generator], Periodic]
 
@@ -100,9 +100,10 @@ def _corner_of_box(rng: np.random.Generator) -> Task:
     corner = mesh.vertices.max(axis=0)
     reach = 0.7 * np.ptp(mesh.vertices, axis=0).min()
     scan = scans.thinned(scan[np.linalg.norm(scan - corner, axis=1) < reach], rng, 300, 2000)
-    signs = np.array(list(itertools.product([1.0, -1.0], repeat=3)))
-    turns = [np.diag(s) for s in signs if np.prod(s) > 0 and (s < 0).any()]
-    rivals = np.stack([pose.about(pose.from_parts(R, np.zeros(3)), mesh.centre) for R in turns])
+    # The piece looks the same along its three edges: each of the 24 rotations of a cube puts it into some corner.
+    half, out = 0.5 * np.ptp(mesh.vertices, axis=0), np.ones(3)
+    turns = [R for R in cube_rotations() if not np.allclose(R, np.eye(3))]
+    rivals = np.stack([pose.from_parts(R, mesh.centre + half * (R @ out) - R @ corner) for R in turns])
     return on_part(scan, mesh, rng, noise=scans.NOISE, start=(3.0, 0.01), right=False, rivals=rivals)
 
 
@@ -114,16 +115,16 @@ def _corner_of_cloud(rng: np.random.Generator) -> Task:
 
 
 def _fewer_steps(rng: np.random.Generator) -> Task:
-    """Stairs of which only some steps were scanned, without the ends."""
+    """Stairs of which only some steps were scanned, and nothing that a step up or down would put off them."""
     part = periodic.stairs(rng)
     along = part.period[:3, 3] / np.linalg.norm(part.period[:3, 3])
     scan = scans.one_view(part.mesh, rng)
-    away = np.abs((scan - part.middle) @ along)
-    width = scan[:, 1] - part.middle[1]
-    top = scan[:, 2] > part.mesh.vertices[:, 2].min() + 0.02 * part.mesh.diagonal
-    scan = scan[(away < 1.3 * part.cell) & top]
-    del width
-    return on_part(scan, part.mesh, rng, noise=scans.NOISE, start=(1.0, 0.005), right=False)
+    seen = np.abs((scan - part.middle) @ along) < 1.3 * part.cell
+    surface, rivals = MeshSurface(part.mesh), np.stack([part.period, pose.inverse(part.period)])
+    for T in rivals:
+        seen &= surface.closest(pose.apply(T, scan)).distances <= 4.0 * scans.NOISE * part.mesh.diagonal
+    start = (1.0, 0.005)
+    return on_part(scan[seen], part.mesh, rng, noise=scans.NOISE, start=start, right=False, rivals=rivals)
 
 
 KINDS: tuple[Kind, ...] = kinds_of(
@@ -140,6 +141,6 @@ KINDS: tuple[Kind, ...] = kinds_of(
     ("bolt-off", "flange with a block on it, start turned about its axis", _tooth_off),
     ("flipped", "nearly symmetric part, start turned by 180 degrees", _flipped),
     ("notch-unseen", "the one place that tells two poses apart was not scanned", _notch_unseen),
-    ("corner-of-box", "one corner of a block: eight places fit", _corner_of_box),
+    ("corner-of-box", "one corner of a block: it fits at each, three ways round", _corner_of_box),
     ("corner-of-cloud", "the same of a cloud of the block", _corner_of_cloud),
 )
