@@ -125,7 +125,7 @@ class CloudBoundary:
 
     def at(self, rows: IntArray, normals: FloatArray) -> BoolArray:
         """Whether points lie on the boundary of the cloud."""
-        if self._in_lines:
+        if self.in_lines:
             return np.zeros(len(rows), dtype=bool)
         missing = np.flatnonzero(~self._known[rows])
         if len(missing):
@@ -136,27 +136,24 @@ class CloudBoundary:
         return self._rim[rows]
 
     def _one_sided(self, rows: IntArray, normals: FloatArray) -> BoolArray:
-        spread, distances = self._around(rows)
-        # By the mean first: the shape is computed only where it matters.
-        middle = spread.mean(axis=1)
-        offsets = middle - np.einsum("ij,ij->i", middle, normals)[:, None] * normals
-        far = np.flatnonzero(np.linalg.norm(offsets, axis=1) > ONE_SIDED * distances)
+        from dqreg.kernels.rims import one_sided_rows
+        from dqreg.kernels.threads import as_plain, over_chunks
+
+        indices, farthest = self._tree.around(rows)
         found = np.zeros(len(rows), dtype=bool)
-        found[far[~_linear(spread[far])]] = True
+        if indices.shape[1] > 1:
+            around = as_plain(self._points), rows, indices, farthest, as_plain(normals)
+            over_chunks(one_sided_rows, len(rows), *around, ONE_SIDED, LINE, found)
         return found
 
     @cached_property
-    def _in_lines(self) -> bool:
-        spread, _ = self._around(sample_rows(len(self._points), SAMPLE))
-        return float(_linear(spread).mean()) > LINED
+    def in_lines(self) -> bool:
+        """Whether the cloud lies in lines, as of a LiDAR's rings."""
+        from dqreg.kernels.rims import line_rows
+        from dqreg.kernels.threads import as_plain, over_chunks
 
-    def _around(self, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-        # Neighbours about their point, and the distance of the farthest.
-        indices, farthest = self._tree.around(rows)
-        return np.take(self._points, indices[:, 1:], axis=0) - self._points[rows][:, None], farthest
-
-
-def _linear(spread: FloatArray) -> BoolArray:
-    centred = spread - spread.mean(axis=1, keepdims=True)
-    values = np.linalg.eigvalsh(np.matmul(centred.transpose(0, 2, 1), centred))
-    return np.asarray(values[:, 1] <= LINE * values[:, 2])
+        indices, _ = self._tree.around(sample_rows(len(self._points), SAMPLE))
+        found = np.zeros(len(indices), dtype=bool)
+        if indices.shape[1] > 1:
+            over_chunks(line_rows, len(indices), as_plain(self._points), indices, LINE, found)
+        return float(found.mean()) > LINED

@@ -10,6 +10,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, one_line
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
+from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import PlaneFits, fit_planes, orient_towards, sample_rows
@@ -147,7 +148,7 @@ class Scan:
         return float(np.linalg.norm(high - low))
 
 
-def prepare_scan(cloud: PointCloud, fitted: int | None = None) -> Scan:
+def prepare_scan(cloud: PointCloud, fitted: int | None = None, surface: CloudSurface | None = None) -> Scan:
     """Order a cloud, measure it, and fit normals.
 
     Parameters
@@ -158,6 +159,8 @@ def prepare_scan(cloud: PointCloud, fitted: int | None = None) -> Scan:
         Points at which planes are fitted, evenly taken along the Morton curve; None fits at all of them. A few are
         fitted to neighbours in an evenly thinned cloud, and spacing and noise are then measured on pieces of it: for
         a large cloud that costs a small part of fitting at all points.
+    surface : CloudSurface, optional
+        The cloud as a surface, where there is one: its order and its tree are taken.
 
     Returns
     -------
@@ -176,7 +179,7 @@ def prepare_scan(cloud: PointCloud, fitted: int | None = None) -> Scan:
     >>> len(scan), int(scan.directed.sum()), scan.spacing, scan.noise
     (100, 50, 1.0, 0.0)
     """
-    order = distinct_in_order(cloud.points)
+    order = distinct_in_order(cloud.points) if surface is None else surface.order
     points = np.take(cloud.points, order, axis=0)
     if len(points) < FEWEST_POINTS:
         raise InputError(
@@ -184,7 +187,7 @@ def prepare_scan(cloud: PointCloud, fitted: int | None = None) -> Scan:
             f"this one are at {len(points)}"
         )
     rows = sample_rows(len(points), len(points) if fitted is None else fitted)
-    fits, spacing, noise = _fit_all(points) if len(rows) == len(points) else _fit_some(points, rows)
+    fits, spacing, noise = _fit_all(points, surface) if len(rows) == len(points) else _fit_some(points, rows)
     normals, levers, residuals = np.zeros_like(points), np.zeros(len(points)), np.full(len(points), np.nan)
     known = _known(fits)
     normals[rows] = np.where(known[:, None], fits.normals, 0.0)
@@ -207,8 +210,8 @@ def prepare_scan(cloud: PointCloud, fitted: int | None = None) -> Scan:
     )
 
 
-def _fit_all(points: FloatArray) -> tuple[PlaneFits, float, float]:
-    tree = NeighbourTree(points)
+def _fit_all(points: FloatArray, surface: CloudSurface | None) -> tuple[PlaneFits, float, float]:
+    tree = NeighbourTree(points) if surface is None else surface.tree
     fits = fit_planes(tree, points, points)
     return fits, _spacing(fits, points), _noise(fits)
 

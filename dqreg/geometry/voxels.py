@@ -13,6 +13,12 @@ from dqreg.geometry.morton import BITS, morton_codes, sorted_rows
 
 # A cloud is downsampled from so many times the wanted points on: below, it costs accuracy and saves little.
 DENSE = 3.0
+# Crowded in places so many times as much as by chance, a cloud is downsampled from fewer points on: a LiDAR that turns
+# has its points along rings, where 16 neighbours make no plane, and comes to 20 to 50; other scans came to 4 at most.
+UNEVEN = 10.0
+# Where the neighbourhoods are lines still, as in a LiDAR of few rings, voxels are widened by this factor, so many times
+# at most and while so many points are left.
+WIDER, WIDENED, FEWEST = 1.25, 10, 1_000
 # A cloud of which more than this fraction would remain is left as it is.
 WHOLE = 2.0 / 3.0
 
@@ -22,11 +28,18 @@ def voxel_size(points: FloatArray, count: int) -> float:
     return cell_size(points, count) if len(points) > DENSE * count else 0.0
 
 
+def unevenness(points: FloatArray, size: float) -> float:
+    """How many others the points have in their voxel, over what points strewn at random would have; about 1 or less."""
+    order, firsts = _runs(points, size)
+    counts = np.diff(firsts, append=len(order)).astype(np.float64)
+    return float((counts**2).mean() / counts.mean() / (counts.mean() + 1.0))
+
+
 @dataclasses.dataclass(frozen=True)
 class VoxelCloud:
     """A cloud with one point a voxel."""
 
-    size: float  # Edge of a voxel
+    size: float  # Edge of a voxel; 0 where the cloud was not to be downsampled
     cloud: PointCloud  # Means of the voxels; the cloud itself where it has hardly more points than they
     # The same as a surface; None where the cloud is whole, for whoever has it has its surface
     surface: CloudSurface | None
@@ -35,7 +48,32 @@ class VoxelCloud:
     def of(cloud: PointCloud, size: float) -> VoxelCloud:
         """Downsample a cloud."""
         even = voxel_downsample(cloud, size)
-        return VoxelCloud(size, even, None if even is cloud else CloudSurface(even))
+        return VoxelCloud(size, even, None if even is cloud else CloudSurface(even, derived=True))
+
+    @staticmethod
+    def across_lines(cloud: PointCloud, size: float) -> VoxelCloud:
+        """Downsample a cloud, with wider voxels where its points stay in lines: all neighbours are on their own then.
+
+        There is no plane through a line, and fits to one would turn any way.
+        """
+        found = VoxelCloud.of(cloud, size)
+        for _ in range(WIDENED):
+            if found.surface is None or len(found.cloud) < FEWEST or not found.surface.in_lines:
+                break
+            found = VoxelCloud.of(cloud, WIDER * found.size)
+        return found
+
+    @staticmethod
+    def evened(cloud: PointCloud, count: int) -> VoxelCloud:
+        """A dense cloud with about so many points, an uneven one or one in lines with fewer; others as they are."""
+        points = cloud.points
+        if len(points) > DENSE * count:
+            return VoxelCloud.across_lines(cloud, cell_size(points, count))
+        size = cell_size(points, int(len(points) / DENSE))
+        found = VoxelCloud.across_lines(cloud, size) if size > 0.0 else None
+        if found is not None and (found.size > size or unevenness(points, size) > UNEVEN):
+            return found
+        return VoxelCloud(0.0, cloud, None)
 
 
 def voxel_downsample(cloud: PointCloud, size: float) -> PointCloud:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg.kernels.cache import keep_beside_package
+from dqreg.kernels.disc_pairs import SUMS, disc_pair_sums
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
 from dqreg.kernels.morton import morton_cells, new_places, sorted_rows
 from dqreg.kernels.newton_steps import newton_steps
 from dqreg.kernels.plane_fits import fit_plane_rows
 from dqreg.kernels.point_tree import PointTree
+from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 
 
@@ -25,6 +27,11 @@ def compile_all() -> None:
     largest_eigenvectors(0, 1, np.eye(3)[:, :, None].copy(), np.zeros((3, 1)), np.zeros((4, 1)))
     rows, _ = PointTree.of(corners[0]).nearest(corners[0], 3)
     fit_plane_rows(0, 0, corners[0], rows, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
+    few, none = np.zeros((0, 2), dtype=np.int32), np.zeros(0, dtype=np.bool_)
+    one_sided_rows(0, 0, corners[0], np.zeros(0, dtype=np.int64), few, np.zeros(0), corners[0], 0.25, 0.15, none)
+    line_rows(0, 0, corners[0], few, 0.15, none)
+    flat, one = corners[0], np.zeros(3)
+    disc_pair_sums(0, 0, flat, flat, flat, flat, one, one, one, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
     newton_steps(np.eye(13), np.r_[np.eye(3).ravel(), np.zeros(3), 1.0], 1.0, 1, 1.0, 1.0, 1.0, 1.0)
     gains, shape = np.zeros(2, dtype=np.float32), np.ones(3, dtype=np.int64)
     mean_gains(0, 1, np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)), shape, gains, np.zeros(1))

@@ -15,7 +15,7 @@ from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.opening import describe
 from dqreg.geometry.unit_check import require_same_units
-from dqreg.geometry.voxels import WHOLE, VoxelCloud, cell_size, voxel_downsample, voxel_size
+from dqreg.geometry.voxels import WHOLE, VoxelCloud, cell_size, voxel_size
 from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.constraints import PoseConstraints
@@ -104,15 +104,20 @@ class Prepared:
         LiDARs crowd their points near the sensor, where they constrain a rotation least, and depth cameras give many
         times what noise lets them tell apart. Cells are equal on both sides, so that neither is finer than the other.
         """
-        stands = target.evened(count)
-        size = stands.size or voxel_size(cloud.points, count)
-        moves = voxel_downsample(cloud, size)
-        if stands.size and len(moves) < SMALL * count and isinstance(target.geometry, PointCloud):
-            size = min(size, cell_size(cloud.points, min(count, int(WHOLE * len(cloud.points)))))
-            stands, moves = VoxelCloud.of(target.geometry, size), voxel_downsample(cloud, size)
-        thinned = stands.surface is not None or moves is not cloud
-        scan = dataclasses.replace(prepare_scan(moves), total=len(cloud))
-        return Prepared(scan, stands.surface or target.surface, size if thinned else 0.0, even=True)
+        stands, geometry = target.evened(count), target.geometry
+        if not stands.size or not isinstance(geometry, PointCloud):
+            moves = VoxelCloud.of(cloud, voxel_size(cloud.points, count))
+        else:
+            moves = VoxelCloud.across_lines(cloud, stands.size)
+            size, wanted = moves.size, min(count, len(stands.cloud))
+            if len(moves.cloud) < SMALL * wanted:
+                size = min(size, cell_size(cloud.points, min(count, int(WHOLE * len(cloud.points)))))
+                moves = VoxelCloud.of(cloud, size)
+            if size != stands.size:
+                stands = VoxelCloud.of(geometry, size)
+        thinned = stands.surface is not None or moves.surface is not None
+        scan = dataclasses.replace(prepare_scan(moves.cloud, surface=moves.surface), total=len(cloud))
+        return Prepared(scan, stands.surface or target.surface, moves.size if thinned else 0.0, even=True)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from dqreg.geometry.mesh_normals import SmoothNormals
 from dqreg.geometry.opening import describe, open_geometry
 from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.visibility import VisibleSurface, visible_faces
-from dqreg.geometry.voxels import VoxelCloud, voxel_size
+from dqreg.geometry.voxels import VoxelCloud
 from dqreg.registration.source import moved, require_spread
 from dqreg.search import PairTable
 from dqreg.search.near_symmetry import near_flips, near_mirrors
@@ -100,7 +100,7 @@ class TargetIndex:
             raise InputError("only a cloud has cells; the target is a mesh")
         with self._lock:
             if count not in self._evened:
-                self._evened[count] = VoxelCloud.of(self.geometry, voxel_size(self.geometry.points, count))
+                self._evened[count] = VoxelCloud.evened(self.geometry, count)
             return self._evened[count]
 
     def visible_from(self, viewpoints: FloatArray) -> TargetIndex:

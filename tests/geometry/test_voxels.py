@@ -4,8 +4,8 @@ import hypothesis.strategies as st
 import numpy as np
 from hypothesis import given, settings
 
-from dqreg.geometry import PointCloud
-from dqreg.geometry.voxels import cell_size, voxel_means
+from dqreg.geometry import CloudSurface, PointCloud
+from dqreg.geometry.voxels import UNEVEN, VoxelCloud, cell_size, unevenness, voxel_means
 
 
 def cloud(seed: int, count: int) -> np.ndarray:
@@ -57,3 +57,35 @@ def test_copies_of_one_point_vote_once() -> None:
     points = np.vstack([np.zeros((5_000, 3)), cloud(1, 100)])
     size = cell_size(points, 50)
     assert len(voxel_means(PointCloud(points), size)) <= 101
+
+
+def room(rings: int, along: int) -> PointCloud:
+    """Walls, floor and ceiling of a hall, as a LiDAR with so many rings sees them."""
+    up, turn = np.meshgrid(np.linspace(-0.4, 0.4, rings), np.linspace(0.0, 2.0 * np.pi, along, endpoint=False))
+    ways = np.stack([np.cos(turn) * np.cos(up), np.sin(turn) * np.cos(up), np.sin(up)], axis=-1).reshape(-1, 3)
+    # The nearest wall ends a ray.
+    far = (np.array([12.0, 7.0, 2.0]) / np.maximum(np.abs(ways), 1e-12)).min(axis=1)
+    return PointCloud(ways * far[:, None] + np.random.default_rng(0).normal(scale=0.01, size=ways.shape))
+
+
+def test_rings_that_stand_apart_are_thinned_until_neighbourhoods_are_no_lines() -> None:
+    rings = room(8, 2_000)
+    assert CloudSurface(rings).in_lines
+    even = VoxelCloud.evened(rings, 10_000)
+    # The cloud is not dense: its shape alone asks for cells.
+    assert len(rings) < 3 * 10_000
+    assert 1_000 < len(even.cloud) < len(rings) / 3
+    assert even.surface is not None
+    assert not even.surface.in_lines
+
+
+def test_an_even_cloud_that_is_not_dense_stays_whole_and_a_crowded_one_does_not() -> None:
+    even = PointCloud(cloud(0, 9_000) * [1.0, 1.0, 0.01])
+    assert unevenness(even.points, cell_size(even.points, 3_000)) < 1.2
+    assert VoxelCloud.evened(even, 10_000).cloud is even
+    # Ranges as of a sensor on the ground: nearly all points lie near it.
+    rng = np.random.default_rng(1)
+    reach, turn = 10.0 ** rng.uniform(-2.0, 1.0, 9_000), rng.uniform(0.0, 2.0 * np.pi, 9_000)
+    crowded = PointCloud(np.column_stack([reach * np.cos(turn), reach * np.sin(turn), rng.normal(size=9_000) * 0.01]))
+    assert unevenness(crowded.points, cell_size(crowded.points, 3_000)) > UNEVEN
+    assert len(VoxelCloud.evened(crowded, 10_000).cloud) < 4_000

@@ -1,0 +1,72 @@
+"""Sums over pairs of discs: all that the plane-to-plane cost of two clouds is made of."""
+
+from __future__ import annotations
+
+from dqreg._arrays import FloatArray
+from dqreg.kernels.compiled import compiled
+
+# Sums: ten products of (p, 1) with itself times six elements of the inverse covariance (xx, yy, zz, xy, xz, yz), its
+# product with q times (p, 1), and the square of q under it.
+PRODUCTS, ELEMENTS, MIXED = 10, 6, 12
+SUMS = PRODUCTS * ELEMENTS + MIXED + 1
+
+
+@compiled
+def disc_pair_sums(
+    first: int,
+    last: int,
+    points: FloatArray,
+    places: FloatArray,
+    normals: FloatArray,
+    turned: FloatArray,
+    standing: FloatArray,
+    moving: FloatArray,
+    weights: FloatArray,
+    origins: FloatArray,
+    chunk: int,
+    sums: FloatArray,
+) -> None:
+    """Write the sums over pairs first to last in the row of their chunk; see `plane_to_plane_form`. O(1) a pair.
+
+    Shapes: points p, places q, their normals and the source's turned ones (n, 3); variances and weights (n,); origins
+    (2, 3); sums (chunks, 73).
+    """
+    total = sums[first // chunk]
+    for i in range(first, last):
+        half = 0.5 * weights[i]
+        if half == 0.0:
+            continue
+        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+        mx, my, mz = turned[i, 0], turned[i, 1], turned[i, 2]
+        a = 1.0 - min(max(standing[i], 0.0), 1.0) if nx != 0.0 or ny != 0.0 or nz != 0.0 else 0.0
+        b = 1.0 - min(max(moving[i], 0.0), 1.0) if mx != 0.0 or my != 0.0 or mz != 0.0 else 0.0
+        c = nx * mx + ny * my + nz * mz
+        lean = b * c / (2.0 - b)
+        ux, uy, uz = nx + lean * mx, ny + lean * my, nz + lean * mz
+        k = half * (a * (2.0 - b) / ((2.0 - a) * (2.0 - b) - a * b * c * c))
+        g = half * (b / (2.0 - b))
+        xx, yy, zz = (
+            half + k * ux * ux + g * mx * mx,
+            half + k * uy * uy + g * my * my,
+            half + k * uz * uz + g * mz * mz,
+        )
+        xy, xz, yz = k * ux * uy + g * mx * my, k * ux * uz + g * mx * mz, k * uy * uz + g * my * mz
+        p, q, r = points[i, 0] - origins[0, 0], points[i, 1] - origins[0, 1], points[i, 2] - origins[0, 2]
+        x, y, z = places[i, 0] - origins[1, 0], places[i, 1] - origins[1, 1], places[i, 2] - origins[1, 2]
+        at = 0
+        for product in (p * p, p * q, p * r, p, q * q, q * r, q, r * r, r, 1.0):
+            total[at] += product * xx
+            total[at + 1] += product * yy
+            total[at + 2] += product * zz
+            total[at + 3] += product * xy
+            total[at + 4] += product * xz
+            total[at + 5] += product * yz
+            at += 6
+        e, f, h = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+        for side in (e, f, h):
+            total[at] += side * p
+            total[at + 1] += side * q
+            total[at + 2] += side * r
+            total[at + 3] += side
+            at += 4
+        total[at] += x * e + y * f + z * h
