@@ -59,7 +59,7 @@ class CloudSurface:
         given = fitted if given is None else given
         self._fits = np.zeros((size, 4)) if given is None else given
         self._known = np.full(size, given is not None)
-        self._search: KdTree | NeighbourTree = self.tree if derived else KdTree(self._points)
+        self._search: KdTree | NeighbourTree = self._tree if derived else KdTree(self._points)
         low, high = bounds(self._points)
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))
@@ -87,7 +87,7 @@ class CloudSurface:
         missing = rows[~self._known[rows]]
         if len(missing):
             missing = np.flatnonzero(np.bincount(missing, minlength=len(self._known)))
-            fits = fit_planes_around(self.tree, self._points, missing)
+            fits = fit_planes_around(self._tree, self._points, missing)
             # A point whose neighbours lie on a line has no normal: zero gives no direction and passes no angle test.
             known = np.isfinite(fits.normals[:, :1])
             variances = np.where(known, np.minimum(fits.variances[:, None], 1.0), 1.0)
@@ -173,18 +173,18 @@ class CloudSurface:
         return self._boundary.at(self._ranks[closest.elements], closest.normals)
 
     @property
-    def in_lines(self) -> bool:
+    def _in_lines(self) -> bool:
         """Whether the points lie in lines, as the rings of a LiDAR."""
         return self._boundary.in_lines
 
     @cached_property
-    def tree(self) -> NeighbourTree:
+    def _tree(self) -> NeighbourTree:
         """Tree of the distinct points in Morton order."""
         return NeighbourTree(self._points)
 
     @cached_property
     def _boundary(self) -> CloudBoundary:
-        return CloudBoundary(self.tree, self._points)
+        return CloudBoundary(self._tree, self._points)
 
     @cached_property
     def _ranks(self) -> IntArray:

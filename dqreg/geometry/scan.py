@@ -211,7 +211,7 @@ def prepare_scan(cloud: PointCloud, fitted: int | None = None, surface: CloudSur
 
 
 def _fit_all(points: FloatArray, surface: CloudSurface | None) -> tuple[PlaneFits, float, float]:
-    tree = NeighbourTree(points) if surface is None else surface.tree
+    tree = NeighbourTree(points) if surface is None else surface._tree
     fits = fit_planes(tree, points, points)
     return fits, _spacing(fits, points), _noise(fits)
 

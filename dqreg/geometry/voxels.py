@@ -58,7 +58,7 @@ class VoxelCloud:
         """
         found = VoxelCloud.of(cloud, size)
         for _ in range(WIDENED):
-            if found.surface is None or len(found.cloud) < FEWEST or not found.surface.in_lines:
+            if found.surface is None or len(found.cloud) < FEWEST or not found.surface._in_lines:
                 break
             found = VoxelCloud.of(cloud, WIDER * found.size)
         return found

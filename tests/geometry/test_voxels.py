@@ -70,13 +70,13 @@ def room(rings: int, along: int) -> PointCloud:
 
 def test_rings_that_stand_apart_are_thinned_until_neighbourhoods_are_no_lines() -> None:
     rings = room(8, 2_000)
-    assert CloudSurface(rings).in_lines
+    assert CloudSurface(rings)._in_lines
     even = VoxelCloud.evened(rings, 10_000)
     # The cloud is not dense: its shape alone asks for cells.
     assert len(rings) < 3 * 10_000
     assert 1_000 < len(even.cloud) < len(rings) / 3
     assert even.surface is not None
-    assert not even.surface.in_lines
+    assert not even.surface._in_lines
 
 
 def test_an_even_cloud_that_is_not_dense_stays_whole_and_a_crowded_one_does_not() -> None:
