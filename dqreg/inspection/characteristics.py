@@ -18,16 +18,13 @@ from dqreg.errors import InputError
 from dqreg.inspection.features import Feature, fit_feature
 from dqreg.inspection.features.models import distances
 from dqreg.inspection.features.spread import normals_of
-from dqreg.inspection.medians import on_face
 from dqreg.inspection.places import COVERAGE
 from dqreg.inspection.regions import Outcome
+from dqreg.inspection.surface_model import Medians
 from dqreg.rigid import pose, twist
 
 # Step of the numerical derivatives, in standard deviations of a feature's parameters.
 NUDGE = 1e-2
-# A length in two directions, such as the offset of an axis, is below that many standard deviations in 95 of 100 cases
-# where it is none at all; one value is below 2.
-FROM_NOTHING = 2.4477
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,28 +123,22 @@ def angle(first: Feature, second: Feature) -> Measured:
 def form(feature: Feature, points: FloatArray, noise: float) -> Measured:
     """Flatness, straightness, roundness or cylindricity: the width of the zone that holds the surface.
 
-    Of medians of neighbouring points, which single points do not move. Noise widens the zone of a perfect surface by
-    what the extremes of so many medians are apart, and that of one high place not at all: half of it is taken off, and
-    is in the uncertainty.
+    Of medians of neighbouring points, which single points do not move; without what noise adds to the zone, which is
+    simulated, see `Medians.corrected`.
     """
-    offsets = distances(feature.kind, feature.shape, points)[0][-len(points) :]
-    medians, sigma, count = on_face(offsets, points, noise)
-    # Each point moves along the shape's own normal.
-    places = points + (medians - offsets)[:, None] * normals_of(feature.kind, feature.shape, points)
-    zone = fit_feature(places, feature.kind, method="chebyshev")
-    half = min(extreme_of(count) * sigma, zone.form)
-    return Measured(zone.form - half, half + math.sqrt(2.0) * COVERAGE * sigma)
-
-
-def extreme_of(count: float) -> float:
-    """The largest of so many independent values, in standard deviations of one, where there is noise alone.
-
-    >>> round(extreme_of(240), 1)
-    2.8
-    """
-    from scipy.special import ndtri
-
-    return float(ndtri((count - 0.375) / (count + 0.25)))
+    offsets, slopes = distances(feature.kind, feature.shape, points)
+    offsets, slopes = offsets[-len(points) :], slopes[-len(points) :]
+    medians = Medians.of(offsets, points, noise)
+    # Each place moves along the shape's own normal.
+    outward = normals_of(feature.kind, feature.shape, points[medians.rows])
+    places = points[medians.rows] + (medians.values - offsets[medians.rows])[:, None] * outward
+    zone = fit_feature(places, feature.kind, method="chebyshev").form
+    own = slopes[medians.rows]
+    inverse = np.linalg.pinv(own)
+    # A least squares shape follows each draw; the minimum zone is narrower than its zone by about the same share.
+    width = float(np.ptp(medians.values - own @ (inverse @ medians.values)))
+    share = zone / width if width > 0.0 else 1.0
+    return Measured(*medians.corrected(zone, lambda z: share * np.ptp(z - z @ inverse.T @ own.T, axis=1)))
 
 
 def orientation(feature: Feature, datum: Feature, points: FloatArray, nominal_deg: float | None = None) -> Measured:
@@ -164,14 +155,14 @@ def orientation(feature: Feature, datum: Feature, points: FloatArray, nominal_de
     def width(f: Sequence[Feature]) -> float:
         return extent * math.sin(math.radians(abs(_angle_deg(f[0], f[1]) - ideal)))
 
-    return _from_nothing(propagated(width, [feature, datum]))
+    return _from_nothing(propagated(width, [feature, datum]), min(feature.freedom, datum.freedom))
 
 
 def position(feature: Feature, nominal: Feature, frame: Frame | None = None) -> Measured:
     """Diameter of the least zone about the nominal place that holds the feature: twice its distance from there."""
     if nominal.kind == "plane":
         return propagated(lambda f: 2.0 * abs(float((f[0].point - nominal.point) @ nominal.axis)), [feature], frame)
-    return _from_nothing(propagated(lambda f: 2.0 * _across(f[0].point, nominal), [feature], frame))
+    return _from_nothing(propagated(lambda f: 2.0 * _across(f[0].point, nominal), [feature], frame), feature.freedom)
 
 
 def coaxiality(feature: Feature, datum: Feature, points: FloatArray) -> Measured:
@@ -194,15 +185,19 @@ def profile(
     ``middle`` is that of a unilateral or unequal zone, signed, outside the part positive. Noise is treated as in
     `form`. Shapes: (n,), (n, 3).
     """
-    medians, sigma, count = on_face(deviations, points, noise)
-    largest = float(np.abs(medians - middle).max())
-    half = min(0.5 * extreme_of(2.0 * count) * sigma, largest)
-    return Measured(2.0 * (largest - half), 2.0 * (half + COVERAGE * math.hypot(sigma, frame_sigma)))
+    medians = Medians.of(deviations, points, noise)
+    largest = 2.0 * float(np.abs(medians.values - middle).max())
+    value, spread = medians.corrected(largest, lambda z: 2.0 * np.abs(z - middle).max(axis=1), 2.0)
+    return Measured(value, math.hypot(spread, 2.0 * COVERAGE * frame_sigma))
 
 
-def _from_nothing(found: Measured) -> Measured:
-    # Near zero a length has one side only, and directions that its slope does not show.
-    wide = FROM_NOTHING / COVERAGE * found.uncertainty
+def _from_nothing(found: Measured, freedom: int) -> Measured:
+    """Near zero a length has one side only, and two directions of which its slope shows one."""
+    from scipy.special import fdtri, ndtr
+
+    # A length in two directions is below that many standard deviations as often as one value is below its coverage.
+    share = 2.0 * float(ndtr(COVERAGE)) - 1.0
+    wide = math.sqrt(2.0 * float(fdtri(2, freedom, share))) / coverage_of(freedom) * found.uncertainty
     return Measured(found.value, max(found.uncertainty, min(wide, found.value)))
 
 

@@ -63,11 +63,7 @@ def measured_value(
         return compute.profile(signed, points, part.noise, frame_sigma=spread, middle=row.middle)
     if row.kind == "thickness":
         part.require_scanned(faces[0])
-        found = wall_thickness(part, faces[0])
-        value, nominal = found.worst
-        # The worst of many places is off by noise too: half of what it would be on a perfect wall is taken off.
-        half = min(0.5 * compute.extreme_of(found.independent) * found.sigma, abs(value - nominal))
-        return Measured(value - np.sign(value - nominal) * half, half + COVERAGE * found.sigma)
+        return wall_thickness(part, faces[0]).measured
     if row.kind in OF_SLOT:
         slot = part.measured_slot(faces)
         if row.kind == "slot-position":

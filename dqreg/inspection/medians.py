@@ -10,11 +10,6 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
-# A neighbourhood on a face holds that part of its points at most.
-SHARE = 40
-# Medians of overlapping neighbourhoods: so many of them for each that does not overlap behave as independent ones do.
-OVERLAP = 4.0
-
 
 def smoothed(values: FloatArray, points: FloatArray, labels: IntArray | None = None) -> tuple[FloatArray, float]:
     """Median of each point's neighbourhood, and the standard deviation of such a median. Shapes: (n,), (n, 3), (n,).
@@ -36,21 +31,3 @@ def smoothed(values: FloatArray, points: FloatArray, labels: IntArray | None = N
     known = spreads > 0.0
     spread = GAUSSIAN_MEDIAN * float(np.median(spreads[known])) if known.any() else 0.0
     return medians, MEDIAN_SIGMA * spread / math.sqrt(PLACE)
-
-
-def on_face(values: FloatArray, points: FloatArray, noise: float) -> tuple[FloatArray, float, float]:
-    """Medians of neighbours on one face, a fortieth of it at most; their standard deviation; how many are independent.
-
-    A face of few points keeps them as they are: medians over a quarter of a hole would hide its lobes.
-    Shapes: (n,), (n, 3).
-    """
-    from scipy.spatial import cKDTree
-
-    count = int(np.clip(len(values) // SHARE, 1, PLACE))
-    if count == 1:
-        return values, noise, float(len(values))
-    around = values[cKDTree(points).query(points, k=count)[1]]
-    medians: FloatArray = np.median(around, axis=1)
-    # The median of two is their mean; of many it is by a quarter less sure than that.
-    loss = 1.0 + (MEDIAN_SIGMA - 1.0) * min((count - 1) / 8.0, 1.0)
-    return medians, loss * noise / math.sqrt(count), max(OVERLAP * len(values) / count, 2.0)

@@ -15,6 +15,7 @@ from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection.coverage import covered
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.features import Feature, fit_feature
+from dqreg.inspection.features.spread import covariance_on
 from dqreg.inspection.medians import smoothed
 from dqreg.inspection.part_faces import Face, faces_in_box, nearest_face, part_faces
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
@@ -171,6 +172,12 @@ class ScannedPart:
         except DegenerateGeometryError as error:
             words = f"face {face.number} was not scanned well enough: {error}"
             raise DegenerateGeometryError(words) from error
+        inner = len(rows) / max(int(np.count_nonzero(self._on == face.number)), 1)
+        scanned = min(float(self.coverage()[face.number]) * inner, 1.0)
+        covariance = covariance_on(
+            found.kind, found.shape, points, covariance=found.covariance, rms=found.rms, scanned=scanned
+        )
+        found = dataclasses.replace(found, covariance=covariance)
         if found.kind == "sphere" or found.axis @ nominal.axis > 0.0:
             return found
         return found.reversed()

@@ -9,13 +9,12 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry.raycasting import RayScene
-from dqreg.inspection.medians import OVERLAP, smoothed
+from dqreg.inspection.characteristics import Measured
+from dqreg.inspection.medians import smoothed
 from dqreg.inspection.part_faces import Face
-from dqreg.inspection.places import PLACE
 from dqreg.inspection.scanned_part import ScannedPart
+from dqreg.inspection.surface_model import Medians
 
-# Places that are asked; more say the same.
-PLACES = 2_000
 # The far side is a wall where its normal turns from the ray by at most this cosine.
 OPPOSITE = 0.7
 # Scan points on the far side are its measurement there within so many usual spacings.
@@ -29,14 +28,20 @@ class Thickness:
     values: FloatArray  # (n,)
     nominals: FloatArray  # (n,): Of the part itself
     positions: FloatArray  # (n, 3): On the face, about the part's middle
-    sigma: float  # Standard deviation of a value: of the medians on both sides
-    independent: float  # Number of values that behave as independent ones do
+    differences: Medians  # Of both sides, from the part's own thickness
 
     @property
     def worst(self) -> tuple[float, float]:
         """Value and nominal value where they differ most."""
         k = int(np.argmax(np.abs(self.values - self.nominals)))
         return float(self.values[k]), float(self.nominals[k])
+
+    @property
+    def measured(self) -> Measured:
+        """The thickness where it differs most, without what noise adds to the difference."""
+        value, nominal = self.worst
+        size, spread = self.differences.corrected(abs(value - nominal), lambda z: np.abs(z).max(axis=1))
+        return Measured(nominal + float(np.sign(value - nominal)) * size, spread)
 
 
 def wall_thickness(part: ScannedPart, face: Face) -> Thickness:
@@ -45,10 +50,12 @@ def wall_thickness(part: ScannedPart, face: Face) -> Thickness:
 
     own = part.rows_on(face)
     feet, normals, values = part.deviations()
-    medians, sigma = smoothed(values, part.points, part.face_of_points)
-    own = own[:: -(-len(own) // PLACES)]
+    medians, _ = smoothed(values, part.points, part.face_of_points)
+    near_side = Medians.of(values[own], part.points[own], part.noise)
+    own = own[near_side.rows]
     far, far_normals, lengths, beyond = _far_side(part, feet[own], normals[own])
     kept = np.isfinite(lengths) & (np.einsum("ij,ij->i", far_normals, normals[own]) < -OPPOSITE)
+    asked = np.flatnonzero(kept)
     own, far, far_normals, lengths, beyond = own[kept], far[kept], far_normals[kept], lengths[kept], beyond[kept]
     if not len(own):
         raise DegenerateGeometryError(
@@ -61,10 +68,17 @@ def wall_thickness(part: ScannedPart, face: Face) -> Thickness:
     seen = (away <= NEAR * part.spacing) & alike & part.scanned()[beyond]
     if not seen.any():
         raise DegenerateGeometryError(f"the far side of the wall behind face {face.number} was not scanned")
-    own, row, lengths = own[seen], row[seen], lengths[seen]
+    asked, own, row, lengths = asked[seen], own[seen], row[seen], lengths[seen]
     lean = -np.einsum("ij,ij->i", far_normals[seen], normals[own])
-    thick = lengths + medians[own] + medians[row] / lean
-    return Thickness(thick, lengths, feet[own], float(np.sqrt(2.0) * sigma), max(OVERLAP * len(own) / PLACE, 2.0))
+    thick = lengths + near_side.values[asked] + medians[row] / lean
+    both = dataclasses.replace(
+        near_side,
+        rows=near_side.rows[asked],
+        values=thick - lengths,
+        sigma=float(np.sqrt(2.0)) * near_side.sigma,
+        around=near_side.around[asked],
+    )
+    return Thickness(thick, lengths, feet[own], both)
 
 
 def _far_side(

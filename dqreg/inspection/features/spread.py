@@ -6,11 +6,13 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry.morton import morton_order
-from dqreg.inspection.features.models import FeatureKind, Shape
+from dqreg.inspection.features.models import FeatureKind, Shape, distances
 from dqreg.solvers.sandwich import scatter_of
 
 # Points from which on neighbours' residuals are compared: form error makes them alike.
 PATCHWISE = 400
+# Share of the variance of what neighbours have in common that is taken for an error of the scanner.
+REPEATED = 0.1
 
 
 def covariance_of(
@@ -20,9 +22,8 @@ def covariance_of(
 
     Form error is common to neighbouring points: taken as independent, a thousand of them would make it vanish.
     """
-    freedom = max(len(rows) - slopes.shape[1], 1)
-    variance = float(rows @ rows) / freedom
-    spread = None
+    variance = float(rows @ rows) / max(len(rows) - slopes.shape[1], 1)
+    spread: FloatArray | None = None
     if len(points) >= PATCHWISE and len(rows) == len(points):
         order = morton_order(points)
         none = np.zeros((slopes.shape[1],) * 2)
@@ -34,9 +35,34 @@ def covariance_of(
         )
         spread = None if spread is None else spread / scale / scale[:, None]
     if spread is None:
-        spread = np.linalg.pinv(slopes.T @ slopes) * variance
+        spread = np.asarray(np.linalg.pinv(slopes.T @ slopes) * variance)
     covariance: FloatArray = 0.5 * (spread + spread.T)
     return covariance
+
+
+def covariance_on(
+    kind: FeatureKind, shape: Shape, points: FloatArray, *, covariance: FloatArray, rms: float, scanned: float
+) -> FloatArray:
+    """The covariance of a shape on a face of which a share was scanned, from that of a shape on any surface, (k, k).
+
+    What neighbours' residuals have in common is the form of the face, which is a part of what is measured as far as it
+    was scanned, or an error that the scanner repeats. All of it counts where nothing was scanned; where all was, a
+    share of it stays for the scanner.
+    """
+    rows, slopes = distances(kind, shape, points)
+    white = np.linalg.pinv(slopes.T @ slopes) * rms**2
+    lengths = np.sqrt(np.diag(white))
+    if len(rows) != len(points) or len(points) < PATCHWISE or not lengths.all():
+        return covariance
+    scale = lengths[:, None] * lengths
+    values, axes = np.linalg.eigh(white / scale)
+    root = axes * np.sqrt(np.maximum(values, 1e-12))
+    inverse = axes / np.sqrt(np.maximum(values, 1e-12))
+    excess, turned = np.linalg.eigh(inverse.T @ (covariance / scale) @ inverse)
+    share = REPEATED + (1.0 - REPEATED) * (1.0 - scanned)
+    wide = root @ turned
+    found: FloatArray = ((wide * (1.0 + share * np.maximum(excess - 1.0, 0.0))) @ wide.T) * scale
+    return found
 
 
 def normals_of(kind: FeatureKind, shape: Shape, points: FloatArray) -> FloatArray:
