@@ -14,26 +14,26 @@ from contextvars import ContextVar
 from dqreg.trust.evidence import Evidence
 
 # Weight of each figure in the logarithm of the odds, and what is added to all of them.
-OFFSET = -1.2485
+OFFSET = 1.2848
 WEIGHTS: dict[str, float] = {
-    "suspect": -1.0677,
-    "doubts": -1.3776,
-    "inliers": 0.5989,
-    "inliers_near": 0.1040,
-    "patches_off": -0.5041,
-    "normals_apart": 0.0418,
-    "width": -1.0260,
-    "random_ratio": -1.2411,
-    "sigma": -0.5812,
-    "carriers": -0.2479,
-    "rivals": -1.4023,
-    "strays": 0.1332,
-    "contradicting": -0.6569,
-    "other_objects": 0.3219,
-    "strain": -0.5240,
-    "border": 0.3530,
-    "searched": -0.5921,
-    "unconverged": -0.2933,
+    "suspect": -1.7174,
+    "doubts": -0.5808,
+    "inliers": -0.0076,
+    "inliers_near": -0.0633,
+    "patches_off": 0.0807,
+    "normals_apart": 0.6139,
+    "width": -0.8992,
+    "random_ratio": -0.8821,
+    "sigma": -0.5781,
+    "carriers": -0.2236,
+    "rivals": -1.6929,
+    "strays": 0.0824,
+    "contradicting": -1.5595,
+    "other_objects": 0.8855,
+    "strain": -1.1384,
+    "border": 0.1071,
+    "searched": -0.9130,
+    "unconverged": -0.6414,
 }
 
 NAMES = tuple(WEIGHTS)

@@ -11,8 +11,8 @@ from dqreg.trust.evidence import Evidence
 from dqreg.trust.records import Check, Level, Reason, Verdict
 
 # Confidence below which a pose is not accepted though no figure alone speaks against it: right poses of the tuning
-# seeds that nothing else spoke against came to 0.75 and more.
-UNLIKELY = 0.6
+# seeds that nothing else spoke against came to 0.84 and more.
+UNLIKELY = 0.75
 
 
 def judge(evidence: Evidence) -> Verdict:
