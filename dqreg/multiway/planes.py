@@ -72,7 +72,7 @@ class Planes:
         """Inliers."""
         return float(self.weights.sum())
 
-    @property
+    @cached_property
     def form(self) -> QuadraticForm:
         """The cost in units of the variance of the distances, between the centred frames."""
         pairs, kept = self.pairs, self.weights > 0.0
