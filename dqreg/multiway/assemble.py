@@ -16,6 +16,7 @@ from dqreg.multiway.refine import Refined
 from dqreg.multiway.result import Multiway
 from dqreg.multiway.scans import View
 from dqreg.multiway.sides import Contradiction
+from dqreg.multiway.turning import Turning
 from dqreg.multiway.verdict import judge_scans
 
 
@@ -28,6 +29,7 @@ def assembled(
     seconds: dict[str, float],
     stopped: str,
     against: Sequence[Contradiction] = (),
+    turns: Sequence[Turning] = (),
 ) -> Multiway:
     """The result of all stages; copies of a scan get its pose."""
     T, covariance = joint.T_world_scan.copy(), joint.covariance
@@ -50,7 +52,9 @@ def assembled(
     )
     blocks = np.einsum("kikj->kij", covariance.reshape(len(views), 6, len(views), 6))
     size = float(settings["size"])
-    verdict = judge_scans(views, belief, T, blocks, size, converged=joint.converged, stopped=stopped, against=against)
+    verdict = judge_scans(
+        views, belief, T, blocks, size, converged=joint.converged, stopped=stopped, against=against, turns=turns
+    )
     return Multiway(
         T_world_scan=T,
         verdict=verdict,

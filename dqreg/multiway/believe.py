@@ -76,7 +76,7 @@ def _first_look(edge: Edge, size: float) -> EdgeCode:
     """Why an edge can be of no use, or "unconfirmed"."""
     if edge.level == "failed" or not edge.found:
         return "untried" if edge.code == "untried" else "no_pose"
-    if edge.code == "opposite_sides":
+    if edge.code in ("opposite_sides", "looked_through", "misfit"):
         return edge.code
     covariance = edge.registration.covariance
     free = any(motion.is_free for motion in edge.registration.observability)

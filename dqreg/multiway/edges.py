@@ -23,6 +23,8 @@ EdgeCode = Literal[
     "unconfirmed",
     "contradicts",
     "opposite_sides",
+    "looked_through",
+    "misfit",
     "elsewhere",
 ]
 WORDS: dict[EdgeCode, str] = {
@@ -34,6 +36,8 @@ WORDS: dict[EdgeCode, str] = {
     "unconfirmed": "not used: its registration is suspect and no loop confirms it",
     "contradicts": "not used: it contradicts the other edges",
     "opposite_sides": "not used: it lays one side of a sheet on the other",
+    "looked_through": "not used: it puts a scan where the scanner of another one looked through",
+    "misfit": "not used: its scan does not fit all others together",
     "elsewhere": "not used: it joins scans that are not placed",
 }
 # Node of a part in whose frame all scans are placed.
@@ -53,8 +57,8 @@ class Edge:
     used : bool
         Whether the poses rest on it.
     code : str
-        Why: "used", "confirmed", "no_pose", "uncertain", "unconfirmed", "contradicts", "opposite_sides"
-        or "elsewhere".
+        Why: "used", "confirmed", "no_pose", "uncertain", "unconfirmed", "contradicts", "opposite_sides",
+        "looked_through", "misfit" or "elsewhere".
     chi2 : float
         Squared difference between this pose and the one of all scans together, in units of its covariance: about 6
         where the covariance tells all. NaN where one of the scans is not placed.

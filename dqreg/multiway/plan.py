@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -13,7 +12,7 @@ from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairJob, PairRunner
 from dqreg.multiway.pairs import Pair, alike_pairs
-from dqreg.multiway.turntable import step_of
+from dqreg.multiway.turntable import Table, step_of
 from dqreg.rigid import pose
 
 # Scans that overlap by less are not worth a registration from where the others put them.
@@ -61,21 +60,36 @@ def better(old: Edge, new: Edge) -> Edge:
 
 
 def _on_turntable(runner: PairRunner, edges: list[Edge], usable: Sequence[int]) -> list[Edge]:
-    """Neighbours that failed begin again one step of the table on, and so do those two steps apart."""
+    """Neighbours that failed begin again one step of the table on, and so do those two steps apart.
+
+    Scans that nothing accepted holds may be of something else: without them, their neighbours are one step apart.
+    """
     place = {scan: k for k, scan in enumerate(usable)}
     steps = [(place[edge.source] - place[edge.target], edge) for edge in edges if edge.target != PART]
     table = step_of(steps, len(usable))
     if table is None:
         return edges
-    weak = {(edge.target, edge.source): k for k, edge in enumerate(edges) if edge.target != PART and _weak(edge)}
-    jobs = [PairJob(i, j, table.between(place[i], place[j])) for i, j in weak]
-    for k, edge in zip(weak.values(), runner.run(jobs), strict=True):
-        edges[k] = better(edges[k], edge)
-    there = {(edge.target, edge.source) for edge in edges}
-    skipped = [(usable[k], usable[(k + 2) % len(usable)]) for k in range(len(usable))] if len(usable) > 4 else []
-    new = [(min(i, j), max(i, j)) for i, j in skipped]
-    new = [pair for pair in dict.fromkeys(new) if pair not in there]
-    return edges + runner.run([PairJob(i, j, table.between(place[i], place[j])) for i, j in new])
+    edges = _by_steps(runner, edges, usable, table)
+    held = {scan for edge in edges if edge.level == "accepted" for scan in (edge.target, edge.source)}
+    inner = [scan for scan in usable if scan in held]
+    return _by_steps(runner, edges, inner, table) if 2 < len(inner) < len(usable) else edges
+
+
+def _by_steps(runner: PairRunner, edges: Sequence[Edge], scans: Sequence[int], table: Table) -> list[Edge]:
+    """The edges with those of scans one and two steps apart, begun where the table says, where they were weak."""
+    count, found = len(scans), {(edge.target, edge.source): edge for edge in edges}
+    jobs = []
+    for apart in (1, 2) if count > 4 else (1,):
+        for k in range(count):
+            i, j = sorted((k, (k + apart) % count))
+            pair = scans[i], scans[j]
+            if pair not in found or _weak(found[pair]):
+                jobs.append(PairJob(*pair, table.between(i, j)))
+    jobs = list({(job.target, job.source): job for job in jobs}.values())
+    for edge in runner.run(jobs):
+        pair = edge.target, edge.source
+        found[pair] = better(found[pair], edge) if pair in found else edge
+    return list(found.values())
 
 
 def rescued(runner: PairRunner, belief: Belief, judged: Callable[[Sequence[Edge]], Belief], size: float) -> Belief:
@@ -95,7 +109,7 @@ def rescued(runner: PairRunner, belief: Belief, judged: Callable[[Sequence[Edge]
                 edges.append(edge)
             elif edge.found and (edge.level == "accepted" or not edges[rows[pair]].used):
                 edges[rows[pair]] = edge
-        belief = judged([dataclasses.replace(edge, code="unconfirmed") if edge.found else edge for edge in edges])
+        belief = judged(edges)
     return belief
 
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from dqreg.errors import InputError
 from dqreg.multiway.assemble import assembled
-from dqreg.multiway.believe import Belief, believe
-from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.edges import PART
+from dqreg.multiway.foreign import Judge, without_foreign
+from dqreg.multiway.misfits import without_misfits
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairRunner, Progress, workers_of
 from dqreg.multiway.pairs import asked_pairs
@@ -22,6 +23,7 @@ from dqreg.multiway.result import Multiway
 from dqreg.multiway.scans import read_views, typical_size, typical_spacing
 from dqreg.multiway.sides import Sides
 from dqreg.multiway.starts import read_starts
+from dqreg.multiway.turning import turnings
 from dqreg.registration.log import log_verdict
 from dqreg.registration.options import EFFORTS, Effort
 from dqreg.registration.target import Target, prepare_target
@@ -123,17 +125,15 @@ def register_many(
     )
     seconds = {"read": time.monotonic() - began}
     found = first_edges(runner, pairs, known, order, automatic=edges == "auto" if isinstance(edges, str) else False)
-    sides = Sides.of(views, order)
+    sides = Sides.of(views, order, found)
     size, floor = typical_size(views), FLOOR * typical_spacing(views)
     home = PART if part is not None else anchor
     T_home = np.eye(4) if part is not None or known[anchor] is None else known[anchor]
-
-    def judged(edges: Sequence[Edge]) -> Belief:
-        return believe(sides.checked(edges), len(views), home, size, floor, np.asarray(T_home))
-
-    belief = judged(found)
+    judge = Judge(sides, len(views), home, size, floor, np.asarray(T_home))
+    judge, belief = without_foreign(judge, judge(found))
     if isinstance(edges, str) and edges == "auto":
-        belief = rescued(runner, belief, judged, size)
+        judge, belief = without_foreign(judge, rescued(runner, belief, judge, size))
+    judge, belief = without_misfits(views, judge, belief, effort, seed)
     seconds["pairs"] = time.monotonic() - began - sum(seconds.values())
     joint = refined(views, sides.bodies, part, belief, size, effort)
     seconds["joint"] = time.monotonic() - began - sum(seconds.values())
@@ -150,7 +150,8 @@ def register_many(
     }
     overlap = overlap_matrix(views, joint.T_world_scan, size)
     against = tuple(sides.contradictions(joint.T_world_scan, overlap))
-    result = assembled(views, belief, joint, overlap, settings, seconds, runner.stopped, against)
+    turns = turnings(views, joint.T_world_scan, belief.edges)
+    result = assembled(views, belief, joint, overlap, settings, seconds, runner.stopped, against, turns)
     log_verdict(result.verdict, f"{len(views)} scans into one frame", time.monotonic() - began)
     return result
 

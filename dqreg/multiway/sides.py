@@ -13,87 +13,26 @@ from typing import Literal
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import CloudSurface, PointCloud, Scan
+from dqreg.geometry import CloudSurface, PointCloud
 from dqreg.geometry.normals import orient_towards
-from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.edges import PART, Edge, EdgeCode
+from dqreg.multiway.eyes import Eye, Eyes, common_eyes, given_eyes
+from dqreg.multiway.free_space import FreeSpace
 from dqreg.multiway.planes import Body
 from dqreg.multiway.scans import View
 from dqreg.rigid import pose
 from dqreg.trust.doubts import LOOKED_THROUGH
-from dqreg.trust.free_space import BEHIND, Seen, looked_through
 
-# Directions that are tried, points of a scan that are looked at, and scans of a turntable that are.
-DIRECTIONS, POINTS, LOOKED_AT = 150, 3_000, 12
-# Edge of a pixel in spacings; a point is behind another that is so many pixels nearer.
-PIXEL, STEP = 2.0, 4.0
-# Cosine below which a face is seen at a grazing angle.
-GRAZING = 0.1
-# Distance of a likely viewpoint in sizes of the scan.
-FAR = 3.0
 # Matches are of one place within so many spacings, and so many scales of noise along the normal.
 NEAR, THICK, ALIKE = 2.0, 4.0, 0.8
 # Share of opposite sides, and matches, from which a pair is wrong; and overlap from which it is looked at.
 OPPOSED, FEWEST, OVERLAP = 0.3, 50, 0.08
-# Cells of free space in spacings.
-GAPS = 4.0
-
-
-@dataclasses.dataclass(frozen=True)
-class Eye:
-    """Where a scanner stood, in the centred frame of its scan."""
-
-    place: FloatArray  # (3,)
-    certain: bool  # Given: else a direction alone, forwards or backwards for all scans
-
-
-def eyes_of(views: Sequence[View], order: str) -> tuple[Eye | None, ...]:
-    """Where each scan was taken from; None where nothing tells.
-
-    On a turntable the scanner stands still, and all scans are in its frame: one direction from which no point hides
-    another serves all of them. Its sign is open, and the same for all, which is enough to compare sides.
-    """
-    eyes = [_given(view) for view in views]
-    usable = [k for k, view in enumerate(views) if view.usable]
-    if order == "turntable" and all(eyes[k] is None for k in usable):
-        sight = _line_of_sight([views[k] for k in usable[:: max(1, len(usable) // LOOKED_AT)]])
-        if sight is not None:
-            for k in usable:
-                scan = views[k].scan
-                eyes[k] = Eye(scan.points.mean(axis=0) + FAR * scan.diagonal * sight, certain=False)
-    return tuple(eyes)
-
-
-def _given(view: View) -> Eye | None:
-    place = None if view.cloud is None or not view.usable else view.cloud.viewpoint
-    return None if place is None else Eye(place - view.origin, certain=True)
-
-
-def _line_of_sight(views: Sequence[View]) -> FloatArray | None:
-    """Direction from which no point of any scan hides another and few faces are seen at a grazing angle."""
-    k = np.arange(DIRECTIONS) + 0.5
-    height, turn = 1.0 - k / DIRECTIONS, k * np.pi * (1.0 + 5.0**0.5)
-    flat = np.sqrt(1.0 - height**2)
-    directions = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), height])
-    hidden = np.array([np.mean([_hidden(view.scan, d) for view in views], axis=0) for d in directions])
-    best = int(hidden.sum(axis=1).argmin())
-    return directions[best] if hidden[best, 0] <= BEHIND else None
-
-
-def _hidden(scan: Scan, direction: FloatArray) -> tuple[float, float]:
-    """Shares of the points behind others, and on faces seen at a grazing angle."""
-    points, normals = _some(scan.points), _some(scan.normals)
-    across = np.linalg.svd(direction[None])[2][1:]
-    pixel = PIXEL * scan.spacing * np.sqrt(len(scan.points) / len(points))
-    cells = np.floor(points @ across.T / pixel).astype(np.int64)
-    cells -= cells.min(axis=0)
-    rows = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
-    depth = points @ direction
-    nearest = np.full(int(rows.max()) + 1, -np.inf)
-    np.maximum.at(nearest, rows, depth)
-    return (
-        float(np.mean(nearest[rows] - depth > STEP * pixel)),
-        float(np.mean(np.abs(normals @ direction) < GRAZING)),
-    )
+# Share of what was looked through from which a pair is wrong: a pose of a pair is a little off.
+THROUGH = 0.1
+# Accepted pairs that tell whether a line of sight is right, at least and at most, and the share that must agree.
+TELLING, FITTING = (3, 60), 0.8
+# Points of a scan that are looked at.
+POINTS = 3_000
 
 
 def body_of(view: View, eye: Eye | None) -> Body:
@@ -108,36 +47,64 @@ def body_of(view: View, eye: Eye | None) -> Body:
     return Body(scan, CloudSurface(cloud, view.surface.fitted), view.origin)
 
 
+def eyes_of(views: Sequence[View], order: str, edges: Sequence[Edge] = ()) -> Eyes:
+    """Where each scan was taken from; None where nothing tells.
+
+    A line of sight that serves all scans is one where accepted pairs agree with it; on a turntable it is one in any
+    case, with an open sign.
+    """
+    given = given_eyes(views)
+    common = common_eyes(views)
+    if common is None:
+        return given
+    sure = [edge for edge in edges if edge.level == "accepted" and edge.target != PART][: TELLING[1]]
+    fits = [_fitting(FreeSpace.of(views, eyes), sure) for eyes in common]
+    best = int(np.argmax(fits))
+    if fits[best] >= FITTING and fits[best] > fits[1 - best]:
+        return tuple(None if eye is None else dataclasses.replace(eye, certain=True) for eye in common[best])
+    return common[0] if order == "turntable" else given
+
+
+def _fitting(free: FreeSpace, edges: Sequence[Edge]) -> float:
+    """Share of the pairs in which next to nothing stands where the other's scanner looked through."""
+    shares = np.array([free.share(e.target, e.source, e.registration.T_target_source) for e in edges])
+    shares = shares[np.isfinite(shares)]
+    return float(np.mean(shares <= LOOKED_THROUGH)) if len(shares) >= TELLING[0] else 0.0
+
+
 @dataclasses.dataclass(frozen=True)
 class Sides:
-    """All scans with what is known of the sides that they saw."""
+    """All scans with what is known of the sides that they saw, and of what their scanners looked through."""
 
-    views: Sequence[View]
     bodies: tuple[Body | None, ...]  # None for scans that cannot be used
-    known: dict[tuple[int, int, bytes], float] = dataclasses.field(default_factory=dict)
+    free: FreeSpace
+    known: dict[tuple[int, int, bytes], EdgeCode | None] = dataclasses.field(default_factory=dict)
 
     @staticmethod
-    def of(views: Sequence[View], order: str) -> Sides:
-        """Scans of a known order."""
-        eyes = eyes_of(views, order)
+    def of(views: Sequence[View], order: str, edges: Sequence[Edge] = ()) -> Sides:
+        """Scans of a known order; accepted edges may tell where the scanner stood."""
+        eyes = eyes_of(views, order, edges)
         bodies = [body_of(view, eye) if view.usable else None for view, eye in zip(views, eyes, strict=True)]
-        return Sides(views, tuple(bodies))
+        certain = tuple(eye if eye is not None and eye.certain else None for eye in eyes)
+        return Sides(tuple(bodies), FreeSpace.of(views, certain))
 
     def checked(self, edges: Sequence[Edge]) -> list[Edge]:
-        """The edges, with those marked that lay one side of a sheet on the other."""
-        return [
-            dataclasses.replace(edge, code="opposite_sides")
-            if edge.found and edge.target != PART and self._wrong(edge)
-            else edge
-            for edge in edges
-        ]
+        """The edges, with those marked that lay one side of a sheet on the other, or stand in free space."""
+        found = []
+        for edge in edges:
+            wrong = self._wrong(edge) if edge.found and edge.target != PART else None
+            found.append(edge if wrong is None else dataclasses.replace(edge, code=wrong))
+        return found
 
-    def _wrong(self, edge: Edge) -> bool:
-        T = edge.registration.T_target_source
-        key = edge.target, edge.source, T.tobytes()
+    def _wrong(self, edge: Edge) -> EdgeCode | None:
+        i, j, T = edge.target, edge.source, edge.registration.T_target_source
+        key = i, j, T.tobytes()
         if key not in self.known:
-            self.known[key] = self.opposed(edge.target, edge.source, T)
-        return self.known[key] > OPPOSED
+            opposite = self.opposed(i, j, T) > OPPOSED
+            self.known[key] = (
+                "opposite_sides" if opposite else "looked_through" if self.free.share(i, j, T) > THROUGH else None
+            )
+        return self.known[key]
 
     def opposed(self, i: int, j: int, T_i_j: FloatArray) -> float:
         """`opposed` of two scans at a pose between their own frames."""
@@ -149,13 +116,15 @@ class Sides:
 
     def contradictions(self, T_world_scan: FloatArray, overlap: FloatArray) -> Iterator[Contradiction]:
         """Pairs of placed scans that overlap, and that their sides or lines of sight contradict."""
-        for i, j in np.argwhere(np.triu(np.nan_to_num(overlap), 1) >= OVERLAP).tolist():
+        through = self.free.contradictions(T_world_scan)
+        overlapping = np.nan_to_num(overlap) >= OVERLAP
+        for i, j in np.argwhere(np.triu(overlapping | (through > 0.0), 1)).tolist():
             if self.bodies[i] is None or self.bodies[j] is None:
                 continue
             T = pose.inverse(T_world_scan[i]) @ T_world_scan[j]
-            if self.opposed(i, j, T) > OPPOSED:
+            if overlapping[i, j] and self.opposed(i, j, T) > OPPOSED:
                 yield Contradiction("opposite_sides", i, j)
-            elif seen_through(self.views[i], self.views[j], T) > LOOKED_THROUGH:
+            elif through[i, j] > 0.0:
                 yield Contradiction("looked_through", i, j)
 
 
@@ -185,19 +154,6 @@ def opposed(a: Body, b: Body, T_a_b: FloatArray) -> float:
     near = (found.distances <= NEAR * max(a.scan.spacing, b.scan.spacing)) & (along <= THICK * noise)
     alike = near & (np.abs(cosines) >= ALIKE)
     return float(np.mean(cosines[alike] < 0.0)) if np.count_nonzero(alike) >= FEWEST else np.nan
-
-
-def seen_through(a: View, b: View, T_a_b: FloatArray) -> float:
-    """Share of the points of two scans that stand where the other one's scanner looked through.
-
-    NaN where no viewpoint was given: an origin that could be one is none on a turntable.
-    """
-    if a.cloud is None or b.cloud is None or (a.cloud.viewpoint is None and b.cloud.viewpoint is None):
-        return np.nan
-    clouds = a.cloud, b.cloud
-    sides = [Seen(_some(cloud.points), cloud.viewpoint, np.zeros(3)) for cloud in clouds]
-    thinned = float(np.sqrt(max(1.0, *(len(cloud.points) / POINTS for cloud in clouds))))
-    return looked_through(sides[1], sides[0], T_a_b, GAPS * thinned * max(a.scan.spacing, b.scan.spacing))
 
 
 def _some(rows: FloatArray) -> FloatArray:

@@ -10,9 +10,11 @@ import scipy.sparse as sparse
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.multiway.believe import Belief
-from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.edges import PART, Edge, EdgeCode
 from dqreg.multiway.scans import View
 from dqreg.multiway.sides import Contradiction
+from dqreg.multiway.turning import Turning
+from dqreg.solvers.motion_words import axis_words
 from dqreg.trust.records import Level, Reason, Verdict
 
 # Standard deviations of a pose beyond these are no answer: rotations, and translations in sizes of a scan.
@@ -33,6 +35,7 @@ def judge_scans(
     converged: bool,
     stopped: str,
     against: Sequence[Contradiction] = (),
+    turns: Sequence[Turning] = (),
 ) -> Verdict:
     """Level and reasons: "failed" where no two scans are joined, "suspect" where something speaks against a pose."""
     usable = [k for k, view in enumerate(views) if view.usable]
@@ -41,6 +44,7 @@ def judge_scans(
     doubts = [*_unplaced(views, belief, placed), *_weak(views, belief, placed), *_unconfirmed(views, belief, placed)]
     doubts += _uncertain(views, placed, covariances, size) if joined else ()
     doubts += _contradicted(views, against)
+    doubts += _turned(turns)
     if stopped:
         doubts.append(Reason(f"not all pairs were registered: {stopped} ended them", "search_time_limit"))
     if not joined:
@@ -81,7 +85,17 @@ def _unplaced(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> I
         if len(group) > 1:
             yield Reason(f"{words} are joined to each other and not to the rest: scan the part between", "islands")
         else:
-            yield Reason(f"{words} is joined to no other scan: another object, or too little overlap", "scan_left_out")
+            why = "another object, or too little overlap"
+            if _has(belief, group[0], "looked_through"):
+                why = "where its pairs put it, the scanners of other scans looked through: another object"
+            elif _has(belief, group[0], "misfit"):
+                why = "where its pairs put it, it does not fit all others together: another object, or moved"
+            yield Reason(f"{words} is joined to no other scan: {why}", "scan_left_out")
+
+
+def _has(belief: Belief, k: int, code: EdgeCode) -> bool:
+    """Whether an edge of a scan was left out for a reason."""
+    return any(edge.code == code and k in (edge.target, edge.source) for edge in belief.edges)
 
 
 def _weak(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> Iterator[Reason]:
@@ -141,6 +155,20 @@ def _contradicted(views: Sequence[View], against: Sequence[Contradiction]) -> It
         more = f" and {len(pairs) - NAMED} more" if len(pairs) > NAMED else ""
         if pairs:
             yield Reason(f"{', '.join(pairs[:NAMED])}{more}: these scans {sentence}", code)
+
+
+def _turned(turns: Sequence[Turning]) -> Iterator[Reason]:
+    """Rotations by which views can be turned unseen."""
+    for turn in turns:
+        about = axis_words(turn.point, turn.axis)
+        if turn.angle_rad is None:
+            same = f"however it is turned about {about}, but for about {100.0 * max(turn.telling, 0.0):.0f} % of a view"
+        else:
+            same = f"after a turn of {np.rad2deg(turn.angle_rad):.0f} degrees about {about}"
+        yield Reason(
+            f"the part looks the same {same}: views can be turned by it unseen; put marks on the part, or give starts",
+            "alternative_poses",
+        )
 
 
 def has_alternatives(edge: Edge) -> bool:

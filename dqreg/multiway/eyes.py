@@ -1,0 +1,97 @@
+"""Where the scanner of each scan stood: given, or the one line of sight that serves all scans."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry import Scan
+from dqreg.multiway.scans import View
+from dqreg.trust.free_space import BEHIND
+
+# Directions that are tried, points of a scan that are looked at, and scans of a turntable that are.
+DIRECTIONS, POINTS, LOOKED_AT = 150, 3_000, 12
+# Edge of a pixel in spacings; a point is behind another that is so many pixels nearer.
+PIXEL, STEP = 2.0, 4.0
+# Cosine below which a face is seen at a grazing angle.
+GRAZING = 0.1
+# Distance of a likely viewpoint in sizes of the scan.
+FAR = 3.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Eye:
+    """Where a scanner stood, in the centred frame of its scan."""
+
+    place: FloatArray  # (3,)
+    certain: bool  # Given, or told by pairs: else a direction alone, forwards or backwards for all scans
+
+
+Eyes = tuple[Eye | None, ...]
+
+
+def given_eyes(views: Sequence[View]) -> Eyes:
+    """Where each scan says that it was taken from; None where it does not."""
+    return tuple(_given(view) for view in views)
+
+
+def common_eyes(views: Sequence[View]) -> tuple[Eyes, Eyes] | None:
+    """Places in one direction of all scans, and in the opposite one, that none of them speaks against.
+
+    On a turntable, and before one camera, the scanner stands still, and all scans are in its frame: one direction from
+    which no point hides another serves all of them. Its sign is open, and the same for all, which is enough to compare
+    sides.
+    """
+    usable = [k for k, view in enumerate(views) if view.usable]
+    if any(_given(views[k]) is not None for k in usable):
+        return None
+    sight = _line_of_sight([views[k] for k in usable[:: max(1, len(usable) // LOOKED_AT)]])
+    return None if sight is None else (_along(views, sight), _along(views, -sight))
+
+
+def _along(views: Sequence[View], sight: FloatArray) -> Eyes:
+    return tuple(
+        Eye(view.scan.points.mean(axis=0) + FAR * view.scan.diagonal * sight, certain=False) if view.usable else None
+        for view in views
+    )
+
+
+def _given(view: View) -> Eye | None:
+    place = None if view.cloud is None or not view.usable else view.cloud.viewpoint
+    return None if place is None else Eye(place - view.origin, certain=True)
+
+
+def _line_of_sight(views: Sequence[View]) -> FloatArray | None:
+    """Direction from which no point of any scan hides another and few faces are seen at a grazing angle."""
+    k = np.arange(DIRECTIONS) + 0.5
+    height, turn = 1.0 - k / DIRECTIONS, k * np.pi * (1.0 + 5.0**0.5)
+    flat = np.sqrt(1.0 - height**2)
+    directions = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), height])
+    hidden = np.array([np.mean([_hidden(view.scan, d) for view in views], axis=0) for d in directions])
+    best = int(hidden.sum(axis=1).argmin())
+    return directions[best] if hidden[best, 0] <= BEHIND else None
+
+
+def _hidden(scan: Scan, direction: FloatArray) -> tuple[float, float]:
+    """Shares of the points behind others, and on faces seen at a grazing angle."""
+    points, normals = _some(scan.points), _some(scan.normals)
+    across = np.linalg.svd(direction[None])[2][1:]
+    pixel = PIXEL * scan.spacing * np.sqrt(len(scan.points) / len(points))
+    cells = np.floor(points @ across.T / pixel).astype(np.int64)
+    cells -= cells.min(axis=0)
+    rows = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
+    depth = points @ direction
+    nearest = np.full(int(rows.max()) + 1, -np.inf)
+    np.maximum.at(nearest, rows, depth)
+    return (
+        float(np.mean(nearest[rows] - depth > STEP * pixel)),
+        float(np.mean(np.abs(normals @ direction) < GRAZING)),
+    )
+
+
+def _some(rows: FloatArray) -> FloatArray:
+    some: FloatArray = rows[:: max(1, len(rows) // POINTS)]
+    return some

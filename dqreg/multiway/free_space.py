@@ -1,0 +1,79 @@
+"""What the scanners looked through: how much of two scans stands where the other one shows that nothing is."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.multiway.eyes import Eyes
+from dqreg.multiway.scans import View
+from dqreg.rigid import pose
+from dqreg.trust.doubts import LOOKED_THROUGH
+from dqreg.trust.free_space import FEWEST, DepthImage
+
+# Points of a scan that are looked at, and cells of free space in spacings of them.
+POINTS, GAPS = 3_000, 4.0
+
+
+@dataclasses.dataclass(frozen=True)
+class FreeSpace:
+    """The image that each scanner had, and points of each scan, in the frames of the scans."""
+
+    points: tuple[FloatArray | None, ...]
+    images: tuple[DepthImage | None, ...]
+    spacings: FloatArray  # (n,): Of the points that are looked at
+
+    @staticmethod
+    def of(views: Sequence[View], eyes: Eyes) -> FreeSpace:
+        """Images of the scans whose eyes are known."""
+        points = tuple(_some(view.scan.points) + view.origin if view.usable else None for view in views)
+        images = tuple(
+            None if some is None or eye is None else DepthImage.of(some, eye.place + view.origin)
+            for view, some, eye in zip(views, points, eyes, strict=True)
+        )
+        spacings = [
+            np.nan if some is None else view.scan.spacing * np.sqrt(len(view.scan.points) / len(some))
+            for view, some in zip(views, points, strict=True)
+        ]
+        return FreeSpace(points, images, np.array(spacings))
+
+    def share(self, i: int, j: int, T_i_j: FloatArray) -> float:
+        """Share of the compared points of two scans that stand where the other one's scanner looked through.
+
+        NaN where too few can be compared.
+        """
+        margin = GAPS * max(self.spacings[i], self.spacings[j])
+        nearer = alike = 0
+        for image, points, T in ((self.images[i], self.points[j], T_i_j), (self.images[j], self.points[i], None)):
+            if image is not None and points is not None:
+                counts = image.compared(pose.apply(pose.inverse(T_i_j) if T is None else T, points), margin)
+                nearer, alike = nearer + counts[0], alike + counts[1]
+        return nearer / (nearer + alike) if nearer + alike >= FEWEST else np.nan
+
+    def contradictions(self, T_world_scan: FloatArray) -> FloatArray:
+        """By how much each pair of placed scans exceeds the share that is allowed, (n, n); 0 where it does not."""
+        count = len(self.points)
+        found = np.array([self.contradictions_of(k, T_world_scan, range(k + 1, count)) for k in range(count)])
+        return np.asarray(found + found.T)
+
+    def contradictions_of(self, k: int, T_world_scan: FloatArray, others: Iterable[int] | None = None) -> FloatArray:
+        """The same of one scan and others, (n,)."""
+        found = np.zeros(len(self.points))
+        if not self._stands(k, T_world_scan):
+            return found
+        T_k_world = pose.inverse(T_world_scan[k])
+        for j in range(len(self.points)) if others is None else others:
+            if j != k and self._stands(j, T_world_scan):
+                found[j] = max(np.nan_to_num(self.share(k, j, T_k_world @ T_world_scan[j])) - LOOKED_THROUGH, 0.0)
+        return found
+
+    def _stands(self, k: int, T_world_scan: FloatArray) -> bool:
+        return self.points[k] is not None and bool(np.isfinite(T_world_scan[k]).all())
+
+
+def _some(rows: FloatArray) -> FloatArray:
+    some: FloatArray = rows[:: max(1, len(rows) // POINTS)]
+    return some

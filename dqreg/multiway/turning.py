@@ -1,0 +1,159 @@
+"""Whether views can be turned: a part that looks the same about an axis, from the merged model and from rivals."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.scans import View, typical_size
+from dqreg.rigid import pose
+
+# Points of a view that are looked at, views, and rounds of the fit of the axis.
+POINTS, VIEWS, ROUNDS = 1_500, 6, 15
+# A normal's line misses the axis of a round face by less than this, in sizes, at a lever of one; and the share of the
+# points that must be on round faces for the part to be nearly round.
+ROUND, MOSTLY = 0.02, 0.8
+# Turns that are tried, and the share of what lies on the others unturned that must do so at each of them.
+TURNS_RAD, ALIKE = np.deg2rad([10.0, 17.0, 30.0, 41.0]), 0.9
+# A point lies on another view within so many spacings, so many scales of noise along the normal, and this cosine.
+NEAR, THICK, FINE, FACING = 3.0, 4.0, 0.1, 0.9
+NEIGHBOURS = 4
+# Rotations of rivals that are one: radians, sizes; those that are none; used pairs that must name it, and share.
+SAME_RAD, SAME, LEAST_RAD, FEWEST, NAMING = np.deg2rad(8.0), 0.05, np.deg2rad(5.0), 2, 0.25
+
+
+@dataclasses.dataclass(frozen=True)
+class Turning:
+    """A rotation in the world frame that no view, or few of them, can tell from none."""
+
+    axis: FloatArray  # (3,)
+    point: FloatArray  # (3,): On the axis
+    angle_rad: float | None  # None where any angle will do
+    telling: float  # Share of the points of a view that tell one angle from another, about; NaN if not measured
+
+
+def turnings(views: Sequence[View], T_world_scan: FloatArray, edges: Sequence[Edge]) -> tuple[Turning, ...]:
+    """Rotations by which views can be turned: of a nearly round part, and those that several pairs name as rivals."""
+    placed = [k for k, view in enumerate(views) if view.usable and np.isfinite(T_world_scan[k]).all()]
+    if len(placed) < 2:
+        return ()
+    found = _round(views, T_world_scan, placed)
+    if found is not None:
+        return (found,)
+    return tuple(_from_rivals(T_world_scan, edges, typical_size([views[k] for k in placed])))
+
+
+def _round(views: Sequence[View], T_world_scan: FloatArray, placed: Sequence[int]) -> Turning | None:
+    """The axis of a part that is nearly a solid of revolution, if views can be turned about it."""
+    clouds = {k: _in_world(views[k], T_world_scan[k]) for k in placed}
+    points, normals = (np.concatenate([clouds[k][row] for k in placed]) for row in (0, 1))
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    axis, point, share = axis_of_revolution(points, normals, size)
+    if share < MOSTLY:
+        return None
+    spacing = float(np.median([views[k].scan.spacing * np.sqrt(_step(views[k])) for k in placed]))
+    noise = float(np.median([views[k].scan.noise for k in placed]))
+    kept = []
+    for k in placed[:: max(1, len(placed) // VIEWS)]:
+        others = [j for j in placed if j != k]
+        rest = [np.concatenate([clouds[j][row] for j in others]) for row in (0, 1)]
+        kept.append(_kept_when_turned(clouds[k], rest, (axis, point), spacing, max(THICK * noise, FINE * spacing)))
+    typical = float(np.median(kept))
+    return Turning(axis, point, None, 1.0 - typical) if typical >= ALIKE else None
+
+
+def axis_of_revolution(points: FloatArray, normals: FloatArray, size: float) -> tuple[FloatArray, FloatArray, float]:
+    """Axis and point about which the points can slip best, and the share of them that can (Gelfand and Guibas 2004).
+
+    Shapes: points and normals (n, 3).
+    """
+    weights = np.ones(len(points))
+    axis, point, missed = np.zeros(3), np.zeros(3), np.zeros(len(points))
+    for _ in range(ROUNDS):
+        centre = np.average(points, axis=0, weights=weights)
+        rows = np.hstack([np.cross((points - centre) / size, normals), normals])
+        squares = (rows * weights[:, None]).T @ rows / weights.sum()
+        shift = -np.linalg.solve(squares[3:, 3:] + 1e-9 * np.eye(3), squares[3:, :3])
+        axis = np.linalg.eigh(squares[:3, :3] + squares[:3, 3:] @ shift)[1][:, 0]
+        missed = np.abs(rows @ np.r_[axis, shift @ axis])
+        point = centre + size * np.cross(axis, shift @ axis)
+        scale = max(1.4826 * float(np.median(missed)), 0.25 * ROUND)
+        weights = 1.0 / (1.0 + (missed / (2.0 * scale)) ** 2) ** 2
+    return axis, point, float(np.mean(missed < ROUND))
+
+
+def _kept_when_turned(
+    view: tuple[FloatArray, FloatArray],
+    rest: Sequence[FloatArray],
+    about: tuple[FloatArray, FloatArray],
+    spacing: float,
+    thick: float,
+) -> float:
+    """Least share of a view, of what lies on the others, that does so too when the view is turned about an axis."""
+    tree = NeighbourTree(rest[0])
+
+    def share(angle: float) -> float:
+        D = pose.about(pose.exp(np.r_[angle * about[0], np.zeros(3)]), about[1])
+        points, normals = pose.apply(D, view[0]), view[1] @ D[:3, :3].T
+        rows, distances = tree.nearest(points, NEIGHBOURS)
+        along = np.abs(np.einsum("ikj,ikj->ik", points[:, None] - rest[0][rows], rest[1][rows]))
+        cosines = np.abs(np.einsum("ij,ikj->ik", normals, rest[1][rows]))
+        there = (distances < NEAR * spacing) & (along < thick) & (cosines > FACING)
+        return float(np.mean(there.any(axis=1)))
+
+    # One way round or the other may leave what the rest shows.
+    turned = [max(share(angle), share(-angle)) for angle in TURNS_RAD]
+    return min(turned) / max(share(0.0), 1.0 / len(view[0]))
+
+
+def _in_world(view: View, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+    rows = np.flatnonzero(view.scan.directed)[:: _step(view)]
+    return pose.apply(T, view.scan.points[rows] + view.origin), view.scan.normals[rows] @ T[:3, :3].T
+
+
+def _step(view: View) -> int:
+    return max(1, len(view.scan.points) // POINTS)
+
+
+def _from_rivals(T_world_scan: FloatArray, edges: Sequence[Edge], size: float) -> Iterator[Turning]:
+    """Rotations that several used pairs name as other likely poses, in the world frame."""
+    named: list[tuple[int, FloatArray]] = []
+    fewest = max(FEWEST, NAMING * sum(edge.used for edge in edges))
+    for row, edge in enumerate(edges):
+        if not edge.used or edge.target == PART:
+            continue
+        W = T_world_scan[edge.target]
+        for rival in edge.registration.alternatives:
+            D = W @ rival.T_target_source @ pose.inverse(edge.registration.T_target_source) @ pose.inverse(W)
+            if float(pose.angle_between(D, np.eye(4))) > LEAST_RAD:
+                named += [(row, D), (row, pose.inverse(D))]
+    middle = np.nanmean(T_world_scan[:, :3, 3], axis=0) if len(named) else np.zeros(3)
+    while named:
+        first = named[0][1]
+        near = [
+            (row, D)
+            for row, D in named
+            if float(pose.angle_between(D, first)) <= SAME_RAD
+            and np.linalg.norm(pose.apply(D, middle[None]) - pose.apply(first, middle[None])) <= SAME * size
+        ]
+        if len({row for row, _ in near}) >= fewest:
+            twist = pose.log(first)
+            angle = float(np.linalg.norm(twist[:3]))
+            axis = twist[:3] / angle
+            yield Turning(axis, _point_on_axis(first, axis), angle, np.nan)
+            # Its inverse says the same.
+            inverse = pose.inverse(first)
+            near += [(row, D) for row, D in named if float(pose.angle_between(D, inverse)) <= SAME_RAD]
+        gone = {id(D) for _, D in near}
+        named = [(row, D) for row, D in named if id(D) not in gone]
+
+
+def _point_on_axis(D: FloatArray, axis: FloatArray) -> FloatArray:
+    """Point of the axis of a rotation nearest to the origin."""
+    across = D[:3, 3] - axis * (axis @ D[:3, 3])
+    return np.asarray(np.linalg.lstsq(np.eye(3) - D[:3, :3], across, rcond=1e-6)[0])

@@ -1,0 +1,60 @@
+"""What is said of parts whose views can be turned about an axis, and of those whose cannot."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from dqreg.multiway.edges import Edge
+from dqreg.multiway.scans import read_views
+from dqreg.multiway.turning import axis_of_revolution, turnings
+from dqreg.rigid import pose
+from dqreg.synth.many_views import turntable_views
+from dqreg.synth.parts import bracket, flange
+from dqreg.trust.records import Alternative
+from tests.multiway.edges_of_truth import registration
+
+VIEWS = 6
+
+
+def test_the_axis_of_a_cone_is_found_whatever_else_is_there() -> None:
+    rng = np.random.default_rng(0)
+    angle, height = rng.uniform(0.0, 2.0 * np.pi, 2000), rng.uniform(0.0, 1.0, 2000)
+    out = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(2000)])
+    points = out * (1.0 - 0.5 * height)[:, None] + [0.0, 0.0, 1.0] * height[:, None] + [3.0, 4.0, 0.0]
+    normals = (out + np.array([0.0, 0.0, 0.5])) / np.sqrt(1.25)
+    # A tenth lies on faces of any direction.
+    normals[:200] = (other := rng.normal(size=(200, 3))) / np.linalg.norm(other, axis=1, keepdims=True)
+    axis, point, share = axis_of_revolution(points, normals, 2.0)
+    assert abs(axis[2]) > 0.9999
+    np.testing.assert_allclose(point[:2] - axis[:2] / axis[2] * point[2], [3.0, 4.0], atol=0.01)
+    assert share > 0.85
+
+
+@pytest.mark.parametrize(("part", "round_part"), [(flange(), True), (bracket(), False)])
+def test_views_of_a_nearly_round_part_can_be_turned(part: tuple[np.ndarray, np.ndarray], round_part: bool) -> None:
+    made = turntable_views(part, VIEWS, pixels=60, rng=np.random.default_rng(1))
+    found = turnings(read_views(list(made.scans), 0), made.T_world_scan, ())
+    assert bool(found) == round_part
+    if found:
+        # The world is the part's frame, and the flange's axis is its z axis.
+        assert found[0].angle_rad is None
+        assert abs(found[0].axis[2]) > 0.999
+        assert np.linalg.norm(np.cross(found[0].axis, found[0].point)) < 0.01 * np.ptp(part[0])
+
+
+def test_a_rotation_that_several_pairs_name_is_one() -> None:
+    made = turntable_views(bracket(), VIEWS, pixels=40, rng=np.random.default_rng(2))
+    views, T = read_views(list(made.scans), 0), made.T_world_scan
+    half_turn = pose.about(pose.exp(np.r_[0.0, 0.0, np.pi, 0.0, 0.0, 0.0]), np.array([5.0, 0.0, 0.0]))
+
+    def edge(i: int, j: int, *, rival: bool) -> Edge:
+        known = registration(pose.inverse(T[i]) @ T[j], np.eye(6), np.zeros(3))
+        other = Alternative(pose.inverse(T[i]) @ half_turn @ T[j], 0.0)
+        return Edge(i, j, dataclasses.replace(known, alternatives=(other,) if rival else ()), used=True)
+
+    assert turnings(views, T, [edge(0, 1, rival=True), edge(1, 2, rival=False)]) == ()
+    (found,) = turnings(views, T, [edge(0, 1, rival=True), edge(1, 2, rival=True), edge(2, 3, rival=False)])
+    assert found.angle_rad == pytest.approx(np.pi)
+    np.testing.assert_allclose(np.abs(found.axis), [0.0, 0.0, 1.0], atol=1e-9)
+    np.testing.assert_allclose(found.point[:2], [5.0, 0.0], atol=1e-6)
