@@ -120,6 +120,18 @@ def information_of_edge(result: Registration) -> FloatArray:
     return information
 
 
+def is_weak(edge: Edge) -> bool:
+    """Whether another start may find something better."""
+    return edge.level != "accepted" and edge.code != "untried"
+
+
+def better(old: Edge, new: Edge) -> Edge:
+    """The new edge where it is accepted, or the old one has no pose; else the old one."""
+    if new.level == "accepted" and old.level != "accepted":
+        return new
+    return old if old.found else new
+
+
 def graph_of(edges: Sequence[Edge], count: int) -> PoseGraph:
     """The pose graph of edges that have a pose; the part is the node after the scans."""
     results = [edge.registration for edge in edges]

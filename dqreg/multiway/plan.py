@@ -8,11 +8,11 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.multiway.believe import Belief
-from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.edges import PART, Edge, better, is_weak
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairJob, PairRunner
 from dqreg.multiway.pairs import Pair, alike_pairs
-from dqreg.multiway.turntable import Table, step_of
+from dqreg.multiway.turntable import on_turntable
 from dqreg.rigid import pose
 
 # Scans that overlap by less are not worth a registration from where the others put them.
@@ -32,12 +32,14 @@ def first_edges(
     jobs += [PairJob(i, j, _between(known, i, j, order)) for i, j in pairs]
     edges = runner.run(jobs)
     # A start that led nowhere is no reason to give up.
-    again = [k for k, (job, edge) in enumerate(zip(jobs, edges, strict=True)) if job.start is not None and _weak(edge)]
+    again = [
+        k for k, (job, edge) in enumerate(zip(jobs, edges, strict=True)) if job.start is not None and is_weak(edge)
+    ]
     searched = runner.run([PairJob(jobs[k].target, jobs[k].source) for k in again])
     for k, edge in zip(again, searched, strict=True):
         edges[k] = better(edges[k], edge)
     if order == "turntable":
-        edges = _on_turntable(runner, edges, usable)
+        edges = on_turntable(runner, edges, usable)
     return edges
 
 
@@ -46,50 +48,6 @@ def _between(known: Sequence[FloatArray | None], i: int, j: int, order: str) -> 
     if T_i is not None and T_j is not None:
         return pose.inverse(T_i) @ T_j
     return np.eye(4) if order == "sequence" and abs(i - j) == 1 else None
-
-
-def _weak(edge: Edge) -> bool:
-    return edge.level != "accepted" and edge.code != "untried"
-
-
-def better(old: Edge, new: Edge) -> Edge:
-    """The new edge where it is accepted, or the old one has no pose; else the old one."""
-    if new.level == "accepted" and old.level != "accepted":
-        return new
-    return old if old.found else new
-
-
-def _on_turntable(runner: PairRunner, edges: list[Edge], usable: Sequence[int]) -> list[Edge]:
-    """Neighbours that failed begin again one step of the table on, and so do those two steps apart.
-
-    Scans that nothing accepted holds may be of something else: without them, their neighbours are one step apart.
-    """
-    place = {scan: k for k, scan in enumerate(usable)}
-    steps = [(place[edge.source] - place[edge.target], edge) for edge in edges if edge.target != PART]
-    table = step_of(steps, len(usable))
-    if table is None:
-        return edges
-    edges = _by_steps(runner, edges, usable, table)
-    held = {scan for edge in edges if edge.level == "accepted" for scan in (edge.target, edge.source)}
-    inner = [scan for scan in usable if scan in held]
-    return _by_steps(runner, edges, inner, table) if 2 < len(inner) < len(usable) else edges
-
-
-def _by_steps(runner: PairRunner, edges: Sequence[Edge], scans: Sequence[int], table: Table) -> list[Edge]:
-    """The edges with those of scans one and two steps apart, begun where the table says, where they were weak."""
-    count, found = len(scans), {(edge.target, edge.source): edge for edge in edges}
-    jobs = []
-    for apart in (1, 2) if count > 4 else (1,):
-        for k in range(count):
-            i, j = sorted((k, (k + apart) % count))
-            pair = scans[i], scans[j]
-            if pair not in found or _weak(found[pair]):
-                jobs.append(PairJob(*pair, table.between(i, j)))
-    jobs = list({(job.target, job.source): job for job in jobs}.values())
-    for edge in runner.run(jobs):
-        pair = edge.target, edge.source
-        found[pair] = better(found[pair], edge) if pair in found else edge
-    return list(found.values())
 
 
 def rescued(runner: PairRunner, belief: Belief, judged: Callable[[Sequence[Edge]], Belief], size: float) -> Belief:

@@ -1,4 +1,4 @@
-"""The axis and the step of a turntable, from the screws of the motions between its views."""
+"""The axis and the step of a turntable, from the screws of its motions, and the pairs that begin there."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.multiway.edges import Edge
+from dqreg.multiway.edges import PART, Edge, better, is_weak
+from dqreg.multiway.pair_runs import PairJob, PairRunner
 from dqreg.rigid import DualQuaternion, pose
 
 # Screws that agree: angle between axes, difference of the steps, and distance of the axes in sizes of the motion.
@@ -69,3 +70,36 @@ def mean_motion(motions: FloatArray) -> DualQuaternion:
     length = float(np.linalg.norm(real))
     real, dual = real / length, dual / length
     return DualQuaternion(real, dual - float(real @ dual) * real)
+
+
+def on_turntable(runner: PairRunner, edges: list[Edge], usable: Sequence[int]) -> list[Edge]:
+    """Neighbours that failed begin again one step of the table on, and so do those two steps apart.
+
+    Scans that nothing accepted holds may be of something else: without them, their neighbours are one step apart.
+    """
+    place = {scan: k for k, scan in enumerate(usable)}
+    steps = [(place[edge.source] - place[edge.target], edge) for edge in edges if edge.target != PART]
+    table = step_of(steps, len(usable))
+    if table is None:
+        return edges
+    edges = _by_steps(runner, edges, usable, table)
+    held = {scan for edge in edges if edge.level == "accepted" for scan in (edge.target, edge.source)}
+    inner = [scan for scan in usable if scan in held]
+    return _by_steps(runner, edges, inner, table) if 2 < len(inner) < len(usable) else edges
+
+
+def _by_steps(runner: PairRunner, edges: Sequence[Edge], scans: Sequence[int], table: Table) -> list[Edge]:
+    """The edges with those of scans one and two steps apart, begun where the table says, where they were weak."""
+    count, found = len(scans), {(edge.target, edge.source): edge for edge in edges}
+    jobs = []
+    for apart in (1, 2) if count > 4 else (1,):
+        for k in range(count):
+            i, j = sorted((k, (k + apart) % count))
+            pair = scans[i], scans[j]
+            if pair not in found or is_weak(found[pair]):
+                jobs.append(PairJob(*pair, table.between(i, j)))
+    jobs = list({(job.target, job.source): job for job in jobs}.values())
+    for edge in runner.run(jobs):
+        pair = edge.target, edge.source
+        found[pair] = better(found[pair], edge) if pair in found else edge
+    return list(found.values())
