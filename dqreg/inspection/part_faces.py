@@ -22,6 +22,9 @@ EXACT = 1e-4
 ROUNDING = 1e-6
 # Corners that are fitted; more say the same.
 FITTED = 3_000
+# Corners that are asked first where there are many more, and how far beyond `EXACT` their fit says that all are no such
+# shape: four fits of a free face would take longer than reading it.
+ASKED, NEVER = 300, 3.0
 # Kinds that are tried, the simplest first.
 TRIED: tuple[FeatureKind, ...] = ("plane", "cylinder", "cone", "sphere")
 
@@ -176,8 +179,13 @@ def _feature_of(corners: FloatArray, normals: FloatArray, extent: float) -> Feat
     if len(points) < 6:
         # One triangle, or what is left of one: a plane of three corners has no form error to judge.
         points, sides = np.vstack([points, points.mean(axis=0)]), np.vstack([sides, sides[:1]])
+    few = slice(None, None, max(1, len(points) // ASKED))
     for kind in TRIED:
         try:
+            if len(points) > 4 * ASKED:
+                asked = fit_feature(points[few], kind, normals=sides[few])
+                if asked.form > NEVER * EXACT * extent:
+                    continue
             found = fit_feature(points, kind, normals=sides)
         except DegenerateGeometryError:
             continue

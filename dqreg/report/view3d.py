@@ -34,7 +34,7 @@ ELLIPSOID = 0.12
 # Edges of the part are drawn where it turns by that much; a rough mesh, where a quarter of all are, shows none.
 EDGE_DEG, ROUGH = 25.0, 0.25
 # Cells that corners are put together in, in sizes of the mesh; larger ones follow until there are few enough.
-FIRST_CELL = 0.0025
+FIRST_CELL, WIDER = 0.0025, 1.3
 
 
 def scene_of(data: ReportData) -> dict[str, Any]:
@@ -225,12 +225,36 @@ def fewer_triangles(vertices: FloatArray, faces: IntArray, most: int) -> tuple[F
     # Corners are put together cell by cell where their planes meet, which keeps edges sharp; collapsing edges one by
     # one is finer, and takes a minute for a million triangles.
     planes = open3d.geometry.SimplificationContraction.Quadric
-    cell = float(np.linalg.norm(np.ptp(vertices, axis=0))) * FIRST_CELL
+    cell = _cell_for(vertices, faces, most)
     simple = mesh.simplify_vertex_clustering(cell, planes)
     while len(simple.triangles) > most:
-        cell *= 1.3
+        cell *= WIDER
         simple = mesh.simplify_vertex_clustering(cell, planes)
     return np.asarray(simple.vertices).copy(), np.asarray(simple.triangles).astype(np.int64)
+
+
+def _cell_for(vertices: FloatArray, faces: IntArray, most: int) -> float:
+    """The first cell that leaves few enough triangles, counted before any is made: that takes a tenth of the time."""
+    cell = float(np.linalg.norm(np.ptp(vertices, axis=0))) * FIRST_CELL
+    while (left := _left(vertices, faces, cell)) > most:
+        # Triangles are as many as cells of a surface; half of the steps that it seems to take are none too many.
+        cell *= WIDER ** max(1, int(0.5 * np.log(left / most) / (2.0 * np.log(WIDER))))
+    return cell
+
+
+def _left(vertices: FloatArray, faces: IntArray, cell: float) -> int:
+    """Triangles whose corners come into three different cells, each trio of cells once."""
+    low = vertices.min(axis=0) - 0.5 * cell
+    places = np.floor((vertices - low) / cell).astype(np.int64)
+    wide = places.max(axis=0) + 1
+    _, cells = np.unique((places[:, 0] * wide[1] + places[:, 1]) * wide[2] + places[:, 2], return_inverse=True)
+    trios = cells[faces]
+    trios = trios[(trios != np.roll(trios, 1, axis=1)).all(axis=1)]
+    first = trios.argmin(axis=1)
+    turned = np.take_along_axis(trios, (first[:, None] + np.arange(3)) % 3, axis=1)
+    count = int(cells.max()) + 1
+    keys = (turned[:, 0] * count + turned[:, 1]) * count + turned[:, 2]
+    return len(np.unique(keys))
 
 
 def sharp_edges(vertices: FloatArray, faces: IntArray) -> FloatArray:

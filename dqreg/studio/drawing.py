@@ -1,4 +1,4 @@
-"""What the page draws: points and triangles thinned, in 16-bit steps, each side about its own middle and size."""
+"""What the page draws: points thinned, in 16-bit steps, each side about its own middle and size."""
 
 from __future__ import annotations
 
@@ -10,15 +10,11 @@ from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg._open3d import load_open3d
-from dqreg.geometry import Mesh, MeshSurface, PointCloud
-from dqreg.geometry.mesh_faces import faces_of
+from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.morton import morton_order
-from dqreg.report.view3d import fewer_triangles, sharp_edges
 
 # What is drawn at most.
-POINTS, OFF, TRIANGLES = 200_000, 40_000, 120_000
-# Triangles while the view turns, where there are more than twice as many.
-TURNING = 12_000
+POINTS, OFF = 200_000, 40_000
 STEPS = 65535
 # Points that a normal is estimated of for the light, and where that comes from.
 NEIGHBOURS, LIGHT = 12, np.array([0.36, -0.48, 0.8])
@@ -84,40 +80,8 @@ def rows_to_draw(points: FloatArray, on: BoolArray) -> tuple[IntArray, IntArray]
 
 def cloud_payload(points: FloatArray, frame: Frame, rows: tuple[IntArray, IntArray]) -> tuple[dict[str, Any], bytes]:
     """Points to draw: what the page must know, and the coordinates, first of those that count."""
-    known, steps = _quantised(frame.to_drawn(points[np.concatenate(rows)]))
+    known, steps = quantised(frame.to_drawn(points[np.concatenate(rows)]))
     return {**known, "kind": "cloud", "on": len(rows[0]), "off": len(rows[1]), "total": len(points)}, steps
-
-
-def part_payload(part: PointCloud | Mesh, frame: Frame) -> tuple[dict[str, Any], bytes]:
-    """The part to draw: vertices, triangles ordered by face, sharp edges."""
-    if isinstance(part, PointCloud):
-        everything = np.ones(len(part.points), dtype=bool)
-        return cloud_payload(part.points, frame, rows_to_draw(part.points, everything))
-    vertices, faces = fewer_triangles(frame.to_drawn(part.vertices), part.faces, TRIANGLES)
-    labels = _labels(part, frame, vertices, faces)
-    order = np.argsort(labels, kind="stable")
-    known, steps = _quantised(vertices)
-    edges = sharp_edges(vertices, faces)
-    starts = np.flatnonzero(np.r_[True, np.diff(labels[order]) != 0])
-    counts = np.diff(np.r_[starts, len(order)])
-    ranges = np.column_stack([labels[order][starts], starts, counts])
-    coarse: dict[str, Any] = {}
-    numbers = light = b""
-    if len(faces) > 2 * TURNING:
-        few = fewer_triangles(vertices, faces, TURNING)
-        coarse, light = _quantised(few[0])
-        coarse["drawn"], numbers = len(few[1]), _bytes(few[1], "<u4")
-    words = {
-        **known,
-        "kind": "mesh",
-        "coarse": coarse or None,
-        "total": len(part.faces),
-        "drawn": len(faces),
-        "edges": len(edges),
-        "faces": ranges.tolist(),
-    }
-    data = steps + _padded(steps) + _bytes(faces[order], "<u4") + _bytes(edges, "<f4")
-    return words, data + numbers + light
 
 
 def shades(points: FloatArray) -> bytes:
@@ -129,17 +93,7 @@ def shades(points: FloatArray) -> bytes:
     cloud.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS), fast_normal_computation=True)
     # From both sides alike: the normals have no sign.
     normals = np.abs(np.asarray(cloud.normals) @ LIGHT)
-    return _bytes(np.rint(1 + 253 * np.clip(normals, 0.0, 1.0)), "<u1")
-
-
-def _labels(part: Mesh, frame: Frame, vertices: FloatArray, faces: IntArray) -> IntArray:
-    """Number of the part's face that each drawn triangle lies on."""
-    _, labels = faces_of(part)
-    if len(faces) == len(part.faces):
-        return labels
-    centres = frame.to_side(vertices[faces].mean(axis=1)) - frame.middle
-    about = Mesh(part.vertices - frame.middle, part.faces)
-    return labels[MeshSurface(about).closest(centres).elements]
+    return as_bytes(np.rint(1 + 253 * np.clip(normals, 0.0, 1.0)), "<u1")
 
 
 def _spread(points: FloatArray, rows: IntArray, most: int) -> IntArray:
@@ -152,17 +106,19 @@ def _spread(points: FloatArray, rows: IntArray, most: int) -> IntArray:
     return mixed
 
 
-def _quantised(points: FloatArray) -> tuple[dict[str, Any], bytes]:
+def quantised(points: FloatArray) -> tuple[dict[str, Any], bytes]:
+    """Places in 16-bit steps of their box: what the page must know, and the steps."""
     low = points.min(axis=0) if len(points) else np.zeros(3)
     extent = np.maximum(np.ptp(points, axis=0), 1e-12) if len(points) else np.ones(3)
     known = {"low": low.tolist(), "extent": extent.tolist(), "count": len(points)}
-    return known, _bytes(np.rint((points - low) / extent * STEPS), "<u2")
+    return known, as_bytes(np.rint((points - low) / extent * STEPS), "<u2")
 
 
-def _padded(data: bytes) -> bytes:
-    # What follows is read as numbers of four bytes.
+def padded(data: bytes) -> bytes:
+    """Zeros after which numbers of four bytes may follow."""
     return b"\0" * (-len(data) % 4)
 
 
-def _bytes(array: NDArray[Any], kind: str) -> bytes:
+def as_bytes(array: NDArray[Any], kind: str) -> bytes:
+    """An array as the page reads it."""
     return np.ascontiguousarray(array, dtype=kind).tobytes()

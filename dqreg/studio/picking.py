@@ -10,11 +10,11 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray, as_vectors
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud
-from dqreg.geometry.mesh_faces import faces_of
 from dqreg.geometry.raycasting import RayScene
 from dqreg.studio.cleaning import kept_rows, scan_points
 from dqreg.studio.drawing import Frame, frame_of
 from dqreg.studio.kept import Place, kept
+from dqreg.studio.reading import triangle_labels
 from dqreg.studio.visit import Cut
 
 # Points that make a surface, and their share of the most at any depth; how deep it may lie, in radii of what is near.
@@ -111,9 +111,9 @@ def _nearest(points: FloatArray, axes: FloatArray, shift: FloatArray, look: Look
 
 
 def _scene(place: Place, part: Mesh) -> tuple[RayScene, IntArray]:
-    frame = frame_of(part)
-    return kept(
-        "rays",
-        [place.part_path],
-        lambda: (RayScene(part.vertices, part.faces, frame.middle, frame.size), faces_of(part)[1]),
-    )
+    def make() -> tuple[RayScene, IntArray]:
+        frame, labels = frame_of(part), triangle_labels(place)
+        assert labels is not None
+        return RayScene(part.vertices, part.faces, frame.middle, frame.size), labels
+
+    return kept("rays", [place.part_path], make)

@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, bounds
+from dqreg._arrays import FloatArray, IntArray, bounds
 from dqreg.geometry import Mesh, PointCloud, prepare_scan
 from dqreg.geometry.mesh_faces import faces_of
 from dqreg.geometry.unit_check import find_unit_mistake
 from dqreg.inspection import Face, part_faces, why_unsigned
 from dqreg.inspection.regions import MOST_FACES
 from dqreg.studio.cleaning import kept_rows, leaving_plane, scan_points
-from dqreg.studio.drawing import cloud_payload, drawn_pose, frame_of, part_payload, rows_to_draw, shades
+from dqreg.studio.drawing import cloud_payload, drawn_pose, frame_of, rows_to_draw, shades
+from dqreg.studio.drawn_part import part_payload
 from dqreg.studio.kept import Place, kept
 
 # Points that spacing and noise are measured on.
@@ -52,7 +53,7 @@ def read_scan(place: Place) -> dict[str, Any]:
 def read_part(place: Place) -> dict[str, Any]:
     """What the file of the part holds, its faces, and its drawing."""
     part = place.part()
-    words, data = part_payload(part, frame_of(part))
+    words, data = part_payload(part, frame_of(part), triangle_labels(place))
     place.write("part.bin", data)
     return _facts(part) | {"faces": _faces(place), "drawing": words | {"file": "part.bin"}}
 
@@ -127,9 +128,16 @@ def faces_of_part(place: Place) -> tuple[Face, ...]:
         return ()
 
     def make() -> tuple[Face, ...]:
-        return part_faces(part) if faces_of(part)[0] <= MOST_FACES else ()
+        labels = triangle_labels(place)
+        return part_faces(part) if labels is not None and labels.max() < MOST_FACES else ()
 
     return kept("faces", [place.part_path], make)
+
+
+def triangle_labels(place: Place) -> IntArray | None:
+    """Number of the face that each triangle of the part is of, (f,); None for a cloud."""
+    part = place.part()
+    return kept("labels", [place.part_path], lambda: faces_of(part)[1]) if isinstance(part, Mesh) else None
 
 
 def _faces(place: Place) -> list[dict[str, Any]]:

@@ -293,9 +293,9 @@ class View {
     }
     const bar = $(".scalebar", this.box);
     if (bar) {
-      const goal = nice(110 / this.perSize * this.scene.size);
-      $("i", bar).style.width = `${goal / this.scene.size * this.perSize}px`;
-      $("span", bar).textContent = length(goal, this.scene.unit);
+      const goal = nice(110 / this.perSize * this.scene.size), words = length(goal, this.scene.unit), wide = `${goal / this.scene.size * this.perSize}px`;
+      // While the view turns it stays the same: nothing is laid out anew then.
+      if (this.bar !== words + wide) { this.bar = words + wide; $("i", bar).style.width = wide; $("span", bar).textContent = words; }
     }
     const axes = $(".axes", this.box);
     if (axes) "xyz".split("").forEach((name, k) => {

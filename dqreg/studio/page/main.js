@@ -1,6 +1,6 @@
 // The page: one visit, five steps, one drawing.
 import { ask, events, fetchBytes, send, Stopped, Trouble, upload } from "./api.js";
-import { copyable, h, show } from "./dom.js";
+import { copyable, count, h, show } from "./dom.js";
 import { Stage, colours } from "./stage.js";
 import * as load from "./load.js";
 import * as clean from "./clean.js";
@@ -132,10 +132,12 @@ function progress() {
 app.progress = progress;
 
 function said() {
-  const { scan, part } = app.results, on = stage.scene.on?.count ?? 0, parts = [];
-  if (scan && on && on < scan.points) parts.push(`${on.toLocaleString("en-GB")} of ${scan.points.toLocaleString("en-GB")} points`);
-  if (part?.drawing?.drawn < part?.triangles) parts.push(`${part.drawing.drawn.toLocaleString("en-GB")} of ${part.triangles.toLocaleString("en-GB")} triangles`);
-  $("#drawn").textContent = parts.length ? `Drawn: ${parts.join(" and ")}. All of them are measured.` : "";
+  const { scan, part } = app.results, on = stage.scene.on?.count ?? 0, parts = [], { drawn, pace } = stage;
+  if (scan && on && on < scan.points) parts.push(`${count(on)} of ${count(scan.points)} points`);
+  if (part?.drawing?.drawn < part?.triangles) parts.push(`${count(part.drawing.drawn)} of ${count(part.triangles)} triangles`);
+  const full = (part?.drawing?.drawn ?? 0) + on, less = drawn && drawn.points + drawn.triangles < full;
+  const moving = less ? ` While the view moves: ${count(drawn.points)} points and ${count(drawn.triangles)} triangles${pace.frames ? `, ${Math.round(pace.frames)} frames a second` : ""}.` : "";
+  $("#drawn").textContent = parts.length || less ? `${parts.length ? `Drawn: ${parts.join(" and ")}.` : ""}${moving} All of them are measured.`.trim() : "";
 }
 
 // Whatever goes wrong is a sentence; nothing that was chosen is lost.
@@ -185,6 +187,7 @@ async function begin() {
     return;
   }
   app.stage = stage;
+  stage.told = said;
   theme();
   $("#undo").addEventListener("click", async () => { accept(await send(`visits/${app.name}/undo`)); app.shown = {}; await app.read(); STEPS[app.step].enter?.(app, stage); });
   dropping();

@@ -1,18 +1,12 @@
 // The drawing: the report's engine with a scan that moves, faces that are marked, and an outline on top.
+import { Pace, drawsInSoftware } from "./pace.js";
+
 const { View, dot, add, STAND, cameraAxes, colours, cssColour } = View3d;
 
 const EMPTY = { low: [0, 0, 0], extent: [1e-9, 1e-9, 1e-9], count: 0, steps: new Uint16Array(0), kind: "cloud" };
 const VIEWS = { front: [0, 0], right: [90, 0], back: [180, 0], left: [-90, 0], top: [0, 90], bottom: [0, -90], iso: [35, 30] };
-// While the view turns, so many points at most; fewer where the machine is slow, until a frame takes this long.
-const FRAME = 45, FEWEST = 4000;
-
-// Without a graphics card the processor draws: no smoothing of edges then, and half the resolution while the view turns.
-const drawsInSoftware = (() => {
-  const gl = document.createElement("canvas").getContext("webgl2"), known = gl?.getExtension("WEBGL_debug_renderer_info");
-  const name = known ? String(gl.getParameter(known.UNMASKED_RENDERER_WEBGL)) : "";
-  gl?.getExtension("WEBGL_lose_context")?.loseContext();
-  return /swiftshader|llvmpipe|software|basic render/i.test(name);
-})();
+// Points that are drawn even where the part takes all that there is time for; milliseconds between two tellings of it.
+const LEAST_POINTS = 1500, TELL = 500;
 
 export class Stage extends View {
   static context = drawsInSoftware ? { antialias: false } : {};
@@ -21,8 +15,7 @@ export class Stage extends View {
     super(box, scene, { part: true, edges: true, scan: true, off: true, coded: false, before: true });
     this.thin = 1;
     this.over = box.querySelector(".overlay");
-    this.allowed = 1e9;
-    this.frames = [];
+    this.pace = new Pace(() => { this.canvas.classList.remove("moving"); this.sharpness = 1; this.draw(); this.told?.(); });
     for (const name of ["pointerdown", "wheel", "keydown"]) this.canvas.addEventListener(name, () => this.hurry(), { passive: true });
     // With the keyboard, the place at the middle of the view is the one that is pointed at.
     this.canvas.addEventListener("keydown", e => {
@@ -36,25 +29,32 @@ export class Stage extends View {
 
   // Draw less for a while, then all again.
   hurry() {
-    this.pointLimit = this.allowed;
-    this.sharpness = drawsInSoftware ? 0.5 : 1;
-    clearTimeout(this.rest);
-    this.rest = setTimeout(() => { this.pointLimit = this.last = undefined; this.sharpness = 1; this.draw(); }, 220);
+    this.pace.hurry();
+    if (drawsInSoftware) { this.sharpness = 0.5; this.canvas.classList.add("moving"); }
   }
   drawNow() {
     this.light?.();
+    const { part, marked } = this, moving = this.pace?.moving;
+    if (moving) this.lighten();
     super.drawNow();
-    if (this.pointLimit === undefined) return;
-    // One pixel read back waits for the drawing itself, so that its time is the true one.
-    const began = this.last, now = performance.now();
-    this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
-    this.last = performance.now();
-    const took = this.last - (began === undefined || now - began > 500 ? now : Math.max(began, now - 500));
-    const total = (this.scene.on?.count ?? 0) || 1;
-    if (took > FRAME) this.allowed = Math.max(FEWEST, Math.min(this.allowed, total) * 0.7);
-    else if (took < 0.5 * FRAME) this.allowed = Math.min(1e9, this.allowed * 1.2);
-    this.pointLimit = this.allowed;
-    this.frames.push(this.last); if (this.frames.length > 120) this.frames.shift();
+    this.part = part; this.marked = marked;
+    this.pointLimit = undefined;
+    if (!moving) return;
+    this.pace.drew(this.drawn.points + this.drawn.triangles);
+    if (performance.now() - (this.toldAt ?? 0) > TELL) { this.toldAt = performance.now(); this.told?.(); }
+  }
+  // While the view moves: the finest surface that takes half of the budget at most, and points for the rest.
+  lighten() {
+    const { pace, layers, scene } = this, levels = this.levels ?? [], full = scene.target.faceNumbers?.length / 3 || 0;
+    let triangles = 0;
+    if (layers.part && full) {
+      const light = full > pace.budget / 2 ? levels.find(each => each.drawn <= pace.budget / 2) ?? levels.at(-1) : null;
+      triangles = light ? light.drawn : full;
+      if (light) { this.part = light; this.marked = light.marked; }
+    }
+    const clouds = [layers.scan && scene.on, layers.off && scene.off, layers.part && scene.target.kind !== "mesh" && scene.target].filter(each => each?.count);
+    this.pointLimit = Math.round(Math.max(LEAST_POINTS, pace.budget - triangles) / Math.max(1, clouds.length));
+    this.drawn = { points: clouds.reduce((sum, each) => sum + Math.min(each.count, this.pointLimit), 0), triangles };
   }
 
   // Without the part in view the scan alone fills it.
@@ -67,18 +67,10 @@ export class Stage extends View {
   place() { super.place(); this.drawOver?.(); }
   figure(words) { const caption = this.box.querySelector("figcaption"); caption.hidden = !words; caption.textContent = words; }
 
-  // While the view turns, a lighter surface stands for the part.
   upload() {
     super.upload();
-    const gl = this.gl, coarse = this.scene.target.coarse;
-    this.light_part = coarse && { cloud: coarse, place: this.buffer(coarse.steps), faces: this.buffer(coarse.faceNumbers, gl.ELEMENT_ARRAY_BUFFER), edges: this.buffer(coarse.edgeEnds) };
-  }
-  drawPart(dpr, colour) {
-    if (this.pointLimit === undefined || !this.light_part || this.marked?.length) { super.drawPart(dpr, colour); return; }
-    const whole = this.part;
-    this.part = this.light_part;
-    super.drawPart(dpr, colour);
-    this.part = whole;
+    const gl = this.gl;
+    this.levels = (this.scene.target.levels ?? []).map(level => ({ drawn: level.drawn, cloud: level, place: this.buffer(level.steps), faces: this.buffer(level.faceNumbers, gl.ELEMENT_ARRAY_BUFFER), edges: this.buffer(level.edgeEnds) }));
   }
 
   setPart(drawing, buffer) {
@@ -99,7 +91,7 @@ export class Stage extends View {
   }
   renew() {
     // Buffers of the last scene would stay in the memory of the graphics card.
-    const gl = this.gl, old = [this.on, this.off, this.part, this.light_part].flatMap(item => item ? [item.place, item.code, item.faces, item.edges] : []);
+    const gl = this.gl, old = [this.on, this.off, this.part, ...(this.levels ?? [])].flatMap(item => item ? [item.place, item.code, item.faces, item.edges] : []);
     for (const buffer of old) if (buffer) gl.deleteBuffer(buffer);
     for (const each of Object.values(this.programs ?? {})) gl.deleteProgram(each.made);
     if (this.texture) gl.deleteTexture(this.texture);
@@ -118,7 +110,9 @@ export class Stage extends View {
 
   // Faces of the part by their numbers, each in a colour.
   mark(colourOf) {
-    this.marked = (this.scene.target.faces ?? []).filter(([face]) => colourOf[face]).map(([face, start, number]) => ({ start, count: number, colour: colourOf[face] }));
+    const chosen = faces => (faces ?? []).filter(([face]) => colourOf[face]).map(([face, start, number]) => ({ start, count: number, colour: colourOf[face] }));
+    this.marked = chosen(this.scene.target.faces);
+    for (const level of this.levels ?? []) level.marked = chosen(level.cloud.faces);
     this.draw();
   }
 
@@ -130,14 +124,10 @@ export class Stage extends View {
   across(points) {
     return points.map(([x, y]) => { const p = this.fromScreen(x, y); return [dot(this.axes[0], p), dot(this.axes[1], p)]; });
   }
-  picture() { this.pointLimit = undefined; this.sharpness = 1; this.drawNow(); return this.canvas.toDataURL("image/png"); }
+  picture() { this.pace.moving = false; this.sharpness = 1; this.drawNow(); return this.canvas.toDataURL("image/png"); }
   clearLabels(kind) {
     for (const label of this.labels.filter(l => !kind || l.element.classList.contains(kind))) label.element.remove();
     this.labels = this.labels.filter(l => l.element.isConnected);
-  }
-  get speed() {
-    const n = this.frames.length;
-    return n > 5 ? 1000 * (n - 1) / (this.frames[n - 1] - this.frames[0]) : 0;
   }
 }
 
@@ -173,10 +163,13 @@ function readPart(drawing, buffer) {
   at += 12 * drawing.drawn;
   part.edgeEnds = new Float32Array(buffer, at, 6 * drawing.edges);
   at += 24 * drawing.edges;
-  if (drawing.coarse) {
-    const { drawn, count } = drawing.coarse;
-    part.coarse = { ...drawing.coarse, kind: "mesh", faceNumbers: new Uint32Array(buffer, at, 3 * drawn), edgeEnds: new Float32Array(0), steps: new Uint16Array(buffer, at + 12 * drawn, 3 * count) };
-  }
+  part.levels = drawing.levels.map(level => {
+    const { drawn, count } = level, from = at, steps = new Uint16Array(buffer, from, 3 * count);
+    at = (from + 6 * count + 3) & ~3;
+    const faceNumbers = new Uint32Array(buffer, at, 3 * drawn);
+    at += 12 * drawn;
+    return { ...level, kind: "mesh", faceNumbers, edgeEnds: new Float32Array(0), steps };
+  });
   return part;
 }
 
