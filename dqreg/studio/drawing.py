@@ -1,23 +1,13 @@
-"""What the page draws: points thinned, in 16-bit steps, each side about its own middle and size."""
+"""Where the page draws scan and part: each side about its own middle and size; and poses between the two."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
-from dqreg._open3d import load_open3d
+from dqreg._arrays import FloatArray, bounds
 from dqreg.geometry import Mesh, PointCloud
-from dqreg.geometry.morton import morton_order
-
-# What is drawn at most.
-POINTS, OFF = 200_000, 40_000
-STEPS = 65535
-# Points that a normal is estimated of for the light, and where that comes from.
-NEIGHBOURS, LIGHT = 12, np.array([0.36, -0.48, 0.8])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,54 +61,3 @@ def true_pose(drawn: FloatArray, scale: float, scan: Frame, part: Frame) -> Floa
     T[:3, :3] = R
     T[:3, 3] = part.to_side(motion[:, 3]) - scale * R @ scan.middle
     return T
-
-
-def rows_to_draw(points: FloatArray, on: BoolArray) -> tuple[IntArray, IntArray]:
-    """Rows of the points that are drawn: those that count, and the others; each in an order that thins evenly."""
-    return _spread(points, np.flatnonzero(on), POINTS), _spread(points, np.flatnonzero(~on), OFF)
-
-
-def cloud_payload(points: FloatArray, frame: Frame, rows: tuple[IntArray, IntArray]) -> tuple[dict[str, Any], bytes]:
-    """Points to draw: what the page must know, and the coordinates, first of those that count."""
-    known, steps = quantised(frame.to_drawn(points[np.concatenate(rows)]))
-    return {**known, "kind": "cloud", "on": len(rows[0]), "off": len(rows[1]), "total": len(points)}, steps
-
-
-def shades(points: FloatArray) -> bytes:
-    """How bright each point is under a fixed light, a byte each: a scan without light is a silhouette."""
-    if len(points) < NEIGHBOURS:
-        return b"\xff" * len(points)
-    open3d = load_open3d()
-    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points - points.mean(axis=0)))
-    cloud.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS), fast_normal_computation=True)
-    # From both sides alike: the normals have no sign.
-    normals = np.abs(np.asarray(cloud.normals) @ LIGHT)
-    return as_bytes(np.rint(1 + 253 * np.clip(normals, 0.0, 1.0)), "<u1")
-
-
-def _spread(points: FloatArray, rows: IntArray, most: int) -> IntArray:
-    if len(rows) > most:
-        # Even steps along a space-filling curve leave no holes.
-        ordered = rows[morton_order(points[rows])]
-        rows = ordered[np.linspace(0, len(ordered) - 1, most).astype(np.int64)]
-    # In random order any first part of them is as even: less is drawn while the view turns.
-    mixed: IntArray = np.random.default_rng(0).permutation(rows)
-    return mixed
-
-
-def quantised(points: FloatArray) -> tuple[dict[str, Any], bytes]:
-    """Places in 16-bit steps of their box: what the page must know, and the steps."""
-    low = points.min(axis=0) if len(points) else np.zeros(3)
-    extent = np.maximum(np.ptp(points, axis=0), 1e-12) if len(points) else np.ones(3)
-    known = {"low": low.tolist(), "extent": extent.tolist(), "count": len(points)}
-    return known, as_bytes(np.rint((points - low) / extent * STEPS), "<u2")
-
-
-def padded(data: bytes) -> bytes:
-    """Zeros after which numbers of four bytes may follow."""
-    return b"\0" * (-len(data) % 4)
-
-
-def as_bytes(array: NDArray[Any], kind: str) -> bytes:
-    """An array as the page reads it."""
-    return np.ascontiguousarray(array, dtype=kind).tobytes()

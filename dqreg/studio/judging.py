@@ -15,8 +15,9 @@ from dqreg.report.page_file import write_page
 from dqreg.studio.aligning import RESULT, START
 from dqreg.studio.alignments import PLAN, deviations_of, judged, measured_at
 from dqreg.studio.cleaning import CLEANED
-from dqreg.studio.drawing import cloud_payload, drawn_pose, frame_of, rows_to_draw
+from dqreg.studio.drawing import drawn_pose, frame_of
 from dqreg.studio.kept import Place
+from dqreg.studio.payloads import cloud_payload, rows_to_draw
 
 # Worst places that are listed, and the share of the points that the colours reach where no tolerance is given.
 WORST, SHOWN = 8, 0.98

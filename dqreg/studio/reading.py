@@ -14,9 +14,9 @@ from dqreg.geometry.unit_check import find_unit_mistake
 from dqreg.inspection import Face, part_faces, why_unsigned
 from dqreg.inspection.regions import MOST_FACES
 from dqreg.studio.cleaning import kept_rows, leaving_plane, scan_points
-from dqreg.studio.drawing import cloud_payload, drawn_pose, frame_of, rows_to_draw, shades
-from dqreg.studio.drawn_part import part_payload
+from dqreg.studio.drawing import drawn_pose, frame_of
 from dqreg.studio.kept import Place, kept
+from dqreg.studio.payloads import cloud_payload, part_payload, rows_to_draw, shades
 
 # Points that spacing and noise are measured on.
 MEASURED = 20_000

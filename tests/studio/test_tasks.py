@@ -14,7 +14,7 @@ from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection import inspect, read_plan
 from dqreg.registration.register import register
 from dqreg.rigid import pose, twist
-from dqreg.studio import alignments, cleaning, drawing, drawn_part, judging, picking, reading
+from dqreg.studio import alignments, cleaning, drawing, judging, payloads, picking, reading
 from dqreg.studio.aligning import align, align_pairs, pose_of_drawn
 from dqreg.studio.kept import Place
 from dqreg.studio.visit import Cut, FaceTolerance, Pair, Reference, Side, Visit
@@ -93,7 +93,7 @@ def test_a_drawn_pose_is_the_pose(scale):
 
 
 def test_drawings_hold_the_places_to_their_steps():
-    words, data = drawn_part.part_payload(PART, frame := drawing.frame_of(PART), faces_of(PART)[1])
+    words, data = payloads.part_payload(PART, frame := drawing.frame_of(PART), faces_of(PART)[1])
     steps = np.frombuffer(data, "<u2", 3 * words["count"]).reshape(-1, 3)
     places = frame.to_side(np.array(words["low"]) + steps / 65535 * words["extent"])
     at = (6 * words["count"] + 3) // 4 * 4
