@@ -12,11 +12,12 @@ from dqreg.icp import NO_POSE, Alignment
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.map_surface import MapSurface
-from dqreg.odometry.prediction import Prediction, held_directions
+from dqreg.odometry.prediction import Prediction, contradiction, held_directions, held_notes
 from dqreg.odometry.rivals import Placed
 from dqreg.registration.assess import Uncertainty
 from dqreg.registration.result import Registration
-from dqreg.rigid import pose
+from dqreg.rigid import pose, twist
+from dqreg.solvers.status import Status
 from dqreg.trust import Evidence, Information, information_of, judge
 from dqreg.trust.records import Reason, Verdict
 
@@ -25,6 +26,8 @@ LOST = 1.0 / 3.0
 # Information below so many times what the noise of the normals alone would give constrains nothing: on real frames all
 # six motions reach 15, the one along a corridor 1.
 SPURIOUS = 3.0
+# A step of so many standard deviations is none.
+STILL = 0.1
 
 
 def frame_result(
@@ -43,10 +46,17 @@ def frame_result(
         return without_pose((Reason(words, "lost"), *notes), run.status, settings)
     uncertainty = Uncertainty.of(information_at(run, surface, frame.reach, free)) if run.found else None
     T = rigid(run.T_target_source)
+    doubts: tuple[Reason, ...] = ()
+    status: Status = run.status
     if uncertainty is not None and prediction is not None and prediction.information is not None:
-        T, uncertainty = _with_prediction(T, uncertainty, prediction, frame.reach, settings["reach"])
+        doubts = contradiction(T, uncertainty.directions, prediction, settings["near"])
+        T, weighed = _with_prediction(T, uncertainty, prediction, frame.reach, settings["reach"])
+        held = held_notes(uncertainty.directions, weighed.directions)
+        # Along what it leaves free a frame slides for ever; what ends the slide is the prediction.
+        status = "converged" if held and _stands(run, uncertainty) else run.status
+        notes, uncertainty = (*held, *notes), weighed
     evidence = Evidence(
-        status=run.status,
+        status=status,
         found=run.found,
         inliers=float(run.weights.sum()),
         share_near=run.inlier_fraction,
@@ -64,6 +74,8 @@ def frame_result(
         alternatives=place.rivals,
     )
     verdict = judge(evidence)
+    for doubt in doubts:
+        verdict = verdict.doubted(doubt)
     reasons = (*verdict.reasons, *notes)
     if uncertainty is None:
         return without_pose(reasons, run.status, settings)
@@ -81,6 +93,17 @@ def frame_result(
         settings={**settings, "centre": T[:3, 3].tolist(), "width": run.mixture.scale},
         partial_information=uncertainty.partial_information,
     )
+
+
+def _stands(run: Alignment, uncertainty: Uncertainty) -> bool:
+    """Whether the last step was small against the standard deviations of the motions that are held."""
+    if len(run.history) < 2 or uncertainty.partial_information is None:
+        return False
+    before, after = (record.T_target_source for record in run.history[-2:])
+    step = twist.log(rigid(after @ pose.inverse(before)))
+    # A left increment about the sensor.
+    step[3:] += np.cross(step[:3], after[:3, 3])
+    return bool(step @ uncertainty.partial_information @ step < STILL**2)
 
 
 def _with_prediction(

@@ -11,10 +11,12 @@ from dqreg._arrays import FloatArray, as_float, as_pose, require_finite
 from dqreg.errors import InputError
 from dqreg.odometry.kiss import rigid
 from dqreg.rigid import pose, twist
-from dqreg.trust.records import Direction
+from dqreg.trust.records import Direction, Reason
 
 # One sigma to three: where a prediction is taken to hold.
 COVERED = 3.0
+# Standard deviations beyond which frame and prediction contradict each other.
+EXCLUDED = 6.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,3 +90,27 @@ def _held(direction: Direction, covariance: FloatArray, lever: float, limit: flo
         return direction
     words = f"{direction.words}, held by the prediction alone to {sigma:.3g}"
     return dataclasses.replace(direction, sigma=sigma, words=words)
+
+
+def held_notes(before: tuple[Direction, ...], after: tuple[Direction, ...]) -> tuple[Reason, ...]:
+    """Which motions the frame leaves free and a prediction holds."""
+    held = [b for a, b in zip(before, after, strict=True) if a.is_free and not b.is_free]
+    return tuple(Reason(direction.words, "held_by_prediction") for direction in held)
+
+
+def contradiction(
+    T: FloatArray, directions: tuple[Direction, ...], prediction: Prediction, near: float
+) -> tuple[Reason, ...]:
+    """The doubt of a frame whose place a prediction excludes: one of the two is wrong, and neither tells which."""
+    off = T[:3, 3] - prediction.T_map_frame[:3, 3]
+    for direction in directions:
+        if direction.is_free and direction.kind == "translation":
+            off = off - np.dot(direction.axis, off) * np.array(direction.axis)
+    apart, limit = float(np.linalg.norm(off)), max(EXCLUDED / COVERED * prediction.spread, near)
+    if not apart > limit:
+        return ()
+    words = (
+        f"the sensor is {apart:.3g} away from where it is predicted, and {limit:.3g} is as far as the prediction may be "
+        "wrong: the frame slipped, or what predicts the motion (wheels) did"
+    )
+    return (Reason(words, "contradicting_prediction"),)

@@ -49,8 +49,19 @@ class Placed:
         return self.share < FREE
 
 
-def placed(search: FrameSearch, scan: Scan, aligned: Alignment, T_predicted: FloatArray, deviation: float) -> Placed:
-    """The best of the poses along the weakest direction, and those that are no worse; infinite: no prediction."""
+def placed(
+    search: FrameSearch,
+    scan: Scan,
+    aligned: Alignment,
+    T_predicted: FloatArray,
+    deviation: float,
+    *,
+    measured: bool = False,
+) -> Placed:
+    """The best of the poses along the weakest direction, and those that are no worse; infinite: no prediction.
+
+    A prediction that was measured, with its covariance, decides between them.
+    """
     axis, share = _weakest(aligned)
     if not aligned.found or (share >= WEAK and search.fits(aligned)):
         return Placed(aligned, axis, share)
@@ -78,7 +89,9 @@ def placed(search: FrameSearch, scan: Scan, aligned: Alignment, T_predicted: Flo
                 aligned.T_target_source,
             ]
             aligned, off = again, _off(again.T_target_source, T_predicted)
-    meant = [T for T in poses if _off(T, T_predicted) <= max(2.0 * off, deviation)]
+    # How far the fit slid along what it leaves free says nothing against a sensor that measured the motion.
+    limit = deviation if measured else max(2.0 * off, deviation)
+    meant = [T for T in poses if _off(T, T_predicted) <= limit]
     axis, share = _weakest(aligned)
     rivals = tuple(Alternative(T, compare.rms(T)) for T in meant)
     return Placed(aligned, axis, share, rivals, aligned is not first)

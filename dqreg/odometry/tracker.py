@@ -102,8 +102,9 @@ class Tracker:
             frame, aligned, notes = deskewed.frame, deskewed.aligned, notes + deskewed.notes
         # After a frame that was not trusted constant velocity is worth nothing.
         deviation = np.inf if self._timeline.missed else kiss.deviation
-        spread = deviation if expected is None or expected.information is None else expected.spread
-        place = placed(search, frame.scan, aligned, T_predicted, spread)
+        measured = expected is not None and expected.information is not None
+        spread = expected.spread if expected is not None and measured else deviation
+        place = placed(search, frame.scan, aligned, T_predicted, spread, measured=measured)
         found = frame_result(place, surface, frame, self._usual_fraction, notes, self._words(frame), expected)
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)

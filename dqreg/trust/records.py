@@ -52,6 +52,7 @@ Code = Literal[
     "scale_uncertain",
     "time_stamp",
     "untrusted_map",
+    "contradicting_prediction",
     # many scans
     "scan_left_out",
     "islands",
@@ -63,6 +64,7 @@ Code = Literal[
     # notes
     "dropped_points",
     "not_deskewed",
+    "held_by_prediction",
 ]
 
 

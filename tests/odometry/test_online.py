@@ -35,7 +35,8 @@ def test_a_corridor_is_followed_with_wheels_and_told_without():
     assert "unconstrained" in results[False].verdict.codes
     assert np.isnan(results[False].covariance).any()
     told = results[True]
-    assert "unconstrained" not in told.verdict.codes
+    assert told.verdict.level == "accepted"
+    assert told.verdict.codes == ("accepted", "held_by_prediction")
     np.testing.assert_allclose(told.T_target_source[:3, 3], [1.2, 0.0, 0.0], atol=0.02)
     # Along the corridor the wheels alone, across it the frame.
     deviations = np.sqrt(np.diag(told.covariance)[3:])
@@ -54,6 +55,17 @@ def test_a_prediction_and_a_pose_are_weighed_as_two_gaussians():
     turned = Prediction.of(T @ twist.exp([0, 0, 0.1, 0, 0, 0]), 1e-6 * np.eye(6))
     found, _ = turned.fused(T, np.zeros((6, 6)))
     np.testing.assert_allclose(found, turned.T_map_frame, atol=1e-9)
+
+
+def test_wheels_that_contradict_the_frame_are_not_overruled():
+    # The corridor is 4 wide: a place 0.6 across, sigma 0.02, is excluded by its walls.
+    rng, odometry = np.random.default_rng(0), Odometry()
+    odometry.register_frame(corridor(0.0, rng))
+    sigma = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02]) ** 2
+    across = pose.from_parts(np.eye(3), [0.3, 0.6, 0.0])
+    told = odometry.register_frame(corridor(0.3, rng), prediction=across, prediction_covariance=sigma)
+    assert told.verdict.level == "suspect"
+    assert "contradicting_prediction" in told.verdict.codes
 
 
 @pytest.mark.parametrize(
