@@ -72,6 +72,7 @@ def frame_result(
         normals_apart=0.0,
         expected=0.0,
         alternatives=place.rivals,
+        looked_through=place.looked_through,
     )
     verdict = judge(evidence)
     for doubt in doubts:

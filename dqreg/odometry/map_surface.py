@@ -37,6 +37,11 @@ class MapSurface:
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))
 
+    @property
+    def points(self) -> FloatArray:
+        """Of the map, (n, 3)."""
+        return self._points
+
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Nearest map point for each query, (n, 3), with the normal there; zero where the neighbours fix none."""
         indices, distances = self._tree.nearest(points, 1)

@@ -117,8 +117,9 @@ class Odometry(Tracker):
             Time of each point in the sweep, any unit and offset: the motion during the sweep is undone with it.
             Default: the field ``t``, ``time`` or ``timestamp`` of the points.
         stamp : float, optional
-            Time of the frame, seconds: scales the predicted motion where frames are missing. Default: that of a
-            message's header.
+            Time of the frame, seconds: scales the predicted motion where frames are missing, and lets the motion
+            decide where a frame is like itself elsewhere (columns at equal distances). Default: that of a message's
+            header.
         prediction : (4, 4) array_like, optional
             Where other sensors (wheels, an IMU) expect the frame, T_map_frame: ``last_pose`` times their motion since.
             Default: constant velocity.

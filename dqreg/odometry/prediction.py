@@ -110,7 +110,7 @@ def contradiction(
     if not apart > limit:
         return ()
     words = (
-        f"the sensor is {apart:.3g} away from where it is predicted, and {limit:.3g} is as far as the prediction may be "
-        "wrong: the frame slipped, or what predicts the motion (wheels) did"
+        f"the sensor is {apart:.3g} away from where it is predicted, and {limit:.3g} is as far as the prediction may "
+        "be wrong: the frame slipped, or what predicts the motion (wheels) did"
     )
     return (Reason(words, "contradicting_prediction"),)

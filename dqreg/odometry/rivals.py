@@ -1,7 +1,8 @@
-"""Other places along the weakest direction: in a corridor the fit alone does not tell them apart.
+"""Other places that the fit alone does not tell apart: along a corridor, and one period on in a hall of columns.
 
 A frame that slid along a corridor keeps most of its inliers, because floor and walls fit everywhere; the few points
-that would tell are taken for outliers. So poses shifted along the weakest direction are compared point by point.
+that would tell are taken for outliers. So poses shifted along the weakest direction are compared point by point. Where
+a frame is like itself elsewhere, the motion before decides, if it is known how long it is since the last frame.
 """
 
 from __future__ import annotations
@@ -12,10 +13,14 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan
+from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Alignment
 from dqreg.odometry.align import FrameSearch
+from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.map_surface import MapSurface
+from dqreg.odometry.self_similarity import CONTRADICTED, ROUGHLY, View, behind_faces, self_similar_shifts
 from dqreg.rigid import pose
+from dqreg.solvers.motion_words import Vector, direction_words
 from dqreg.trust.records import Alternative
 
 # Share of the correspondences' normals along the weakest direction: halls and streets reach 0.15 and more, a corridor
@@ -26,6 +31,10 @@ WEAK, FREE = 0.15, 0.03
 STEPS, POINTS, COMMON = 40, 300, 0.2
 # Normals that agree at least so well belong to one face; a difference of so many standard errors is one.
 AGREE, SIGNIFICANT = 0.7, 3.0
+# Points of the map that are held against the frame's lines of sight, and those in view that say something.
+VIEWED, FEWEST = 20_000, 200
+# Voxels that the refinement of a place one period on may move it, and such places that are named.
+NEAR_CELLS, NAMED = 3.0, 2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,6 +46,7 @@ class Placed:
     share: float  # Of the correspondences along it
     rivals: tuple[Alternative, ...] = ()  # Other poses that fit as well and could be meant
     is_escaped: bool = False  # Whether another pose along it explained the frame significantly better than the first
+    looked_through: float = np.nan  # Share of the map's points in view that stand where the frame looked through
 
     @property
     def is_weak(self) -> bool:
@@ -51,17 +61,35 @@ class Placed:
 
 def placed(
     search: FrameSearch,
-    scan: Scan,
+    frame: DownsampledFrame,
     aligned: Alignment,
     T_predicted: FloatArray,
     deviation: float,
     *,
     measured: bool = False,
+    timed: bool = True,
 ) -> Placed:
     """The best of the poses along the weakest direction, and those that are no worse; infinite: no prediction.
 
-    A prediction that was measured, with its covariance, decides between them.
+    A prediction that was measured, with its covariance, decides between them. Without times, frames may be missing, and
+    constant velocity excludes no place where the frame is like itself.
     """
+    place = _along_weakest(search, frame.scan, aligned, T_predicted, deviation, measured=measured)
+    if not place.aligned.found:
+        return place
+    T, view = place.aligned.T_target_source, View.of(frame.dense, search.lengths.near)
+    points = search.surface.points
+    nearer, alike = view.compared(points[sample_rows(len(points), VIEWED)], pose.inverse(T))
+    if nearer + alike >= FEWEST:
+        place = dataclasses.replace(place, looked_through=nearer / (nearer + alike))
+    if timed or measured or place.rivals:
+        return place
+    return dataclasses.replace(place, rivals=_repeated(search, frame.scan, place.aligned, view))
+
+
+def _along_weakest(
+    search: FrameSearch, scan: Scan, aligned: Alignment, T_predicted: FloatArray, deviation: float, *, measured: bool
+) -> Placed:
     axis, share = _weakest(aligned)
     if not aligned.found or (share >= WEAK and search.fits(aligned)):
         return Placed(aligned, axis, share)
@@ -95,6 +123,27 @@ def placed(
     axis, share = _weakest(aligned)
     rivals = tuple(Alternative(T, compare.rms(T)) for T in meant)
     return Placed(aligned, axis, share, rivals, aligned is not first)
+
+
+def _repeated(search: FrameSearch, scan: Scan, aligned: Alignment, view: View) -> tuple[Alternative, ...]:
+    """Poses where the frame is like itself: what stands there was seen here, and nothing where it looked through."""
+    cell, least, T = search.lengths.voxel_size, 0.5 * search.lengths.reach, aligned.T_target_source
+    found: list[Alternative] = []
+    for shift in self_similar_shifts(scan.points, scan.normals, cell, least):
+        step = pose.from_parts(np.eye(3), shift)
+        if behind_faces(scan.points, scan.normals, shift) or not view.repeats(scan, step, ROUGHLY):
+            continue
+        there = search.refine(scan, T @ step).T_target_source
+        away, known = _off(there, T), [aligned.T_target_source, *(other.T_target_source for other in found)]
+        if _off(there, T @ step) > NEAR_CELLS * cell or min(_off(there, other) for other in known) < least:
+            continue
+        if view.repeats(scan, pose.inverse(T) @ there, CONTRADICTED):
+            rms = np.sqrt(np.mean(search.surface.distances(pose.apply(there, scan.points)) ** 2))
+            words = f"{away:.3g} along {direction_words(_axis(there[:3, 3] - T[:3, 3]))}"
+            found.append(Alternative(there, float(rms), words=words))
+        if len(found) == NAMED:
+            break
+    return tuple(found)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -165,6 +214,11 @@ def _shifted(T: FloatArray, by: FloatArray) -> FloatArray:
     moved = T.copy()
     moved[:3, 3] += by
     return moved
+
+
+def _axis(step: FloatArray) -> Vector:
+    x, y, z = (step / np.linalg.norm(step)).tolist()
+    return x, y, z
 
 
 def _off(one: FloatArray, other: FloatArray) -> float:

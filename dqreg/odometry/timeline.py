@@ -33,6 +33,11 @@ class Timeline:
         return 1.0 + self.missed
 
     @property
+    def is_timed(self) -> bool:
+        """Whether it is known how long it is since the last trusted frame."""
+        return self._gap > 0.0
+
+    @property
     def poses(self) -> FloatArray:
         """Poses of the frames that are kept, (n, 4, 4)."""
         return np.array(self._poses).reshape(-1, 4, 4)

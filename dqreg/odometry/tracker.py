@@ -104,7 +104,7 @@ class Tracker:
         deviation = np.inf if self._timeline.missed else kiss.deviation
         measured = expected is not None and expected.information is not None
         spread = expected.spread if expected is not None and measured else deviation
-        place = placed(search, frame.scan, aligned, T_predicted, spread, measured=measured)
+        place = placed(search, frame, aligned, T_predicted, spread, measured=measured, timed=self._timeline.is_timed)
         found = frame_result(place, surface, frame, self._usual_fraction, notes, self._words(frame), expected)
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)

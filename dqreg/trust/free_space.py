@@ -52,8 +52,8 @@ class DepthImage:
         image = image.reshape(height, width)
         return DepthImage(eye, axes, pixel, low, ndimage.minimum_filter(image, 3), np.isfinite(image), behind)
 
-    def compared(self, points: FloatArray, margin: float) -> tuple[int, int]:
-        """Points nearer than what was seen there by more than a margin, and those about as far.
+    def compared(self, points: FloatArray, margin: float, step: float = STEP) -> tuple[int, int]:
+        """Points nearer than what was seen there by more than a margin and a step of so many pixels, and those as far.
 
         Points behind it say nothing, nor do those where nothing was seen.
         """
@@ -63,7 +63,7 @@ class DepthImage:
         rows, columns = cells[inside].T
         seen = self.filled[rows, columns]
         nearest, ranges = self.nearest[rows, columns][seen], ranges[inside][seen]
-        nearer, limit = nearest - ranges, margin + STEP * self.pixel * ranges
+        nearer, limit = nearest - ranges, margin + step * self.pixel * ranges
         return int(np.count_nonzero(nearer > limit)), int(np.count_nonzero(np.abs(nearer) <= limit))
 
 

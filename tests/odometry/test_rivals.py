@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg.compare.trust import drives
+from dqreg.compare.trust.kinds import KINDS
 from dqreg.odometry import Odometry
 
 # Poses along x; frames of a simulated LiDAR of 32 rings in a corridor 4 m wide with pilasters every 5 m.
@@ -13,19 +14,38 @@ PITCH, DEPTH = 5.0, 0.25
 
 
 @functools.cache
-def driven(step: float, depth: float = DEPTH, frames: int = 3):
+def driven(step: float, depth: float = DEPTH, frames: int = 3, *, timed: bool = False):
     rng = np.random.default_rng(4)
     drive = drives.drive(drives.corridor(rng, PITCH, depth), drives.straight(step, rng)[:frames], rng)
     odometry = Odometry()
-    return [odometry.register_frame(points) for points in drive.frames], drive.poses
+    stamps = 0.1 * np.arange(frames) if timed else [None] * frames
+    return [odometry.register_frame(p, stamp=t) for p, t in zip(drive.frames, stamps, strict=True)], drive.poses
 
 
-def test_small_steps_along_equal_pilasters_are_right_and_accepted():
-    results, poses = driven(0.6)
+def test_small_steps_along_equal_pilasters_are_right_and_accepted_where_the_time_is_known():
+    results, poses = driven(0.6, timed=True)
     for result, T in zip(results, poses, strict=True):
         assert result.verdict.level == "accepted"
         # A third of a voxel, which is about 0.16 m here.
         assert np.linalg.norm(result.T_target_source[:3, 3] - T[:3, 3]) < 0.05
+
+
+def test_without_times_a_place_one_period_on_is_named():
+    # Frames may be missing: one that jumped by 5 along the pilasters would look the same.
+    results, _ = driven(0.6, frames=2)
+    assert results[1].verdict.codes == ("alternative_poses",)
+    for each in results[1].alternatives:
+        step = each.T_target_source[:3, 3] - results[1].T_target_source[:3, 3]
+        # Along the pilasters, and not the same place again: that is half of the period off at most.
+        assert abs(step[0]) > 0.5 * PITCH
+        assert np.linalg.norm(step[1:]) < 0.1 * abs(step[0])
+
+
+def test_a_furnished_hall_is_like_itself_nowhere():
+    drive = KINDS["drive-hall"].task(1)
+    odometry = Odometry()
+    results = [odometry.register_frame(points) for points in drive.frames[:3]]
+    assert [result.verdict.level for result in results] == ["accepted"] * 3
 
 
 @pytest.mark.parametrize("step", [1.9, 2.3])
