@@ -12,6 +12,7 @@ from dqreg.kernels.morton import morton_cells, new_places, sorted_rows
 from dqreg.kernels.newton_steps import newton_steps
 from dqreg.kernels.plane_fits import fit_plane_rows
 from dqreg.kernels.point_tree import PointTree
+from dqreg.kernels.pose_steps import add_plane_steps, grid_planes
 from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 
@@ -35,5 +36,9 @@ def compile_all() -> None:
     newton_steps(np.eye(13), np.r_[np.eye(3).ravel(), np.zeros(3), 1.0], 1.0, 1, 1.0, 1.0, 1.0, 1.0)
     gains, shape = np.zeros(2, dtype=np.float32), np.ones(3, dtype=np.int64)
     mean_gains(0, 1, np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)), shape, gains, np.zeros(1))
+    nothing, planes = np.zeros(0), np.zeros((1, 6), dtype=np.float32)
+    grid_planes(0, 0, flat, one, 1.0, shape, planes, flat, flat, nothing, np.zeros(0, dtype=np.int64))
+    poses = np.eye(3)[None].copy(), np.zeros((1, 3)), np.zeros((1, 3))
+    add_plane_steps(0, 0, *poses, *(flat,) * 4, nothing, *(1.0,) * 4, np.zeros((1, 6, 6)), np.zeros((1, 6)))
     distinct_rows(np.eye(3)[None], np.zeros((1, 3)), 1.0, 1.0, 1)
     log_likelihoods(0, 1, np.ones((1, 1)), 1.0, 0.5, 0.001, 1)

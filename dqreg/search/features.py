@@ -12,11 +12,11 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Mesh, PointCloud, Scan, Surface, sample_mesh
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import fit_planes, sample_rows
+from dqreg.geometry.normals import fit_planes, fit_planes_among, sample_rows
 from dqreg.search.oriented_points import OrientedPoints
 
 # Oriented points of a scan, and points among which their neighbours are sought.
@@ -44,7 +44,8 @@ def scan_features(scan: Scan, size: float) -> OrientedPoints:
     cloud = _without_outliers(among.points)
     tree = NeighbourTree(cloud)
     points = cloud[sample_rows(len(cloud), SCAN_POINTS)]
-    fits = fit_planes(tree, cloud, points, NEIGHBOURS)
+    around, _ = tree.nearest(points, NEIGHBOURS)
+    fits = fit_planes_among(cloud, around)
     if not np.isfinite(fits.variances).any():
         # Three points, or points on lines: no plane anywhere, so that no pair has a key.
         return dataclasses.replace(OrientedPoints.on_faces(points), weights=np.zeros(len(points)))
@@ -54,7 +55,7 @@ def scan_features(scan: Scan, size: float) -> OrientedPoints:
     limit = RESIDUAL * size + MEDIANS * float(np.nanmedian(residuals))
     sound = normals.any(axis=1) & ~(residuals > limit)
     faces = np.where(sound, rarity(normals), 0.0)
-    at_edge, outwards = edge_points(tree, cloud, points, normals)
+    at_edge, outwards = edge_points(cloud, around, points, normals)
     at_edge &= sound
     if np.count_nonzero(at_edge) < FEWEST_EDGES:
         at_edge[:] = False
@@ -88,7 +89,8 @@ def target_features(target: PointCloud | Mesh, even: OrientedPoints, count: int)
     if isinstance(target, Mesh):
         edges, outwards = _sharp_edges(target, rng)
     else:
-        at_edge, outwards = edge_points(NeighbourTree(points), points, points, normals)
+        around, _ = NeighbourTree(points).nearest(points, NEIGHBOURS)
+        at_edge, outwards = edge_points(points, around, points, normals)
         edges, outwards = points[at_edge], outwards[at_edge]
     if len(edges) < FEWEST_EDGES:
         edges, outwards = np.zeros((0, 3)), np.zeros((0, 3))
@@ -127,10 +129,10 @@ def rarity(normals: FloatArray) -> FloatArray:
 
 
 def edge_points(
-    tree: NeighbourTree, cloud: FloatArray, at: FloatArray, normals: FloatArray
+    cloud: FloatArray, around: IntArray, at: FloatArray, normals: FloatArray
 ) -> tuple[BoolArray, FloatArray]:
-    """Where a sampled face ends, and the direction that leads off it."""
-    offsets = cloud[tree.nearest(at, NEIGHBOURS)[0]] - at[:, None, :]
+    """Where a sampled face ends, and the direction that leads off it, from the neighbours of its points, (n, k)."""
+    offsets = np.take(cloud, around, axis=0) - at[:, None, :]
     mean = offsets.mean(axis=1)
     mean -= np.einsum("ij,ij->i", mean, normals)[:, None] * normals
     off = np.linalg.norm(mean, axis=1)

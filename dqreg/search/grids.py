@@ -134,15 +134,14 @@ class PlaneGrid(DistanceGrid):
 
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Foot on the tangent plane, its normal, and the distance; infinite outside the grid, (n, 3) each."""
-        nodes = self.nodes(points)
-        planes = self._planes[nodes].astype(np.float64)
-        gap, normals = points - planes[:, :3], planes[:, 3:]
-        height = np.einsum("ij,ij->i", gap, normals)
-        # The point is the node's: it may be as far aside as the node.
-        aside = np.sqrt(np.maximum(np.einsum("ij,ij->i", gap, gap) - height**2, 0.0)) - self.cell
-        distances = np.hypot(height, np.maximum(aside, 0.0))
-        distances[nodes == len(self.distances)] = np.inf
-        return Closest(points - height[:, None] * normals, normals, distances, nodes)
+        from dqreg.kernels.pose_steps import grid_planes
+        from dqreg.kernels.threads import as_plain, over_chunks
+
+        feet, normals = np.zeros((len(points), 3)), np.zeros((len(points), 3))
+        distances, nodes = np.zeros(len(points)), np.zeros(len(points), dtype=np.int64)
+        grid = as_plain(self.low), self.cell, self.shape, self._planes
+        over_chunks(grid_planes, len(points), as_plain(points), *grid, feet, normals, distances, nodes)
+        return Closest(feet, normals, distances, nodes)
 
 
 # Cell in sizes, and cells at most.

@@ -27,6 +27,8 @@ from dqreg.solvers.oriented_pairs import OrientedPairs, poses_from_pairs
 TABLE_POINTS, DENSE = 1_000, 20_000
 # Bins: distance in sizes, angles in radians.
 LENGTH_BIN, ANGLE_BIN = 0.02, 0.2
+# Numbers that a key may be: bins of lengths up to the size times eight of each angle.
+KEYS = (round(1.0 / LENGTH_BIN) + 1) * 512
 # Shorter pairs constrain the rotation badly; in sizes.
 SHORTEST = 0.15
 # Below this cosine between direction and line, the sign of the direction is uncertain: both are tried.
@@ -56,6 +58,12 @@ class PairTable:
     target: PointCloud | Mesh  # The target
     surface: Surface  # The same
     _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
+
+    @cached_property
+    def starts(self) -> IntArray:
+        """First row of each key, and after the last key the number of rows: keys are looked up, not searched."""
+        found: IntArray = np.searchsorted(self.keys, np.arange(KEYS + 1))
+        return found
 
     @cached_property
     def symmetry(self) -> Symmetry | None:
@@ -111,7 +119,7 @@ def pair_keys(oriented: OrientedPoints, i: IntArray, j: IntArray, size: float) -
 def pair_hypotheses(scan: OrientedPoints, table: PairTable, rng: np.random.Generator) -> Poses:
     """Poses that put pairs of the scan on their counterparts of the target."""
     i, j, keys = _draw_pairs(scan, table.size, rng)
-    first, last = (np.searchsorted(table.keys, keys, side) for side in ("left", "right"))
+    first, last = table.starts[keys], table.starts[keys + 1]
     counts = last - first
     rare = np.argsort(np.where(counts > 0, counts, np.iinfo(np.int64).max), kind="stable")[:USED]
     rare = rare[counts[rare] > 0]

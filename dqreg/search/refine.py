@@ -20,6 +20,10 @@ GATE_RAD = np.deg2rad(60.0)
 DAMPING, LEAST_DAMPING = 1e-4, 1e-12
 # Weight of all edge points together, where that of all points on faces is 1: they are less exact.
 EDGE_WEIGHT = 0.3
+# Widths beyond which a point weighs nothing: 1e-14 of one that is near.
+WIDTHS = 8.0
+# Points that are summed in one go.
+POINTS = 8_192
 
 
 def refine(
@@ -36,12 +40,15 @@ def refine(
         ask_clock()
         centre = poses.R @ middle + poses.t
         moved = poses.apply(faces.points)
-        found = surface.closest(moved.reshape(-1, 3), before)
+        found = surface.closest(moved.reshape(-1, 3), before, WIDTHS * width)
         before = moved.reshape(-1, 3), found
-        H, g = _face_equations(poses, centre, faces, (moved, found), width, lever)
+        H, g = np.zeros((len(poses), 6, 6)), np.zeros((len(poses), 6))
+        at = found.points, found.normals, found.distances
+        _add_equations(poses, centre, faces, at, (width, lever, 1.0), (H, g))
         if edges is not None and len(at_edges):
-            H_edge, g_edge = _edge_equations(poses, centre, at_edges, edges, width, lever)
-            H, g = H + EDGE_WEIGHT * H_edge, g + EDGE_WEIGHT * g_edge
+            rows, distances = edges.tree.nearest(poses.apply(at_edges.points).reshape(-1, 3), 1)
+            at = np.take(edges.points, rows[:, 0], axis=0), np.zeros((0, 3)), distances[:, 0]
+            _add_equations(poses, centre, at_edges, at, (width, lever, EDGE_WEIGHT), (H, g))
         scale = np.trace(H, axis1=1, axis2=2) / 6.0
         H = H + np.maximum(DAMPING * scale, LEAST_DAMPING)[:, None, None] * np.eye(6)
         step = np.linalg.solve(H, -g[:, :, None])[:, :, 0]
@@ -51,36 +58,23 @@ def refine(
     return poses
 
 
-def _face_equations(
-    poses: Poses, centre: FloatArray, sample: OrientedPoints, at: Hint, width: float, lever: float
-) -> tuple[FloatArray, FloatArray]:
-    moved, found = at
-    normals = found.normals.reshape(moved.shape)
-    gap = moved - found.points.reshape(moved.shape)
-    turned = sample.directions @ poses.R.transpose(0, 2, 1)
-    # A point whose normal is unknown passes.
-    unknown = np.asarray(~sample.directions.any(axis=1))
-    facing = (np.abs(np.einsum("nmi,nmi->nm", turned, normals)) > np.cos(GATE_RAD)) | unknown[None, :]
-    weights = facing * np.exp(-0.5 * (found.distances.reshape(moved.shape[:2]) / width) ** 2)
-    return _normal_equations(moved - centre[:, None, :], normals, gap, weights / len(sample), lever)
+def _add_equations(
+    poses: Poses,
+    centre: FloatArray,
+    sample: OrientedPoints,
+    at: tuple[FloatArray, FloatArray, FloatArray],
+    lengths: tuple[float, float, float],
+    sums: tuple[FloatArray, FloatArray],
+) -> None:
+    """Add the equations of the points to planes at places with normals, or to those that lead off them at an edge.
 
+    Lengths are width and lever; the last number is the weight of all points together.
+    """
+    from dqreg.kernels.pose_steps import add_plane_steps
+    from dqreg.kernels.threads import as_plain, over_chunks
 
-def _edge_equations(
-    poses: Poses, centre: FloatArray, sample: OrientedPoints, edges: Edges, width: float, lever: float
-) -> tuple[FloatArray, FloatArray]:
-    moved = poses.apply(sample.points)
-    rows, distances = edges.tree.nearest(moved.reshape(-1, 3), 1)
-    gap = moved - edges.points[rows[:, 0]].reshape(moved.shape)
-    outwards = sample.directions @ poses.R.transpose(0, 2, 1)
-    weights = np.exp(-0.5 * (distances.reshape(moved.shape[:2]) / width) ** 2)
-    return _normal_equations(moved - centre[:, None, :], outwards, gap, weights / len(sample), lever)
-
-
-def _normal_equations(
-    arms: FloatArray, normals: FloatArray, gap: FloatArray, weights: FloatArray, lever: float
-) -> tuple[FloatArray, FloatArray]:
-    # Lengths in levers, so that rotations and translations are of one size.
-    residuals = np.einsum("nmi,nmi->nm", gap, normals) / lever
-    J = np.concatenate([np.cross(arms / lever, normals), normals], axis=2)
-    weighted = (J * weights[:, :, None]).transpose(0, 2, 1)
-    return weighted @ J, (weighted @ residuals[:, :, None])[:, :, 0]
+    width, lever, weight = map(float, lengths)
+    columns = poses.R, poses.t, centre, sample.points, sample.directions, *at
+    numbers = width, float(np.cos(GATE_RAD)), lever, weight / len(sample)
+    chunk = max(POINTS // len(sample), 1)
+    over_chunks(add_plane_steps, len(poses), *map(as_plain, columns), *numbers, *sums, chunk=chunk)

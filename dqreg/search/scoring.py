@@ -93,7 +93,8 @@ def score_poses(
     ``floor`` is the smallest width; with directions it is the width, and points whose normals disagree are outliers.
     """
     R, t = poses.R, poses.t
-    found = [surface.closest(points @ R[k].T + t[k]) for k in range(len(R))]
+    # Farther off than the limit, how far does not matter.
+    found = [surface.closest(points @ R[k].T + t[k], None, limit) for k in range(len(R))]
     distances = np.stack([each.distances for each in found])
     if directions is not None:
         unknown = np.asarray(~directions.any(axis=1))

@@ -1,0 +1,114 @@
+"""One step of many poses at once: planes looked up on a grid, and the normal equations of points to planes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.compiled import compiled
+
+
+@compiled
+def grid_planes(
+    first: int,
+    last: int,
+    points: FloatArray,
+    low: FloatArray,
+    cell: float,
+    shape: IntArray,
+    planes: NDArray[np.float32],
+    feet: FloatArray,
+    normals: FloatArray,
+    distances: FloatArray,
+    nodes: IntArray,
+) -> None:
+    """Write foot, normal, distance and node of points first to last on the planes of their nearest nodes. O(1) a point.
+
+    Outside of the grid the distance is infinite, and the node the number of all. Shapes: planes (nodes + 1, 6), a point
+    and a normal a row; the others (n, 3) and (n,).
+    """
+    rows, columns, outside, half = shape[1], shape[2], len(planes) - 1, np.float32(0.0)
+    for i in range(first, last):
+        # In single precision, as the grid's own lookups: both shall find the same node.
+        a = np.float32((points[i, 0] - low[0]) / cell + 0.5)
+        b = np.float32((points[i, 1] - low[1]) / cell + 0.5)
+        c = np.float32((points[i, 2] - low[2]) / cell + 0.5)
+        node = outside
+        if a >= half and b >= half and c >= half and a < shape[0] and b < rows and c < columns:
+            node = (np.int64(a) * rows + np.int64(b)) * columns + np.int64(c)
+        nx, ny, nz = float(planes[node, 3]), float(planes[node, 4]), float(planes[node, 5])
+        x, y, z = points[i, 0] - planes[node, 0], points[i, 1] - planes[node, 1], points[i, 2] - planes[node, 2]
+        height = x * nx + y * ny + z * nz
+        # The point is the node's: it may be as far aside as the node.
+        aside = max(np.sqrt(max(x * x + y * y + z * z - height * height, 0.0)) - cell, 0.0)
+        nodes[i] = node
+        distances[i] = np.inf if node == outside else np.sqrt(height * height + aside * aside)
+        normals[i, 0], normals[i, 1], normals[i, 2] = nx, ny, nz
+        feet[i, 0], feet[i, 1] = points[i, 0] - height * nx, points[i, 1] - height * ny
+        feet[i, 2] = points[i, 2] - height * nz
+
+
+@compiled
+def add_plane_steps(
+    first: int,
+    last: int,
+    rotations: FloatArray,
+    shifts: FloatArray,
+    centres: FloatArray,
+    points: FloatArray,
+    directions: FloatArray,
+    places: FloatArray,
+    normals: FloatArray,
+    distances: FloatArray,
+    width: float,
+    least: float,
+    lever: float,
+    share: float,
+    squares: FloatArray,
+    slopes: FloatArray,
+) -> None:
+    """Add the normal equations of poses first to last: of rotations about their centres, and shifts, in levers.
+
+    A point weighs ``share exp(-(d / width)^2 / 2)``, or nothing where the cosine between its turned direction and the
+    normal is at most ``least``. Without normals its turned direction is the plane's. O(1) a point and pose.
+
+    Shapes: rotations (n, 3, 3), shifts, centres (n, 3); points, directions (m, 3); places, normals (n m, 3) or (0, 3),
+    distances (n m,); squares (n, 6, 6), slopes (n, 6).
+    """
+    count, J = len(points), np.zeros(6)
+    for k in range(first, last):
+        r = rotations[k]
+        for i in range(count):
+            row = k * count + i
+            d = distances[row] / width
+            weight = share * np.exp(-0.5 * d * d)
+            if weight == 0.0:
+                continue
+            p, q, s = directions[i, 0], directions[i, 1], directions[i, 2]
+            nx = r[0, 0] * p + r[0, 1] * q + r[0, 2] * s
+            ny = r[1, 0] * p + r[1, 1] * q + r[1, 2] * s
+            nz = r[2, 0] * p + r[2, 1] * q + r[2, 2] * s
+            if len(normals) > 0:
+                u, v, w = normals[row, 0], normals[row, 1], normals[row, 2]
+                # A point whose direction is unknown passes.
+                known = p != 0.0 or q != 0.0 or s != 0.0
+                if known and abs(nx * u + ny * v + nz * w) <= least:
+                    continue
+                nx, ny, nz = u, v, w
+            p, q, s = points[i, 0], points[i, 1], points[i, 2]
+            x = r[0, 0] * p + r[0, 1] * q + r[0, 2] * s + shifts[k, 0]
+            y = r[1, 0] * p + r[1, 1] * q + r[1, 2] * s + shifts[k, 1]
+            z = r[2, 0] * p + r[2, 1] * q + r[2, 2] * s + shifts[k, 2]
+            residual = ((x - places[row, 0]) * nx + (y - places[row, 1]) * ny + (z - places[row, 2]) * nz) / lever
+            x, y, z = (x - centres[k, 0]) / lever, (y - centres[k, 1]) / lever, (z - centres[k, 2]) / lever
+            J[0], J[1], J[2] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
+            J[3], J[4], J[5] = nx, ny, nz
+            for a in range(6):
+                weighted = weight * J[a]
+                slopes[k, a] += weighted * residual
+                for b in range(a + 1):
+                    squares[k, a, b] += weighted * J[b]
+        for a in range(6):
+            for b in range(a):
+                squares[k, b, a] = squares[k, a, b]
