@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
 FILE = click.Path(path_type=Path)
+# Columns of a pipe, so that tables are not broken.
+WIDTH = 160
 GOALS = ("report", "pdf", "table", "out", "deviations", "as_json")
 SECTIONS = {
     "Plan": ("plan", "suggest", "tolerance", "required"),
@@ -145,7 +147,7 @@ def inspect_command(
         part, options["target_units"], wanted or (None if asked is None else asked.units), asked=wanted is not None
     )
     to_screen = goals["as_json"] == Path("-")
-    console, shown = consoles(quiet=quiet, as_json=to_screen, apart=True)
+    console, shown = consoles(quiet=quiet, as_json=to_screen, apart=True, width=WIDTH)
     result = unit.named(_registered(scan, unit, shown, options), part)
     share = None if required is None else required / 100.0
     try:
@@ -202,6 +204,7 @@ def _suggest(part: Path, scan: Path | None, options: dict[str, Any]) -> int:
 
     unit = shown_target(part, options["target_units"], wanted, asked=wanted is not None)
     result = _registered(scan, unit, consoles(quiet=True, as_json=True)[1], options)
-    shares = dict(enumerate(ScannedPart.of(result.deviations()).coverage().tolist()))
-    click.echo(suggested_plan(mesh, shares, units=mesh.units))
+    scanned = ScannedPart.of(result.deviations())
+    shares = dict(enumerate(scanned.coverage().tolist()))
+    click.echo(suggested_plan(mesh, shares, units=mesh.units, noise=scanned.noise))
     return 0 if result.verdict.level == "accepted" else 1

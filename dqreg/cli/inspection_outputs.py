@@ -111,5 +111,9 @@ def record_of(found: Inspected, head: dict[str, str]) -> dict[str, Any]:
         "faces": [] if sheet is None else [dataclasses.asdict(face) for face in sheet.faces],
         "decision": None if found.decision is None else dataclasses.asdict(found.decision),
         "counts": dataclasses.asdict(found.deviations.counts),
+        "steps": [] if sheet is None else [dataclasses.asdict(step) for step in sheet.steps],
+        "sections": []
+        if sheet is None
+        else [{"name": name, **dataclasses.asdict(cut)} for name, cut in sheet.sections],
         "sha256": dict(digests_of(result.settings)),
     }

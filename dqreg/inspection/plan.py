@@ -145,7 +145,8 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
         values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot read the plan {path}: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
+        # TOML's own errors are of values; numbers of too many digits and arrays in arrays in arrays have none.
         raise InputError(f"the plan {path} is no TOML: {error}") from error
     return plan_of(values, str(path))
 

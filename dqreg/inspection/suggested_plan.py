@@ -5,6 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
 from dqreg.inspection.part_faces import Face, part_faces
 
@@ -14,15 +18,42 @@ SQUARE = 0.1
 TOLERANCE = 5e-4
 # Share of a face from which on a scan says something of it.
 SEEN = 0.2
+# Or from the scan's noise: so many of its standard deviations can be decided.
+DECIDED = 6.0
+TOP = """\
+# Deviations of the whole surface; unequal sides are plus = 0.2 and minus = 0.1. A [[face]] with its own tolerance is
+# an exception.
+# tolerance = {tolerance}
+# What values are of: the datums, where there are any; or alignment = "best-fit"; or steps that follow each other:
+# [[alignment]]
+# name = "machined faces"
+# kind = "best-fit"         # or tolerance, minimax, outside, inside, datums, points
+# faces = [0, 3]            # none: all
+# dof = "tz rx ry"          # what may move; none: all
+"""
+SECTION = """\
+# A cut of part and scan for the report:
+# [[section]]
+# name = "middle"
+# point = [{}]
+# normal = [1, 0, 0]
+"""
 NO_DATUMS = "# No three planes at right angles: values are those of the best fit. Datums are [[datum]] tables.\n"
 # Characteristics at most; the largest faces come first.
 MOST = 40
 
 
-def suggested_plan(mesh: Mesh, covered: Mapping[int, float] | None = None, units: str | None = None) -> str:
+def suggested_plan(
+    mesh: Mesh,
+    covered: Mapping[int, float] | None = None,
+    units: str | None = None,
+    noise: float = 0.0,
+    origin: ArrayLike = (0.0, 0.0, 0.0),
+) -> str:
     """A plan in TOML for a part, to be edited: three datums where it has them, its cylinders, its faces.
 
     ``covered`` is the share of each face that a scan covers: faces below a fifth are left out, with a comment.
+    ``noise`` is that of the scan: tolerances that it cannot decide are not suggested. The mesh is about ``origin``.
 
     >>> from dqreg.synth.parts import box
     >>> print(suggested_plan(Mesh(*box((3.0, 2.0, 1.0)))).count("[[datum]]"))
@@ -30,20 +61,23 @@ def suggested_plan(mesh: Mesh, covered: Mapping[int, float] | None = None, units
     """
     every = part_faces(mesh)
     faces = tuple(face for face in every if covered is None or covered.get(face.number, 0.0) >= SEEN)
-    size = mesh.diagonal * TOLERANCE
+    size = max(mesh.diagonal * TOLERANCE, DECIDED * noise)
     tolerance = round(size, -math.floor(math.log10(size)))
     units = units or mesh.units
     unit = units or "the part's unit"
     lines = [
-        f"# Lengths are in {unit}, angles in degrees. Tolerances are guesses from the part's size: replace them.",
+        f"# Lengths are in {unit}, angles in degrees. Tolerances are guesses {_guessed(noise, unit)}: replace them.",
+        "# Run it: dqreg inspect SCAN PART --plan THIS_FILE --report sheet.html",
         *_left_out(every, faces),
         f'units = "{units}"\n' if units else '# units = "mm"   # of this plan, and of a part whose file does not say\n',
+        TOP.format(tolerance=f"{2 * tolerance:g}"),
         '[head]\npart = ""\ndrawing = ""\nserial = ""\noperator = ""\ndevice = ""\n',
     ]
     datums = _datums(faces)
     if not datums:
         lines.append(NO_DATUMS)
-    lines += [f'[[datum]]\nname = "{letter}"\nface = {face.number}\n' for letter, face in datums.items()]
+    places = {face.number: _place(face, np.asarray(origin, dtype=np.float64)) for face in faces}
+    lines += [f'[[datum]]\nname = "{letter}"\n{places[face.number]}\n' for letter, face in datums.items()]
     rows: list[str] = []
     for letter, face in datums.items():
         rows.append(_row(f"datum {letter} form", "form", face, tolerance))
@@ -58,7 +92,33 @@ def suggested_plan(mesh: Mesh, covered: Mapping[int, float] | None = None, units
                 rows.append(_row(f"{name} position", "position", face, 2 * tolerance))
         elif face.number not in known:
             rows.append(_row(f"{name} profile", "profile", face, 2 * tolerance))
-    return "\n".join([*lines, *rows[:MOST]])
+    named = [_commented(row, places) for row in rows[:MOST]]
+    if len(rows) > MOST:
+        named.append(f"# {len(rows) - MOST} smaller faces are left out: see dqreg faces.\n")
+    return "\n".join([*lines, *named, SECTION.format(_middle(mesh, origin))])
+
+
+def _commented(row: str, places: Mapping[int, str]) -> str:
+    """A characteristic whose line of the face says what and where that is."""
+    words = row.split("\n")
+    return "\n".join(places[int(word.partition("= ")[2])] if word.startswith("face = ") else word for word in words)
+
+
+def _place(face: Face, origin: FloatArray) -> str:
+    at = ", ".join(f"{x + 0.0:.4g}" for x in face.centre + origin)
+    towards = ""
+    if face.feature is not None and face.kind == "plane":
+        towards = " towards (" + ", ".join(f"{x + 0.0:.3g}" for x in face.feature.axis.round(3)) + ")"
+    kind = "hole" if face.is_hole else face.kind
+    return f"face = {face.number:<12d} # {kind}{towards}, middle at ({at})"
+
+
+def _middle(mesh: Mesh, origin: ArrayLike) -> str:
+    return ", ".join(f"{x + 0.0:.4g}" for x in mesh.centre + np.asarray(origin))
+
+
+def _guessed(noise: float, unit: str) -> str:
+    return f"from the scan's noise, {noise:.2g} {unit}, and the part's size" if noise else "from the part's size"
 
 
 def _left_out(every: tuple[Face, ...], faces: tuple[Face, ...]) -> list[str]:

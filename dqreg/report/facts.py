@@ -20,7 +20,9 @@ def facts_of(result: RegistrationResult, unit: str) -> dict[str, Any]:
     """What the page's template asks for, by name."""
     found = bool(np.isfinite(result.T_target_source).all())
     values = {**result.settings, **{name: file_name(result.settings.get(name)) for name in ("source", "target")}}
-    settings = [(name, setting_text(name, value, unit)) for name, value in sorted(values.items())]
+    # The steps of a plan's alignment stand in a table of their own.
+    shown = sorted((name, value) for name, value in values.items() if name != "alignments")
+    settings = [(name, setting_text(name, value, unit)) for name, value in shown]
     middle = -(-len(settings) // 2)
     return {
         "motions": motions_of(result),

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from dqreg.inspection import DatumAlignment, Decision, Inspection
-from dqreg.inspection.places import PLACE
+from dqreg.inspection.places import COVERAGE, PLACE
 from dqreg.report.summary import ALIGNMENT, COLOURS
 from dqreg.report.table import Column, Table, print_tables, to_csv
 
@@ -66,6 +68,15 @@ def sheet_csv(found: Inspection | None, decision: Decision | None, unit: str) ->
         outcome = row.outcome if row.measured else "not measured"
         rows.append((k + 1, row.name, row.kind, of, *_cells(row.nominal, row.low, row.high, row.value, row.uncertainty),
                      outcome, row.points, f"{100.0 * row.coverage:.3g}", row.remark))  # fmt: skip
+    for name, cut in [] if found is None else found.sections:
+        scanned = np.flatnonzero(np.isfinite(cut.values))
+        order = scanned[np.argsort(cut.values[scanned])]
+        for words, extreme in (("smallest", order[:1]), ("largest", order[-1:])):
+            for at in extreme.tolist():
+                cells = _cells(0.0, math.nan, math.nan, float(cut.values[at]), COVERAGE * float(cut.sigma[at]))
+                label = f"section {name}: {words} deviation"
+                rows.append((len(rows) + 1, label, "section", unit, *cells, "", int(cut.points[at]),
+                             f"{100.0 * cut.coverage:.3g}", ""))  # fmt: skip
     if decision is not None:
         shares = _cells(100.0, 100.0 * decision.required_share, math.nan, 100.0 * decision.share_within, math.nan)
         rows.append((len(rows) + 1, "points within the tolerance", "share", "%", *shares, decision.share, "", "", ""))

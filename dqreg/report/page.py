@@ -126,7 +126,8 @@ def _evidence(result: RegistrationResult, unit: str) -> dict[str, Any]:
         ran += f", rms distance of the inliers {text_of(result.rms)} {unit}"
     return {
         **facts_of(result, unit),
-        "sure_words": "Six independent motions of the part, the weakest first, with the standard deviation along each.",
+        "sure_words": "Six independent motions of the part, the weakest first, with the standard deviation along each."
+        + (" They are those of the registration, before the alignment." if result.settings.get("alignments") else ""),
         "forms": pose_forms(result.T_target_source, unit) if found else [],
         "alternatives": [
             {

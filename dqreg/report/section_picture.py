@@ -21,8 +21,10 @@ def section_picture(section: Section, unit: str, tolerance: float | None = None)
     corners = np.concatenate(flat)
     low, size = corners.min(axis=0), np.maximum(np.ptp(corners, axis=0), 1e-300)
     known = np.isfinite(section.values)
-    limit = tolerance or (float(np.abs(section.values[known]).max()) if known.any() else 0.0) or 1.0
-    factor = _round(LIFT * float(size.max()) / limit)
+    largest = (float(np.abs(section.values[known]).max()) if known.any() else 0.0) or 1.0
+    limit = tolerance or largest
+    # Never less than it is: a deviation larger than that is seen anyway.
+    factor = max(_round(LIFT * float(size.max()) / largest), 1.0)
     pixels = (WIDE - 2.0 * MARGIN) / float(max(size[0], 1.2 * size[1]))
     height = size[1] * pixels + 2.0 * MARGIN + 24.0
 
@@ -38,7 +40,7 @@ def section_picture(section: Section, unit: str, tolerance: float | None = None)
     outward = np.column_stack([section.outward @ across, section.outward @ up])
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
     shown = np.where(known, section.values, 0.0)
-    tips = placed(feet + factor * np.clip(shown, -2.0 * limit, 2.0 * limit)[:, None] * outward)
+    tips = placed(feet + factor * shown[:, None] * outward)
     scale = Scale(limit, signed=True)
     colours = scale.table()[scale.codes(shown)]
     for start, end, colour, value in zip(placed(feet)[known], tips[known], colours[known], shown[known], strict=True):

@@ -15,6 +15,9 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.inspection import Inspection, Place
 from dqreg.inspection.decision import worst_of
+from dqreg.inspection.places import COVERAGE
+from dqreg.inspection.sections import Section
+from dqreg.report.alignment_table import alignment_of
 from dqreg.report.inspection_table import decimals_of, frame_words
 from dqreg.report.section_picture import section_picture
 from dqreg.report.text import percent, text_of
@@ -74,7 +77,8 @@ def sheet_of(found: Inspection | None, unit: str) -> dict[str, Any] | None:
         "remarks": [(k + 1, row.name, row.remark) for k, row in enumerate(found.characteristics) if row.remark],
         "unit": unit,
         "coverage": _coverage(found, unit),
-        "sections": [(name, section_picture(cut, unit)) for name, cut in found.sections],
+        "alignment": alignment_of(found, unit),
+        "sections": _sections(found, unit),
     }
 
 
@@ -92,6 +96,30 @@ def _rows(found: Inspection) -> list[dict[str, Any]]:
         }
         for k, row in enumerate(found.characteristics)
     ]
+
+
+def _sections(found: Inspection, unit: str) -> list[dict[str, str]]:
+    tolerance = None if found.decision is None else found.decision.tolerance
+    return [
+        {
+            "name": name,
+            "picture": section_picture(cut, unit, tolerance),
+            "words": section_words(cut, unit),
+        }
+        for name, cut in found.sections
+    ]
+
+
+def section_words(cut: Section, unit: str) -> str:
+    """Where a section is, and the deviations along it."""
+    point, normal = (" ".join(f"{x + 0.0:.6g}" for x in each) for each in (cut.point, cut.normal))
+    words = f"Plane through ({point}) with the normal ({normal})."
+    known = cut.values[np.isfinite(cut.values)]
+    if not len(known):
+        return f"{words} Nothing of its outline was scanned."
+    ends = f"{text_of(float(known.min()), sign=True)} to {text_of(float(known.max()), sign=True)} {unit}"
+    spread = text_of(COVERAGE * float(np.nanmax(cut.sigma)), 2)
+    return f"{words} Deviations along it: {ends}, medians of the scan points there, U (k = 2) {spread} {unit} at most."
 
 
 def _value(value: float, uncertainty: float) -> tuple[str, str]:

@@ -24,7 +24,7 @@ def test_from_a_suggested_plan_to_a_sheet(tmp_path: Path, capsys: pytest.Capture
     assert run("inspect", "--suggest", case.part) == 0
     # The scanner saw neither the part's lower face (1) nor its back (11): others take their place.
     # Tolerances of 0.08 mm are guesses; the scan's noise and the part's facets need more.
-    changes = {"= 0.08": "= 0.5", "= 0.16": "= 1", "face = 1\n": "face = 0\n", "face = 11\n": "face = 12\n"}
+    changes = {"= 0.08": "= 0.5", "= 0.16": "= 1", "face = 1  ": "face = 0  ", "face = 11  ": "face = 12  "}
     plan = capsys.readouterr().out
     for old, new in changes.items():
         plan = plan.replace(old, new)

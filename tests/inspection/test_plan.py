@@ -247,9 +247,10 @@ def test_what_the_part_cannot_answer_is_named(tmp_path: Path) -> None:
         inspect(cut, plan_of(changed(["datum", 0, "face"], TOP)))
     with pytest.raises(InputError, match="cannot read the plan"):
         read_plan(tmp_path / "none.toml")
-    (tmp_path / "bad.toml").write_text("a = [", encoding="utf-8")
-    with pytest.raises(InputError, match="is no TOML"):
-        read_plan(tmp_path / "bad.toml")
+    for text in ("a = [", "a = " + "[" * 5000, "a = " + "9" * 5000, "a = \0"):
+        (tmp_path / "bad.toml").write_text(text, encoding="utf-8")
+        with pytest.raises(InputError, match="is no TOML"):
+            read_plan(tmp_path / "bad.toml")
 
 
 def test_facets_of_a_hole_are_no_deviation() -> None:
