@@ -21,6 +21,7 @@ from dqreg.registration.rivals import (
     alternatives_of,
     best_near_symmetric,
     best_seen,
+    down_to_noise,
     limit_of,
     mirror_gain,
     near_symmetric_poses,
@@ -74,7 +75,7 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
     is_given = fit.problem.start is not None
     known, near = Known(fit, start.others), NO_POSES
     with suppress(TimeUpError), until(fit.problem.watch.deadline):
-        fit, _ = without_slide(fit)
+        fit, _ = without_slide(down_to_noise(fit))
         known = Known(fit, start.others)
         if is_given:
             fit, near = best_near_symmetric(fit, search.kernel_scale)

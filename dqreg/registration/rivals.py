@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.geometry import MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.registration.evidence import NEAR
 from dqreg.registration.fit import Fit
@@ -13,7 +14,9 @@ from dqreg.rigid.rotations import angle_of, axis_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.search import symmetry_words
 from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror
+from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
+from dqreg.search.refine import refine
 from dqreg.search.scoring import PoseScores, score_poses
 from dqreg.search.stages import FINE_APART
 from dqreg.solvers.motion_words import axis_words, direction_words
@@ -25,6 +28,8 @@ from dqreg.trust.records import Alternative
 BETTER, SIGNIFICANT = 0.02, 5.0
 # Points that compare poses.
 JUDGES = 10_000
+# A kernel that wide, in the scan's own noise, may be held so by what stands near by; points and steps that narrow it.
+HELD_WIDE, NARROWING, NARROW_STEPS = 1.5, 2_000, 10
 # Better near-symmetric poses that follow one another.
 STEPS = 12
 # A pose that explains the scan worse by so much mean log-likelihood is no alternative.
@@ -68,6 +73,31 @@ def best_seen(fit: Fit, start: FloatArray) -> Fit:
     poses = np.stack([fit.T_target_source, *(fit.constraints.project(T) for T in seen)])
     best = int(scores_of(fit, poses, FEW_JUDGES).means.argmax())
     return fit.at(poses[best]) if best else fit
+
+
+def down_to_noise(fit: Fit) -> Fit:
+    """The fit, or that to the pose to which a kernel as narrow as the noise leads, where it explains the scan better.
+
+    The loop learns the width of its kernel from the points near by: those of a table or of other parts hold it wide,
+    and draw the pose.
+    """
+    scan, surface = fit.prepared.scan, fit.prepared.surface
+    wide = fit.run.mixture.scale > HELD_WIDE * scan.noise > 0.0
+    options = fit.problem.options
+    if not fit.found or not wide or not isinstance(surface, MeshSurface) or fit.problem.watch.is_over:
+        return fit
+    if options.method != "auto" or fit.constraints.any:
+        return fit
+    near = fit.run.pairs.distances <= ON * fit.run.mixture.scale
+    points = fit.run.pairs.scan.points[near]
+    if not near.any():
+        return fit
+    sample = OrientedPoints.on_faces(points[sample_rows(len(points), NARROWING)])
+    widths = np.geomspace(fit.run.mixture.scale, max(scan.noise, fit.floor), NARROW_STEPS)
+    refined = refine(Poses.of(fit.T_target_source[None]), sample, surface, widths).matrices
+    scores = scores_of(fit, np.concatenate([fit.T_target_source[None], refined]))
+    gain, error = float(scores.means[1] - scores.means[0]), float(scores.deficit(1)[1][0])
+    return fit.at(refined[0]) if gain > max(BETTER, SIGNIFICANT * error) else fit
 
 
 def near_symmetric_poses(fit: Fit) -> FloatArray:
