@@ -30,6 +30,9 @@ class PointCloud:
         Length unit, where the file says so ("mm", "m", ...).
     dropped : int
         Rows left out so far; those found here are added.
+    times : array_like, (n,), optional
+        When each point was measured, any unit and offset: the verdict then asks whether the pose drifts during the
+        scan. Default: points are taken to come in the order of the scan.
 
     Attributes
     ----------
@@ -56,6 +59,7 @@ class PointCloud:
     viewpoint: FloatArray | None = None
     units: str | None = None
     dropped: int = 0
+    times: FloatArray | None = None
 
     def __post_init__(self) -> None:
         points = as_vectors(self.points, "points", finite=False)
@@ -63,14 +67,17 @@ class PointCloud:
         normals = None if self.normals is None else _unit_normals(self.normals, len(points))
         if normals is not None:
             keep &= _finite_rows(normals)
+        times = None if self.times is None else _times(self.times, len(points))
         lost = int(len(points) - np.count_nonzero(keep))
         if lost == len(points):
             found = "it is empty" if not lost else f"all {lost} rows hold NaN, infinity or a normal that is zero"
             raise InputError(f"a cloud needs at least one finite point; {found}")
         if lost:
             points, normals = points[keep], None if normals is None else normals[keep]
+            times = None if times is None else times[keep]
         require_workable(points, "points")
-        _freeze(self, points=points, normals=normals, dropped=self.dropped + lost, viewpoint=_viewpoint(self.viewpoint))
+        place = _viewpoint(self.viewpoint)
+        _freeze(self, points=points, normals=normals, dropped=self.dropped + lost, viewpoint=place, times=times)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -222,6 +229,13 @@ def _unit_normals(value: Any, count: int) -> FloatArray:
     unit: FloatArray = np.divide(normals, largest, out=np.full_like(normals, np.nan), where=usable)
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
     return unit
+
+
+def _times(value: Any, count: int) -> FloatArray:
+    times = as_float(value, "times")
+    if times.shape != (count,):
+        raise InputError(f"times must be one number per point; got shape {times.shape} for {count} points")
+    return times
 
 
 def _viewpoint(value: Any) -> FloatArray | None:

@@ -52,7 +52,7 @@ def as_geometry(value: Any, name: str) -> PointCloud | Mesh:
     """
     try:
         found = recognise(value, name)
-        return PointCloud(found.points, found.normals) if isinstance(found, RawCloud) else found
+        return PointCloud(found.points, found.normals, times=found.times) if isinstance(found, RawCloud) else found
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
 

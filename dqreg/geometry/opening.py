@@ -7,6 +7,7 @@ from typing import Any
 
 from dqreg.errors import InputError
 from dqreg.files import CloudData, read_geometry
+from dqreg.files.cloud_data import TimedCloudData
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.objects import as_geometry
@@ -19,7 +20,8 @@ def open_geometry(value: Any, name: str) -> PointCloud | Mesh:
     data = read_geometry(value)
     try:
         if isinstance(data, CloudData):
-            return PointCloud(data.points, data.normals, data.viewpoint, data.units, data.dropped)
+            times = data.times if isinstance(data, TimedCloudData) else None
+            return PointCloud(data.points, data.normals, data.viewpoint, data.units, data.dropped, times)
         return Mesh(data.vertices, data.faces, data.units, regions=data.regions)
     except InputError as error:
         raise InputError(f"{name} {os.fspath(value)}: {error}") from error

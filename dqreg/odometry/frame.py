@@ -13,7 +13,6 @@ from dqreg.errors import InputError
 from dqreg.files import read_cloud
 from dqreg.files.cloud_data import TimedCloudData
 from dqreg.geometry import Mesh, Scan
-from dqreg.geometry.fields import RawCloud
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes, sample_rows
@@ -76,7 +75,7 @@ def _values_of(points: Any) -> tuple[FloatArray, FloatArray | None]:
     found = recognise(points, "points")
     if isinstance(found, Mesh):
         raise InputError(f"a frame is a cloud of points; got a mesh of {len(found.faces)} faces")
-    return found.points, found.times if isinstance(found, RawCloud) else None
+    return found.points, found.times
 
 
 @dataclasses.dataclass(frozen=True)

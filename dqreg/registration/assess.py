@@ -16,6 +16,7 @@ from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import looked_through_at
 from dqreg.registration.slides import slide_of
 from dqreg.rigid import pose
+from dqreg.solvers.motion_words import Vector
 from dqreg.trust import (
     Evidence,
     Information,
@@ -35,6 +36,9 @@ STAYS = 0.99
 SHOWN = 0.15
 # Points from which a drift along the scan is fitted.
 DRIFTING = 3_000
+# No direction, and no drift.
+STILL: Vector = (0.0, 0.0, 0.0)
+NO_DRIFT = (0.0, 0.0, STILL)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +75,7 @@ def evidence_of(
     mirror_gain: float = -np.inf,
 ) -> Evidence:
     """All that the verdict on a fit is made of; see `Evidence` for the meaning of each number."""
-    drift, drift_rad = fit.once("drift", lambda: max(_drift(fit), second_pose(fit)))
+    drift, drift_rad, drift_along = fit.once("drift", lambda: max(_drift(fit), (*second_pose(fit), STILL)))
     return Evidence(
         **vars(fit.agreement),
         status=fit.run.status,
@@ -91,29 +95,39 @@ def evidence_of(
         looked_through=fit.once("looked through", lambda: looked_through_at(fit)),
         drift=drift,
         drift_rad=drift_rad,
+        drift_along=drift_along,
     )
 
 
-def _drift(fit: Fit) -> tuple[float, float]:
-    """Significant displacement and rotation of the pose along a scan of a part, in the order of its points."""
-    surface, points = fit.prepared.surface, fit.problem.source.cloud.points
-    if not fit.found or fit.is_late or not isinstance(surface, MeshSurface) or fit.problem.source.mesh is not None:
-        return 0.0, 0.0
+def _drift(fit: Fit) -> tuple[float, float, Vector]:
+    """Significant displacement, rotation and direction of a drift along a scan, by the times or order of its points."""
+    surface, source = fit.prepared.surface, fit.problem.source
+    points, times = source.cloud.points, moments(source.cloud.times)
+    # Between the points of two clouds planes are guesses: their order alone tells nothing.
+    if not fit.found or fit.is_late or not (isinstance(surface, MeshSurface) or times is not None) or source.mesh:
+        return NO_DRIFT
     if fit.agreement.width < SHOWN * LEAST_DRIFT * surface.diagonal:
         # A drift that matters would have left larger residuals.
-        return 0.0, 0.0
+        return NO_DRIFT
     rows = sample_rows(len(points), DRIFTING)
     placed = pose.apply(fit.T_target_source, points[rows])
     order = distinct_in_order(placed)
-    placed, times = placed[order], rows[order] / len(points) - 0.5
+    placed, times = placed[order], rows[order] / len(points) - 0.5 if times is None else times[rows[order]]
     closest = surface.closest(placed)
     # Farther off, tables and clamps begin.
     near = closest.distances <= min(fit.agreement.near, OFF * ON * fit.run.mixture.scale)
     residuals = np.einsum("ij,ij->i", placed - closest.points, closest.normals)[near]
     found = drift_of(closest.points[near], closest.normals[near], residuals, times[near])
     if not found.matters(surface.diagonal):
-        return 0.0, 0.0
-    return found.displacement, found.rotation_rad
+        return NO_DRIFT
+    return found.displacement, found.rotation_rad, found.along
+
+
+def moments(times: FloatArray | None) -> FloatArray | None:
+    """Times of points from -1/2 to 1/2; None where they tell nothing."""
+    if times is None or not np.isfinite(times).all() or not np.ptp(times) > 0.0:
+        return None
+    return np.asarray((times - times.min()) / np.ptp(times) - 0.5)
 
 
 def without_drift(fit: Fit, start: FloatArray) -> Fit:

@@ -190,9 +190,11 @@ def _bent(evidence: Evidence) -> Iterator[str]:
 
 def _drift(evidence: Evidence) -> Iterator[str]:
     if evidence.drift:
+        along = f" along {direction_words(evidence.drift_along)}" if any(evidence.drift_along) else ""
         yield (
-            f"the pose drifts by {evidence.length(evidence.drift)} and {math.degrees(evidence.drift_rad):.2g} degrees "
-            "within the scan: part or scanner moved during it or between two exposures, or its views do not fit"
+            f"the pose drifts by {evidence.length(evidence.drift)}{along} and "
+            f"{math.degrees(evidence.drift_rad):.2g} degrees within the scan: part or scanner moved during it or "
+            "between two exposures, or its views do not fit"
         )
 
 

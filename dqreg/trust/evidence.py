@@ -67,6 +67,8 @@ class Evidence:
         Fraction of the points compared that stand where a scanner looked through; NaN where its place is not known.
     drift, drift_rad : float
         Significant displacement and rotation of the pose from the first point of the scan to the last; else 0.
+    drift_along : tuple of 3 floats
+        Direction of that displacement, target frame; zeros where it is a rotation about the middle, or is not known.
     clutter : str
         "allowed", or "none" where the scan is of the part alone.
     """
@@ -104,6 +106,7 @@ class Evidence:
     drift: float = 0.0
     drift_rad: float = 0.0
     sliding_loss: float = math.nan
+    drift_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def length(self, value: float) -> str:
         """A length in words, with its unit where that is known.

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.solvers.motion_words import Vector
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.solvers.sandwich import scatter_of
@@ -18,6 +19,8 @@ FEWEST = 300
 COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 # Rounds of the robust fit; residuals beyond so many standard deviations have no weight (Tukey's biweight).
 ROUNDS, TUKEY = 8, 4.685
+# Share of a drift that is the shift of the middle, where it has a direction.
+MOSTLY = 0.5
 # Information below this share of the whole is none.
 SINGULAR = 1e-10
 # Strains and motions expected beforehand, in extents of the scan: what the faces do not show stays at zero.
@@ -156,6 +159,7 @@ class Drift:
     rotation_rad: float = 0.0
     displacement: float = 0.0  # Root mean square over the points, a length
     significance: float = 0.0  # Standard deviations
+    along: Vector = (0.0, 0.0, 0.0)  # Direction in which the middle of the points moves, zeros where it mostly turns
 
     def matters(self, size: float) -> bool:
         """Whether it is significant, and not small against a size."""
@@ -187,4 +191,6 @@ def drift_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, tim
     square = float(twist @ np.linalg.solve(scatter[6:, 6:] + np.eye(6) * 1e-12 * np.trace(scatter), twist))
     moved = np.cross(twist[:3] / lever, points - middle) + twist[3:]
     displacement = float(np.sqrt((moved**2).sum(axis=1).mean()))
-    return Drift(float(np.linalg.norm(twist[:3])) / lever, displacement, float(np.sqrt(max(square, 0.0))))
+    shift = float(np.linalg.norm(twist[3:]))
+    x, y, z = (twist[3:] / shift if shift > MOSTLY * displacement else np.zeros(3)).tolist()
+    return Drift(float(np.linalg.norm(twist[:3])) / lever, displacement, float(np.sqrt(max(square, 0.0))), (x, y, z))

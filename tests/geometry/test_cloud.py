@@ -67,3 +67,10 @@ def test_a_tiny_normal_is_a_direction_still() -> None:
     cloud = PointCloud([[0.0, 0, 0]], [[0.0, 3e-100, 4e-100]])
     assert cloud.normals is not None
     np.testing.assert_allclose(cloud.normals, [[0.0, 0.6, 0.8]], rtol=1e-12)
+
+
+def test_times_go_with_their_points():
+    cloud = PointCloud([[0, 0, 0], [np.nan, 0, 0], [1, 0, 0]], times=[1.0, 2.0, 3.0])
+    assert cloud.times.tolist() == [1.0, 3.0]
+    with pytest.raises(InputError, match=r"times must be one number per point; got shape \(2,\) for 3 points"):
+        PointCloud(np.eye(3), times=[1.0, 2.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dqreg
-from dqreg.geometry import Mesh, sample_mesh
+from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.synth.parts import bracket
 from dqreg.trust.strain import FEWEST_DRIFT, Drift, drift_of
@@ -55,3 +55,19 @@ def test_a_part_that_moved_during_the_sweep_is_suspect(shift: float) -> None:
     verdict = dqreg.register(points, part, "identity", effort="fast", search="never").verdict
     assert ("drift" in verdict.codes) == (shift > 0.0)
     assert (verdict.level == "accepted") == (shift == 0.0)
+
+
+@pytest.mark.parametrize("shift", [0.0, 3.0])
+def test_times_tell_a_drift_between_clouds_whatever_the_order_of_the_points(shift: float) -> None:
+    part = Mesh(*bracket())
+    rng = np.random.default_rng(1)
+    points, times = sample_mesh(part, 4_000, rng).points, 1e9 + rng.uniform(0.0, 0.1, 4_000)
+    target = sample_mesh(part, 6_000, rng).points + 0.05 * rng.normal(size=(6_000, 3))
+    points = points + 0.05 * rng.normal(size=points.shape)
+    # 2 % of the size along x from the first point to the last.
+    points[:, 0] += shift * (times - times.min()) / np.ptp(times)
+    verdict = dqreg.register(PointCloud(points, times=times), target, "identity", effort="fast", search="never").verdict
+    told = {reason.code: reason for reason in verdict.reasons}
+    assert ("drift" in told) == (shift > 0.0)
+    # Within two degrees of x.
+    assert not shift or "along (1.00, " in told["drift"]
