@@ -68,7 +68,9 @@ def find_correspondences(
         return before
     moved = pose.apply(T_target_source, scan.points)
     closest = surface.closest(moved, None if before is None else (before.moved, before.closest))
-    return Correspondences(scan, T_target_source, closest, same_sign=scan.oriented and surface.oriented)
+    found = Correspondences(scan, T_target_source, closest, same_sign=scan.oriented and surface.oriented)
+    vars(found)["moved"] = moved
+    return found
 
 
 def propagate(pairs: Correspondences, T_target_source: FloatArray) -> Correspondences:
@@ -83,4 +85,6 @@ def propagate(pairs: Correspondences, T_target_source: FloatArray) -> Correspond
     gaps = moved - points
     distances = np.sqrt(np.einsum("ij,ij->i", gaps, gaps))
     found = dataclasses.replace(pairs.closest, points=points, distances=distances, others=None)
-    return Correspondences(pairs.scan, T_target_source, found, pairs.same_sign)
+    slid = Correspondences(pairs.scan, T_target_source, found, pairs.same_sign)
+    vars(slid)["moved"] = moved
+    return slid

@@ -33,26 +33,6 @@ ONE_FACE = 1.5
 CHUNK = 65_536
 
 
-@dataclasses.dataclass(frozen=True)
-class FaceSides:
-    """Planes square to n faces through their sides, one face a query."""
-
-    # (3, 3, n): Unit normals in the face's plane that point inside: side (first to second corner, ...), axis, face
-    inward: FloatArray
-    offsets: FloatArray  # (3, n): Their products with the sides' places
-
-    @staticmethod
-    def of(corners: FloatArray, normals: FloatArray) -> FaceSides:
-        """Sides of faces. Shapes: corners (n, 3, 3)."""
-        # By columns, (corner, axis, face): three numbers a row are too few for NumPy to be quick about.
-        a = np.ascontiguousarray(corners.transpose(1, 2, 0))
-        u, v, w = np.ascontiguousarray(normals.T)
-        x, y, z = (a[[1, 2, 0]] - a).transpose(1, 0, 2)
-        inward = np.stack([v * z - w * y, w * x - u * z, u * y - v * x], axis=1)
-        inward /= np.sqrt(np.einsum("kin,kin->kn", inward, inward))[:, None]
-        return FaceSides(inward, np.einsum("kin,kin->kn", inward, a))
-
-
 def run_centres(total: int, runs: int) -> tuple[IntArray, int]:
     """The scan cut into about so many runs of neighbours, all of one length; what is left over is in none.
 
@@ -114,29 +94,16 @@ def _on_faces(
     points: FloatArray, length: int, surface: MeshSurface, pairs: Correspondences, T: FloatArray, width: float
 ) -> tuple[BoolArray, FloatArray, FloatArray]:
     """Which points of each run lie on its face, (m, k); their mean, (m, 3); how they scatter about it, (m,)."""
-    closest, runs = pairs.closest, len(pairs.scan)
-    sides = FaceSides.of(np.take(surface.mesh.corners, closest.elements, axis=0), closest.normals)
-    # The face's plane and those through its sides, as numbers by which the untouched points are multiplied.
-    planes = np.concatenate([closest.normals.T[None], sides.inward])
-    offsets = np.vstack([np.einsum("ij,ij->i", closest.points, closest.normals), sides.offsets])
-    factors = np.ascontiguousarray((planes.transpose(2, 0, 1) @ T[:3, :3]).transpose(0, 2, 1))
-    shifts = (np.einsum("kim,i->km", planes, T[:3, 3]) - offsets).T[:, None]
-    on = np.zeros((runs, length), dtype=bool)
-    means, within = np.zeros((runs, 3)), np.zeros(runs)
+    from dqreg.kernels.points_on_faces import points_on_faces
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    runs = len(pairs.scan)
+    on, means, within = np.zeros((runs, length), dtype=bool), np.zeros((runs, 3)), np.zeros(runs)
+    faces = as_plain(surface.mesh.corners), pairs.closest.elements, as_plain(pairs.closest.normals)
+    limits = INSIDE * width, OFF * width, ONE_FACE * width
     step = max(CHUNK // length, 1)
-    for i in range(0, runs, step):
-        part = slice(i, i + step)
-        block = points[i * length : min(i + step, runs) * length].reshape(-1, length, 3)
-        height, *insets = np.moveaxis(block @ factors[part] + shifts[part], 2, 0)
-        lies = (np.minimum(np.minimum(*insets[:2]), insets[2]) > INSIDE * width) & (np.abs(height) <= OFF * width)
-        height = np.where(lies, height, 0.0)
-        squares = np.einsum("rk,rk->r", height, height)
-        count = np.count_nonzero(lies, axis=1)
-        lies[squares > count * (ONE_FACE * width) ** 2] = False
-        count = np.maximum(count, 1)
-        on[part] = lies
-        within[part] = squares - height.sum(axis=1) ** 2 / count
-        means[part] = (lies[:, None].astype(float) @ block)[:, 0] / count[:, None]
+    given = as_plain(points), length, *faces, as_plain(T), *limits
+    over_chunks(points_on_faces, runs, *given, on, means, within, chunk=step)
     return on, means, within
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray
 from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.estimators import points_to_planes
 from dqreg.solvers import Fit
@@ -26,34 +26,26 @@ MISFIT = 5.0
 LEAST = 0.03
 
 
-def relative_precisions(normals: FloatArray, residuals: FloatArray, weights: FloatArray) -> FloatArray:
-    """One over the variance of the residuals on faces with the same orientation, (n,); the weighted mean is one."""
-    cells, count = _cells(normals), (CELLS + 1) ** 3
-    # An outlier has no weight, and no residual to speak of.
-    squares = np.bincount(cells, weights * np.where(weights > 0.0, residuals, 0.0) ** 2, count)
-    held = np.bincount(cells, weights, count)
-    total = float(held.sum())
-    usual = float(squares.sum()) / total if total > 0.0 else 0.0
-    if not usual > 0.0:
-        return np.ones(len(normals))
-    variances = (squares + BEFOREHAND * usual) / (held + BEFOREHAND)
-    factors = 1.0 / np.maximum(variances, LEAST * usual)
-    scaled: FloatArray = (factors * (total / float(held @ factors)))[cells]
-    return scaled
+def relative_precisions(normals: FloatArray, squares: FloatArray, weights: FloatArray) -> FloatArray:
+    """One over the variance of the residuals on faces with the same orientation, from their squares, (n,).
+
+    The weighted mean is one.
+    """
+    from dqreg.kernels.threads import as_plain
+    from dqreg.kernels.weighted_planes import orientation_precisions
+
+    bins, precisions = np.zeros((2, (CELLS + 1) ** 3)), np.zeros(len(weights))
+    columns = as_plain(normals), as_plain(squares), as_plain(weights)
+    orientation_precisions(*columns, CELLS, BEFOREHAND, LEAST, bins, precisions)
+    return precisions
 
 
 def weights_by_face(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:
     """Weights times the precision of each orientation; unchanged while the misfit is larger than the noise."""
     if noise > MISFIT * pairs.scan.noise:
         return weights
-    residuals = np.sqrt(pairs.point_to_plane**2 + pairs.scan.scatter)
-    return weights * relative_precisions(pairs.closest.normals, residuals, weights)
-
-
-def _cells(normals: FloatArray) -> IntArray:
-    x, y, z = ((column + 1.0) * (0.5 * CELLS) + 0.5 for column in np.clip(normals.T, -1.0, 1.0))
-    side = CELLS + 1
-    return np.asarray((x.astype(np.int64) * side + y.astype(np.int64)) * side + z.astype(np.int64))
+    squares = pairs.point_to_plane**2 + pairs.scan.scatter
+    return weights * relative_precisions(pairs.closest.normals, squares, weights)
 
 
 def points_to_weighted_planes(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:

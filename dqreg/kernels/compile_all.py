@@ -12,9 +12,11 @@ from dqreg.kernels.morton import morton_cells, new_places, sorted_rows
 from dqreg.kernels.newton_steps import newton_steps
 from dqreg.kernels.plane_fits import fit_plane_rows
 from dqreg.kernels.point_tree import PointTree
+from dqreg.kernels.points_on_faces import points_on_faces
 from dqreg.kernels.pose_steps import add_plane_steps, grid_planes
 from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.triangle_tree import TriangleTree
+from dqreg.kernels.weighted_planes import COLUMNS, NUMBERS, mean_sums, orientation_precisions, plane_sums
 
 
 def compile_all() -> None:
@@ -34,6 +36,12 @@ def compile_all() -> None:
     flat, one = corners[0], np.zeros(3)
     disc_pair_sums(0, 0, flat, flat, flat, flat, one, one, one, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
     newton_steps(np.eye(13), np.r_[np.eye(3).ravel(), np.zeros(3), 1.0], 1.0, 1, 1.0, 1.0, 1.0, 1.0)
+    rows3, ones = np.eye(3), np.ones(3)
+    mean_sums(0, 3, rows3, rows3, rows3, ones, 3, np.zeros((1, COLUMNS)))
+    plane_sums(0, 3, rows3, rows3, rows3, ones, np.zeros((2, 3)), 3, np.zeros((1, NUMBERS, NUMBERS)))
+    orientation_precisions(rows3, ones, ones, 1, 1.0, 1.0, np.zeros((2, 8)), np.zeros(3))
+    first, on = np.zeros(1, dtype=np.int64), np.zeros((1, 3), dtype=bool)
+    points_on_faces(0, 1, rows3, 3, corners, first, rows3, np.eye(4), 1.0, 1.0, 1.0, on, np.zeros((1, 3)), np.zeros(1))
     gains, shape = np.zeros(2, dtype=np.float32), np.ones(3, dtype=np.int64)
     mean_gains(0, 1, np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)), shape, gains, np.zeros(1))
     nothing, planes = np.zeros(0), np.zeros((1, 6), dtype=np.float32)

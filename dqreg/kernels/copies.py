@@ -29,14 +29,15 @@ def _first_copies(words: Words) -> IntArray:
     n, size = len(words), 1
     while size < 2 * n:
         size *= 2
-    table, keys, first = np.full(size, -1), np.zeros(n, np.uint64), np.zeros(n, np.int64)
+    # Rows of the table count from one: zero is empty.
+    table, keys, first = np.zeros(size, np.int64), np.zeros(n, np.uint64), np.zeros(n, np.int64)
     for i in range(n):
         keys[i] = _key(words, i)
         place = np.int64(keys[i] & np.uint64(size - 1))
         while True:
-            j = table[place]
+            j = table[place] - 1
             if j < 0:
-                table[place] = j = i
+                table[place], j = i + 1, i
             if keys[j] == keys[i] and _same_corners(words, i, j):
                 first[i] = j
                 break

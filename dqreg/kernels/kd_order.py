@@ -9,6 +9,7 @@ from dqreg.kernels.compiled import compiled
 
 # Multiplier and increment of a linear congruential generator (Knuth): pivots that no input was made against.
 FACTOR, STEP = 6364136223846793005, 1442695040888963407
+DEEPEST = 64  # nodes that wait at a time: one a level, and no heap that fits into memory is deeper
 
 
 @compiled
@@ -19,18 +20,20 @@ def kd_order(places: FloatArray, leaf: int) -> IntArray:
     also for places in line, in a grid or all in one: equal keys are split evenly.
     """
     n = len(places)
-    order = np.arange(n)
-    keys = np.zeros(n)
+    # Zeros of two kinds alone: each further way to make an array is compiled by itself.
+    order, keys = np.zeros(n, np.int64), np.zeros(n)
+    for i in range(n):
+        order[i] = i
     leaves = 1
     while leaves * leaf < n:
         leaves *= 2
     # First leaf and number of leaves of the nodes still to be cut.
-    stack = np.zeros((64, 2), np.int64)
-    stack[0, 1] = leaves
+    stack = np.zeros(2 * DEEPEST, np.int64)
+    stack[1] = leaves
     waiting = 1
     while waiting > 0:
         waiting -= 1
-        first, count = stack[waiting, 0], stack[waiting, 1]
+        first, count = stack[2 * waiting], stack[2 * waiting + 1]
         low, high = first * leaf, min((first + count) * leaf, n)
         if count == 1 or low >= n:
             continue
@@ -41,8 +44,8 @@ def kd_order(places: FloatArray, leaf: int) -> IntArray:
                 keys[i] = places[order[i], axis]
             _part(keys, order, low, high - 1, middle)
         # Number by number: a pair at once would compile checks of shapes for seconds.
-        stack[waiting, 0], stack[waiting, 1] = first, count // 2
-        stack[waiting + 1, 0], stack[waiting + 1, 1] = first + count // 2, count // 2
+        stack[2 * waiting], stack[2 * waiting + 1] = first, count // 2
+        stack[2 * waiting + 2], stack[2 * waiting + 3] = first + count // 2, count // 2
         waiting += 2
     return order
 

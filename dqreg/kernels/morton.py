@@ -14,6 +14,8 @@ Codes = NDArray[np.uint64]
 BITS = 21
 DIGIT, DIGITS = 11, 6
 BUCKETS = 1 << DIGIT
+# Places that a point may move on average where the lower half of its digits is put in order.
+MOVES = 4
 # Shifts that leave two zero bits between each two bits of a cell number, and the bits kept after each.
 SHIFT_A, SHIFT_B, SHIFT_C, SHIFT_D, SHIFT_E = 32, 16, 8, 4, 2
 KEEP_A, KEEP_B, KEEP_C = 0x1F00000000FFFF, 0x1F0000FF0000FF, 0x100F00F00F00F00F
@@ -42,38 +44,76 @@ def _spread(cell: np.uint64) -> np.uint64:
 
 @compiled
 def sorted_rows(codes: Codes) -> IntArray:
-    """Stable order of codes below 2^63, as of ``np.argsort``: a radix sort, O(n)."""
-    n = len(codes)
-    counts = np.zeros((DIGITS, BUCKETS), np.int64)
+    """Stable order of codes below 2^63, as of ``np.argsort``: a radix sort, O(n).
+
+    The upper half of the digits puts points of a surface in order but for a few neighbours, which then change places.
+    """
+    # In a loop: for a constant of its own each call would be compiled once more.
+    for lowest in range(DIGITS // 2, -1, -(DIGITS // 2)):
+        rows, keys = _by_digits(codes, lowest)
+        if lowest == 0 or _settled(rows, keys):
+            break
+    return rows
+
+
+@compiled
+def _by_digits(codes: Codes, lowest: int) -> tuple[IntArray, Codes]:
+    n, counts = len(codes), np.zeros(DIGITS * BUCKETS, np.int64)
     for i in range(n):
-        for digit in range(DIGITS):
-            counts[digit, (codes[i] >> np.uint64(DIGIT * digit)) & np.uint64(BUCKETS - 1)] += 1
-    rows, keys = np.arange(n), codes.copy()
+        for digit in range(lowest, DIGITS):
+            counts[BUCKETS * digit + _digit(codes[i], digit)] += 1
+    rows, keys = np.zeros(n, np.int64), np.zeros(n, np.uint64)
+    for i in range(n):
+        rows[i], keys[i] = i, codes[i]
     other_rows, other_keys = np.zeros(n, np.int64), np.zeros(n, np.uint64)
-    for digit in range(DIGITS):
-        shift, bucket = np.uint64(DIGIT * digit), counts[digit]
+    for digit in range(lowest, DIGITS):
+        start = BUCKETS * digit
         # A digit that all codes share orders nothing.
-        if n == 0 or bucket[(codes[0] >> shift) & np.uint64(BUCKETS - 1)] == n:
+        if n == 0 or counts[start + _digit(codes[0], digit)] == n:
             continue
         place = 0
-        for b in range(BUCKETS):
-            held = bucket[b]
-            bucket[b] = place
+        for b in range(start, start + BUCKETS):
+            held = counts[b]
+            counts[b] = place
             place += held
         for i in range(n):
-            b = (keys[i] >> shift) & np.uint64(BUCKETS - 1)
-            place = bucket[b]
-            bucket[b] = place + 1
+            bucket = start + _digit(keys[i], digit)
+            place = counts[bucket]
+            counts[bucket] = place + 1
             other_rows[place], other_keys[place] = rows[i], keys[i]
         rows, other_rows, keys, other_keys = other_rows, rows, other_keys, keys
-    return rows
+    return rows, keys
+
+
+@compiled
+def _digit(key: np.uint64, digit: int) -> np.int64:
+    return np.int64((key >> np.uint64(DIGIT * digit)) & np.uint64(BUCKETS - 1))
+
+
+@compiled
+def _settled(rows: IntArray, keys: Codes) -> bool:
+    # Insertion; given up where more than a few stand in the wrong order, as of points that crowd in one cell.
+    left = MOVES * len(keys)
+    for i in range(1, len(keys)):
+        row, key, j = rows[i], keys[i], i
+        while j > 0 and keys[j - 1] > key:
+            rows[j], keys[j] = rows[j - 1], keys[j - 1]
+            j -= 1
+        rows[j], keys[j] = row, key
+        left -= i - j
+        if left < 0:
+            return False
+    return True
 
 
 @compiled
 def new_places(points: FloatArray, codes: Codes, order: IntArray) -> tuple[BoolArray, bool]:
     """Which points differ from the one before them in an order by codes, and whether two such share a cell. O(n)."""
-    new, mixed = np.ones(len(order), np.bool_), False
-    for i in range(1, len(order)):
+    new, mixed = np.zeros(len(order), np.bool_), False
+    for i in range(len(order)):
+        new[i] = True
+        if i == 0:
+            continue
         a, b = order[i - 1], order[i]
         if codes[a] == codes[b]:
             same = points[a, 0] == points[b, 0] and points[a, 1] == points[b, 1] and points[a, 2] == points[b, 2]

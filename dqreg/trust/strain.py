@@ -19,6 +19,8 @@ FEWEST = 300
 COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 # Rounds of the robust fit; residuals beyond so many standard deviations have no weight (Tukey's biweight).
 ROUNDS, TUKEY = 8, 4.685
+# A round that moves the fit by less than this share of a standard deviation is the last.
+STILL = 0.02
 # Share of a drift that is the shift of the middle, where it has a direction.
 MOSTLY = 0.5
 # Information below this share of the whole is none.
@@ -121,8 +123,10 @@ def robust_fit(
         # Exact data on a plane leave nothing else to divide by.
         ridge = variance / (USUAL * lever) ** 2 + SINGULAR * float(np.trace(information))
         solved = np.linalg.solve(information + ridge * np.eye(len(rows)), rows @ (weights * residuals))
-        fitted = np.asarray(solved, dtype=np.float64)
+        step, fitted = solved - fitted, np.asarray(solved, dtype=np.float64)
         weights = weights_of(residuals - fitted @ rows)
+        if step @ information @ step <= STILL**2 * variance:
+            break
     return fitted, weights
 
 

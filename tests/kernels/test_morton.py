@@ -24,6 +24,13 @@ def test_the_order_is_that_of_numpy(codes: np.ndarray, coarse: int) -> None:
     np.testing.assert_array_equal(codes, before)
 
 
+@pytest.mark.parametrize("upper", [1, 50, 40_000])
+def test_many_codes_are_in_order_whether_few_or_many_share_their_upper_digits(upper: int) -> None:
+    rng = np.random.default_rng(0)
+    codes = (rng.integers(0, upper, 40_000) << 33 | rng.integers(0, 2**33, 40_000)).astype(np.uint64)
+    np.testing.assert_array_equal(sorted_rows(codes), np.argsort(codes, kind="stable"))
+
+
 def plain_codes(points: FloatArray, low: FloatArray, cells: float) -> list[int]:
     """The same one bit at a time."""
     grid = ((points - low) * cells).astype(np.int64).tolist()
