@@ -121,9 +121,10 @@ def _word(check: Check) -> str:
 
 
 def _show_table(checks: list[Check]) -> None:
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
+
+    from dqreg.cli.pipes import PatientConsole
 
     colours = {"ok": "green", "FAIL": "bold red", "optional": "dim", "old": "yellow"}
     table = Table("", "part", "found", "needed", "what to do")
@@ -133,7 +134,7 @@ def _show_table(checks: list[Check]) -> None:
         texts = (name, check.version or "missing", check.needed, check.remedy)
         cells = (escape(printable(text)) for text in texts)
         table.add_row(f"[{colours[word]}]{word}[/]", *cells)
-    Console().print(table)
+    PatientConsole().print(table)
 
 
 def _python() -> Check:

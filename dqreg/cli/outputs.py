@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
-import os
-import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,7 +32,7 @@ def consoles(*, quiet: bool, as_json: bool, width: int | None = None, apart: boo
     >>> [console.quiet for console in consoles(quiet=False, as_json=True)][0]
     True
     """
-    from rich.console import Console
+    from dqreg.cli.pipes import PatientConsole as Console
 
     told = Console(stderr=as_json, quiet=quiet or as_json, highlight=False)
     # A pipe gets the answer, not the iterations before it.
@@ -72,9 +69,14 @@ def print_json(value: Any) -> None:
      "units": "mm"
     }
     """
+    from dqreg.cli.pipes import into_the_void
     from dqreg.files.strict_json import plain
 
-    click.echo(json.dumps(plain(value), indent=1, allow_nan=False))
+    try:
+        click.echo(json.dumps(plain(value), indent=1, allow_nan=False))
+    except BrokenPipeError:
+        # Who reads has enough; the exit code is still that of the answer.
+        into_the_void()
 
 
 def write_outputs(result: Registration, out: Path | None, aligned: Path | None, console: Console) -> None:
@@ -229,12 +231,13 @@ def tell_report(
 
 def say(console: Console, text: str) -> None:
     """Print a line as it is: no markup, no colours, no breaks."""
+    from dqreg.cli.pipes import into_the_void
+
     try:
         console.print(printable(text), highlight=False, markup=False, soft_wrap=True)
     except BrokenPipeError:
-        raise
+        into_the_void()
     except OSError as error:
         # What is left in the stream would fail once more when Python ends.
-        with contextlib.suppress(OSError, ValueError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        into_the_void()
         raise InputError(f"cannot write to the standard output: {error.strerror or error}; add --quiet") from error

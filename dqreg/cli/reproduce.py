@@ -23,15 +23,14 @@ def reproduce(paper: str, out: Path | None, seed: int, quick: bool, quiet: bool)
     walker1991   Walker, Shao and Volz: dual quaternions from points and directions
     jia2020      Jia's notes on quaternions
     """
-    from rich.console import Console
-
+    from dqreg.cli.pipes import PatientConsole
     from dqreg.papers import PAPERS, prepare_folder, print_section, write_report
     from dqreg.papers import reproduce as answer
 
     folder = out or Path(f"dqreg-{paper}")
     prepare_folder(folder, PAPERS[paper].figures)
     # A pipe has no width of its own; the tables need more than the usual 80.
-    console = Console(quiet=quiet, width=None if sys.stdout.isatty() else 170, highlight=False)
+    console = PatientConsole(quiet=quiet, width=None if sys.stdout.isatty() else 170, highlight=False)
     console.print(PAPERS[paper].citation, markup=False)
     report = answer(paper, seed, quick=quick, observe=lambda section: print_section(console, section))
     console.print()

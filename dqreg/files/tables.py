@@ -109,7 +109,7 @@ def read_table(path: Path) -> CloudData:
 
     Columns are found by name where a first line (or a comment above the numbers) names them. Without names there must
     be three, x y z; four, with an intensity, which is not used; or six, x y z nx ny nz. Numbers are parted by white
-    space, commas or semicolons (then a comma may be the decimal sign); an empty field counts as NaN.
+    space, commas or semicolons (beside blanks or semicolons a comma is the decimal sign); an empty field counts as NaN.
     """
     names, lines = _split_header(path, read_text(path).splitlines())
     delimiter = _delimiter(lines[0])
@@ -187,8 +187,16 @@ def _is_numbers(line: str) -> bool:
         return any(re.fullmatch(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*", field) for field in fields)
 
 
+# Numbers with decimal commas between blanks: of fewer than three words a comma parts columns.
+COMMA = re.compile(r"[-+]?(\d+(,\d*)?|,\d+)([eE][-+]?\d+)?")
+
+
 def _delimiter(line: str) -> str | None:
-    return next((sign for sign in (";", ",") if sign in line), None)
+    if ";" in line:
+        return ";"
+    words = line.split()
+    decimal = len(words) > 2 and all(COMMA.fullmatch(word) for word in words)
+    return "," if "," in line and not decimal else None
 
 
 def _tidy(lines: Iterable[str], delimiter: str | None) -> Iterator[str]:
@@ -198,7 +206,8 @@ def _tidy(lines: Iterable[str], delimiter: str | None) -> Iterator[str]:
         if not line or line.isspace() or line.lstrip().startswith(COMMENTS):
             continue
         if delimiter is None:
-            yield line
+            # Between blanks a comma is a decimal sign.
+            yield line.replace(",", ".")
             continue
         row = line.replace(",", ".") if delimiter == ";" else line
         yield gap.sub(r"\1nan", row) if gap.search(row) else row

@@ -118,3 +118,17 @@ def test_colours_from_0_to_1_are_not_taken_for_normals(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "scan.xyz", colours)
     with pytest.raises(InputError, match="normals of length 1"):
         read_cloud(tmp_path / "scan.xyz")
+
+
+@pytest.mark.parametrize("gap", [" ", "\t", "   ", ";", " ; "])
+def test_a_comma_is_the_decimal_sign_beside_blanks_and_semicolons(tmp_path: Path, gap: str) -> None:
+    points = np.array([[2420.13, -1.5, 0.25], [0.0, 3.0, -4e-3], [7.0, 8.5, 9.0]])
+    rows = [gap.join(f"{x:g}".replace(".", ",") for x in row) for row in points]
+    (tmp_path / "a.txt").write_text("x y z\n".replace(" ", gap) + "\n".join(rows) + "\n")
+    np.testing.assert_array_equal(read_cloud(tmp_path / "a.txt").points, points)
+
+
+def test_commas_that_part_columns_still_do(tmp_path: Path) -> None:
+    for text in ("1.5,2,3\n4,5,6\n", "1.5, 2, 3\n4, 5, 6\n", "1.5 ,2 ,3\n4 ,5 ,6\n"):
+        (tmp_path / "a.txt").write_text(text)
+        np.testing.assert_array_equal(read_cloud(tmp_path / "a.txt").points, [[1.5, 2, 3], [4, 5, 6]])
