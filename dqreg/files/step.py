@@ -195,6 +195,11 @@ def _unit(data: bytes) -> str:
     return stated
 
 
+def file_unit(path: Path) -> str:
+    """The length unit of a STEP file."""
+    return _unit(path.read_bytes())
+
+
 def _size(data: bytes) -> float:
     """About the size of the part, by the points of its file; file's unit."""
     number = rb"\s*(-?[0-9][-+.0-9eE]{0,30})\s*"

@@ -21,6 +21,7 @@ from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.options import Options
 from dqreg.registration.source import CentredSource, centre_source
+from dqreg.registration.step_part import is_step, read_for
 from dqreg.registration.target_index import TargetIndex, index_target, require_mesh
 from dqreg.rigid import pose
 from dqreg.solvers.dof import Freedom
@@ -141,7 +142,12 @@ class Problem(SourceAndTarget):
                 'search="never" leaves the pose to start=, and there is none: give start, or allow a search'
             )
         with watch.stage("read"):
-            index = index_target(target)
+            chord = None
+            if is_step(target):
+                part, chord = read_for(target, source, options.source_units)
+                index = dataclasses.replace(index_target(part), name=describe(target))
+            else:
+                index = index_target(target)
             building = None if index is target else index.build_beside()
             unit, rng = options.target_units or index.units, np.random.default_rng(options.seed)
             centred = centre_source(source, options.source_units, unit, rng, float(options.scale))
@@ -155,6 +161,7 @@ class Problem(SourceAndTarget):
             **options.recorded,
             "source": describe(source),
             "target": index.name,
+            **({} if chord is None else {"chord": chord}),
             "source_units": units[0],
             "target_units": units[1],
             "start": "search" if T_start is None else start if isinstance(start, str) else "given",
