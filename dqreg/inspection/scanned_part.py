@@ -29,6 +29,8 @@ CUT = 3.5
 # Points nearer to an edge than so many times what 95 % of the deviations do not exceed may be of the face beyond it; at
 # most that share of a face's extent is left out, and never half of its points.
 MIXED, EDGE, HALF = 2.0, 0.05, 0.5
+# Places along edges are that part of the usual spacing apart.
+FINE = 0.1
 # Faces are the wall of a slot where their corners lie within that share of its length of one.
 SLOT = 1e-3
 
@@ -120,7 +122,7 @@ class ScannedPart:
 
         feet, _, values = self.deviations()
         mixed = MIXED * float(np.quantile(np.abs(values), 0.95)) if len(values) else 0.0
-        places, step = edge_places(self.mesh, self.of_triangle, max(0.5 * mixed, 1e-4 * self.mesh.diagonal))
+        places, step = edge_places(self.mesh, self.of_triangle, max(0.5 * mixed, FINE * self.spacing))
         if not len(places) or not len(feet):
             return np.full(len(feet), np.inf), 0.0
         return np.asarray(cKDTree(places).query(feet)[0], dtype=np.float64), math.hypot(mixed, 0.5 * step)

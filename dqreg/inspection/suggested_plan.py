@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
 from dqreg.inspection.part_faces import Face, part_faces
+from dqreg.inspection.suggested_datums import suggest_datums
 
-# A second datum's normal turns from the first's by more than its cosine, and a third's from both.
-SQUARE = 0.1
 # The tolerance that is written, to be changed: that share of the part's size, one digit.
 TOLERANCE = 5e-4
 # Share of a face from which on a scan says something of it.
@@ -38,7 +37,7 @@ SECTION = """\
 # point = [{}]
 # normal = [1, 0, 0]
 """
-NO_DATUMS = "# No three planes at right angles: values are those of the best fit. Datums are [[datum]] tables.\n"
+NO_DATUMS = "# No faces hold all six motions: values are those of the best fit. Datums are [[datum]] tables.\n"
 # Characteristics at most; the largest faces come first.
 MOST = 40
 
@@ -73,15 +72,16 @@ def suggested_plan(
         TOP.format(tolerance=f"{2 * tolerance:g}"),
         '[head]\npart = ""\ndrawing = ""\nserial = ""\noperator = ""\ndevice = ""\n',
     ]
-    datums = _datums(faces)
+    chosen = suggest_datums(mesh, faces, covered)
+    datums = {each.name: each.face for each in chosen}
     if not datums:
         lines.append(NO_DATUMS)
     places = {face.number: _place(face, np.asarray(origin, dtype=np.float64)) for face in faces}
-    lines += [f'[[datum]]\nname = "{letter}"\n{places[face.number]}\n' for letter, face in datums.items()]
+    lines += [f'[[datum]]  # {each.reason}\nname = "{each.name}"\n{places[each.face.number]}\n' for each in chosen]
     rows: list[str] = []
     for letter, face in datums.items():
         rows.append(_row(f"datum {letter} form", "form", face, tolerance))
-        if letter != "A":
+        if letter != "A" and face.kind == "plane":
             rows.append(_row(f"datum {letter} to A", "perpendicularity", face, tolerance, 'datum = "A"\n'))
     known = {face.number for face in datums.values()}
     for face in sorted(faces, key=lambda face: -face.area):
@@ -128,17 +128,6 @@ def _left_out(every: tuple[Face, ...], faces: tuple[Face, ...]) -> list[str]:
     return [
         "# Not in this plan, because the scan covers less than a fifth of them: faces " + ", ".join(map(str, missing))
     ]
-
-
-def _datums(faces: tuple[Face, ...]) -> dict[str, Face]:
-    chosen: list[Face] = []
-    for face in sorted(faces, key=lambda face: -face.area):
-        if len(chosen) < 3 and face.kind == "plane" and face.feature is not None:
-            axes = [other.feature.axis for other in chosen if other.feature is not None]
-            if all(abs(float(axis @ face.feature.axis)) < SQUARE for axis in axes):
-                chosen.append(face)
-    # Two planes leave a motion open: a frame needs all three.
-    return dict(zip("ABC", chosen, strict=True)) if len(chosen) == 3 else {}
 
 
 def _row(name: str, kind: str, face: Face, tolerance: float, more: str = "") -> str:

@@ -21,8 +21,7 @@ from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.options import Options
 from dqreg.registration.source import CentredSource, centre_source
-from dqreg.registration.step_part import is_step, read_for
-from dqreg.registration.target_index import TargetIndex, index_target, require_mesh
+from dqreg.registration.target_index import TargetIndex, index_for, index_target, require_mesh
 from dqreg.rigid import pose
 from dqreg.solvers.dof import Freedom
 
@@ -142,12 +141,7 @@ class Problem(SourceAndTarget):
                 'search="never" leaves the pose to start=, and there is none: give start, or allow a search'
             )
         with watch.stage("read"):
-            chord = None
-            if is_step(target):
-                part, chord = read_for(target, source, options.source_units)
-                index = dataclasses.replace(index_target(part), name=describe(target))
-            else:
-                index = index_target(target)
+            index, chord = index_for(target, source, options.source_units)
             building = None if index is target else index.build_beside()
             unit, rng = options.target_units or index.units, np.random.default_rng(options.seed)
             centred = centre_source(source, options.source_units, unit, rng, float(options.scale))

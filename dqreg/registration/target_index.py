@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import os
 import threading
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, bounds
 from dqreg.errors import InputError
-from dqreg.geometry import Closest, CloudSurface, Mesh, MeshSurface, PointCloud, Surface
+from dqreg.files.step import CHORD, file_unit, read_step
+from dqreg.files.units import factor
+from dqreg.files.untrusted import require_own_kind, require_readable
+from dqreg.geometry import Closest, CloudSurface, Mesh, MeshSurface, PointCloud, Surface, prepare_scan
 from dqreg.geometry.mesh_normals import SmoothNormals
 from dqreg.geometry.opening import describe, open_geometry
 from dqreg.geometry.unit_check import principal_spreads
@@ -23,6 +28,12 @@ from dqreg.search import PairTable
 from dqreg.search.near_symmetry import near_flips, near_mirrors
 from dqreg.search.periods import near_periods
 
+# Chord of a STEP part, in the noise and in the spacing of its scan: neither shows it.
+OF_NOISE, OF_SPACING = 0.1, 0.05
+# And in sizes of the part: finer than the first, numbers end; coarser than the second, the shape does.
+FINEST, COARSEST = 1e-6, 1e-3
+# Points at which planes are fitted for it.
+FITTED = 2_000
 # What is derived and goes along with a copy: a few numbers that took longer to find than a tree takes to build.
 SMALL = ("spreads", "diagonal", "near_rotations", "near_periods", "near_reflections")
 
@@ -197,3 +208,32 @@ def index_target(target: Any) -> TargetIndex:
     require_spread(geometry.points, "target")
     origin = 0.5 * np.add(*bounds(geometry.points))
     return TargetIndex(moved(geometry, -origin, 1.0), origin, describe(target))
+
+
+def index_for(target: Any, source: Any, source_units: str | None) -> tuple[TargetIndex, float | None]:
+    """A target indexed for a scan; a STEP part is cut as finely as the scan can tell: its chord, in the file's unit."""
+    if not isinstance(target, (str, os.PathLike)) or Path(target).suffix.lower() not in (".step", ".stp"):
+        return index_target(target), None
+    part, chord = cut_for(Path(target), source, source_units)
+    return dataclasses.replace(index_target(part), name=describe(target)), chord
+
+
+def cut_for(target: Path, source: Any, source_units: str | None) -> tuple[Mesh, float]:
+    """The part of a STEP file for a scan, and the largest distance of its triangles from its surfaces."""
+    path = require_readable(target)
+    require_own_kind(path, path.suffix.lower())
+    scan = open_geometry(source, "source")
+    points = scan.points if isinstance(scan, PointCloud) else scan.vertices
+    found = prepare_scan(PointCloud(points), FITTED)
+    unit, own = file_unit(path), source_units or scan.units
+    scale = factor(own, unit) if own is not None else 1.0
+    size = float(np.linalg.norm(np.ptp(points, axis=0))) * scale
+    wanted = min(OF_NOISE * found.noise, OF_SPACING * found.spacing) * scale or CHORD * size
+    # The scan's size stands for the part's until that is known.
+    chord = float(np.clip(wanted, FINEST * size, COARSEST * size))
+    data = read_step(path, chord)
+    part = float(np.linalg.norm(np.ptp(data.vertices, axis=0)))
+    if not FINEST * part <= chord <= COARSEST * part:
+        chord = float(np.clip(chord, FINEST * part, COARSEST * part))
+        data = read_step(path, chord)
+    return Mesh(data.vertices, data.faces, data.units, regions=data.regions), chord

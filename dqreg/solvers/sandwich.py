@@ -63,7 +63,7 @@ def scatter_of(
     pulls = np.stack([_sums(rows * (weights * along), starts) for along in normals.T])
     between = sum(pull @ shared @ pull.T for pull in pulls)
     fine = _sandwich(bread, _sums(rows * (weights * residuals), starts), variance * known)
-    return _larger(coarse, fine + bread @ between @ bread)
+    return larger(coarse, fine + bread @ between @ bread)
 
 
 def _starts(total: int, patches: int, counts: FloatArray | None) -> IntArray:
@@ -86,8 +86,8 @@ def _sandwich(bread: FloatArray, scores: FloatArray, known: FloatArray) -> Float
     return scatter
 
 
-def _larger(one: FloatArray, other: FloatArray) -> FloatArray:
-    # In every direction the larger of both: in axes where one is the identity, and the other is diagonal.
+def larger(one: FloatArray, other: FloatArray) -> FloatArray:
+    """In every direction the larger of two covariances: in axes where one is the identity, and the other diagonal."""
     spreads, axes_one = np.linalg.eigh(one)
     # Exact data leave directions without any scatter.
     roots = np.sqrt(np.maximum(spreads, SINGULAR * spreads[-1]))
@@ -96,8 +96,8 @@ def _larger(one: FloatArray, other: FloatArray) -> FloatArray:
     inverse = axes_one / roots
     values, vectors = np.linalg.eigh(inverse.T @ other @ inverse)
     axes = (axes_one * roots) @ vectors
-    larger: FloatArray = (axes * np.maximum(values, 1.0)) @ axes.T
-    return larger
+    both: FloatArray = (axes * np.maximum(values, 1.0)) @ axes.T
+    return both
 
 
 @dataclasses.dataclass(frozen=True)

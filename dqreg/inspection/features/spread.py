@@ -7,10 +7,12 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry.morton import morton_order
 from dqreg.inspection.features.models import FeatureKind, Shape, distances
-from dqreg.solvers.sandwich import scatter_of
+from dqreg.solvers.sandwich import larger, scatter_of
 
 # Points from which on neighbours' residuals are compared: form error makes them alike.
 PATCHWISE = 400
+# What a point's residual keeps of its own error at least.
+LEAST = 0.3
 # Share of the variance of what neighbours have in common that is taken for an error of the scanner.
 REPEATED = 0.1
 
@@ -35,9 +37,25 @@ def covariance_of(
         )
         spread = None if spread is None else spread / scale / scale[:, None]
     if spread is None:
-        spread = np.asarray(np.linalg.pinv(slopes.T @ slopes) * variance)
+        spread = _of_few(rows, slopes, variance)
     covariance: FloatArray = 0.5 * (spread + spread.T)
     return covariance
+
+
+def _of_few(rows: FloatArray, slopes: FloatArray, variance: float) -> FloatArray:
+    """As if residuals were independent and alike, or as they scatter where each counts (HC3; MacKinnon and White 1985).
+
+    In every direction the larger of both: of few points single ones decide.
+    """
+    bread = np.linalg.pinv(slopes.T @ slopes)
+    alike = np.asarray(bread * variance)
+    levers = np.einsum("ri,ij,rj->r", slopes, bread, slopes)
+    each = (rows / np.maximum(1.0 - levers, LEAST))[:, None] * slopes @ bread
+    scale = np.sqrt(np.diag(alike))
+    if not scale.all():
+        return alike
+    both = scale[:, None] * scale
+    return np.asarray(larger(alike / both, (each.T @ each) / both) * both)
 
 
 def covariance_on(

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, sample_mesh
-from dqreg.registration import step_part
+from dqreg.registration import target_index
 from dqreg.registration.register import register
-from dqreg.registration.step_part import read_for
+from dqreg.registration.target_index import cut_for
 from dqreg.synth.parts import box
 from tests.files.step_text import block_with_hole
 
@@ -27,7 +27,7 @@ def scan_of(noise: float) -> np.ndarray:
 
 def test_the_chord_follows_the_noise_and_the_units(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (path := tmp_path / "part.step").write_bytes(block_with_hole())
-    fine, coarse = (read_for(path, scan_of(noise), "mm") for noise in (0.005, 0.05))
+    fine, coarse = (cut_for(path, scan_of(noise), "mm") for noise in (0.005, 0.05))
     # A tenth of the noise, as planes through neighbours show it: of the order of what was drawn.
     assert 0.5e-3 / 2 < fine[1] < 0.5e-3 * 2
     assert 5e-3 / 2 < coarse[1] < 5e-3 * 2
@@ -37,9 +37,9 @@ def test_the_chord_follows_the_noise_and_the_units(tmp_path: Path, monkeypatch: 
     assert coarse[0].regions is not None
     assert set(fine[0].regions) == set(coarse[0].regions)
     # The file is not read again: OpenCASCADE takes seconds.
-    monkeypatch.setattr(step_part, "read_step", lambda *_: coarse[0])
+    monkeypatch.setattr(target_index, "read_step", lambda *_: coarse[0])
     # The same scan in inches of a part in mm.
-    assert read_for(path, scan_of(0.05) / 25.4, "inch")[1] == pytest.approx(coarse[1], rel=1e-6)
+    assert cut_for(path, scan_of(0.05) / 25.4, "inch")[1] == pytest.approx(coarse[1], rel=1e-6)
     found = register(scan_of(0.05), path, "identity", source_units="mm")
     assert found.settings["target"] == str(path)
     assert found.settings["chord"] == pytest.approx(coarse[1], rel=1e-6)
