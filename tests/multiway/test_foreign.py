@@ -32,10 +32,10 @@ class Turned:
 
 @pytest.fixture(scope="module")
 def turned() -> Turned:
-    made = turntable_views(bracket(), VIEWS, pixels=60, rng=np.random.default_rng(0))
+    made = turntable_views(bracket(), VIEWS, pixels=45, rng=np.random.default_rng(0))
     vertices, faces = feeder()
     scale = np.linalg.norm(np.ptp(bracket()[0], axis=0)) / np.linalg.norm(np.ptp(vertices, axis=0))
-    other = turntable_views((scale * vertices, faces), 2, pixels=60, rng=np.random.default_rng(1))
+    other = turntable_views((scale * vertices, faces), 2, pixels=45, rng=np.random.default_rng(1))
     size = float(np.linalg.norm(np.ptp(made.scans[0], axis=0)))
     eyes = np.concatenate([made.viewpoints, other.viewpoints[:1]])
     return Turned([*made.scans, other.scans[0]], made.T_world_scan, eyes, size)
