@@ -57,15 +57,13 @@ class SmoothNormals:
 
 
 def _groups(mesh: Mesh) -> IntArray:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    from dqreg.kernels.components import components
 
     count = len(mesh.faces)
-    here, there = np.repeat(np.arange(count), 3), mesh.face_neighbours.ravel()
+    here, there = np.repeat(np.arange(count), 3), mesh.face_neighbours.ravel().astype(np.int64)
     cosines = np.einsum("ij,ij->i", mesh.face_normals[here], mesh.face_normals[there])
     smooth = cosines >= np.cos(np.deg2rad(SMOOTH_DEG))
-    graph = coo_array((np.ones(np.count_nonzero(smooth)), (here[smooth], there[smooth])), shape=(count, count))
-    groups: IntArray = connected_components(graph, directed=False)[1].astype(np.int64)
+    groups: IntArray = components(count, here[smooth], there[smooth])
     return groups
 
 

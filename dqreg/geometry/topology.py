@@ -75,13 +75,10 @@ class Topology:
     @cached_property
     def bodies(self) -> IntArray:
         """Number of the connected body of each face, (f,): faces that share an edge belong together."""
-        from scipy.sparse import coo_matrix
-        from scipy.sparse.csgraph import connected_components
+        from dqreg.kernels.components import components
 
         count = len(self.corners)
         rows = np.repeat(np.arange(count), 3)
         size = count + int(self.edges.max()) + 1
-        links = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, count + self.edges.ravel())), shape=(size, size))
-        labels = connected_components(links, directed=False)[1][:count]
-        _, bodies = np.unique(labels, return_inverse=True)
-        return bodies.astype(np.int64)
+        bodies: IntArray = components(size, rows, count + self.edges.ravel().astype(np.int64))[:count]
+        return bodies

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg.kernels.cache import keep_beside_package
+from dqreg.kernels.components import components
 from dqreg.kernels.disc_pairs import SUMS, disc_pair_sums
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
@@ -36,6 +37,8 @@ def compile_all() -> None:
     flat, one = corners[0], np.zeros(3)
     disc_pair_sums(0, 0, flat, flat, flat, flat, one, one, one, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
     newton_steps(np.eye(13), np.r_[np.eye(3).ravel(), np.zeros(3), 1.0], 1.0, 1, 1.0, 1.0, 1.0, 1.0)
+    none_joined = np.zeros(0, dtype=np.int64)
+    components(1, none_joined, none_joined)
     rows3, ones = np.eye(3), np.ones(3)
     mean_sums(0, 3, rows3, rows3, rows3, ones, 3, np.zeros((1, COLUMNS)))
     plane_sums(0, 3, rows3, rows3, rows3, ones, np.zeros((2, 3)), 3, np.zeros((1, NUMBERS, NUMBERS)))
