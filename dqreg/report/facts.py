@@ -12,6 +12,7 @@ import numpy as np
 from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.summary import scale_words
 from dqreg.report.text import percent, place_text, setting_text, text_of
+from dqreg.trust.records import Check
 
 Rows = list[tuple[str, str]]
 
@@ -51,21 +52,30 @@ def checks_of(result: RegistrationResult) -> list[dict[str, str]]:
     order = sorted(result.verdict.checks, key=lambda check: (check.passed, bool(np.isnan(check.value))))
     return [
         {
-            "sign": "✗" if not check.passed else "✓" if np.isfinite(check.value) or not check.unit else "–",
+            "sign": "✗" if not check.passed else "✓" if np.isfinite(check.value) or _is_yes(check) else "–",
             "level": "suspect" if not check.passed else "accepted",
             "question": check.question,
-            "value": _figure(check.value, check.unit),
-            "limit": f"{check.relation} {_figure(check.limit, check.unit)}" if check.unit else "",
+            "value": "" if _is_yes(check) else _figure(check.value, check.unit),
+            "limit": f"{check.relation} {_figure(check.limit, check.unit)}"
+            if np.isfinite(check.limit) and not _is_yes(check)
+            else "",
             "code": check.code,
         }
         for check in order
     ]
 
 
+def _is_yes(check: Check) -> bool:
+    """Whether a question is answered by yes or no: it has neither a figure nor a unit."""
+    return not check.unit and not check.limit
+
+
 def _figure(value: float, unit: str) -> str:
     if not np.isfinite(value):
-        return "not asked" if unit else ""
-    return f"{text_of(100.0 * value, 2)} %" if unit == "%" else f"{text_of(value, 3)} {unit}".strip()
+        return "not asked"
+    # Two digits, and 100 % is no power of ten.
+    shares = f"{100.0 * value:.0f}" if value >= 0.1 else text_of(100.0 * value, 2)
+    return f"{shares} %" if unit == "%" else f"{text_of(value, 3)} {unit}".strip()
 
 
 def motions_of(result: RegistrationResult) -> list[dict[str, str]]:
