@@ -6,10 +6,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, PointCloud
-from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.scan import measure_spacing
 from dqreg.geometry.visibility import blocked
 from dqreg.registration.fit import Fit
+from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
 from dqreg.trust.free_space import Seen, looked_through
 
@@ -37,9 +36,15 @@ def _between_clouds(fit: Fit, target: PointCloud) -> float:
     problem = fit.problem
     origin = problem.source.centred(np.zeros((1, 3)))[0]
     source = _seen(problem.source.cloud.points, _viewpoint(fit), origin)
-    stands = _seen(target.points, target.viewpoint, -problem.target.origin)
-    gap = GAPS * max(measure_spacing(NeighbourTree(side.points), side.points) for side in (source, stands))
-    return looked_through(source, stands, fit.T_target_source, gap)
+    return looked_through(source, _seen_target(problem.target, target), fit.T_target_source, GAPS)
+
+
+def _seen_target(index: TargetIndex, target: PointCloud) -> Seen:
+    """What the target's scanner saw: the same for every scan that is registered to it."""
+    if "seen" not in index.derived:
+        index.derived["seen"] = _seen(target.points, target.viewpoint, -index.origin)
+    found: Seen = index.derived["seen"]
+    return found
 
 
 def _through_mesh(fit: Fit, part: Mesh) -> float:

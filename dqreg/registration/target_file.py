@@ -144,6 +144,8 @@ def _held(values: list[Any], seen: set[int]) -> int:
         seen.add(id(value))
         if isinstance(value, np.ndarray):
             total += value.nbytes
+        elif isinstance(value, dict):
+            values.extend(value.values())
         elif type(value).__module__.startswith("dqreg."):
             values.extend(vars(value).values())
     return total

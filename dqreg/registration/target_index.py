@@ -52,6 +52,8 @@ class TargetIndex:
     fitted: FloatArray | None = dataclasses.field(default=None, repr=False)
     visible: BoolArray | None = dataclasses.field(default=None, repr=False)  # (n,): Faces to ask; None asks all
     _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
+    # What the rooms above derive of it by name, kept for the next scan; made twice alike where threads meet
+    derived: dict[str, Any] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
     _evened: dict[int, VoxelCloud] = dataclasses.field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
@@ -81,7 +83,7 @@ class TargetIndex:
         return {**kept, **small, "geometry": _without_caches(self.geometry), "fitted": fitted, "visible": self.visible}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _lock=threading.Lock(), _evened={})
+        self.__dict__.update(state, _lock=threading.Lock(), derived={}, _evened={})
 
     def build(self) -> TargetIndex:
         """Itself, with all built that a registration from a given pose asks for."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, bounds
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.scan import measure_spacing
 
 # Edge of a pixel in distances of neighbouring points, and pixels a side at most.
 PIXEL, LARGEST = 1.5, 1_000
@@ -75,6 +77,12 @@ class Seen:
     viewpoint: FloatArray | None
     origin: FloatArray
 
+    @cached_property
+    def spacing(self) -> float:
+        """Distance between neighbouring points."""
+        return measure_spacing(NeighbourTree(self.points), self.points)
+
+    @cached_property
     def image(self) -> DepthImage | None:
         """What the scanner saw; None where its place is neither known nor likely."""
         if self.viewpoint is not None:
@@ -89,15 +97,16 @@ class Seen:
         return image if image.behind <= BEHIND else None
 
 
-def looked_through(source: Seen, target: Seen, T_target_source: FloatArray, margin: float) -> float:
+def looked_through(source: Seen, target: Seen, T_target_source: FloatArray, gaps: float) -> float:
     """Share of the compared points of two clouds that stand where the other one's scanner looked through.
 
-    NaN where no scanner's place is known: both origins must be likely ones, or one viewpoint given.
+    Nearer than so many spacings is as far. NaN where no scanner's place is known: both origins must be likely ones, or
+    one viewpoint given.
     """
-    images = source.image(), target.image()
-    known = source.viewpoint is not None, target.viewpoint is not None
-    if not any(known) and None in images:
+    is_known = source.viewpoint is not None or target.viewpoint is not None
+    if not is_known and (source.image is None or target.image is None):
         return np.nan
+    images, margin = (source.image, target.image), gaps * max(source.spacing, target.spacing)
     R, t = T_target_source[:3, :3], T_target_source[:3, 3]
     nearer = alike = 0
     for image, points in zip(images, ((target.points - t) @ R, source.points @ R.T + t), strict=True):

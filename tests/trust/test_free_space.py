@@ -44,7 +44,7 @@ def turned(degrees: float) -> FloatArray:
 def share(T: FloatArray, origin: FloatArray | float = 0.0, **viewpoints: FloatArray | None) -> float:
     at = np.zeros(3) + origin
     sides = Seen(THERE, viewpoints.get("source"), at), Seen(HERE, viewpoints.get("target"), at)
-    return looked_through(*sides, T, 0.15)
+    return looked_through(*sides, T, 0.15 / max(side.spacing for side in sides))
 
 
 def test_the_true_pose_puts_nothing_where_a_camera_looked_through() -> None:
@@ -68,7 +68,8 @@ def test_it_has_no_unit() -> None:
     far = pose.from_parts(np.eye(3), 1e3 * (EYE + np.array([0.0, 0.0, -0.5])))
     sides = Seen(1e3 * THERE, None, np.zeros(3)), Seen(1e3 * HERE, None, np.zeros(3))
     near = pose.from_parts(np.eye(3), EYE + np.array([0.0, 0.0, -0.5]))
-    assert looked_through(*sides, far, 150.0) == pytest.approx(share(near), abs=1e-3)
+    gaps = 150.0 / max(side.spacing for side in sides)
+    assert looked_through(*sides, far, gaps) == pytest.approx(share(near), abs=1e-3)
 
 
 def test_an_image_counts_what_is_in_front_and_leaves_out_what_is_behind() -> None:
