@@ -91,12 +91,14 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
 
 
 def all_points_say_more(fit: Fit) -> bool:
-    """Whether a fit to the means of cells is worth going on with on all points."""
+    """Whether a fit to cells, or to a small cloud plane to plane, is worth going on with: all points to planes."""
     prepared, run = fit.prepared, fit.run
-    if not prepared.cell_size or run.ended_early or not run.weights.any():
+    if not prepared.even or run.ended_early or not run.weights.any():
         return False
-    # Of a surface: that many points in as many cells, each the square of its edge.
-    spacing = prepared.cell_size * np.sqrt(len(prepared.scan) / prepared.scan.total)
+    spacing = prepared.scan.spacing
+    if prepared.cell_size:
+        # Of a surface: that many points in as many cells, each the square of its edge.
+        spacing = prepared.cell_size * np.sqrt(len(prepared.scan) / prepared.scan.total)
     aside = np.sqrt(np.average(run.pairs.point_to_plane**2, weights=run.weights))
     return bool(aside < WELL_BELOW * spacing)
 
