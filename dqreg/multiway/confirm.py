@@ -16,6 +16,8 @@ from dqreg.rigid import pose
 
 # Trust of an edge that no loop tells anything about: its registration accepted, or suspect.
 ACCEPTED, SUSPECT = 0.7, 0.3
+# The same of an accepted edge to the part: all of its surface is there, where a scan shows some.
+ON_PART = 0.9
 # Votes of a closing loop: wrong edges seldom close one, but one wrong edge makes its right neighbours' loops fail.
 CLOSING_VOTES = 4.0
 # Rounds in which the trust of edges and the votes of loops follow each other.
@@ -35,9 +37,9 @@ class Confirmation:
     refuted: BoolArray  # (m,): At odds with a path of confirmed edges
 
 
-def trust_of(loops: Loops, accepted: BoolArray) -> FloatArray:
+def trust_of(loops: Loops, accepted: BoolArray, on_part: BoolArray) -> FloatArray:
     """Trust of edges from closing and failing loops, each weighed by the trust of its other edges. Returns (m,)."""
-    prior = np.where(accepted, ACCEPTED, SUSPECT)
+    prior = np.where(accepted, np.where(on_part, ON_PART, ACCEPTED), SUSPECT)
     trust, m = prior.copy(), len(prior)
     votes = np.where(loops.closes, CLOSING_VOTES, 0.0), loops.fails.astype(float)
     for _ in range(TRUST_ROUNDS if len(loops.edges) else 0):
@@ -52,7 +54,8 @@ def trust_of(loops: Loops, accepted: BoolArray) -> FloatArray:
 
 def confirm(graph: PoseGraph, covariances: FloatArray, loops: Loops, accepted: BoolArray, size: float) -> Confirmation:
     """Confirm edges by loops of three, then by ever longer ones; size is a typical diagonal of a scan."""
-    trust = trust_of(loops, accepted)
+    # The part is the last node, and always a target.
+    trust = trust_of(loops, accepted, graph.targets == graph.count - 1)
     confirmed, refuted = np.zeros(len(trust), dtype=bool), np.zeros(len(trust), dtype=bool)
     if len(loops.edges):
         good = loops.closes & (trust[loops.edges] >= 0.5).all(axis=1)

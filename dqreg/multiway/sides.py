@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -57,7 +58,7 @@ def eyes_of(views: Sequence[View], order: str, edges: Sequence[Edge] = ()) -> Ey
     common = common_eyes(views)
     if common is None:
         return given
-    sure = [edge for edge in edges if edge.level == "accepted" and edge.target != PART][: TELLING[1]]
+    sure = _sure(edges)[: TELLING[1]]
     fits = [_fitting(FreeSpace.of(views, eyes), sure) for eyes in common]
     best = int(np.argmax(fits))
     if fits[best] >= FITTING and fits[best] > fits[1 - best]:
@@ -65,9 +66,17 @@ def eyes_of(views: Sequence[View], order: str, edges: Sequence[Edge] = ()) -> Ey
     return common[0] if order == "turntable" else given
 
 
-def _fitting(free: FreeSpace, edges: Sequence[Edge]) -> float:
+def _sure(edges: Sequence[Edge]) -> list[tuple[int, int, FloatArray]]:
+    """Pairs of scans with their pose, T_target_source: those accepted, and those both accepted on the part."""
+    accepted = [edge for edge in edges if edge.level == "accepted"]
+    on_part = {edge.source: edge.registration.T_target_source for edge in accepted if edge.target == PART}
+    pairs = [(e.target, e.source, e.registration.T_target_source) for e in accepted if e.target != PART]
+    return pairs + [(i, j, pose.inverse(on_part[i]) @ on_part[j]) for i, j in combinations(sorted(on_part), 2)]
+
+
+def _fitting(free: FreeSpace, pairs: Sequence[tuple[int, int, FloatArray]]) -> float:
     """Share of the pairs in which next to nothing stands where the other's scanner looked through."""
-    shares = np.array([free.share(e.target, e.source, e.registration.T_target_source) for e in edges])
+    shares = np.array([free.share(*pair) for pair in pairs])
     shares = shares[np.isfinite(shares)]
     return float(np.mean(shares <= LOOKED_THROUGH)) if len(shares) >= TELLING[0] else 0.0
 

@@ -134,3 +134,15 @@ def test_a_loop_longer_than_three_confirms_its_edges() -> None:
     assert judged(edges, 6).confirmed.all()
     edges = edges_of(world(6, seed=2), ring(6, 1), SIGMA, seed=2, wrong=frozenset({(2, 3)}))
     assert not judged(edges, 6).confirmed.any()
+
+
+def test_an_edge_to_the_part_outweighs_one_between_two_scans() -> None:
+    T = world(4, seed=5)
+    nodes = np.concatenate([T, np.eye(4)[None]])
+    edges = edges_of(nodes, [(-1, 0), (-1, 1), (-1, 2), (0, 1), (0, 2), (1, 2)], SIGMA, seed=6)
+    # A right edge to the part and a wrong, much sharper one to a scan are all that hold the last scan.
+    edges += edges_of(nodes, [(-1, 3)], SIGMA, seed=7)
+    edges += edges_of(nodes, [(1, 3)], 0.1 * SIGMA, seed=8, wrong=frozenset({(1, 3)}))
+    belief = judged(edges, 4, anchor=-1)
+    assert [edge.code for edge in belief.edges if edge.source == 3] == ["used", "contradicts"]
+    np.testing.assert_allclose(belief.T_world_scan[:4], T, atol=10 * SIGMA)
