@@ -107,6 +107,7 @@ def entry(where: str) -> Iterator[None]:
 def _found(part: ScannedPart, deviations: Deviations, plan: Plan, step: PlannedStep, T: FloatArray) -> Alignment:
     """The alignment of one step, about the part's middle."""
     if step.kind == "datums":
+        _require_different(part, plan.datums)
         return align_datums([_datum(part, datum) for datum in plan.datums], dof=step.dof)
     if step.kind == "points":
         return _points(part, step)
@@ -124,6 +125,16 @@ def _found(part: ScannedPart, deviations: Deviations, plan: Plan, step: PlannedS
     found = align_surface(scan, step.kind, faces=terms, dof=step.dof)
     inner = pose.inverse(shift) @ found.T_target_source @ shift
     return dataclasses.replace(found, T_target_source=inner, centre=found.centre - part.origin)
+
+
+def _require_different(part: ScannedPart, datums: tuple[PlannedDatum, ...]) -> None:
+    seen: dict[int, str] = {}
+    for datum in datums:
+        with entry(f"datum {datum.name}"):
+            number = part.face(datum.face).number
+            if number in seen:
+                raise InputError(f"it is face {number}, as datum {seen[number]} is: a datum is of a face of its own")
+        seen[number] = datum.name
 
 
 def _datum(part: ScannedPart, datum: PlannedDatum) -> Datum:

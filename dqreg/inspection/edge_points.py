@@ -9,11 +9,10 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError, InputError
-from dqreg.geometry import Mesh
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.features import fit_feature
 from dqreg.inspection.features.edge import EdgePoint, border_offset, meeting_point
-from dqreg.inspection.part_faces import Face
+from dqreg.inspection.part_faces import Face, face_sides, feet_on
 from dqreg.inspection.scanned_part import CUT, ScannedPart
 from dqreg.inspection.statistics import PROBED
 
@@ -113,12 +112,11 @@ def edge_beside(part: ScannedPart, place: FloatArray, face: int | None) -> Nomin
 def nominal_edge(part: ScannedPart, place: FloatArray) -> NominalEdge:
     """The edge of the part that is nearest to a place, with the faces on its sides."""
     mesh, labels = part.mesh, part.of_triangle
-    own, ends = _sides(mesh, labels)
+    own, ends = face_sides(mesh, labels)
     if not len(own):
         raise InputError("the part has no edges: it is smooth everywhere")
     along = ends[:, 1] - ends[:, 0]
-    share = np.clip(np.einsum("ij,ij->i", place - ends[:, 0], along) / np.einsum("ij,ij->i", along, along), 0.0, 1.0)
-    feet = ends[:, 0] + share[:, None] * along
+    feet = feet_on(ends, place)
     away = np.linalg.norm(feet - place, axis=1)
     nearest = int(np.argmin(away))
     if away[nearest] > FAR * mesh.diagonal:
@@ -137,16 +135,6 @@ def nominal_edge(part: ScannedPart, place: FloatArray) -> NominalEdge:
     inner = mesh.corners[triangles].mean(axis=1) - feet[nearest]
     across = np.where(np.einsum("ij,ij->i", across, inner)[:, None] > 0.0, -across, across)
     return NominalEdge(feet[nearest], direction, tuple(int(labels[k]) for k in triangles), normals, across)
-
-
-def _sides(mesh: Mesh, labels: IntArray) -> tuple[IntArray, FloatArray]:
-    """Sides of triangles at which a face of the part ends: triangle and both ends. Shapes: (m,), (m, 2, 3)."""
-    sides = np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2).reshape(-1, 2)
-    own, other = np.repeat(np.arange(len(mesh.faces)), 3), mesh.face_neighbours.reshape(-1)
-    border = np.flatnonzero((labels[own] != labels[other]) | (own == other))
-    ends = mesh.vertices[sides[border]]
-    whole = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > 0.0
-    return own[border[whole]], ends[whole]
 
 
 def _meeting(part: ScannedPart, edge: NominalEdge, radius: float) -> EdgePoint:

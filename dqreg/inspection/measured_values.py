@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.errors import DegenerateGeometryError
+from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection import characteristics as compute
 from dqreg.inspection.characteristics import Frame, Measured
 from dqreg.inspection.edge_points import edge_beside, edge_on
@@ -21,7 +21,12 @@ def faces_of_row(part: ScannedPart, row: PlannedCharacteristic) -> list[Face]:
     if row.point is not None:
         face = part.face(row.faces[0]).number if row.faces else None
         return [part.faces[number] for number in edge_beside(part, np.array(row.point) - part.origin, face).faces]
-    return part.named(row.faces) if row.kind in OF_SLOT else [part.face(name) for name in row.faces]
+    if row.kind in OF_SLOT:
+        return part.named(row.faces)
+    faces = [part.face(name) for name in row.faces]
+    if len({face.number for face in faces}) < len(faces):
+        raise InputError(f"both faces are face {faces[0].number}: a {row.kind} is of two")
+    return faces
 
 
 def nominal_value(part: ScannedPart, row: PlannedCharacteristic, faces: list[Face]) -> float:

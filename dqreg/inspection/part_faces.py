@@ -157,6 +157,34 @@ def faces_in_box(mesh: Mesh, faces: tuple[Face, ...], box: ArrayLike) -> tuple[F
     return tuple(face for face in faces if not out[face.number])
 
 
+def face_sides(mesh: Mesh, labels: IntArray) -> tuple[IntArray, FloatArray]:
+    """Sides of triangles at which a face of the part ends: triangle and both ends. Shapes: (m,), (m, 2, 3)."""
+    sides = np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    own, other = np.repeat(np.arange(len(mesh.faces)), 3), mesh.face_neighbours.reshape(-1)
+    border = np.flatnonzero((labels[own] != labels[other]) | (own == other))
+    ends = mesh.vertices[sides[border]]
+    whole = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > 0.0
+    return own[border[whole]], ends[whole]
+
+
+def feet_on(ends: FloatArray, place: FloatArray) -> FloatArray:
+    """Nearest point of each segment to a place. Shapes: (m, 2, 3), (3,), returns (m, 3)."""
+    along = ends[:, 1] - ends[:, 0]
+    share = np.clip(np.einsum("ij,ij->i", place - ends[:, 0], along) / np.einsum("ij,ij->i", along, along), 0.0, 1.0)
+    return np.asarray(ends[:, 0] + share[:, None] * along)
+
+
+def faces_at(mesh: Mesh, place: FloatArray) -> tuple[int, ...]:
+    """Numbers of the faces that the nearest place of the part is on: more than one at an edge."""
+    from dqreg.geometry import MeshSurface
+
+    found, labels = MeshSurface(mesh).closest(place[None]), faces_of(mesh)[1]
+    own, ends = face_sides(mesh, labels)
+    away = np.linalg.norm(feet_on(ends, found.points[0]) - found.points[0], axis=1)
+    beside = own[away <= ROUNDING * mesh.diagonal]
+    return tuple(sorted({int(labels[found.elements[0]]), *labels[beside].tolist()}))
+
+
 def _face(mesh: Mesh, number: int, rows: IntArray, area: float) -> Face:
     corners, normals = mesh.corners[rows], mesh.face_normals[rows]
     sizes = mesh.face_areas[rows]

@@ -17,7 +17,7 @@ from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.features import Feature, fit_feature
 from dqreg.inspection.features.spread import covariance_on
 from dqreg.inspection.medians import smoothed
-from dqreg.inspection.part_faces import Face, faces_in_box, nearest_face, part_faces
+from dqreg.inspection.part_faces import Face, faces_at, faces_in_box, nearest_face, part_faces
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
 from dqreg.inspection.plan_keys import FaceName
 from dqreg.inspection.regions import SCANNED, edge_places, weighted_median
@@ -98,7 +98,14 @@ class ScannedPart:
                 raise InputError(f"the part has no face {name}; its faces are 0 to {len(self.faces) - 1}")
             return (self.faces[name],)
         if len(name) == 3:
-            return (nearest_face(self.mesh, self.faces, np.array(name) - self.origin),)
+            place = np.array(name) - self.origin
+            if len(met := faces_at(self.mesh, place)) > 1:
+                # From beside the part an edge is nearest, and a face of it would be a matter of rounding.
+                numbers = " and ".join(map(str, met))
+                raise InputError(
+                    f"{_words(name)} is nearest to the edge of faces {numbers}: give a place on one of them"
+                )
+            return (nearest_face(self.mesh, self.faces, place),)
         within = faces_in_box(self.mesh, self.faces, np.array(name) - np.tile(self.origin, 2))
         if not within:
             raise InputError(f"no face of the part lies as a whole in the box {_words(name)}; see dqreg faces --box")

@@ -157,6 +157,25 @@ def test_an_edge_point_of_a_plan_is_where_the_faults_put_the_edge() -> None:
         plan_of({"characteristic": [{"kind": "form", "face": 1, "point": [1, 2, 3], "tolerance": 1}]})
 
 
+def test_one_face_is_not_two_and_an_edge_is_no_face() -> None:
+    scan = scanned(5, count=2_000)
+
+    def refused(**plan: Any) -> str:
+        with pytest.raises(InputError) as told:
+            inspect(scan, plan_of({"characteristic": PLAN["characteristic"][:1], **plan}))
+        return str(told.value)
+
+    same = {"name": "wall", "kind": "distance", "faces": [TOP, [100, 40, 10]], "tolerance": 1}
+    assert refused(characteristic=[same]) == f"characteristic 'wall': both faces are face {TOP}: a distance is of two"
+    twice = [{"name": "A", "face": BOTTOM}, {"name": "B", "near": [60, 40, 0]}]
+    assert refused(datum=twice) == f"datum B: it is face {BOTTOM}, as datum A is: a datum is of a face of its own"
+    # Beside the part, the edge of two faces is the nearest place: which one is meant is not known.
+    edge = {"name": "rim", "kind": "form", "near": [125, 40, 12], "tolerance": 1}
+    told = refused(characteristic=[edge])
+    assert told.startswith("characteristic 'rim': [125, 40, 12] is nearest to the edge of faces")
+    assert told.endswith(f"{min(TOP, SIDE)} and {max(TOP, SIDE)}: give a place on one of them")
+
+
 def test_decisions_follow_the_standard() -> None:
     decide = [Measured(1.0, 0.1).decide(*limits) for limits in ((0.8, 1.2), (0.95, 1.2), (1.2, 1.5), (-np.inf, 1.05))]
     assert decide == ["pass", "undecided", "fail", "undecided"]
