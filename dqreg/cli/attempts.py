@@ -34,7 +34,7 @@ def register_files(
     result = register(scan, target, start, **options)
     if not isinstance(start, str) and start is not None:
         result = _with_inverse(result, scan, target, start, console, options)
-    if result.verdict.level != "accepted" and isinstance(target, Path) and _look_swapped(result):
+    if result.verdict.level != "accepted" and isinstance(target, Path) and look_swapped(result):
         _try_swapped(scan, target, console, options)
     return result
 
@@ -84,7 +84,8 @@ def _share_near(result: Registration, T: FloatArray) -> float:
     return float(np.mean(np.linalg.norm(found.points - points, axis=1) <= result.settings["max_distance"]))
 
 
-def _look_swapped(result: Registration) -> bool:
+def look_swapped(result: Registration) -> bool:
+    """Whether a mesh was laid on a cloud of points, as where the part is named first."""
     from dqreg.geometry import Mesh
 
     inputs = result.inputs

@@ -8,7 +8,7 @@ import pytest
 
 from dqreg.cli.main import main
 from dqreg.files import write_cloud
-from dqreg.geometry import Mesh, sample_mesh
+from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.synth import demo_case, load_case
 from dqreg.synth.parts import bracket
 
@@ -50,6 +50,32 @@ def test_what_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "--plan FILE; dqreg inspect --suggest PART" in capsys.readouterr().err
     assert run("inspect", case.scan, case.part, "--plan", tmp_path / "none.toml") == 2
     assert "cannot read the plan" in capsys.readouterr().err
+    swapped = ("inspect", case.part, case.scan, "--tolerance", "0.1", "--time-limit", "1")
+    assert run(*swapped, "--source-units", "mm", "--target-units", "mm") == 2
+    assert "the files look swapped: part.stl is a mesh and scan.ply a cloud" in capsys.readouterr().err
+
+
+def test_sides_of_a_tolerance_stand_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # A virtual part whose base is 0.05 thicker, with noise of 0.01; the pose is that of the part itself.
+    rng = np.random.default_rng(3)
+    part = Mesh(*bracket())
+    cloud = sample_mesh(part, 4_000, rng)
+    normals = part.face_normals[MeshSurface(part).closest(cloud.points).elements]
+    points = cloud.points + rng.normal(scale=0.01, size=(4_000, 1)) * normals
+    points[np.abs(points[:, 2] - 10.0) < 0.05, 2] += 0.05
+    write_cloud(tmp_path / "scan.ply", points)
+    case = load_case(demo_case())
+    common = ("inspect", tmp_path / "scan.ply", case.part, "--start", "identity", "--source-units", "mm",
+              "--target-units", "mm")  # fmt: skip
+    assert run(*common, "--tolerance", "+0.12/-0.06", "--csv", tmp_path / "s.csv", "--json", tmp_path / "s.json") == 0
+    assert "PASS: part against +0.12/-0.06 mm" in capsys.readouterr().out
+    found = json.loads((tmp_path / "s.json").read_text())
+    assert (found["decision"]["low"], found["decision"]["high"]) == (-0.06, 0.12)
+    rows = [line.split(",") for line in (tmp_path / "s.csv").read_text().splitlines()]
+    assert rows[1][1:9] == ["points within the tolerance", "share", "%", "100", "95", "", "100", ""]
+    assert run(*common, "--tolerance", "+0.03/-0.12", "--quiet") == 3
+    assert run(*common, "--tolerance", "500") == 2
+    assert "is not below the reach" in capsys.readouterr().err
 
 
 def test_the_sheet_is_in_the_unit_that_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
