@@ -39,13 +39,16 @@ DEPENDS["judge"] = (
     *DEPENDS["align"],
     "alignment",
     "chosen",
+    "weights",
     "goal",
     "datums",
     "references",
     "reach",
     "tolerance",
+    "minus",
     "required",
     "faces",
+    "sections",
     "labels",
 )
 DEPENDS["report"] = (*DEPENDS["judge"], "head", "views")

@@ -7,17 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.inspection import Decision, Deviations, decide
+from dqreg.inspection import Decision, Deviations
 from dqreg.inspection.regions import cut_of, regions_of
 from dqreg.report.colours import Scale, nice_above
-from dqreg.report.page import write_report
+from dqreg.report.page import to_html
 from dqreg.report.page_file import write_page
+from dqreg.report.report_data import collect
+from dqreg.report.section_picture import section_picture
+from dqreg.report.sheet import Label
 from dqreg.studio.aligning import RESULT, START
-from dqreg.studio.alignments import PLAN, deviations_of, judged, measured_at
+from dqreg.studio.alignments import PLAN, judged, measured_at
 from dqreg.studio.cleaning import CLEANED
 from dqreg.studio.drawing import drawn_pose, frame_of
 from dqreg.studio.kept import Place
 from dqreg.studio.payloads import cloud_payload, rows_to_draw
+from dqreg.studio.words import is_judged
 
 # Worst places that are listed, and the share of the points that the colours reach where no tolerance is given.
 WORST, SHOWN = 8, 0.98
@@ -25,9 +29,11 @@ REPORT, PDF = "report.html", "report.pdf"
 
 
 def judge(place: Place) -> dict[str, Any]:
-    """The part as it was measured: figures, decision, faces, places, and the points in their colours."""
-    shown, inspection = judged(place)
-    found, tolerance = deviations_of(place, shown), place.visit.tolerance
+    """The part as it was measured: figures, decision, faces, places, sections, and the points in their colours."""
+    inspected = judged(place)
+    found, decision = inspected.deviations, inspected.decision
+    limit = None if decision is None else decision.tolerance
+    unit = found.units or ""
     answer: dict[str, Any] = {
         "summary": dataclasses.asdict(found.summary()),
         "counts": dataclasses.asdict(found.counts),
@@ -35,35 +41,38 @@ def judge(place: Place) -> dict[str, Any]:
         "sides": found.reason,
         "unit": found.units,
         "reach": found.reach,
-        "drawing": _drawing(place, found),
+        "drawing": _drawing(place, found, limit),
         "labels": _labels(place, found),
+        "sections": [
+            {"name": name, "coverage": cut.coverage, "picture": section_picture(cut, unit, limit)}
+            for name, cut in (inspected.sheet.sections if inspected.sheet else ())
+        ],
         "worst": [
             {"value": each.value, "at": each.position.tolist(), "points": each.points} for each in found.worst(WORST)
         ],
     }
-    if tolerance is not None:
-        decision = decide(found, tolerance, place.visit.required / 100.0)
+    if decision is None:
+        answer["faces"] = _rows(regions_of(found, cut_of(found)))
+    else:
         answer["decision"] = _without_regions(decision)
         answer["faces"] = _rows(decision.regions)
-        answer["bands"] = [dataclasses.asdict(band) for band in found.bands(tolerance).rows]
-    else:
-        answer["faces"] = _rows(regions_of(found, cut_of(found)))
-    if inspection is not None:
-        answer["characteristics"] = [dataclasses.asdict(row) for row in inspection.characteristics]
-        answer["characteristics_outcome"] = inspection.outcome
+        answer["bands"] = [dataclasses.asdict(band) for band in found.bands(decision.tolerance).rows]
     return answer
 
 
 def write_sheet(place: Place) -> dict[str, Any]:
     """Write the report, and the plan where there is one."""
-    visit, (shown, inspection) = place.visit, judged(place)
-    options: dict[str, Any] = {"reach": visit.reach, "required_share": visit.required / 100.0}
-    options["deviations"] = deviations_of(place, shown)
-    options["head"] = dict(visit.head)
-    options["views"] = [f"{yaw:g}/{pitch:g}" for yaw, pitch in visit.views]
-    write_report(shown, place.folder / REPORT, visit.tolerance, inspection=inspection, **options)
+    visit, inspected = place.visit, judged(place)
+    shown = inspected.registration
+    assert shown.inputs is not None
+    data = collect(
+        shown, shown.inputs, deviations=inspected.deviations, decision=inspected.decision, inspection=inspected.sheet
+    )
+    data = dataclasses.replace(data, labels=(*data.labels, *_badges(place, inspected.deviations)))
+    views = [f"{yaw:g}/{pitch:g}" for yaw, pitch in visit.views]
+    write_page(place.folder / REPORT, to_html(shown, data, inspected.sheet, dict(visit.head), views=views))
     (place.folder / PDF).unlink(missing_ok=True)
-    return _files(place, planned=inspection is not None)
+    return _files(place)
 
 
 def print_sheet(place: Place) -> dict[str, Any]:
@@ -72,11 +81,11 @@ def print_sheet(place: Place) -> dict[str, Any]:
     if not page.is_file():
         write_sheet(place)
     write_page(place.folder / PDF, page.read_text(encoding="utf-8"))
-    return _files(place, planned=judged(place)[1] is not None)
+    return _files(place)
 
 
-def _files(place: Place, *, planned: bool) -> dict[str, Any]:
-    names = [REPORT, PDF, RESULT, *([PLAN] if planned else [])]
+def _files(place: Place) -> dict[str, Any]:
+    names = [REPORT, PDF, RESULT, *([PLAN] if is_judged(place.visit) else [])]
     if place.visit.start not in ("none", "identity"):
         names.append(START)
     if place.visit.cuts:
@@ -90,12 +99,21 @@ def _labels(place: Place, found: Deviations) -> list[dict[str, Any]]:
     return [{"at": at, "value": float(value)} for at, value in zip(place.visit.labels, values, strict=True)]
 
 
-def _drawing(place: Place, found: Deviations) -> dict[str, Any]:
+def _badges(place: Place, found: Deviations) -> list[Label]:
+    """The places that were labelled, for the pictures of the report."""
+    seen = [(each["at"], each["value"]) for each in _labels(place, found) if np.isfinite(each["value"])]
+    unit = found.units or ""
+    return [
+        Label(f"{value:+.3g}".replace("-", "−"), np.array(at), f"{value:+.4g} {unit}".rstrip(), "tag")
+        for at, value in seen
+    ]
+
+
+def _drawing(place: Place, found: Deviations, limit: float | None) -> dict[str, Any]:
     """The points in their colours, under the pose, in the drawing of the part."""
     frame, on = frame_of(place.part()), found.counted
     rows = rows_to_draw(found.points - found.origin, on)
     words, data = cloud_payload(found.points, frame, rows)
-    limit = place.visit.tolerance
     sizes = np.abs(found.values[on])
     if limit is None:
         limit = nice_above(float(np.quantile(sizes, SHOWN))) if len(sizes) else 1.0

@@ -74,10 +74,19 @@ class Reference:
 
 @dataclasses.dataclass(frozen=True)
 class FaceTolerance:
-    """Largest deviation allowed on one face of the part."""
+    """Largest deviation allowed on one face of the part: on both sides, or outside it and, in ``minus``, inside."""
 
     face: int
     tolerance: float
+    minus: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class PlaneCut:
+    """A section: a plane that part and scan are cut by."""
+
+    point: Vector
+    normal: Vector
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,13 +102,16 @@ class Visit:
     dof: str = ""  # Motions that are allowed from the start, as in `register`; "" allows all
     alignment: Alignment = "best-fit"
     chosen: tuple[int, ...] = ()  # Faces that the best fit is on, and what it makes least
+    weights: tuple[float, ...] = ()  # Of these faces; those that are missing are 1
     goal: Goal = "best-fit"
     datums: tuple[int, ...] = ()  # Faces A, B, C
     references: tuple[Reference, ...] = ()
     reach: float | None = None  # Points farther off the part are of something else
-    tolerance: float | None = None
+    tolerance: float | None = None  # On both sides, or outside the part and, in ``minus``, inside it
+    minus: float | None = None
     required: float = 95.0  # Percentage of the points that must be within it
     faces: tuple[FaceTolerance, ...] = ()
+    sections: tuple[PlaneCut, ...] = ()
     labels: tuple[Vector, ...] = ()  # Places of the part whose deviation is written on the picture
     views: tuple[tuple[float, float], ...] = ()  # Yaw and pitch of the pictures of the report, degrees
     head: tuple[tuple[str, str], ...] = ()
@@ -110,6 +122,8 @@ class Visit:
             ("pairs", MOST_PAIRS),
             ("references", MOST_PAIRS),
             ("labels", 50),
+            ("sections", 20),
+            ("weights", len(self.chosen)),
             ("views", 8),
         ):
             if len(getattr(self, name)) > most:
@@ -190,17 +204,31 @@ def _beside(side: Side | None, saved: Path) -> Side | None:
 
 
 def _require_lengths(visit: Visit) -> None:
-    for name in ("tolerance", "reach"):
-        value = getattr(visit, name)
-        if value is not None and not value > 0.0:
-            raise InputError(f"{name} must be a length above 0; got {value!r}")
+    if visit.reach is not None and not visit.reach > 0.0:
+        raise InputError(f"reach must be a length above 0; got {visit.reach!r}")
     if not 0.0 < visit.required <= 100.0:
         raise InputError(f"required is a percentage above 0 and at most 100; got {visit.required:g}")
+    _require_sides("tolerance", visit.tolerance, visit.minus)
     for row in visit.faces:
-        if not (row.tolerance > 0.0 and row.face >= 0):
-            raise InputError(f"the tolerance of face {row.face} must be a length above 0; got {row.tolerance:g}")
+        _require_sides(f"the tolerance of face {row.face}", row.tolerance, row.minus)
+        if row.face < 0:
+            raise InputError(f"faces have numbers from 0; got {row.face}")
+    if any(not np.linalg.norm(each.normal) > 0.0 for each in visit.sections):
+        raise InputError("the normal of a section must not be of length zero")
+    if any(not weight > 0.0 for weight in visit.weights):
+        raise InputError("the weight of a face is a number above 0; leave the face out instead")
     if any(not pair.weight > 0.0 for pair in visit.pairs):
         raise InputError("the weight of a pair is a number above 0")
+
+
+def _require_sides(name: str, plus: float | None, minus: float | None) -> None:
+    if plus is None:
+        if minus is not None:
+            raise InputError(f"{name}: a lower side needs an upper one, as +0.1/-0.05")
+    elif minus is None and not plus > 0.0:
+        raise InputError(f"{name} must be a length above 0; got {plus!r}")
+    elif minus is not None and not (plus >= 0.0 and minus >= 0.0 and plus + minus > 0.0):
+        raise InputError(f"{name}: both sides are 0 or more, and one is above it; got +{plus:g}/-{minus:g}")
 
 
 def _numbers(value: Any) -> list[float]:

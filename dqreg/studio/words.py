@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Sequence
 
 from dqreg.studio.visit import Visit
 
 CLEANED, START, PLAN = "scan_cleaned.ply", "start.txt", "plan.toml"
 LETTERS = "ABC"
+ALIGNED = {"faces": "chosen faces", "points": "reference points"}
 READ = "from dqreg.files import read_geometry\n\n"
 AGAIN = "dqreg studio --replay visit.json --out ."
 REPLAY = "from dqreg.studio import replay\n\nreplay('visit.json', '.')"
@@ -21,34 +21,42 @@ def words_of(visit: Visit) -> dict[str, dict[str, str]]:
     if visit.scan is None or visit.part is None:
         return {}
     register, call = _register(visit)
-    tolerance = "" if visit.tolerance is None else f" --tolerance {visit.tolerance:g} --required {visit.required:g}"
-    reach = "" if visit.reach is None else f" --reach {visit.reach:g}"
-    judged = f"{register}{tolerance}{reach}"
-    limit = "" if visit.tolerance is None else f"{visit.tolerance!r}"
-    asked = limit + ("" if visit.reach is None else f"{', ' if limit else ''}reach={visit.reach!r}")
-    measured = f"{call}\ndeviations = result.deviations({asked})\nprint(deviations.summary())"
-    if visit.tolerance is not None:
-        measured += f"\nprint(dqreg.inspection.decide(deviations, required_share={visit.required / 100.0!r}).outcome)"
-    inspected = _inspect(visit)
-    unsaid = inspected and (visit.reach is not None or visit.dof or visit.start == "rival")
-    if visit.alignment in ("faces", "points") or unsaid:
-        # No option of a command says which faces or points were clicked, and `inspect` has fewer than `register`: the
-        # saved visit says it all.
-        return _begun(visit, register, call) | {
-            step: {"command": AGAIN, "python": REPLAY} for step in ("judge", "report")
-        }
-    if inspected:
-        measured += f'\nplan = dqreg.inspection.read_plan("{PLAN}")\nprint(dqreg.inspection.inspect(deviations, plan))'
+    return _begun(visit, register, call) | {"judge": _judged(visit, register, call), "report": _report(visit, register)}
+
+
+def _judged(visit: Visit, register: str, call: str) -> dict[str, str]:
+    reach = "" if visit.reach is None else f" --reach {visit.reach!r}"
+    given = "" if visit.reach is None else f"reach={visit.reach!r}"
     head = "import dqreg\nimport dqreg.inspection\n\n"
-    report = f'{call}\nresult.report("report.html"{f", {limit}" if limit else ""})'
-    return _begun(visit, register, call) | {
-        "judge": {"command": inspected or judged, "python": head + measured},
-        # A report with a plan and an overall tolerance is one that no single command writes.
-        "report": {
-            "command": AGAIN if inspected else f"{judged} --report report.html",
-            "python": REPLAY if inspected else f"import dqreg\n\n{report}",
-        },
-    }
+    if not is_judged(visit):
+        if visit.alignment != "best-fit" or visit.sections:
+            # Without a tolerance there is no plan that would say under which alignment nothing is decided.
+            return {"command": AGAIN, "python": REPLAY}
+        python = f"{head}{call}\nprint(result.deviations({given}).summary())"
+        return {"command": f"{register} --deviations deviations.csv{reach}", "python": python}
+    python = (
+        f'{head}{call}\nplan = dqreg.inspection.read_plan("{PLAN}")\n'
+        f"found = dqreg.inspection.inspect(result.deviations({given}), plan)\nprint(found.outcome, found.decision)"
+    )
+    return {"command": f"{_inspect(register)}{reach}", "python": python}
+
+
+def _report(visit: Visit, register: str) -> dict[str, str]:
+    if visit.labels or visit.views or (not is_judged(visit) and (visit.alignment != "best-fit" or visit.sections)):
+        # Labels and pictures that were chosen by eye are in the saved visit only.
+        return {"command": AGAIN, "python": REPLAY}
+    reach = "" if visit.reach is None else f" --reach {visit.reach!r}"
+    line = _inspect(register) if is_judged(visit) else register
+    return {"command": f"{line}{reach} --report report.html", "python": REPLAY}
+
+
+def is_judged(visit: Visit) -> bool:
+    """Whether there is a tolerance, and so a plan."""
+    return visit.tolerance is not None or bool(visit.faces)
+
+
+def _inspect(register: str) -> str:
+    return f"{register.replace('dqreg register', 'dqreg inspect', 1)} --plan {PLAN}"
 
 
 def _begun(visit: Visit, register: str, call: str) -> dict[str, dict[str, str]]:
@@ -93,53 +101,47 @@ def _register(visit: Visit) -> tuple[str, str]:
     return line, f"{head}result = dqreg.register({', '.join(call)})"
 
 
-def _inspect(visit: Visit) -> str:
-    if not visit.faces and visit.alignment != "datums":
-        return ""
-    assert visit.scan is not None
-    assert visit.part is not None
-    scan = CLEANED if visit.cuts else visit.scan.name
-    start = {"none": "", "identity": " --start identity"}.get(visit.start, f" --start {START}")
-    units = "".join(
-        f" --{name}-units {side.units}"
-        for name, side in (("source", visit.scan), ("target", visit.part))
-        if side.units is not None
-    )
-    return f"dqreg inspect {_words(scan, visit.part.name)} --plan {PLAN}{start}{units}"
-
-
 def _words(*names: str) -> str:
     return " ".join(shlex.quote(name) for name in names)
 
 
-def plan_text(visit: Visit, scanned: Sequence[int] = ()) -> str | None:
-    """The visit as an inspection plan in TOML; None where it has no tolerance for any face.
-
-    Faces with a tolerance of their own have that; the others that were scanned have the overall one.
-    """
-    own = {row.face: row.tolerance for row in visit.faces}
-    overall = {} if visit.tolerance is None else dict.fromkeys(sorted(scanned), visit.tolerance)
-    rows = [_profile(face, tolerance) for face, tolerance in {**overall, **own}.items()]
-    if not rows:
-        return None
-    datums = visit.datums if visit.alignment == "datums" else ()
+def plan_text(visit: Visit) -> str:
+    """The visit as an inspection plan in TOML: tolerances, the alignment they are judged under, sections, head."""
     lines = ["# Faces are those of `dqreg faces`."]
-    if visit.alignment in ("faces", "points"):
-        lines.append("# The visit rests on chosen faces or points, which no plan can say: dqreg studio --replay does.")
     if visit.part is not None and visit.part.units is not None:
         lines.append(f'units = "{visit.part.units}"')
-    lines.append(f'alignment = "{"datums" if datums else "best-fit"}"\n')
+    if visit.tolerance is not None:
+        lines += [_sides(visit.tolerance, visit.minus), f"required = {visit.required!r}"]
+    lines += ["", *_alignment(visit)]
     if visit.head:
         lines += ["[head]", *(f"{key} = {_text(words)}" for key, words in visit.head), ""]
-    for letter, face in zip(LETTERS, datums, strict=False):
-        lines.append(f'[[datum]]\nname = "{letter}"\nface = {face}\n')
-    return "\n".join([*lines, *rows])
+    for row in visit.faces:
+        lines += ["[[face]]", f"face = {row.face}", _sides(row.tolerance, row.minus), ""]
+    for k, each in enumerate(visit.sections, 1):
+        lines += ["[[section]]", f'name = "section {k}"', f"point = {[*each.point]}", f"normal = {[*each.normal]}", ""]
+    return "\n".join(lines)
 
 
-def _profile(face: int, tolerance: float) -> str:
-    # The zone of a profile is as wide as both sides of the tolerance together.
-    head = f'[[characteristic]]\nname = "face {face} profile"\nkind = "profile"\n'
-    return f"{head}face = {face}\ntolerance = {2.0 * tolerance!r}\n"
+def _alignment(visit: Visit) -> list[str]:
+    """What the judgement rests on: nothing for the best fit on the whole part."""
+    if visit.alignment == "best-fit":
+        return []
+    if visit.alignment == "datums":
+        named = zip(LETTERS, visit.datums, strict=False)
+        return [f'[[datum]]\nname = "{letter}"\nface = {face}\n' for letter, face in named]
+    lines = ["[[alignment]]", f'name = "{ALIGNED[visit.alignment]}"']
+    if visit.alignment == "points":
+        points = [[*each.point, *each.normal] for each in visit.references]
+        return [*lines, 'kind = "points"', f"points = {points}", ""]
+    weights = [*visit.weights, *(1.0 for _ in visit.chosen)][: len(visit.chosen)]
+    lines += [f'kind = "{visit.goal}"', f"faces = {[*visit.chosen]}", f"weights = {weights}"]
+    if visit.goal == "tolerance" and visit.tolerance is not None:
+        lines.append(_sides(visit.tolerance, visit.minus))
+    return [*lines, ""]
+
+
+def _sides(plus: float, minus: float | None) -> str:
+    return f"tolerance = {plus!r}" if minus is None else f"plus = {plus!r}\nminus = {minus!r}"
 
 
 def _text(words: str) -> str:

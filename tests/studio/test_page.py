@@ -110,10 +110,20 @@ def test_from_two_dropped_files_to_a_sheet_and_its_plan(browser, empty, tmp_path
         top = next(face for face in faces if face["number"] == 0)
         click_at(page, "main", np.add(top["centre"], [20.0, 10.0, 0.0]), "part")
         page.wait_for_selector("#face-0:focus")
-        page.keyboard.type("0.05")
+        page.keyboard.type("+0.05/-0.08")
         page.keyboard.press("Enter")
         page.wait_for_selector("#busy")
         busy_over(page)
+        # A section through a place that is clicked, and a label beside it.
+        page.click("#cut-y")
+        click_at(page, "main", np.add(top["centre"], [15.0, 5.0, 0.0]), "part")
+        page.wait_for_selector("#section-0")
+        busy_over(page)
+        page.click("#labelling")
+        click_at(page, "main", np.add(top["centre"], [10.0, 0.0, 0.0]), "part")
+        page.wait_for_selector("#no-labels")
+        busy_over(page)
+        assert page.locator("#sections img").evaluate("image => image.complete && image.naturalWidth > 300")
         keep_picture(page, "studio_judge")
         page.click("#colour-faces")
         keep_picture(page, "studio_faces")
@@ -132,14 +142,14 @@ def test_from_two_dropped_files_to_a_sheet_and_its_plan(browser, empty, tmp_path
     assert "<b>" not in (tmp_path / "report.html").read_text().split("0815")[1][:20]
     for name in ("scan.ply", "part.stl"):
         shutil.copy(BRACKET / name, tmp_path)
-    assert [(row["face"], row["tolerance"]) for row in seen["visit"]["faces"]] == [(0, 0.05)]
+    assert seen["visit"]["faces"] == [{"face": 0, "tolerance": 0.05, "minus": 0.08}]
+    assert "section 1" in (tmp_path / "report.html").read_text()
     answer = command(f"{seen['words']['judge']['command']} --json", tmp_path)
     assert answer.returncode in (0, 3), answer.stderr
-    again = {row["name"]: row for row in json.loads(answer.stdout)["characteristics"]}
-    for row in seen["results"]["judge"]["characteristics"]:
-        for figure in ("value", "uncertainty", "low", "high"):
-            assert again[row["name"]][figure] == row[figure]
-        assert again[row["name"]]["outcome"] == row["outcome"]
+    again = json.loads(answer.stdout)["decision"]
+    for figure in ("outcome", "share_within", "uncertainty", "places"):
+        assert again[figure] == seen["results"]["judge"]["decision"][figure]
+    assert again["regions"] == seen["results"]["judge"]["faces"]
     # The pose itself, by its own command; and the whole visit without the page.
     assert command(seen["words"]["align"]["command"], tmp_path).returncode == 0
     T = json.loads((tmp_path / "result.json").read_text())["T_target_source"]

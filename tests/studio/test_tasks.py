@@ -12,12 +12,13 @@ from dqreg.files import write_cloud
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection import inspect, read_plan
+from dqreg.registration.inspected import inspect_registration
 from dqreg.registration.register import register
 from dqreg.rigid import pose, twist
 from dqreg.studio import alignments, cleaning, drawing, judging, payloads, picking, reading
-from dqreg.studio.aligning import align, align_pairs, pose_of_drawn
+from dqreg.studio.aligning import align, align_pairs, pose_of_drawn, result_of
 from dqreg.studio.kept import Place
-from dqreg.studio.visit import Cut, FaceTolerance, Pair, Reference, Side, Visit
+from dqreg.studio.visit import Cut, FaceTolerance, Pair, PlaneCut, Reference, Side, Visit
 from dqreg.synth.parts import box
 
 PART = Mesh(*box((30.0, 20.0, 10.0)))
@@ -168,10 +169,33 @@ def test_the_studio_says_what_the_library_says(cleaned, tmp_path):
     judged = judging.judge(changed(cleaned, tolerance=0.1, faces=(FaceTolerance(2, 0.05),), labels=((4.0, 3.0, 5.0),)))
     assert judged["decision"]["outcome"] == "pass"
     assert judged["labels"][0]["value"] == pytest.approx(0.0, abs=1e-6)
-    again = inspect(alone.deviations(), read_plan(cleaned.folder / "plan.toml"))
-    assert [row.value for row in again.characteristics] == [row["value"] for row in judged["characteristics"]]
-    limits = {row["faces"][0]: row["high"] for row in judged["characteristics"]}
-    assert limits == {**dict.fromkeys(range(6), 0.2), 2: 0.1}
+    again = inspect(alone.deviations(), read_plan(cleaned.folder / "plan.toml")).decision
+    assert again is not None
+    assert again.share_within == judged["decision"]["share_within"]
+    same = [(row["number"], row["median"], row["low"], row["high"]) for row in judged["faces"]]
+    assert [(row.number, row.median, row.low, row.high) for row in again.regions] == same
+    assert {number: high for number, _, _, high in same} == {**dict.fromkeys(range(6), 0.1), 2: 0.05}
+
+
+def test_a_side_of_its_own_a_section_and_a_label_are_in_the_sheet(cleaned):
+    align(cleaned)
+    # Everything lies on the surface: above it nothing is allowed on one face, and nothing below it on the other.
+    chosen = {
+        "faces": (FaceTolerance(0, 0.1, 0.0), FaceTolerance(5, 0.0, 0.1)),
+        "sections": (PlaneCut((1.0, 2.0, 0.0), (0.0, 0.0, 1.0)),),
+        "labels": ((4.0, 3.0, 5.0),),
+    }
+    visit = changed(cleaned, **chosen)
+    judged = judging.judge(visit)
+    (section,) = judged["sections"]
+    assert section["coverage"] > 0.5
+    assert section["picture"].startswith("<svg")
+    limits = {row["number"]: (row["low"], row["high"]) for row in judged["faces"] if row["outcome"] is not None}
+    assert limits == {0: (0.0, 0.1), 5: (-0.1, 0.0)}
+    assert "plan.toml" in judging.write_sheet(visit)["files"]
+    page = (cleaned.folder / "report.html").read_text(encoding="utf-8")
+    assert "section 1" in page
+    assert '"kind": "tag"' in page or '"kind":"tag"' in page
 
 
 @pytest.mark.parametrize(
@@ -192,17 +216,25 @@ def test_every_alignment_lays_an_exact_scan_where_it_belongs(cleaned, chosen):
         places = [(9.0, 5, 5), (-9, 5, 5), (0, -6, 5), (10, 10, 0), (-10, 10, 0), (15, 0, 0)]
         normals = [(0.0, 0, 1)] * 3 + [(0.0, 1, 0)] * 2 + [(1.0, 0, 0)]
         visit = changed(visit, references=tuple(map(Reference, places, normals)))
-    shown, _ = alignments.judged(visit)
-    np.testing.assert_allclose(shown.T_target_source, T, atol=1e-6)
-    assert shown.settings["alignments"][-1]["name"] == alignments.NAMES[chosen["alignment"]]
+    found = alignments.judged(visit)
+    np.testing.assert_allclose(found.registration.T_target_source, T, atol=1e-6)
+    # The same from the plan alone, as `dqreg inspect` reads it.
+    again = inspect_registration(result_of(visit), read_plan(cleaned.folder / "plan.toml"))
+    np.testing.assert_array_equal(again.registration.T_target_source, found.registration.T_target_source)
+    assert again.record() == found.record()
+    # Without a tolerance too: there is nothing to decide, and no plan.
+    looked = alignments.judged(changed(visit, tolerance=None))
+    np.testing.assert_allclose(looked.registration.T_target_source, T, atol=1e-6)
+    assert looked.decision is None
+    assert not (cleaned.folder / "plan.toml").exists()
 
 
 def test_an_alignment_that_lacks_something_says_what(cleaned):
     for chosen, words in (
         ({"alignment": "faces"}, "choose the faces"),
         ({"alignment": "points"}, "six reference points"),
-        ({"alignment": "datums", "datums": (0, 2, 4)}, "give a tolerance"),
-        ({"alignment": "faces", "chosen": (0,), "goal": "tolerance"}, "needs a tolerance"),
+        ({"alignment": "datums"}, "faces of datums"),
+        ({"alignment": "faces", "chosen": (0,), "goal": "tolerance"}, "give it in the step Judge"),
     ):
         with pytest.raises(InputError, match=words):
             alignments.judged(changed(cleaned, **chosen))

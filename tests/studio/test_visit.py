@@ -8,7 +8,10 @@ import json
 import pytest
 
 from dqreg.errors import InputError
-from dqreg.studio.visit import Cut, FaceTolerance, Pair, Side, Visit
+from dqreg.inspection import read_plan
+from dqreg.inspection.planned_alignment import PlannedStep
+from dqreg.inspection.tolerances import Tolerance
+from dqreg.studio.visit import Cut, FaceTolerance, Pair, PlaneCut, Reference, Side, Visit
 from dqreg.studio.words import plan_text, words_of
 
 FULL = Visit(
@@ -25,7 +28,8 @@ FULL = Visit(
     datums=(3, 1, 2),
     tolerance=0.1,
     required=99.5,
-    faces=(FaceTolerance(4, 0.05),),
+    faces=(FaceTolerance(4, 0.05), FaceTolerance(2, 0.1, 0.02)),
+    sections=(PlaneCut((1.0, 2.0, 3.0), (0.0, 1.0, 0.0)),),
     head=(("serial", 'A "7" \\ <b>'),),
 )
 
@@ -53,6 +57,12 @@ def test_what_is_written_is_what_is_read(tmp_path):
         {"pairs": [{"scan": [0, 0, 0], "part": [0, 0, 0], "weight": 0}]},
         {"datums": [1, 1]},
         {"faces": [{"face": -1, "tolerance": 0.1}]},
+        {"faces": [{"face": 1, "tolerance": 0.0, "minus": 0.0}]},
+        {"faces": [{"face": 1, "tolerance": 0.1, "minus": -0.1}]},
+        {"tolerance": None, "minus": 0.1},
+        {"chosen": [1], "weights": [1.0, 2.0]},
+        {"chosen": [1], "weights": [0.0]},
+        {"sections": [{"point": [0, 0, 0], "normal": [0, 0, 0]}]},
         {"T_start": [[1, 0], [0, 1]]},
         {"head": [["logo", "x"]]},
         {"head": [["note", "x" * 500]]},
@@ -74,14 +84,35 @@ def test_a_file_that_is_no_visit_is_refused(tmp_path):
 
 
 def test_the_plan_is_one_that_inspect_reads(tmp_path):
-    from dqreg.inspection import read_plan
-
     visit = dataclasses.replace(FULL, alignment="datums")
     (tmp_path / "plan.toml").write_text(plan_text(visit), encoding="utf-8")
     plan = read_plan(tmp_path / "plan.toml")
     assert plan.head == {"serial": 'A "7" \\ <b>'}
     assert [datum.face for datum in plan.datums] == [3, 1, 2]
-    assert [(row.faces, row.plus) for row in plan.characteristics] == [((4,), 0.1)]
+    assert plan.tolerance == Tolerance(-0.1, 0.1, 0.995)
+    limits = {row.faces: (row.tolerance.low, row.tolerance.high) for row in plan.face_tolerances}
+    assert limits == {(4,): (-0.05, 0.05), (2,): (-0.02, 0.1)}
+    assert [(cut.point, cut.normal) for cut in plan.sections] == [((1.0, 2.0, 3.0), (0.0, 1.0, 0.0))]
+
+
+@pytest.mark.parametrize(
+    ("chosen", "step"),
+    [
+        (
+            {"alignment": "faces", "chosen": (7, 3), "weights": (2.0,), "goal": "tolerance", "minus": 0.0},
+            PlannedStep("chosen faces", "tolerance", (7, 3), (2.0, 1.0), (-0.0, 0.1)),
+        ),
+        (
+            {"alignment": "points", "references": (Reference((1.0, 2.0, 3.0), (0.0, 0.0, 1.0)),) * 6},
+            PlannedStep("reference points", "points", points=((1.0, 2.0, 3.0, 0.0, 0.0, 1.0),) * 6),
+        ),
+    ],
+)
+def test_the_plan_says_what_the_judgement_rests_on(tmp_path, chosen, step):
+    (tmp_path / "plan.toml").write_text(plan_text(dataclasses.replace(FULL, **chosen)), encoding="utf-8")
+    plan = read_plan(tmp_path / "plan.toml")
+    assert plan.alignment == "steps"
+    assert plan.steps == (step,)
 
 
 def test_every_step_has_words_that_parse():

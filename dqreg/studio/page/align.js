@@ -126,7 +126,11 @@ function datums(app, stage) {
     if (key === "datums" && visit.datums.length < 3) return { alignment: key, datums: (await app.run("suggest_datums", {}, "Looking for three faces that were scanned")).datums };
     return { alignment: key };
   };
-  const state = app.step_state;
+  const state = app.step_state, weightOf = n => visit.weights[visit.chosen.indexOf(n)] ?? 1;
+  const weigh = (n, text) => {
+    const weight = Number(text.replace(",", "."));
+    if (weight > 0) set({ weights: visit.chosen.map(each => each === n ? weight : weightOf(each)) }); else app.say("A weight is a number above 0.");
+  };
   if (visit.alignment === "datums") state.aim ??= 0;
   return h("details", { id: "datums" }, h("summary", {}, "What the judgement rests on"),
     Object.entries(RESTS).map(([key, words]) => h("label", { class: "check" }, h("input", { type: "radio", name: "alignment", id: `by-${key}`, checked: visit.alignment === key, onchange: async () => set(await first(key)) }), ` ${words}`)),
@@ -135,17 +139,21 @@ function datums(app, stage) {
       [0, 1, 2].map(k => h("div", { class: "row datum" }, h("button", { id: `aim-${k}`, "aria-pressed": String(state.aim === k), "aria-label": `Click a face for datum ${"ABC"[k]}`, onclick: () => { state.aim = k; app.render(); } }, "ABC"[k]),
         h("select", { id: `datum-${k}`, "aria-label": `Datum ${"ABC"[k]}`, onchange: e => set({ datums: Object.assign([...visit.datums], { [k]: Number(e.target.value) }).slice(0, 3) }) }, options(app, faces, visit.datums[k]))))],
     visit.alignment === "faces" && [
-      h("p", { class: "note" }, "Click the faces that the scan is laid on; click again to leave one out."),
+      h("p", { class: "note" }, "Click the faces that the scan is laid on; click again to leave one out. A face with twice the weight counts twice."),
       h("div", { class: "row" }, h("label", { for: "goal" }, "Make least"), h("select", { id: "goal", onchange: e => set({ goal: e.target.value }) }, Object.entries(GOALS).map(([key, words]) => h("option", { value: key, selected: visit.goal === key }, words)))),
-      h("div", { class: "row" }, h("select", { id: "add-face", "aria-label": "Add a face", onchange: e => { if (e.target.value) set({ chosen: toggled(visit.chosen, Number(e.target.value)) }); } }, h("option", { value: "" }, "Add a face…"), options(app, faces.filter(f => !visit.chosen.includes(f.number)), null))),
-      visit.chosen.length ? h("ul", { class: "list" }, visit.chosen.map(n => h("li", {}, h("span", {}, faceName(faces.find(f => f.number === n), app.unit())), h("button", { id: `unface-${n}`, onclick: () => set({ chosen: toggled(visit.chosen, n) }) }, "Leave out")))) : null],
+      h("div", { class: "row" }, h("select", { id: "add-face", "aria-label": "Add a face", onchange: e => { if (e.target.value) set(withFace(visit, Number(e.target.value))); } }, h("option", { value: "" }, "Add a face…"), options(app, faces.filter(f => !visit.chosen.includes(f.number)), null))),
+      visit.chosen.length ? h("ul", { class: "list" }, visit.chosen.map(n => h("li", {}, h("span", {}, faceName(faces.find(f => f.number === n), app.unit())), h("input", { id: `face-weight-${n}`, class: "short", inputmode: "decimal", autocomplete: "off", "aria-label": `Weight of face ${n}`, value: String(weightOf(n)), onchange: e => weigh(n, e.target.value) }), " ", h("button", { id: `unface-${n}`, onclick: () => set(withFace(visit, n)) }, "Leave out")))) : null],
     visit.alignment === "points" && [
       h("p", { class: "note" }, `Click the part where a point holds it along its normal: six or more, not all on one side. ${visit.references.length} so far.`),
       visit.references.length ? h("button", { id: "no-points", onclick: () => set({ references: visit.references.slice(0, -1) }) }, "Take the last one back") : null]);
 }
 const options = (app, faces, chosen) => faces.filter(f => f.kind === "plane" || f.kind === "cylinder" || chosen === null).sort((a, b) => b.area - a.area)
   .map(f => h("option", { value: String(f.number), selected: chosen === f.number }, faceName(f, app.unit())));
-const toggled = (list, item) => list.includes(item) ? list.filter(each => each !== item) : [...list, item];
+// A face more or less, each with its weight.
+function withFace({ chosen, weights }, face) {
+  const each = chosen.map((n, k) => [n, weights[k] ?? 1]), next = chosen.includes(face) ? each.filter(([n]) => n !== face) : [...each, [face, 1]];
+  return { chosen: next.map(([n]) => n), weights: next.map(([, w]) => w) };
+}
 
 export function markDatums(app, stage) {
   const { visit } = app;
@@ -169,7 +177,7 @@ export async function picked(app, stage, e) {
   const hit = await app.quick("pick_part", stage.lookAt(e));
   if (hit.face === undefined) return;
   if (visit.alignment === "points") await app.change({ references: [...visit.references, { point: hit.point, normal: hit.normal }] });
-  else if (visit.alignment === "faces") await app.change({ chosen: toggled(visit.chosen, hit.face) });
+  else if (visit.alignment === "faces") await app.change(withFace(visit, hit.face));
   else {
     const now = [...visit.datums], k = app.step_state.aim ?? 0;
     now[k] = hit.face;

@@ -55,6 +55,16 @@ export function copyable(name, text) {
   });
   return h("div", { class: "copyable" }, h("div", {}, h("span", { class: "note" }, name), button), pre);
 }
+// A tolerance as it is written: 0.1 for both sides, +0.1/-0.05 for two; null where nothing is, undefined where it is neither.
+export function sides(text) {
+  const words = text.trim().replace(/,/g, ".").replace(/[−–]/g, "-").replace(/^±/, "");
+  if (!words) return null;
+  const found = /^\+?([\d.]+(?:e-?\d+)?)(?:\s*\/\s*-?([\d.]+(?:e-?\d+)?))?$/i.exec(words);
+  const [plus, minus] = found ? [Number(found[1]), found[2] === undefined ? null : Number(found[2])] : [NaN, null];
+  if (!(plus >= 0) || (minus !== null && !(minus >= 0)) || !(plus + (minus ?? 0) > 0)) return undefined;
+  return { plus, minus };
+}
+export const sidesText = (plus, minus) => plus === null || plus === undefined ? "" : minus === null || minus === undefined ? String(plus) : `+${plus}/-${minus}`;
 // A length with its unit, on one line; a unit that is not known is left out.
 export const long = (value, unit, digits = 3) => unit ? `${number(value, digits)}\u00a0${unit}` : number(value, digits);
 export const off = (value, unit, digits = 3) => unit ? `${signed(value, digits)}\u00a0${unit}` : signed(value, digits);

@@ -1,9 +1,11 @@
 // Step 4: is the part within its tolerance? Every face may have its own.
-import { h, number, percent, signed, count, off, long } from "./dom.js";
+import { h, number, percent, signed, count, off, long, sides, sidesText } from "./dom.js";
+import * as sections from "./sections.js";
 import { STAND, inDrawing } from "./stage.js";
 import { faceName } from "./align.js";
 
 const WORDS = { pass: "within tolerance", fail: "out of tolerance", undecided: "undecided: the limit lies within the uncertainty" };
+const SIDES = "0.1 for both sides, or +0.1/-0.05 outside and inside", NEITHER = `This is no tolerance: write ${SIDES}.`;
 const SHORT = { pass: "pass", fail: "fail", undecided: "undecided" };
 
 export function enter(app, stage) {
@@ -52,6 +54,7 @@ async function picked(app, stage, e) {
   const hit = await app.quick("pick_part", stage.lookAt(e, 6)), state = app.step_state.judge ??= {};
   if (!hit.point) return;
   if (state.labelling) { await choose(app, stage, { labels: [...app.visit.labels, hit.point] }); return; }
+  if (state.cutting !== undefined) { await choose(app, stage, sections.through(app, hit.point)); return; }
   if (hit.face === undefined) return;
   state.face = hit.face;
   colourFaces(app, stage);
@@ -61,20 +64,25 @@ async function picked(app, stage, e) {
 
 // One row a face: what was measured on it, and its own tolerance.
 function rows(app) {
-  const found = app.results.judge, regions = new Map((found?.faces ?? []).map(f => [f.number, f])), own = new Map(app.visit.faces.map(f => [f.face, f.tolerance]));
-  const planned = new Map((found?.characteristics ?? []).filter(c => c.kind === "profile").map(c => [c.faces[0], c]));
+  const found = app.results.judge, regions = new Map((found?.faces ?? []).map(f => [f.number, f])), own = new Map(app.visit.faces.map(f => [f.face, f]));
   return (app.results.part.faces ?? []).map(face => {
-    const region = regions.get(face.number), plan = planned.get(face.number);
-    return { face, region, own: own.get(face.number), plan, outcome: plan?.outcome ?? region?.outcome ?? null };
+    const region = regions.get(face.number);
+    return { face, region, own: own.get(face.number), outcome: region?.outcome ?? null };
   });
 }
 
 export function panel(app, stage) {
   const found = app.results.judge, unit = app.unit(), { visit } = app, busy = Boolean(app.busy.task), state = app.step_state.judge ??= {};
   const read = input => { const value = Number(input.value.replace(",", ".")); return value > 0 ? value : null; };
+  const judge = f => {
+    const both = sides(f.tolerance.value);
+    if (both === undefined) { app.say(NEITHER); return; }
+    app.say("");
+    choose(app, stage, { tolerance: both?.plus ?? null, minus: both?.minus ?? null, required: read(f.required) ?? 95, reach: read(f.reach) });
+  };
   return [
-    h("form", { class: "fields", onsubmit: e => { e.preventDefault(); const f = e.target.elements; choose(app, stage, { tolerance: read(f.tolerance), required: read(f.required) ?? 95, reach: read(f.reach) }); } },
-      h("label", { for: "tolerance" }, "Tolerance ±"), h("input", { id: "tolerance", name: "tolerance", inputmode: "decimal", value: visit.tolerance ?? "", autocomplete: "off", placeholder: "none" }), h("span", {}, unit),
+    h("form", { class: "fields", onsubmit: e => { e.preventDefault(); judge(e.target.elements); } },
+      h("label", { for: "tolerance" }, "Tolerance ±"), h("input", { id: "tolerance", name: "tolerance", value: sidesText(visit.tolerance, visit.minus), autocomplete: "off", placeholder: "none", title: SIDES }), h("span", {}, unit),
       h("label", { for: "required" }, "Points within"), h("input", { id: "required", name: "required", inputmode: "decimal", value: String(visit.required), autocomplete: "off" }), h("span", {}, "%"),
       h("label", { for: "reach" }, "Belongs to the part up to"), h("input", { id: "reach", name: "reach", inputmode: "decimal", value: visit.reach ?? "", placeholder: found ? number(found.reach) : "from the data", autocomplete: "off" }), h("span", {}, unit),
       h("span"), h("button", { id: "judge", class: "main" }, "Judge")),
@@ -82,22 +90,23 @@ export function panel(app, stage) {
     found && figures(app, found, unit),
     found && legend(found, unit),
     found && h("div", { class: "row", role: "group", "aria-label": "Show" },
-      h("button", { id: "colour-faces", "aria-pressed": String(state.colour === "faces"), disabled: !found.decision && !found.characteristics, onclick: () => { state.colour = state.colour === "faces" ? "" : "faces"; colourFaces(app, stage); app.render(); } }, "Faces pass / fail"),
-      h("button", { id: "labelling", "aria-pressed": String(Boolean(state.labelling)), onclick: () => { state.labelling = !state.labelling; stage.box.classList.toggle("aim", state.labelling); app.render(); } }, "Add a label"),
+      h("button", { id: "colour-faces", "aria-pressed": String(state.colour === "faces"), disabled: !found.decision, onclick: () => { state.colour = state.colour === "faces" ? "" : "faces"; colourFaces(app, stage); app.render(); } }, "Faces pass / fail"),
+      h("button", { id: "labelling", "aria-pressed": String(Boolean(state.labelling)), onclick: () => { state.labelling = !state.labelling; state.cutting = undefined; stage.box.classList.toggle("aim", state.labelling); app.render(); } }, "Add a label"),
+      sections.tools(app, stage, state),
       visit.labels.length ? h("button", { id: "no-labels", disabled: busy, onclick: () => choose(app, stage, { labels: [] }) }, "Remove labels") : null),
     state.labelling && h("p", { class: "note" }, "Click the part where its deviation should be written."),
+    found && sections.panel(app, found, state, values => choose(app, stage, values)),
     found?.worst.length ? worst(app, stage, found, unit) : null,
-    found && app.results.part.faces?.length ? faces(app, stage, read) : null,
+    found && app.results.part.faces?.length ? faces(app, stage) : null,
     found?.bands && bands(found, unit),
   ];
 }
 function decision(app, found) {
-  const { outcome, share_within, tolerance, required_share } = found.decision, unit = app.unit(), own = found.characteristics_outcome;
-  const all = [outcome, own].includes("fail") ? "fail" : [outcome, own].includes("undecided") ? "undecided" : "pass";
-  return h("section", { class: `light ${all}`, id: "decision", "aria-label": "Decision" }, h("p", { class: "word" }, h("i", { "aria-hidden": "true" }), `Part: ${WORDS[all]}`),
-    h("p", {}, `${percent(share_within, 2)} of the points are within ±${long(tolerance, unit)}; ${percent(required_share, 1)} are asked for, on the whole and on each face, and no place may be out.`),
-    found.decision.places.length ? h("p", {}, `${found.decision.places.length} ${found.decision.places.length === 1 ? "place is" : "places are"} not proven to be within; the worst deviates by ${off(found.decision.places[0].value, unit)}.`) : null,
-    own && h("p", {}, `Face by face: ${WORDS[own]}.`));
+  const { outcome, share_within, required_share, own } = found.decision, { visit } = app, unit = app.unit();
+  const band = visit.tolerance === null ? "the tolerances of their faces" : visit.minus === null ? `±${long(visit.tolerance, unit)}` : `${sidesText(visit.tolerance, visit.minus).replace("-", "−")} ${unit}`;
+  return h("section", { class: `light ${outcome}`, id: "decision", "aria-label": "Decision" }, h("p", { class: "word" }, h("i", { "aria-hidden": "true" }), `Part: ${WORDS[outcome]}`),
+    h("p", {}, `${percent(share_within, 2)} of the points are within ${band}${own && visit.tolerance !== null ? `, or within that of their face on ${own === 1 ? "one face" : `${own} faces`}` : ""}; ${percent(required_share, 1)} are asked for, on the whole and on each face, and no place may be out.`),
+    found.decision.places.length ? h("p", {}, `${found.decision.places.length} ${found.decision.places.length === 1 ? "place is" : "places are"} not proven to be within; the worst deviates by ${off(found.decision.places[0].value, unit)}.`) : null);
 }
 function figures(app, found, unit) {
   const { counts, summary } = found, others = [["other_surfaces", "on surfaces that leave the part"], ["outliers", "single outliers"], ["beyond_reach", `farther off than ${long(found.reach, unit)}`], ["excluded", "excluded"]].filter(([key]) => counts[key]);
@@ -114,17 +123,19 @@ function worst(app, stage, found, unit) {
     stage.middle = inDrawing(each.at, app.results.part.frame); stage.zoom = 3.2; stage.draw();
   } }, `${off(each.value, unit)}`)))));
 }
-function faces(app, stage, read) {
+function faces(app, stage) {
   const unit = app.unit(), state = app.step_state.judge;
   const set = (face, input) => {
-    const value = read(input), others = app.visit.faces.filter(f => f.face !== face);
-    return choose(app, stage, { faces: value ? [...others, { face, tolerance: value }].sort((a, b) => a.face - b.face) : others });
+    const both = sides(input.value), others = app.visit.faces.filter(f => f.face !== face);
+    if (both === undefined) { app.say(NEITHER); return null; }
+    app.say("");
+    return choose(app, stage, { faces: both ? [...others, { face, tolerance: both.plus, minus: both.minus }].sort((a, b) => a.face - b.face) : others });
   };
-  return h("section", { id: "faces" }, h("h3", {}, "Faces"), h("p", { class: "note" }, "Click a face on the part, or write its own tolerance here."),
-    h("div", { class: "scroll" }, h("table", { class: "faces" }, h("thead", {}, h("tr", {}, ["Face", "Within", `Tolerance ± ${unit}`, ""].map(t => h("th", { scope: "col" }, t)))),
+  return h("section", { id: "faces" }, h("h3", {}, "Faces"), h("p", { class: "note" }, `Click a face on the part, or write its own tolerance here: ${SIDES}.`),
+    h("div", { class: "scroll" }, h("table", { class: "faces" }, h("thead", {}, h("tr", {}, ["Face", "Within", `Tolerance (${unit || "part's unit"})`, ""].map(t => h("th", { scope: "col" }, t)))),
       h("tbody", {}, rows(app).filter(r => r.region || r.own).map(row => h("tr", { class: row.face.number === state.face ? "chosen" : "" },
         h("td", {}, faceName(row.face, unit)), h("td", { class: "n" }, row.region?.share_within != null ? percent(row.region.share_within) : row.region ? `${number(row.region.within)} (95 %)` : "not scanned"),
-        h("td", {}, h("input", { id: `face-${row.face.number}`, class: "short", inputmode: "decimal", autocomplete: "off", "aria-label": `Tolerance of face ${row.face.number}`, value: row.own ?? "", placeholder: app.visit.tolerance ?? "none", onfocus: () => { if (state.face !== row.face.number) { state.face = row.face.number; colourFaces(app, stage); } }, onchange: e => set(row.face.number, e.target) })),
+        h("td", {}, h("input", { id: `face-${row.face.number}`, class: "short", autocomplete: "off", "aria-label": `Tolerance of face ${row.face.number}`, value: sidesText(row.own?.tolerance, row.own?.minus), placeholder: sidesText(app.visit.tolerance, app.visit.minus) || "none", onfocus: () => { if (state.face !== row.face.number) { state.face = row.face.number; colourFaces(app, stage); } }, onchange: e => set(row.face.number, e.target) })),
         h("td", { class: `outcome ${row.outcome ?? ""}` }, row.outcome ? SHORT[row.outcome] : "")))))));
 }
 function bands(found, unit) {
