@@ -19,6 +19,8 @@ FILE = click.Path(path_type=Path)
 @click.option("--folder", type=FILE, help="Where visits are kept, to go on with them another day  [default: a "
               "temporary folder, removed at the end].")  # fmt: skip
 @click.option("--batch", type=FILE, metavar="FOLDER", help="Show the rows of a dqreg batch as it runs: its --out.")
+@click.option("--odometry", type=FILE, metavar="SCANS", help="Show the odometry of a LiDAR sequence as it runs: map, "
+              "frame, trajectory.")  # fmt: skip
 @click.option("--no-browser", "browser", flag_value=False, default=True, help="Print the address, open nothing.")
 @click.option("--replay", "visit", type=FILE, metavar="VISIT", help="Do a saved visit again without the page.")
 @click.option("--out", type=FILE, default=Path(), help="Where --replay writes  [default: the working folder].")
@@ -29,6 +31,7 @@ def studio(
     port: int,
     folder: Path | None,
     batch: Path | None,
+    odometry: Path | None,
     browser: bool,
     visit: Path | None,
     out: Path,
@@ -41,6 +44,7 @@ def studio(
     dqreg studio scan.ply part.stl
     dqreg studio --folder visits           visits are kept there
     dqreg studio --batch out               the table of a batch, while it runs and after
+    dqreg studio --odometry my_scans       a LiDAR sequence: map, frame, trajectory
     dqreg studio --replay visit.json --out sheet
 
     The page is served on 127.0.0.1 to this machine alone, under an address with a key; nothing leaves the machine and
@@ -53,6 +57,8 @@ def studio(
         result = replay(visit, out)
         say(console, f"alignment: {result.verdict.level}; wrote its files to {out}")
         return 0 if result.verdict.level == "accepted" else 1
+    if odometry is not None and (scan is not None or batch is not None):
+        raise InputError("--odometry has a page of its own: leave SCAN, PART and --batch out")
     if (scan is None) != (part is None):
         raise InputError("give SCAN and PART, or neither and drop them on the page")
     from dqreg.files.untrusted import require_readable
@@ -66,5 +72,5 @@ def studio(
         click.echo(address)
         say(console, "Open this address on this machine. Ctrl-C ends the studio.")
 
-    serve(scan, part, port=port, folder=folder, batch=batch, browser=browser, tell=tell)
+    serve(scan, part, port=port, folder=folder, batch=batch, odometry=odometry, browser=browser, tell=tell)
     return 0

@@ -20,6 +20,7 @@ from dqreg.studio.visit import Side, Visit
 if TYPE_CHECKING:
     from dqreg.studio.kept import Place
     from dqreg.studio.many import Many
+    from dqreg.studio.travel import Travel
 
 Values = dict[str, Any]
 VISIT, RESULTS = "visit.json", "results.json"
@@ -196,9 +197,14 @@ class Desk:
     """All visits of a server, in one folder."""
 
     def __init__(
-        self, folder: Path, scan: Path | None = None, part: Path | None = None, many: Many | None = None
+        self,
+        folder: Path,
+        scan: Path | None = None,
+        part: Path | None = None,
+        many: Many | None = None,
+        travel: Travel | None = None,
     ) -> None:
-        self.folder, self.many = folder, many
+        self.folder, self.many, self.travel = folder, many, travel
         self.named = scan, part
         self.rooms: dict[str, Room] = {}
         for place in sorted(folder.glob(f"*/{VISIT}")):
@@ -241,3 +247,5 @@ class Desk:
         """End all worker processes."""
         for room in self.rooms.values():
             room.close()
+        if self.travel is not None:
+            self.travel.close()

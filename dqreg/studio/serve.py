@@ -9,10 +9,13 @@ import socket
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import InputError, MissingDependencyError
 from dqreg.studio.desk import Desk
+
+if TYPE_CHECKING:
+    from dqreg.studio.travel import Travel
 
 NEEDED = "the studio needs {}; run: pip install 'dqreg[studio]'"
 
@@ -24,6 +27,7 @@ def serve(
     port: int = 0,
     folder: Path | None = None,
     batch: Path | None = None,
+    odometry: Path | None = None,
     browser: bool = True,
     tell: Callable[[str], object],
 ) -> None:
@@ -37,9 +41,9 @@ def serve(
     from dqreg.studio.server import application
 
     many = None if batch is None else Many(batch.absolute())
-
     with _folder(folder) as home, _socket(port) as listening:
-        desk, token = Desk(home, scan, part, many), secrets.token_urlsafe(24)
+        travel = None if odometry is None else _travel(odometry.absolute(), home)
+        desk, token = Desk(home, scan, part, many, travel), secrets.token_urlsafe(24)
         number = listening.getsockname()[1]
         address = f"http://127.0.0.1:{number}/{token}/"
         app = application(desk, token, number)
@@ -55,6 +59,12 @@ def serve(
             _quiet(uvicorn.Server)(config).run(sockets=[listening])
         finally:
             desk.close()
+
+
+def _travel(scans: Path, home: Path) -> Travel:
+    from dqreg.studio.travel import Travel
+
+    return Travel(scans, home / f"odometry-{secrets.token_hex(4)}")
 
 
 def _quiet(server: type[Any]) -> type[Any]:

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import importlib.resources
 import json
+import re
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +31,7 @@ FILES = (
     | dict.fromkeys(("visit.json", "result.json"), "application/json")
     | {"start.txt": "text/plain", "scan_cleaned.ply": "application/octet-stream"}
 )
+DRAWN = re.compile(r"(map|frame)-\d{1,9}\.bin")
 # Bytes of a request that is no file, and how often progress is looked at.
 MOST_WORDS, POLL = 1 << 20, 0.08
 BROKEN = (
@@ -47,6 +49,8 @@ def application(desk: Desk, token: str, port: int) -> App:
     routes = [
         Route("/", api.page),
         Route("/page/{name}", api.asset),
+        Route("/odometry", api.odometry),
+        Route("/odometry/{name}", api.travelled),
         Route("/many", api.many),
         Route("/many/{row}", api.row, methods=["POST"]),
         Route("/visits", api.visits, methods=["GET", "POST"]),
@@ -84,6 +88,17 @@ class Api:
             return _told(self._desk.open())
         rooms = sorted(self._desk.rooms.values(), key=lambda room: -room.touched)
         return _json([{"visit": r.name, "scan": _name(r.visit.scan), "part": _name(r.visit.part)} for r in rooms])
+
+    async def odometry(self, request: Request) -> Response:
+        """How far the odometry is that the command line named."""
+        travel = self._desk.travel
+        return _json(None if travel is None else await asyncio.to_thread(travel.state))
+
+    async def travelled(self, request: Request) -> Response:
+        """Map or frame of the odometry, to draw."""
+        travel, name = self._desk.travel, request.path_params["name"]
+        known = {name: "application/octet-stream"} if DRAWN.fullmatch(name) else {}
+        return _file(Path() if travel is None else travel.folder, name, known if travel else {})
 
     async def many(self, request: Request) -> Response:
         """The rows of the batch that the command line named."""

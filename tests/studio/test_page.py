@@ -123,7 +123,7 @@ def test_from_two_dropped_files_to_a_sheet_and_its_plan(browser, empty, tmp_path
         click_at(page, "main", np.add(top["centre"], [10.0, 0.0, 0.0]), "part")
         page.wait_for_selector("#no-labels")
         busy_over(page)
-        assert page.locator("#sections img").evaluate("image => image.complete && image.naturalWidth > 300")
+        page.wait_for_function("(i => i.complete && i.naturalWidth > 0)(document.querySelector('#sections img'))")
         keep_picture(page, "studio_judge")
         page.click("#colour-faces")
         keep_picture(page, "studio_faces")

@@ -8,6 +8,7 @@ import * as align from "./align.js";
 import * as judge from "./judge.js";
 import * as report from "./report.js";
 import * as many from "./many.js";
+import * as odometry from "./odometry.js";
 
 const STEPS = { load, clean, align, judge, report };
 const TITLES = { load: "Load", clean: "Clean", align: "Align", judge: "Judge", report: "Report" };
@@ -187,8 +188,9 @@ async function begin() {
     return;
   }
   app.stage = stage;
-  stage.told = said;
   theme();
+  if (await ask("odometry")) { await odometry.begin(stage); document.body.dataset.ready = "yes"; return; }
+  stage.told = said;
   $("#undo").addEventListener("click", async () => { accept(await send(`visits/${app.name}/undo`)); app.shown = {}; await app.read(); STEPS[app.step].enter?.(app, stage); });
   dropping();
   const [name, step] = location.hash.slice(1).split("/");
@@ -201,6 +203,8 @@ async function begin() {
   if (await ask("many")) {
     $("#many-parts").hidden = false;
     $("#many-parts").addEventListener("click", () => { app.many = true; render(); });
+    // Without files of its own the page is about the batch.
+    if (!app.visit.scan && !app.visit.part) { app.many = true; render(); }
   }
   await app.read();
   if (step in STEPS && ready(step)) app.go(step); else STEPS.load.enter(app, stage);
