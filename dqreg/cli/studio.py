@@ -72,5 +72,18 @@ def studio(
         click.echo(address)
         say(console, "Open this address on this machine. Ctrl-C ends the studio.")
 
-    serve(scan, part, port=port, folder=folder, batch=batch, odometry=odometry, browser=browser, tell=tell)
+    serve(scan, part, port=port, folder=folder, batch=batch, odometry=odometry, drive=drive, browser=browser, tell=tell)
     return 0
+
+
+def drive(scans: Path, folder: Path) -> None:
+    """Run the odometry of a sequence, and tell the page after every frame; in a worker process."""
+    from dqreg.odometry.engines import run_ours
+    from dqreg.odometry.scans import open_scans
+    from dqreg.odometry.settings import OdometrySettings
+    from dqreg.studio.travel import Story
+
+    data = open_scans(scans)
+    story = Story(folder, len(data))
+    run_ours(data, OdometrySettings(), show=story.show)
+    story.end()

@@ -15,7 +15,7 @@ from dqreg.errors import InputError, MissingDependencyError
 from dqreg.studio.desk import Desk
 
 if TYPE_CHECKING:
-    from dqreg.studio.travel import Travel
+    from dqreg.studio.travel import Drive, Travel
 
 NEEDED = "the studio needs {}; run: pip install 'dqreg[studio]'"
 
@@ -28,6 +28,7 @@ def serve(
     folder: Path | None = None,
     batch: Path | None = None,
     odometry: Path | None = None,
+    drive: Drive | None = None,
     browser: bool = True,
     tell: Callable[[str], object],
 ) -> None:
@@ -42,7 +43,7 @@ def serve(
 
     many = None if batch is None else Many(batch.absolute())
     with _folder(folder) as home, _socket(port) as listening:
-        travel = None if odometry is None else _travel(odometry.absolute(), home)
+        travel = None if odometry is None or drive is None else _travel(odometry.absolute(), home, drive)
         desk, token = Desk(home, scan, part, many, travel), secrets.token_urlsafe(24)
         number = listening.getsockname()[1]
         address = f"http://127.0.0.1:{number}/{token}/"
@@ -61,10 +62,10 @@ def serve(
             desk.close()
 
 
-def _travel(scans: Path, home: Path) -> Travel:
+def _travel(scans: Path, home: Path, drive: Drive) -> Travel:
     from dqreg.studio.travel import Travel
 
-    return Travel(scans, home / f"odometry-{secrets.token_hex(4)}")
+    return Travel(scans, home / f"odometry-{secrets.token_hex(4)}", drive)
 
 
 def _quiet(server: type[Any]) -> type[Any]:

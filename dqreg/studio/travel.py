@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import threading
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,16 +29,18 @@ FRAME, MAP, CELL = 20_000, 100_000, 0.01
 KEPT = 3
 # Ranges of the first frame that the drawing takes for its size.
 WIDE = 4.0
+# Runs an odometry of scans, and tells a `Story` in a folder; the command line has it, which knows every room.
+Drive = Callable[[Path, Path], None]
 BEFORE: dict[str, Any] = {"frames": 0, "of": None, "levels": [], "path": [], "over": False, "error": None}
 
 
 class Travel:
     """The odometry of a server, in a worker process from the first question on."""
 
-    def __init__(self, scans: Path, folder: Path) -> None:
+    def __init__(self, scans: Path, folder: Path, drive: Drive) -> None:
         if not scans.exists():
             raise InputError(f"cannot read {scans}: no such file or folder")
-        self.scans, self.folder = scans, folder
+        self.scans, self.folder, self._drive = scans, folder, drive
         self._worker = Worker(os.cpu_count() or 1)
         self._thread: threading.Thread | None = None
         self._closing = False
@@ -62,24 +65,12 @@ class Travel:
         self.folder.mkdir(parents=True, exist_ok=True)
         words = None
         try:
-            answer = self._worker.call(partial(travel, self.scans, self.folder))
+            answer = self._worker.call(partial(self._drive, self.scans, self.folder))
             words = answer.message if isinstance(answer, Failure) else None
         except InputError as error:
             words = str(error)
         if words is not None and not self._closing:
             write_atomically(self.folder / STATE, json.dumps(self.state() | {"error": words, "over": True}))
-
-
-def travel(scans: Path, folder: Path) -> None:
-    """Run the odometry, in a worker process; what is drawn is written after every frame."""
-    from dqreg.odometry.engines import run_ours
-    from dqreg.odometry.scans import open_scans
-    from dqreg.odometry.settings import OdometrySettings
-
-    data = open_scans(scans)
-    story = Story(folder, len(data))
-    run_ours(data, OdometrySettings(), lambda *_: None, story.show)
-    story.end()
 
 
 class Story:

@@ -9,10 +9,11 @@ import pytest
 
 pytest.importorskip("starlette", reason="the studio is an extra: dqreg[studio]")
 
+from dqreg.cli.studio import drive as run
 from dqreg.errors import InputError
 from dqreg.files import write_cloud
 from dqreg.geometry import Mesh, sample_mesh
-from dqreg.studio.travel import Travel, travel
+from dqreg.studio.travel import Travel
 from dqreg.synth.parts import box
 from tests.studio.studio_page import browsing, keep_picture, opened, running
 
@@ -33,7 +34,7 @@ def drive(tmp_path_factory):
 
 
 def test_every_frame_is_told_with_its_map_and_its_place(drive, tmp_path):
-    travel(drive, tmp_path)
+    run(drive, tmp_path)
     state = json.loads((tmp_path / "state.json").read_text())
     assert (state["frames"], state["of"], state["over"], state["error"]) == (FRAMES, FRAMES, True, None)
     assert len(state["levels"]) == FRAMES
@@ -50,7 +51,7 @@ def test_every_frame_is_told_with_its_map_and_its_place(drive, tmp_path):
 
 def test_a_sequence_that_is_none_is_a_sentence(tmp_path):
     with pytest.raises(InputError, match="no such file"):
-        Travel(tmp_path / "none", tmp_path / "out")
+        Travel(tmp_path / "none", tmp_path / "out", run)
 
 
 @pytest.mark.soak
