@@ -144,7 +144,9 @@ def information_of(
     known = np.zeros((6, 6)) if prior is None else variance * prior / scaling / scaling[:, None]
     known = basis.T @ known @ basis
     rows = plane_rows(points, normals, centre, lever)
-    shape = rows if smooth is None else plane_rows(points, smooth, centre, lever)
+    # A part without round faces has the same of both kinds.
+    alike = smooth is None or np.array_equal(smooth, normals)
+    shape = rows if alike or smooth is None else plane_rows(points, smooth, centre, lever)
     if allowed is not None:
         rows, shape = basis.T @ rows, basis.T @ shape
     values, vectors = np.linalg.eigh(((shape * weights) @ shape.T + known) / max(total, np.finfo(float).tiny))
