@@ -27,10 +27,10 @@ UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
 FILE = click.Path(path_type=Path)
 # Columns of a pipe, so that tables are not broken.
 WIDTH = 160
-GOALS = ("report", "pdf", "table", "out", "deviations", "as_json")
+GOALS = ("report", "pdf", "table", "out", "deviations", "sections", "as_json")
 SECTIONS = {
     "Plan": ("plan", "suggest", "tolerance", "required"),
-    "Output": ("report", "pdf", "head", "table", "out", "deviations", "as_json"),
+    "Output": ("report", "pdf", "head", "table", "out", "deviations", "sections", "as_json"),
     "Points of the part": ("reach", "exclude", "keep"),
     "Registration": (
         "start",
@@ -77,6 +77,7 @@ class InspectCommand(SectionedCommand):
 @click.option("--out", type=FILE, help="The registration as JSON.")
 @click.option("--deviations", type=FILE, help="Every point with its signed deviation in the sheet's alignment: "
               "coloured .ply, .csv or .npy.")  # fmt: skip
+@click.option("--sections", type=FILE, help="Deviations along the plan's sections: .csv.")
 @click.option("--reach", type=float, metavar="LENGTH", help="Points farther from the part belong to something else  "
               "[default: 0.05 of the smaller diagonal].")  # fmt: skip
 @click.option("--exclude", type=float, nargs=6, multiple=True, metavar="X Y Z X Y Z", help="Leave the points in this "
@@ -142,6 +143,8 @@ def inspect_command(
     if required is not None and not 0.0 < required <= 100.0:
         raise InputError(f"--required is a percentage above 0 and at most 100; got {required:g}")
     asked = None if plan is None else read_plan(plan)
+    if goals["sections"] is not None and (asked is None or not asked.sections):
+        raise InputError("--sections: there is no plan with a [[section]], so there is nothing to write")
     wanted = options.pop("display_units")
     unit = shown_target(
         part, options["target_units"], wanted or (None if asked is None else asked.units), asked=wanted is not None

@@ -56,6 +56,7 @@ def write(
 ) -> None:
     """Write all files that were asked for; ``native`` brings a result to the unit of the part's file."""
     from dqreg.files.atomic import write_atomically
+    from dqreg.inspection.sections import save_sections
     from dqreg.report.inspection_table import sheet_csv
     from dqreg.report.page import to_html
     from dqreg.report.page_file import write_page
@@ -69,6 +70,8 @@ def write(
         native(shown).save(goals["out"])
     if goals["deviations"] is not None:
         found.deviations.save(goals["deviations"])
+    if goals["sections"] is not None and found.sheet is not None:
+        save_sections(goals["sections"], found.sheet.sections, unit)
     if goals["as_json"] is not None and str(goals["as_json"]) != "-":
         write_atomically(goals["as_json"], json_text(record))
     pages = [path for path in (goals["report"], goals["pdf"]) if path is not None]

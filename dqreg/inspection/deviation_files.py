@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import math
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -117,6 +119,29 @@ def write_table(
     stream = io.StringIO()
     stream.write(",".join(names) + "\n")
     np.savetxt(stream, np.column_stack(columns), fmt=formats, delimiter=",")
+    write_atomically(path, stream.getvalue())
+
+
+SECTION = ("section", "curve", "arc", "x", "y", "z", "normal_x", "normal_y", "normal_z", "deviation", "sigma", "points")
+
+
+def write_sections(
+    path: str | os.PathLike[str], sections: Iterable[tuple[str, FloatArray]], *, decimals: int, units: str | None
+) -> None:
+    """Write deviations along sections as a CSV file, one row a place: a name, and columns as in `SECTION` after it.
+
+    A place without scan points has no deviation.
+    """
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    lengths = ("arc", "x", "y", "z", "deviation", "sigma")
+    writer.writerow(f"{name} [{units}]" if units and name in lengths else name for name in SECTION)
+    length = f"%.{decimals}f"
+    formats = ["%d", *[length] * 4, *[f"%.{NORMAL_DIGITS}f"] * 3, length, length, "%d"]
+    for name, rows in sections:
+        for row in rows.tolist():
+            words = ("" if math.isnan(x) else f % (x + 0.0) for x, f in zip(row, formats, strict=True))
+            writer.writerow([name, *words])
     write_atomically(path, stream.getvalue())
 
 

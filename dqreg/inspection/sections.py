@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,6 +12,7 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, IntArray, as_vectors
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh
+from dqreg.inspection.deviation_files import decimals_of, write_sections
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.places import MEDIAN_SIGMA
 from dqreg.inspection.scanned_part import ScannedPart
@@ -63,6 +66,34 @@ class Section:
     def coverage(self) -> float:
         """Share of the places that have a value."""
         return float(np.isfinite(self.values).mean())
+
+    @property
+    def table(self) -> FloatArray:
+        """Curve, arc, position, normal, deviation, sigma and points of every place, (m, 11)."""
+        columns = (self.curve, self.arc, self.positions, self.outward, self.values, self.sigma, self.points)
+        return np.column_stack(columns)
+
+    def save(self, path: str | os.PathLike[str], name: str = "section", *, units: str | None = None) -> None:
+        """Write the deviations along the section as CSV, one row a place of its outlines.
+
+        Parameters
+        ----------
+        path : str or path
+            The file; written whole or not at all.
+        name : str
+            The first column.
+        units : str, optional
+            Length unit, for the head of the columns.
+        """
+        save_sections(path, [(name, self)], units)
+
+
+def save_sections(path: str | os.PathLike[str], sections: Sequence[tuple[str, Section]], units: str | None) -> None:
+    """Write the deviations along sections, each under its name, into one CSV file."""
+    sigma = np.concatenate([cut.sigma[np.isfinite(cut.sigma)] for _, cut in sections])
+    size = max(float(np.linalg.norm(np.ptp(cut.positions, axis=0))) for _, cut in sections)
+    decimals = decimals_of(size, float(np.median(sigma)) if len(sigma) else None)
+    write_sections(path, [(name, cut.table) for name, cut in sections], decimals=decimals, units=units)
 
 
 def section_of(deviations: Deviations, point: ArrayLike, normal: ArrayLike, *, step: float | None = None) -> Section:

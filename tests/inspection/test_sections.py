@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -71,8 +74,8 @@ def test_the_picture_says_how_much_it_enlarges() -> None:
     found = measure_deviations(block(0.05, 0.02), PART, MeshSurface(PART), reach=2.0)
     picture = section_picture(section_of(found, [0, 0, 0], [0, 1, 0]), "mm", 0.1)
     assert picture.startswith("<svg")
-    # 0.1 stands 1.8 off the outline of 30 at most: 10 times, not 20.
-    assert "deviations 10 times enlarged" in picture
+    # The largest deviation, 0.05, stands 1.8 off the outline of 30 at most: 20 times, not 50.
+    assert "deviations 20 times enlarged" in picture
     assert "+0.05 mm" in picture
 
 
@@ -96,3 +99,16 @@ def test_wall_thickness_is_both_sides_together() -> None:
     few = np.concatenate([one[one[:, 2] > 0], one[one[:, 2] < 0][:10]])
     (row,) = inspect(measure_deviations(few, PART, MeshSurface(PART), reach=2.0), plan_of(plan)).characteristics
     assert "far side" in row.remark
+
+
+def test_deviations_along_sections_are_a_table(tmp_path: Path) -> None:
+    found = measure_deviations(block(0.05, 0.02, 0.005), PART, MeshSurface(PART), reach=2.0)
+    cut = section_of(found, [0.0, 1.0, 0.0], [0.0, 3.0, 0.0])
+    cut.save(tmp_path / "cut.csv", "middle", units="mm")
+    rows = list(csv.DictReader((tmp_path / "cut.csv").read_text(encoding="utf-8").splitlines()))
+    assert len(rows) == len(cut.values)
+    assert {row["section"] for row in rows} == {"middle"}
+    for name, values in (("deviation [mm]", cut.values), ("arc [mm]", cut.arc), ("z [mm]", cut.positions[:, 2])):
+        # What was not scanned has no value.
+        read = np.array([float(row[name] or "nan") for row in rows])
+        np.testing.assert_allclose(read, values, atol=1e-4)
