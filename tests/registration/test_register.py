@@ -306,6 +306,8 @@ BAD: dict[str, tuple[dict[str, Any], type[DqregError], str]] = {
     "seed": ({"seed": -1}, InputError, "seed.*-1"),
     "source units": ({"source_units": "parsec", "target_units": "mm"}, UnitsError, "'parsec'"),
     "target units": ({"target_units": "furlong"}, UnitsError, "'furlong'"),
+    # Words that mean nothing are named before a start is missed.
+    "motion without a start": ({"dof": "rz tw", "start": None}, InputError, "unknown motion 'tw'"),
 }
 
 

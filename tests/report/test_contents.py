@@ -126,6 +126,17 @@ def test_histogram_bars_hold_all_points_in_range(size):
     np.testing.assert_allclose(heights / heights.max(), shown / shown.max(), atol=0.001)
 
 
+def test_what_lies_beyond_the_histogram_stands_with_the_length_it_is_beyond():
+    # Of the tolerance 0.1 the ends are at 1.6 times that: another share than the one out of tolerance.
+    values = np.r_[np.zeros(70), np.full(20, 0.12), np.full(10, 0.2)]
+    texts = [element.text for element in ET.fromstring(histogram(values, Scale(0.1, True), "mm", (-0.1, 0.1)))]
+    assert "above 0.16 mm: 10.0 %" in texts
+    assert "below −0.16 mm: 0.0 %" in texts
+    unnamed = [element.text for element in ET.fromstring(histogram(values, Scale(0.1, True), "", (-0.1, 0.1)))]
+    assert "above 0.16: 10.0 %" in unnamed
+    assert "deviation" in unnamed
+
+
 def test_convergence_is_well_formed_and_escaped():
     root = ET.fromstring(convergence(bumpy().history, "<mm> & more"))
     assert "length [<mm> & more]" in "".join(root.itertext())

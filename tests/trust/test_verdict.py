@@ -276,3 +276,9 @@ def test_a_frame_gets_no_advice_on_options_that_a_sequence_has_not() -> None:
     assert judge(dataclasses.replace(GOOD, near=INF)).reasons == (
         "1000 inliers with residuals of 0.01 (one sigma), 95 % of the points; all degrees of freedom are constrained",
     )
+
+
+def test_a_part_that_shrank_is_named_before_its_mirror_image() -> None:
+    # At a wrong scale either image may fit better: 2 % too small gains 0.5 when mirrored, as a mirrored part does.
+    found = judge(dataclasses.replace(GOOD, stretch=-0.02, mirror_gain=0.5))
+    assert [reason.code for reason in found.reasons] == ["stretched", "mirrored"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -68,6 +69,7 @@ def to_html(title: str, lines: Sequence[Line], thumbnails: Path | None = None) -
         parts={outcome: sum(line.part == outcome for line in lines) for outcome in ("pass", "undecided", "fail")},
         trends=trends_on_page(trends_of(lines)),
         short=_short,
+        reasons=_reasons,
         rank=VERDICTS.index,
         picture=lambda name: _picture(thumbnails, name),
     )
@@ -77,6 +79,15 @@ def counts(lines: Sequence[Line]) -> dict[str, int]:
     """How many rows have which verdict, the good ones first; those that none has are left out."""
     found = Counter(line.verdict for line in lines)
     return {verdict: found[verdict] for verdict in reversed(VERDICTS) if found[verdict]}
+
+
+def _reasons(line: Line) -> list[str]:
+    """What is said of a row, with file names without their folders: those are nobody's but the writer's."""
+    folders = {f"{path.parent}{os.sep}" for path in (line.row.scan, line.row.target)} - {os.sep}
+    found = list(line.reasons)
+    for folder in folders:
+        found = [reason.replace(folder, "") for reason in found]
+    return found
 
 
 def _short(number: float) -> str:

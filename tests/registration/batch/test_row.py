@@ -57,6 +57,19 @@ def test_a_part_is_inspected_and_what_cannot_be_measured_costs_no_pose(rows, tmp
     assert "datums constrain" in found["error"]
 
 
+def test_a_row_is_shown_in_another_unit_and_its_result_stays_in_the_part_s(rows):
+    row = dataclasses.replace(rows[0], options={**rows[0].options, "source_units": "mm", "target_units": "mm"})
+    plain = run_row(row, Targets()).record
+    asked = Asked(tolerance=0.2 / 25.4, display_units="inch")
+    shown = run_row(dataclasses.replace(row, asked=asked), Targets()).record
+    assert shown["settings"]["target_units"] == "mm"
+    # Rounding in another unit: within 1e-9 of the part's 156 mm.
+    np.testing.assert_allclose(shown["T_target_source"], plain["T_target_source"], atol=1.5e-7)
+    assert shown["batch"]["shown"]["units"] == shown["batch"]["inspection"]["units"] == "inch"
+    assert shown["batch"]["shown"]["rms"] == pytest.approx(plain["rms"] / 25.4, rel=1e-6)
+    assert shown["batch"]["inspection"]["outcome"] == "pass"
+
+
 def rewrite(path: Path) -> None:
     """Other content that means the same."""
     path.write_bytes(path.read_bytes() + b"\n")
