@@ -52,8 +52,9 @@ def judged(place: Place) -> Inspected:
         plan = None
         if isinstance(place.part(), Mesh) and (is_judged(visit) or visit.sections or visit.alignment != "best-fit"):
             # A plan in a file decides something; on the page an alignment or a section can be looked at before.
-            plan = plan_of({"tolerance": 1.0} | tomllib.loads(text))
-            plan = plan if visit.tolerance is not None else dataclasses.replace(plan, tolerance=None)
+            asked = {} if is_judged(visit) else {"tolerance": 1.0}
+            plan = plan_of(asked | tomllib.loads(text))
+            plan = plan if is_judged(visit) else dataclasses.replace(plan, tolerance=None)
         return inspect_registration(result, plan, reach=visit.reach)
 
     return kept("judged", [result.T_target_source, visit.cuts, visit.reach, text], make)

@@ -186,6 +186,8 @@ def test_a_side_of_its_own_a_section_and_a_label_are_in_the_sheet(cleaned):
         "labels": ((4.0, 3.0, 5.0),),
     }
     visit = changed(cleaned, **chosen)
+    whole = judging.judge(changed(visit, tolerance=0.1, minus=0.02))["decision"]
+    assert (whole["low"], whole["high"], whole["own"]) == (-0.02, 0.1, 2)
     judged = judging.judge(visit)
     (section,) = judged["sections"]
     assert section["coverage"] > 0.5
