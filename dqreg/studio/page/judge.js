@@ -82,7 +82,7 @@ export function panel(app, stage) {
   };
   return [
     h("form", { class: "fields", onsubmit: e => { e.preventDefault(); judge(e.target.elements); } },
-      h("label", { for: "tolerance" }, "Tolerance ±"), h("input", { id: "tolerance", name: "tolerance", value: sidesText(visit.tolerance, visit.minus), autocomplete: "off", placeholder: "none", title: SIDES }), h("span", {}, unit),
+      h("label", { for: "tolerance" }, "Tolerance"), h("input", { id: "tolerance", name: "tolerance", value: sidesText(visit.tolerance, visit.minus), autocomplete: "off", placeholder: "none", title: SIDES }), h("span", {}, unit),
       h("label", { for: "required" }, "Points within"), h("input", { id: "required", name: "required", inputmode: "decimal", value: String(visit.required), autocomplete: "off" }), h("span", {}, "%"),
       h("label", { for: "reach" }, "Belongs to the part up to"), h("input", { id: "reach", name: "reach", inputmode: "decimal", value: visit.reach ?? "", placeholder: found ? number(found.reach) : "from the data", autocomplete: "off" }), h("span", {}, unit),
       h("span"), h("button", { id: "judge", class: "main" }, "Judge")),

@@ -138,7 +138,7 @@ function said() {
   if (part?.drawing?.drawn < part?.triangles) parts.push(`${count(part.drawing.drawn)} of ${count(part.triangles)} triangles`);
   const full = (part?.drawing?.drawn ?? 0) + on, less = drawn && drawn.points + drawn.triangles < full;
   const moving = less ? ` While the view moves: ${count(drawn.points)} points and ${count(drawn.triangles)} triangles${pace.frames ? `, ${Math.round(pace.frames)} frames a second` : ""}.` : "";
-  $("#drawn").textContent = parts.length || less ? `${parts.length ? `Drawn: ${parts.join(" and ")}.` : ""}${moving} All of them are measured.`.trim() : "";
+  $("#drawn").textContent = `${parts.length ? `Drawn: ${parts.join(" and ")}. All of them are measured.` : ""}${moving}`.trim();
 }
 
 // Whatever goes wrong is a sentence; nothing that was chosen is lost.
