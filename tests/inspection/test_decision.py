@@ -155,7 +155,7 @@ def test_a_face_has_its_own_tolerance_and_share() -> None:
 
 def test_tolerances_that_cannot_be_held_are_named() -> None:
     found = deviations(top(400))
-    with pytest.raises(InputError, match=r"tolerance of 2 .* is not below the reach of 2"):
+    with pytest.raises(InputError, match=r"tolerance of 2 .*is not below the reach of 2"):
         decide(found, 2.0)
     with pytest.raises(InputError, match="has no face 17; its faces are 0 to 5"):
         decide(found, 0.1, faces={17: 0.1})
