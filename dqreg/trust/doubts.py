@@ -185,7 +185,7 @@ def _stretched(evidence: Evidence) -> Iterator[str]:
 
 def _bent(evidence: Evidence) -> Iterator[str]:
     if evidence.bend:
-        yield f"the scan is bent by {100 * evidence.bend:.2g} % of its length against the target"
+        yield f"the scan is bent or twisted by {100 * evidence.bend:.2g} % of its length against the target"
 
 
 def _drift(evidence: Evidence) -> Iterator[str]:

@@ -49,7 +49,8 @@ class Strain:
     value: float = 0.0  # Relative elongation; below zero where the scan is shorter
     sigma: float = math.inf  # Its standard deviation
     along: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Principal axis; zeros for a scale
-    bend: float = 0.0  # Sagitta over length, along the longest axis of the scan
+    # Sagitta over length, along the longest axis of the scan; of a torsion, the displacement of an end
+    bend: float = 0.0
     bend_sigma: float = math.inf
     significant: float = SIGNIFICANT  # Standard deviations from which on they are no chance
 
@@ -92,7 +93,9 @@ def strain_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, *,
     value, sigma, along = _principal(fitted[6:12] / lever, scatter[6:12, 6:12] / lever**2)
     length = float(np.ptp((points - middle) @ axes[:, 2]))
     # The row is the square of the place along the axis over the lever; a sagitta is over the square of half the length.
-    factor = (0.5 * length / lever) ** 2 / length
+    # Of a torsion, the displacement of the ends at the usual distance from the axis.
+    radius = float(np.sqrt(np.mean(((points - middle) @ axes[:, :2]) ** 2) * 2.0))
+    factor = np.r_[[0.25 * length] * 2, 0.5 * radius] / lever**2
     bends = np.abs(fitted[12:]) * factor
     sigmas = np.sqrt(np.diag(scatter)[12:]) * factor
     k = int(np.argmax(bends / sigmas)) if (sigmas > 0.0).all() else 0
@@ -101,13 +104,15 @@ def strain_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, *,
 
 
 def _strain_rows(p: FloatArray, n: FloatArray, axes: FloatArray) -> FloatArray:
-    """Displacements along the normals by unit strains, and by bends of the first axis towards the others, (8, m)."""
+    """Displacements along the normals by unit strains, and by bends and a torsion of the first axis, (9, m)."""
     strains = [n[:, i] * p[:, j] + (n[:, j] * p[:, i] if i != j else 0.0) for i, j in COMPONENTS]
     lever = np.sqrt((p**2).sum(axis=1).mean())
     x = p @ axes[:, 0]
     # A bent beam: the axis moves across, and its sections turn with it.
     bends = [((n @ b) * x**2 - 2.0 * (n @ axes[:, 0]) * x * (p @ b)) / lever for b in (axes[:, 1], axes[:, 2])]
-    rows: FloatArray = np.stack([*strains, *bends])
+    # A twisted one: its sections turn about the axis.
+    torsion = x * (n @ axes[:, 1] * (p @ axes[:, 2]) - n @ axes[:, 2] * (p @ axes[:, 1])) / lever
+    rows: FloatArray = np.stack([*strains, *bends, torsion])
     return rows
 
 

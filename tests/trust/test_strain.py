@@ -66,6 +66,18 @@ def test_a_bend_is_found_and_is_no_stretch() -> None:
     assert not found.is_strained
 
 
+def test_a_torsion_is_found_and_is_no_stretch() -> None:
+    points, normals, noise = scanned(box)
+    # A beam of length 3 whose ends are turned by 2 degrees against each other.
+    turn = np.deg2rad(2.0) / 3.0 * points[:, 0]
+    moved = np.column_stack([np.zeros_like(turn), -turn * points[:, 2], turn * points[:, 1]])
+    found = strain_of(points, normals, np.einsum("ij,ij->i", moved, normals) + noise)
+    assert found.is_bent
+    # Half of the angle at the rms distance of the faces of 2 x 1 from the axis, 0.80, over the length.
+    assert found.bend == pytest.approx(np.deg2rad(1.0) * 0.80 / 3.0, rel=0.1)
+    assert not found.is_strained
+
+
 @pytest.mark.parametrize("make", [box, cylinder, plane, sphere])
 def test_noise_and_the_rest_of_a_motion_are_no_strain(make) -> None:
     for seed in range(10):

@@ -110,7 +110,7 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "the pose drifts by 1.7 and 0.8 degrees within the scan",
         "drift",
     ),
-    "bent": ({"bend": 0.004}, "the scan is bent by 0.4 % of its length", "bent"),
+    "bent": ({"bend": 0.004}, "the scan is bent or twisted by 0.4 % of its length", "bent"),
     "few of all": (
         {"share_near": FEW_OF_ALL - 0.01, "near": INF},
         "only 49 % of the points are inliers",
