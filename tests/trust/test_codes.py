@@ -16,8 +16,10 @@ CODES = set(get_args(Code))
 
 def test_the_documented_table_is_the_list_of_codes() -> None:
     text = (PACKAGE.parent / "docs" / "failures.md").read_text(encoding="utf-8")
-    documented = re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)
-    assert sorted(documented) == sorted(CODES)
+    # A code of many scans may mean something of its own: each table names it once.
+    tables = [re.findall(r"^\| `(\w+)` \|", part, re.MULTILINE) for part in text.split("\n|---")]
+    assert {code for table in tables for code in table} == CODES
+    assert all(len(table) == len(set(table)) for table in tables)
 
 
 def test_every_code_is_made_somewhere() -> None:
