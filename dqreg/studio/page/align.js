@@ -17,6 +17,8 @@ export function enter(app, stage) {
     choose(app, stage, state(app).way);
     stage.fit();
     if (app.results.align?.rivals?.length && !app.thumbs) thumbnails(app, stage);
+    // A row of a batch brings its pose along: it is shown without a click.
+    if (app.visit.start === "rival" && !app.results.align && !app.busy.task) run(app, stage, {});
   });
 }
 export function leave(app, stage) { stage.picked = null; pairs.leave(app, stage); hand.leave(app, stage); stage.mark({}); stage.clearLabels(); stage.layers.scan = stage.layers.off = true; }
