@@ -8,8 +8,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.multiway.eyes import Eyes
 from dqreg.multiway.scans import View
+from dqreg.multiway.viewpoints import Viewpoints
 from dqreg.rigid import pose
 from dqreg.trust.doubts import LOOKED_THROUGH
 from dqreg.trust.free_space import FEWEST, DepthImage
@@ -27,12 +27,12 @@ class FreeSpace:
     spacings: FloatArray  # (n,): Of the points that are looked at
 
     @staticmethod
-    def of(views: Sequence[View], eyes: Eyes) -> FreeSpace:
-        """Images of the scans whose eyes are known."""
+    def of(views: Sequence[View], viewpoints: Viewpoints) -> FreeSpace:
+        """Images of the scans whose viewpoints are known."""
         points = tuple(_some(view.scan.points) + view.origin if view.usable else None for view in views)
         images = tuple(
-            None if some is None or eye is None else DepthImage.of(some, eye.place + view.origin)
-            for view, some, eye in zip(views, points, eyes, strict=True)
+            None if some is None or viewpoint is None else DepthImage.of(some, viewpoint.place + view.origin)
+            for view, some, viewpoint in zip(views, points, viewpoints, strict=True)
         )
         spacings = [
             np.nan if some is None else view.scan.spacing * np.sqrt(len(view.scan.points) / len(some))

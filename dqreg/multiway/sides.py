@@ -17,10 +17,10 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, PointCloud
 from dqreg.geometry.normals import orient_towards
 from dqreg.multiway.edges import PART, Edge, EdgeCode
-from dqreg.multiway.eyes import Eye, Eyes, common_eyes, given_eyes
 from dqreg.multiway.free_space import FreeSpace
 from dqreg.multiway.planes import Body
 from dqreg.multiway.scans import View
+from dqreg.multiway.viewpoints import Viewpoint, Viewpoints, common_viewpoints, given_viewpoints
 from dqreg.rigid import pose
 from dqreg.trust.doubts import LOOKED_THROUGH
 
@@ -36,33 +36,35 @@ TELLING, FITTING = (3, 60), 0.8
 POINTS = 3_000
 
 
-def body_of(view: View, eye: Eye | None) -> Body:
+def body_of(view: View, viewpoint: Viewpoint | None) -> Body:
     """A scan for the joint cost, with normals of known sign where it is known from where it was taken."""
-    if eye is None or view.scan.oriented or view.surface.oriented:
+    if viewpoint is None or view.scan.oriented or view.surface.oriented:
         return Body(view.scan, view.surface, view.origin)
     scan = dataclasses.replace(
-        view.scan, normals=orient_towards(view.scan.normals, view.scan.points, eye.place), oriented=True
+        view.scan, normals=orient_towards(view.scan.normals, view.scan.points, viewpoint.place), oriented=True
     )
     assert view.cloud is not None
-    cloud = PointCloud(view.cloud.points - view.origin, viewpoint=eye.place)
+    cloud = PointCloud(view.cloud.points - view.origin, viewpoint=viewpoint.place)
     return Body(scan, CloudSurface(cloud, view.surface.fitted), view.origin)
 
 
-def eyes_of(views: Sequence[View], order: str, edges: Sequence[Edge] = ()) -> Eyes:
+def viewpoints_of(views: Sequence[View], order: str, edges: Sequence[Edge] = ()) -> Viewpoints:
     """Where each scan was taken from; None where nothing tells.
 
     A line of sight that serves all scans is one where accepted pairs agree with it; on a turntable it is one in any
     case, with an open sign.
     """
-    given = given_eyes(views)
-    common = common_eyes(views)
+    given = given_viewpoints(views)
+    common = common_viewpoints(views)
     if common is None:
         return given
     sure = _sure(edges)[: TELLING[1]]
-    fits = [_fitting(FreeSpace.of(views, eyes), sure) for eyes in common]
+    fits = [_fitting(FreeSpace.of(views, viewpoints), sure) for viewpoints in common]
     best = int(np.argmax(fits))
     if fits[best] >= FITTING and fits[best] > fits[1 - best]:
-        return tuple(None if eye is None else dataclasses.replace(eye, certain=True) for eye in common[best])
+        return tuple(
+            None if viewpoint is None else dataclasses.replace(viewpoint, certain=True) for viewpoint in common[best]
+        )
     return common[0] if order == "turntable" else given
 
 
@@ -92,9 +94,11 @@ class Sides:
     @staticmethod
     def of(views: Sequence[View], order: str, edges: Sequence[Edge] = ()) -> Sides:
         """Scans of a known order; accepted edges may tell where the scanner stood."""
-        eyes = eyes_of(views, order, edges)
-        bodies = [body_of(view, eye) if view.usable else None for view, eye in zip(views, eyes, strict=True)]
-        certain = tuple(eye if eye is not None and eye.certain else None for eye in eyes)
+        viewpoints = viewpoints_of(views, order, edges)
+        bodies = [
+            body_of(view, viewpoint) if view.usable else None for view, viewpoint in zip(views, viewpoints, strict=True)
+        ]
+        certain = tuple(viewpoint if viewpoint is not None and viewpoint.certain else None for viewpoint in viewpoints)
         return Sides(tuple(bodies), FreeSpace.of(views, certain))
 
     def checked(self, edges: Sequence[Edge]) -> list[Edge]:

@@ -8,10 +8,10 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg.geometry import PointCloud
 from dqreg.multiway.edges import Edge
-from dqreg.multiway.eyes import Eyes
 from dqreg.multiway.foreign import Judge, without_foreign
 from dqreg.multiway.scans import View, read_views, typical_size
-from dqreg.multiway.sides import Sides, eyes_of
+from dqreg.multiway.sides import Sides, viewpoints_of
+from dqreg.multiway.viewpoints import Viewpoints
 from dqreg.rigid import pose
 from dqreg.synth.many_views import turntable_views
 from dqreg.synth.parts import bracket, feeder
@@ -37,8 +37,8 @@ def turned() -> Turned:
     scale = np.linalg.norm(np.ptp(bracket()[0], axis=0)) / np.linalg.norm(np.ptp(vertices, axis=0))
     other = turntable_views((scale * vertices, faces), 2, pixels=45, rng=np.random.default_rng(1))
     size = float(np.linalg.norm(np.ptp(made.scans[0], axis=0)))
-    eyes = np.concatenate([made.viewpoints, other.viewpoints[:1]])
-    return Turned([*made.scans, other.scans[0]], made.T_world_scan, eyes, size)
+    viewpoints = np.concatenate([made.viewpoints, other.viewpoints[:1]])
+    return Turned([*made.scans, other.scans[0]], made.T_world_scan, viewpoints, size)
 
 
 def edge(i: int, j: int, T: FloatArray, size: float) -> Edge:
@@ -96,11 +96,11 @@ def test_right_scans_stay_where_they_were(turned: Turned) -> None:
 
 def test_a_line_of_sight_that_accepted_pairs_agree_with_is_one(turned: Turned) -> None:
     views, right = views_of(turned, known=False)[:VIEWS], edges_among(turned)
-    eyes: Eyes = eyes_of(views, "any", right)
-    for view, eye, place in zip(views, eyes, turned.viewpoints, strict=False):
-        assert eye is not None
-        assert eye.certain
-        towards, true = eye.place - view.scan.points.mean(axis=0), place - view.origin
+    viewpoints: Viewpoints = viewpoints_of(views, "any", right)
+    for view, viewpoint, place in zip(views, viewpoints, turned.viewpoints, strict=False):
+        assert viewpoint is not None
+        assert viewpoint.certain
+        towards, true = viewpoint.place - view.scan.points.mean(axis=0), place - view.origin
         # One in 150 directions is tried, and all that see the same faces serve as well.
         assert towards @ true > 0.7 * np.linalg.norm(towards) * np.linalg.norm(true)
-    assert eyes_of(views, "any") == (None,) * VIEWS
+    assert viewpoints_of(views, "any") == (None,) * VIEWS

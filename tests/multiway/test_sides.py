@@ -10,7 +10,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
 from dqreg.multiway.edges import Edge
 from dqreg.multiway.scans import read_views
-from dqreg.multiway.sides import Contradiction, Sides, eyes_of
+from dqreg.multiway.sides import Contradiction, Sides, viewpoints_of
 from dqreg.synth.many_views import turntable_views
 from dqreg.synth.parts import angle
 from tests.multiway.edges_of_truth import registration
@@ -58,14 +58,14 @@ def test_sides_a_sheet_apart_are_no_contradiction(sheet: list[PointCloud]) -> No
 def test_the_scanner_of_a_turntable_stands_on_one_side_of_all_scans() -> None:
     made = turntable_views(angle(), 12, pixels=50, rng=np.random.default_rng(0))
     views = read_views(list(made.scans), 0)
-    eyes = eyes_of(views, "turntable")
-    assert all(eye is not None and not eye.certain for eye in eyes)
+    viewpoints = viewpoints_of(views, "turntable")
+    assert all(viewpoint is not None and not viewpoint.certain for viewpoint in viewpoints)
     # Of the normals, nine tenths have the sign that the true viewpoint gives, or nine tenths the opposite one.
     same = []
-    for view, eye, place in zip(views, eyes, made.viewpoints, strict=True):
+    for view, viewpoint, place in zip(views, viewpoints, made.viewpoints, strict=True):
         ways = [
             np.einsum("ij,ij->i", where - view.scan.points, view.scan.normals)
-            for where in (eye.place, place - view.origin)
+            for where in (viewpoint.place, place - view.origin)
         ]
         same.append(float(np.mean(ways[0] * ways[1] > 0.0)))
     assert min(same) > 0.9 or max(same) < 0.1
@@ -76,7 +76,7 @@ def test_scans_that_nothing_is_known_of_have_no_side() -> None:
     ball = rng.normal(size=(3000, 3))
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
     views = read_views([ball, ball[::-1] + 1.0], 0)
-    assert eyes_of(views, "turntable") == (None, None)
+    assert viewpoints_of(views, "turntable") == (None, None)
     assert list(Sides.of(views, "any").contradictions(np.tile(np.eye(4), (2, 1, 1)), np.ones((2, 2)))) == []
 
 

@@ -23,22 +23,22 @@ FAR = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Eye:
+class Viewpoint:
     """Where a scanner stood, in the centred frame of its scan."""
 
     place: FloatArray  # (3,)
     certain: bool  # Given, or told by pairs: else a direction alone, forwards or backwards for all scans
 
 
-Eyes = tuple[Eye | None, ...]
+Viewpoints = tuple[Viewpoint | None, ...]
 
 
-def given_eyes(views: Sequence[View]) -> Eyes:
+def given_viewpoints(views: Sequence[View]) -> Viewpoints:
     """Where each scan says that it was taken from; None where it does not."""
     return tuple(_given(view) for view in views)
 
 
-def common_eyes(views: Sequence[View]) -> tuple[Eyes, Eyes] | None:
+def common_viewpoints(views: Sequence[View]) -> tuple[Viewpoints, Viewpoints] | None:
     """Places in one direction of all scans, and in the opposite one, that none of them speaks against.
 
     On a turntable, and before one camera, the scanner stands still, and all scans are in its frame: one direction from
@@ -52,16 +52,18 @@ def common_eyes(views: Sequence[View]) -> tuple[Eyes, Eyes] | None:
     return None if sight is None else (_along(views, sight), _along(views, -sight))
 
 
-def _along(views: Sequence[View], sight: FloatArray) -> Eyes:
+def _along(views: Sequence[View], sight: FloatArray) -> Viewpoints:
     return tuple(
-        Eye(view.scan.points.mean(axis=0) + FAR * view.scan.diagonal * sight, certain=False) if view.usable else None
+        Viewpoint(view.scan.points.mean(axis=0) + FAR * view.scan.diagonal * sight, certain=False)
+        if view.usable
+        else None
         for view in views
     )
 
 
-def _given(view: View) -> Eye | None:
+def _given(view: View) -> Viewpoint | None:
     place = None if view.cloud is None or not view.usable else view.cloud.viewpoint
-    return None if place is None else Eye(place - view.origin, certain=True)
+    return None if place is None else Viewpoint(place - view.origin, certain=True)
 
 
 def _line_of_sight(views: Sequence[View]) -> FloatArray | None:
