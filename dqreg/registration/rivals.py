@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import MeshSurface
+from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.registration.evidence import NEAR
 from dqreg.registration.fit import Fit
@@ -13,7 +13,7 @@ from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of, axis_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.search import symmetry_words
-from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror
+from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror, is_symmetry
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
@@ -26,8 +26,9 @@ from dqreg.trust.records import Alternative
 
 # A pose is better by so much mean log-likelihood at least, and by so many of its standard errors.
 BETTER, SIGNIFICANT = 0.02, 5.0
-# Points that compare poses.
-JUDGES = 10_000
+# Points that compare poses; and width of their distances, in sizes, that decides between symmetries of a mesh: what a
+# sparse scan of curved faces shows as noise is curvature, of which distances from a mesh know nothing.
+JUDGES, NARROWEST = 10_000, 1e-4
 # A kernel that wide, in the scan's own noise, may be held so by what stands near by; points and steps that narrow it.
 HELD_WIDE, NARROWING, NARROW_STEPS = 1.5, 2_000, 10
 # Better near-symmetric poses that follow one another.
@@ -52,14 +53,15 @@ def limit_of(fit: Fit) -> float:
     return NEAR * fit.problem.reach(fit.prepared)
 
 
-def scores_of(fit: Fit, poses: FloatArray, count: int = JUDGES) -> PoseScores:
+def scores_of(fit: Fit, poses: FloatArray, count: int = JUDGES, narrowest: float = np.inf) -> PoseScores:
     """How some poses, (k, 4, 4), explain those of so many points of the scan that one of them puts on the target.
 
-    What lies on it under none is another object, the same to all; among much of it no difference would be left.
+    What lies on it under none is another object, the same to all; among much of it no difference would be left. The
+    width of the distances may be as narrow as the scan's noise asks for, or as given.
     """
     scan, surface = fit.prepared.scan, fit.prepared.surface
     points = scan.points[sample_rows(len(scan), count)]
-    scores = score_poses(Poses.of(poses), points, surface, limit_of(fit), fit.floor)
+    scores = score_poses(Poses.of(poses), points, surface, limit_of(fit), min(fit.floor, narrowest))
     on = scores.distances.min(axis=0) <= ON * scores.width
     return PoseScores(scores.likelihoods[:, on], scores.distances[:, on], scores.width) if on.any() else scores
 
@@ -101,7 +103,22 @@ def down_to_noise(fit: Fit) -> Fit:
 
 
 def near_symmetric_poses(fit: Fit) -> FloatArray:
-    """The pose after motions that leave most of the part in place, where they explain the scan about as well."""
+    """The pose after motions that leave most of the part in place, where they explain the scan about as well.
+
+    Those that leave all of it about in place are the same pose to whoever asks, so they are left out.
+    """
+    return _but_symmetric(fit, _as_likely(fit))
+
+
+def _but_symmetric(fit: Fit, others: FloatArray) -> FloatArray:
+    mesh, surface = fit.problem.target.geometry, fit.prepared.surface
+    if not len(others) or not isinstance(mesh, Mesh):
+        return others
+    back = pose.inverse(fit.T_target_source)
+    return others[[not is_symmetry(T @ back, mesh, surface) for T in others]]
+
+
+def _as_likely(fit: Fit) -> FloatArray:
     if not fit.found or fit.problem.watch.is_over:
         return NO_POSES
     target, scan, surface = fit.problem.target, fit.prepared.scan, fit.prepared.surface
@@ -135,14 +152,17 @@ def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]
 
     Shapes: returns (k, 4, 4).
     """
-    others = near_symmetric_poses(fit)
+    others = _as_likely(fit)
+    is_mesh = fit.problem.target.kind == "mesh"
+    narrowest = NARROWEST * fit.prepared.surface.diagonal if is_mesh else np.inf
     if fit.problem.options.method != "auto" or fit.constraints.any:
-        return fit, others
+        return fit, _but_symmetric(fit, others)
     # Several periods away the next one is better each time.
     for _ in range(STEPS):
         if not len(others):
             break
-        scores = scores_of(fit, np.concatenate([fit.T_target_source[None], others]))
+        poses = np.concatenate([fit.T_target_source[None], others])
+        scores = scores_of(fit, poses, narrowest=narrowest)
         best = int(scores.means.argmax())
         gain, error = float(scores.means[best] - scores.means[0]), float(scores.deficit(best)[1][0])
         if best == 0 or not (gain > max(BETTER, SIGNIFICANT * error) or scores.distinguishable(best)[0]):
@@ -150,8 +170,8 @@ def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]
         other = fit.resumed(others[best - 1], kernel_scale)
         if not other.found:
             break
-        fit, others = other, near_symmetric_poses(other)
-    return fit, others
+        fit, others = other, _as_likely(other)
+    return fit, _but_symmetric(fit, others)
 
 
 def mirror_gain(fit: Fit, *, always: bool = False) -> float:

@@ -25,8 +25,9 @@ from dqreg.search.refine import refine
 from dqreg.search.scoring import PoseScores, score_poses
 from dqreg.search.symmetry import MOST, NEARLY, SAME
 
-# A motion that leaves this fraction of the part in place is a symmetry, which no scan can decide.
-ALL = 0.998
+# A motion that leaves this fraction of the part in place is a symmetry, which no scan can decide; in place to so much
+# of the size, it is none to a scan with little noise.
+ALL, EXACT = 0.998, 1e-4
 # Points that check a motion, those of them that screen it, and the fraction that these may lack.
 CHECKED, SCREENED, SLACK = 2_000, 100, 0.2
 # Points that screen a flipped pose, reach of their gain in sizes, and the mean gain that it may lack.
@@ -56,10 +57,10 @@ ORDERS_KEPT = 4
 def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
     """Rotations about the principal axes that leave most of a part in place, but not all of it; by a tooth, of a ring.
 
-    Shapes: returns (k, 4, 4).
+    Shapes: returns (k, 4, 4). Some are `is_symmetry`: little noise may tell what they change.
     """
     ring = [*ring_steps(mesh, surface), *ring_flips(mesh, surface)]
-    return _near_maps(mesh, surface, _about(mesh, cube_rotations(), ring))
+    return _near_maps(mesh, surface, _about(mesh, cube_rotations(), ring), EXACT)
 
 
 def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
@@ -67,7 +68,12 @@ def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
 
     Shapes: returns (k, 4, 4).
     """
-    return _near_maps(mesh, surface, _about(mesh, [-R for R in cube_rotations()]))
+    return _near_maps(mesh, surface, _about(mesh, [-R for R in cube_rotations()]), SAME)
+
+
+def is_symmetry(T: FloatArray, mesh: Mesh, surface: Surface) -> bool:
+    """Whether a motion leaves all of a part about in place."""
+    return _share_in_place(T, sample_mesh(mesh, CHECKED, np.random.default_rng(0)).points, surface, SAME) >= ALL
 
 
 def _about(mesh: Mesh, turns: list[FloatArray], ring: Sequence[FloatArray] = ()) -> list[FloatArray]:
@@ -172,8 +178,14 @@ def gain_of_mirror(
     return float(means[1:].max() - means[0])
 
 
-def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray]) -> FloatArray:
-    """Those of some orthogonal matrices that, about the centre, leave most of a part in place, but not all."""
+def _share_in_place(T: FloatArray, points: FloatArray, surface: Surface, within: float) -> float:
+    """Fraction of points that a motion leaves within that share of the size of the surface."""
+    limit = within * surface.diagonal
+    return float(np.mean(surface.closest(pose.apply(T, points), within=2.0 * limit).distances <= limit))
+
+
+def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray], same: float) -> FloatArray:
+    """Those of some orthogonal matrices that, about the centre, leave most of a part in place, but not all exactly."""
     centre = moments(mesh)[0]
     points = sample_mesh(mesh, CHECKED, np.random.default_rng(0)).points
     maps = [pose.from_parts(R, centre - R @ centre) for R in turns]
@@ -186,7 +198,7 @@ def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray]) -> FloatAr
     for T in (maps[k] for k in np.flatnonzero(fractions >= MOST - SLACK)):
         distances = surface.closest(pose.apply(T, points), within=within).distances / surface.diagonal
         fraction = float(np.mean(distances <= NEARLY))
-        if fraction >= MOST and np.mean(distances <= SAME) < ALL:
+        if fraction >= MOST and np.mean(distances <= same) < ALL:
             found.append((fraction, T))
     kept: list[FloatArray] = []
     for _, T in sorted(found, key=lambda pair: -pair[0]):

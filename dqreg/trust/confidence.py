@@ -14,26 +14,26 @@ from contextvars import ContextVar
 from dqreg.trust.evidence import Evidence
 
 # Weight of each figure in the logarithm of the odds, and what is added to all of them.
-OFFSET = 1.2848
+OFFSET = 0.9580
 WEIGHTS: dict[str, float] = {
-    "suspect": -1.7174,
-    "doubts": -0.5808,
-    "inliers": -0.0076,
-    "inliers_near": -0.0633,
-    "patches_off": 0.0807,
-    "normals_apart": 0.6139,
-    "width": -0.8992,
-    "random_ratio": -0.8821,
-    "sigma": -0.5781,
-    "carriers": -0.2236,
-    "rivals": -1.6929,
-    "strays": 0.0824,
-    "contradicting": -1.5595,
-    "other_objects": 0.8855,
-    "strain": -1.1384,
-    "border": 0.1071,
-    "searched": -0.9130,
-    "unconverged": -0.6414,
+    "suspect": -1.5729,
+    "doubts": -0.4046,
+    "inliers": 0.0000,
+    "inliers_near": 0.0000,
+    "patches_off": -0.0174,
+    "normals_apart": 0.0000,
+    "width": -1.0057,
+    "random_ratio": -0.8096,
+    "sigma": -0.5445,
+    "carriers": 0.0000,
+    "rivals": -1.8145,
+    "strays": -0.0475,
+    "contradicting": -1.6795,
+    "other_objects": 0.9229,
+    "strain": -1.2904,
+    "border": -0.0993,
+    "searched": -0.9530,
+    "unconverged": -0.7359,
 }
 
 NAMES = tuple(WEIGHTS)

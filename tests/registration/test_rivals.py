@@ -11,6 +11,8 @@ from dqreg.geometry import sample_mesh
 from dqreg.geometry.opening import open_geometry
 from dqreg.rigid import pose
 from dqreg.synth import load_case, worst_vertex_displacement
+from dqreg.synth.parts.blocks import cells
+from dqreg.synth.parts.patches import weld
 from tests.search.periodic import pegs
 
 PITCH = 21.0
@@ -80,3 +82,21 @@ def test_what_stands_near_the_part_draws_the_pose_no_more_than_noise() -> None:
     result = dqreg.register(case.scan, part, case.T_target_source, effort="fast", search="never")
     assert worst_vertex_displacement(result.T_target_source, case.T_target_source, part.vertices) <= 0.2
     assert result.verdict.level == "accepted"
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_a_step_below_what_counts_as_symmetric_decides_where_the_noise_is_less(flipped: bool) -> None:
+    # A pocket of a thousandth of the size on a corner of a block, and noise a tenth of that; the truth is the identity.
+    x, y, z = np.array([0.0, 2.0, 3.0]), np.array([0.0, 1.5, 2.0]), np.array([0.0, 0.995, 1.0])
+    filled = np.ones((2, 2, 2), dtype=bool)
+    filled[1, 1, 1] = False
+    part = dqreg.Mesh(*weld(cells([x, y, z], filled)))
+    rng = np.random.default_rng(11)
+    points = sample_mesh(part, 4_000, rng).points
+    points += 1e-4 * part.diagonal * rng.normal(size=points.shape)
+    centre = np.array([1.5, 1.0, 0.5])
+    half_turn = np.diag([-1.0, -1.0, 1.0])
+    start = pose.from_parts(half_turn, centre - half_turn @ centre) if flipped else np.eye(4)
+    found = dqreg.register(points, part, start, effort="fast")
+    assert worst_vertex_displacement(found.T_target_source, np.eye(4), part.vertices) < 1e-3 * part.diagonal
+    assert found.alternatives == ()

@@ -18,6 +18,9 @@ from dqreg.trust.confidence import NAMES
 
 # Bins of equal width; trials without which a fit is a guess; penalty of squared weights, in trials.
 BINS, FEWEST, PENALTY = 10, 150, 1.0
+# Figures that never speak against a pose, and those that may speak either way; all others never speak for it. Without
+# signs a fit to few tasks lets chance decide them, which tells beyond the tasks: on real scans.
+FOR, EITHER = {"inliers", "inliers_near", "carriers"}, {"other_objects", "border", "searched"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +86,7 @@ def calibration_table(found: Calibration) -> Table:
 
 
 def fit_confidence(trials: Sequence[Trial]) -> tuple[float, dict[str, float]]:
-    """Offset and weights of the logistic map, by penalised likelihood."""
+    """Offset and weights of the logistic map, by penalised likelihood, each weight of the sign that its figure has."""
     known = [one for one in trials if len(one.figures) == len(NAMES)]
     if len(known) < FEWEST:
         raise InputError(f"{FEWEST} tasks are needed to fit the confidence; got {len(known)}: ask for more --seeds")
@@ -98,8 +101,13 @@ def fit_confidence(trials: Sequence[Trial]) -> tuple[float, dict[str, float]]:
         slope[1:] += 2.0 * PENALTY * weights[1:]
         return loss, slope
 
-    found = minimize(cost, np.zeros(rows.shape[1]), jac=True, method="L-BFGS-B").x
+    bounds = [(None, None), *(_bounds(name) for name in NAMES)]
+    found = minimize(cost, np.zeros(rows.shape[1]), jac=True, method="L-BFGS-B", bounds=bounds).x
     return float(found[0]), {name: float(weight) for name, weight in zip(NAMES, found[1:], strict=True)}
+
+
+def _bounds(name: str) -> tuple[float | None, float | None]:
+    return (None if name in EITHER or name not in FOR else 0.0, None if name in EITHER or name in FOR else 0.0)
 
 
 def as_code(offset: float, weights: dict[str, float]) -> str:

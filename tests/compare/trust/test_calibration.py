@@ -16,7 +16,7 @@ def drawn(count: int) -> tuple[list[Trial], np.ndarray]:
     """Trials whose poses are right with a probability that follows from two of the figures."""
     rng = np.random.default_rng(0)
     figures = rng.normal(size=(count, len(NAMES)))
-    p = 1.0 / (1.0 + np.exp(-(0.5 + 1.5 * figures[:, 0] - figures[:, 3])))
+    p = 1.0 / (1.0 + np.exp(-(0.5 - 1.5 * figures[:, 0] + figures[:, 3])))
     right = rng.uniform(size=count) < p
     return [
         Trial("tree", seed, False, "suspect", bool(r), 0.0, (), "", 100, 1.0, float(q), tuple(map(float, row)))
@@ -40,11 +40,17 @@ def test_the_fit_finds_the_weights_that_made_the_trials():
     offset, weights = fit_confidence(trials)
     # Standard errors are about 1 / sqrt(4000 * 0.18) = 0.04.
     assert offset == pytest.approx(0.5, abs=0.15)
-    assert weights[NAMES[0]] == pytest.approx(1.5, abs=0.15)
-    assert weights[NAMES[3]] == pytest.approx(-1.0, abs=0.15)
+    assert weights[NAMES[0]] == pytest.approx(-1.5, abs=0.15)
+    assert weights[NAMES[3]] == pytest.approx(1.0, abs=0.15)
     assert max(abs(weights[name]) for name in NAMES if name not in (NAMES[0], NAMES[3])) < 0.15
     assert as_code(offset, weights).count("\n") == len(NAMES) + 3
     assert len(p) == 4000
+
+
+def test_no_figure_speaks_for_a_pose_that_can_only_speak_against_it():
+    turned = [dataclasses.replace(one, right=not one.right) for one in drawn(4000)[0]]
+    weights = fit_confidence(turned)[1]
+    assert weights[NAMES[0]] == weights[NAMES[3]] == 0.0
 
 
 def test_few_trials_are_not_fitted():
