@@ -12,6 +12,8 @@ import * as odometry from "./odometry.js";
 
 const STEPS = { load, clean, align, judge, report };
 const TITLES = { load: "Load", clean: "Clean", align: "Align", judge: "Judge", report: "Report" };
+// Results of tasks that are shown under their own name.
+const KEPT = ["align", "judge", "report"];
 const $ = selector => document.querySelector(selector);
 
 export const app = {
@@ -25,7 +27,12 @@ export const app = {
   },
   async run(task, values = {}, words = "") {
     app.busy = { task, words }; render();
-    try { return await send(`visits/${app.name}/run/${task}`, values); }
+    try {
+      const answer = await send(`visits/${app.name}/run/${task}`, values);
+      // There before the bar goes: no moment without either.
+      if (KEPT.includes(task)) app.results[task] = answer;
+      return answer;
+    }
     finally { app.busy = {}; render(); }
   },
   // A question that is answered at once: no bar for it.
