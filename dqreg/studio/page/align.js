@@ -92,7 +92,7 @@ export function panel(app, stage) {
 function locks(app) {
   const allowed = app.visit.dof ? app.visit.dof.split(" ") : Object.keys(DOF);
   const change = (key, on) => {
-    const now = Object.keys(DOF).filter(each => each === key ? on : allowed.includes(each));
+    const before = app.visit.dof ? app.visit.dof.split(" ") : Object.keys(DOF), now = Object.keys(DOF).filter(each => each === key ? on : before.includes(each));
     return app.change({ dof: now.length === 6 ? "" : now.join(" ") });
   };
   return h("details", { id: "locks" }, h("summary", {}, "Locked motions"),

@@ -23,7 +23,12 @@ export const app = {
     // At once here too: the next change must not start from the state before this one.
     const { units, swap, ...fields } = values;
     app.visit = { ...app.visit, ...fields };
-    try { accept(await send(`visits/${app.name}/change`, values)); } catch (error) { await app.refresh(); throw error; }
+    const number = app.changes = (app.changes ?? 0) + 1;
+    try {
+      const told = await send(`visits/${app.name}/change`, values);
+      // What an earlier change became is of yesterday where another one was made since.
+      if (number === app.changes) accept(told);
+    } catch (error) { await app.refresh(); throw error; }
   },
   async run(task, values = {}, words = "") {
     app.busy = { task, words }; render();
