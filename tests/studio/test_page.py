@@ -175,9 +175,10 @@ def test_three_pairs_lay_the_scan_on_the_part(browser, bracket):
         page.wait_for_timeout(500)
         for place in ([118.0, 4.0, 10.0], [118.0, 76.0, 10.0], [20.0, 4.0, 10.0], [60.0, 70.0, 10.0]):
             click_at(page, "main", place, "part")
-            page.locator("#pairs-said", has_text="on the scan").wait_for()
+            page.locator("#pairs-said", has_text="Now click the same place on the scan").wait_for()
             click_at(page, "scan", pose.apply(to_scan, np.array([place]))[0], "scan")
-            page.locator("#pairs-said", has_text="on the part, then").wait_for()
+            page.locator("#pairs-said", has_text="Click a place on the part, then").wait_for()
+        page.wait_for_function("studio.step_state.pairs.left.length === 4")
         keep_picture(page, "studio_pairs")
         pairs = state(page)["visit"]["pairs"]
         assert len(pairs) == 4
@@ -300,7 +301,7 @@ def test_pairs_by_keyboard(browser, bracket):
         page.click("label:has(#way-pairs)")
         page.wait_for_selector("#scan3d:not([hidden])")
         page.wait_for_timeout(500)
-        for stage, words in (("#main3d", "on the scan"), ("#scan3d", "on the part, then")):
+        for stage, words in (("#main3d", "Now click the same"), ("#scan3d", "Click a place on the part")):
             page.focus(f"{stage} canvas")
             page.keyboard.press("ArrowLeft")
             page.keyboard.press("Enter")
