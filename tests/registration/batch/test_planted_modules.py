@@ -20,13 +20,15 @@ import subprocess, sys
 {PROGRAM.partition("if __name__")[0]}
 if __name__ == "__main__":
     import distributed
+    from dqreg.cli.main import main
     with distributed.LocalCluster(n_workers=0, processes=False, protocol='tcp://', dashboard_address=None) as here:
         address = here.scheduler_address
         words = [sys.executable, "-P", "-m", "dask", "worker", address, "--nthreads", "1", "--no-dashboard"]
         worker = subprocess.Popen(words, stderr=subprocess.DEVNULL)
         sys.argv += ["--scheduler", address]
         try:
-            console()
+            # Not by `console`, which ends a process with threads at once: the worker would live on.
+            main()
         finally:
             worker.terminate()
             worker.wait()
