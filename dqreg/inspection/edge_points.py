@@ -71,7 +71,7 @@ def edge_point(
 
     Examples
     --------
-    >>> from dqreg.geometry import MeshSurface, sample_mesh
+    >>> from dqreg.geometry import Mesh, MeshSurface, sample_mesh
     >>> from dqreg.inspection import measure_deviations
     >>> from dqreg.synth.parts import box
     >>> part = Mesh(*box((3.0, 2.0, 1.0)))

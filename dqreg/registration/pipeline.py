@@ -93,7 +93,8 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
 def all_points_say_more(fit: Fit) -> bool:
     """Whether a fit to cells, or to a small cloud plane to plane, is worth going on with: all points to planes."""
     prepared, run = fit.prepared, fit.run
-    if not prepared.even or run.ended_early or not run.weights.any():
+    # A target of a few points has no planes.
+    if not prepared.even or run.ended_early or not run.weights.any() or not run.pairs.closest.normals.any():
         return False
     spacing = prepared.scan.spacing
     if prepared.cell_size:

@@ -111,7 +111,7 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "Residuals against those at random poses",
         "at most",
         "%",
-        lambda e: (e.random_ratio, limits.CHANCE),
+        lambda e: (e.random_ratio, limits.chance_limit(e)),
     ),
     "unconstrained": ("Unconstrained motions", "at most", "motions", _free),
     "large_uncertainty": ("Standard deviation against 2 degrees or 2 % of the size", "at most", "times", _uncertainty),

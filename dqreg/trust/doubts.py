@@ -32,6 +32,8 @@ ROUGH = 5.0
 MIRRORED = 0.015
 # Residuals over those at random poses: scans come to 0.09 at most, noise that was accepted to 0.4 and more.
 CHANCE = 0.25
+# Share of the scan on a closed part below which that ratio is to be less, in proportion.
+MOSTLY_ON = 0.5
 # Standard deviations of the pose beyond these are no answer: rotations, and translations in sizes of the target.
 UNCERTAIN_RAD, UNCERTAIN = math.radians(2.0), 0.02
 # A motion constrained by fewer points than this, and by this fraction of the inliers, depends on a detail or outliers.
@@ -198,8 +200,13 @@ def _drift(evidence: Evidence) -> Iterator[str]:
         )
 
 
+def chance_limit(evidence: Evidence) -> float:
+    """Largest random ratio: where a pose leaves most of a scan off a closed part, it was chosen for the rest alone."""
+    return CHANCE * (1.0 if evidence.has_border else min(1.0, evidence.share_on / MOSTLY_ON))
+
+
 def _random_fit(evidence: Evidence) -> Iterator[str]:
-    if not evidence.random_ratio <= CHANCE:
+    if not evidence.random_ratio <= chance_limit(evidence):
         yield (
             f"the residuals are {100 * evidence.random_ratio:.0f} % of those at random poses: the scan does not show "
             "the shape of the target"

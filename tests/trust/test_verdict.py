@@ -122,6 +122,11 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "falling_inlier_fraction",
     ),
     "chance": ({"random_ratio": CHANCE + 0.01}, "the residuals are 26 % of those at random poses", "random_fit"),
+    "chance with a quarter on": (
+        {"random_ratio": 0.5 * CHANCE + 0.01, "share_on": 0.25},
+        "the residuals are 14 % of those at random poses",
+        "random_fit",
+    ),
     "unknown chance": ({"random_ratio": NAN}, "of those at random poses", "random_fit"),
     "uncertain rotation": (
         {"directions": (ROTATION, *(HELD,) * 5), "size": 1.99 * 1.0 / math.radians(2.0)},
@@ -201,6 +206,8 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
         {"alternatives": (Alternative(np.eye(4), 0.1, "the part looks the same after a half-turn"),)},
         {"width": 0.0},
         {"random_ratio": CHANCE},
+        {"random_ratio": 0.5 * CHANCE, "share_on": 0.25},
+        {"random_ratio": CHANCE, "share_on": 0.25, "has_border": True},
         # A table beside the part, and a scan of the part alone.
         {"share_on": 0.1, "share_other": 0.9},
         {"share_on": 0.92, "share_contradicting": 0.08},

@@ -27,6 +27,7 @@ if __name__ == "__main__":
         worker = subprocess.Popen(words, stderr=subprocess.DEVNULL)
         sys.argv += ["--scheduler", address]
         try:
+            distributed.Client(here).wait_for_workers(1, timeout=120)
             # Not by `console`, which ends a process with threads at once: the worker would live on.
             main()
         finally:
