@@ -55,26 +55,7 @@ def frame_result(
         # Along what it leaves free a frame slides for ever; what ends the slide is the prediction.
         status = "converged" if held and _stands(run, uncertainty) else run.status
         notes, uncertainty = (*held, *notes), weighed
-    evidence = Evidence(
-        status=status,
-        found=run.found,
-        inliers=float(run.weights.sum()),
-        share_near=run.inlier_fraction,
-        near=np.inf,
-        usual=usual,
-        width=run.mixture.scale,
-        max_distance=settings["near"],
-        directions=uncertainty.directions if uncertainty else (),
-        # Not measured: a map has no smooth patches, and a scene no shape that a frame could depart from.
-        patches=0,
-        patches_off=0.0,
-        strays=0.0,
-        normals_apart=0.0,
-        expected=0.0,
-        alternatives=place.rivals,
-        looked_through=place.looked_through,
-    )
-    verdict = judge(evidence)
+    verdict = judge(_evidence(place, status, usual, uncertainty, settings["near"]))
     for doubt in doubts:
         verdict = verdict.doubted(doubt)
     reasons = (*verdict.reasons, *notes)
@@ -93,6 +74,32 @@ def frame_result(
         timings={},
         settings={**settings, "centre": T[:3, 3].tolist(), "width": run.mixture.scale},
         partial_information=uncertainty.partial_information,
+    )
+
+
+def _evidence(
+    place: Placed, status: Status, usual: float, uncertainty: Uncertainty | None, max_distance: float
+) -> Evidence:
+    """What a frame gives the verdict to judge by."""
+    run = place.aligned
+    return Evidence(
+        status=status,
+        found=run.found,
+        inliers=float(run.weights.sum()),
+        share_near=run.inlier_fraction,
+        near=np.inf,
+        usual=usual,
+        width=run.mixture.scale,
+        max_distance=max_distance,
+        directions=uncertainty.directions if uncertainty else (),
+        # Not measured: a map has no smooth patches, and a scene no shape that a frame could depart from.
+        patches=0,
+        patches_off=0.0,
+        strays=0.0,
+        normals_apart=0.0,
+        expected=0.0,
+        alternatives=place.rivals,
+        looked_through=place.looked_through,
     )
 
 
