@@ -73,7 +73,8 @@ def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
 
 def is_symmetry(T: FloatArray, mesh: Mesh, surface: Surface) -> bool:
     """Whether a motion leaves all of a part about in place."""
-    return _share_in_place(T, sample_mesh(mesh, CHECKED, np.random.default_rng(0)).points, surface, SAME) >= ALL
+    points, limit = sample_mesh(mesh, CHECKED, np.random.default_rng(0)).points, SAME * surface.diagonal
+    return bool(np.mean(surface.closest(pose.apply(T, points), within=2.0 * limit).distances <= limit) >= ALL)
 
 
 def _about(mesh: Mesh, turns: list[FloatArray], ring: Sequence[FloatArray] = ()) -> list[FloatArray]:
@@ -176,12 +177,6 @@ def gain_of_mirror(
         return -np.inf
     means = _refined(T_target_source, mirrors, scan, surface, limit, floor)[1].means
     return float(means[1:].max() - means[0])
-
-
-def _share_in_place(T: FloatArray, points: FloatArray, surface: Surface, within: float) -> float:
-    """Fraction of points that a motion leaves within that share of the size of the surface."""
-    limit = within * surface.diagonal
-    return float(np.mean(surface.closest(pose.apply(T, points), within=2.0 * limit).distances <= limit))
 
 
 def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray], same: float) -> FloatArray:

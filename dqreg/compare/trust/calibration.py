@@ -107,7 +107,9 @@ def fit_confidence(trials: Sequence[Trial]) -> tuple[float, dict[str, float]]:
 
 
 def _bounds(name: str) -> tuple[float | None, float | None]:
-    return (None if name in EITHER or name not in FOR else 0.0, None if name in EITHER or name in FOR else 0.0)
+    if name in EITHER:
+        return None, None
+    return (0.0, None) if name in FOR else (None, 0.0)
 
 
 def as_code(offset: float, weights: dict[str, float]) -> str:
