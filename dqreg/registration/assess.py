@@ -12,7 +12,7 @@ from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import find_correspondences
 from dqreg.registration.exposures import second_pose
-from dqreg.registration.fit import Fit
+from dqreg.registration.fit import Fit, own_normals
 from dqreg.registration.free_space import looked_through_at
 from dqreg.registration.slides import slide_of
 from dqreg.rigid import pose
@@ -90,6 +90,7 @@ def evidence_of(
         mirror_gain=mirror_gain,
         size=fit.prepared.surface.diagonal,
         carriers=tuple(fit.information.carriers.tolist()) if uncertainty.directions else (),
+        carriers_of_both=own_normals(fit.prepared.surface, fit.run.pairs) is not None,
         sliding_loss=slide_of(fit).loss,
         clutter=fit.problem.options.clutter,
         looked_through=fit.once("looked through", lambda: looked_through_at(fit)),

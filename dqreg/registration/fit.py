@@ -10,10 +10,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import Mesh, prepare_scan
+from dqreg.geometry import CloudSurface, Mesh, Surface, prepare_scan
 from dqreg.icp import (
     ESTIMATORS,
     Alignment,
+    Correspondences,
     Icp,
     IcpSettings,
     Observer,
@@ -108,6 +109,7 @@ class Fit:
             0.5 * self.prepared.surface.diagonal,
             np.zeros(3),
             self.problem.target.smooth_normals(pairs.closest),
+            own=own_normals(self.prepared.surface, pairs),
             patchwise=True,
             counts=pairs.scan.counts,
             scattered=pairs.scan.scatter,
@@ -185,3 +187,10 @@ def run_icp(icp: Icp, sides: SourceAndTarget, start: FloatArray, observe: Observ
     run = icp.run(scan, sides.target.surface, T, sides.observer(observe))
     history = tuple(sides.in_caller_frames(record) for record in run.history)
     return dataclasses.replace(run, T_target_source=sides.to_caller(run.T_target_source), history=history)
+
+
+def own_normals(surface: Surface, pairs: Correspondences) -> FloatArray | None:
+    """Normals of the scan in the target's frame, (n, 3), where those of the target are estimates too."""
+    if not isinstance(surface, CloudSurface) or not pairs.closest.normals.any():
+        return None
+    return pairs.scan.normals @ pairs.T_target_source[:3, :3].T

@@ -22,7 +22,7 @@ from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
 from dqreg.search.scoring import CLEAR
-from dqreg.trust.doubts import HOLDS, few_carriers
+from dqreg.trust.doubts import HOLDS, fewest_carriers
 
 # Displacements that are tried either way, in sizes; those from the second on count as they are, all of them where a
 # refinement leads from there.
@@ -90,7 +90,7 @@ def _motions(fit: Fit) -> tuple[FloatArray, bool]:
     """Twists, (k, 6), of displacement one along which the pose is displaced; and whether some are free."""
     information = fit.information
     free, nothing = information.free, np.zeros((0, 6))
-    weak = ~free & few_carriers(information.carriers, float(fit.run.weights.sum()))
+    weak = ~free & (information.carriers < fewest_carriers(float(fit.run.weights.sum())))
     # An open target ends where it was not measured, and its rim holds nothing.
     held_by_rims = bool(0 < np.count_nonzero(free) < PLANE and not fit.has_border)
     if fit.constraints.any or not (weak.any() or held_by_rims):

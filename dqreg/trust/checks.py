@@ -64,7 +64,7 @@ def _uncertainty(evidence: Evidence) -> tuple[float, float]:
 def _carriers(evidence: Evidence) -> tuple[float, float]:
     held = zip(evidence.directions, evidence.carriers, strict=False)
     fewest = min((carriers for direction, carriers in held if not direction.is_free), default=math.nan)
-    return fewest, min(limits.DETAIL, limits.DETAIL_SHARE * evidence.inliers)
+    return fewest, limits.fewest_carriers(evidence.inliers, of_both=evidence.carriers_of_both)
 
 
 def _others(evidence: Evidence) -> tuple[float, float]:

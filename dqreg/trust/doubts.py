@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
 
 from dqreg.solvers.motion_words import direction_words
 from dqreg.solvers.status import Status
@@ -38,6 +37,9 @@ MOSTLY_ON = 0.5
 UNCERTAIN_RAD, UNCERTAIN = math.radians(2.0), 0.02
 # A motion constrained by fewer points than this, and by this fraction of the inliers, depends on a detail or outliers.
 DETAIL, DETAIL_SHARE = 30.0, 0.02
+# The same where those of two scans are counted on which the normals of both agree, whatever the number of inliers:
+# chance alone reaches 10 of them.
+DETAIL_OF_BOTH = 20.0
 # But not where displacements along it cost the whole scan so much log-likelihood: chance reaches it once in 10^8.
 HOLDS = 20.0
 # Surface of the part itself off the target, in shares of what is on it; points off a part that is said to be alone.
@@ -51,9 +53,9 @@ ADVICE: dict[Status, str] = {
 }
 
 
-def few_carriers(carriers: Any, inliers: float) -> Any:
-    """Whether so few points, one number or many, constrain a motion that they may be a detail or outliers."""
-    return carriers < min(DETAIL, DETAIL_SHARE * inliers)
+def fewest_carriers(inliers: float, *, of_both: bool = False) -> float:
+    """Fewer points that constrain a motion may be a detail or outliers; of both: those on which two scans agree."""
+    return DETAIL_OF_BOTH if of_both else min(DETAIL, DETAIL_SHARE * inliers)
 
 
 def counts_all(evidence: Evidence) -> bool:
@@ -231,9 +233,11 @@ def _large_uncertainty(evidence: Evidence) -> Iterator[str]:
 def _weakly_constrained(evidence: Evidence) -> Iterator[str]:
     if evidence.sliding_loss >= HOLDS:
         return
+    fewest = fewest_carriers(evidence.inliers, of_both=evidence.carriers_of_both)
     for direction, carriers in zip(evidence.directions, evidence.carriers, strict=False):
-        if not direction.is_free and few_carriers(carriers, evidence.inliers):
-            yield f"one motion depends on about {carriers:.0f} points: {direction.words}"
+        if not direction.is_free and carriers < fewest:
+            held = f"about {carriers:.0f} points" + (" on which both scans agree" if evidence.carriers_of_both else "")
+            yield f"one motion depends on {held}: {direction.words}"
 
 
 def _alternative_poses(evidence: Evidence) -> Iterator[str]:

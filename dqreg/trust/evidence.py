@@ -58,6 +58,8 @@ class Evidence:
         Diagonal of the target; NaN where the uncertainty is not to be tested.
     carriers : tuple of float
         Number of points, about, that constrain each of the directions; empty where that was not counted.
+    carriers_of_both : bool
+        Whether those are the points on which the normals of two scans agree.
     sliding_loss : float
         Least log-likelihood that the scan loses where it is displaced along the motions that few points constrain; NaN
         where that was not asked.
@@ -97,6 +99,7 @@ class Evidence:
     random_ratio: float = 0.0
     size: float = math.nan
     carriers: tuple[float, ...] = ()
+    carriers_of_both: bool = False
     bend: float = 0.0
     share_on: float = 1.0
     share_other: float = 0.0

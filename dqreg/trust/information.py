@@ -14,6 +14,10 @@ from dqreg.solvers.sandwich import scatter_of
 # Information below this fraction of what all correspondences could give with the longest lever is rounding or facets,
 # not shape.
 FREE = 1e-5
+# Normals that are estimates constrain what the shape leaves free: each side's by its own errors. Where less than this
+# share of what the target's normals say is said by the scan's too, it is errors: right poses came to 0.4, slid ones of
+# round parts to 0.16 at most.
+CONFIRMED = 0.25
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +43,8 @@ class Information:
     centre : ndarray, (3,)
         Centre of the rotations, target frame.
     carriers : ndarray, (k,)
-        Number of correspondences, about, that constrain each motion: as many equal ones would do it as well.
+        Number of correspondences, about, that constrain each motion: as many equal ones would do it as well. Where the
+        target's normals are estimates, those on which the normals of both sides agree.
     scatter : ndarray, (6, 6), or None
         Covariance of the scaled twist, estimated from the scatter of the residuals between patches; zero along free
         motions. None takes ``sigma^2`` for every correspondence, each independent.
@@ -83,6 +88,7 @@ def information_of(
     centre: FloatArray,
     smooth: FloatArray | None = None,
     *,
+    own: FloatArray | None = None,
     patchwise: bool = False,
     allowed: FloatArray | None = None,
     prior: FloatArray | None = None,
@@ -111,6 +117,9 @@ def information_of(
     smooth : ndarray, (n, 3), optional
         Normals of the smooth surface that the target's facets approximate: they decide what is free, because facets
         would constrain the rotation of a round shaft.
+    own : ndarray, (n, 3), optional
+        Normals of the source points in the target frame, up to sign, where those of the target are estimates: errors of
+        the two are independent, so what both say is shape. A zero row says nothing.
     patchwise : bool
         Whether the covariance is estimated from the scatter of the residuals between patches (points in Morton
         order), which accounts for noise that differs between faces or is shared by neighbours; see `scatter_of`.
@@ -150,9 +159,16 @@ def information_of(
     if allowed is not None:
         rows, shape = basis.T @ rows, basis.T @ shape
     values, vectors = np.linalg.eigh(((shape * weights) @ shape.T + known) / max(total, np.finfo(float).tiny))
-    shares = weights * (vectors.T @ shape) ** 2
-    squared = (shares**2 if counts is None else shares**2 / counts).sum(axis=1)
-    carriers = shares.sum(axis=1) ** 2 / np.where(squared > 0.0, squared, np.inf)
+    along = vectors.T @ shape
+    if own is None:
+        carriers = _effective(weights * along**2, counts)
+    else:
+        same = own * np.where(np.einsum("ij,ij->i", own, normals) < 0.0, -1.0, 1.0)[:, None]
+        theirs = plane_rows(points, same, centre, lever)
+        shared = weights * along * (vectors.T @ (theirs if allowed is None else basis.T @ theirs))
+        compared = weights * own.any(axis=1)
+        confirmed = shared.sum(axis=1) > CONFIRMED * (compared * along**2).sum(axis=1)
+        carriers = np.where(confirmed, _effective(shared, counts), 0.0)
     sigma = float(np.sqrt(variance))
     held = Information(np.maximum(values, 0.0), basis @ vectors, total, sigma, lever, centre, carriers)
     inner = vectors[:, ~held.free]
@@ -162,3 +178,9 @@ def information_of(
     scatter = scatter_of(inner.T @ rows, points, normals, residuals, weights, known, variance, counts)
     outer = basis @ inner
     return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
+
+
+def _effective(shares: FloatArray, counts: FloatArray | None) -> FloatArray:
+    """How many equal shares would add up as well as those of some rows, (k, n), of so many points each: (k,)."""
+    squared = (shares**2 if counts is None else shares**2 / counts).sum(axis=1)
+    return np.asarray(np.maximum(shares.sum(axis=1), 0.0) ** 2 / np.where(squared > 0.0, squared, np.inf))

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from dqreg.rigid import pose, twist
 from dqreg.trust import Information, covariance_of, information_of
+from dqreg.trust.doubts import DETAIL_OF_BOTH
 from tests.strategies import rotations
 from tests.trust.shapes import FloatArray, box, cylinder, judged, plane, sphere
 
@@ -141,3 +142,26 @@ def test_the_noise_is_estimated_without_bias() -> None:
     residuals = noise - noise @ np.linalg.pinv(rows).T @ rows.T
     variances = [judged(points, normals, r).sigma ** 2 for r in residuals]
     assert np.mean(variances) == pytest.approx(1.0, abs=5.0 * np.sqrt(2 / 54 / 2_000))
+
+
+@pytest.mark.parametrize(("slot", "held"), [(0, False), (200, True)])
+def test_between_two_scans_only_what_both_say_constrains_a_motion(slot: int, held: bool) -> None:
+    # A round shaft with a keyway, or none, whose normals two scans measured with errors of their own.
+    rng = np.random.default_rng(3)
+    points, exact = cylinder(rng)
+    exact = exact.copy()
+    exact[:slot] = np.cross([0.0, 0.0, 1.0], exact[:slot]) + 0.2 * exact[:slot]
+
+    def measured() -> FloatArray:
+        normals = exact + 0.05 * rng.normal(size=exact.shape)
+        return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+    target, scan = measured(), measured() * rng.choice([-1.0, 1.0], (len(points), 1))
+    plain = np.zeros(len(points)), np.ones(len(points)), 1.5, np.zeros(3)
+    alone, both = (information_of(points, target, *plain, own=own) for own in (None, scan))
+    about = int(np.abs(alone.vectors[2]).argmax())
+    # Errors alone look like a constraint of hundreds of points.
+    assert not alone.free.any()
+    assert alone.carriers[about] > 100.0
+    assert (both.carriers[about] >= DETAIL_OF_BOTH) == held
+    assert (np.delete(both.carriers, about)[-3:] > 100.0).all()
