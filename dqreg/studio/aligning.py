@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -12,17 +13,22 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.files.strict_json import plain
+from dqreg.geometry import Mesh
 from dqreg.icp.history import Iteration, Stage
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.registration.target import Target, prepare_target
 from dqreg.report.progress import NEXT, Steps
 from dqreg.solvers import Fit, solve
-from dqreg.studio.cleaning import cleaned_file
+from dqreg.studio.cleaning import cleaned_file, scan_points
 from dqreg.studio.drawing import drawn_pose, frame_of, true_pose
-from dqreg.studio.kept import Place, kept, remember
+from dqreg.studio.kept import MIRROR, Place, kept, remember
 from dqreg.studio.visit import PROGRESS, Visit
 
+# Points and seconds that tell a mirror image.
+FEW, SECONDS = 5_000, 5.0
+# A scan whose mean normal is so short across is of all sides or of one end: it is looked at as ever, never steeper.
+SIDEWAYS, STEADY, STEEPEST = 0.1, (35.0, 30.0), 45.0
 RESULT, ASKED, START = "result.json", "result_of.json", "start.txt"
 
 
@@ -60,6 +66,23 @@ def align(place: Place) -> dict[str, Any]:
     result = _registered(place)
     remember("result", _asked(place), result)
     return told(place, result)
+
+
+def mirror_question(place: Place) -> dict[str, Any]:
+    """Whether the scan fits the part only as its mirror image, asked of few points before anything else is done."""
+    if not isinstance(place.part(), Mesh):
+        return {"mirrored": False}
+    options = register_options(dataclasses.replace(place.visit, start="none"))
+    points = scan_points(place.scan())
+    few = points[np.random.default_rng(0).permutation(len(points))[:FEW]]
+    found = _of_few(place, few, options).verdict
+    if found.level == "accepted":
+        return {"mirrored": False}
+    return {"mirrored": "mirrored" in found.codes or _of_few(place, few * MIRROR, options).verdict.level == "accepted"}
+
+
+def _of_few(place: Place, points: FloatArray, options: dict[str, Any]) -> Registration:
+    return register(points, _target(place), time_limit=SECONDS, keep_inputs=False, **options)
 
 
 def result_of(place: Place) -> Registration:
@@ -104,6 +127,7 @@ def told(place: Place, result: Registration) -> dict[str, Any]:
     return {
         "found": found,
         "level": result.verdict.level,
+        "codes": result.verdict.codes,
         "reasons": result.verdict.reasons,
         "rms": result.rms,
         "inliers": result.inlier_fraction,
@@ -122,7 +146,23 @@ def told(place: Place, result: Registration) -> dict[str, Any]:
         ],
         "motions": [{"words": each.words, "free": each.is_free} for each in result.observability],
         "pairs": pair_residuals(place, result.T_target_source) if found and place.visit.pairs else [],
+        "look": scanned_side(result) if found else None,
     }
+
+
+def scanned_side(result: Registration) -> list[float] | None:
+    """Yaw and pitch in degrees from which most of what was scanned is seen; None where it has no sides."""
+    inputs = result.inputs
+    if inputs is None or not isinstance(inputs.target.geometry, Mesh):
+        return None
+    points = inputs.placed(result.T_target_source)
+    found = inputs.target.surface.closest(points[:: max(1, len(points) // FEW)])
+    near = found.distances <= result.settings["reach"]
+    x, y, z = found.normals[near].sum(axis=0) / max(1, np.count_nonzero(near))
+    if np.hypot(x, y) < SIDEWAYS:
+        return [STEADY[0], float(np.copysign(STEADY[1], z))]
+    pitch = np.degrees(np.arctan2(z, np.hypot(x, y)))
+    return [float(np.degrees(np.arctan2(x, -y))), float(np.clip(pitch, -STEEPEST, STEEPEST))]
 
 
 def align_pairs(place: Place) -> dict[str, Any]:
@@ -144,7 +184,7 @@ def pose_of_drawn(place: Place, values: dict[str, Any]) -> dict[str, Any]:
 
 def _asked(place: Place) -> dict[str, Any]:
     """All that the registration depends on."""
-    names = ("scan", "part", "cuts", "start", "dof")
+    names = ("scan", "mirrored", "part", "cuts", "start", "dof")
     visit = place.visit
     asked = {name: getattr(visit, name) for name in names}
     asked["pairs"] = visit.pairs if visit.start == "pairs" else ()

@@ -17,9 +17,9 @@ from dqreg.inspection.regions import cut_of, regions_of
 from dqreg.registration.inspected import Inspected, inspect_registration
 from dqreg.studio.aligning import result_of
 from dqreg.studio.kept import Place, kept
+from dqreg.studio.plans import is_judged, plan_text
 from dqreg.studio.reading import faces_of_part, measure
 from dqreg.studio.visit import Visit
-from dqreg.studio.words import is_judged, plan_text
 
 # Normals of datums turn from each other by more than this cosine.
 SQUARE = 0.1

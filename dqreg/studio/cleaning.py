@@ -14,8 +14,8 @@ from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.sampling import sample_mesh
 from dqreg.studio.kept import Place, kept
 from dqreg.studio.visit import Cut
+from dqreg.studio.words import cleaned_name
 
-CLEANED = "scan_cleaned.ply"
 # Points of a scan that is a mesh, as `register` draws them.
 MESH_SAMPLES = 100_000
 # Points that are asked for a plane, draws, and the share of them that makes one worth a question.
@@ -67,24 +67,22 @@ INSIDE = {"box": _in_box, "lasso": _in_lasso, "plane": _at_plane}
 
 def cleaned_file(place: Place) -> Path:
     """The file that is registered: the scan as it was given, or what the cuts leave of it as a file beside it."""
-    cuts = place.visit.cuts
-    if not cuts:
+    cuts, name = place.visit.cuts, cleaned_name(place.visit)
+    if name is None:
         return place.scan_path
     scan = place.scan()
     points = scan_points(scan)
     stays = kept_rows(points, cuts)
     if np.count_nonzero(stays) < 3:
         raise InputError("the cuts leave nothing of the scan: undo the last one")
-    if stays.all():
-        return place.scan_path
-    path = place.folder / CLEANED
+    path = place.folder / name
 
     def make() -> Path:
         normals = scan.normals[stays] if isinstance(scan, PointCloud) and scan.normals is not None else None
         write_cloud(path, points[stays], normals)
         return path
 
-    return kept("cleaned", [place.scan_path, cuts], make)
+    return kept("cleaned", [*place.scan_key, cuts], make)
 
 
 def leaving_plane(place: Place, spacing: float, noise: float) -> tuple[Cut, int] | None:
@@ -95,7 +93,7 @@ def leaving_plane(place: Place, spacing: float, noise: float) -> tuple[Cut, int]
     if len(points) < 100 or half <= 0.0:
         return None
     middle = np.median(points, axis=0)
-    cut = kept("plane", [place.scan_path, place.visit.cuts], lambda: _largest_plane(points - middle, half))
+    cut = kept("plane", [*place.scan_key, place.visit.cuts], lambda: _largest_plane(points - middle, half))
     normal = np.array(cut.normal)
     cut = Cut("plane", normal=cut.normal, offset=cut.offset + float(normal @ middle), half=half)
     on = _at_plane(points, cut)

@@ -30,12 +30,14 @@ IDLE, MEMORY = 900.0, 0.7
 STEPS, MOST_VISITS, MOST_WORKERS = 200, 40, 3
 # Fields of a visit that each result depends on: where one of them changes, the result is of yesterday.
 DEPENDS = {
-    "scan": ("scan",),
-    "draw_scan": ("scan", "cuts"),
+    "scan": ("scan", "mirrored"),
+    "draw_scan": ("scan", "mirrored", "cuts"),
     "part": ("part",),
-    "compare": ("scan", "part"),
-    "align": ("scan", "part", "cuts", "start", "pairs", "T_start", "dof"),
+    "compare": ("scan", "mirrored", "part"),
+    "mirror": ("scan", "mirrored", "part"),
+    "align": ("scan", "mirrored", "part", "cuts", "start", "pairs", "T_start", "dof"),
 }
+DEPENDS["reach"] = (*DEPENDS["align"], "reach")
 DEPENDS["judge"] = (
     *DEPENDS["align"],
     "alignment",
@@ -51,15 +53,20 @@ DEPENDS["judge"] = (
     "faces",
     "sections",
     "labels",
+    "plan",
 )
 DEPENDS["report"] = (*DEPENDS["judge"], "head", "views")
 
 
 # What a worker can be asked for; `tasks` does it.
 NAMES = (
-    *("scan", "part", "compare", "plane", "draw_scan", "lasso", "pick_part", "pick_scan"),
-    *("pairs", "hand", "align", "judge", "suggest_datums", "report", "pdf"),
+    *("scan", "part", "compare", "mirror", "plane", "draw_scan", "lasso", "pick_part", "pick_scan"),
+    *("pairs", "hand", "align", "reach", "judge", "suggest_datums", "report", "pdf"),
 )
+
+
+# Questions that nothing waits for: answered beside the work.
+ASIDE = ("mirror",)
 
 
 class StoppedError(Exception):
@@ -84,6 +91,7 @@ class Room:
 
     def __post_init__(self) -> None:
         self._worker: Worker | None = None
+        self._asides: list[Worker] = []
         self._lock = asyncio.Lock()
         self._stopping = False
 
@@ -130,6 +138,22 @@ class Room:
             if self._stopping:
                 raise StoppedError
             raise BrokenError(answer.message)
+        return self._kept(task, visit, answer)
+
+    async def aside(self, task: str, values: dict[str, Any]) -> Any:
+        """Answer a question in a process of its own, which ends with it: the work does not wait."""
+        visit, worker = self.visit, Worker(1, prepare=_warm)
+        self._asides.append(worker)
+        try:
+            answer = await asyncio.to_thread(worker.call, partial(perform, task, self.folder, visit, values))
+        finally:
+            self._asides.remove(worker)
+            worker.close()
+        if isinstance(answer, Failure):
+            raise BrokenError(answer.message)
+        return self._kept(task, visit, answer)
+
+    def _kept(self, task: str, visit: Visit, answer: Any) -> Any:
         # A result of a state that is not the present one any more is of no use.
         depends = DEPENDS.get(task)
         if depends is not None and all(getattr(visit, f) == getattr(self.visit, f) for f in depends):
@@ -140,10 +164,15 @@ class Room:
     def cancel(self) -> None:
         """End what runs; a new worker process is started for the next task."""
         self._stopping = True
-        self.close()
+        self._end()
 
     def close(self) -> None:
-        """End the worker process."""
+        """End all that runs."""
+        self._end()
+        for each in self._asides:
+            each.close()
+
+    def _end(self) -> None:
         worker, self._worker = self._worker, None
         if worker is not None:
             worker.close()
@@ -172,6 +201,7 @@ def tasks() -> dict[str, Callable[[Place, Values], Any]]:
         "scan": lambda place, _: reading.read_scan(place),
         "part": lambda place, _: reading.read_part(place),
         "compare": lambda place, _: reading.compare_sides(place),
+        "mirror": lambda place, _: aligning.mirror_question(place),
         "plane": lambda place, _: reading.plane_question(place),
         "draw_scan": lambda place, _: reading.draw_scan(place),
         "lasso": picking.lasso_cut,
@@ -180,6 +210,7 @@ def tasks() -> dict[str, Callable[[Place, Values], Any]]:
         "pairs": lambda place, _: aligning.align_pairs(place),
         "hand": aligning.pose_of_drawn,
         "align": lambda place, _: aligning.align(place),
+        "reach": lambda place, _: judging.show_reach(place),
         "judge": lambda place, _: judging.judge(place),
         "suggest_datums": lambda place, _: alignments.suggest_datums(place),
         "report": lambda place, _: judging.write_sheet(place),
@@ -206,6 +237,7 @@ class Desk:
     ) -> None:
         self.folder, self.many, self.travel = folder, many, travel
         self.named = scan, part
+        self._one_aside = asyncio.Lock()
         self.rooms: dict[str, Room] = {}
         for place in sorted(folder.glob(f"*/{VISIT}")):
             try:
@@ -241,6 +273,9 @@ class Desk:
         for each in sorted(idle, key=lambda other: other.touched)[: max(0, len(idle) - MOST_WORKERS + 1)]:
             each.close()
         room.touched = time.time()
+        if task in ASIDE:
+            async with self._one_aside:
+                return await room.aside(task, values)
         return await room.run(task, values)
 
     def close(self) -> None:

@@ -16,16 +16,16 @@ from dqreg.report.report_data import collect
 from dqreg.report.section_picture import section_picture
 from dqreg.report.sheet import Label
 from dqreg.studio.aligning import RESULT, START
-from dqreg.studio.alignments import PLAN, judged, measured_at
-from dqreg.studio.cleaning import CLEANED
+from dqreg.studio.alignments import PLAN, deviations_of, judged, measured_at
 from dqreg.studio.drawing import drawn_pose, frame_of
 from dqreg.studio.kept import Place
 from dqreg.studio.payloads import cloud_payload, rows_to_draw
-from dqreg.studio.words import is_judged
+from dqreg.studio.plans import is_judged
+from dqreg.studio.words import cleaned_name
 
 # Worst places that are listed, and the share of the points that the colours reach where no tolerance is given.
 WORST, SHOWN = 8, 0.98
-REPORT, PDF = "report.html", "report.pdf"
+REPORT, PDF, REACH = "report.html", "report.pdf", "reach.bin"
 
 
 def judge(place: Place) -> dict[str, Any]:
@@ -42,6 +42,10 @@ def judge(place: Place) -> dict[str, Any]:
         "unit": found.units,
         "reach": found.reach,
         "drawing": _drawing(place, found, limit),
+        "outcome": inspected.outcome if is_judged(place.visit) else None,
+        "characteristics": [
+            dataclasses.asdict(row) for row in (inspected.sheet.characteristics if inspected.sheet else ())
+        ],
         "labels": _labels(place, found),
         "sections": [
             {"name": name, "coverage": cut.coverage, "picture": section_picture(cut, unit, limit)}
@@ -58,6 +62,17 @@ def judge(place: Place) -> dict[str, Any]:
         answer["faces"] = _rows(decision.regions)
         answer["bands"] = [dataclasses.asdict(band) for band in found.bands(decision.tolerance).rows]
     return answer
+
+
+def show_reach(place: Place) -> dict[str, Any]:
+    """Which points belong to the part, in a colour for each kind, and the length that decides it."""
+    found, frame = deviations_of(place), frame_of(place.part())
+    rows = rows_to_draw(found.points - found.origin, np.ones(len(found), dtype=bool))
+    words, data = cloud_payload(found.points, frame, rows)
+    place.write(REACH, data + (1 + found.flags[rows[0]]).astype("<u1").tobytes())
+    drawing = words | {"file": REACH, "kinds": True}
+    share = found.reach / found.size if found.size > 0.0 else None
+    return {"reach": found.reach, "share": share, "counts": dataclasses.asdict(found.counts), "drawing": drawing}
 
 
 def write_sheet(place: Place) -> dict[str, Any]:
@@ -88,9 +103,8 @@ def _files(place: Place) -> dict[str, Any]:
     names = [REPORT, PDF, RESULT, *([PLAN] if is_judged(place.visit) else [])]
     if place.visit.start not in ("none", "identity"):
         names.append(START)
-    if place.visit.cuts:
-        names.append(CLEANED)
-    return {"files": [name for name in names if (place.folder / name).is_file()]}
+    names.append(cleaned_name(place.visit) or "")
+    return {"files": [name for name in names if name and (place.folder / name).is_file()]}
 
 
 def _labels(place: Place, found: Deviations) -> list[dict[str, Any]]:

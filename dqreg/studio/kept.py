@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.files.strict_json import plain
@@ -20,6 +22,7 @@ from dqreg.studio.visit import Side, Visit
 Value = TypeVar("Value")
 # Values remembered; the oldest goes first.
 MOST = 12
+MIRROR = np.array([-1.0, 1.0, 1.0])
 _VALUES: OrderedDict[str, Any] = OrderedDict()
 
 
@@ -67,10 +70,16 @@ class Place:
         """The file of the part."""
         return self.path(self.visit.part, "part")
 
+    @property
+    def scan_key(self) -> list[Any]:
+        """What tells the points of the scan from those of another one."""
+        return [str(self.scan_path), self.visit.mirrored]
+
     def scan(self) -> PointCloud | Mesh:
-        """The scan, as it was given."""
+        """The scan: as it was given, or its mirror image."""
         path = self.scan_path
-        return kept("geometry", _mark(path), lambda: open_geometry(path, "scan"))
+        given = kept("geometry", _mark(path), lambda: open_geometry(path, "scan"))
+        return kept("mirrored", _mark(path), lambda: _mirrored(given)) if self.visit.mirrored else given
 
     def part(self) -> PointCloud | Mesh:
         """The part, as it was given."""
@@ -92,6 +101,13 @@ class Place:
         """A file of the visit."""
         write_atomically(self.folder / name, content)
         return self.folder / name
+
+
+def _mirrored(given: PointCloud | Mesh) -> PointCloud | Mesh:
+    if isinstance(given, Mesh):
+        return Mesh(given.vertices * MIRROR, given.faces[:, ::-1], units=given.units)
+    normals = None if given.normals is None else given.normals * MIRROR
+    return dataclasses.replace(given, points=given.points * MIRROR, normals=normals, viewpoint=None)
 
 
 def _mark(path: Path) -> list[Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import json
 from pathlib import Path
@@ -14,7 +15,8 @@ from dqreg.registration.batch.marks import mark_of
 from dqreg.registration.batch.resume import RESULTS
 from dqreg.registration.batch.row import BATCH
 from dqreg.registration.batch.run import SUMMARY_CSV
-from dqreg.studio.visit import Side, Visit
+from dqreg.studio.plans import with_plan
+from dqreg.studio.visit import HEAD, Side, Visit
 
 
 class Many:
@@ -53,7 +55,7 @@ class Many:
                 raise InputError(f"{place.name} has changed since the batch read it")
         scan, part = (Side(place.name, str(place), unit) for place, unit in zip(places, names, strict=True))
         plain = {"start": "rival", "T_start": T} if T and T[0][0] is not None else {}
-        return Visit(scan, part).changed(plain)
+        return _asked(Visit(scan, part), inputs.get("inspection")).changed(plain)
 
     def _row(self, path: Path) -> dict[str, Any]:
         try:
@@ -86,3 +88,23 @@ class Many:
             record.pop("history", None)
             self._read[path] = when, record
         return self._read[path][1]
+
+
+def _asked(visit: Visit, asked: Any) -> Visit:
+    """The visit judged as the batch judged its part: by its plan, its tolerance, with the head of its row."""
+    try:
+        if asked is None:
+            return visit
+        if asked["plan"] is not None:
+            plan = Path(asked["plan"][0])
+            if mark_of(plan) != asked["plan"]:
+                raise InputError(f"the plan {plan.name} has changed since the batch read it")
+            visit = with_plan(visit, plan.read_text(encoding="utf-8"))
+        if asked["tolerance"] is not None:
+            visit = dataclasses.replace(visit, tolerance=asked["tolerance"], minus=None)
+        if visit.tolerance is not None:
+            visit = dataclasses.replace(visit, required=100.0 * asked["required_share"])
+        head = {**dict(visit.head), **{key: words for key, words in asked["head"].items() if key in HEAD}}
+        return dataclasses.replace(visit, head=tuple((key, head[key]) for key in HEAD if key in head))
+    except (KeyError, TypeError, AttributeError, IndexError, OSError, UnicodeDecodeError) as error:
+        raise InputError(f"what the batch asked of its parts cannot be read ({error!r})") from error

@@ -22,6 +22,8 @@ from dqreg.studio.payloads import cloud_payload, part_payload, rows_to_draw, sha
 MEASURED = 20_000
 # Gap between the two where they are drawn beside each other, in sizes of the part.
 GAP = 0.15
+# Parts whose numbers are all smaller are rather in metres than in millimetres.
+UNITY = 1.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +43,7 @@ def measure(place: Place) -> Measure:
         found = prepare_scan(cloud, MEASURED)
         return Measure(found.spacing, found.noise)
 
-    return kept("measure", [place.scan_path], make)
+    return kept("measure", place.scan_key, make)
 
 
 def read_scan(place: Place) -> dict[str, Any]:
@@ -85,10 +87,25 @@ def compare_sides(place: Place) -> dict[str, Any]:
             }
         )
     elif units[1] is None:
-        questions.append({"code": "unnamed", "likely": units[0] or "mm"})
-    if isinstance(scan, Mesh) and isinstance(part, PointCloud):
-        questions.append({"code": "swapped"})
+        questions.append({"code": "unnamed", "likely": units[0] or _likely(part)})
+    swapped = _look_swapped(scan, part)
+    if swapped:
+        questions.append({"code": "swapped", "why": swapped})
     return {"questions": questions, "units": units, "scale": place.scale(), "poses": _poses(place)}
+
+
+def _likely(part: PointCloud | Mesh) -> str:
+    """The unit that a part without one is most often in, by its numbers alone: only a suggestion."""
+    return "mm" if float(_extent(part).max()) > UNITY else "m"
+
+
+def _look_swapped(scan: PointCloud | Mesh, part: PointCloud | Mesh) -> str:
+    """What speaks for the two being the wrong way round: a surface on points, or a closed surface on an open one."""
+    if isinstance(scan, Mesh) and isinstance(part, PointCloud):
+        return "kinds"
+    if isinstance(scan, Mesh) and isinstance(part, Mesh) and why_unsigned(part) and not why_unsigned(scan):
+        return "open"
+    return ""
 
 
 def plane_question(place: Place) -> dict[str, Any]:
@@ -118,7 +135,7 @@ def _facts(geometry: PointCloud | Mesh) -> dict[str, Any]:
     }
     if isinstance(geometry, Mesh):
         return facts | {"triangles": len(geometry.faces), "unsigned": why_unsigned(geometry), "normals": True}
-    return facts | {"normals": geometry.normals is not None}
+    return facts | {"normals": geometry.normals is not None, "unsigned": why_unsigned(geometry)}
 
 
 def faces_of_part(place: Place) -> tuple[Face, ...]:

@@ -17,6 +17,7 @@ from dqreg.studio.desk import Desk
 if TYPE_CHECKING:
     from dqreg.studio.travel import Drive, Travel
 
+BACKLOG = 128
 NEEDED = "the studio needs {}; run: pip install 'dqreg[studio]'"
 
 
@@ -108,6 +109,8 @@ def _socket(port: int) -> Iterator[socket.socket]:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listening.bind(("127.0.0.1", port))
+            # From now on: a browser that is faster than the server waits for it, and is not refused.
+            listening.listen(BACKLOG)
         except OSError as error:
             raise InputError(f"port {port} is taken ({error.strerror}); leave --port out to take a free one") from error
         yield listening

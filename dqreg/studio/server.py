@@ -15,7 +15,9 @@ from dqreg.errors import DqregError, InputError
 from dqreg.studio import uploads
 from dqreg.studio.desk import NAMES, BrokenError, Desk, Room, StoppedError
 from dqreg.studio.guard import REPORT_POLICY, App, Guard
+from dqreg.studio.plans import with_plan
 from dqreg.studio.visit import PROGRESS, Visit
+from dqreg.studio.words import cleaned_name
 
 if TYPE_CHECKING:
     from starlette.requests import Request
@@ -25,11 +27,11 @@ if TYPE_CHECKING:
 KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 SHARED = ("view3d.js", "base.css")
 # What may be fetched of a visit, by its exact name.
-DATA = dict.fromkeys(("scan.bin", "part.bin", "judged.bin"), "application/octet-stream")
+DATA = dict.fromkeys(("scan.bin", "part.bin", "judged.bin", "reach.bin"), "application/octet-stream")
 FILES = (
     {"report.html": "text/html", "report.pdf": "application/pdf", "plan.toml": "application/toml"}
     | dict.fromkeys(("visit.json", "result.json"), "application/json")
-    | {"start.txt": "text/plain", "scan_cleaned.ply": "application/octet-stream"}
+    | {"start.txt": "text/plain"}
 )
 DRAWN = re.compile(r"(map|frame)-\d{1,9}\.bin")
 # Bytes of a request that is no file, and how often progress is looked at.
@@ -120,7 +122,10 @@ class Api:
         """Change what was chosen."""
         room, values = self._room(request), await _values(request)
         units = values.pop("units", {})
+        text = values.pop("plan", None)
         visit = room.visit.swapped() if values.pop("swap", False) else room.visit.changed(values)
+        if isinstance(text, str):
+            visit = with_plan(visit, text)
         for which in ("scan", "part"):
             if which in units:
                 visit = visit.with_units(which, units[which])
@@ -176,7 +181,8 @@ class Api:
         """A file to keep."""
         room, name = self._room(request), request.path_params["name"]
         keep = request.query_params.get("keep") is not None
-        return _file(room.folder, name, FILES, f'attachment; filename="{name}"' if keep else "inline")
+        cleaned = {cleaned_name(room.visit) or "": "application/octet-stream"}
+        return _file(room.folder, name, FILES | cleaned, keep=keep)
 
     def _room(self, request: Request) -> Room:
         return self._desk.room(request.path_params["visit"])
@@ -251,16 +257,18 @@ def _asset(name: str) -> Response:
     return Response(folder.joinpath(name).read_bytes(), media_type=kind)
 
 
-def _file(folder: Path, name: str, known: dict[str, str], disposition: str = "inline") -> Response:
+def _file(folder: Path, name: str, known: dict[str, str], *, keep: bool = False) -> Response:
     from starlette.responses import FileResponse, Response
 
     path = folder / name
     if name not in known or not path.is_file():
         return Response("There is no such file yet.\n", 404, media_type="text/plain")
-    headers = {"content-disposition": disposition}
+    headers = {}
     if known[name] == "text/html":
         headers["content-security-policy"] = REPORT_POLICY
-    return FileResponse(path, headers=headers, media_type=known[name])
+    # The header's escapes are the library's: a name may have quotes and letters of any language.
+    how = "attachment" if keep else "inline"
+    return FileResponse(path, headers=headers, media_type=known[name], filename=name, content_disposition_type=how)
 
 
 async def _bad(request: Request, error: Exception) -> Response:

@@ -17,7 +17,7 @@ from dqreg.files.strict_json import plain, record_from
 Vector = tuple[float, float, float]
 Matrix = tuple[tuple[float, ...], ...]
 Start = Literal["none", "identity", "pairs", "hand", "rival"]
-Alignment = Literal["best-fit", "faces", "datums", "points"]
+Alignment = Literal["best-fit", "faces", "datums", "points", "plan"]
 Goal = Literal["best-fit", "tolerance", "minimax"]
 
 # Key and number of the format, in saved visits.
@@ -95,6 +95,7 @@ class Visit:
 
     scan: Side | None = None
     part: Side | None = None
+    mirrored: bool = False  # Whether the scan comes from a left-handed frame: its x is reversed before all else
     cuts: tuple[Cut, ...] = ()
     start: Start = "none"
     pairs: tuple[Pair, ...] = ()
@@ -115,6 +116,7 @@ class Visit:
     labels: tuple[Vector, ...] = ()  # Places of the part whose deviation is written on the picture
     views: tuple[tuple[float, float], ...] = ()  # Yaw and pitch of the pictures of the report, degrees
     head: tuple[tuple[str, str], ...] = ()
+    plan: str = ""  # TOML: what of a plan that was read has no field above, such as characteristics
 
     def __post_init__(self) -> None:
         for name, most in (
@@ -148,7 +150,11 @@ class Visit:
         for name in values:
             if name not in known:
                 raise InputError(f"a visit has no {name!r:.40} to be changed")
-        return Visit.of({**plain(self), **values})
+        found = Visit.of({**plain(self), **values})
+        if found.mirrored == self.mirrored:
+            return found
+        # What was pointed at on the scan lies elsewhere on its mirror image.
+        return dataclasses.replace(found, cuts=(), pairs=(), start="none", T_start=None)
 
     def with_units(self, which: Literal["scan", "part"], units: str | None) -> Visit:
         """The visit with the unit of a side named."""

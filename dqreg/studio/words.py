@@ -1,19 +1,30 @@
-"""The same without the page: for each step the command line and the Python that do what was chosen, and the plan."""
+"""The same without the page: for each step the command line and the Python that do what was chosen."""
 
 from __future__ import annotations
 
-import json
 import shlex
+from pathlib import PurePath
 
+from dqreg.studio.plans import is_judged
 from dqreg.studio.visit import Visit
 
-CLEANED, START, PLAN = "scan_cleaned.ply", "start.txt", "plan.toml"
-LETTERS = "ABC"
-ALIGNED = {"faces": "chosen faces", "points": "reference points"}
+START, PLAN = "start.txt", "plan.toml"
 READ = "from dqreg.files import read_geometry\n\n"
 AGAIN = "dqreg studio --replay visit.json --out ."
 REPLAY = "from dqreg.studio import replay\n\nreplay('visit.json', '.')"
 NOTHING = "# nothing is left out"
+
+
+def cleaned_name(visit: Visit) -> str | None:
+    """File of what the cuts leave of a scan, or of its mirror image; None where the file itself is registered.
+
+    >>> from dqreg.studio.visit import Cut, Side
+    >>> cleaned_name(Visit(Side("a.pcd", "a.pcd"), cuts=(Cut("box"),)))
+    'a_cleaned.ply'
+    """
+    if visit.scan is None or not (visit.cuts or visit.mirrored):
+        return None
+    return f"{PurePath(visit.scan.name).stem}_cleaned.ply"
 
 
 def words_of(visit: Visit) -> dict[str, dict[str, str]]:
@@ -50,11 +61,6 @@ def _report(visit: Visit, register: str) -> dict[str, str]:
     return {"command": f"{line}{reach} --report report.html", "python": REPLAY}
 
 
-def is_judged(visit: Visit) -> bool:
-    """Whether there is a tolerance, and so a plan."""
-    return visit.tolerance is not None or bool(visit.faces)
-
-
 def _inspect(register: str) -> str:
     return f"{register.replace('dqreg register', 'dqreg inspect', 1)} --plan {PLAN}"
 
@@ -70,8 +76,8 @@ def _begun(visit: Visit, register: str, call: str) -> dict[str, dict[str, str]]:
             "python": f"{READ}scan = read_geometry({scan!r})\npart = read_geometry({part!r})",
         },
         "clean": {
-            "command": AGAIN if visit.cuts else NOTHING,
-            "python": REPLAY if visit.cuts else NOTHING,
+            "command": AGAIN if cleaned_name(visit) else NOTHING,
+            "python": REPLAY if cleaned_name(visit) else NOTHING,
         },
         "align": {
             "command": f"{register} --out result.json",
@@ -83,7 +89,7 @@ def _begun(visit: Visit, register: str, call: str) -> dict[str, dict[str, str]]:
 def _register(visit: Visit) -> tuple[str, str]:
     assert visit.scan is not None
     assert visit.part is not None
-    scan = CLEANED if visit.cuts else visit.scan.name
+    scan = cleaned_name(visit) or visit.scan.name
     line, call = f"dqreg register {_words(scan, visit.part.name)}", [repr(scan), repr(visit.part.name)]
     head = ""
     if visit.start == "identity":
@@ -103,47 +109,3 @@ def _register(visit: Visit) -> tuple[str, str]:
 
 def _words(*names: str) -> str:
     return " ".join(shlex.quote(name) for name in names)
-
-
-def plan_text(visit: Visit) -> str:
-    """The visit as an inspection plan in TOML: tolerances, the alignment they are judged under, sections, head."""
-    lines = ["# Faces are those of `dqreg faces`."]
-    if visit.part is not None and visit.part.units is not None:
-        lines.append(f'units = "{visit.part.units}"')
-    if visit.tolerance is not None:
-        lines += [_sides(visit.tolerance, visit.minus), f"required = {visit.required!r}"]
-    lines += ["", *_alignment(visit)]
-    if visit.head:
-        lines += ["[head]", *(f"{key} = {_text(words)}" for key, words in visit.head), ""]
-    for row in visit.faces:
-        lines += ["[[face]]", f"face = {row.face}", _sides(row.tolerance, row.minus), ""]
-    for k, each in enumerate(visit.sections, 1):
-        lines += ["[[section]]", f'name = "section {k}"', f"point = {[*each.point]}", f"normal = {[*each.normal]}", ""]
-    return "\n".join(lines)
-
-
-def _alignment(visit: Visit) -> list[str]:
-    """What the judgement rests on: nothing for the best fit on the whole part."""
-    if visit.alignment == "best-fit":
-        return []
-    if visit.alignment == "datums":
-        named = zip(LETTERS, visit.datums, strict=False)
-        return [f'[[datum]]\nname = "{letter}"\nface = {face}\n' for letter, face in named]
-    lines = ["[[alignment]]", f'name = "{ALIGNED[visit.alignment]}"']
-    if visit.alignment == "points":
-        points = [[*each.point, *each.normal] for each in visit.references]
-        return [*lines, 'kind = "points"', f"points = {points}", ""]
-    weights = [*visit.weights, *(1.0 for _ in visit.chosen)][: len(visit.chosen)]
-    lines += [f'kind = "{visit.goal}"', f"faces = {[*visit.chosen]}", f"weights = {weights}"]
-    if visit.goal == "tolerance" and visit.tolerance is not None:
-        lines.append(_sides(visit.tolerance, visit.minus))
-    return [*lines, ""]
-
-
-def _sides(plus: float, minus: float | None) -> str:
-    return f"tolerance = {plus!r}" if minus is None else f"plus = {plus!r}\nminus = {minus!r}"
-
-
-def _text(words: str) -> str:
-    # A basic string of TOML takes the escapes of JSON.
-    return json.dumps(words)

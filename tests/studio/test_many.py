@@ -9,6 +9,7 @@ import pytest
 from dqreg.errors import InputError
 from dqreg.registration.batch.marks import mark_of
 from dqreg.studio.many import Many
+from dqreg.studio.visit import FaceTolerance
 
 
 @pytest.fixture
@@ -66,6 +67,28 @@ def test_a_row_opens_its_own_files_and_no_others(batch):
     for name in ("none", "../../part", ""):
         with pytest.raises(InputError, match="no row"):
             many.visit(name)
+
+
+def test_a_row_opens_with_the_plan_of_the_batch(batch):
+    many, plan = Many(batch / "out"), batch / "plan.toml"
+    plan.write_text('tolerance = 0.2\nrequired = 99\n[head]\npart = "p"\n[[face]]\nface = 2\ntolerance = 0.1\n')
+    asked = {"plan": mark_of(plan), "tolerance": None, "required_share": 0.9, "report": False, "head": {"serial": "7"}}
+    write(batch, "one", inspection=asked)
+    visit = many.visit("one")
+    assert (visit.tolerance, visit.required, visit.faces) == (0.2, 90.0, (FaceTolerance(2, 0.1),))
+    assert visit.head == (("part", "p"), ("serial", "7"))
+    # The tolerance of the command wins over the plan's.
+    write(batch, "one", inspection=asked | {"tolerance": 0.5})
+    assert many.visit("one").tolerance == 0.5
+    write(batch, "one", inspection=asked | {"plan": None})
+    assert many.visit("one").tolerance is None
+    write(batch, "one", inspection={"plan": 5})
+    with pytest.raises(InputError, match="cannot be read"):
+        many.visit("one")
+    plan.write_text("tolerance = 9")
+    write(batch, "one", inspection=asked)
+    with pytest.raises(InputError, match=r"plan\.toml has changed"):
+        many.visit("one")
 
 
 def test_a_folder_that_is_none_is_refused(tmp_path):

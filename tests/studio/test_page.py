@@ -123,7 +123,7 @@ def test_from_two_dropped_files_to_a_sheet_and_its_plan(browser, empty, tmp_path
         click_at(page, "main", np.add(top["centre"], [10.0, 0.0, 0.0]), "part")
         page.wait_for_selector("#no-labels")
         busy_over(page)
-        page.wait_for_function("(i => i.complete && i.naturalWidth > 0)(document.querySelector('#sections img'))")
+        page.wait_for_function("() => (i => i.complete && i.naturalWidth > 0)(document.querySelector('#sections img'))")
         keep_picture(page, "studio_judge")
         page.click("#colour-faces")
         keep_picture(page, "studio_faces")
@@ -178,7 +178,7 @@ def test_three_pairs_lay_the_scan_on_the_part(browser, bracket):
             page.locator("#pairs-said", has_text="Now click the same place on the scan").wait_for()
             click_at(page, "scan", pose.apply(to_scan, np.array([place]))[0], "scan")
             page.locator("#pairs-said", has_text="Click a place on the part, then").wait_for()
-        page.wait_for_function("studio.step_state.pairs.left.length === 4")
+        page.wait_for_function("() => studio.step_state.pairs.left.length === 4")
         keep_picture(page, "studio_pairs")
         pairs = state(page)["visit"]["pairs"]
         assert len(pairs) == 4

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import tomllib
 
 import pytest
 
 from dqreg.errors import InputError
 from dqreg.inspection import read_plan
+from dqreg.inspection.plan import plan_of
 from dqreg.inspection.planned_alignment import PlannedStep
 from dqreg.inspection.tolerances import Tolerance
+from dqreg.studio.plans import plan_text, with_plan
 from dqreg.studio.visit import Cut, FaceTolerance, Pair, PlaneCut, Reference, Side, Visit
-from dqreg.studio.words import plan_text, words_of
+from dqreg.studio.words import words_of
 
 FULL = Visit(
     scan=Side("a scan.ply", "scan/a scan.ply", "mm"),
@@ -113,6 +116,89 @@ def test_the_plan_says_what_the_judgement_rests_on(tmp_path, chosen, step):
     plan = read_plan(tmp_path / "plan.toml")
     assert plan.alignment == "steps"
     assert plan.steps == (step,)
+
+
+PLAN = """units = "mm"
+plus = 0.2
+minus = 0.1
+required = 99.0
+
+[head]
+serial = "7"
+order = "an order"
+
+[[datum]]
+name = "A"
+face = 3
+[[datum]]
+name = "B"
+near = [1, 2, 3]
+
+[[face]]
+face = 2
+tolerance = 0.05
+
+[[section]]
+name = "through the hole"
+point = [1, 2, 3.5]
+normal = [0, 1, 0]
+
+[[characteristic]]
+name = "flat \\"A\\" ü"
+kind = "form"
+face = 3
+tolerance = 0.1
+"""
+
+
+WHOLE = "tolerance = 1\nrequired = 95\n[[alignment]]\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        PLAN,
+        PLAN.replace("near = [1, 2, 3]", "face = 7"),
+        PLAN.replace("units", 'alignment = "best-fit"\nunits'),
+        PLAN.replace("through the hole", "section 1").replace("face = 2", "near = [0, 0, 0]"),
+        "[[face]]\nfaces = [3, 4]\ntolerance = 1\n",
+        WHOLE + 'name = "chosen faces"\nkind = "minimax"\nfaces = [1, 2]\nweights = [1, 2.5]\n',
+        WHOLE + 'kind = "points"\npoints = [[0, 0, 0], [1, 0, 0, 0, 0, 1]]\n',
+        WHOLE + 'name = "x"\nkind = "outside"\ndof = "tz"\n[[alignment]]\nkind = "inside"\n',
+    ],
+)
+def test_a_plan_comes_back_as_it_was(text):
+    visit = with_plan(FULL, text)
+    again = plan_of(tomllib.loads(plan_text(visit)))
+    given = plan_of(tomllib.loads(text))
+    assert dataclasses.replace(again, units=None) == dataclasses.replace(given, units=None)
+    assert with_plan(visit, plan_text(visit)) == visit
+    assert visit.cuts == FULL.cuts
+
+
+def test_a_plan_is_shown_where_the_page_can():
+    visit = with_plan(FULL, PLAN)
+    assert (visit.tolerance, visit.minus, visit.required) == (0.2, 0.1, 99.0)
+    assert (visit.head, visit.faces, visit.alignment) == ((("serial", "7"),), (FaceTolerance(2, 0.05),), "plan")
+    # What is chosen on the page wins over the plan.
+    chosen = dataclasses.replace(visit, alignment="datums", datums=(5, 6), tolerance=0.3)
+    plan = plan_of(tomllib.loads(plan_text(chosen)))
+    assert [datum.face for datum in plan.datums] == [5, 6]
+    assert plan.tolerance == Tolerance(-0.1, 0.3, 0.99)
+    assert [row.name for row in plan.characteristics] == ['flat "A" ü']
+
+
+@pytest.mark.parametrize("text", ["x =", "tolerance = -1", "[[characteristic]]", "x" * (1 << 19), "a = " + "[" * 5000])
+def test_a_plan_that_is_none_is_refused(text):
+    with pytest.raises(InputError):
+        with_plan(FULL, text)
+
+
+def test_a_mirrored_scan_forgets_what_was_pointed_at():
+    visit = FULL.changed({"mirrored": True})
+    assert (visit.cuts, visit.pairs, visit.start) == ((), (), "none")
+    assert (visit.tolerance, visit.faces) == (FULL.tolerance, FULL.faces)
+    assert "a scan_cleaned.ply" in words_of(visit)["align"]["command"]
 
 
 def test_every_step_has_words_that_parse():

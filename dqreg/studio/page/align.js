@@ -3,6 +3,7 @@ import { h, number, percent, long } from "./dom.js";
 import { STAND, inDrawing } from "./stage.js";
 import * as pairs from "./pairs.js";
 import * as hand from "./hand.js";
+import { mirror } from "./load.js";
 
 const LIGHTS = { accepted: ["trusted", "The pose can be used."], suspect: ["doubtful", "Look at it before you use it."], failed: ["failed", "No pose was found that can be used."] };
 const WAYS = { find: "Find it", pairs: "Point at pairs", hand: "Move by hand" };
@@ -51,6 +52,8 @@ export async function run(app, stage, values) {
   app.results.align = found;
   app.thumbs = null;
   state(app).way = "find";
+  // What was scanned is turned to the eye.
+  if (found.look) [stage.yaw, stage.pitch] = found.look;
   showPose(app, stage, found.history.length);
   stage.fit();
   thumbnails(app, stage);
@@ -105,6 +108,7 @@ export function verdict(app, found) {
   return h("section", { class: `light ${found.level}`, id: "verdict", "aria-label": "Verdict" },
     h("p", { class: "word" }, h("i", { "aria-hidden": "true" }), `Alignment: ${word}`),
     h("p", {}, advice), found.reasons.length ? h("ul", {}, found.reasons.map(r => h("li", {}, r))) : null,
+    found.codes?.includes("mirrored") && h("div", { class: "row" }, h("button", { id: "mirror-scan", onclick: () => { app.go("load"); return mirror(app, !app.visit.mirrored); } }, app.visit.mirrored ? "Take the mirror back" : "Mirror the scan"), h("span", { class: "note" }, "if its frame is left-handed")),
     found.found && h("p", { class: "note" }, `Root mean square distance of the points on the part: ${long(found.rms, unit)}. ${percent(found.inliers, 0)} of the scan lies on the part. ${number(found.seconds, 2)} s.`));
 }
 
@@ -125,6 +129,7 @@ function datums(app, stage) {
   if (!faces.length) return null;
   const set = values => app.change(values).then(() => markDatums(app, stage));
   const first = async key => {
+    if (visit.alignment === "plan") state.planned = true;
     if (key === "datums" && visit.datums.length < 3) return { alignment: key, datums: (await app.run("suggest_datums", {}, "Looking for three faces that were scanned")).datums };
     return { alignment: key };
   };
@@ -135,7 +140,7 @@ function datums(app, stage) {
   };
   if (visit.alignment === "datums") state.aim ??= 0;
   return h("details", { id: "datums" }, h("summary", {}, "What the judgement rests on"),
-    Object.entries(RESTS).map(([key, words]) => h("label", { class: "check" }, h("input", { type: "radio", name: "alignment", id: `by-${key}`, checked: visit.alignment === key, onchange: async () => set(await first(key)) }), ` ${words}`)),
+    Object.entries({ ...RESTS, ...(visit.alignment === "plan" || state.planned ? { plan: "As the plan says" } : {}) }).map(([key, words]) => h("label", { class: "check" }, h("input", { type: "radio", name: "alignment", id: `by-${key}`, checked: visit.alignment === key, onchange: async () => set(await first(key)) }), ` ${words}`)),
     visit.alignment === "datums" && [
       h("p", { class: "note" }, "Three faces; the first holds most. Choose them here, or press a letter and click a face."),
       [0, 1, 2].map(k => h("div", { class: "row datum" }, h("button", { id: `aim-${k}`, "aria-pressed": String(state.aim === k), "aria-label": `Click a face for datum ${"ABC"[k]}`, onclick: () => { state.aim = k; app.render(); } }, "ABC"[k]),

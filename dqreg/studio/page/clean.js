@@ -1,5 +1,6 @@
 // Step 2: what is not the part is left out. The file itself is never changed, and every cut can be undone.
 import { h, number, count, percent } from "./dom.js";
+import * as reach from "./reach.js";
 import { STAND, inDrawing } from "./stage.js";
 
 export function enter(app, stage) {
@@ -10,6 +11,8 @@ export function enter(app, stage) {
   if (!app.step_state.clean.asked) question(app);
 }
 export function leave(app, stage) {
+  app.showKinds = false;
+  stage.layers.off = true;
   stage.layers.part = true;
   aim(app, stage, "");
   stage.drawOver = null;
@@ -17,6 +20,8 @@ export function leave(app, stage) {
 }
 
 async function alone(app, stage) {
+  app.showKinds = false;
+  stage.layers.off = true;
   await app.draw();
   stage.layers.part = false;
   stage.layers.before = true;
@@ -46,7 +51,8 @@ export async function redraw(app, stage) {
   app.render();
 }
 
-function aim(app, stage, tool) {
+async function aim(app, stage, tool) {
+  if (tool && app.showKinds) { await alone(app, stage); stage.fit(); }
   const state = app.step_state.clean;
   if (state) state.tool = tool;
   stage.box.classList.toggle("aim", tool === "lasso");
@@ -108,6 +114,14 @@ function boxFields(app, stage) {
     h("div", { class: "row" }, h("button", { id: "box-out", onclick: () => made(false) }, "Leave the inside out"), h("button", { id: "box-keep", onclick: () => made(true) }, "Keep only the inside")));
 }
 
+// Before there is a pose no point is near to the part or far from it.
+function reachOf(app, stage, busy) {
+  if (!app.results.align?.found) return h("p", { class: "note", id: "reach-later" }, "What is farther off the part than its reach is left out when deviations are measured. Once the scan lies on the part, in the next step, the reach can be seen and set here.");
+  const turn = () => app.showKinds ? alone(app, stage).then(() => { stage.fit(); app.render(); }) : reach.show(app, stage).then(() => { stage.drawOver = null; stage.over.replaceChildren(); stage.fit(); });
+  return [h("div", { class: "row" }, h("button", { id: "reach-shown", "aria-pressed": String(Boolean(app.showKinds)), disabled: busy, onclick: () => { app.step_state.clean.tool = ""; return turn(); } }, "Reach on the part")),
+    app.showKinds && reach.panel(app, stage)];
+}
+
 const KINDS = { box: "Box", lasso: "Lasso", plane: "Plane" };
 export function panel(app, stage) {
   const state = app.step_state.clean ?? {}, { visit, results } = app, left = results.draw_scan?.left, all = results.draw_scan?.total;
@@ -121,6 +135,7 @@ export function panel(app, stage) {
     h("div", { class: "row", role: "group", "aria-label": "Tools" },
       h("button", { id: "tool-lasso", "aria-pressed": String(state.tool === "lasso"), disabled: busy, onclick: () => aim(app, stage, state.tool === "lasso" ? "" : "lasso") }, "Lasso"),
       h("button", { id: "tool-box", "aria-pressed": String(state.tool === "box"), disabled: busy, onclick: () => aim(app, stage, state.tool === "box" ? "" : "box") }, "Box")),
+    reachOf(app, stage, busy),
     state.tool === "lasso" && h("div", { class: "card" }, h("p", {}, "Draw a line around the points on the view. It cuts through the whole scan, so turn the view first."),
       h("label", { class: "check" }, h("input", { type: "checkbox", id: "lasso-keep", checked: Boolean(state.keep), onchange: e => { state.keep = e.target.checked; } }), " Keep only what is inside")),
     state.tool === "box" && boxFields(app, stage),

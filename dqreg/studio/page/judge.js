@@ -1,5 +1,7 @@
 // Step 4: is the part within its tolerance? Every face may have its own.
 import { h, number, percent, signed, count, off, long, sides, sidesText } from "./dom.js";
+import * as reach from "./reach.js";
+import * as plan from "./plan.js";
 import * as sections from "./sections.js";
 import { STAND, inDrawing } from "./stage.js";
 import { faceName } from "./align.js";
@@ -14,9 +16,11 @@ export function enter(app, stage) {
   stage.layers.off = true;
   if (app.results.judge) place(app, stage).then(() => stage.fit()); else measure(app, stage).then(() => stage.fit());
 }
-export function leave(app, stage) { stage.picked = null; stage.layers.scan = true; stage.box.classList.remove("aim"); stage.clearLabels(); stage.mark({}); }
+export function leave(app, stage) { app.showKinds = false; stage.picked = null; stage.layers.scan = true; stage.box.classList.remove("aim"); stage.clearLabels(); stage.mark({}); }
 
 async function place(app, stage) {
+  app.showKinds = false;
+  stage.layers.off = true;
   await app.draw();
   stage.layers.before = false;
   stage.layers.scan = true;
@@ -28,7 +32,7 @@ export async function measure(app, stage) {
   const found = await app.run("judge", {}, "Measuring deviations");
   await app.refresh();
   app.results.judge = found;
-  app.renewed("judged");
+  app.renewed("judge");
   await place(app, stage);
 }
 async function choose(app, stage, values) { await app.change(values); await measure(app, stage); }
@@ -87,13 +91,16 @@ export function panel(app, stage) {
       h("label", { for: "reach" }, "Belongs to the part up to"), h("input", { id: "reach", name: "reach", inputmode: "decimal", value: visit.reach ?? "", placeholder: found ? number(found.reach) : "from the data", autocomplete: "off" }), h("span", {}, unit),
       h("span"), h("button", { id: "judge", class: "main" }, "Judge")),
     found?.decision && decision(app, found),
+    found && plan.panel(app, stage, found, values => choose(app, stage, values)),
     found && figures(app, found, unit),
     found && legend(found, unit),
     found && h("div", { class: "row", role: "group", "aria-label": "Show" },
-      h("button", { id: "colour-faces", "aria-pressed": String(state.colour === "faces"), disabled: !found.decision, onclick: () => { state.colour = state.colour === "faces" ? "" : "faces"; colourFaces(app, stage); app.render(); } }, "Faces pass / fail"),
+      h("button", { id: "colour-faces", "aria-pressed": String(state.colour === "faces"), disabled: !found.decision, onclick: async () => { state.colour = state.colour === "faces" ? "" : "faces"; if (app.showKinds) await place(app, stage); colourFaces(app, stage); app.render(); } }, "Faces pass / fail"),
+      h("button", { id: "kinds", "aria-pressed": String(Boolean(app.showKinds)), disabled: busy, onclick: () => app.showKinds ? place(app, stage) : reach.show(app, stage) }, "What belongs to the part"),
       h("button", { id: "labelling", "aria-pressed": String(Boolean(state.labelling)), onclick: () => { state.labelling = !state.labelling; state.cutting = undefined; stage.box.classList.toggle("aim", state.labelling); app.render(); } }, "Add a label"),
       sections.tools(app, stage, state),
       visit.labels.length ? h("button", { id: "no-labels", disabled: busy, onclick: () => choose(app, stage, { labels: [] }) }, "Remove labels") : null),
+    app.showKinds && reach.panel(app, stage),
     state.labelling && h("p", { class: "note" }, "Click the part where its deviation should be written."),
     found && sections.panel(app, found, state, values => choose(app, stage, values)),
     found?.worst.length ? worst(app, stage, found, unit) : null,

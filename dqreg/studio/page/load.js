@@ -54,9 +54,9 @@ function table(app, side, known) {
     known.kind === "mesh" ? ["Surface", `${count(known.triangles)} triangles`] : ["Points", count(known.points) + (known.dropped ? ` (${count(known.dropped)} empty ones left out)` : "")],
     known.spacing ? ["Spacing", `${long(known.spacing, unit)}`] : null,
     known.noise ? ["Noise", `about ${number(known.noise, 2)} ${unit}`] : null,
-    known.kind === "cloud" ? ["Normals", known.normals ? "in the file" : "none in the file; estimated where needed"] : null,
+    known.kind === "cloud" ? ["Normals", known.normals ? "in the file" : side === "scan" ? "none in the file; estimated where needed" : "none in the file"] : null,
     side === "part" && known.faces?.length ? ["Faces", faceWords(known.faces)] : null,
-    known.unsigned ? ["Note", known.unsigned] : null,
+    side === "part" && known.unsigned ? ["Sides", `${known.unsigned}.`] : null,
   ]);
 }
 function faceWords(faces) {
@@ -82,9 +82,34 @@ function questions(app) {
       return h("div", { class: "ask", id: "unnamed" }, h("p", {}, `The part is ${size} large, and its file does not say in what. Which unit is it?`),
         h("div", { class: "row" }, UNITS.map(unit => h("button", { id: `unit-${unit}`, class: unit === question.likely ? "main" : "", onclick: () => name(app, { part: unit, ...(app.results.scan.units || app.visit.scan.units ? {} : { scan: unit }) }) }, unit))));
     }
-    return h("div", { class: "ask" }, h("p", {}, "The scan is a surface and the part is a cloud of points. Are they the wrong way round?"),
+    const why = question.why === "open" ? "The scan is a closed surface, as CAD is, and the part an open one, as scans are." : "The scan is a surface and the part is a cloud of points.";
+    return h("div", { class: "ask", id: "swapped" }, h("p", {}, `${why} Are they the wrong way round?`),
       h("button", { id: "swap", class: "main", onclick: async () => { await app.change({ swap: true }); app.shown = {}; await app.read(); enter(app, app.stage); } }, "Exchange them"));
   });
+}
+
+// A scan from a left-handed frame fits its part in the mirror only: asked as soon as units are known, answered once.
+export async function askMirror(app) {
+  const { scan, part } = app.visit, { compare, mirror } = app.results, asked = JSON.stringify([scan, part, app.visit.mirrored]);
+  if (!compare || mirror || app.mirrorAsked === asked || compare.questions.length) return;
+  app.mirrorAsked = asked;
+  const found = await app.quick("mirror");
+  if (asked !== JSON.stringify([app.visit.scan, app.visit.part, app.visit.mirrored])) return;
+  app.results.mirror = found;
+  app.render();
+}
+export async function mirror(app, mirrored) {
+  await app.change({ mirrored });
+  app.shown = {};
+  await app.read();
+  enter(app, app.stage);
+}
+function mirrorQuestion(app) {
+  if (app.visit.mirrored) return h("div", { class: "ask", id: "is-mirrored" }, h("p", {}, "The scan is mirrored: its x coordinates are reversed before all else. The file is not changed."), h("button", { id: "unmirror", onclick: () => mirror(app, false) }, "As in the file again"));
+  if (!app.results.mirror?.mirrored || app.step_state.load?.kept) return null;
+  return h("div", { class: "ask", id: "mirrored" }, h("p", {}, "The scan fits the part only as its mirror image: it comes from a left-handed frame, or it is of the other hand (left instead of right)."),
+    h("div", { class: "row" }, h("button", { id: "mirror", class: "main", onclick: () => mirror(app, true) }, "Mirror the scan"),
+      h("button", { id: "no-mirror", onclick: () => { app.step_state.load = { kept: true }; app.render(); } }, "Leave it as it is")));
 }
 
 export function panel(app) {
@@ -92,6 +117,7 @@ export function panel(app) {
   return [
     !both && h("p", {}, "Drop a scan and its part here, both at once or one by one. They stay on this machine."),
     questions(app),
+    both && mirrorQuestion(app),
     zone(app, "scan", "Points or a surface as they were measured: PLY, PCD, XYZ, CSV, STL, OBJ …"),
     zone(app, "part", "The CAD part as a surface: STL, OBJ, PLY, 3MF …"),
     app.others?.length ? h("details", { id: "others" }, h("summary", {}, "Earlier visits"), h("ul", {}, app.others.map(each => h("li", {}, h("a", { href: `#${each.visit}/load`, onclick: () => setTimeout(() => location.reload()) }, `${each.scan ?? "no scan"} on ${each.part ?? "no part"}`))))) : null,

@@ -13,7 +13,7 @@ import * as odometry from "./odometry.js";
 const STEPS = { load, clean, align, judge, report };
 const TITLES = { load: "Load", clean: "Clean", align: "Align", judge: "Judge", report: "Report" };
 // Results of tasks that are shown under their own name.
-const KEPT = ["align", "judge", "report"];
+const KEPT = ["align", "reach", "judge", "report"];
 const $ = selector => document.querySelector(selector);
 
 export const app = {
@@ -21,7 +21,7 @@ export const app = {
 
   async change(values) {
     // At once here too: the next change must not start from the state before this one.
-    const { units, swap, ...fields } = values;
+    const { units, swap, plan, ...fields } = values;
     app.visit = { ...app.visit, ...fields };
     const number = app.changes = (app.changes ?? 0) + 1;
     try {
@@ -61,12 +61,13 @@ export const app = {
       app.results.compare = await app.run("compare", {}, "Comparing sizes");
     await app.draw();
     render();
+    load.askMirror(app).catch(() => {});
   },
   async draw() {
     const { scan, part } = app.results;
     await drawSide("part", part?.drawing, (d, b) => stage.setPart(d, b));
-    const judged = app.showJudged && app.results.judge?.drawing;
-    if (judged || app.results.draw_scan || !app.visit.scan) await drawSide("scan", judged || app.results.draw_scan, (d, b) => stage.setScan(d, b), judged ? "judged" : "scan");
+    const name = app.showKinds && app.results.reach ? "reach" : app.showJudged && app.results.judge ? "judge" : "scan", judged = app.results[name]?.drawing;
+    if (judged || app.results.draw_scan || !app.visit.scan) await drawSide("scan", name === "scan" ? app.results.draw_scan : judged, (d, b) => stage.setScan(d, b), name);
     const size = (part ?? scan)?.frame.size ?? 1;
     stage.scene.size = size;
     stage.scene.unit = app.unit();

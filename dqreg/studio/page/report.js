@@ -2,7 +2,7 @@
 import { h } from "./dom.js";
 import { address } from "./api.js";
 
-const NAMES = { "report.html": "Report (HTML)", "report.pdf": "Report (PDF)", "plan.toml": "Plan (TOML)", "result.json": "Pose (JSON)", "visit.json": "Visit (JSON)", "start.txt": "Initial pose", "scan_cleaned.ply": "Cleaned scan" };
+const NAMES = { "report.html": "Report (HTML)", "report.pdf": "Report (PDF)", "plan.toml": "Plan (TOML)", "result.json": "Pose (JSON)", "visit.json": "Visit (JSON)", "start.txt": "Initial pose" };
 const HEAD = { part: "Part", drawing: "Drawing", serial: "Serial number", operator: "Operator", device: "Device", note: "Note" };
 export function enter(app, stage) { stage.picked = null; app.showJudged = true; app.draw(); }
 
@@ -33,7 +33,7 @@ export function panel(app, stage) {
     views(app, stage),
     h("div", { class: "row" }, h("button", { id: "make-report", class: found ? "" : "main", disabled: busy, onclick: () => make(app, "report", "Writing the report") }, found ? "Write it again" : "Write the report"),
       found && !found.files.includes("report.pdf") && h("button", { id: "make-pdf", disabled: busy, onclick: () => make(app, "pdf", "Printing the report") }, "As PDF too")),
-    found && h("ul", { class: "downloads" }, [...found.files, "visit.json"].map(name => h("li", {}, h("a", { class: "button", id: `file-${name}`, download: name, href: address(`visits/${app.name}/files/${name}?keep`) }, NAMES[name] ?? name)))),
+    found && h("ul", { class: "downloads" }, [...found.files, "visit.json"].map(name => h("li", {}, h("a", { class: "button", id: `file-${name}`, download: name, href: address(`visits/${app.name}/files/${name}?keep`) }, NAMES[name] ?? (name.endsWith("_cleaned.ply") ? "Cleaned scan" : name))))),
     found?.files.includes("plan.toml") && h("p", { class: "note" }, "The plan does the same for the next scans: dqreg inspect runs it on one, dqreg batch on many."),
     found && h("iframe", { id: "sheet", title: "The report", sandbox: "allow-scripts allow-modals", src: address(`visits/${app.name}/files/report.html?${app.stamp_report ?? 0}`) }),
   ];

@@ -4,6 +4,8 @@ import { Pace, drawsInSoftware } from "./pace.js";
 const { View, dot, add, STAND, cameraAxes, colours, cssColour } = View3d;
 
 const EMPTY = { low: [0, 0, 0], extent: [1e-9, 1e-9, 1e-9], count: 0, steps: new Uint16Array(0), kind: "cloud" };
+// Of points by what they belong to, in the order of the server's numbers.
+export const KIND_COLOURS = ["--aligned", "--off", "--weak", "--stray", "--edge"];
 const VIEWS = { front: [0, 0], right: [90, 0], back: [180, 0], left: [-90, 0], top: [0, 90], bottom: [0, -90], iso: [35, 30] };
 // Points that are drawn even where the part takes all that there is time for; milliseconds between two tellings of it.
 const LEAST_POINTS = 1500, TELL = 500;
@@ -61,7 +63,11 @@ export class Stage extends View {
   fit() {
     const { target, on } = this.scene;
     if (!this.layers?.part && on?.count) this.scene.target = { ...EMPTY, low: on.low, extent: on.extent };
+    // Where deviations are shown, the part does: a table around it is none of it.
+    const scan = this.layers?.scan;
+    if (on?.valueSteps) this.layers.scan = false;
     super.fit();
+    if (this.layers) this.layers.scan = scan;
     this.scene.target = target;
   }
   place() { super.place(); this.drawOver?.(); }
@@ -82,7 +88,12 @@ export class Stage extends View {
     [this.scene.on, this.scene.off] = drawing ? readScan(drawing, buffer) : [null, null];
     this.scene.on ??= { ...EMPTY };
     this.thin = drawing ? Math.sqrt(Math.max(1, (drawing.left ?? drawing.total) / Math.max(1, drawing.on))) : 1;
-    if (drawing?.scale) {
+    if (drawing?.kinds) {
+      // A colour for each kind of point: codes count from 1.
+      this.scene.table = new Uint8Array(768);
+      KIND_COLOURS.forEach((name, k) => this.scene.table.set(cssColour(name).slice(0, 3).map(c => Math.round(255 * c)), 3 * (k + 1)));
+      this.lit = false;
+    } else if (drawing?.scale) {
       this.scene.table = new Uint8Array(drawing.scale.table);
       this.lit = false;
     } else { this.lit = true; this.scene.table = ramp(this.layers.before ? "--source" : "--aligned"); }
