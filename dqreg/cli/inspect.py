@@ -79,7 +79,7 @@ class InspectCommand(SectionedCommand):
               "coloured .ply, .csv or .npy.")  # fmt: skip
 @click.option("--sections", type=FILE, help="Deviations along the plan's sections: .csv.")
 @click.option("--reach", type=float, metavar="LENGTH", help="Points farther from the part belong to something else  "
-              "[default: 0.05 of the smaller diagonal].")  # fmt: skip
+              "[default: found in the scan].")  # fmt: skip
 @click.option("--exclude", type=float, nargs=6, multiple=True, metavar="X Y Z X Y Z", help="Leave the points in this "
               "box out: two opposite corners, PART's coordinates; may be given again.")  # fmt: skip
 @click.option("--keep", is_flag=True, help="Count surfaces that leave the part (a table, a clamp) and outliers too.")

@@ -141,6 +141,7 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
     tolerance: +-0.05 mm: 100.00 % within, 0.00 % below, 0.00 % above
     worst: +0.02 mm at (0, 0, 0) mm, 1000 points around it
     """
+    from dqreg.report.page_tables import reach_words
     from dqreg.report.text import unit_words
 
     unit = unit_words(deviations.units)
@@ -149,12 +150,12 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
     if summary.beyond:
         counts = deviations.counts
         others = [
-            (counts.beyond_reach, f"farther off than {deviations.reach:.4g}{unit} (--reach)"),
+            (counts.excluded, "excluded"),
+            (counts.beyond_reach, reach_words(deviations, unit.strip())),
             (counts.other_surfaces, "on surfaces that leave the part (--keep counts them)"),
             (counts.outliers, "outliers"),
-            (counts.excluded, "excluded"),
         ]
-        without = ", ".join(f"{number} {words}" for number, words in others if number)
+        without = "; ".join(f"{number} {words}" for number, words in others if number)
         counted = f"{summary.count} of {counts.total} points, without {without}"
     sign = "+" if deviations.signed else ""
     lines = [("deviations", f"{counted}; {deviations.reason}")]

@@ -60,7 +60,7 @@ SECTIONS = {
 @click.option("--required", type=float, metavar="PERCENT", default=95.0, show_default=True, help="Points, of all and "
               "of each region, that must be within the tolerance. Single points are forgiven, places not.")  # fmt: skip
 @click.option("--reach", type=float, metavar="LENGTH", help="Points farther from the target than this are taken for "
-              "other objects and left out, target units  [default: 0.05 of the smaller diagonal].")  # fmt: skip
+              "other objects and left out, target units  [default: found in the scan].")  # fmt: skip
 @click.option("--clutter", type=Choice(["allowed", "none"]), default="allowed", show_default=True, help="Whether SCAN "
               "may show other objects; with none, every point off TARGET speaks against the pose.")  # fmt: skip
 @click.option("--exclude", type=float, nargs=6, multiple=True, metavar="X Y Z X Y Z", help="Leave the points in this "

@@ -168,10 +168,12 @@ def _asked(
     for each in (*own.values(), *([] if whole is None else [whole])):
         if not deviations.signed and not each.equal:
             raise InputError(f"unequal sides of a tolerance need signs: {deviations.reason}")
-        if each.size >= deviations.reach:
+        # A reach that was found in the scan left out nothing of the part.
+        farthest = max(deviations.reach, deviations.limit)
+        if each.size >= farthest:
             unit = f" {deviations.units}" if deviations.units else ""
             raise InputError(
-                f"a tolerance of {each.size:g}{unit} is not below the reach of {deviations.reach:.4g}{unit}: points "
+                f"a tolerance of {each.size:g}{unit} is not below the reach of {farthest:.4g}{unit}: points "
                 "farther off were left out, so that nothing could fail; check the unit of the tolerance, or give a "
                 "larger reach"
             )

@@ -16,7 +16,7 @@ from dqreg.geometry import exports
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 from dqreg.inspection.deviation_files import decimals_of, require_suffix, write_array, write_coloured, write_table
-from dqreg.inspection.membership import ON_PART, Counts, Flags, by_reach, counts_of
+from dqreg.inspection.membership import ON_PART, Counts, Flags, ReachFrom, by_reach, counts_of
 from dqreg.inspection.statistics import Bands, Place, Summary, bands_of, require_length, summary_of, worst_places
 from dqreg.inspection.tolerances import PointLimits
 
@@ -41,9 +41,13 @@ class Deviations:
     units : str or None
         Length unit, where known.
     tolerance : float or None
-        Largest deviation allowed, as asked for.
+        Largest deviation allowed.
     reach : float
         Points farther off belong to something else (a table, a clamp): measured, but in no statistics.
+    reach_from : {"given", "size", "noise", "spacing", "deviations"}
+        The caller, the part's size, or the largest of noise, spacing and the part's deviations.
+    limit : float
+        Largest deviation of surfaces that do not continue the part.
     flags : ndarray of int8, (n,)
         What each point belongs to: 0 the part, 1 beyond reach, 2 another surface, 3 an outlier, 4 excluded. Points on
         the part are in the statistics; `counts` has the number of each.
@@ -60,7 +64,7 @@ class Deviations:
     apart : float
         Least distance between two worst places, a length.
     size : float
-        Diagonal of the target's bounding box; 0 where it is not known.
+        Diagonal of the target's bounding box.
     origin : ndarray, (3,)
         Middle of the target in the caller's frame: differences from it keep all digits.
 
@@ -89,6 +93,8 @@ class Deviations:
     centre: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(3), repr=False)
     allowed: PointLimits | None = dataclasses.field(default=None, repr=False)
     noise: float | None = None
+    reach_from: ReachFrom = "given"
+    limit: float = 0.0
 
     def __post_init__(self) -> None:
         if self.tolerance is not None:
@@ -223,7 +229,7 @@ class Deviations:
         if apart is not None:
             require_length(apart, "apart")
         near = np.flatnonzero(self.counted)
-        # Places are sought near the origin, where squares of coordinates keep their digits.
+        # Near the origin squares of coordinates keep their digits.
         feet = self.closest[near] - self.origin
         places = worst_places(feet, self.values[near], count, apart or self.apart)
         return tuple(
@@ -284,7 +290,6 @@ class Deviations:
     def _colour_limit(self) -> float:
         # The tolerance, else the 95 % of the absolute deviations that count.
         limit = self.tolerance or self.summary().p95
-        # Exact data has no range, and neither has a scan that is all clutter.
         return limit if 0.0 < limit < np.inf else 1.0
 
     def _allowed(self, given: float | None) -> float | None:

@@ -11,6 +11,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
+from dqreg.geometry.mesh_faces import areas_of, faces_of
 from dqreg.geometry.mesh_normals import PseudoNormals
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.morton import morton_order
@@ -18,7 +19,8 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.scan import measure_spacing
 from dqreg.geometry.surface import Surface
 from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.membership import EXCLUDED, by_reach, in_boxes, membership
+from dqreg.inspection.membership import EXCLUDED, Membership, by_reach, in_boxes, membership
+from dqreg.inspection.scan_surfaces import Nominal
 from dqreg.inspection.statistics import FEWEST, PROBED
 from dqreg.rigid import pose
 
@@ -40,7 +42,8 @@ def measure_deviations(
     *,
     origin: FloatArray | None = None,
     tolerance: float | None = None,
-    reach: float = math.inf,
+    reach: float | None = None,
+    limit: float = math.inf,
     units: str | None = None,
     spacing: float | None = None,
     noise: float | None = None,
@@ -67,8 +70,12 @@ def measure_deviations(
         What is added to positions that are handed back: where the target stands in the caller's frame.
     tolerance : float, optional
         Largest deviation allowed, for what is asked of the record later.
-    reach : float
-        Points farther off are measured, but belong to something else and do not enter the statistics.
+    reach : float, optional
+        Points farther off are measured, but belong to something else and do not enter the statistics. Default: from
+        the points, where ``noise`` is given: as far as surfaces go that continue the part; else ``limit``.
+    limit : float
+        Where no reach is given, surfaces that run on beyond this distance are the part's only where they continue it
+        or replace one of its faces.
     units : str, optional
         Length unit, for words.
     spacing : float, optional
@@ -111,10 +118,13 @@ def measure_deviations(
     # A cell of the places must hold enough points; where a probe took them by hand, one is enough.
     resolved = (FEWEST if count >= PROBED else 0.5) * spacing
     shift = np.zeros(3) if origin is None else origin
-    if noise is None or count < PROBED:
-        flags = by_reach(values, reach)
-    else:
-        flags = membership(points, values, reach=reach, noise=noise, spacing=spacing)
+    given = reach is not None or not math.isfinite(limit)
+    farthest = limit if reach is None else reach
+    found = Membership(by_reach(values, farthest), farthest, "given" if given else "size")
+    if noise is not None and count >= PROBED:
+        nominal = _nominal(geometry, closest, faces)
+        found = membership(points, values, nominal, limit=farthest, noise=noise, spacing=spacing, given=given)
+    flags = found.flags
     if len(exclude):
         flags[in_boxes(points + shift, exclude)] = EXCLUDED
     return Deviations(
@@ -126,7 +136,9 @@ def measure_deviations(
         reason=reason or _side_words(geometry),
         units=units,
         tolerance=tolerance,
-        reach=reach,
+        reach=found.reach,
+        reach_from=found.source,
+        limit=farthest,
         apart=max(APART * surface.diagonal, resolved),
         size=surface.diagonal,
         origin=shift,
@@ -136,6 +148,24 @@ def measure_deviations(
         centre=shift if centre is None else centre,
         noise=noise,
     )
+
+
+def _nominal(geometry: Mesh | PointCloud, closest: FloatArray, elements: IntArray) -> Nominal:
+    """The target as points see it that are closest to some of its faces or points."""
+
+    def normals(rows: IntArray) -> FloatArray:
+        every = geometry.face_normals if isinstance(geometry, Mesh) else geometry.normals
+        return np.zeros((len(rows), 3)) if every is None else every[elements[rows]]
+
+    def faces(rows: IntArray) -> IntArray:
+        if not isinstance(geometry, Mesh):
+            return np.zeros(len(rows), dtype=np.int64)
+        return faces_of(geometry)[1][elements[rows]]
+
+    def area(number: int) -> float:
+        return float(areas_of(geometry, faces_of(geometry)[1])[number]) if isinstance(geometry, Mesh) else math.inf
+
+    return Nominal(closest, normals, faces, area)
 
 
 def deviations_under(deviations: Deviations, T: FloatArray, covariance: FloatArray, centre: FloatArray) -> Deviations:

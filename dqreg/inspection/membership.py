@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray
 from dqreg.errors import InputError
+from dqreg.inspection.scan_cells import ScanCells
+from dqreg.inspection.scan_surfaces import Nominal, Surfaces, surfaces_of
 
 Flags = NDArray[np.int8]
 # What a point belongs to. Files of deviations hold these numbers: never renumbered.
@@ -19,6 +21,9 @@ BEYOND: Final = 1
 OTHER_SURFACE: Final = 2
 OUTLIER: Final = 3
 EXCLUDED: Final = 4
+# What the reach follows from: the caller, the size of the part, or whichever is the largest of the scan's noise, its
+# spacing and the deviations of the part.
+ReachFrom = Literal["given", "size", "noise", "spacing", "deviations"]
 
 # A point is off the surface from that many sigmas of the scan's noise, or from one spacing, whichever is more ...
 OFF, OFF_SPACINGS = 6.0, 1.0
@@ -26,9 +31,6 @@ OFF, OFF_SPACINGS = 6.0, 1.0
 BESIDE = 3.0
 # Cells in which points off the surface are neighbours, in spacings: a surface fills them, outliers do not.
 CELL = 3.0
-# Points around a point, itself included, that make it one of a surface; and points beyond reach that make the surface
-# one that leaves the part.
-SURFACE, LEAVES = 5, 10
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,35 +76,71 @@ def by_reach(values: FloatArray, reach: float) -> Flags:
     return np.where(np.abs(values) <= reach, ON_PART, BEYOND).astype(np.int8)
 
 
-def membership(points: FloatArray, values: FloatArray, *, reach: float, noise: float, spacing: float) -> Flags:
-    """What each point belongs to: (n,); linear in the points.
+@dataclasses.dataclass(frozen=True)
+class Membership:
+    """What each point belongs to, and the reach that says so."""
 
-    Points off the part's surface are joined to patches through neighbouring cells. A patch that runs on beyond
-    ``reach`` is another surface, whole; one that ends within it is a deviation of the part; too few points for a patch
-    are outliers. Points are about the target's origin, where cells keep their digits.
+    flags: Flags  # (n,)
+    reach: float
+    source: ReachFrom
+
+
+def membership(
+    points: FloatArray,
+    values: FloatArray,
+    nominal: Nominal,
+    *,
+    limit: float,
+    noise: float,
+    spacing: float,
+    given: bool = True,
+) -> Membership:
+    """What each point belongs to; linear in the points.
+
+    Points off the part's surface are joined to smooth surfaces through neighbouring cells. A surface that ends within
+    the limit is a deviation of the part; one that runs on beyond it is another surface, whole, unless it continues the
+    part; too few points for a surface are outliers. See `surfaces_of`. A limit that was given is the reach. Else no
+    point of the part lies beyond the reach, which follows from them.
+
+    Points are about the target's origin, where cells keep their digits.
     """
-    flags = by_reach(values, reach)
-    if not np.isfinite(reach) or spacing <= 0.0 or not len(values):
-        return flags
-    off = np.flatnonzero(np.abs(values) > max(OFF * noise, OFF_SPACINGS * spacing))
-    if not len(off):
-        return flags
-    cells = _Cells(points[off], CELL * spacing)
-    crowd = cells.around(cells.counts)
-    surface = crowd >= SURFACE
-    beyond = cells.sums(flags[off] == BEYOND)
-    patch = cells.patches(surface)
-    leaves = np.bincount(patch[surface], weights=beyond[surface], minlength=len(cells.counts)) >= LEAVES
-    other = surface & leaves[patch]
-    kind = np.where(other, OTHER_SURFACE, np.where(surface, ON_PART, OUTLIER))[cells.cell]
-    within = flags[off] == ON_PART
-    flags[off[within]] = kind[within]
-    if other.any():
+    distances = np.abs(values)
+    noisy, spaced = OFF * noise, OFF_SPACINGS * spacing
+    begins = max(noisy, spaced)
+    flags = by_reach(values, limit)
+    off = np.flatnonzero(distances > begins)
+    if np.isfinite(limit) and spacing > 0.0 and len(off):
+        cells = ScanCells(points[off], CELL * spacing)
+        found = surfaces_of(
+            cells, off, points, distances, nominal, limit=limit, noise=noise, spacing=spacing, closed=given
+        )
+        _flag(flags, off, found, cells, points, distances, (begins, BESIDE * noise))
+    if given:
+        return Membership(flags, limit, "given")
+    least: ReachFrom = "noise" if noisy >= spaced else "spacing"
+    reach = float(distances[flags == ON_PART].max(initial=begins))
+    flags[(flags != ON_PART) & (distances > reach)] = BEYOND
+    return Membership(flags, reach, "deviations" if reach > begins else least)
+
+
+def _flag(
+    flags: Flags,
+    off: NDArray[np.int64],
+    found: Surfaces,
+    cells: ScanCells,
+    points: FloatArray,
+    distances: FloatArray,
+    limits: tuple[float, float],
+) -> None:
+    """Write what points off the surface belong to, and what lies beside other surfaces."""
+    begins, beside = limits
+    kinds = np.where(found.other, OTHER_SURFACE, np.where(found.crowded, ON_PART, OUTLIER))[cells.cell]
+    far = flags[off] == BEYOND
+    flags[off] = np.where(far & (kinds != ON_PART), BEYOND, kinds)
+    if found.other.any():
         # Where a table touches the part its last points lie nearer than "off".
-        near = np.flatnonzero((flags == ON_PART) & (np.abs(values) > BESIDE * noise))
-        near = near[cells.touches(points[near], other)]
-        flags[near] = OTHER_SURFACE
-    return flags
+        near = np.flatnonzero((distances <= begins) & (distances > beside))
+        flags[near[cells.touches(points[near], found.other)]] = OTHER_SURFACE
 
 
 def in_boxes(points: FloatArray, boxes: Sequence[Sequence[float]]) -> BoolArray:
@@ -119,69 +157,3 @@ def in_boxes(points: FloatArray, boxes: Sequence[Sequence[float]]) -> BoolArray:
         low, high = np.minimum(ends[:3], ends[3:]), np.maximum(ends[:3], ends[3:])
         inside |= ((points >= low) & (points <= high)).all(axis=1)
     return inside
-
-
-class _Cells:
-    """Cells of a grid that hold points, and who lies beside whom among their 26 neighbours."""
-
-    def __init__(self, points: FloatArray, width: float) -> None:
-        self._low, self._width = points.min(axis=0) - width, width
-        at = self._place(points)
-        self._wide = at.max(axis=0) + 2
-        self.keys, self.cell, self.counts = np.unique(self._key(at), return_inverse=True, return_counts=True)
-        steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-        self._shifts = steps @ np.array([self._wide[1] * self._wide[2], self._wide[2], 1])
-
-    def _place(self, points: FloatArray) -> IntArray:
-        found: IntArray = np.floor((points - self._low) / self._width).astype(np.int64)
-        return found
-
-    def _key(self, at: IntArray) -> IntArray:
-        found: IntArray = (at[:, 0] * self._wide[1] + at[:, 1]) * self._wide[2] + at[:, 2]
-        return found
-
-    def _beside(self, keys: IntArray, shift: int) -> tuple[IntArray, BoolArray]:
-        # Row of the cell beside each key, and whether it holds points.
-        rows = np.minimum(np.searchsorted(self.keys, keys + shift), len(self.keys) - 1)
-        return rows, self.keys[rows] == keys + shift
-
-    def sums(self, points: BoolArray) -> IntArray:
-        """Marked points in each cell."""
-        found: IntArray = np.bincount(self.cell[points], minlength=len(self.keys))
-        return found
-
-    def around(self, counts: IntArray) -> IntArray:
-        """Sum over each cell and its neighbours."""
-        total = np.zeros(len(self.keys), dtype=np.int64)
-        for shift in self._shifts:
-            rows, there = self._beside(self.keys, int(shift))
-            total += np.where(there, counts[rows], 0)
-        return total
-
-    def patches(self, chosen: BoolArray) -> IntArray:
-        """Patch of each cell: chosen cells that hang together share one."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
-        links = []
-        for shift in self._shifts[14:]:
-            rows, there = self._beside(self.keys, int(shift))
-            both = np.flatnonzero(there & chosen & chosen[rows])
-            links.append(np.column_stack([both, rows[both]]))
-        first, second = np.concatenate(links).T
-        size = len(self.keys)
-        graph = coo_array((np.ones(len(first), dtype=bool), (first, second)), shape=(size, size))
-        labels: IntArray = connected_components(graph, directed=False)[1].astype(np.int64)
-        return labels
-
-    def touches(self, points: FloatArray, marked: BoolArray) -> BoolArray:
-        """Whether a point lies in a marked cell or beside one."""
-        at = self._place(points)
-        inside = ((at >= 0) & (at < self._wide - 1)).all(axis=1)
-        keys = self._key(np.clip(at, 0, self._wide - 2))
-        found = np.zeros(len(points), dtype=bool)
-        for shift in self._shifts:
-            rows, there = self._beside(keys, int(shift))
-            found |= there & marked[rows]
-        touching: BoolArray = found & inside
-        return touching

@@ -139,8 +139,9 @@ class Registration(UncertainPose, ShownResult):
         tolerance : float, optional
             Largest deviation allowed, target units.
         reach : float, optional
-            Points farther off are of something else: they have a value, but enter no statistics. Default:
-            ``settings["reach"]``, 0.05 of the smaller diagonal of the two; ``numpy.inf`` counts all.
+            Points farther off are of something else: they have a value, but enter no statistics. Default: from the
+            scan, as far as surfaces go that end within ``settings["reach"]``, 0.05 of the smaller diagonal of the two,
+            continue the part beyond that, or replace one of its faces. ``numpy.inf`` counts all.
         keep : bool
             Whether outliers and surfaces that run on beyond reach (a table, a clamp) count too.
         exclude : sequence of six numbers

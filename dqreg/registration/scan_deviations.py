@@ -39,8 +39,9 @@ def scan_deviations(
         target.geometry,
         target.surface,
         origin=target.origin,
+        reach=reach,
         # A result of old has the largest distance of a correspondence alone.
-        reach=settings.get("reach", NEAR * settings["max_distance"]) if reach is None else reach,
+        limit=settings.get("reach", NEAR * settings["max_distance"]),
         units=settings.get("target_units"),
         spacing=settings.get("source_spacing"),
         noise=None if keep else settings.get("source_noise"),

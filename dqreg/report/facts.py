@@ -49,11 +49,12 @@ def file_name(value: Any) -> str:
 
 def checks_of(result: RegistrationResult) -> list[dict[str, str]]:
     """Rows of the questions that the verdict asked: the ones against the pose first, the ones not asked last."""
-    order = sorted(result.verdict.checks, key=lambda check: (check.passed, bool(np.isnan(check.value))))
+    order = sorted(result.verdict.checks, key=lambda check: (check.passed is not False, bool(np.isnan(check.value))))
     return [
         {
-            "sign": "✗" if not check.passed else "✓" if np.isfinite(check.value) or _is_yes(check) else "–",
-            "level": "suspect" if not check.passed else "accepted",
+            # Files of old say that a question passed which was not asked.
+            "sign": "✗" if check.passed is False else "✓" if np.isfinite(check.value) or _is_yes(check) else "–",
+            "level": "suspect" if check.passed is False else "accepted",
             "question": check.question,
             "value": "" if _is_yes(check) else _figure(check.value, check.unit),
             "limit": f"{check.relation} {_figure(check.limit, check.unit)}"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.inspection import Counts
+from dqreg.inspection import Deviations
 from dqreg.report.charts import NARROW, WIDE, histogram
 from dqreg.report.report_data import ReportData
 from dqreg.report.result_protocol import RegistrationResult
@@ -17,6 +17,14 @@ ADVICE = {
     "accepted": "The pose can be used.",
     "suspect": "Look at the reasons before the pose is used.",
     "failed": "No pose was found; there is nothing to use.",
+}
+# What the reach follows from.
+REACH_FROM = {
+    "given": "as given with --reach",
+    "size": "0.05 of the smaller size",
+    "noise": "6 sigma of the scan's noise; nothing of the part lies farther off",
+    "spacing": "one spacing of the scan; nothing of the part lies farther off",
+    "deviations": "its largest deviation found in the scan",
 }
 SIGNS = {"accepted": "✓", "suspect": "!", "failed": "✗"}
 
@@ -67,25 +75,32 @@ def deviations_of(data: ReportData) -> dict[str, Any] | None:
             histogram(found.values[found.counted], scale, unit, data.limits, size) for size in (WIDE, NARROW)
         ),
         "figures": figures,
-        "counts": counts_rows(found.counts, found.reach, unit),
+        "counts": counts_rows(found, unit),
     }
 
 
-def counts_rows(counts: Counts, reach: float, unit: str) -> list[tuple[str, str, str]]:
-    """What the points of the scan belong to: name, number, remark; the numbers add up."""
+def counts_rows(found: Deviations, unit: str) -> list[tuple[str, str, str, str]]:
+    """What the points of the scan belong to: name, number, share of the scan, remark; numbers and shares add up."""
+    counts = found.counts
     rows = [
         ("Points of the scan", counts.total, ""),
-        ("Beyond reach", -counts.beyond_reach, f"farther than {text_of(reach, 4)} {unit} from the part"),
-        ("Other surfaces", -counts.other_surfaces, "within reach, but they run on beyond it: a table, a clamp"),
-        ("Outliers", -counts.outliers, "single points off every surface"),
         ("Excluded", -counts.excluded, "in a box that was left out"),
+        ("Beyond reach", -counts.beyond_reach, reach_words(found, unit)),
+        ("Other surfaces", -counts.other_surfaces, "within reach, of a surface that leaves the part: a table, a clamp"),
+        ("Outliers", -counts.outliers, "within reach, single points off every surface"),
         ("On the part", counts.on_part, "all figures are of these"),
     ]
     return [
-        (name, f"{number:,}".replace("-", "− "), words)
+        (name, f"{number:,}".replace("-", "− "), f"{percent(abs(number) / max(counts.total, 1))} %", words)
         for name, number, words in rows
         if number or name in ("Points of the scan", "On the part")
     ]
+
+
+def reach_words(found: Deviations, unit: str) -> str:
+    """How far the part goes, and what that follows from."""
+    far = f"farther than {text_of(found.reach, 4)} {unit} from the part"
+    return f"{far}: {REACH_FROM[found.reach_from]}"
 
 
 def scale_words(data: ReportData) -> dict[str, Any] | None:

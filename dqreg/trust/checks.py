@@ -1,4 +1,4 @@
-"""Why a pose should be believed: every question of the verdict with its figure and its limit, passed or not."""
+"""Why a pose should be believed: each question of the verdict with its figure and limit; passed, not, or not asked."""
 
 from __future__ import annotations
 
@@ -20,8 +20,13 @@ def checks_of(evidence: Evidence, against: Collection[str]) -> tuple[Check, ...]
         question, relation, unit, figures = asked
         value, limit = figures(evidence)
         value = value if math.isfinite(value) else math.nan
-        checks.append(Check(code, question, value, relation, limit, unit, code not in against))
+        passed = None if _not_asked(code, value) and code not in against else code not in against
+        checks.append(Check(code, question, value, relation, limit, unit, passed))
     return tuple(checks)
+
+
+def _not_asked(code: Code, value: float) -> bool:
+    return math.isnan(value) and code not in YES_OR_NO
 
 
 def _inlier_share(evidence: Evidence) -> tuple[float, float]:
@@ -103,7 +108,12 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "%",
         lambda e: (e.normals_apart, limits.NORMALS_APART),
     ),
-    "outliers": ("Points on no surface", "at most", "%", lambda e: (e.strays, limits.STRAYS)),
+    "outliers": (
+        "Points of the whole scan amid no smooth surface",
+        "at most",
+        "%",
+        lambda e: (e.strays, limits.STRAYS),
+    ),
     "large_residuals": ("Residuals against the noise of the scan", "at most", "times", _residuals),
     "bent": ("Significant bend, sagitta over length", "at most", "%", lambda e: (e.bend, 0.0)),
     "drift": ("Significant drift of the pose along the scan, of the size", "at most", "%", _drift),
@@ -120,6 +130,8 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
     "search_time_limit": ("The global search was finished", "at most", "", lambda e: (math.nan, 0.0)),
     "not_converged": ("ICP converged", "at most", "", lambda e: (math.nan, 0.0)),
 }
+# Answered without a figure.
+YES_OR_NO: Collection[Code] = ("search_time_limit", "not_converged")
 # Asked in place of the number of points where they are few.
 SLIDING: tuple[str, Relation, Unit, Figures] = (
     "Log-likelihood that a displacement along the weakest motion costs",

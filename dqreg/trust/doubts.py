@@ -161,7 +161,7 @@ def _disagreeing_normals(evidence: Evidence) -> Iterator[str]:
 def _outliers(evidence: Evidence) -> Iterator[str]:
     if not evidence.strays <= STRAYS:
         yield (
-            f"{100 * evidence.strays:.0f} % of all points are outliers that lie on no surface, and only "
+            f"{100 * evidence.strays:.0f} % of all points are outliers amid no smooth surface, and only "
             f"{evidence.inliers:.0f} are inliers: clean the scan, or check the pose"
         )
 

@@ -98,7 +98,7 @@ class Check:
     relation: Relation  # How a figure that passes stands to the limit
     limit: float
     unit: Unit
-    passed: bool  # Whether it does not speak against the pose
+    passed: bool | None  # Whether it does not speak against the pose; None where it was not asked
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,7 +9,7 @@ import pytest
 
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, MeshSurface
-from dqreg.inspection import Deviations, measure_deviations
+from dqreg.inspection import Deviations, decide, measure_deviations
 from dqreg.inspection.membership import BEYOND, EXCLUDED, ON_PART, OTHER_SURFACE, OUTLIER, in_boxes
 from dqreg.synth.parts import box
 
@@ -87,3 +87,77 @@ def test_without_noise_or_limit_distance_alone_decides() -> None:
 def test_a_box_that_is_none_is_refused(box: object) -> None:
     with pytest.raises((InputError, ValueError), match=r"six coordinates|could not convert"):
         in_boxes(np.zeros((2, 3)), [box])  # type: ignore[list-item]
+
+
+def found(points: np.ndarray, **options: object) -> Deviations:
+    return measured(points, reach=None, limit=REACH, **options)
+
+
+def top(rng: np.random.Generator, count: int = 12_000) -> np.ndarray:
+    """Points of the top of the box."""
+    return np.column_stack([rng.uniform(0, [40, 30], (count, 2)), np.full(count, 10.0)])
+
+
+def on_table(rng: np.random.Generator, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The part and a table beside it, with noise; and which points are the part's."""
+    table = np.column_stack([rng.uniform([-30, -30], [0, 60], (30_000, 2)), np.zeros(30_000)])
+    points = np.vstack([part, table])
+    return points + rng.normal(0.0, NOISE, points.shape), np.arange(len(points)) < len(part)
+
+
+def test_the_reach_is_as_far_as_the_part_goes_and_says_what_it_follows_from() -> None:
+    points, kinds = scene()
+    deviating = found(points)
+    assert deviating.reach_from == "deviations"
+    # The bump is 1 mm high; noise adds a few sigmas.
+    assert 1.0 < deviating.reach < 1.0 + 6.0 * NOISE
+    assert np.abs(deviating.values[deviating.counted]).max() == deviating.reach
+    assert (deviating.flags[np.abs(deviating.values) > deviating.reach] == BEYOND).all()
+    flat = points[(kinds != 0) | (np.linalg.norm(points[:, :2] - [20, 15], axis=1) > 3.5)]
+    assert (found(flat).reach, found(flat).reach_from) == (pytest.approx(0.2), "spacing")
+    assert (found(flat, spacing=0.1).reach, found(flat, spacing=0.1).reach_from) == (pytest.approx(6 * NOISE), "noise")
+    assert (measured(points).reach, measured(points).reach_from) == (REACH, "given")
+    assert (found(points, noise=None).reach, found(points, noise=None).reach_from) == (REACH, "size")
+
+
+def test_a_tolerance_above_the_reach_that_was_found_is_one_the_part_keeps() -> None:
+    rng = np.random.default_rng(0)
+    points, _ = on_table(rng, top(rng))
+    assert decide(found(points), 1.0).outcome == "pass"
+    with pytest.raises(InputError, match="not below the reach"):
+        decide(found(points), 2.0 * REACH)
+
+
+@pytest.mark.parametrize("sagitta", [3.0, 5.0])
+def test_a_part_bent_beyond_the_limit_is_measured_whole(sagitta: float) -> None:
+    rng = np.random.default_rng(1)
+    part = top(rng)
+    part[:, 2] += sagitta * (part[:, 0] / 40.0) ** 2
+    points, own = on_table(rng, part)
+    bent = found(points)
+    assert (bent.flags[own] == ON_PART).mean() > 0.99
+    assert bent.reach > 0.95 * sagitta
+    assert not (bent.flags[~own & (points[:, 0] < -1.2)] == ON_PART).any()
+
+
+def test_a_wall_out_of_place_that_stands_on_a_table_is_the_part_s() -> None:
+    rng = np.random.default_rng(2)
+    wall = np.column_stack([np.full(8_000, -1.5), rng.uniform(0, [30, 10], (8_000, 2))])
+    points, own = on_table(rng, np.vstack([top(rng), wall]))
+    thick = found(points)
+    # Within two cells of the table a point may go with it.
+    assert (thick.flags[own & (points[:, 2] > 1.2)] == ON_PART).mean() > 0.99
+    assert decide(thick, 0.5).places[0].value == pytest.approx(1.5, abs=3 * NOISE)
+    assert not (thick.flags[~own & (points[:, 0] < -3.5)] == ON_PART).any()
+
+
+def test_a_face_beyond_the_limit_counts_where_it_was_not_measured_otherwise_and_a_pad_before_it_does_not() -> None:
+    rng = np.random.default_rng(4)
+    side = np.column_stack([np.zeros(4_000), rng.uniform(0, [30, 10], (4_000, 2))])
+    raised = top(rng) + np.array([0.0, 0.0, 6.0])
+    thick = found(np.vstack([raised, side]) + rng.normal(0.0, NOISE, (16_000, 3)))
+    assert (thick.flags[:12_000] == ON_PART).all()
+    pad = np.column_stack([rng.uniform([10, 10], [20, 20], (3_000, 2)), np.full(3_000, 12.0)])
+    held = found(np.vstack([pad, top(rng, 24_000)]) + rng.normal(0.0, NOISE, (27_000, 3)))
+    assert not (held.flags[:3_000] == ON_PART).any()
+    assert (held.flags[3_000:] == ON_PART).all()

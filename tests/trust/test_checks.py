@@ -25,7 +25,7 @@ def test_every_test_of_the_verdict_is_a_question_in_its_order() -> None:
 def test_the_check_of_a_cause_is_the_one_that_fails_and_its_figure_is_beyond_the_limit(cause: str) -> None:
     changes, _, code = CAUSES[cause]
     checks = by_code(**changes)
-    assert [name for name, check in checks.items() if not check.passed] == [code]
+    assert [name for name, check in checks.items() if check.passed is False] == [code]
     failed = checks[code]
     if math.isfinite(failed.value):
         assert failed.value < failed.limit if failed.relation == "at least" else failed.value > failed.limit
@@ -33,8 +33,9 @@ def test_the_check_of_a_cause_is_the_one_that_fails_and_its_figure_is_beyond_the
 
 def test_what_passes_is_within_its_limit() -> None:
     for check in by_code(looked_through=0.01, mirror_gain=-0.3, random_ratio=0.05).values():
-        assert check.passed
+        assert check.passed is not False
         if math.isfinite(check.value):
+            assert check.passed
             assert check.value >= check.limit if check.relation == "at least" else check.value <= check.limit
 
 
@@ -44,6 +45,9 @@ def test_a_figure_is_what_the_sentence_says_and_nan_where_it_was_not_asked() -> 
     assert checks["large_residuals"].limit == ROUGH
     for code in ("looked_through", "mirrored", "clutter", "falling_inlier_fraction"):
         assert math.isnan(checks[code].value)
+        assert checks[code].passed is None
+    for code in ("search_time_limit", "not_converged"):
+        assert checks[code].passed is True
 
 
 def test_nothing_found_has_no_checks_and_a_later_doubt_keeps_them() -> None:
