@@ -17,6 +17,7 @@ from dqreg.registration.free_space import looked_through_at
 from dqreg.registration.slides import slide_of
 from dqreg.rigid import pose
 from dqreg.solvers.motion_words import Vector
+from dqreg.solvers.status import Status
 from dqreg.trust import (
     Evidence,
     Information,
@@ -36,6 +37,9 @@ STAYS = 0.99
 SHOWN = 0.15
 # Points from which a drift along the scan is fitted.
 DRIFTING = 3_000
+# Iterations at the end of a run that stalled, and the share of the width of the inliers within which they stay where it
+# goes to and fro over a point that is an inlier in one of two poses: it has converged as far as the noise can tell.
+LAST, TO_AND_FRO, ASKED = 10, 0.1, 100
 # No direction, and no drift.
 STILL: Vector = (0.0, 0.0, 0.0)
 NO_DRIFT = (0.0, 0.0, STILL)
@@ -78,7 +82,7 @@ def evidence_of(
     drift, drift_rad, drift_along = fit.once("drift", lambda: max(_drift(fit), (*second_pose(fit), STILL)))
     return Evidence(
         **vars(fit.agreement),
-        status=fit.run.status,
+        status=status_of(fit),
         found=fit.found,
         inliers=float(fit.run.weights.sum()),
         max_distance=fit.settings.max_distance,
@@ -98,6 +102,18 @@ def evidence_of(
         drift_rad=drift_rad,
         drift_along=drift_along,
     )
+
+
+def status_of(fit: Fit) -> Status:
+    """How the loop ended; converged too where it goes to and fro by less than the noise."""
+    history, scan = fit.run.history, fit.prepared.scan
+    if fit.run.status != "stalled" or len(history) < LAST:
+        return fit.run.status
+    points = scan.points[sample_rows(len(scan), ASKED)]
+    here = pose.apply(fit.T_target_source, points)
+    moved = (pose.apply(record.T_target_source, points) - here for record in history[-LAST:])
+    farthest = max(float(np.sqrt((each**2).sum(axis=1).mean())) for each in moved)
+    return "converged" if farthest <= TO_AND_FRO * fit.run.mixture.scale else "stalled"
 
 
 def _drift(fit: Fit) -> tuple[float, float, Vector]:

@@ -95,9 +95,9 @@ def agreement_of(
         # What lies beyond the border of an open target was not measured there.
         close &= on | ~at_boundary(pairs.closest, surface, mixture.scale)
         close &= on | (np.abs(pairs.point_to_plane) > width)
-        around = _Surroundings(np.zeros(len(on), dtype=bool), float(np.mean(on)), float(np.mean(~on)), 0.0)
+        around = Surroundings(np.zeros(len(on), dtype=bool), float(np.mean(on)), float(np.mean(~on)), 0.0)
     else:
-        around = _surroundings(pairs, width, near)
+        around = surroundings_of(pairs, width, near)
         close &= on | ~around.elsewhere
     alone = isolated(pairs.moved, on)
     kept = ~around.elsewhere & ~alone
@@ -240,7 +240,7 @@ class _Local:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Surroundings:
+class Surroundings:
     """What the points of a scan lie on, as shares of all; the rest is on edges, on no surface or hardly off."""
 
     elsewhere: BoolArray  # (n,): Points of objects that reach far from the target
@@ -249,7 +249,7 @@ class _Surroundings:
     share_contradicting: float  # On surface of the part itself, off the target
 
 
-def _surroundings(pairs: Correspondences, width: float, near: float) -> _Surroundings:
+def surroundings_of(pairs: Correspondences, width: float, near: float) -> Surroundings:
     """What the points lie on, where the target is closed; within a width they are on it.
 
     Objects that reach farther than ``near`` with most of their points are no part of it.
@@ -257,7 +257,7 @@ def _surroundings(pairs: Correspondences, width: float, near: float) -> _Surroun
     on = pairs.distances <= width
     nowhere = np.zeros(len(on), dtype=bool)
     if np.mean(on) >= 1.0 - SOME_OFF:
-        return _Surroundings(nowhere, float(np.mean(on)), 0.0, 0.0)
+        return Surroundings(nowhere, float(np.mean(on)), 0.0, 0.0)
     rows = sample_rows(len(on), SEGMENTED)
     points, distances = pairs.moved[rows], pairs.distances[rows]
     segments = segments_of(points, pairs.closest.normals[rows], distances, width)
@@ -268,7 +268,7 @@ def _surroundings(pairs: Correspondences, width: float, near: float) -> _Surroun
     if far.any():
         elsewhere = ~on & far[known][NeighbourTree(points[known]).nearest(pairs.moved, 1)[0][:, 0]]
     shares = (float(np.mean(side)) for side in (segments.on, segments.other, segments.contradicting))
-    return _Surroundings(elsewhere, *shares)
+    return Surroundings(elsewhere, *shares)
 
 
 def _far_objects(segments: Segments, far: BoolArray) -> BoolArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.registration.evidence import NEAR
@@ -59,11 +59,20 @@ def scores_of(fit: Fit, poses: FloatArray, count: int = JUDGES, narrowest: float
     What lies on it under none is another object, the same to all; among much of it no difference would be left. The
     width of the distances may be as narrow as the scan's noise asks for, or as given.
     """
+    return scores_and_rows(fit, poses, count, narrowest)[0]
+
+
+def scores_and_rows(
+    fit: Fit, poses: FloatArray, count: int = JUDGES, narrowest: float = np.inf
+) -> tuple[PoseScores, IntArray]:
+    """The same, and which points of the scan they are of."""
     scan, surface = fit.prepared.scan, fit.prepared.surface
-    points = scan.points[sample_rows(len(scan), count)]
-    scores = score_poses(Poses.of(poses), points, surface, limit_of(fit), min(fit.floor, narrowest))
+    rows = sample_rows(len(scan), count)
+    scores = score_poses(Poses.of(poses), scan.points[rows], surface, limit_of(fit), min(fit.floor, narrowest))
     on = scores.distances.min(axis=0) <= ON * scores.width
-    return PoseScores(scores.likelihoods[:, on], scores.distances[:, on], scores.width) if on.any() else scores
+    if not on.any():
+        return scores, rows
+    return PoseScores(scores.likelihoods[:, on], scores.distances[:, on], scores.width), rows[on]
 
 
 def best_seen(fit: Fit, start: FloatArray) -> Fit:

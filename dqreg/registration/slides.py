@@ -12,17 +12,21 @@ import itertools
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import MeshSurface
+from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
+from dqreg.icp import find_correspondences
+from dqreg.registration.evidence import surroundings_of
 from dqreg.registration.fit import Fit
-from dqreg.registration.rivals import scores_of
+from dqreg.registration.rivals import scores_and_rows, scores_of
 from dqreg.rigid import pose, twist
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
 from dqreg.search.scoring import CLEAR
 from dqreg.trust.doubts import HOLDS, fewest_carriers
+from dqreg.trust.patch_tests import ON, is_background
 
 # Displacements that are tried either way, in sizes; those from the second on count as they are, all of them where a
 # refinement leads from there.
@@ -37,6 +41,8 @@ MOST = HOLDS / 8.0
 BETTER, ROUNDS = 5.0, 2
 # Where points that gain clearly have more than this share of what others lose, the scan is divided.
 SPLIT = 1.0 / 3.0
+# Neighbours whose plane tells whether a point off the target is of a table.
+AROUND = 8
 # So many free motions at once are those of a single plane or ball: no rim of it is a witness of a part.
 PLANE = 3
 
@@ -69,8 +75,8 @@ def _slide_of(fit: Fit) -> Slide:
     widths = np.geomspace(WIDE, NARROW, STEPS) * size
     refined = refine(Poses.of(moved), sample, fit.prepared.surface, widths).matrices
     poses = np.concatenate([fit.T_target_source[None], moved, refined])
-    scores = scores_of(fit, poses)
-    losses = _losses(scores.likelihoods[0] - scores.likelihoods[1:])
+    scores, rows = scores_and_rows(fit, poses)
+    losses = _losses(scores.likelihoods[0] - scores.likelihoods[1:], _of_the_part(fit, rows))
     ends = sample.points[[*sample.points.argmin(axis=0), *sample.points.argmax(axis=0)]]
     here = pose.apply(poses[0], ends)
     counted = np.array([np.linalg.norm(pose.apply(T, ends) - here, axis=1).max() for T in poses[1:]]) > BACK * size
@@ -119,11 +125,30 @@ def without_slide(fit: Fit) -> tuple[Fit, Slide]:
     return fit, slide
 
 
-def _losses(gaps: FloatArray) -> FloatArray:
-    """Sums of the log-likelihoods that points lose, (k, m) to (k,); nothing where many gain clearly."""
+def _of_the_part(fit: Fit, rows: IntArray) -> BoolArray:
+    """Which points of a scan, by their rows, are neither of far objects nor in a plane that goes on there; (m,)."""
+    if fit.has_border:
+        return np.ones(len(rows), dtype=bool)
+    scan, near = fit.prepared.scan, fit.agreement.near
+    pairs = find_correspondences(scan.taken(rows), fit.prepared.surface, fit.T_target_source)
+    width = min(ON * fit.run.mixture.scale, near)
+    on, far = pairs.distances <= width, pairs.distances > near
+    of_the_part = ~surroundings_of(pairs, width, near).elsewhere
+    off = np.flatnonzero(~on & of_the_part)
+    if len(off) and far.any():
+        around = pairs.moved[NeighbourTree(pairs.moved).nearest(pairs.moved[off], AROUND)[0]]
+        of_the_part[off[is_background(around, pairs.moved[on], pairs.moved[far], fit.run.mixture.scale)]] = False
+    return of_the_part
+
+
+def _losses(gaps: FloatArray, of_the_part: BoolArray) -> FloatArray:
+    """Sums of the log-likelihoods that points lose, (k, m) to (k,); nothing where many of the part gain clearly.
+
+    A part that slides over its table comes to lie on that: such points gain, and are no part that was left behind.
+    """
     gaps = np.clip(gaps, -MOST, MOST)
     clear = np.where(np.abs(gaps) > CLEAR, gaps, 0.0)
-    against, in_favour = np.maximum(clear, 0.0).sum(axis=1), np.maximum(-clear, 0.0).sum(axis=1)
+    against, in_favour = np.maximum(clear, 0.0).sum(axis=1), np.maximum(-clear[:, of_the_part], 0.0).sum(axis=1)
     total = gaps.sum(axis=1)
     return np.asarray(np.where(in_favour > SPLIT * against, np.minimum(total, 0.0), total))
 

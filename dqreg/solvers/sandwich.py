@@ -17,6 +17,8 @@ NEXT = 4
 # Standard errors of independent noise that this first test, and then the agreement at the best range, must exceed.
 # Of 120 scans with independent noise the first reached 2.2, the second 2.4.
 NEIGHBOURS_AGREE, SHARED = 1.5, 3.0
+# A patch of less than this share of the weight of the heaviest is of outliers: how far off they are is no noise.
+LIGHT = 0.1
 # Ranges tried: from that many distances between patches, so many by that factor, up to this fraction of the extent.
 NEAREST, STEPS, FACTOR, FARTHEST = 1.5, 16, 2.0**0.5, 0.5
 # Information below this fraction of the largest is none: the smooth surface may constrain what the facets leave free.
@@ -102,11 +104,12 @@ def larger(one: FloatArray, other: FloatArray) -> FloatArray:
 
 @dataclasses.dataclass(frozen=True)
 class _Patches:
-    """Means over patches of neighbouring correspondences."""
+    """Means over patches of neighbouring correspondences; normals and residuals zero for patches of outliers."""
 
     points: FloatArray
     normals: FloatArray
     residuals: FloatArray
+    variance: float  # Mean square of the residuals of the others
 
     @staticmethod
     def of(
@@ -114,7 +117,11 @@ class _Patches:
     ) -> _Patches:
         total = np.maximum(_sums(weights, starts), np.finfo(float).tiny)
         points, normals = ((_sums(weights * x.T, starts) / total).T for x in (points, normals))
-        return _Patches(points, normals, _sums(weights * residuals, starts) / total)
+        means = _sums(weights * residuals, starts) / total
+        light = total < LIGHT * total.max()
+        if light.any():
+            normals, means = np.where(light[:, None], 0.0, normals), np.where(light, 0.0, means)
+        return _Patches(points, normals, means, float(np.sum(means**2)) / np.count_nonzero(~light))
 
     def neighbour_agreement(self) -> float:
         """Agreement of patches that follow each other, in standard errors of independent noise."""
@@ -123,7 +130,7 @@ class _Patches:
             same = np.einsum("ij,ij->i", self.normals[step:], self.normals[:-step])
             agreement += float(self.residuals[step:] @ (self.residuals[:-step] * same))
             alike += float(same @ same)
-        scale = float(np.mean(self.residuals**2)) * np.sqrt(alike)
+        scale = self.variance * np.sqrt(alike)
         return agreement / scale if scale > 0.0 else 0.0
 
     def shared_noise(self) -> FloatArray | None:
@@ -144,7 +151,7 @@ class _Patches:
         models = _spherical((np.arange(BINS) + 0.5) * (far / BINS) / ranges[:, None])
         # Both halves of the matrix are in the sums: each pair of patches is there twice.
         agreements, norms = models @ products / 2.0, models**2 @ squared / 2.0
-        errors = float(np.mean(self.residuals**2)) * np.sqrt(norms)
+        errors = self.variance * np.sqrt(norms)
         excess = np.divide(agreements, errors, out=np.zeros(len(ranges)), where=errors > 0.0)
         if excess.max(initial=0.0) < SHARED:
             return None

@@ -61,12 +61,12 @@ def patches_off(
     doubtful = np.flatnonzero(off & counted)
     if len(doubtful) and not near.all():
         patches = points[whole].reshape(count, PATCH, 3)[doubtful]
-        counted[doubtful[_is_background(patches, points[near], points[~near], width)]] = False
+        counted[doubtful[is_background(patches, points[near], points[~near], width)]] = False
     total = int(np.count_nonzero(counted))
     return total, float(np.count_nonzero(off & counted)) / total if total else 0.0
 
 
-def _is_background(patches: FloatArray, near: FloatArray, far: FloatArray, width: float) -> BoolArray:
+def is_background(patches: FloatArray, near: FloatArray, far: FloatArray, width: float) -> BoolArray:
     """Which patches lie in a plane that holds more points far from the target than near it, (k,)."""
     # The median point and the flattest axis: some points of a patch may be of the part that stands on the table.
     middles = np.median(patches, axis=1)
