@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import MeshSurface
+from dqreg.geometry import MeshSurface, PointCloud
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import find_correspondences
@@ -26,6 +26,7 @@ from dqreg.trust import (
     without_free_motion,
 )
 from dqreg.trust.covariance import partial_information_of
+from dqreg.trust.neighbourhoods import faces_apart
 from dqreg.trust.patch_tests import ON
 from dqreg.trust.records import Alternative, Direction
 from dqreg.trust.segments import OFF
@@ -40,6 +41,8 @@ DRIFTING = 3_000
 # Iterations at the end of a run that stalled, and the share of the width of the inliers within which they stay where it
 # goes to and fro over a point that is an inlier in one of two poses: it has converged as far as the noise can tell.
 LAST, TO_AND_FRO, ASKED = 10, 0.1, 100
+# Points of two clouds whose faces are compared.
+COMPARED = 30_000
 # No direction, and no drift.
 STILL: Vector = (0.0, 0.0, 0.0)
 NO_DRIFT = (0.0, 0.0, STILL)
@@ -98,10 +101,22 @@ def evidence_of(
         sliding_loss=slide_of(fit).loss,
         clutter=fit.problem.options.clutter,
         looked_through=fit.once("looked through", lambda: looked_through_at(fit)),
+        faces_apart=fit.once("faces apart", lambda: _faces_apart(fit)),
         drift=drift,
         drift_rad=drift_rad,
         drift_along=drift_along,
     )
+
+
+def _faces_apart(fit: Fit) -> float:
+    """Share of the flat places of two clouds that lie apart; NaN where the target is a part, or few are flat."""
+    target, source, pairs = fit.target.geometry, fit.problem.source.cloud, fit.run.pairs
+    if not fit.found or fit.is_late or not isinstance(target, PointCloud):
+        return np.nan
+    placed = pose.apply(fit.T_target_source, source.points[sample_rows(len(source.points), COMPARED)])
+    fixed = target.points[sample_rows(len(target.points), COMPARED)]
+    counts = 1.0 if pairs.scan.counts is None else pairs.scan.counts
+    return faces_apart(placed, fixed, pairs.moved[fit.run.weights > 0.5 * counts], fit.prepared.scan.noise)
 
 
 def status_of(fit: Fit) -> Status:

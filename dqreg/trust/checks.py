@@ -102,6 +102,12 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "%",
         lambda e: (e.looked_through, limits.LOOKED_THROUGH),
     ),
+    "faces_apart": (
+        "Flat places of both scans that lie apart",
+        "at most",
+        "%",
+        lambda e: (e.faces_apart, limits.FACES_APART),
+    ),
     "disagreeing_normals": (
         "Inliers with another normal than the target",
         "at most",

@@ -46,6 +46,8 @@ HOLDS = 20.0
 CONTRADICTING, CLUTTER = 0.08, 0.05
 # Points where a scanner looked through: right poses of depth cameras and LiDARs came to 0.004, wrong ones to 0.05.
 LOOKED_THROUGH = 0.05
+# Flat places of two scans that lie apart: right poses of measured pairs came to 0.024, wrong ones to 0.039 and more.
+FACES_APART = 0.03
 # What to do about a loop that ended so.
 ADVICE: dict[Status, str] = {
     "iteration limit": "; raise max_iterations, or give a closer initial pose",
@@ -147,6 +149,14 @@ def _looked_through(evidence: Evidence) -> Iterator[str]:
         yield (
             f"{100 * evidence.looked_through:.0f} % of the points compared stand where a scanner looked through: a "
             "wrong pose, or things that moved between the scans"
+        )
+
+
+def _faces_apart(evidence: Evidence) -> Iterator[str]:
+    if evidence.faces_apart > FACES_APART:
+        yield (
+            f"{100 * evidence.faces_apart:.0f} % of the flat places that both scans show lie apart by more than 5 "
+            "times their noise: a wrong pose, or things that moved or differ between the scans"
         )
 
 
@@ -274,6 +284,7 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("contradicting_surface", _contradicting_surface),
     ("clutter", _clutter),
     ("looked_through", _looked_through),
+    ("faces_apart", _faces_apart),
     ("disagreeing_normals", _disagreeing_normals),
     ("outliers", _outliers),
     ("large_residuals", _large_residuals),

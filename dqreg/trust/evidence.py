@@ -67,6 +67,8 @@ class Evidence:
         Fractions of the scan on the target, on other objects, and on surface of the part itself off the target.
     looked_through : float
         Fraction of the points compared that stand where a scanner looked through; NaN where its place is not known.
+    faces_apart : float
+        Share of the flat neighbourhoods of two scans that lie apart where they overlap; NaN where that was not asked.
     drift, drift_rad : float
         Significant displacement and rotation of the pose from the first point of the scan to the last; else 0.
     drift_along : tuple of 3 floats
@@ -106,6 +108,7 @@ class Evidence:
     share_contradicting: float = 0.0
     clutter: str = "allowed"
     looked_through: float = math.nan
+    faces_apart: float = math.nan
     drift: float = 0.0
     drift_rad: float = 0.0
     sliding_loss: float = math.nan

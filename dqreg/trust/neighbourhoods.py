@@ -14,7 +14,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import NEIGHBOURS, fit_planes_among, sample_rows
+from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, fit_planes_among, sample_rows
 
 # Neighbourhoods that are looked at; those flatter than this, in their extent, have a normal worth comparing.
 LOOKED_AT, SMOOTH = 1_500, 0.4
@@ -29,6 +29,12 @@ PROFILES = 0.1
 FLAT = 0.02
 # Neighbourhoods without which no noise is estimated; and its quantile: in others there is an edge.
 FEWEST, QUIET = 50, 0.3
+
+# Of two scans at one pose: points that are asked about and neighbours of a plane; neighbourhoods are flat that leave so
+# many times the noise of their planes, and are of one face where the normals agree.
+ASKED, OF_A_PLANE, FLAT_BY, SAME_COS = 2_000, 8, 3.0, np.cos(np.deg2rad(10.0))
+# Planes of the two lie apart by more than so many times the noise; neighbourhoods without which nothing is said.
+APART, FEWEST_FLAT = 5.0, 100
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,3 +78,28 @@ def is_flat(points: FloatArray) -> bool:
     """Whether points, (n, 3), lie in one plane: a single profile, or one face, is a weak witness of a pose."""
     values = np.linalg.eigvalsh(np.cov(points.T))
     return bool(values[0] < FLAT**2 * values[2])
+
+
+def faces_apart(placed: FloatArray, fixed: FloatArray, places: FloatArray, noise: float) -> float:
+    """Share of the flat neighbourhoods of two scans, at places where they overlap, that lie apart; NaN for few of them.
+
+    Between clouds the distances of points are those between neighbours, not the noise: a front that is laid on a back,
+    or on the next step, is as near. Means of neighbours in their common plane tell.
+
+    Shapes: placed (n, 3), fixed (m, 3), places (k, 3).
+    """
+    places = places[sample_rows(len(places), ASKED)]
+    if min(len(placed), len(fixed)) < OF_A_PLANE or len(places) < FEWEST_FLAT or not noise > 0.0:
+        return np.nan
+    (own, here), (other, there) = (_planes(points, places) for points in (placed, fixed))
+    flat = np.fmax(own.residuals, other.residuals) <= FLAT_BY * noise
+    normals = np.nan_to_num(other.normals)
+    flat &= np.abs(np.einsum("ij,ij->i", np.nan_to_num(own.normals), normals)) > SAME_COS
+    if np.count_nonzero(flat) < FEWEST_FLAT:
+        return np.nan
+    return float(np.mean(np.abs(np.einsum("ij,ij->i", here - there, normals)[flat]) > APART * noise))
+
+
+def _planes(points: FloatArray, places: FloatArray) -> tuple[PlaneFits, FloatArray]:
+    indices = NeighbourTree(points).nearest(places, OF_A_PLANE)[0].astype(np.int64)
+    return fit_planes_among(points, indices), points[indices].mean(axis=1)

@@ -33,6 +33,7 @@ Code = Literal[
     "contradicting_surface",
     "clutter",
     "looked_through",
+    "faces_apart",
     "disagreeing_normals",
     "outliers",
     "large_residuals",

@@ -12,6 +12,7 @@ from dqreg.trust import Evidence, judge
 from dqreg.trust.doubts import (
     CHANCE,
     DOUBTS,
+    FACES_APART,
     FALL,
     FEW_INLIERS,
     FEW_OF_ALL,
@@ -75,6 +76,11 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         {"looked_through": 0.18},
         "18 % of the points compared stand where a scanner looked through",
         "looked_through",
+    ),
+    "faces apart": (
+        {"faces_apart": FACES_APART + 0.01},
+        "4 % of the flat places that both scans show lie apart",
+        "faces_apart",
     ),
     "normals": (
         {"normals_apart": NORMALS_APART + 0.01},
