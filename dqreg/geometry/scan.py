@@ -142,13 +142,20 @@ class Scan:
         return np.asarray(self.normals.any(axis=1))
 
     @cached_property
+    def tree(self) -> NeighbourTree:
+        """Tree of the points; where planes were fitted to their neighbours, the one that found those."""
+        return NeighbourTree(self.points)
+
+    @cached_property
     def diagonal(self) -> float:
         """Diagonal of the bounding box."""
         low, high = bounds(self.points)
         return float(np.linalg.norm(high - low))
 
 
-def prepare_scan(cloud: PointCloud, fitted: int | None = None, surface: CloudSurface | None = None) -> Scan:
+def prepare_scan(
+    cloud: PointCloud, fitted: int | None = None, surface: CloudSurface | None = None, total: int | None = None
+) -> Scan:
     """Order a cloud, measure it, and fit normals.
 
     Parameters
@@ -161,6 +168,8 @@ def prepare_scan(cloud: PointCloud, fitted: int | None = None, surface: CloudSur
         a large cloud that costs a small part of fitting at all points.
     surface : CloudSurface, optional
         The cloud as a surface, where there is one: its order and its tree are taken.
+    total : int, optional
+        Points of the cloud that this one was made of. Default: its own.
 
     Returns
     -------
@@ -187,7 +196,7 @@ def prepare_scan(cloud: PointCloud, fitted: int | None = None, surface: CloudSur
             f"this one are at {len(points)}"
         )
     rows = sample_rows(len(points), len(points) if fitted is None else fitted)
-    fits, spacing, noise = _fit_all(points, surface) if len(rows) == len(points) else _fit_some(points, rows)
+    fits, spacing, noise, tree = _fit_all(points, surface) if len(rows) == len(points) else _fit_some(points, rows)
     normals, levers, residuals = np.zeros_like(points), np.zeros(len(points)), np.full(len(points), np.nan)
     known = _known(fits)
     normals[rows] = np.where(known[:, None], fits.normals, 0.0)
@@ -197,7 +206,7 @@ def prepare_scan(cloud: PointCloud, fitted: int | None = None, surface: CloudSur
         normals = np.take(cloud.normals, order, axis=0)
     elif cloud.viewpoint is not None:
         normals[rows] = orient_towards(normals[rows], points[rows], cloud.viewpoint)
-    return Scan(
+    scan = Scan(
         points=points,
         normals=normals,
         levers=levers,
@@ -205,22 +214,28 @@ def prepare_scan(cloud: PointCloud, fitted: int | None = None, surface: CloudSur
         oriented=cloud.normals is not None or cloud.viewpoint is not None,
         spacing=spacing,
         noise=noise,
-        total=len(points),
+        total=len(points) if total is None else total,
         fitted=None if len(rows) == len(points) else rows,
     )
+    if tree is not None:
+        vars(scan)["tree"] = tree
+    return scan
 
 
-def _fit_all(points: FloatArray, surface: CloudSurface | None) -> tuple[PlaneFits, float, float]:
+Fitted = tuple[PlaneFits, float, float, NeighbourTree | None]
+
+
+def _fit_all(points: FloatArray, surface: CloudSurface | None) -> Fitted:
     tree = NeighbourTree(points) if surface is None else surface._tree
     fits = fit_planes(tree, points, points)
-    return fits, _spacing(fits, points), _noise(fits)
+    return fits, _spacing(fits, points), _noise(fits), tree
 
 
-def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, float]:
+def _fit_some(points: FloatArray, rows: IntArray) -> Fitted:
     if len(points) <= PIECES * PIECE:
         tree = NeighbourTree(points)
         fits = fit_planes(tree, points, points[rows])
-        return fits, _spacing(fits, points[rows]), _noise(fits)
+        return fits, _spacing(fits, points[rows]), _noise(fits), tree
     thinned = points[sample_rows(len(points), max(THINNED, 2 * len(rows)))]
     fits = fit_planes(NeighbourTree(thinned), thinned, points[rows])
     # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those
@@ -229,7 +244,7 @@ def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, flo
     pieces = points[(firsts[:, None] + np.arange(PIECE)).ravel()]
     middles = points[(firsts[:, None] + (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)).ravel()]
     pieced = fit_planes(NeighbourTree(pieces), pieces, middles)
-    return fits, _spacing(pieced, middles), _noise(pieced)
+    return fits, _spacing(pieced, middles), _noise(pieced), None
 
 
 def _known(fits: PlaneFits) -> BoolArray:
@@ -241,14 +256,14 @@ def _noise(fits: PlaneFits) -> float:
     return float(np.median(fits.residuals[known])) if known.any() else 0.0
 
 
-def measure_spacing(tree: NeighbourTree, points: FloatArray) -> float:
-    """Median distance from a point to its nearest neighbour that is not a duplicate of it.
+def measure_spacing(tree: NeighbourTree, points: FloatArray, sample: int = SPACING_SAMPLE) -> float:
+    """Median distance from a point to its nearest neighbour that is not a duplicate of it, of so many points.
 
     >>> line = np.arange(12.0).reshape(-1, 1) * [2.0, 0.0, 0.0]
     >>> measure_spacing(NeighbourTree(line), line)
     2.0
     """
-    _, distances = tree.nearest(points[sample_rows(len(points), SPACING_SAMPLE)], 2)
+    _, distances = tree.nearest(points[sample_rows(len(points), sample)], 2)
     return _usual_gap(distances[:, -1], points)
 
 

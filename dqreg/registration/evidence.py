@@ -99,7 +99,7 @@ def agreement_of(
     else:
         around = surroundings_of(pairs, width, near)
         close &= on | ~around.elsewhere
-    alone = isolated(pairs.moved, on)
+    alone = isolated(pairs.scan, on)
     kept = ~around.elsewhere & ~alone
     scale = mixture.scale if isinstance(surface, CloudSurface) else min(mixture.scale, _usual_scale(aside, surface))
     patches, off = patches_off(

@@ -6,6 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, PointCloud
+from dqreg.geometry.morton import morton_order
 from dqreg.geometry.visibility import blocked
 from dqreg.registration.fit import Fit
 from dqreg.registration.target_index import TargetIndex
@@ -73,6 +74,8 @@ def _viewpoint(fit: Fit) -> FloatArray | None:
 def _seen(points: FloatArray, viewpoint: FloatArray | None, origin: FloatArray) -> Seen:
     # Rays that met nothing come as points at the origin.
     some = _some(points, COMPARED)
+    # Neighbours asked for one after the other are soon found.
+    some = some[morton_order(some)]
     ranges = np.linalg.norm(some - origin, axis=1)
     return Seen(some[ranges > NOTHING * ranges.max()], viewpoint, origin)
 

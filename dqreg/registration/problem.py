@@ -116,7 +116,7 @@ class Prepared:
             if size != stands.size:
                 stands = VoxelCloud.of(geometry, size)
         thinned = stands.surface is not None or moves.surface is not None
-        scan = dataclasses.replace(prepare_scan(moves.cloud, surface=moves.surface), total=len(cloud))
+        scan = prepare_scan(moves.cloud, surface=moves.surface, total=len(cloud))
         return Prepared(scan, stands.surface or target.surface, moves.size if thinned else 0.0, even=True)
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
-from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.scan import Scan
 from dqreg.solvers.quadratic import plane_rows
 
 # Neighbouring points of a patch, and the kernel scales that its median may deviate: for 32 points of independent noise
@@ -27,15 +27,15 @@ USUAL = 1_000
 BACKGROUND = 1.0
 
 
-def isolated(points: FloatArray, on: BoolArray) -> BoolArray:
+def isolated(scan: Scan, on: BoolArray) -> BoolArray:
     """Which points off the target have no neighbours as points of a surface have them, (n,): scattered outliers.
 
     Together they would look like patches that deviate, but they are no surface that could contradict the pose.
     """
-    off = np.flatnonzero(~on)
+    off, points = np.flatnonzero(~on), scan.points
     alone = np.zeros(len(points), dtype=bool)
     if len(off) and len(points) - len(off) > NEIGHBOURS:
-        tree = NeighbourTree(points)
+        tree = scan.tree
         # The point itself is the first.
         some = np.flatnonzero(on)[sample_rows(len(points) - len(off), USUAL)]
         usual = float(np.median(tree.nearest(points[some], NEIGHBOURS + 1)[1][:, -1]))

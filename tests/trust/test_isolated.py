@@ -3,6 +3,8 @@ from __future__ import annotations
 import numpy as np
 
 import dqreg
+from dqreg.geometry import PointCloud, prepare_scan
+from dqreg.geometry.morton import distinct_in_order
 from dqreg.synth import Noise, Scanner, random_pose, scan_mesh
 from dqreg.synth.parts import bracket
 from dqreg.trust.patch_tests import isolated
@@ -15,12 +17,14 @@ def test_scattered_points_are_isolated_and_a_sheet_in_the_air_is_none():
     scattered = rng.uniform((0.0, 0.0, 0.02), 1.0, (800, 3))
     points = np.concatenate([flat, sheet, scattered])
     on = np.arange(len(points)) < 4000
-    alone = isolated(points, on)
+    order = distinct_in_order(points)
+    alone = np.zeros(len(points), dtype=bool)
+    alone[order] = isolated(prepare_scan(PointCloud(points)), on[order])
     assert not alone[:4000].any()
     # Where scattered points come near the sheet they have its neighbours; the sheet itself keeps its own.
     assert alone[4000:5000].mean() < 0.01
     assert alone[5000:].mean() > 0.8
-    assert not isolated(points[:4], on[:4]).any()
+    assert not isolated(prepare_scan(PointCloud(points[:4])), on[:4]).any()
 
 
 def test_a_right_pose_among_scattered_outliers_is_accepted():
