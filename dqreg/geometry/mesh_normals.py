@@ -17,9 +17,12 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.surface import Closest
+from dqreg.geometry.topology import numbered
 
 # Faces that meet at less than this are facets of one smooth surface; a chamfer of 30 degrees is an edge.
 SMOOTH_DEG = 25.0
+# Faces or points that one thread takes in one go.
+CHUNK = 16_384
 # Corner normals that differ from their face's by less are equal to it but for rounding.
 FLAT = 1e-12
 
@@ -36,12 +39,9 @@ class SmoothNormals:
         groups = _groups(mesh)
         # One smooth corner is one vertex within one group.
         places = mesh.topology.corners[: len(mesh.faces)].ravel()
-        _, corners = np.unique(places * len(groups) + np.repeat(groups, 3), return_inverse=True)
-        weighted = np.repeat(mesh.face_normals, 3, axis=0) * _corner_angles(mesh.corners).reshape(-1, 1)
-        sums: FloatArray = np.column_stack([np.bincount(corners.ravel(), weighted[:, k]) for k in range(3)]).astype(
-            float
-        )
-        self._corner_normals = _unit(sums[corners.ravel()]).reshape(-1, 3, 3)
+        corners = numbered(places * len(groups) + np.repeat(groups, 3))
+        sums = _sums(mesh.face_normals, _corner_angles(mesh.corners), corners)
+        self._corner_normals = np.take(_unit(sums), corners, axis=0).reshape(-1, 3, 3)
         apart = np.abs(self._corner_normals - mesh.face_normals[:, None]).reshape(-1, 9).max(axis=1)
         self._round = apart > FLAT
 
@@ -69,11 +69,23 @@ def _groups(mesh: Mesh) -> IntArray:
 
 def _corner_angles(corners: FloatArray) -> FloatArray:
     """Angle at each corner of some faces, (f, 3), radians."""
-    ahead = np.roll(corners, -1, axis=1) - corners
-    back = np.roll(corners, 1, axis=1) - corners
-    across = np.linalg.norm(np.cross(ahead, back), axis=2)
-    angles: FloatArray = np.arctan2(across, np.einsum("fki,fki->fk", ahead, back))
+    from dqreg.kernels.pseudo_normals import corner_angles
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    angles = np.zeros((len(corners), 3))
+    over_chunks(corner_angles, len(corners), as_plain(corners), angles, chunk=CHUNK)
     return angles
+
+
+def _sums(rows: FloatArray, scales: FloatArray, places: IntArray) -> FloatArray:
+    """Sums of rows, (n, 3), at the places that each serves, times a scale each. Shapes: scales, places (n k,)."""
+    from dqreg.kernels.pseudo_normals import add_scaled_rows
+    from dqreg.kernels.threads import as_plain
+
+    sums = np.zeros((int(places.max()) + 1, 3))
+    every = len(scales.ravel()) // len(rows)
+    add_scaled_rows(as_plain(rows), every, as_plain(scales.ravel()), as_whole(places.ravel()), sums)
+    return sums
 
 
 def _clipped_barycentric(places: FloatArray, corners: FloatArray) -> FloatArray:
@@ -86,6 +98,12 @@ def _clipped_barycentric(places: FloatArray, corners: FloatArray) -> FloatArray:
     # Rounding may leave the triangle.
     shares: FloatArray = np.clip(np.column_stack([1.0 - second - third, second, third]), 0.0, 1.0)
     return shares
+
+
+def as_whole(values: IntArray) -> IntArray:
+    """Numbers as kernels take them."""
+    whole: IntArray = np.require(values, np.int64, ["C", "A", "W", "E"])
+    return whole
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
@@ -114,51 +132,22 @@ class PseudoNormals:
         topology, count = mesh.topology, len(mesh.faces)
         shown, own = _shown(mesh)
         real = topology.real
-        sums = np.zeros((int(topology.edges.max()) + 1, 3))
-        np.add.at(sums, topology.edges[real].ravel(), shown[real].reshape(-1, 3))
-        turned = np.zeros((int(topology.corners.max()) + 1, 3))
+        sums = _sums(shown.reshape(-1, 3), np.repeat(real.astype(float), 3), topology.edges)
         # Faces with an area first, then those without.
-        angles = _corner_angles(mesh.vertices[np.concatenate([mesh.faces, mesh.flat])])
-        weighted = angles[:, :, None] * own[:, None, :]
-        np.add.at(turned, topology.corners.ravel(), weighted.reshape(-1, 3))
-        return PseudoNormals(mesh, sums[topology.edges[:count]], turned)
+        corners = np.take(mesh.vertices, np.concatenate([mesh.faces, mesh.flat]), axis=0)
+        turned = _sums(own, _corner_angles(corners), topology.corners)
+        return PseudoNormals(mesh, np.take(sums, topology.edges[:count], axis=0), turned)
 
     def at(self, points: FloatArray, closest: Closest) -> FloatArray:
         """Pseudo-normal at the closest place of each point."""
-        normals = closest.normals.copy()
-        corners = self.mesh.corners[closest.elements]
-        rim = np.flatnonzero(_barycentric(closest.points, corners, normals).min(axis=1) < ON_FACE)
-        if len(rim):
-            faces = closest.elements[rim]
-            kind, which = _features(points[rim], corners[rim], normals[rim])
-            side, corner = kind == 1, kind == 2
-            normals[rim[side]] = self.sides[faces[side], which[side]]
-            normals[rim[corner]] = self.vertices[self.mesh.topology.corners[faces[corner], which[corner]]]
+        from dqreg.kernels.pseudo_normals import pseudo_normals_at
+        from dqreg.kernels.threads import as_plain, over_chunks
+
+        normals, mesh = closest.normals.copy(), self.mesh
+        asked = as_plain(points), as_plain(closest.points), as_whole(closest.elements), as_plain(mesh.corners)
+        known = as_plain(self.sides), as_whole(mesh.topology.corners), as_plain(self.vertices)
+        over_chunks(pseudo_normals_at, len(points), *asked, *known, ON_FACE, normals, chunk=CHUNK)
         return normals
-
-
-def _barycentric(places: FloatArray, corners: FloatArray, normals: FloatArray) -> FloatArray:
-    """Barycentric coordinates, (n, 3); the third is what the other two leave."""
-    ab, ac, ap = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], places - corners[:, 0]
-    doubled_area = np.einsum("ni,ni->n", np.cross(ab, ac), normals)
-    v = np.einsum("ni,ni->n", np.cross(ap, ac), normals) / doubled_area
-    w = np.einsum("ni,ni->n", np.cross(ab, ap), normals) / doubled_area
-    return np.stack([1.0 - v - w, v, w], axis=1)
-
-
-def _features(points: FloatArray, corners: FloatArray, normals: FloatArray) -> tuple[IntArray, IntArray]:
-    """What of its triangle is closest to each point: 0 the face, 1 a side, 2 a corner; and which of the three."""
-    sides = np.roll(corners, -1, axis=1) - corners
-    offsets = points[:, None, :] - corners
-    inside = (np.einsum("nki,nki->nk", np.cross(normals[:, None, :], sides), offsets) >= 0.0).all(axis=1)
-    along = np.einsum("nki,nki->nk", offsets, sides) / np.einsum("nki,nki->nk", sides, sides)
-    clipped = np.clip(along, 0.0, 1.0)
-    gaps = np.linalg.norm(offsets - clipped[:, :, None] * sides, axis=2)
-    side = gaps.argmin(axis=1)
-    share = clipped[np.arange(len(points)), side]
-    at_end = (share == 0.0) | (share == 1.0)
-    kind = np.where(inside, 0, np.where(at_end, 2, 1))
-    return kind, np.where(share == 1.0, (side + 1) % 3, side)
 
 
 def _shown(mesh: Mesh) -> tuple[FloatArray, FloatArray]:

@@ -9,6 +9,25 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.files.mesh_data import merge_identical
+from dqreg.geometry.morton import sorted_rows
+
+
+def ranked(codes: IntArray) -> IntArray:
+    """Stable order of numbers from 0 on."""
+    return sorted_rows(codes.astype(np.uint64))
+
+
+def numbered(codes: IntArray) -> IntArray:
+    """Place of each of some numbers from 0 on among the different ones, ascending, (n,).
+
+    >>> numbered(np.array([7, 3, 7, 90])).tolist()
+    [1, 0, 1, 2]
+    """
+    order = ranked(codes)
+    walked = codes[order]
+    numbers = np.zeros(len(codes), dtype=np.int64)
+    numbers[order[1:]] = np.cumsum(walked[1:] != walked[:-1])
+    return numbers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,12 +51,13 @@ class Topology:
     def of(vertices: FloatArray, faces: IntArray, flat: IntArray | None = None) -> Topology:
         """Topology of some triangles."""
         every = faces if flat is None else np.concatenate([faces, flat])
-        used, place = np.unique(every, return_inverse=True)
-        _, welded = merge_identical(vertices[used])
-        corners = welded[place.reshape(-1, 3)]
+        is_used = np.zeros(len(vertices), dtype=bool)
+        is_used[every] = True
+        _, welded = merge_identical(vertices[is_used])
+        corners = welded[(np.cumsum(is_used) - 1)[every]]
         ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
         low, high = ends.min(axis=2), ends.max(axis=2)
-        _, edges = np.unique(low * (int(welded.max()) + 1) + high, return_inverse=True)
+        edges = numbered((low * (int(welded.max()) + 1) + high).ravel())
         return Topology(corners, edges.reshape(-1, 3), ends[..., 0] == low, (low != high).all(axis=1))
 
     @cached_property
@@ -45,7 +65,7 @@ class Topology:
         """Side met across each side, (f, 3); itself where there is none. Where more than two meet: some other."""
         mine = np.arange(self.edges.size)
         rows = np.flatnonzero(np.repeat(self.real, 3))
-        order = rows[np.argsort(self.edges.ravel()[rows], kind="stable")]
+        order = rows[ranked(self.edges.ravel()[rows])]
         edges = self.edges.ravel()[order]
         same = np.flatnonzero(edges[1:] == edges[:-1])
         mine[order[same]], mine[order[same + 1]] = order[same + 1], order[same]

@@ -26,6 +26,8 @@ from dqreg.rigid import pose
 
 # Bounds the memory of one step to some hundred bytes times this.
 CHUNK = 1 << 18
+# Points that are put in order together: 50 bytes each, for as long as that takes.
+ORDERED = 1 << 22
 # Radius of the disc that a point of a target cloud stands for, in spacings of that cloud: discs overlap, no holes.
 DISC = 3.0
 # Distance between two worst places, in sizes of the target, where the scan's spacing asks for no more.
@@ -106,12 +108,15 @@ def measure_deviations(
     ask, reason = _on_mesh(geometry, surface) if isinstance(geometry, Mesh) else _on_cloud(geometry, surface)
     count = len(points)
     values, closest, faces = np.zeros(count), np.zeros((count, 3)), np.zeros(count, dtype=np.int64)
-    for start in range(0, count, CHUNK):
-        # In Morton order queries are four times as fast; the order of the scan is restored at once.
-        rows = start + morton_order(points[start : start + CHUNK])
-        values[rows], closest[rows], faces[rows] = ask(points[rows])
-        if progress is not None:
-            progress(min(start + CHUNK, count), count)
+    for start in range(0, count, ORDERED):
+        # In Morton order queries are four times as fast, the more of them the better: next to each other on one face.
+        # The order of the scan is restored at once.
+        order = start + morton_order(points[start : start + ORDERED])
+        for first in range(0, len(order), CHUNK):
+            rows = order[first : first + CHUNK]
+            values[rows], closest[rows], faces[rows] = ask(np.take(points, rows, axis=0))
+            if progress is not None:
+                progress(min(start + first + CHUNK, count), count)
     if spacing is None:
         spread = count > 0 and np.ptp(points, axis=0).any()
         spacing = measure_spacing(NeighbourTree(points), points) if spread else 0.0

@@ -15,6 +15,7 @@ from dqreg.kernels.plane_fits import fit_plane_rows
 from dqreg.kernels.point_tree import PointTree
 from dqreg.kernels.points_on_faces import points_on_faces
 from dqreg.kernels.pose_steps import add_plane_steps, grid_planes
+from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_normals_at
 from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighted_planes import COLUMNS, NUMBERS, mean_sums, orientation_precisions, plane_sums
@@ -51,5 +52,8 @@ def compile_all() -> None:
     grid_planes(0, 0, flat, one, 1.0, shape, planes, flat, flat, nothing, np.zeros(0, dtype=np.int64))
     poses = np.eye(3)[None].copy(), np.zeros((1, 3)), np.zeros((1, 3))
     add_plane_steps(0, 0, *poses, *(flat,) * 4, nothing, *(1.0,) * 4, np.zeros((1, 6, 6)), np.zeros((1, 6)))
+    corner_angles(0, 0, corners, flat)
+    add_scaled_rows(flat, 1, nothing, np.zeros(0, dtype=np.int64), flat)
+    pseudo_normals_at(0, 0, flat, flat, first, corners, corners, first[None], flat, 1e-6, flat)
     distinct_rows(np.eye(3)[None], np.zeros((1, 3)), 1.0, 1.0, 1)
     log_likelihoods(0, 1, np.ones((1, 1)), 1.0, 0.5, 0.001, 1)

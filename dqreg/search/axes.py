@@ -11,6 +11,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, PointCloud, Scan
+from dqreg.geometry.topology import numbered
 from dqreg.search.poses import Poses
 
 # Normals that are equal in so many parts of one are of one face; faces that are looked at, the largest first; cosine
@@ -50,9 +51,14 @@ def face_axes(mesh: Mesh) -> FloatArray | None:
     The moments of a body that is nearly a cube tell its axes from nothing but details.
     """
     normals, areas = mesh.face_normals, mesh.face_areas
-    directions, rows = np.unique((normals * ALIKE).round().astype(np.int64), axis=0, return_inverse=True)
-    order = np.argsort(-np.bincount(rows.ravel(), areas), kind="stable")[:LARGEST]
-    found = directions[order] / np.linalg.norm(directions[order], axis=1, keepdims=True).clip(min=0.5)
+    directions = (normals * ALIKE).round().astype(np.int64)
+    # One number for each: digits to the base of all values that a component may have.
+    rows = numbered((directions + ALIKE) @ np.array([(2 * ALIKE + 1) ** 2, 2 * ALIKE + 1, 1]))
+    order = np.argsort(-np.bincount(rows, areas), kind="stable")[:LARGEST]
+    firsts = np.zeros(int(rows.max()) + 1, dtype=np.int64)
+    firsts[rows] = np.arange(len(rows))
+    directions = directions[firsts[order]]
+    found = directions / np.linalg.norm(directions, axis=1, keepdims=True).clip(min=0.5)
     across = np.flatnonzero(np.abs(found @ found[0]) < ACROSS) if len(found) else found
     if not len(across):
         return None
