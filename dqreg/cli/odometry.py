@@ -38,7 +38,7 @@ WIDTH = 120
 @click.option("--engine", type=click.Choice(["dq", "kiss-icp"]), default="dq", show_default=True,
               help="Odometry engine.")  # fmt: skip
 @click.option("--truth", type=FILE, help="True trajectory (KITTI or TUM), to print the errors.")
-@click.option("--compare", is_flag=True, help="Run KISS-ICP and small_gicp on the same frames: one table.")
+@click.option("--compare", is_flag=True, help="Run KISS-ICP, GenZ-ICP and small_gicp on the same frames: one table.")
 @click.option("--frames", type=FILE, help="Write a CSV: verdict, standard deviations and reasons of every frame.")
 @click.option("--plot", type=FILE, help="Plot the path, the errors and the uncertainty (.png, .svg, .pdf).")
 @click.option("--times", type=FILE, help="Timestamps, one line for each frame  [default: times.txt beside the scans].")

@@ -1,4 +1,4 @@
-"""What can run a sequence: ours, KISS-ICP, and small_gicp from scan to scan, behind one call."""
+"""What can run a sequence: ours, KISS-ICP, GenZ-ICP, and small_gicp from scan to scan, behind one call."""
 
 from __future__ import annotations
 
@@ -47,6 +47,23 @@ class KissEngine:
             return np.full((4, 4), np.nan)
         self._kiss.register_frame(frame.points, np.zeros(0) if frame.times is None else frame.times)
         return np.array(self._kiss.last_pose)
+
+
+class GenzEngine:
+    """GenZ-ICP as it comes, at the range of the sequence: planar and other points, weighed by how many there are."""
+
+    def __init__(self, max_range: float = 100.0, deskew: bool = True) -> None:
+        config = load_package("genz_icp.config", "genz-icp").GenZConfig()
+        config.data.max_range, config.data.deskew = max_range, deskew
+        self._genz = load_package("genz_icp.genz_icp", "genz-icp").GenZICP(config)
+
+    def place(self, points: FloatArray, timestamps: FloatArray | None) -> FloatArray:
+        """Pose of the frame, (4, 4); NaN where the frame is empty."""
+        frame = read_frame(points, timestamps)
+        if not len(frame.points):
+            return np.full((4, 4), np.nan)
+        self._genz.register_frame(frame.points, np.zeros(0) if frame.times is None else frame.times)
+        return np.array(self._genz.last_pose)
 
 
 class SmallGicpEngine:
@@ -142,7 +159,10 @@ def run_engine(name: str, engine: Engine, scans: Scans, tell: Callable[[int], ob
 
 
 def peers(settings: OdometrySettings, first: FloatArray) -> Iterable[tuple[str, Callable[[], Any]]]:
-    """Engines to compare with: KISS-ICP as it comes, at its range, at finer voxels; small_gicp from scan to scan."""
+    """Engines to compare with: KISS-ICP as it comes, at its range, at finer voxels; GenZ-ICP; small_gicp scan to scan.
+
+    MAD-ICP publishes no wheels, so it is not among them.
+    """
     if not len(first):
         raise InputError("the first frame holds no finite point; a comparison needs one to measure the voxel")
     lengths = settings.resolve(first)
@@ -151,5 +171,6 @@ def peers(settings: OdometrySettings, first: FloatArray) -> Iterable[tuple[str, 
         ("KISS-ICP, defaults", lambda: KissEngine(deskew=settings.deskew)),
         (f"KISS-ICP, range {reach:.4g}", lambda: KissEngine(reach, deskew=settings.deskew)),
         (f"KISS-ICP, voxel {voxel:.3g}", lambda: KissEngine(reach, voxel, settings.deskew)),
+        (f"GenZ-ICP, range {reach:.4g}", lambda: GenzEngine(reach, settings.deskew)),
         ("small_gicp, scan to scan", lambda: SmallGicpEngine(0.5 * voxel, lengths.reach)),
     )

@@ -65,7 +65,7 @@ def test_the_comparison_is_one_command(sequence, capsys):
     pytest.importorskip("small_gicp")
     assert run("odometry", sequence / "good.npz", "--truth", sequence / "truth.txt", "--compare", "--first", "3") == 0
     text = capsys.readouterr().out
-    for name in ("KISS-ICP, defaults", "small_gicp, scan to scan", "dqreg"):
+    for name in ("KISS-ICP, defaults", "GenZ-ICP, range", "small_gicp, scan to scan", "dqreg"):
         assert name in text
 
 
