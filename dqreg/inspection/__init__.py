@@ -25,9 +25,11 @@ from dqreg.inspection.part_faces import Face, faces_in_box, nearest_face, part_f
 from dqreg.inspection.places import OutOfTolerance
 from dqreg.inspection.plan import Plan, read_plan
 from dqreg.inspection.plan_run import Characteristic, Inspection, inspect
+from dqreg.inspection.planned_report import PlannedReport
 from dqreg.inspection.regions import Region
 from dqreg.inspection.sections import Section, section_of
 from dqreg.inspection.statistics import Band, Bands, Place, Summary
+from dqreg.inspection.thickness import Thickness, thickness_of
 from dqreg.inspection.tolerances import Tolerance
 
 __all__ = [
@@ -49,11 +51,13 @@ __all__ = [
     "OutOfTolerance",
     "Place",
     "Plan",
+    "PlannedReport",
     "PointAlignment",
     "Region",
     "Section",
     "Summary",
     "SurfaceAlignment",
+    "Thickness",
     "Tolerance",
     "align_datums",
     "align_points",
@@ -69,5 +73,6 @@ __all__ = [
     "part_faces",
     "read_plan",
     "section_of",
+    "thickness_of",
     "why_unsigned",
 ]

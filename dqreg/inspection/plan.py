@@ -21,6 +21,7 @@ from dqreg.inspection.plan_keys import (
     triple_of,
 )
 from dqreg.inspection.planned_alignment import PlannedStep, steps_of
+from dqreg.inspection.planned_report import PlannedReport, planned_report
 from dqreg.inspection.planned_tolerances import SIDES, FaceTolerance, face_tolerances, sides_of, whole_tolerance
 from dqreg.inspection.tolerances import Tolerance
 
@@ -43,7 +44,7 @@ CharacteristicKind = Literal[
 ]
 AlignmentKind = Literal["best-fit", "datums", "steps"]
 
-KEYS = ("units", "head", "alignment", "datum", "characteristic", "section", "face", *SIDES, "required")
+KEYS = ("units", "head", "alignment", "datum", "characteristic", "section", "face", "report", *SIDES, "required")
 # Faces that a characteristic is of; one of a distance or an angle is of two.
 FACES: dict[str, int] = {"distance": 2, "angle": 2}
 # Those of a slot: of all the faces of its wall.
@@ -110,6 +111,8 @@ class Plan:
         Of deviations anywhere on the part; None where none is given.
     face_tolerances : tuple of FaceTolerance
         Faces with a tolerance of their own, in the order of the file: the last that names a face counts.
+    report : PlannedReport
+        Which parts of the report are written.
     """
 
     head: dict[str, str]
@@ -121,6 +124,7 @@ class Plan:
     sections: tuple[PlannedSection, ...] = ()
     tolerance: Tolerance | None = None
     face_tolerances: tuple[FaceTolerance, ...] = ()
+    report: PlannedReport = PlannedReport()
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
@@ -129,7 +133,8 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
     Parameters
     ----------
     path : str or path
-        TOML with the tables ``head``, ``alignment``, ``datum`` and ``characteristic``; see docs/howto_inspection.md.
+        TOML with the tables ``head``, ``alignment``, ``datum``, ``characteristic``, ``section``, ``face`` and
+        ``report``; see docs/howto_inspection.md.
 
     Returns
     -------
@@ -182,7 +187,8 @@ def plan_of(values: dict[str, Any], name: str = "plan") -> Plan:
     if not isinstance(head, dict):
         raise InputError(f"{name}: head must be a table of words")
     words = {key: str(value) for key, value in head.items()}
-    return Plan(words, datums, alignment, characteristics, units, steps, sections, whole, single)
+    report = planned_report(values, tuple(cut.name for cut in sections), name)
+    return Plan(words, datums, alignment, characteristics, units, steps, sections, whole, single, report)
 
 
 def _datum(entry: Any, where: str) -> PlannedDatum:

@@ -36,6 +36,11 @@ SECTION = """\
 # name = "middle"
 # point = [{}]
 # normal = [1, 0, 0]
+# What the report shows beside its head, decisions and characteristics; all of it where nothing is chosen:
+# [report]
+# parts = ["view", "deviations", "regions", "sections", "faces", "checks", "uncertainty", "pose", "run"]
+# cuts = ["middle"]           # which sections are drawn
+# views = ["iso", "top"]      # pictures in print: a name, or [yaw, pitch] in degrees
 """
 NO_DATUMS = "# No faces hold all six motions: values are those of the best fit. Datums are [[datum]] tables.\n"
 # Characteristics at most; the largest faces come first.

@@ -10,6 +10,7 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry.raycasting import RayScene
 from dqreg.inspection.characteristics import Measured
+from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.medians import smoothed
 from dqreg.inspection.part_faces import Face
 from dqreg.inspection.scanned_part import ScannedPart
@@ -22,8 +23,8 @@ NEAR = 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Thickness:
-    """Thickness of a wall, place by place, target units."""
+class Wall:
+    """Thickness of a wall, place by place, about the part's middle."""
 
     values: FloatArray  # (n,)
     nominals: FloatArray  # (n,): Of the part itself
@@ -44,7 +45,86 @@ class Thickness:
         return Measured(nominal + float(np.sign(value - nominal)) * size, spread)
 
 
-def wall_thickness(part: ScannedPart, face: Face) -> Thickness:
+@dataclasses.dataclass(frozen=True, eq=False)
+class Thickness:
+    """Thickness of the wall behind a face of a part, target units.
+
+    Attributes
+    ----------
+    face : int
+        Number of the face.
+    values, nominals : ndarray, (n,)
+        Measured thickness at places of the face, and that of the part itself there.
+    positions : ndarray, (n, 3)
+        The places, in the caller's target frame.
+    sigma : float
+        Standard deviation of one value, from the scan's noise.
+    value, nominal, uncertainty : float
+        The thickness where it differs most from the part's, without what noise adds to that difference; the part's own
+        there; and the expanded uncertainty (k = 2).
+    """
+
+    face: int
+    values: FloatArray
+    nominals: FloatArray
+    positions: FloatArray
+    sigma: float
+    value: float
+    nominal: float
+    uncertainty: float
+
+
+def thickness_of(deviations: Deviations, face: int) -> Thickness:
+    """Measure the wall behind a face: from each scanned place straight through the material to the scanned far side.
+
+    Parameters
+    ----------
+    deviations : Deviations
+        From `dqreg.Registration.deviations`, of a scan on a mesh; both sides of the wall must be scanned.
+    face : int
+        Number of the face (`part_faces`, ``dqreg faces``).
+
+    Returns
+    -------
+    Thickness
+        Place by place, and where it differs most from the part's.
+
+    Raises
+    ------
+    InputError
+        If the target is no mesh or has no such face.
+    DegenerateGeometryError
+        If no wall lies behind the face, or one of its sides was not scanned.
+
+    Examples
+    --------
+    >>> from dqreg.geometry import Mesh, MeshSurface
+    >>> from dqreg.inspection import measure_deviations, nearest_face, part_faces
+    >>> from dqreg.synth.parts import box
+    >>> part = Mesh(*box((30.0, 20.0, 2.0)))
+    >>> scan = np.random.default_rng(0).uniform([-15, -10, -1], [15, 10, 1.1], (20_000, 3))
+    >>> scan[:, 2] = np.where(scan[:, 2] > 0, 1.1, -1.0)
+    >>> found = measure_deviations(scan, part, MeshSurface(part))
+    >>> wall = thickness_of(found, nearest_face(part, part_faces(part), (0, 0, 1)).number)
+    >>> round(wall.value, 6), round(wall.nominal, 6), len(wall.values) == len(wall.positions)
+    (2.1, 2.0, True)
+    """
+    part = ScannedPart.of(deviations)
+    wall = wall_thickness(part, part.face(face))
+    measured = wall.measured
+    return Thickness(
+        face=face,
+        values=wall.values,
+        nominals=wall.nominals,
+        positions=wall.positions + part.origin,
+        sigma=wall.differences.sigma,
+        value=measured.value,
+        nominal=wall.worst[1],
+        uncertainty=measured.uncertainty,
+    )
+
+
+def wall_thickness(part: ScannedPart, face: Face) -> Wall:
     """Thickness behind a face: medians of 25 neighbouring deviations on either side, on the part's own thickness."""
     from scipy.spatial import cKDTree
 
@@ -78,7 +158,7 @@ def wall_thickness(part: ScannedPart, face: Face) -> Thickness:
         sigma=float(np.sqrt(2.0)) * near_side.sigma,
         around=near_side.around[asked],
     )
-    return Thickness(thick, lengths, feet[own], both)
+    return Wall(thick, lengths, feet[own], both)
 
 
 def _far_side(

@@ -57,11 +57,11 @@ class Uncertainty:
     partial_information: FloatArray | None = None  # (6, 6): See `Registration.partial_information`
 
     @staticmethod
-    def of(information: Information) -> Uncertainty:
-        """What follows from the information of the six motions."""
+    def of(information: Information, units: str | None = None) -> Uncertainty:
+        """What follows from the information of the six motions; words name lengths in those units."""
         is_free = information.free.any() and np.isnan(information.by_rims)
         partial = partial_information_of(information) if is_free else None
-        return Uncertainty(covariance_of(information), observe_directions(information), partial)
+        return Uncertainty(covariance_of(information), observe_directions(information, units), partial)
 
 
 def uncertainty_of(fit: Fit) -> Uncertainty:
@@ -69,7 +69,10 @@ def uncertainty_of(fit: Fit) -> Uncertainty:
     if not fit.found:
         return Uncertainty(np.full((6, 6), np.nan), ())
     return fit.once(
-        "uncertainty", lambda: Uncertainty.of(dataclasses.replace(fit.information, by_rims=slide_of(fit).by_rims))
+        "uncertainty",
+        lambda: Uncertainty.of(
+            dataclasses.replace(fit.information, by_rims=slide_of(fit).by_rims), fit.problem.units[1]
+        ),
     )
 
 

@@ -230,7 +230,7 @@ def alternatives_of(fit: Fit, others: FloatArray) -> tuple[Alternative, ...]:
         # Known where a global search has run.
         symmetry = target.pairs.symmetry if "pairs" in vars(target) else None
         axis = symmetry.between(poses[0], poses[k], offset * diagonal) if symmetry else None
-        words = symmetry_words(axis.moved(target.origin)) if axis else ""
+        words = symmetry_words(axis.moved(target.origin), fit.problem.units[1]) if axis else ""
         motion = _motion_words(fit, poses[k] @ pose.inverse(poses[0]))
         pose_k = fit.problem.to_caller(poses[k])
         found.append(Alternative(pose_k, float(rms[k]), words, float(-deficit[k]), float(error[k]), motion))
@@ -246,7 +246,7 @@ def _motion_words(fit: Fit, T: FloatArray) -> str:
         # The point of the axis nearest to the middle; what is left is along the axis.
         along = float(axis @ T[:3, 3])
         point = np.linalg.lstsq(np.eye(3) - T[:3, :3], T[:3, 3] - axis * along, rcond=1e-6)[0]
-        words = f"rotated by {np.rad2deg(angle):.4g} degrees about {axis_words(point + target.origin, axis)}"
+        words = f"rotated by {np.rad2deg(angle):.4g} degrees about {axis_words(point + target.origin, axis, units)}"
         is_screw = abs(along) > FINE_APART[1] * target.surface.diagonal
         return words + (f" and shifted by {_in_units(along, units)} along it" if is_screw else "")
     length = float(np.linalg.norm(T[:3, 3]))

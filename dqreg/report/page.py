@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg.files.strict_json import plain
-from dqreg.inspection import Decision, Deviations, Inspection
+from dqreg.inspection import Decision, Deviations, Inspection, PlannedReport
 from dqreg.inspection.decision import REQUIRED_SHARE
 from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
@@ -81,9 +81,12 @@ def to_html(
     from markupsafe import Markup
 
     unit = unit_of(result)
-    shown = _shown(data, views, printed=not in_cell)
+    asked = inspection.plan.report if inspection else PlannedReport()
+    shown = _shown(data, views or asked.views, printed=not in_cell)
     values = _words(result, data, unit) | _evidence(result, unit) | shown
-    values["in_cell"] = in_cell
+    values["in_cell"], values["parts"] = in_cell, asked.parts
+    if "view" not in asked.parts:
+        values["scene"] = ""
     values["inspection"] = sheet_of(inspection, unit)
     values["head_rows"] = head_rows({**(inspection.plan.head if inspection else {}), **(head or {})})
     values["digests"] = digests_of(result.settings)

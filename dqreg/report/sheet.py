@@ -107,6 +107,7 @@ def _sections(found: Inspection, unit: str) -> list[dict[str, str]]:
             "words": section_words(cut, unit),
         }
         for name, cut in found.sections
+        if found.plan.report.draws(name)
     ]
 
 

@@ -35,21 +35,26 @@ class Motion:
 
     @property
     def words(self) -> str:
-        """The motion in words."""
+        """The motion in words, where the length unit is not known."""
+        return self.words_in(None)
+
+    def words_in(self, units: str | None) -> str:
+        """The motion in words, given the length unit of its point."""
         if self.kind == "translation":
             return f"translation along {direction_words(self.axis)}"
-        return f"rotation about {axis_words(self.point, self.axis)}"
+        return f"rotation about {axis_words(self.point, self.axis, units)}"
 
 
-def axis_words(point: FloatArray | Vector, unit: FloatArray | Vector) -> str:
+def axis_words(point: FloatArray | Vector, unit: FloatArray | Vector, units: str | None = None) -> str:
     """A line in space; coordinates that are zero but for rounding as zero.
 
-    >>> axis_words((1.0, -1e-17, 20.5), (0.0, 0.6, 0.8))
-    'the axis through (1, 0, 20.5) along (0.00, 0.60, 0.80)'
+    >>> axis_words((1.0, -1e-17, 20.5), (0.0, 0.6, 0.8), "mm")
+    'the axis through (1, 0, 20.5) mm along (0.00, 0.60, 0.80)'
     """
     largest = max(map(abs, point))
     x, y, z = (c if abs(c) >= 1e-6 * largest else 0.0 for c in point)
-    return f"the axis through ({x:.4g}, {y:.4g}, {z:.4g}) along {direction_words(unit)}"
+    place = f"({x:.4g}, {y:.4g}, {z:.4g})" + (f" {units}" if units else "")
+    return f"the axis through {place} along {direction_words(unit)}"
 
 
 def direction_words(unit: FloatArray | Vector) -> str:

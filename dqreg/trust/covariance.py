@@ -75,13 +75,15 @@ def partial_information_of(information: Information) -> FloatArray | None:
     return np.asarray(0.5 * (scaled + scaled.T) * scale[:, None] * scale)
 
 
-def observe_directions(information: Information) -> tuple[Direction, ...]:
+def observe_directions(information: Information, units: str | None = None) -> tuple[Direction, ...]:
     """The six independent motions of the part, and how well each is constrained.
 
     Parameters
     ----------
     information : Information
         From `information_of`.
+    units : str, optional
+        Length unit, for words.
 
     Returns
     -------
@@ -101,14 +103,15 @@ def observe_directions(information: Information) -> tuple[Direction, ...]:
         share = FREE_ROTATION if is_free else CONSTRAINED_ROTATION
         kind: Kind = "rotation" if np.linalg.norm(vector[:3]) >= share else "translation"
         motion = Motion.of(vector[:3] / information.lever, vector[3:], information.centre, kind)
-        sigma, words = np.nan, f"unconstrained: {motion.words}"
+        told = motion.words_in(units)
+        sigma, words = np.nan, f"unconstrained: {told}"
         if is_free and math.isfinite(information.by_rims):
-            sigma, words = information.by_rims, f"{motion.words} is constrained by the rims of the target only"
+            sigma, words = information.by_rims, f"{told} is constrained by the rims of the target only"
         elif not is_free:
             # Where most of the points add nothing, it matters how many do.
             few = carriers < FEW * information.weight
             only = f" is constrained by about {carriers:.0f} points only" if few else ""
-            sigma, words = _sigma(information, value, vector), f"{motion.words}{only}"
+            sigma, words = _sigma(information, value, vector), f"{told}{only}"
         directions.append(Direction(float(value), sigma, words, motion.kind, motion.axis, motion.point))
     return tuple(directions)
 

@@ -10,7 +10,7 @@ import pytest
 
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface
-from dqreg.inspection import inspect, measure_deviations, section_of
+from dqreg.inspection import inspect, measure_deviations, section_of, thickness_of
 from dqreg.inspection.plan import plan_of
 from dqreg.inspection.sections import outlines
 from dqreg.report.section_picture import section_picture
@@ -90,6 +90,10 @@ def test_wall_thickness_is_both_sides_together() -> None:
         (row,) = inspect(scan, plan_of(plan)).characteristics
         assert row.nominal == pytest.approx(10.0)
         assert abs(row.value - (10.0 + top + bottom)) <= row.uncertainty < 0.02
+        wall = thickness_of(scan, int(faces_of(PART)[1][TOP]))
+        assert (wall.value, wall.uncertainty, wall.nominal) == (row.value, row.uncertainty, row.nominal)
+        assert np.median(wall.values) == pytest.approx(10.0 + top + bottom, abs=4.0 * wall.sigma)
+        np.testing.assert_allclose(wall.positions[:, 2], 5.0)
     one = block(0.0, 0.0)
     (row,) = inspect(
         measure_deviations(one[one[:, 2] > 0], PART, MeshSurface(PART), reach=2.0), plan_of(plan)

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from dqreg.errors import InputError
+from dqreg.inspection import Inspection
+from dqreg.inspection.plan import plan_of
 from dqreg.report.page import to_html
 from dqreg.trust.records import Alternative, Verdict
 from tests.report.scenes import T_START, bumpy, data_of, failed
@@ -69,6 +71,21 @@ def test_a_bump_fails_the_part_though_nearly_all_points_are_within():
     assert "✓ Alignment: trusted" in page
     # What the page says over all is the worst of what it says of the regions.
     assert data.decision.outcome == "fail" in {region.outcome for region in data.regions}
+
+
+def test_a_plan_chooses_the_parts_of_the_page_but_not_what_is_signed():
+    result = bumpy()
+    data = data_of(result, 0.2)
+    plan = plan_of({"tolerance": 0.2, "report": {"parts": ["deviations", "pose"]}})
+    inspection = Inspection("fail", (), None, plan, decision=data.decision)
+    page = to_html(result, data, inspection, {"serial": "0007"})
+    heads = re.findall(r'<h2 id="([a-z0-9-]+)"', page)
+    assert heads == ["plan-head", "dev-head", "pose-head", "conv-head"]
+    for words in ("✗ Part against ±0.2 mm: fail", "Alignment: trusted", "0007", "Scan and target"):
+        assert words in page
+    # Without the view there is nothing to show a place in.
+    assert 'data-goto="' not in page
+    assert '<script type="application/json" id="scene">' not in page
 
 
 def test_no_tolerance_passes_nothing():

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from dqreg.files.units import factor
 from dqreg.registration.batch.row import BATCH, Row, RowResult
 
 RESULTS, REPORTS = "results", "reports"
@@ -23,7 +24,7 @@ class Line:
     rms: float = math.nan
     inlier_fraction: float = math.nan
     seconds: float = math.nan
-    # Translation (target units), then the rotation as a quaternion w, x, y, z; NaN where there is none
+    # Translation, then the rotation as a quaternion w, x, y, z; NaN where there is none
     pose: tuple[float, ...] = (math.nan,) * 7
     kept: bool = False  # Whether the result is of an earlier session
     unit: str = ""  # Of its lengths; "" where it is not known
@@ -78,4 +79,6 @@ def _pose(record: dict[str, Any]) -> tuple[float, ...]:
     parts = record["dual_quaternion"]
     if parts is None:
         return (math.nan,) * 7
-    return (*(float(row[3]) for row in record["T_target_source"][:3]), *map(float, parts["real"]))
+    shown = record[BATCH].get("shown")
+    k = 1.0 if shown is None else factor(record["settings"]["target_units"], shown["units"])
+    return (*(k * float(row[3]) for row in record["T_target_source"][:3]), *map(float, parts["real"]))

@@ -17,13 +17,17 @@ from dqreg.report.table import to_csv
 # From the one that needs a look first to the one that needs none.
 VERDICTS = ("crashed", "timeout", "memory", "error", "not run", "failed", "suspect", "accepted")
 POSE = ("tx", "ty", "tz", "qw", "qx", "qy", "qz")
+LENGTHS = ("rms", "tx", "ty", "tz")
 COLUMNS = ("name", "verdict", "reasons", "rms", "inlier_fraction", "seconds", *POSE, "scan", "target", "result", "line",
            "part", "report")  # fmt: skip
 
 
 def summary_csv(lines: Sequence[Line]) -> str:
-    """The summary as CSV, numbers at full precision."""
-    return to_csv(COLUMNS, map(_csv_row, lines))
+    """The summary as CSV, numbers at full precision; a unit that was asked for stands in the heads of the lengths."""
+    asked = {line.row.asked.display_units for line in lines}
+    unit = asked.pop() if len(asked) == 1 else None
+    heads = [f"{name}, {unit}" if unit and name in LENGTHS else name for name in COLUMNS]
+    return to_csv(heads, map(_csv_row, lines))
 
 
 def _csv_row(line: Line) -> tuple[object, ...]:
@@ -41,6 +45,7 @@ def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
             "name": line.row.name,
             "verdict": line.verdict,
             "reasons": list(line.reasons),
+            "units": line.unit or None,
             "rms": line.rms,
             "inlier_fraction": line.inlier_fraction,
             "seconds": line.seconds,

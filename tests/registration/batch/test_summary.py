@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from dqreg.registration.batch.asked import Asked
 from dqreg.registration.batch.line import Line, line_of
 from dqreg.registration.batch.row import Row, RowResult
-from dqreg.registration.batch.summary import COLUMNS, VERDICTS, counts, summary_csv, to_html
+from dqreg.registration.batch.summary import COLUMNS, VERDICTS, counts, summary_csv, to_html, to_records
 
 NASTY = '<script>alert("1")</script>&\'\n;,"'
 ROW = Row("a", Path(f"/x/{NASTY}.ply"), Path("/y/<b>.stl"), line=2)
@@ -88,3 +89,15 @@ def test_counts_name_the_good_first():
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_every_verdict_has_a_place_in_the_page(verdict):
     assert f'<span class="verdict {verdict}">' in to_html("t", [Line(ROW, verdict, ("why",))])
+
+
+def test_lengths_are_in_the_unit_that_was_asked_for_and_the_heads_name_it():
+    row = dataclasses.replace(ROW, asked=Asked(display_units="mm"))
+    batch = {"seconds": 2.5, "shown": {"units": "mm", "rms": 123.0}}
+    lines = [line_of(row, RowResult("ran", "", {**RECORD, "settings": {"target_units": "m"}, "batch": batch}))]
+    (values,) = csv.DictReader(io.StringIO(summary_csv(lines), newline=""))
+    assert [values[name] for name in ("rms, mm", "tx, mm", "ty, mm", "tz, mm", "qw")] == [
+        "123.0", "7000.0", "8000.0", "9000.0", "1.0",
+    ]  # fmt: skip
+    (record,) = to_records(lines)
+    assert (record["units"], record["rms"], record["pose"]["tx"]) == ("mm", 123.0, 7000.0)
