@@ -27,8 +27,9 @@ from dqreg.studio.visit import PROGRESS, Visit
 
 # Points and seconds that tell a mirror image.
 FEW, SECONDS = 5_000, 5.0
-# A scan whose mean normal is so short across is of all sides or of one end: it is looked at as ever, never steeper.
-SIDEWAYS, STEADY, STEEPEST = 0.1, (35.0, 30.0), 45.0
+# Yaw and pitch in degrees from which the part may be looked at; the first unless another shows so many times as much.
+SIDES = [(35.0 + 45.0 * k, pitch) for pitch in (30.0, -30.0) for k in range(8)]
+CLEARLY = 1.1
 RESULT, ASKED, START = "result.json", "result_of.json", "start.txt"
 
 
@@ -158,11 +159,11 @@ def scanned_side(result: Registration) -> list[float] | None:
     points = inputs.placed(result.T_target_source)
     found = inputs.target.surface.closest(points[:: max(1, len(points) // FEW)])
     near = found.distances <= result.settings["reach"]
-    x, y, z = found.normals[near].sum(axis=0) / max(1, np.count_nonzero(near))
-    if np.hypot(x, y) < SIDEWAYS:
-        return [STEADY[0], float(np.copysign(STEADY[1], z))]
-    pitch = np.degrees(np.arctan2(z, np.hypot(x, y)))
-    return [float(np.degrees(np.arctan2(x, -y))), float(np.clip(pitch, -STEEPEST, STEEPEST))]
+    yaw, pitch = np.radians(SIDES).T
+    towards = np.column_stack([np.cos(pitch) * np.sin(yaw), -np.cos(pitch) * np.cos(yaw), np.sin(pitch)])
+    seen = np.maximum(found.normals[near] @ towards.T, 0.0).sum(axis=0)
+    best = int(np.argmax(seen))
+    return list(SIDES[best if seen[best] > CLEARLY * seen[0] else 0])
 
 
 def align_pairs(place: Place) -> dict[str, Any]:

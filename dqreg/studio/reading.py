@@ -24,6 +24,8 @@ MEASURED = 20_000
 GAP = 0.15
 # Parts whose numbers are all smaller are rather in metres than in millimetres.
 UNITY = 1.5
+# Coordinates of faces below this many sizes are zero.
+LEAST = 1e-7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,7 +160,7 @@ def triangle_labels(place: Place) -> IntArray | None:
 
 
 def _faces(place: Place) -> list[dict[str, Any]]:
-    rows, faces = [], faces_of_part(place)
+    rows, faces, size = [], faces_of_part(place), frame_of(place.part()).size
     for face in faces:
         radius = None if face.feature is None or np.isnan(face.feature.radius) else face.feature.radius
         axis = None if face.feature is None or np.isnan(face.feature.axis).any() else face.feature.axis.tolist()
@@ -168,7 +170,8 @@ def _faces(place: Place) -> list[dict[str, Any]]:
                 "kind": face.kind,
                 "hole": face.is_hole,
                 "area": face.area,
-                "centre": face.centre.tolist(),
+                # What rounding leaves of a zero is one.
+                "centre": np.where(np.abs(face.centre) < LEAST * size, 0.0, face.centre).tolist(),
                 "axis": axis,
                 "diameter": None if radius is None else 2.0 * radius,
             }

@@ -50,8 +50,10 @@ def serve(
         address = f"http://127.0.0.1:{number}/{token}/"
         app = application(desk, token, number)
         config = uvicorn.Config(
-            app, log_level="critical", access_log=False, timeout_graceful_shutdown=1, lifespan="off"
+            app, log_level="critical", access_log=False, timeout_graceful_shutdown=1, lifespan="off", ws="none"
         )
+        # All that the first answer needs is there before anybody asks for it.
+        config.load()
         tell(address)
         if browser:
             import webbrowser

@@ -44,6 +44,7 @@ BROKEN = (
 
 def application(desk: Desk, token: str, port: int) -> App:
     """The server as an ASGI application."""
+    import starlette.responses  # noqa: F401 - the first answer shall not wait for it
     from starlette.applications import Starlette
     from starlette.routing import Route
 

@@ -22,7 +22,7 @@ FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshad
 DESK, PHONE = {"width": 1280, "height": 860}, {"width": 390, "height": 844}
 # Pictures of the documentation are written where this names a folder.
 PICTURES = os.environ.get("DQREG_PICTURES")
-WAIT = 180_000
+WAIT = 240_000
 
 
 @contextlib.contextmanager

@@ -52,6 +52,7 @@ export async function run(app, stage, values) {
   app.results.align = found;
   app.thumbs = null;
   state(app).way = "find";
+  stage.picked = e => picked(app, stage, e);
   // What was scanned is turned to the eye.
   if (found.look) [stage.yaw, stage.pitch] = found.look;
   showPose(app, stage, found.history.length);
@@ -144,7 +145,7 @@ function datums(app, stage) {
     visit.alignment === "datums" && [
       h("p", { class: "note" }, "Three faces; the first holds most. Choose them here, or press a letter and click a face."),
       [0, 1, 2].map(k => h("div", { class: "row datum" }, h("button", { id: `aim-${k}`, "aria-pressed": String(state.aim === k), "aria-label": `Click a face for datum ${"ABC"[k]}`, onclick: () => { state.aim = k; app.render(); } }, "ABC"[k]),
-        h("select", { id: `datum-${k}`, "aria-label": `Datum ${"ABC"[k]}`, onchange: e => set({ datums: Object.assign([...visit.datums], { [k]: Number(e.target.value) }).slice(0, 3) }) }, options(app, faces, visit.datums[k]))))],
+        h("select", { id: `datum-${k}`, "aria-label": `Datum ${"ABC"[k]}`, onchange: e => set({ datums: withDatum(visit.datums, k, Number(e.target.value)) }) }, options(app, faces, visit.datums[k]))))],
     visit.alignment === "faces" && [
       h("p", { class: "note" }, "Click the faces that the scan is laid on; click again to leave one out. A face with twice the weight counts twice."),
       h("div", { class: "row" }, h("label", { for: "goal" }, "Make least"), h("select", { id: "goal", onchange: e => set({ goal: e.target.value }) }, Object.entries(GOALS).map(([key, words]) => h("option", { value: key, selected: visit.goal === key }, words)))),
@@ -160,6 +161,14 @@ const options = (app, faces, chosen) => faces.filter(f => f.kind === "plane" || 
 function withFace({ chosen, weights }, face) {
   const each = chosen.map((n, k) => [n, weights[k] ?? 1]), next = chosen.includes(face) ? each.filter(([n]) => n !== face) : [...each, [face, 1]];
   return { chosen: next.map(([n]) => n), weights: next.map(([, w]) => w) };
+}
+
+// A face that is a datum already changes places with the one that it replaces.
+function withDatum(datums, k, face) {
+  const now = [...datums], other = now.indexOf(face);
+  if (other >= 0 && now[k] !== undefined) now[other] = now[k]; else if (other >= 0) return now;
+  now[k] = face;
+  return now.slice(0, 3);
 }
 
 export function markDatums(app, stage) {
@@ -186,10 +195,9 @@ export async function picked(app, stage, e) {
   if (visit.alignment === "points") await app.change({ references: [...visit.references, { point: hit.point, normal: hit.normal }] });
   else if (visit.alignment === "faces") await app.change(withFace(visit, hit.face));
   else {
-    const now = [...visit.datums], k = app.step_state.aim ?? 0;
-    now[k] = hit.face;
+    const k = Math.min(app.step_state.aim ?? 0, visit.datums.length);
     app.step_state.aim = (k + 1) % 3;
-    await app.change({ datums: now });
+    await app.change({ datums: withDatum(visit.datums, k, hit.face) });
   }
   markDatums(app, stage);
 }

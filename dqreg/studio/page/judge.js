@@ -91,7 +91,7 @@ export function panel(app, stage) {
       h("label", { for: "reach" }, "Belongs to the part up to"), h("input", { id: "reach", name: "reach", inputmode: "decimal", value: visit.reach ?? "", placeholder: found ? number(found.reach) : "from the data", autocomplete: "off" }), h("span", {}, unit),
       h("span"), h("button", { id: "judge", class: "main" }, "Judge")),
     found?.decision && decision(app, found),
-    found && plan.panel(app, stage, found, values => choose(app, stage, values)),
+    found && plan.panel(app, found),
     found && figures(app, found, unit),
     found && legend(found, unit),
     found && h("div", { class: "row", role: "group", "aria-label": "Show" },
@@ -105,6 +105,7 @@ export function panel(app, stage) {
     found && sections.panel(app, found, state, values => choose(app, stage, values)),
     found?.worst.length ? worst(app, stage, found, unit) : null,
     found && app.results.part.faces?.length ? faces(app, stage) : null,
+    found && plan.file(app, values => choose(app, stage, values)),
     found?.bands && bands(found, unit),
   ];
 }
@@ -117,7 +118,7 @@ function decision(app, found) {
 }
 function figures(app, found, unit) {
   const { counts, summary } = found, others = [["other_surfaces", "on surfaces that leave the part"], ["outliers", "single outliers"], ["beyond_reach", `farther off than ${long(found.reach, unit)}`], ["excluded", "excluded"]].filter(([key]) => counts[key]);
-  return h("p", { class: "note" }, `${count(counts.on_part)} points on the part${others.length ? `; left out: ${others.map(([key, words]) => `${count(counts[key])} ${words}`).join(", ")}` : ""}. 95 % of them deviate by ${long(summary.p95, unit)} or less; mean ${off(summary.mean, unit, 2)}. ${found.signed ? "Plus is outside the part." : found.sides}`);
+  return h("p", { class: "note" }, `${count(counts.on_part)} points on the part${others.length ? `; left out: ${others.map(([key, words]) => `${count(counts[key])} ${words}`).join(", ")}` : ""}. 95 % of them deviate by ${long(summary.p95, unit)} or less; mean ${off(Math.abs(summary.mean) < 1e-3 * summary.p95 ? 0 : summary.mean, unit, 2)}. ${found.signed ? "Plus is outside the part." : found.sides}`);
 }
 function legend(found, unit) {
   const { table, low, high } = found.drawing.scale, canvas = h("canvas", { width: "254", height: "1", class: "ramp", "aria-hidden": "true" }), pen = canvas.getContext("2d"), image = pen.createImageData(254, 1);
