@@ -72,7 +72,13 @@ def show_reach(place: Place) -> dict[str, Any]:
     place.write(REACH, data + (1 + found.flags[rows[0]]).astype("<u1").tobytes())
     drawing = words | {"file": REACH, "kinds": True}
     share = found.reach / found.size if found.size > 0.0 else None
-    return {"reach": found.reach, "share": share, "counts": dataclasses.asdict(found.counts), "drawing": drawing}
+    return {
+        "reach": found.reach,
+        "from": found.reach_from,
+        "share": share,
+        "counts": dataclasses.asdict(found.counts),
+        "drawing": drawing,
+    }
 
 
 def write_sheet(place: Place) -> dict[str, Any]:

@@ -5,6 +5,15 @@ import { KIND_COLOURS, STAND } from "./stage.js";
 // What a point belongs to, in the order of the server's numbers: how it is counted, and in words.
 const KINDS = [["on_part", "on the part"], ["beyond_reach", "farther off: something else"], ["other_surfaces", "on a surface that leaves the part"], ["outliers", "single outliers"], ["excluded", "excluded"]];
 
+// Where the length comes from.
+const FROM = {
+  given: share => `${share} of the part's diagonal, as you wrote. Leave it empty to have it from the data.`,
+  size: share => `${share} of the part's diagonal.`,
+  noise: () => "six times the noise of the scan: nothing of the part lies farther off.",
+  spacing: () => "one spacing of the scan: nothing of the part lies farther off.",
+  deviations: () => "the largest deviation of the part that is found in the scan.",
+};
+
 export async function show(app, stage) {
   if (!app.results.reach) {
     await app.run("reach", {}, "Looking which points belong to the part");
@@ -34,10 +43,9 @@ export function panel(app, stage) {
     await app.change({ reach: value });
     await show(app, stage);
   };
-  const share = `${percent(found.share, 1)} of the part's diagonal`;
   return h("div", { class: "card", id: "reach-panel" },
     h("div", { class: "row" }, h("label", { for: "reach-of" }, "Reach"), h("input", { id: "reach-of", class: "short", inputmode: "decimal", autocomplete: "off", disabled: busy, value: app.visit.reach ?? "", placeholder: number(found.reach), onchange: e => set(e.target.value) }), unit),
-    h("p", { id: "reach-said", class: "note" }, app.visit.reach === null ? `${long(found.reach, unit)} is taken from the data: ${share}. Another length can be written here.` : `${long(found.reach, unit)}, ${share}, as you wrote; leave it empty to have it from the data.`),
+    h("p", { id: "reach-said", class: "note" }, `${long(found.reach, unit)}, ${FROM[found.from](percent(found.share, 1))}${found.from === "given" ? "" : " Another length can be written here."}`),
     h("ul", { class: "kinds" }, KINDS.map(([key, words], k) => {
       if (!found.counts[key]) return null;
       const spot = h("i", { "aria-hidden": "true" });
