@@ -35,6 +35,8 @@ FEWEST, QUIET = 50, 0.3
 ASKED, OF_A_PLANE, FLAT_BY, SAME_COS = 2_000, 8, 3.0, np.cos(np.deg2rad(10.0))
 # Planes of the two lie apart by more than so many times the noise; neighbourhoods without which nothing is said.
 APART, FEWEST_FLAT = 5.0, 100
+# Means of neighbours in the two are at one place where they are less than this share of their extent beside each other.
+BESIDE = 0.7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,9 +97,15 @@ def faces_apart(placed: FloatArray, fixed: FloatArray, places: FloatArray, noise
     flat = np.fmax(own.residuals, other.residuals) <= FLAT_BY * noise
     normals = np.nan_to_num(other.normals)
     flat &= np.abs(np.einsum("ij,ij->i", np.nan_to_num(own.normals), normals)) > SAME_COS
+    apart = np.einsum("ij,ij->i", here - there, normals)
+    # At the border of the overlap neighbours are beside the place, of another face perhaps.
+    aside = np.linalg.norm(here - there - apart[:, None] * normals, axis=1)
+    flat &= aside < BESIDE * np.sqrt(np.fmax(own.lever, other.lever))
     if np.count_nonzero(flat) < FEWEST_FLAT:
         return np.nan
-    return float(np.mean(np.abs(np.einsum("ij,ij->i", here - there, normals)[flat]) > APART * noise))
+    # Grazing views are noisier than the quietest places, which name the noise.
+    local = np.maximum(noise, np.hypot(own.residuals, other.residuals)[flat] / np.sqrt(2.0))
+    return float(np.mean(np.abs(apart[flat]) > APART * local))
 
 
 def _planes(points: FloatArray, places: FloatArray) -> tuple[PlaneFits, FloatArray]:
