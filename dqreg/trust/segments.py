@@ -14,10 +14,12 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import PlaneFits, fit_planes_around
+from dqreg.geometry.normals import PlaneFits, fit_planes_among, fit_planes_around
 
 # Neighbours of a plane, and those that a point is linked with, within so many usual distances of them.
 PLANE, LINKS, REACH = 12, 8, 2.0
+# Where less than this share of all points is flat, the noise is large against the points' distances: then more of them.
+WIDER, MOSTLY_FLAT = (PLANE, 2 * PLANE, 4 * PLANE), 0.5
 # A point whose neighbours leave their plane by more than this share of their extent is on an edge, or on no surface.
 ROUGH = 0.15
 # Tangent planes agree within this angle, and with each point within this slope (and so many residuals) of the other's.
@@ -78,10 +80,8 @@ class _Sides:
     @staticmethod
     def of(points: FloatArray, normals: FloatArray, distances: FloatArray, width: float) -> _Sides:
         tree, rows = NeighbourTree(points), np.arange(len(points))
-        fits = fit_planes_around(tree, points, rows, PLANE)
+        fits, flat = _planes(tree, points)
         own = np.nan_to_num(fits.normals)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            flat = np.nan_to_num(fits.residuals / np.sqrt(fits.lever), nan=np.inf) < ROUGH
         indices = tree.around(rows)[0][:, 1 : LINKS + 1].astype(np.int64)
         labels, spacing = _smooth_segments(points, own, fits, indices, flat)
         on = (distances <= width) & flat & (np.abs(np.einsum("ij,ij->i", own, normals)) > AGREE_COS)
@@ -125,6 +125,21 @@ class _Sides:
         )
         # An edge is about as long as the root of the number of points on the face behind it.
         return (convex >= np.maximum(FEWEST_LINKS, np.sqrt(count_off))) & (convex >= CONVEX * (convex + concave))
+
+
+def _planes(tree: NeighbourTree, points: FloatArray) -> tuple[PlaneFits, BoolArray]:
+    """Planes about all points, and which of these are flat; of more neighbours where noise makes few of them flat."""
+    rows = np.arange(len(points))
+    for count in WIDER:
+        if count == PLANE:
+            fits = fit_planes_around(tree, points, rows, PLANE)
+        else:
+            fits = fit_planes_among(points, tree.nearest(points, min(count, len(points)))[0].astype(np.int64))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            flat = np.nan_to_num(fits.residuals / np.sqrt(fits.lever), nan=np.inf) < ROUGH
+        if np.mean(flat) >= MOSTLY_FLAT:
+            break
+    return fits, flat
 
 
 def _smooth_segments(

@@ -7,9 +7,15 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.compare.trust import scans, shapes
 from dqreg.compare.trust.task import NONE_RIGHT, Kind, Make, Task, kinds_of
-from dqreg.geometry import Mesh, PointCloud
+from dqreg.geometry import Mesh, MeshSurface, PointCloud
+from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.rigid import pose
 from dqreg.synth import disturbance, random_pose
+
+# Views of a good task are drawn anew, so often at most, until what both show determines the pose: points of one within
+# so many spacings of the other, on the same face; the weakest motion is constrained by so many, and by this share of
+# what all could give with the longest lever.
+DRAWN, BOTH, SAME_COS, CARRIERS, STRENGTH = 30, 1.5, 0.9, 60.0, 2e-3
 
 
 def cloud_task(
@@ -40,20 +46,45 @@ def views_apart(
     start: tuple[float, float] | None,
     family: shapes.Family | None = None,
     far: tuple[float, float] | None = None,
+    *,
+    determined: bool = False,
 ) -> Make:
-    """Two views so many degrees apart, or a start between two bounds of degrees off."""
+    """Two views so many degrees apart, or a start between two bounds of degrees off.
+
+    Those of a good task determine the pose: what both show constrains all motions, by the part's own normals.
+    """
 
     def make(rng: np.random.Generator) -> Task:
-        mesh = shapes.any_part(rng) if family is None else shapes.draw(family, rng)
-        one = scans.oblique(rng)
-        one /= np.linalg.norm(one)
-        across = np.cross(one, scans.directions(1, rng)[0])
-        turn = np.deg2rad(rng.uniform(low, high)) * across / np.linalg.norm(across)
-        other = pose.exp(np.concatenate([turn, np.zeros(3)]))[:3, :3] @ one
-        begun = start if far is None else (rng.uniform(*far), 0.1)
-        return cloud_task(scans.dense_view(mesh, rng, one), scans.dense_view(mesh, rng, other), mesh, rng, begun)
+        for _ in range(DRAWN):
+            mesh = shapes.any_part(rng) if family is None else shapes.draw(family, rng)
+            one = scans.oblique(rng)
+            one /= np.linalg.norm(one)
+            across = np.cross(one, scans.directions(1, rng)[0])
+            turn = np.deg2rad(rng.uniform(low, high)) * across / np.linalg.norm(across)
+            other = pose.exp(np.concatenate([turn, np.zeros(3)]))[:3, :3] @ one
+            begun = start if far is None else (rng.uniform(*far), 0.1)
+            source, target = scans.dense_view(mesh, rng, one), scans.dense_view(mesh, rng, other)
+            if not determined or _is_determined(source, target, mesh):
+                break
+        return cloud_task(source, target, mesh, rng, begun)
 
     return make
+
+
+def _is_determined(source: FloatArray, target: FloatArray, mesh: Mesh) -> bool:
+    """Whether the points that both views show constrain all six motions."""
+    from dqreg.trust.information import information_of
+
+    surface = MeshSurface(mesh)
+    spacing = float(np.median(NeighbourTree(target).nearest(target, 2)[1][:, 1]))
+    rows, apart = NeighbourTree(target).nearest(source, 1)
+    normals, theirs = (surface.closest(points).normals for points in (source, target))
+    shared = (apart[:, 0] < BOTH * spacing) & (np.einsum("ij,ij->i", normals, theirs[rows[:, 0]]) > SAME_COS)
+    if not shared.any():
+        return False
+    one = np.ones(np.count_nonzero(shared))
+    found = information_of(source[shared], normals[shared], 0.0 * one, one, 0.5 * mesh.diagonal, mesh.centre)
+    return bool(found.carriers.min() >= CARRIERS and found.values.min() >= STRENGTH)
 
 
 def _two_parts(rng: np.random.Generator) -> Task:
@@ -75,9 +106,11 @@ KINDS: tuple[Kind, ...] = (
     *kinds_of(
         "good",
         True,
-        ("clouds-10-30", "views 10 to 30 degrees apart, start 5 degrees off", views_apart(10, 30, (5.0, 0.02))),
-        ("clouds-30-50", "views 30 to 50 degrees apart, start 5 degrees off", views_apart(30, 50, (5.0, 0.02))),
-        ("clouds-nothing", "views 10 to 40 degrees apart, no initial pose", views_apart(10, 40, None)),
+        ("clouds-10-30", "views 10 to 30 degrees apart, start 5 degrees off",
+         views_apart(10, 30, (5.0, 0.02), determined=True)),
+        ("clouds-30-50", "views 30 to 50 degrees apart, start 5 degrees off",
+         views_apart(30, 50, (5.0, 0.02), determined=True)),
+        ("clouds-nothing", "views 10 to 40 degrees apart, no initial pose", views_apart(10, 40, None, determined=True)),
     ),
     *kinds_of(
         "clouds",
