@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import as_json_option, consoles, print_json
 from dqreg.errors import InputError
 
@@ -16,15 +17,25 @@ if TYPE_CHECKING:
     from dqreg.inspection import Face
     from dqreg.report.table import Table
 
+UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
+
 
 @click.command("faces")
 @click.argument("part", type=click.Path(path_type=Path))
 @click.option("--near", type=float, nargs=3, metavar="X Y Z", help="Only the face that is closest to this point.")
 @click.option("--box", type=float, nargs=6, metavar="X Y Z X Y Z", help="Only the faces that lie in this box as a "
               "whole: two opposite corners.")  # fmt: skip
+@click.option("--target-units", type=UNITS, help="Length unit of PART, where its file does not say.")
+@click.option("--display-units", type=UNITS, help="Length unit of the table, and of all lengths given here  [default: "
+              "PART's].")  # fmt: skip
 @as_json_option
 def faces_command(
-    part: Path, near: tuple[float, float, float] | None, box: tuple[float, ...] | None, as_json: bool
+    part: Path,
+    near: tuple[float, float, float] | None,
+    box: tuple[float, ...] | None,
+    target_units: str | None,
+    display_units: str | None,
+    as_json: bool,
 ) -> int:
     """List the faces of PART: planes, cylinders (holes and bosses), cones, spheres and free faces.
 
@@ -32,6 +43,7 @@ def faces_command(
     dqreg faces part.stl
     dqreg faces part.stl --near 46.5 20 5          which face is here?
     dqreg faces part.stl --box 0 0 9 120 80 11     which lie in this box?
+    dqreg faces part.stl --target-units m --display-units mm      in the unit of the plan
     dqreg faces part.stl --json
 
     Exit codes: 0, or 2 for bad input.
@@ -39,7 +51,11 @@ def faces_command(
     from dqreg.inspection import faces_in_box, nearest_face, part_faces
     from dqreg.report.table import print_tables
 
-    mesh = read_part(part)
+    mesh, _ = read_part_in(part, target_units, display_units)
+    if display_units is not None and target_units is None and read_part(part).units is None:
+        raise InputError(
+            f"--display-units {display_units}: {part.name} names no length unit; name it with --target-units"
+        )
     faces = part_faces(mesh)
     if near is not None:
         faces = (nearest_face(mesh, faces, near),)

@@ -183,9 +183,14 @@ def deviations_under(deviations: Deviations, T: FloatArray, covariance: FloatArr
     points = pose.apply(T, deviations.points) - deviations.origin
     ask = _on_mesh(mesh, MeshSurface(mesh))[0]
     values, closest, faces = ask(points)
+    reach = deviations.reach
+    if deviations.reach_from == "deviations":
+        # What belongs to the part stays so, and its largest deviation is another one.
+        reach = float(np.abs(values[deviations.counted]).max(initial=0.0))
     return dataclasses.replace(
         deviations,
         values=values,
+        reach=reach,
         points=points + deviations.origin,
         closest=closest + deviations.origin,
         faces=faces,

@@ -230,7 +230,7 @@ def alternatives_of(fit: Fit, others: FloatArray) -> tuple[Alternative, ...]:
         # Known where a global search has run.
         symmetry = target.pairs.symmetry if "pairs" in vars(target) else None
         axis = symmetry.between(poses[0], poses[k], offset * diagonal) if symmetry else None
-        words = symmetry_words(axis.moved(target.origin), fit.problem.units[1]) if axis else ""
+        words = symmetry_words(axis.moved(target.origin), fit.problem.units[1], diagonal) if axis else ""
         motion = _motion_words(fit, poses[k] @ pose.inverse(poses[0]))
         pose_k = fit.problem.to_caller(poses[k])
         found.append(Alternative(pose_k, float(rms[k]), words, float(-deficit[k]), float(error[k]), motion))
@@ -240,14 +240,17 @@ def alternatives_of(fit: Fit, others: FloatArray) -> tuple[Alternative, ...]:
 def _motion_words(fit: Fit, T: FloatArray) -> str:
     """A motion of the target's centred frame in words of the caller's."""
     target, units = fit.problem.target, fit.problem.units[1]
+    size = target.surface.diagonal
     angle = angle_of(T[:3, :3])
     if angle > SAME_AXIS_RAD:
         axis = axis_of(T[:3, :3])
         # The point of the axis nearest to the middle; what is left is along the axis.
         along = float(axis @ T[:3, 3])
         point = np.linalg.lstsq(np.eye(3) - T[:3, :3], T[:3, 3] - axis * along, rcond=1e-6)[0]
-        words = f"rotated by {np.rad2deg(angle):.4g} degrees about {axis_words(point + target.origin, axis, units)}"
-        is_screw = abs(along) > FINE_APART[1] * target.surface.diagonal
+        words = (
+            f"rotated by {np.rad2deg(angle):.4g} degrees about {axis_words(point + target.origin, axis, units, size)}"
+        )
+        is_screw = abs(along) > FINE_APART[1] * size
         return words + (f" and shifted by {_in_units(along, units)} along it" if is_screw else "")
     length = float(np.linalg.norm(T[:3, 3]))
     words = _in_units(length, units)

@@ -14,14 +14,24 @@ from dqreg.rigid import DualQuaternion, quaternion
 # Settings that are lengths in the target's unit.
 LENGTHS = frozenset({"max_distance", "width", "source_noise", "source_spacing", "diagonal", "centre", "near", "reach"})
 
+# Numbers below this are written without a power of ten.
+PLAIN = 1e7
+
 
 def text_of(value: float | None, digits: int = 3, *, sign: bool = False) -> str:
-    """A number in a few digits."""
+    """A number in a few digits; no power of ten up to ten million.
+
+    >>> text_of(24190.5, 4), text_of(-1234.5, sign=True), text_of(3e7), text_of(0.0000123)
+    ('24190', '−1230', '3e+07', '1.23e-05')
+    """
     if value is None or np.isnan(value):
         return "not known"
     if np.isinf(value):
         return "no limit" if value > 0 else "−∞"
-    text = f"{value:{'+' if sign and value else ''}.{digits}g}"
+    plus = "+" if sign and value else ""
+    text = f"{value:{plus}.{digits}g}"
+    if "e+" in text and abs(value) < PLAIN:
+        text = f"{float(text):{plus}.0f}"
     return text.replace("-", "−") if not text.count("e") else text.replace("-", "−", 1) if value < 0 else text
 
 

@@ -63,10 +63,10 @@ def find_symmetry(mesh: Mesh, surface: Surface, grid: PlaneGrid) -> Symmetry:
     return Symmetry(pose.from_parts(unlike, part.centre - unlike @ part.centre), near, axes, part.centre)
 
 
-def symmetry_words(axis: Axis, units: str | None = None) -> str:
+def symmetry_words(axis: Axis, units: str | None = None, size: float = 0.0) -> str:
     """The symmetry about an axis in a sentence."""
     rotation = "any rotation" if axis.order is None else f"a rotation of {360.0 / axis.order:.4g} degrees"
-    return f"the part looks the same after {rotation} about {axis_words(axis.point, axis.direction, units)}"
+    return f"the part looks the same after {rotation} about {axis_words(axis.point, axis.direction, units, size)}"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -45,14 +45,16 @@ class Motion:
         return f"rotation about {axis_words(self.point, self.axis, units)}"
 
 
-def axis_words(point: FloatArray | Vector, unit: FloatArray | Vector, units: str | None = None) -> str:
-    """A line in space; coordinates that are zero but for rounding as zero.
+def axis_words(
+    point: FloatArray | Vector, unit: FloatArray | Vector, units: str | None = None, size: float = 0.0
+) -> str:
+    """A line in space; coordinates that are zero but for rounding, given the size of the part, as zero.
 
     >>> axis_words((1.0, -1e-17, 20.5), (0.0, 0.6, 0.8), "mm")
     'the axis through (1, 0, 20.5) mm along (0.00, 0.60, 0.80)'
     """
-    largest = max(map(abs, point))
-    x, y, z = (c if abs(c) >= 1e-6 * largest else 0.0 for c in point)
+    least = max(1e-6 * max(map(abs, point)), 1e-6 * size)
+    x, y, z = (c if abs(c) >= least else 0.0 for c in point)
     place = f"({x:.4g}, {y:.4g}, {z:.4g})" + (f" {units}" if units else "")
     return f"the axis through {place} along {direction_words(unit)}"
 
