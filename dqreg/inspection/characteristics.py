@@ -15,7 +15,8 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.inspection.features import Feature, fit_feature
+from dqreg.inspection.features import Feature
+from dqreg.inspection.features.fit import zone_width
 from dqreg.inspection.features.models import distances
 from dqreg.inspection.features.spread import normals_of
 from dqreg.inspection.places import COVERAGE
@@ -132,7 +133,7 @@ def form(feature: Feature, points: FloatArray, noise: float) -> Measured:
     # Each place moves along the shape's own normal.
     outward = normals_of(feature.kind, feature.shape, points[medians.rows])
     places = points[medians.rows] + (medians.values - offsets[medians.rows])[:, None] * outward
-    zone = fit_feature(places, feature.kind, method="chebyshev").form
+    zone = zone_width(places, feature.kind)
     own = slopes[medians.rows]
     inverse = np.linalg.pinv(own)
     # A least squares shape follows each draw; the minimum zone is narrower than its zone by about the same share.

@@ -132,7 +132,10 @@ class ScannedPart:
         places, step = edge_places(self.mesh, self.of_triangle, max(0.5 * mixed, FINE * self.spacing))
         if not len(places) or not len(feet):
             return np.full(len(feet), np.inf), 0.0
-        return np.asarray(cKDTree(places).query(feet)[0], dtype=np.float64), math.hypot(mixed, 0.5 * step)
+        width = math.hypot(mixed, 0.5 * step)
+        # Farther ones need no distance: they are infinitely far.
+        away = cKDTree(places).query(feet, distance_upper_bound=1.01 * width)[0]
+        return np.asarray(away, dtype=np.float64), width
 
     @property
     def face_of_points(self) -> IntArray:

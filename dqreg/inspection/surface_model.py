@@ -21,7 +21,7 @@ BLOCKS = 256
 LENGTHS = 2.0 ** np.arange(-5.0, 1.0)
 SIZES = np.concatenate([[0.0], np.geomspace(0.2, 100.0, 19)])
 # What the farthest place is not known by, in standard deviations of one.
-UNKNOWN = 1.4
+UNKNOWN = 1.2
 # Draws of the noise, and their seed: the same scan has the same uncertainty.
 DRAWS, SEED = 60, 20_261_122
 
@@ -38,6 +38,8 @@ class Medians:
     sigma: float  # Standard deviation of one
     points: FloatArray  # (n, 3)
     around: IntArray  # (m, k): Points of each neighbourhood
+    own: FloatArray  # (n,): Values of the points themselves
+    noise: float  # Standard deviation of one of these
 
     @classmethod
     def of(cls, values: FloatArray, points: FloatArray, noise: float) -> Medians:
@@ -50,7 +52,9 @@ class Medians:
         rows = np.arange(len(values))[:: -(-len(values) // PLACES)]
         count = int(np.clip(len(values) // SHARE, 1, PLACE))
         around = np.asarray(cKDTree(points).query(points[rows], k=[*range(1, count + 1)])[1], dtype=np.int64)
-        return cls(rows, np.asarray(np.median(values[around], axis=1)), _sigma(noise, count), points, around)
+        return cls(
+            rows, np.asarray(np.median(values[around], axis=1)), _sigma(noise, count), points, around, values, noise
+        )
 
     def corrected(self, value: float, statistic: Statistic, unit: float = 1.0) -> tuple[float, float]:
         """A statistic without what noise adds to it, and its expanded uncertainty; one place adds ``unit``.
@@ -86,11 +90,11 @@ class Medians:
 
         Gaussian process regression (Rasmussen and Williams 2006, chapter 2 and section 5.4) with the Matern kernel 5/2.
         """
-        blocks = _blocks(self.points[self.rows])
-        places = np.array([self.points[self.rows[each]].mean(axis=0) for each in blocks])
-        values = np.array([self.values[each].mean() for each in blocks])
-        # Medians of a block share most of their points.
-        sigma = self.sigma / np.sqrt(max(len(self.points) / len(blocks) / self.around.shape[1], 1.0))
+        # Neighbouring medians share points: from them the noise would look like a surface. Blocks do not.
+        blocks = _blocks(self.points)
+        places = np.array([self.points[each].mean(axis=0) for each in blocks])
+        values = np.array([np.median(self.own[each]) for each in blocks])
+        sigma = _sigma(self.noise, len(blocks[0]))
         middle = float(values.mean())
         away = np.linalg.norm(places[:, None] - places[None], axis=2)
         extent = max(float(away.max()), np.finfo(float).tiny)

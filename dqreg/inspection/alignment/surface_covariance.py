@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.inspection.alignment.surface_goals import as_small, least_largest
 from dqreg.inspection.alignment.surface_rows import SurfaceRows
+from dqreg.inspection.places import PLACE
 from dqreg.solvers import Freedom
 from dqreg.solvers.sandwich import scatter_of
 
 # A row decides where it is within that share of the largest of its limit, or so many sizes of the part from it.
 DECIDES = 1e-6
+# Noise below that share of the part's size is rounding.
+EXACT = 1e-12
+# Repeated fits, their seed, and the places that enter them: those with the largest deviations.
+DRAWS, SEED, PLACES = 60, 20_261_122, 1_000
 
 
 def covariance_of(rows: SurfaceRows, T: FloatArray, goal: str, free: Freedom, prior: FloatArray | None) -> FloatArray:
@@ -44,14 +50,46 @@ def _least_squares(rows: SurfaceRows, T: FloatArray, basis: FloatArray, known: F
 
 
 def _of_largest(rows: SurfaceRows, T: FloatArray, basis: FloatArray, least: FloatArray) -> FloatArray:
+    """By repeating the fit, to first order, with noise drawn again: which places are the farthest is chance too."""
     values, slopes = rows.scaled(T)
-    sizes = np.abs(values)
-    active = sizes >= sizes.max() * (1.0 - DECIDES)
-    signs, unit = np.sign(values[active]), np.linalg.norm(slopes[active][:, 3:], axis=1)
-    # The equal largest values fix the pose and their own size: each is known as well as its median.
-    matrix = np.column_stack([signs[:, None] * (slopes[active] @ basis), -np.ones(len(signs))])
-    inverse = np.linalg.pinv(matrix, rcond=1e-9)[:-1] * unit
-    return np.asarray(rows.place_sigma(T) ** 2 * inverse @ inverse.T + _open(matrix[:, :-1], least))
+    unit = np.linalg.norm(slopes[:, 3:], axis=1)
+    slopes = slopes @ basis
+    if rows.place_sigma(T) <= EXACT * rows.size:
+        return np.zeros_like(least)
+    chosen = np.argsort(-np.abs(values), kind="stable")[:PLACES]
+    # What is noise already is not there twice.
+    variance = float(np.mean((values / unit) ** 2))
+    surface = np.sqrt(max(1.0 - rows.place_sigma(T) ** 2 / variance, 0.0)) if variance > 0.0 else 0.0
+    values, slopes, unit = values[chosen], slopes[chosen], unit[chosen]
+    lengths = np.sqrt(np.maximum(np.diag(least), 1e-300))
+    size = max(float(np.abs(values).max()), np.finfo(float).tiny)
+    # Parameters in standard deviations of the best fit: of one size.
+    slopes = slopes * lengths / size
+    steps = np.array([least_largest(each / size, slopes) for each in surface * values + unit * _noise(rows, T, chosen)])
+    # The inverse of a covariance from few draws is too large by this (Hartlap, Simon and Schneider 2007).
+    found = np.atleast_2d(np.cov(steps.T)) * (DRAWS - 1) / (DRAWS - len(lengths) - 2)
+    # Poses whose largest deviation is as small are all an answer.
+    found = found + np.diag(as_small(values / size, slopes) ** 2 / 12.0)
+    return np.asarray(found * lengths * lengths[:, None])
+
+
+def _noise(rows: SurfaceRows, T: FloatArray, chosen: IntArray) -> FloatArray:
+    """Noise of the deviations of some rows as it might have been, alike where medians share points: (draws, m)."""
+    from scipy.spatial import cKDTree
+
+    rng = np.random.default_rng(SEED)
+    if np.isnan(rows.sigma):
+        return np.asarray(rows.place_sigma(T) * rng.standard_normal((DRAWS, len(chosen))))
+    around = np.zeros((len(chosen), PLACE), dtype=np.int64)
+    for label in np.unique(rows.labels[chosen]):
+        own, here = np.flatnonzero(rows.labels == label), np.flatnonzero(rows.labels[chosen] == label)
+        nearest = cKDTree(rows.points[own]).query(rows.points[chosen[here]], k=min(PLACE, len(own)))[1]
+        nearest = np.asarray(nearest, dtype=np.int64).reshape(len(here), -1)
+        # A face of fewer points than that repeats them.
+        around[here] = own[np.resize(nearest.T, (PLACE, len(here))).T]
+    factor = rows.sigma * np.sqrt(PLACE)
+    draws = [rng.standard_normal(len(rows.points))[around].mean(axis=1) for _ in range(DRAWS)]
+    return np.asarray(factor * np.stack(draws))
 
 
 def _of_one_side(rows: SurfaceRows, T: FloatArray, basis: FloatArray, least: FloatArray, sign: float) -> FloatArray:

@@ -105,7 +105,8 @@ def align_surface(
     Returns
     -------
     SurfaceAlignment
-        With its covariance, from how the deviations scatter between patches.
+        With its covariance, from how the deviations scatter between patches; of ``minimax`` from the fit repeated with
+        the noise of its medians drawn again.
 
     Raises
     ------

@@ -14,6 +14,8 @@ ACTIVE, VIOLATED = 400, 1e-13
 COVERAGE = 2.0
 # Programs for one step at most.
 PROGRAMS = 50
+# Rows that enter a repeated fit at first, the farthest that it goes, and what counts as the same largest value.
+FIRST, FAR, AS_SMALL = 60, 1e4, 1e-6
 
 
 def minimax_step(rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCost | None, longest: float) -> FloatArray:
@@ -44,6 +46,45 @@ def minimax_step(rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCos
             break
         chosen = np.concatenate([chosen, missed])
     return np.asarray(basis @ step)
+
+
+def least_largest(values: FloatArray, slopes: FloatArray) -> FloatArray:
+    """The step after which the largest absolute value is least, to first order: (k,)."""
+    from scipy.optimize import linprog
+
+    count = slopes.shape[1]
+    values, slopes = np.concatenate([values, -values]), np.concatenate([slopes, -slopes])
+    chosen, step = np.argsort(-values, kind="stable")[:FIRST], np.zeros(count)
+    for _ in range(PROGRAMS):
+        left = np.column_stack([slopes[chosen], -np.ones(len(chosen))])
+        limits = [(-FAR, FAR)] * count + [(None, None)]
+        found = linprog(np.r_[np.zeros(count), 1.0], A_ub=left, b_ub=-values[chosen], bounds=limits, method="highs")
+        if found.x is None:
+            return step
+        step = np.asarray(found.x[:-1])
+        missed = _missed(values + slopes @ step - found.x[-1], chosen, 1e-9)
+        if not len(missed):
+            return step
+        chosen = np.concatenate([chosen, missed[:FIRST]])
+    return step
+
+
+def as_small(values: FloatArray, slopes: FloatArray) -> FloatArray:
+    """How far each parameter may go with the largest absolute value as small as it is, to first order: (k,)."""
+    from scipy.optimize import linprog
+
+    count, height = slopes.shape[1], float(np.abs(values).max())
+    spans, largest = np.zeros(count), height * (1.0 + AS_SMALL)
+    active = np.abs(values) >= height * (1.0 - AS_SMALL)
+    held = np.column_stack([np.sign(values[active])[:, None] * slopes[active], -np.ones(np.count_nonzero(active))])
+    if np.linalg.matrix_rank(held) > count:
+        return spans
+    left, right = np.concatenate([slopes, -slopes]), largest - np.concatenate([values, -values])
+    for k, sign in ((k, sign) for k in range(count) for sign in (1.0, -1.0)):
+        wanted = np.where(np.arange(count) == k, -sign, 0.0)
+        found = linprog(wanted, A_ub=left, b_ub=right, bounds=[(-FAR, FAR)] * count, method="highs")
+        spans[k] += 0.0 if found.x is None else abs(float(found.x[k]))
+    return spans
 
 
 def one_sided_step(

@@ -15,6 +15,7 @@ from dqreg.geometry.mesh_faces import faces_of
 from dqreg.geometry.morton import morton_order
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.medians import smoothed
+from dqreg.inspection.places import PLACE
 from dqreg.rigid import pose, twist
 from dqreg.solvers import Freedom, PoseCost
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
@@ -54,7 +55,7 @@ class SurfaceRows:
     points: FloatArray  # (n, 3)
     labels: IntArray  # (n,): Number of the face of each
     offsets: FloatArray  # (n,): Median of the neighbourhood less the point's own deviation; 0 without medians
-    sigma: float  # Standard deviation of such a median; 0 without
+    sigma: float  # Standard deviation of such a median; NaN without
     weights: FloatArray  # (n,)
     low: FloatArray  # (n,)
     high: FloatArray  # (n,)
@@ -76,7 +77,7 @@ class SurfaceRows:
 
     def place_sigma(self, T: FloatArray) -> float:
         """Standard deviation of a median of the neighbourhood, or of a point where there are no medians."""
-        if self.sigma > 0.0:
+        if not math.isnan(self.sigma):
             return self.sigma
         values = self.deviations(T)[0]
         return float(np.sqrt(np.sum(values**2) / max(len(values) - 6, 1)))
@@ -88,7 +89,9 @@ class SurfaceRows:
         """
         values, _ = self.deviations(T)
         medians, sigma = smoothed(values, pose.apply(T, self.points), self.labels)
-        return dataclasses.replace(self, offsets=medians - values, sigma=sigma)
+        # Fewer points are probed by hand, and are their own medians.
+        known = sigma if len(values) >= 2 * PLACE else math.nan
+        return dataclasses.replace(self, offsets=medians - values, sigma=known)
 
     def weighed_by_noise(self, T: FloatArray) -> SurfaceRows:
         """The same with weights of maximum likelihood, as they must be beside a prior."""
@@ -185,7 +188,7 @@ def rows_of(deviations: Deviations, faces: Mapping[int, FaceTerms] | None) -> Su
         points=points[kept],
         labels=labels,
         offsets=np.zeros(len(kept)),
-        sigma=0.0,
+        sigma=math.nan,
         weights=weights,
         low=low,
         high=high,

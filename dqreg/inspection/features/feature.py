@@ -42,7 +42,7 @@ class Feature:
         Points used and points cut.
     covariance : ndarray, (k, k)
         Of the parameters, see ``parameters``; from the scatter of the residuals between patches of neighbouring points
-        where there are 400, else as if they were independent.
+        where there are 400, else as if they were independent. Of a zone: from repeated fits on drawn residuals.
     parameters : tuple of str
         Rotations about the local x and y axes in radians, translations along the local axes, radius, half angle.
     frame : ndarray, (3, 3)

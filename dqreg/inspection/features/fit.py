@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import get_args
 
 import numpy as np
@@ -14,6 +15,7 @@ from dqreg.inspection.features.gauss import fit_gauss
 from dqreg.inspection.features.models import FEWEST, PARAMETERS, FeatureKind, Shape, distances
 from dqreg.inspection.features.spread import covariance_of
 from dqreg.inspection.features.zone import fit_zone
+from dqreg.inspection.features.zone_spread import zone_covariance
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 # Shapes that have a largest one inside and a least one outside.
@@ -86,14 +88,22 @@ def fit_feature(
         used = inside
     kept = chosen[used]
     _require_held(kind, shape, kept)
-    if method != "gauss" and kind == "line":
-        shape = fit_zone("line", "circumscribed", kept, shape)
-    elif method != "gauss":
-        shape = fit_zone(kind, method, kept, shape)
+    gauss = shape
+    if method != "gauss":
+        shape = fit_zone(kind, method, kept, gauss)
     found = _feature(kind, method, shape, kept, len(chosen) - len(kept))
+    if method != "gauss":
+        spread = zone_covariance(kind, method, kept, shape=shape, gauss=gauss)
+        found = dataclasses.replace(found, covariance=spread)
     if sides is not None and kind == "plane" and found.axis @ sides[used].mean(axis=0) < 0.0:
         return found.reversed()
     return found
+
+
+def zone_width(points: FloatArray, kind: FeatureKind) -> float:
+    """Form error of the minimum zone of points that hold the shape."""
+    shape = fit_zone(kind, "chebyshev", points, fit_gauss(kind, points))
+    return _form(kind, distances(kind, shape, points)[0], len(points))
 
 
 def _check(points: FloatArray, kind: str, method: str) -> None:

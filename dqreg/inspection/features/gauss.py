@@ -12,6 +12,8 @@ from dqreg.inspection.features.starts import starts_of
 ROUNDS, SMALLEST = 100, 4.0 * np.finfo(float).eps
 # A cost that rises by that share has not changed; steps below that end when they no longer halve.
 FLAT, NEARLY = 1e-12, 1e-11
+# With normals the axis is nearly known: a start whose cost is that many times the best one's is another basin.
+HOPELESS = 100.0
 # A rejected step is damped by that factor, an accepted one released by it.
 DAMP = 10.0
 
@@ -24,7 +26,11 @@ def fit_gauss(kind: FeatureKind, points: FloatArray, normals: FloatArray | None 
     centre = points.mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum((points - centre) ** 2, axis=1)))) or 1.0
     scaled = (points - centre) / size
-    found = [_refined(kind, shape, scaled) for shape in starts_of(kind, scaled, normals)]
+    starts = starts_of(kind, scaled, normals)
+    if normals is not None:
+        costs = [_cost(kind, shape, scaled) for shape in starts]
+        starts = [shape for shape, cost in zip(starts, costs, strict=True) if cost <= HOPELESS * min(costs)]
+    found = [_refined(kind, shape, scaled) for shape in starts]
     best = min(found, key=lambda shape: _cost(kind, shape, scaled))
     return placed(best, centre, size, scaled)
 

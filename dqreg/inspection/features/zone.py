@@ -19,10 +19,17 @@ ROUNDS, ENOUGH = 60, 1e-14
 TRUST = 0.3
 # Points that enter a program: those with the largest distances; more are added while any other one is violated.
 ACTIVE = 400
+# Points whose directions enter the program of a line at once.
+CUTS = 20
+# Directions that it begins with, and the tolerance of its programs, which may be no finer.
+SIDES = 24
+FINE = 1e-10
+# What those programs leave where they end, in heights.
+ROUNDING = 1e-10
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Problem:
+class ZoneProblem:
     """Least h with ``sign f_i <= h`` for all rows: distances both ways, from within, or from without."""
 
     kind: FeatureKind
@@ -31,16 +38,22 @@ class _Problem:
 
     def rows(self, shape: Shape) -> tuple[FloatArray, FloatArray]:
         """What must not exceed h, and its derivatives; an inscribed or circumscribed shape leaves the radius to h."""
-        values, slopes = distances(self.kind, shape, self.points)
+        return self.of_distances(*distances(self.kind, shape, self.points), shape.radius)
+
+    def of_distances(self, values: FloatArray, slopes: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
+        """The same from the distances of the points."""
         if self.kind == "circle":
             # The zone lies within the plane of the circle, which the least squares fit gave.
             values, slopes = values[len(self.points) :], slopes[len(self.points) :]
         slopes = slopes[:, self.free]
         if self.method == "chebyshev":
             return np.concatenate([values, -values]), np.concatenate([slopes, -slopes])
-        sign = 1.0 if self.method == "circumscribed" else -1.0
-        # A line has two components and no radius: its zone is the least cylinder about it.
-        return sign * (values + shape.radius), sign * slopes
+        return self.sign * (values + radius), self.sign * slopes
+
+    @property
+    def sign(self) -> float:
+        """Of the radius in the height of an inscribed or circumscribed shape."""
+        return 1.0 if self.method == "circumscribed" else -1.0
 
     @property
     def free(self) -> IntArray:
@@ -50,30 +63,93 @@ class _Problem:
         return np.array([k for k, name in enumerate(PARAMETERS[self.kind]) if name not in fixed])
 
     def height(self, shape: Shape) -> float:
-        """The h of a shape."""
+        """The h of a shape; of a line the radius of the cylinder about it."""
+        if self.kind == "line":
+            return float(np.hypot(*distances("line", shape, self.points)[0].reshape(2, -1)).max())
         return float(self.rows(shape)[0].max())
 
     def step(self, shape: Shape, trust: float) -> FloatArray:
         """The step within the trust region that gains most, to first order: all parameters, (k,)."""
-        from scipy.optimize import linprog
+        full = np.zeros(len(PARAMETERS[self.kind]))
+        if self.kind == "line":
+            return tube_step(*distances("line", shape, self.points), trust)
+        full[self.free] = chebyshev_step(*self.rows(shape), trust)
+        return full
 
+    def promised(self, shape: Shape, step: FloatArray) -> float:
+        """The h that a step leads to, to first order."""
+        if self.kind == "line":
+            values, slopes = distances("line", shape, self.points)
+            return float(np.hypot(*(values + slopes @ step).reshape(2, -1)).max())
         values, slopes = self.rows(shape)
-        count = slopes.shape[1]
-        chosen = np.argsort(-values, kind="stable")[:ACTIVE]
-        while True:
-            bounds = [(-trust, trust)] * count + [(None, None)]
-            rows = np.column_stack([slopes[chosen], -np.ones(len(chosen))])
-            found = linprog(np.r_[np.zeros(count), 1.0], A_ub=rows, b_ub=-values[chosen], bounds=bounds, method="highs")
-            full = np.zeros(len(PARAMETERS[self.kind]))
-            if found.x is None:
-                return full
-            short = values + slopes @ found.x[:-1] - found.x[-1]
-            short[chosen] = -np.inf
-            missed = np.flatnonzero(short > 1e-13)
-            if not len(missed):
-                full[self.free] = found.x[:-1]
-                return full
-            chosen = np.concatenate([chosen, missed[np.argsort(-short[missed], kind="stable")][:ACTIVE]])
+        return float((values + slopes @ step[self.free]).max())
+
+
+def chebyshev_step(values: FloatArray, slopes: FloatArray, trust: float) -> FloatArray:
+    """The step within a trust region after which the largest value is least. Shapes: (r,), (r, k), returns (k,)."""
+    from scipy.optimize import linprog
+
+    count = slopes.shape[1]
+    bounds = [(-trust, trust)] * count + [(None, None)]
+    chosen = np.argsort(-values, kind="stable")[:ACTIVE]
+    while True:
+        rows = np.column_stack([slopes[chosen], -np.ones(len(chosen))])
+        found = linprog(np.r_[np.zeros(count), 1.0], A_ub=rows, b_ub=-values[chosen], bounds=bounds, method="highs")
+        if found.x is None:
+            return np.zeros(count)
+        short = values + slopes @ found.x[:-1] - found.x[-1]
+        short[chosen] = -np.inf
+        missed = np.flatnonzero(short > 1e-13)
+        if not len(missed):
+            return np.asarray(found.x[:-1], dtype=np.float64)
+        chosen = np.concatenate([chosen, missed[np.argsort(-short[missed], kind="stable")][:ACTIVE]])
+
+
+def tube_step(values: FloatArray, slopes: FloatArray, trust: float) -> FloatArray:
+    """The step to the least cylinder about points, to first order, from both components of their distances: (4,).
+
+    The length of a distance is the largest of its components along all directions: those that matter are added one
+    after the other (cutting planes; Kelley 1960).
+    """
+    from scipy.optimize import linprog
+
+    # In units of the height: the programs' tolerance is absolute.
+    unit = float(np.hypot(*values.reshape(2, -1)).max()) or 1.0
+    parts, changes = values.reshape(2, -1) / unit, slopes.reshape(2, -1, slopes.shape[1])
+    trust = trust / unit
+    step, last = np.zeros(slopes.shape[1]), np.inf
+    rows: list[FloatArray] = []
+    bounds: list[FloatArray] = []
+    limits = [(-trust, trust)] * len(step) + [(None, None)]
+    for _ in range(ROUNDS):
+        moved = parts + changes @ step
+        sizes = np.hypot(*moved)
+        worst = np.argsort(-sizes, kind="stable")[:CUTS]
+        across = moved[:, worst] / np.maximum(sizes[worst], np.finfo(float).tiny)
+        if not rows:
+            # At first along even directions: the cylinder lies within a prism.
+            turns = 2.0 * np.pi / SIDES * np.repeat(np.arange(SIDES), len(worst))
+            worst, across = np.tile(worst, SIDES), np.stack([np.cos(turns), np.sin(turns)])
+        rows.append(np.column_stack([np.einsum("jw,jwk->wk", across, changes[:, worst]), -np.ones(len(worst))]))
+        bounds.append(-np.einsum("jw,jw->w", across, parts[:, worst]))
+        goal = np.r_[np.zeros(len(step)), 1.0]
+        found = linprog(
+            goal,
+            np.vstack(rows),
+            np.concatenate(bounds),
+            bounds=limits,
+            method="highs",
+            options={"primal_feasibility_tolerance": FINE, "dual_feasibility_tolerance": FINE},
+        )
+        if found.x is None:
+            break
+        step = np.asarray(found.x[:-1], dtype=np.float64)
+        gap = float(np.hypot(*(parts + changes @ step)).max() - found.x[-1])
+        # A gap of the programs' rounding closes no more.
+        if gap <= ENOUGH or (gap < ROUNDING and gap > 0.5 * last):
+            break
+        last = gap
+    return unit * step
 
 
 def fit_zone(kind: FeatureKind, method: ZoneMethod, points: FloatArray, gauss: Shape) -> Shape:
@@ -87,10 +163,13 @@ def fit_zone(kind: FeatureKind, method: ZoneMethod, points: FloatArray, gauss: S
     size = float(np.sqrt(np.mean(np.sum((points - centre) ** 2, axis=1)))) or 1.0
     place, half = (gauss.point - centre) / size, gauss.half_length / size
     shape = Shape(place, gauss.frame, gauss.radius / size, gauss.half_angle, half)
-    problem = _Problem(kind, method, (points - centre) / size)
+    problem = ZoneProblem(kind, method, (points - centre) / size)
     height, trust = problem.height(shape), TRUST
     for _ in range(ROUNDS):
-        moved = shape.moved(kind, problem.step(shape, trust))
+        step = problem.step(shape, trust)
+        if height - problem.promised(shape, step) <= ENOUGH:
+            break
+        moved = shape.moved(kind, step)
         new = problem.height(moved)
         if new < height:
             gained, shape, height, trust = height - new, moved, new, min(2.0 * trust, TRUST)

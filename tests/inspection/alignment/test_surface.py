@@ -184,6 +184,38 @@ def test_the_covariance_is_that_of_repeated_scans() -> None:
     assert np.mean(squares) == pytest.approx(6.0, abs=2.0)
 
 
+def test_the_covariance_of_the_smallest_largest_deviation_is_that_of_repeated_scans() -> None:
+    # 40 probed points of noise alone; only the height is free: the answer is the middle of the extremes, by hand.
+    rng = np.random.default_rng(5)
+    sides = np.flatnonzero(on((0, 0, 1.0)))
+    rows = rng.choice(sides, 40, replace=False)
+    middles, stated = [], []
+    for seed in range(200):
+        noise = 0.02 * np.random.default_rng(seed).normal(size=40)
+        middles.append(0.5 * (noise.max() + noise.min()))
+        if seed < 4:
+            scan = measure_deviations(POINTS[rows] + noise[:, None] * NORMALS[rows], PART, SURFACE, reach=3.0)
+            found = align_surface(scan, "minimax", faces={TOP: FaceTerms()}, dof="tz")
+            assert found.T_target_source[2, 3] == pytest.approx(-middles[-1], abs=1e-12)
+            stated.append(found.covariance[5, 5])
+    # The noise of four times 40 points is known to a fifth at worst, 60 draws add a tenth.
+    assert 0.75 < np.sqrt(np.mean(stated)) / np.std(middles) < 1.6
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("waves", [0.0, 0.03])
+def test_the_covariance_of_minimax_covers_repeated_scans(waves: float) -> None:
+    surface, squares = waves * np.sin(POINTS @ [0.3, 0.5, 0.7]), []
+    exact = error_of(align_surface(scanned(surface), "minimax"))
+    for seed in range(40):
+        noise = 0.02 * np.random.default_rng(seed).normal(size=len(POINTS))
+        found = align_surface(scanned(surface + noise), "minimax")
+        error = error_of(found) - exact
+        squares.append(error @ np.linalg.solve(found.covariance, error))
+    # Never too small; up to twice as wide where waves make the farthest places certain.
+    assert 0.8 < np.mean(squares) < 7.5
+
+
 def test_steps_of_a_chain_are_named_and_multiply() -> None:
     cloud = sample_mesh(PART, 3_000, np.random.default_rng(4))
     first = register(PointCloud(pose.apply(pose.inverse(T_TRUE), cloud.points)), PART, "identity", effort="fast")
