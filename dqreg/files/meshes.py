@@ -1,4 +1,4 @@
-"""Mesh files read with trimesh: STL and glTF."""
+"""Mesh files: binary STL by its layout, text STL and glTF with trimesh."""
 
 from __future__ import annotations
 
@@ -15,11 +15,17 @@ from dqreg.files.gltf_guards import require_safe_gltf
 from dqreg.files.mesh_data import MeshData, make_mesh
 from dqreg.files.untrusted import max_faces, unreadable
 
+# Bytes before the triangles of a binary STL, and one of these: a normal that its corners tell as well, and a number.
+HEADER = 84
+FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("number", "<u2")])
+
 
 def read_mesh_file(path: Path) -> MeshData:
     """Triangles of a mesh file; the bodies of a scene are put in their places and joined."""
     extension = path.suffix.lower()
     if extension == ".stl":
+        if _is_binary_stl(path):
+            return _read_binary_stl(path)
         _require_whole_stl(path)
     elif extension in (".glb", ".gltf"):
         require_safe_gltf(path)
@@ -98,6 +104,19 @@ def _arrays(path: Path, body: Any) -> tuple[FloatArray, IntArray]:
         raise unreadable(path, f"vertices of shape {vertices.shape}", "three coordinates each; was it cut short?")
     # Points and curves in a scene have no faces.
     return vertices, np.asarray(getattr(body, "faces", ()), dtype=np.int64).reshape(-1, 3)
+
+
+def _is_binary_stl(path: Path) -> bool:
+    """Whether a file is just as long as its header promises."""
+    with path.open("rb") as stream:
+        head = stream.read(HEADER)
+    return len(head) == HEADER and path.stat().st_size == HEADER + FACET.itemsize * int.from_bytes(head[80:], "little")
+
+
+def _read_binary_stl(path: Path) -> MeshData:
+    # Without trimesh, whose import takes longer than most parts.
+    corners = np.fromfile(path, dtype=FACET, offset=HEADER)["corners"].reshape(-1, 3).astype(np.float64)
+    return make_mesh(path, corners, np.arange(len(corners)).reshape(-1, 3))
 
 
 def _require_whole_stl(path: Path) -> None:

@@ -75,6 +75,13 @@ class Mesh:
         object.__setattr__(self, "flat", np.concatenate([self.flat, faces[~solid]]))
         object.__setattr__(self, "dropped", self.dropped + int(len(faces) - np.count_nonzero(solid)))
 
+    def _shifted(self, offset: FloatArray) -> Mesh:
+        """The mesh at another place, (3,), nearer to the origin: what was checked once holds there too."""
+        shifted = object.__new__(Mesh)
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        shifted.__dict__.update(fields, vertices=self.vertices + offset)
+        return shifted
+
     @cached_property
     def corners(self) -> FloatArray:
         """The three corner positions of each face, (f, 3, 3)."""

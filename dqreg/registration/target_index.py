@@ -206,7 +206,7 @@ def index_target(target: Any) -> TargetIndex:
     geometry = open_geometry(target, "target")
     if isinstance(geometry, Mesh):
         origin = geometry.centre
-        return TargetIndex(dataclasses.replace(geometry, vertices=geometry.vertices - origin), origin, describe(target))
+        return TargetIndex(geometry._shifted(-origin), origin, describe(target))
     require_spread(geometry.points, "target")
     origin = 0.5 * np.add(*bounds(geometry.points))
     return TargetIndex(moved(geometry, -origin, 1.0), origin, describe(target))

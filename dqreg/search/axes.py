@@ -79,7 +79,7 @@ def moments(shape: Scan | PointCloud | Mesh) -> tuple[FloatArray, FloatArray]:
         centres = shape.corners.mean(axis=1)
         spread = shape.corners - centres[:, None, :]
         mean = weights @ centres
-        within = np.einsum("f,fki,fkj->ij", weights, spread, spread) / 12.0
+        within = (spread * weights[:, None, None]).reshape(-1, 3).T @ spread.reshape(-1, 3) / 12.0
         between = (centres - mean).T @ ((centres - mean) * weights[:, None])
         return mean, within + between
     return shape.points.mean(axis=0), np.cov(shape.points.T)
