@@ -78,10 +78,7 @@ def test_a_device_that_is_always_full_is_an_error_and_stays_a_device(scene, caps
     assert stat.S_ISCHR(Path("/dev/full").stat().st_mode)
 
 
-@pytest.mark.parametrize("kind", [
-    "register",
-    "batch",
-])  # fmt: skip
+@pytest.mark.parametrize("kind", [pytest.param("register", marks=pytest.mark.soak), "batch"])
 def test_a_full_standard_output_is_an_error(scene, tmp_path, kind):
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
@@ -165,7 +162,7 @@ def test_a_read_only_folder_is_refused_before_the_work(scene, tmp_path, kind):
         out.chmod(0o755)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.soak), signal.SIGTERM])
 def test_a_signal_during_the_work_leaves_a_whole_result_or_none(scene, tmp_path, number):
     rng, token, out = np.random.default_rng(int(number)), secrets.token_hex(8), tmp_path / "r.json"
     with started("register", *pair(scene), "--out", out, token=token) as run:

@@ -103,7 +103,7 @@ def scene(tmp_path_factory):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.soak)])
 def test_a_signal_while_it_loads_is_one_line_and_the_code(scene, tmp_path, number):
     rng, token, out = np.random.default_rng(int(number)), secrets.token_hex(8), tmp_path / "r.json"
     # The entry tells when it stands; from there on nothing may come out but the line.

@@ -113,7 +113,7 @@ def test_every_option_stands_under_a_heading():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send to one process")
-@pytest.mark.parametrize("after", [0.3, 1.2])
+@pytest.mark.parametrize("after", [0.3, pytest.param(1.2, marks=pytest.mark.soak)])
 def test_ctrl_c_leaves_one_line_and_no_file(after, tmp_path, case):
     out = tmp_path / "result.json"
     words = [str(w) for w in ("register", case.scan, case.part, "--effort", "best", "--out", out)]

@@ -38,7 +38,9 @@ def middle(path: Path) -> FloatArray:
     return cloud.points.mean(axis=0)
 
 
-@pytest.mark.parametrize("scan", ["000", "045", "090", "180", "270", "315"])
+@pytest.mark.parametrize(
+    "scan", ["000", *(pytest.param(scan, marks=pytest.mark.soak) for scan in ("045", "090", "180", "270", "315"))]
+)
 def test_a_range_scan_of_the_bunny_lands_on_the_merged_mesh(real_data: Path, scan: str) -> None:
     # Stored poses: the scanner's own multi-view alignment, from which the mesh was merged. The offset counts in the
     # middle of the scan; the bunny is 0.25 m across and the points lie 0.11-0.16 mm off the mesh.
@@ -49,7 +51,13 @@ def test_a_range_scan_of_the_bunny_lands_on_the_merged_mesh(real_data: Path, sca
     assert_close(result.T_target_source, expected, middle(folder / f"bun{scan}.ply"), angle_deg=0.2, offset=5e-4)
 
 
-@pytest.mark.parametrize(("target", "source"), [("000", "045"), ("045", "090"), ("000", "315"), ("315", "270")])
+@pytest.mark.parametrize(
+    ("target", "source"),
+    [
+        ("000", "045"),
+        *(pytest.param(*pair, marks=pytest.mark.soak) for pair in [("045", "090"), ("000", "315"), ("315", "270")]),
+    ],
+)
 def test_neighbouring_range_scans_fit_each_other(real_data: Path, target: str, source: str) -> None:
     # Two scans that overlap in part, against the stored poses of both.
     folder = real_data / "stanford_bunny_range"
@@ -102,7 +110,7 @@ def test_neighbouring_fragments_of_a_kitchen_from_identity(real_data: Path) -> N
     assert_close(result.T_target_source, expected, middle(folder / "cloud_bin_1.ply"), angle_deg=0.7, offset=0.02)
 
 
-@pytest.mark.parametrize("frame", [15, 120, 195, 300])
+@pytest.mark.parametrize("frame", [15, *(pytest.param(frame, marks=pytest.mark.soak) for frame in (120, 195, 300))])
 def test_neighbouring_depth_images_from_identity(real_data: Path, frame: int) -> None:
     # Poses from KinectFusion's tracking, good to about a degree and 2 cm; steps of 15 frames, up to 10 degrees.
     folder = real_data / "sevenscenes_rgbd"

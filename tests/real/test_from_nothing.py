@@ -17,7 +17,10 @@ pytestmark = pytest.mark.real
 
 # Truth: the drawn pose itself. One part of each kind: solid, plate with pockets, plate with holes that is nearly
 # its own mirror image. 1e-3 is far below the distance to any other pose that nearly fits.
-@pytest.mark.parametrize("name", ["featuretype.STL", "counterXP.3MF", "plate_holes.STL"])
+@pytest.mark.parametrize(
+    "name",
+    ["featuretype.STL", *(pytest.param(name, marks=pytest.mark.soak) for name in ("counterXP.3MF", "plate_holes.STL"))],
+)
 def test_two_views_from_a_random_pose(real_data: Path, name: str) -> None:
     part = open_geometry(real_data / "trimesh_cad" / name, "part")
     assert isinstance(part, dqreg.Mesh)

@@ -36,7 +36,7 @@ def test_it_is_the_same_in_any_unit_and_every_time() -> None:
     assert random_ratio(points, 1.0, 0.5, SURFACE) == pytest.approx(again, rel=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["gauss", "ball", "shell"])
+@pytest.mark.parametrize("kind", ["gauss", pytest.param("ball", marks=pytest.mark.soak), "shell"])
 @pytest.mark.parametrize("count", [120])
 @pytest.mark.parametrize("part", [PART, Mesh(*bracket())], ids=["box", "bracket"])
 def test_noise_is_not_accepted(part: Mesh, count: int, kind: str) -> None:
