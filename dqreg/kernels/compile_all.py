@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg.kernels.cache import keep_beside_package
+from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.components import components
 from dqreg.kernels.disc_pairs import SUMS, disc_pair_sums
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
@@ -12,7 +13,7 @@ from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
 from dqreg.kernels.morton import morton_cells, new_places, sorted_rows
 from dqreg.kernels.newton_steps import newton_steps
 from dqreg.kernels.plane_fits import fit_plane_rows
-from dqreg.kernels.point_tree import PointTree
+from dqreg.kernels.point_tree import LEAF, PointTree
 from dqreg.kernels.points_on_faces import points_on_faces
 from dqreg.kernels.pose_steps import add_plane_steps, grid_planes
 from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_normals_at
@@ -30,7 +31,13 @@ def compile_all() -> None:
     new_places(corners[0], codes, sorted_rows(codes))
     TriangleTree.of(corners, np.ones((2, 3))).closest(np.zeros((1, 3)))
     largest_eigenvectors(0, 1, np.eye(3)[:, :, None].copy(), np.zeros((3, 1)), np.zeros((4, 1)))
-    rows, _ = PointTree.of(corners[0]).nearest(corners[0], 3)
+    tree = PointTree.of(corners[0])
+    rows, _ = tree.nearest(corners[0], 3)
+    near, far, motion = np.full(3, -1), np.zeros(3), np.eye(4)[:3].copy()
+    place = tree.boxes, tree.places, LEAF, tree.rows, corners[0]
+    close_points(0, 3, *place, corners[0], motion, 1.0, 1.0, near, far)
+    plain, open_all = (corners[0], corners[0]), np.zeros(3, dtype=np.bool_)
+    facing_matches(*plain, motion, near, *plain, open_all, 1.0, 0.0, True, near.copy(), far, far.copy())
     fit_plane_rows(0, 0, corners[0], rows, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
     few, none = np.zeros((0, 2), dtype=np.int32), np.zeros(0, dtype=np.bool_)
     one_sided_rows(0, 0, corners[0], np.zeros(0, dtype=np.int64), few, np.zeros(0), corners[0], 0.25, 0.15, none)

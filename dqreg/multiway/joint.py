@@ -8,30 +8,34 @@ for summaries of pairs.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.geometry import Scan
 from dqreg.multiway import dual_poses
+from dqreg.multiway.bodies import Body
 from dqreg.multiway.graph import PoseGraph, factorised, normal_matrix
-from dqreg.multiway.planes import FACING, STRICT, Body, Planes, planes_of
+from dqreg.multiway.matches import Matching
+from dqreg.multiway.planes import Planes, planes_of
 from dqreg.rigid import pose
 from dqreg.solvers.quadratic import derivatives
 
 # Rounds of new correspondences, and steps for each.
-ROUNDS, STRICT_ROUNDS, STEPS = 25, 6, 4
+ROUNDS, STRICT_ROUNDS, STEPS = 40, 6, 3
 # The refinement has ended when the scans move by less than this in a round, in spacings; and it has converged when they
 # move by less than the second number in the last round: nearest points change from round to round.
-STILL, SETTLED = 1e-4, 0.02
+STILL, SETTLED = 1e-3, 0.02
 # Points a direction of a pair: all pairs together have so many, and each at least the second number.
 ALL_POINTS, FEWEST_POINTS = 4_000_000, 500
 # Largest distance of a correspondence: in spacings, in scales of the distances of the round before, and at first in
 # times the first number.
 REACH, NARROW, WIDEST = 2.0, 5.0, 2.0
-# The first rounds are with so many times fewer points, until the scans move by less than this in a round, in spacings.
-COARSER, COARSE_STILL = 8, 0.03
+# Normals farther apart than this are of different faces; the second is for a look at what hangs on the first.
+FACING, STRICT = float(np.cos(np.deg2rad(45.0))), float(np.cos(np.deg2rad(15.0)))
+# The first rounds, so many at most, are with so many times fewer points, until the scans move by less than this in a
+# round, in spacings.
+COARSE_ROUNDS, COARSER, COARSE_STILL = 10, 4, 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,60 +68,58 @@ def refine_jointly(
     ways = [way for i, j in pairs for way in ((i, j), (j, i)) if bodies[way[1]].scan is not None]
     budget = int(np.clip(ALL_POINTS // max(len(ways), 1), FEWEST_POINTS, points))
     few = max(budget // COARSER, FEWEST_POINTS)
-    sampled = {j: _thinned(bodies[j], few) for _, j in ways}
     T = T_world_body.copy()
     found: dict[tuple[int, int], Planes] = {}
     rounds, moved, coarse = 0, np.inf, few < budget and not strict
-    if strict:
-        sampled = {j: _thinned(bodies[j], budget) for _, j in ways}
-    while rounds < (STRICT_ROUNDS if strict else ROUNDS) and moved >= STILL and not is_over():
-        rounds += 1
-        if coarse and (moved < COARSE_STILL or rounds > ROUNDS // 2):
-            coarse, sampled = False, {j: _thinned(bodies[j], budget) for _, j in ways}
-        found = _correspond(bodies, sampled, T, ways, found, first=rounds == 1, strict=strict)
+    matchings = _matchings(bodies, ways, few if coarse else budget)
+    while rounds < (STRICT_ROUNDS if strict else ROUNDS) and (coarse or moved >= STILL) and not is_over():
+        rounds, new = rounds + 1, rounds == 0
+        if coarse and (moved < COARSE_STILL or rounds >= COARSE_ROUNDS):
+            # Pairs that met nowhere at first may do so from better poses.
+            coarse, new, matchings = False, True, _matchings(bodies, ways, budget)
+        found = _correspond(matchings, T, found, new=new, strict=strict)
         before = T
         for _ in range(STEPS):
             T, motion = _stepped(T, list(found.values()), free)
             if motion < STILL * 0.1:
                 break
-        moved = _motion(bodies, sampled, before, T)
+        moved = _motion(bodies, before, T)
         if observe is not None and observe(rounds, moved) is False:
             break
     return Joint(T, tuple(found.values()), rounds, moved < SETTLED)
 
 
-def _thinned(body: Body, count: int) -> Scan:
-    assert body.scan is not None
-    return body.scan.thinned(count)
+def _matchings(bodies: Sequence[Body], ways: Iterable[tuple[int, int]], count: int) -> dict[tuple[int, int], Matching]:
+    rows = {j: bodies[j].rows(count) for j in {j for _, j in ways}}
+    return {(i, j): Matching(bodies[j], bodies[i], rows[j]) for i, j in ways}
 
 
 def _correspond(
-    bodies: Sequence[Body],
-    sampled: dict[int, Scan],
+    matchings: Mapping[tuple[int, int], Matching],
     T: FloatArray,
-    ways: Sequence[tuple[int, int]],
-    before: dict[tuple[int, int], Planes],
+    before: Mapping[tuple[int, int], Planes],
     *,
-    first: bool,
+    new: bool,
     strict: bool,
 ) -> dict[tuple[int, int], Planes]:
     found = {}
-    for i, j in ways:
+    for (i, j), matching in matchings.items():
         known = before.get((i, j))
-        if known is None and not first:
+        if known is None and not new:
             continue
-        relative = pose.inverse(T[i]) @ T[j]
-        floor = max(bodies[i].noise_floor, bodies[j].noise_floor)
-        reach = _reach(bodies, i, j, known)
-        gates = (0.5 * reach, STRICT) if strict else (reach, FACING)
-        planes = planes_of((i, j), sampled[j], bodies[i], relative, gates[0], floor, known, gates[1])
+        reach, facing = _reach(matching, known), FACING
+        if strict:
+            reach, facing = 0.5 * reach, STRICT
+        matches = matching.at(pose.inverse(T[i]) @ T[j], reach, facing)
+        planes = planes_of((i, j), matching.source, matching.target, matches, reach, known)
         if planes is not None:
             found[i, j] = planes
     return found
 
 
-def _reach(bodies: Sequence[Body], i: int, j: int, known: Planes | None) -> float:
-    spacing = max(scan.spacing for scan in (bodies[i].scan, bodies[j].scan) if scan is not None)
+def _reach(matching: Matching, known: Planes | None) -> float:
+    ends = matching.source.scan, matching.target.scan
+    spacing = max(scan.spacing for scan in ends if scan is not None)
     widest = WIDEST * REACH * spacing
     return widest if known is None else float(np.clip(NARROW * known.sigma, REACH * spacing, widest))
 
@@ -154,12 +156,10 @@ def _stepped(T: FloatArray, planes: Sequence[Planes], free: IntArray) -> tuple[F
     return pose.inverse(middle) @ moved, float(np.abs(step[:, :3]).max(initial=0.0))
 
 
-def _motion(bodies: Sequence[Body], sampled: dict[int, Scan], before: FloatArray, after: FloatArray) -> float:
+def _motion(bodies: Sequence[Body], before: FloatArray, after: FloatArray) -> float:
     """Largest motion of the corners of a scan, in spacings."""
-    largest = 0.0
-    for k, scan in sampled.items():
-        half = 0.5 * bodies[k].surface.diagonal
-        change = after[k] - before[k]
-        moved = np.linalg.norm(change[:3, 3]) + half * np.linalg.norm(change[:3, :3], 2)
-        largest = max(largest, float(moved) / scan.spacing)
-    return largest
+    change = after - before
+    turned = np.linalg.norm(change[:, :3, :3], 2, axis=(1, 2))
+    half = 0.5 * np.array([body.surface.diagonal for body in bodies])
+    spacings = np.array([np.inf if body.scan is None else body.scan.spacing for body in bodies])
+    return float(((np.linalg.norm(change[:, :3, 3], axis=1) + half * turned) / spacings).max())

@@ -9,10 +9,10 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.multiway.believe import Belief
+from dqreg.multiway.bodies import Body
 from dqreg.multiway.edges import PART
 from dqreg.multiway.joint import refine_jointly
 from dqreg.multiway.overlap import CELL, overlap_matrix
-from dqreg.multiway.planes import Body
 from dqreg.multiway.scans import View, typical_spacing
 from dqreg.multiway.spread import joint_covariance
 from dqreg.registration.options import Effort
@@ -23,8 +23,6 @@ from dqreg.rigid import pose
 OVERLAP = 0.08
 # Points of a scan in the joint cost.
 POINTS: dict[str, int] = {"fast": 5_000, "normal": 20_000, "best": 10**9}
-# Refinements from the poses of the one before, and motion below which the next would find the same, in spacings.
-AGAIN, SAME = 3, 0.02
 # Edge of the cells whose residuals are independent of the next one's: in spacings, and in sizes of a scan.
 PATCH_SPACINGS, PATCH = 8.0, 0.02
 
@@ -68,12 +66,6 @@ def refined(
         return Refined(T, covariance, np.zeros(3), converged=False, rounds=0)
     joint = refine_jointly(bodies, np.array(poses), pairs, free, POINTS[effort])
     spacing = typical_spacing([views[k] for k in placed])
-    for _ in range(AGAIN):
-        # Poses of pairs can be so far off that wrong faces met at first: from the better ones, others do.
-        before, joint = joint, refine_jointly(bodies, joint.T_world_body, pairs, free, POINTS[effort])
-        moved = np.linalg.norm(joint.T_world_body[:, :3, 3] - before.T_world_body[:, :3, 3], axis=1)
-        if moved.max() <= SAME * spacing:
-            break
     found = np.full((count, 4, 4), np.nan)
     for k, body, T_world_body in zip(placed, bodies, joint.T_world_body, strict=False):
         found[k] = T_world_body @ _shift(-body.origin)

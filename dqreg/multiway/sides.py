@@ -16,9 +16,9 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, PointCloud
 from dqreg.geometry.normals import orient_towards
+from dqreg.multiway.bodies import Body
 from dqreg.multiway.edges import PART, Edge, EdgeCode
 from dqreg.multiway.free_space import FreeSpace
-from dqreg.multiway.planes import Body
 from dqreg.multiway.scans import View
 from dqreg.multiway.viewpoints import Viewpoint, Viewpoints, common_viewpoints, given_viewpoints
 from dqreg.rigid import pose

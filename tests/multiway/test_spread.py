@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import PointCloud
+from dqreg.multiway.bodies import Body
 from dqreg.multiway.joint import refine_jointly
-from dqreg.multiway.planes import Body
 from dqreg.multiway.scans import read_views
 from dqreg.multiway.spread import joint_covariance, less
 
