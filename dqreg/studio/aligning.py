@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
 from dqreg.files.strict_json import plain
 from dqreg.geometry import Mesh
@@ -176,7 +176,7 @@ def align_pairs(place: Place) -> dict[str, Any]:
 
 def pose_of_drawn(place: Place, values: dict[str, Any]) -> dict[str, Any]:
     """A scan that was moved by hand, as a pose."""
-    drawn = np.asarray(values.get("drawn"), dtype=np.float64)
+    drawn = as_float(values.get("drawn"), "drawn")
     if drawn.shape != (12,) or not np.isfinite(drawn).all():
         raise InputError("a scan that was moved by hand has a pose of 12 numbers")
     T = true_pose(drawn, place.scale(), frame_of(place.scan()), frame_of(place.part()))

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Values = dict[str, Any]
 VISIT, RESULTS = "visit.json", "results.json"
 # Seconds after which a worker without work ends, and share of the machine's memory that it may take.
-IDLE, MEMORY = 900.0, 0.7
+IDLE, MEMORY, ASIDE_MEMORY = 900.0, 0.7, 0.3
 # Undo goes back that far; visits kept by a server, and worker processes at a time.
 STEPS, MOST_VISITS, MOST_WORKERS = 200, 40, 3
 # Fields of a visit that each result depends on: where one of them changes, the result is of yesterday.
@@ -145,7 +145,8 @@ class Room:
         visit, worker = self.visit, Worker(1, prepare=_warm)
         self._asides.append(worker)
         try:
-            answer = await asyncio.to_thread(worker.call, partial(perform, task, self.folder, visit, values))
+            call = partial(perform, task, self.folder, visit, values)
+            answer = await asyncio.to_thread(worker.call, call, memory=_memory(ASIDE_MEMORY))
         finally:
             self._asides.remove(worker)
             worker.close()
@@ -178,11 +179,15 @@ class Room:
             worker.close()
 
     def _call(self, task: Callable[[], Any]) -> Any:
-        import psutil
-
         if self._worker is None or self._worker.closed:
             self._worker = Worker(os.cpu_count() or 1, prepare=_warm, idle=IDLE)
-        return self._worker.call(task, memory=MEMORY * psutil.virtual_memory().total)
+        return self._worker.call(task, memory=_memory(MEMORY))
+
+
+def _memory(share: float) -> float:
+    import psutil
+
+    return share * float(psutil.virtual_memory().total)
 
 
 def perform(name: str, folder: Path, visit: Visit, values: Values) -> Any:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, as_vectors
+from dqreg._arrays import FloatArray, IntArray, as_float, as_vectors
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.raycasting import RayScene
@@ -36,10 +36,10 @@ class Look:
     @staticmethod
     def of(values: dict[str, Any]) -> Look:
         """From what the page sends."""
-        motion = np.asarray(values.get("motion") or STAND, dtype=np.float64)
+        motion = as_float(values.get("motion") or STAND, "motion")
         axes = as_vectors(values.get("axes"), "axes")
-        at = np.asarray(values.get("at") or np.zeros(3), dtype=np.float64)
-        radius = float(values.get("radius") or 0.01)
+        at = as_float(values.get("at") or [0.0, 0.0, 0.0], "at")
+        radius = float(as_float(values.get("radius") or 0.01, "radius").reshape(-1)[0])
         if motion.shape != (12,) or axes.shape != (3, 3) or at.shape != (3,) or not np.isfinite(motion).all():
             raise InputError("a look needs at, axes and motion: 3, 3 x 3 and 12 numbers")
         return Look(at, axes, radius, motion.reshape(3, 4))
@@ -81,7 +81,7 @@ def lasso_cut(place: Place, values: dict[str, Any]) -> Cut:
     """An outline on the canvas as a cut of the scan."""
     look = Look.of(values)
     axes, shift = look.across(frame_of(place.scan()))
-    outline = np.asarray(values.get("polygon"), dtype=np.float64)
+    outline = as_float(values.get("polygon"), "polygon")
     if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3:
         raise InputError("a lasso needs three corners at least")
     corners = outline - shift[:2]

@@ -67,7 +67,7 @@ def application(desk: Desk, token: str, port: int) -> App:
         Route("/visits/{visit}/files/{name}", api.file),
         Route("/visits/{visit}/{side}", api.upload, methods=["PUT"]),
     ]
-    handlers: Any = {DqregError: _bad, StoppedError: _stopped, BrokenError: _broken}
+    handlers: Any = {DqregError: api.bad, StoppedError: _stopped, BrokenError: _broken}
     return Guard(Starlette(routes=routes, exception_handlers=handlers), token, port)
 
 
@@ -127,6 +127,8 @@ class Api:
         visit = room.visit.swapped() if values.pop("swap", False) else room.visit.changed(values)
         if isinstance(text, str):
             visit = with_plan(visit, text)
+        if not isinstance(units, dict):
+            raise InputError("units are those of scan and part, by name")
         for which in ("scan", "part"):
             if which in units:
                 visit = visit.with_units(which, units[which])
@@ -185,6 +187,15 @@ class Api:
         cleaned = {cleaned_name(room.visit) or "": "application/octet-stream"}
         return _file(room.folder, name, FILES | cleaned, keep=keep)
 
+    async def bad(self, request: Request, error: Exception) -> Response:
+        """What is wrong, in a sentence; a file is called by its name, wherever it lies here."""
+        words, room = str(error), self._desk.rooms.get(request.path_params.get("visit", ""))
+        if room is not None:
+            for side in (room.visit.scan, room.visit.part):
+                folder = None if side is None else (room.folder / side.path).parent
+                words = words.replace(f"{folder}/", "")
+        return _json({"error": words}, 422)
+
     def _room(self, request: Request) -> Room:
         return self._desk.room(request.path_params["visit"])
 
@@ -217,7 +228,9 @@ async def _values(request: Request) -> dict[str, Any]:
             raise InputError(f"a request holds {MOST_WORDS} bytes at most")
     try:
         found = json.loads(body or b"{}")
-    except ValueError as error:
+        # Half of a letter can be written in JSON, and in no file.
+        json.dumps(found, ensure_ascii=False).encode()
+    except (ValueError, RecursionError) as error:
         raise InputError(f"a request is JSON; {error}") from error
     if not isinstance(found, dict):
         raise InputError("a request is one JSON object")
@@ -270,10 +283,6 @@ def _file(folder: Path, name: str, known: dict[str, str], *, keep: bool = False)
     # The header's escapes are the library's: a name may have quotes and letters of any language.
     how = "attachment" if keep else "inline"
     return FileResponse(path, headers=headers, media_type=known[name], filename=name, content_disposition_type=how)
-
-
-async def _bad(request: Request, error: Exception) -> Response:
-    return _json({"error": str(error)}, 422)
 
 
 async def _stopped(request: Request, error: Exception) -> Response:

@@ -204,9 +204,11 @@ def _defaults() -> dict[str, Any]:
 
 
 def _beside(side: Side | None, saved: Path) -> Side | None:
-    if side is None or Path(side.path).is_file():
+    if side is None or (Path(side.path).is_absolute() and Path(side.path).is_file()):
         return side
-    return dataclasses.replace(side, path=str((saved.parent / side.name).absolute()))
+    # A file that was dropped on the page lies in the folder of its visit.
+    own = saved.parent / side.path
+    return dataclasses.replace(side, path=str((own if own.is_file() else saved.parent / side.name).absolute()))
 
 
 def _require_lengths(visit: Visit) -> None:

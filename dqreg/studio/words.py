@@ -108,4 +108,5 @@ def _register(visit: Visit) -> tuple[str, str]:
 
 
 def _words(*names: str) -> str:
-    return " ".join(shlex.quote(name) for name in names)
+    # A name that begins like an option is a file all the same.
+    return " ".join(shlex.quote(f"./{name}" if name.startswith("-") else name) for name in names)

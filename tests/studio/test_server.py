@@ -137,6 +137,53 @@ def test_a_server_that_starts_again_goes_on(client, desk):
     assert again.room(visit).visit.head == (("serial", "7"),)
 
 
+def test_files_that_were_dropped_are_there_on_another_day(client, desk):
+    visit = opened(client)
+    client.put(f"visits/{visit}/scan", params={"name": "scan.ply"}, content=b"its points")
+    side = Desk(desk.folder).room(visit).visit.scan
+    assert side is not None
+    assert (desk.folder / visit / side.path).read_bytes() == b"its points"
+
+
+def test_a_plan_is_taken_and_a_wrong_one_is_a_sentence(client):
+    visit = opened(client)
+    told = client.post(f"visits/{visit}/change", json={"plan": "tolerance = 0.1\n[head]\nserial = '7'\n"}).json()
+    assert told["visit"]["tolerance"] == 0.1
+    assert told["visit"]["head"] == [["serial", "7"]]
+    answer = client.post(f"visits/{visit}/change", json={"plan": "tolerance = 'x'"})
+    assert answer.status_code == 422
+    assert "tolerance must be a number" in answer.json()["error"]
+    assert client.get(f"visits/{visit}").json()["visit"]["tolerance"] == 0.1
+
+
+@pytest.mark.parametrize("name", ["--out=x.ply", "a'\"`$(touch x).ply", "<svg onload=alert(1)>.ply"])
+def test_a_name_is_no_option_and_no_command(client, name):
+    import shlex
+
+    visit = opened(client)
+    for side, given in (("scan", name), ("part", "part.stl")):
+        told = client.put(f"visits/{visit}/{side}", params={"name": given}, content=b"x").json()
+    words = shlex.split(told["words"]["align"]["command"])
+    taken = told["visit"]["scan"]["name"]
+    assert "<" not in taken
+    assert words[:2] == ["dqreg", "register"]
+    # One word, and none that could be an option.
+    assert words[2].removeprefix("./") == taken
+    assert not words[2].startswith("-")
+
+
+def test_a_cleaned_scan_is_kept_under_the_name_of_the_scan(client, desk):
+    visit = opened(client)
+    for side, given in (("scan", 'té "1".pcd'), ("part", "part.stl")):
+        client.put(f"visits/{visit}/{side}", params={"name": given}, content=b"x")
+    client.post(f"visits/{visit}/change", json={"mirrored": True})
+    (desk.folder / visit / "té 1_cleaned.ply").write_bytes(b"points")
+    answer = client.get(f"visits/{visit}/files/té 1_cleaned.ply?keep")
+    assert answer.content == b"points"
+    assert "attachment" in answer.headers["content-disposition"]
+    assert client.get(f"visits/{visit}/files/other_cleaned.ply").status_code == 404
+
+
 def test_wrong_requests_are_a_sentence(client):
     visit = opened(client)
     for path, content in (
@@ -144,6 +191,9 @@ def test_wrong_requests_are_a_sentence(client):
         (f"visits/{visit}/change", b"[]"),
         (f"visits/{visit}/change", b'{"tolerance": -1}'),
         (f"visits/{visit}/change", b'{"scan": {"name": "x", "path": "/etc/passwd"}}'),
+        (f"visits/{visit}/change", b"[" * 100_000),
+        (f"visits/{visit}/change", b'{"units": 5}'),
+        (f"visits/{visit}/change", b'{"head": [["part", "\\ud800"]]}'),
         (f"visits/{visit}/run/delete", b"{}"),
         ("visits/none/change", b"{}"),
     ):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dqreg.errors import InputError
-from dqreg.files import write_cloud
+from dqreg.files import read_geometry, write_cloud
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection import inspect, read_plan
@@ -141,10 +141,37 @@ def test_a_lasso_is_about_the_points_that_are_seen_in_it(place):
     np.testing.assert_array_equal(~cleaning.kept_rows(place.scan().points, (cut,)), expected)
 
 
-@pytest.mark.parametrize("look", [{}, {"axes": [[1, 0, 0]]}, {"axes": AXES, "motion": [1.0] * 11}, {"axes": "x"}])
+@pytest.mark.parametrize(
+    "look",
+    [{}, {"axes": [[1, 0, 0]]}, {"axes": AXES, "motion": [1.0] * 11}, {"axes": "x"}, {"axes": AXES, "radius": "x"}],
+)
 def test_a_look_that_is_none_is_refused(place, look):
     with pytest.raises(InputError):
         picking.pick_part(place, look)
+
+
+@pytest.mark.parametrize("drawn", [None, "x", ["a"] * 12, [1.0] * 11, [float("nan")] * 12])
+def test_a_motion_that_is_none_is_refused(place, drawn):
+    with pytest.raises(InputError):
+        pose_of_drawn(place, {"drawn": drawn})
+
+
+def test_the_reach_is_what_deviations_are_measured_with(place):
+    align(place)
+    found = judging.show_reach(place)
+    assert sum(found["counts"][key] for key in ("on_part", "beyond_reach", "other_surfaces", "outliers")) == 6000
+    codes = np.frombuffer((place.folder / "reach.bin").read_bytes()[-6000:], "<u1")
+    assert np.count_nonzero(codes == 1) == found["counts"]["on_part"] >= 2900
+    given = judging.show_reach(changed(place, reach=0.5))
+    assert (given["reach"], given["from"]) == (0.5, "given")
+
+
+def test_a_mirrored_scan_is_the_mirror_image(place):
+    mirrored = changed(place, mirrored=True)
+    np.testing.assert_array_equal(mirrored.scan().points, place.scan().points * [-1.0, 1.0, 1.0])
+    again = cleaning.cleaned_file(mirrored)
+    assert again.name == "scan_cleaned.ply"
+    np.testing.assert_allclose(read_geometry(again).points, mirrored.scan().points, atol=1e-5)
 
 
 def test_pairs_are_the_closed_form(place):

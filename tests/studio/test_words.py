@@ -14,15 +14,16 @@ import pytest
 from click.testing import CliRunner
 
 from dqreg.cli.lazy_group import cli
-from dqreg.files import write_cloud
+from dqreg.files import read_geometry, write_cloud
 from dqreg.files.strict_json import plain
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.rigid import pose, twist
 from dqreg.studio import judging
 from dqreg.studio.aligning import align
+from dqreg.studio.cleaning import kept_rows
 from dqreg.studio.kept import Place
 from dqreg.studio.visit import Cut, FaceTolerance, Pair, PlaneCut, Reference, Side, Visit
-from dqreg.studio.words import words_of
+from dqreg.studio.words import cleaned_name, words_of
 from dqreg.synth.parts import box
 
 pytestmark = pytest.mark.soak
@@ -52,6 +53,20 @@ CASES: dict[str, dict[str, Any]] = {
     },
     "a cut": {
         "start": "identity", "cuts": (Cut("box", low=(-4.0, -4.0, 0.0), high=(4.0, 4.0, 9.0)),), "tolerance": 0.1,
+    },
+    "a box kept, a plane and a lasso left out": {
+        "start": "identity", "tolerance": 0.1, "cuts": (
+            Cut("box", keep=True, low=(-40.0, -40.0, -40.0), high=(40.0, 40.0, 14.0)),
+            Cut("plane", normal=(0.0, 0.0, 1.0), offset=5.0, half=0.2),
+            Cut("lasso", polygon=((-3.0, -3.0), (3.0, -3.0), (0.0, 3.0))),
+        ),
+    },
+    "mirrored": {"mirrored": True, "tolerance": 0.1},
+    "a plan that was read": {
+        "start": "identity", "tolerance": 0.1, "alignment": "plan", "plan": (
+            '[[datum]]\nname = "A"\nnear = [0, 0, 5]\n[[datum]]\nname = "B"\nnear = [0, 10, 0]\n[[datum]]\nname = "C"\n'
+            'near = [15, 0, 0]\n[[characteristic]]\nname = "flat"\nkind = "form"\nface = 0\ntolerance = 0.2\n'
+        ),
     },
     "chosen faces": {
         "start": "identity", "alignment": "faces", "chosen": (0, 2, 4), "weights": (1.0, 3.0), "goal": "minimax",
@@ -112,6 +127,16 @@ def test_what_is_shown_gives_what_is_shown(files, tmp_path, case, monkeypatch):
     assert shown["T"] == expected
 
     monkeypatch.chdir(tmp_path)
+    cleaned = cleaned_name(visit)
+    if cleaned is not None:
+        # The step Clean without the page: the same points, byte for byte.
+        points = (tmp_path / cleaned).read_bytes()
+        (tmp_path / cleaned).unlink()
+        run(words["clean"]["command"])
+        assert (tmp_path / cleaned).read_bytes() == points
+        if visit.cuts:
+            left = np.count_nonzero(kept_rows(place.scan().points, visit.cuts))
+            assert len(read_geometry(tmp_path / cleaned).points) == left < 6000
     pose_file.unlink()
     run(words["align"]["command"])
     assert json.loads(pose_file.read_text())["T_target_source"] == expected

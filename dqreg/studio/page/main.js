@@ -42,6 +42,15 @@ export const app = {
   },
   // A question that is answered at once: no bar for it.
   quick: (task, values) => send(`visits/${app.name}/run/${task}`, values),
+  // A run that this page did not begin, or began before it was reloaded: its end is waited for.
+  async resume(task) {
+    app.busy = { task, words: "Still at it" }; render();
+    while (app.busy.task === task) {
+      await new Promise(done => setTimeout(done, 400));
+      const told = await ask(`visits/${app.name}`);
+      if (!told.running) { app.busy = {}; accept(told); }
+    }
+  },
   async refresh() { accept(await ask(`visits/${app.name}`)); },
   async upload(side, file) {
     app.busy = { task: "upload", words: `Taking in ${file.name}`, reached: 0 }; render();
@@ -213,6 +222,7 @@ async function begin() {
   accept(told);
   location.hash = `${app.name}/${app.step}`;
   listen();
+  if (told.running) await app.resume(told.running);
   if (await ask("many")) {
     $("#many-parts").hidden = false;
     $("#many-parts").addEventListener("click", () => { app.many = true; render(); });
