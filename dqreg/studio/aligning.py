@@ -65,7 +65,7 @@ class Story:
 def align(place: Place) -> dict[str, Any]:
     """Register the scan, and say what came of it."""
     result = _registered(place)
-    remember("result", _asked(place), result)
+    remember("result", [str(place.folder), _asked(place)], result)
     return told(place, result)
 
 
@@ -95,7 +95,7 @@ def result_of(place: Place) -> Registration:
             return Registration.load(place.folder / RESULT).attached(cleaned_file(place), place.part_path)
         return _registered(place)
 
-    return kept("result", _asked(place), make)
+    return kept("result", [str(place.folder), _asked(place)], make)
 
 
 def _registered(place: Place) -> Registration:

@@ -82,7 +82,9 @@ def cleaned_file(place: Place) -> Path:
         write_cloud(path, points[stays], normals)
         return path
 
-    return kept("cleaned", [*place.scan_key, cuts], make)
+    kept("cleaned", [str(path), *place.scan_key, cuts], make)
+    # It was written once; whoever took it away meanwhile gets it again.
+    return path if path.is_file() else make()
 
 
 def leaving_plane(place: Place, spacing: float, noise: float) -> tuple[Cut, int] | None:
