@@ -200,6 +200,9 @@ def _show(console: Console, found: Batch) -> None:
     if len(bad) > NAMED:
         say(console, f"  and {len(bad) - NAMED} more: see the summary")
     say(console, ", ".join(f"{count} {verdict}" for verdict, count in counts(found.lines).items()))
+    missed = [line for line in found.lines if line.inspection and line.inspection.get("error")]
+    for line in missed[:NAMED]:
+        say(console, f"  {line.row.name}: part undecided: {(line.inspection or {})['error']}")
     parts = [line.part for line in found.lines if line.part]
     if parts:
         say(console, "parts: " + ", ".join(f"{parts.count(o)} {o}" for o in OUTCOMES if o in parts))

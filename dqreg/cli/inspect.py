@@ -11,7 +11,7 @@ from dqreg.cli.attempts import look_swapped, register_files
 from dqreg.cli.faces import read_part_in
 from dqreg.cli.inspection_outputs import check_goals, record_of, tell, write
 from dqreg.cli.lazy_group import Choice, SectionedCommand
-from dqreg.cli.outputs import consoles, print_json, read_head, say
+from dqreg.cli.outputs import consoles, print_json, read_head, require_below_reach, say
 from dqreg.cli.register import SEARCHES
 from dqreg.cli.values import ToleranceType
 from dqreg.errors import InputError
@@ -140,6 +140,7 @@ def inspect_command(
 
     check_goals(goals)
     allowed = None if tolerance is None else tolerance_of(tolerance, "--tolerance")
+    require_below_reach(allowed, taken["reach"])
     if required is not None and not 0.0 < required <= 100.0:
         raise InputError(f"--required is a percentage above 0 and at most 100; got {required:g}")
     asked = None if plan is None else read_plan(plan)

@@ -60,6 +60,15 @@ def read_head(words: Sequence[str]) -> dict[str, str]:
     return found
 
 
+def require_below_reach(tolerance: Tolerance | None, reach: float | None) -> None:
+    """Refuse, before the work, a tolerance that nothing could violate."""
+    if tolerance is not None and reach is not None and tolerance.size >= reach:
+        raise InputError(
+            f"--tolerance {tolerance.size:g} is not below --reach {reach:g}: points farther off are left out, so that "
+            "nothing could fail; check the unit of the tolerance, or give a larger reach"
+        )
+
+
 def print_json(value: Any) -> None:
     """Print anything that the records of a result are made of as strict JSON to standard output.
 

@@ -13,6 +13,7 @@ from dqreg.cli.outputs import (
     consoles,
     deviation_record,
     print_json,
+    require_below_reach,
     tell_decision,
     tell_deviations,
     tell_report,
@@ -133,6 +134,7 @@ def register_command(
     # Asked before the work starts, so that no result is lost after it.
     _check(out, aligned, deviations, report, {"--reach": reach})
     allowed = None if tolerance is None else tolerance_of(tolerance, "--tolerance")
+    require_below_reach(allowed, reach)
     if not 0.0 < required <= 100.0:
         raise InputError(f"--required is a percentage above 0 and at most 100; got {required:g}")
     console, shown = consoles(quiet=quiet, as_json=as_json, apart=True)

@@ -10,8 +10,8 @@ from pathlib import Path
 from dqreg.errors import InputError
 from dqreg.registration.batch.row import Row
 
-# Names become file names, on any system.
-NAME = re.compile(r"\w[\w .+-]{0,120}(?<! )")
+# Names become file names, on any system: these it refuses, and a name that begins like an option or a hidden file.
+NAME = re.compile(r"""[^\s.\-/\\:*?"<>|][^/\\:*?"<>|]{0,120}(?<! )""")
 # Bytes of a name, with an ending and a number within the 255 that most systems allow.
 LONGEST_NAME = 240
 # Devices of Windows, with whatever ending.
@@ -34,9 +34,10 @@ class RowNames:
     def named(self, row: Row, *, given: bool) -> str:
         """The name of a row: the one that was given, or one made of its scan."""
         name = row.name if given else _cut(row.scan.stem)
-        if given and not NAME.fullmatch(name):
+        if given and not (NAME.fullmatch(name) and name.isprintable()):
             raise InputError(
-                f"the name {name!r:.150} is no file name; use letters, digits, blanks and . _ - +, 120 at most"
+                f'the name {name!r:.150} is no file name everywhere; use no / \\ : * ? " < > | in it, no dot, blank or '
+                "- at its beginning, no blank at its end, and 120 characters at most"
             )
         if given and len(name.encode()) > LONGEST_NAME:
             raise InputError(f"the name {name!r} takes {len(name.encode())} bytes; {LONGEST_NAME} fit everywhere")

@@ -24,9 +24,9 @@ COLUMNS = ("name", "verdict", "reasons", "rms", "inlier_fraction", "seconds", *P
 
 def summary_csv(lines: Sequence[Line]) -> str:
     """The summary as CSV, numbers at full precision; a unit that was asked for stands in the heads of the lengths."""
-    asked = {line.row.asked.display_units for line in lines}
+    asked = {line.row.asked.display_units for line in lines if line.ran}
     unit = asked.pop() if len(asked) == 1 else None
-    heads = [f"{name}, {unit}" if unit and name in LENGTHS else name for name in COLUMNS]
+    heads = [f"{name} [{unit}]" if unit and name in LENGTHS else name for name in COLUMNS]
     return to_csv(heads, map(_csv_row, lines))
 
 

@@ -158,8 +158,8 @@ def test_parts_are_inspected_by_columns_and_defaults(folder):
 
 
 def test_a_name_may_hold_blanks_and_a_row_with_a_fault_keeps_its_name(folder):
-    rows = rows_of(folder, "scan,target,name\nscan0.npy,bracket.off,Part 7 left\nno.npy,bracket.off,Part 8\n")
-    assert [row.name for row in rows] == ["Part 7 left", "Part 8"]
+    rows = rows_of(folder, "scan,target,name\nscan0.npy,bracket.off,Part №7 (left)\nno.npy,bracket.off,Part 8\n")
+    assert [row.name for row in rows] == ["Part №7 (left)", "Part 8"]
     assert rows[1].fault
 
 

@@ -96,7 +96,7 @@ def test_lengths_are_in_the_unit_that_was_asked_for_and_the_heads_name_it():
     batch = {"seconds": 2.5, "shown": {"units": "mm", "rms": 123.0}}
     lines = [line_of(row, RowResult("ran", "", {**RECORD, "settings": {"target_units": "m"}, "batch": batch}))]
     (values,) = csv.DictReader(io.StringIO(summary_csv(lines), newline=""))
-    assert [values[name] for name in ("rms, mm", "tx, mm", "ty, mm", "tz, mm", "qw")] == [
+    assert [values[name] for name in ("rms [mm]", "tx [mm]", "ty [mm]", "tz [mm]", "qw")] == [
         "123.0", "7000.0", "8000.0", "9000.0", "1.0",
     ]  # fmt: skip
     (record,) = to_records(lines)
