@@ -44,6 +44,21 @@ def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     return (np.minimum(low, rest.min(axis=1)), np.maximum(high, rest.max(axis=1))) if rest.size else (low, high)
 
 
+def median(values: FloatArray) -> float:
+    """Median of finite numbers, (n,): the same bits as NumPy's, which takes several times as long for a few thousand.
+
+    NaN of none.
+    """
+    count = len(values)
+    if not count:
+        return float("nan")
+    half = count // 2
+    if count % 2:
+        return float(np.partition(values, half)[half])
+    low, high = np.partition(values, (half - 1, half))[half - 1 : half + 1].tolist()
+    return float(0.5 * (low + high))
+
+
 def shifted(points: FloatArray, offset: FloatArray) -> FloatArray:
     """Points moved by one offset: ``points + offset``, three times as fast."""
     moved = np.zeros((len(points), 3))

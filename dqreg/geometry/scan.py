@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, one_line
+from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, median, one_line
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
@@ -18,7 +18,7 @@ from dqreg.geometry.normals import PlaneFits, fit_planes, orient_towards, sample
 # Enough for a median that is good to one per cent.
 SPACING_SAMPLE = 5_000
 FEWEST_POINTS = 3
-# Points among which neighbours are searched where normals are fitted at a few points only.
+# Points among which neighbours are searched where normals are fitted at a few points only of more than these.
 THINNED = 50_000
 # Pieces of the cloud on which spacing and noise are measured then, points of a piece, and those in its middle, whose
 # neighbours are in the piece.
@@ -141,9 +141,17 @@ class Scan:
         """Which points have a normal, (n,)."""
         return np.asarray(self.normals.any(axis=1))
 
+    def with_planes(self, count: int) -> Scan:
+        """The same scan with planes fitted at more rows, without signs; as it is where enough of them are."""
+        if self.fitted is None or min(count, len(self)) <= len(self.fitted):
+            return self
+        rows = sample_rows(len(self), count)
+        normals, levers, residuals = _at_rows(rows, fit_planes(self.tree, self.points, self.points[rows]), len(self))
+        return dataclasses.replace(self, normals=normals, levers=levers, residuals=residuals, fitted=rows)
+
     @cached_property
     def tree(self) -> NeighbourTree:
-        """Tree of the points; where planes were fitted to their neighbours, the one that found those."""
+        """Tree of the points: distances between them are the same at any pose."""
         return NeighbourTree(self.points)
 
     @cached_property
@@ -196,12 +204,10 @@ def prepare_scan(
             f"this one are at {len(points)}"
         )
     rows = sample_rows(len(points), len(points) if fitted is None else fitted)
-    fits, spacing, noise, tree = _fit_all(points, surface) if len(rows) == len(points) else _fit_some(points, rows)
-    normals, levers, residuals = np.zeros_like(points), np.zeros(len(points)), np.full(len(points), np.nan)
-    known = _known(fits)
-    normals[rows] = np.where(known[:, None], fits.normals, 0.0)
-    levers[rows] = np.where(known, fits.lever, 0.0)
-    residuals[rows] = fits.residuals
+    is_whole = len(rows) == len(points) or len(points) <= THINNED
+    tree = (NeighbourTree(points) if surface is None else surface._tree) if is_whole else None
+    fits, spacing, noise = _fit_some(points, rows) if tree is None else _fit_all(points, rows, tree)
+    normals, levers, residuals = _at_rows(rows, fits, len(points))
     if cloud.normals is not None:
         normals = np.take(cloud.normals, order, axis=0)
     elif cloud.viewpoint is not None:
@@ -222,20 +228,13 @@ def prepare_scan(
     return scan
 
 
-Fitted = tuple[PlaneFits, float, float, NeighbourTree | None]
+def _fit_all(points: FloatArray, rows: IntArray, tree: NeighbourTree) -> tuple[PlaneFits, float, float]:
+    at = points if len(rows) == len(points) else points[rows]
+    fits = fit_planes(tree, points, at)
+    return fits, _spacing(fits, at), _noise(fits)
 
 
-def _fit_all(points: FloatArray, surface: CloudSurface | None) -> Fitted:
-    tree = NeighbourTree(points) if surface is None else surface._tree
-    fits = fit_planes(tree, points, points)
-    return fits, _spacing(fits, points), _noise(fits), tree
-
-
-def _fit_some(points: FloatArray, rows: IntArray) -> Fitted:
-    if len(points) <= PIECES * PIECE:
-        tree = NeighbourTree(points)
-        fits = fit_planes(tree, points, points[rows])
-        return fits, _spacing(fits, points[rows]), _noise(fits), tree
+def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, float]:
     thinned = points[sample_rows(len(points), max(THINNED, 2 * len(rows)))]
     fits = fit_planes(NeighbourTree(thinned), thinned, points[rows])
     # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those
@@ -244,7 +243,17 @@ def _fit_some(points: FloatArray, rows: IntArray) -> Fitted:
     pieces = points[(firsts[:, None] + np.arange(PIECE)).ravel()]
     middles = points[(firsts[:, None] + (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)).ravel()]
     pieced = fit_planes(NeighbourTree(pieces), pieces, middles)
-    return fits, _spacing(pieced, middles), _noise(pieced), None
+    return fits, _spacing(pieced, middles), _noise(pieced)
+
+
+def _at_rows(rows: IntArray, fits: PlaneFits, total: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Normals, levers and residuals of all points, of which some rows have planes."""
+    normals, levers, residuals = np.zeros((total, 3)), np.zeros(total), np.full(total, np.nan)
+    known = _known(fits)
+    normals[rows] = np.where(known[:, None], fits.normals, 0.0)
+    levers[rows] = np.where(known, fits.lever, 0.0)
+    residuals[rows] = fits.residuals
+    return normals, levers, residuals
 
 
 def _known(fits: PlaneFits) -> BoolArray:
@@ -253,7 +262,7 @@ def _known(fits: PlaneFits) -> BoolArray:
 
 def _noise(fits: PlaneFits) -> float:
     known = _known(fits)
-    return float(np.median(fits.residuals[known])) if known.any() else 0.0
+    return median(fits.residuals[known]) if known.any() else 0.0
 
 
 def measure_spacing(tree: NeighbourTree, points: FloatArray, sample: int = SPACING_SAMPLE) -> float:
@@ -275,7 +284,7 @@ def _spacing(fits: PlaneFits, points: FloatArray) -> float:
 
 def _usual_gap(gaps: FloatArray, points: FloatArray) -> float:
     if gaps.max(initial=0.0) > 0.0:
-        return float(np.median(gaps[gaps > 0.0]))
+        return median(gaps[gaps > 0.0])
     # Every sampled point has a twin; only a cloud that is one single place has no spacing at all.
     extent = float(np.linalg.norm(np.subtract(*bounds(points))))
     if extent == 0.0:

@@ -22,7 +22,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, median
 from dqreg.errors import UnitsError
 from dqreg.files.units import MIXED, factor
 from dqreg.geometry.cloud import PointCloud
@@ -45,6 +45,8 @@ AGREE, THIN, THICK = 1.18, 0.45, 1.18
 # Spacings of two clouds agree with the ratio of units within that factor: sensors differ.
 SPACING = 3.0
 SAMPLE, KEPT = 5_000, 0.95
+# Sizes of so few points that differ by less than this factor are no mistake: the least ratio of units is ten.
+FEW, ALIKE = 500, 3.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,6 +89,8 @@ def find_unit_mistake(
 ) -> UnitMistake | None:
     """The likely mistake of units between two sides, or None."""
     if source_units is not None and target_units is not None:
+        return None
+    if target_spreads is not None and _is_alike(source, target_spreads):
         return None
     spreads = principal_spreads(source), principal_spreads(target) if target_spreads is None else target_spreads
     sizes = tuple(float(np.linalg.norm(spread)) for spread in spreads)
@@ -158,6 +162,18 @@ def principal_spreads(geometry: PointCloud | Mesh) -> FloatArray:
     variances = np.linalg.eigvalsh(near @ near.T / near.shape[1])[::-1]
     spreads: FloatArray = np.sqrt(np.maximum(variances, 0.0))
     return spreads
+
+
+def _is_alike(source: PointCloud | Mesh, target_spreads: FloatArray) -> bool:
+    """Whether a few points say that the sizes differ by far less than any two units do."""
+    if isinstance(source, Mesh):
+        return False
+    columns = np.ascontiguousarray(source.points[sample_rows(len(source.points), FEW)].T)
+    columns -= np.partition(columns, len(columns.T) // 2, axis=1)[:, len(columns.T) // 2, None]
+    # Half of the points of a body are within 0.5 to 1.3 of its spread, whatever its strays are.
+    size = median(np.sqrt(np.einsum("ij,ij->j", columns, columns)))
+    other = float(np.linalg.norm(target_spreads))
+    return 1.0 / ALIKE <= size / other <= ALIKE if other > 0.0 else False
 
 
 def _explanations(over: float, pairs: list[tuple[str, str]], whole: bool) -> list[tuple[str, str]]:

@@ -54,20 +54,24 @@ def align_coarse_to_fine(
     finest = min(plan.finest or len(scan), len(scan))
     counts = [count for count in (COARSE, MIDDLE) if 2 * count <= finest] + [finest]
     level = Level(scan.thinned(counts[0]), surface, plan, smallest_kernel_scale(scan, surface), last=len(counts) == 1)
-    run, level = _placed(level, start, observe, first)
+    # Where the start is near, there is no basin to decide on any more.
+    few = dataclasses.replace(level, scan=level.scan.thinned(NEAR))
+    mixture, seen = _first_look(few, start)
+    if mixture is None:
+        # The basin is decided by normals too, at each point of the level.
+        scan = scan.with_planes(COARSE)
+        run, level = _placed(dataclasses.replace(level, scan=scan.thinned(counts[0])), start, observe, first)
+    else:
+        few, seen = (level, None) if level.last else (few, seen)
+        run = _near(few, None).descend(mixture, start, TRACKING, observe, first, before=seen)
+        level = _near(few, run)
+        # Planes lead from few points to all of them in a step or two: a level between would cost more than it saves.
+        counts = [counts[0], *counts[1:][-1:]] if level.plan.fine is not None else counts
     return finish(level, scan, counts[1:], run, observe)
 
 
 def _placed(level: Level, start: FloatArray, observe: Observer | None, first: int) -> tuple[Alignment, Level]:
     """End of the coarse level, with the fine estimator where there is one, and that level as the finer ones go on."""
-    # Where the start is near, there is no basin to decide on any more.
-    few = dataclasses.replace(level, scan=level.scan.thinned(NEAR))
-    mixture, seen = _first_look(few, start)
-    if mixture is not None:
-        if level.last:
-            few, seen = level, None
-        run = _near(few, None).descend(mixture, start, TRACKING, observe, first, before=seen)
-        return run, _near(few, run)
     if level.plan.fine is None:
         run = find_basin(level, start, observe, first)
         return run, _near(level, run)

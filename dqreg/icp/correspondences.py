@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest, Surface
 from dqreg.rigid import pose
@@ -21,6 +21,17 @@ class Correspondences:
     T_target_source: FloatArray  # (4, 4): The pose of the search
     closest: Closest  # Closest point on the target for each scan point, in the target frame
     same_sign: bool  # Whether both sides' normals have known signs, so that they may be compared as they are
+
+    def taken(self, rows: IntArray) -> Correspondences:
+        """Those of some rows of the scan alone."""
+        found = self.closest
+        others, variances = (None if x is None else x[rows] for x in (found.others, found.variances))
+        points, normals = np.take(found.points, rows, axis=0), np.take(found.normals, rows, axis=0)
+        closest = Closest(points, normals, found.distances[rows], found.elements[rows], others, variances)
+        pairs = Correspondences(self.scan.taken(rows), self.T_target_source, closest, self.same_sign)
+        if "moved" in vars(self):
+            vars(pairs)["moved"] = np.take(self.moved, rows, axis=0)
+        return pairs
 
     @property
     def distances(self) -> FloatArray:

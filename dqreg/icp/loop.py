@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable
 
@@ -16,9 +17,9 @@ from dqreg.icp.acceleration import Anderson
 from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.estimators import Estimator, points_and_normals
 from dqreg.icp.history import Iteration
-from dqreg.icp.rejectors import Robust, Weight, product
+from dqreg.icp.rejectors import Weight
 from dqreg.icp.stopping import Stopping
-from dqreg.rigid import pose
+from dqreg.icp.weighing import Weighed, weigh
 from dqreg.solvers.robust import InlierMixture, Kernel, LeastSquares
 from dqreg.solvers.status import INTERRUPTED, NO_POSE, Status
 
@@ -121,26 +122,23 @@ class Icp:
         history: list[Iteration] = []
         motions: list[float] = []
         spread = Spread.of(scan.points)
-        anderson = Anderson(start, spread.mean, spread.size)
+        anderson = Anderson(start, spread.mean, spread.size) if self.accelerate else None
         while True:
             began = time.perf_counter()
             pairs = before = find_correspondences(scan, surface, T, before)
-            gate = product(self.rejectors, pairs)
-            weights = gate * Robust(self.kernel)(pairs)
-            if scan.counts is not None:
-                weights *= scan.counts
-            if np.count_nonzero(weights) < self.fewest:
+            weighed = weigh(pairs, self.kernel, self.rejectors)
+            weights = weighed.weights
+            if weighed.used < self.fewest:
                 return Run(T, "no correspondences", tuple(history), pairs, weights)
-            energy = self._energy(pairs, gate)
             try:
                 T_next = self.estimator(pairs, weights, self.kernel.scale).T_target_source
             except DegenerateGeometryError:
                 return Run(T, "degenerate correspondences", tuple(history), pairs, weights)
-            T_new, sound = anderson.propose(T, T_next, energy) if self.accelerate else (T_next, True)
+            T_new, sound = anderson.propose(T, T_next, weighed.energy) if anderson else (T_next, True)
             motions.append(spread.motion(T, T_next) / surface.diagonal if sound else np.inf)
             # Where an extrapolation is taken back, the plain step before it is the best pose so far.
             T_next = T_next if sound else T_new
-            record = self._record(first + len(history), pairs, weights, energy, T_next, motions[-1], began)
+            record = self._record(first + len(history), pairs, weighed, T_next, motions[-1], began)
             history.append(record)
             if observe is not None and observe(record) is False:
                 return Run(T_next, "stopped by observer", tuple(history), pairs, weights)
@@ -148,39 +146,29 @@ class Icp:
                 return Run(T_next, status, tuple(history), pairs, weights)
             T = T_new
 
-    def _energy(self, pairs: Correspondences, gate: FloatArray) -> float:
-        # A pair that a gate rejects costs as much as the farthest one that passes could: else losing pairs would pay.
-        farthest = pairs.distances.max(where=gate > 0.0, initial=0.0)
-        limits = [w.limit for w in self.rejectors if hasattr(w, "limit")]
-        cap = min([*limits, np.inf]) if limits else farthest
-        costs = self.kernel.cost(np.where(gate > 0.0, pairs.distances, cap))
-        return float(np.average(costs, weights=pairs.scan.counts))
-
     def _record(
-        self,
-        number: int,
-        pairs: Correspondences,
-        weights: FloatArray,
-        energy: float,
-        T: FloatArray,
-        motion: float,
-        began: float,
+        self, number: int, pairs: Correspondences, weighed: Weighed, T: FloatArray, motion: float, began: float
     ) -> Iteration:
-        total = float(weights.sum())
         return Iteration(
             number=number,
             stage=self.stage,
             points=len(pairs.distances),
-            pairs=int(np.count_nonzero(weights)),
-            inlier_fraction=total / pairs.scan.represented,
-            rms=float(np.sqrt(weights @ pairs.squares / total)),
+            pairs=weighed.used,
+            inlier_fraction=weighed.total / pairs.scan.represented,
+            rms=math.sqrt(weighed.mean_square),
             kernel_scale=self.kernel.scale,
-            energy=energy,
-            turn_rad=float(pose.angle_between(pairs.T_target_source, T)),
+            energy=weighed.energy,
+            turn_rad=turn_between(pairs.T_target_source, T),
             motion=motion,
             seconds=time.perf_counter() - began,
             T_target_source=T,
         )
+
+
+def turn_between(T_a: FloatArray, T_b: FloatArray) -> float:
+    """Angle between the rotations of two poses, from the length of their difference: small ones keep their digits."""
+    apart = float(np.linalg.norm(T_b[:3, :3] - T_a[:3, :3])) / math.sqrt(8.0)
+    return 2.0 * math.asin(min(apart, 1.0))
 
 
 @dataclasses.dataclass(frozen=True)

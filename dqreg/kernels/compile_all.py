@@ -19,6 +19,8 @@ from dqreg.kernels.pose_steps import add_plane_steps, grid_planes
 from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_normals_at
 from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.triangle_tree import TriangleTree
+from dqreg.kernels.weighing import SUMS as WEIGHED
+from dqreg.kernels.weighing import weigh_rows
 from dqreg.kernels.weighted_planes import COLUMNS, NUMBERS, mean_sums, orientation_precisions, plane_sums
 
 
@@ -47,7 +49,9 @@ def compile_all() -> None:
     newton_steps(np.eye(13), np.r_[np.eye(3).ravel(), np.zeros(3), 1.0], 1.0, 1, 1.0, 1.0, 1.0, 1.0)
     none_joined = np.zeros(0, dtype=np.int64)
     components(1, none_joined, none_joined)
-    rows3, ones = np.eye(3), np.ones(3)
+    rows3, ones, none_at_all = np.eye(3), np.ones(3), np.zeros(0)
+    limits, weighed = np.ones(5), np.zeros((1, WEIGHED))
+    weigh_rows(0, 3, ones, *(rows3,) * 3, *(none_at_all,) * 3, limits, 3, np.zeros(3), weighed)
     mean_sums(0, 3, rows3, rows3, rows3, ones, 3, np.zeros((1, COLUMNS)))
     plane_sums(0, 3, rows3, rows3, rows3, ones, np.zeros((2, 3)), 3, np.zeros((1, NUMBERS, NUMBERS)))
     orientation_precisions(rows3, ones, ones, 1, 1.0, 1.0, np.zeros((2, 8)), np.zeros(3))

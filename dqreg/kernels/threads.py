@@ -90,6 +90,8 @@ def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: 
 
 def as_plain(values: FloatArray) -> FloatArray:
     """The array as kernels take it: for another layout, or one that is read only, each would be compiled once more."""
+    if type(values) is np.ndarray and values.dtype == np.float64 and values.flags.carray:
+        return values
     plain: FloatArray = np.require(values, np.float64, ["C", "A", "W", "E"])
     return plain
 

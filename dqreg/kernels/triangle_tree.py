@@ -14,8 +14,8 @@ from dqreg.kernels.kd_order import kd_order
 from dqreg.kernels.threads import as_plain, aside, over_chunks
 from dqreg.kernels.triangle import COLUMNS, pack
 
-# Triangles a leaf: 2 to 8 are about as fast.
-LEAF = 4
+# Triangles a leaf: on nine CAD parts 2 took 0.7 to 0.95 of the time of 4.
+LEAF = 2
 
 
 @dataclasses.dataclass(frozen=True)

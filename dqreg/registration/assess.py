@@ -22,13 +22,14 @@ from dqreg.trust import (
     Evidence,
     Information,
     covariance_of,
+    judge,
     observe_directions,
     without_free_motion,
 )
 from dqreg.trust.covariance import partial_information_of
 from dqreg.trust.neighbourhoods import faces_apart
 from dqreg.trust.patch_tests import ON
-from dqreg.trust.records import Alternative, Direction
+from dqreg.trust.records import Alternative, Direction, Verdict
 from dqreg.trust.segments import OFF
 from dqreg.trust.strain import LEAST_DRIFT, drift_of
 
@@ -132,6 +133,13 @@ def status_of(fit: Fit) -> Status:
     moved = (pose.apply(record.T_target_source, points) - here for record in history[-LAST:])
     farthest = max(float(np.sqrt((each**2).sum(axis=1).mean())) for each in moved)
     return "converged" if farthest <= TO_AND_FRO * fit.run.mixture.scale else "stalled"
+
+
+def verdict_on(fit: Fit, evidence: Evidence) -> Verdict:
+    """The verdict; what the second try has asked already is not asked again."""
+    # Other poses are arrays, by which nothing can be looked up.
+    alone = not evidence.alternatives
+    return fit.once(("verdict", evidence), lambda: judge(evidence)) if alone else judge(evidence)
 
 
 def _drift(fit: Fit) -> tuple[float, float, Vector]:

@@ -6,10 +6,11 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median
 from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.scan import THINNED
 from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
 from dqreg.icp.rejectors import at_boundary
 from dqreg.rigid import pose
@@ -99,7 +100,7 @@ def agreement_of(
     else:
         around = surroundings_of(pairs, width, near)
         close &= on | ~around.elsewhere
-    alone = isolated(pairs.scan, on)
+    alone = isolated(pairs.scan, on, scan if len(scan) <= THINNED else None)
     kept = ~around.elsewhere & ~alone
     scale = mixture.scale if isinstance(surface, CloudSurface) else min(mixture.scale, _usual_scale(aside, surface))
     patches, off = patches_off(
@@ -136,7 +137,7 @@ def agreement_of(
 
 def _usual_scale(aside: FloatArray, surface: Surface) -> float:
     """Scale of the distances along the normals of most inliers: a sparse scan has a kernel as wide as its spacing."""
-    usual = GAUSSIAN_MEDIAN * float(np.median(np.abs(aside))) if len(aside) else np.inf
+    usual = GAUSSIAN_MEDIAN * median(np.abs(aside)) if len(aside) else np.inf
     return max(USUAL * usual, LEAST * surface.diagonal)
 
 
@@ -167,7 +168,7 @@ def _local(run: Alignment, scan: Scan, surface: Surface, pairs: Correspondences,
     is_rough = len(aside) > 0 and float(np.sqrt(np.mean(aside**2))) > MISFIT * local.noise
     if isinstance(surface, CloudSurface) or not (is_apart or is_rough):
         return local
-    usual = GAUSSIAN_MEDIAN * float(np.median(np.abs(aside)))
+    usual = GAUSSIAN_MEDIAN * median(np.abs(aside))
     again = Neighbourhoods.of(pairs.moved, pairs.closest.points, pairs.closest.normals, on, usual)
     apart = float(np.fmin(local.normals_apart, again.apart)) if is_apart else local.normals_apart
     return dataclasses.replace(local, normals_apart=apart, noise=float(np.fmax(local.noise, again.noise)))
@@ -182,8 +183,11 @@ def _pairs(run: Run, scan: Scan, surface: Surface, width: float, count: int) -> 
     enough = ENOUGH if count == LOOKED_AT else ENOUGH_LATE
     for asked in (run.pairs, *run.earlier[::-1]):
         drawn_evenly = asked.scan.counts is None and (len(asked.scan) == len(scan) or asked is not run.pairs)
-        if drawn_evenly and enough <= len(asked.scan) <= LOOKED_AT:
-            return _again(asked, surface, run.T_target_source, width)
+        if drawn_evenly and enough <= len(asked.scan):
+            # Of one level all points were asked about, and they are many.
+            many = len(asked.scan) > LOOKED_AT
+            some = asked.taken(sample_rows(len(asked.scan), LOOKED_AT)) if many else asked
+            return _again(some, surface, run.T_target_source, width)
     # Thinning for the loop keeps the points with normals; here any will do.
     return find_correspondences(scan.taken(sample_rows(len(scan), count)), surface, run.T_target_source)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.normals import sample_rows
-from dqreg.registration.assess import evidence_of, uncertainty_of
+from dqreg.registration.assess import evidence_of, uncertainty_of, verdict_on
 from dqreg.registration.evidence import MISFIT
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose
@@ -17,7 +17,6 @@ from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.solvers.status import INTERRUPTED
-from dqreg.trust import judge
 from dqreg.trust.neighbourhoods import is_flat
 
 # Fraction of the points near a part that lie off it beyond which the same is done: right poses leave 0.002, and half
@@ -93,10 +92,11 @@ def is_partial(fit: Fit) -> bool:
     points, weights = fit.run.pairs.moved[rows], fit.run.weights[rows]
     if not weights.any():
         return False
-    values = np.linalg.eigvalsh(np.cov(points.T, aweights=weights, ddof=0))
+    arms = points - weights @ points / weights.sum()
+    spread = float(weights @ np.einsum("ij,ij->i", arms, arms) / weights.sum())
     whole = float((fit.problem.target.spreads**2).sum())
     return bool(
-        values.sum() < PARTIAL**2 * whole
+        spread < PARTIAL**2 * whole
         or (is_flat(points[weights > 0.0]) and not any(motion.is_free for motion in uncertainty_of(fit).directions))
     )
 
@@ -116,7 +116,8 @@ def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
 def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
     """Whether the verdict has nothing against a pose that another one might mend."""
     gain = mirror_gain(fit, always=ask_mirror)
-    verdict = judge(evidence_of(fit, uncertainty_of(fit), mirror_gain=gain))
+    evidence = evidence_of(fit, uncertainty_of(fit), mirror_gain=gain)
+    verdict = verdict_on(fit, evidence)
     return verdict.level == "accepted" or OF_THE_SCAN.issuperset(verdict.codes)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -48,9 +48,9 @@ class Fit:
     settings: IcpSettings
     constraints: PoseConstraints
     run: Alignment  # Pose, last correspondences and weights, mixture, history of all runs, status
-    _known: dict[str, Any] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
+    _known: dict[Hashable, Any] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
 
-    def once(self, name: str, make: Callable[[], T]) -> T:
+    def once(self, name: Hashable, make: Callable[[], T]) -> T:
         """What follows from the fit and is asked for again, made once."""
         if name not in self._known:
             self._known[name] = make()

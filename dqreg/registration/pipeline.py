@@ -10,7 +10,7 @@ import numpy as np
 
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
-from dqreg.registration.assess import Uncertainty, evidence_of, uncertainty_of, without_drift
+from dqreg.registration.assess import Uncertainty, evidence_of, uncertainty_of, verdict_on, without_drift
 from dqreg.registration.fallback import Known, best_known
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
@@ -28,7 +28,6 @@ from dqreg.registration.rivals import (
 )
 from dqreg.registration.slides import without_slide
 from dqreg.registration.visibility import on_visible_faces
-from dqreg.trust import judge
 from dqreg.trust.records import Alternative, Verdict
 
 # Distances from the planes below this share of the spacing of all points: the points then stand nearer to the surface
@@ -66,8 +65,7 @@ def align(problem: Problem) -> Registration:
     watch.seconds["total"] = watch.total
     uncertainty, alternatives = uncertainty_of(fit), alternatives_of(fit, others)
     evidence = evidence_of(fit, uncertainty, alternatives, search=start.search, mirror_gain=gain)
-    verdict = judge(evidence)
-    return registration_of(fit, uncertainty, verdict, alternatives)
+    return registration_of(fit, uncertainty, verdict_on(fit, evidence), alternatives)
 
 
 def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:

@@ -14,8 +14,10 @@ from dqreg.errors import InputError
 from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.opening import describe
+from dqreg.geometry.scan import THINNED
 from dqreg.geometry.unit_check import require_same_units
 from dqreg.geometry.voxels import WHOLE, VoxelCloud, cell_size, voxel_size
+from dqreg.icp.coarse_to_fine import COARSE, NEAR
 from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.constraints import PoseConstraints
@@ -142,7 +144,8 @@ class Problem(SourceAndTarget):
             )
         with watch.stage("read"):
             index, chord = index_for(target, source, options.source_units)
-            building = None if index is target else index.build_beside()
+            # What was prepared is built already.
+            building = None if index is getattr(target, "indexed", target) else index.build_beside()
             unit, rng = options.target_units or index.units, np.random.default_rng(options.seed)
             centred = centre_source(source, options.source_units, unit, rng, float(options.scale))
             if viewpoints is not None:
@@ -179,7 +182,12 @@ class Problem(SourceAndTarget):
 
     def prepare_whole(self) -> Prepared:
         """The same with all points."""
-        return Prepared.whole(self._in_time, self.target, self.options.fitted)
+        cloud, fitted = self._in_time, self.options.fitted
+        if self.start is not None and self.target.kind == "mesh" and self.options.method == "auto":
+            # A start that is near needs no more; where it is not, the others are fitted then.
+            is_bare = cloud.normals is None and cloud.viewpoint is None
+            fitted = NEAR if is_bare and 2 * COARSE < len(cloud) <= THINNED else fitted
+        return Prepared.whole(cloud, self.target, fitted)
 
     @property
     def _in_time(self) -> PointCloud:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray, median
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.registration.evidence import NEAR
@@ -209,7 +209,7 @@ def _some_apart(fit: Fit) -> bool:
     pairs, size = fit.run.pairs, fit.prepared.surface.diagonal
     near = pairs.distances <= NEAR * fit.problem.reach(fit.prepared)
     aside = np.abs(pairs.point_to_plane[near])
-    usual = max(GAUSSIAN_MEDIAN * float(np.median(aside)), LEAST * size) if len(aside) else np.inf
+    usual = max(GAUSSIAN_MEDIAN * median(aside), LEAST * size) if len(aside) else np.inf
     return bool(np.count_nonzero(aside > APART * usual) > SOME * len(aside))
 
 

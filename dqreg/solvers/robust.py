@@ -156,20 +156,20 @@ class InlierMixture:
         return cls.starting(max(WIDEST * limit, floor), limit)
 
     @property
-    def _odds(self) -> float:
-        # Density of outliers over that of an inlier at distance zero (a half-normal).
+    def odds(self) -> float:
+        """Density of outliers over that of an inlier at distance zero (a half-normal)."""
         return (1.0 - self.inlier_fraction) / self.limit * self.scale * math.sqrt(math.pi / 2.0) / self.inlier_fraction
 
     def weight(self, distances: FloatArray) -> FloatArray:
         """Probability of an inlier."""
         inlier = np.exp(-0.5 * (distances / self.scale) ** 2)
-        weights: FloatArray = inlier / (inlier + self._odds)
+        weights: FloatArray = inlier / (inlier + self.odds)
         return weights
 
     def cost(self, distances: FloatArray) -> FloatArray:
         """``-2 sigma^2 log((density at d) / (density at 0))``."""
         inlier = np.exp(-0.5 * (distances / self.scale) ** 2)
-        cost: FloatArray = -2.0 * self.scale**2 * np.log((inlier + self._odds) / (1.0 + self._odds))
+        cost: FloatArray = -2.0 * self.scale**2 * np.log((inlier + self.odds) / (1.0 + self.odds))
         return cost
 
     def mean_nll(self, distances: FloatArray, rejected: int) -> float:

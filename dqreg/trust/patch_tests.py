@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray, median
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
 from dqreg.solvers.quadratic import plane_rows
@@ -21,25 +21,26 @@ ON = 4.0
 # A point off the target whose neighbour of this rank is so many times as far as for points on it is an outlier.
 NEIGHBOURS, SCATTERED = 5, 2.5
 # Points on the target that tell what is usual.
-USUAL = 1_000
+USUAL = 250
 # A patch whose plane holds more points far from the target than so many times those near it belongs to an object that
 # the part stands on or leans against.
 BACKGROUND = 1.0
 
 
-def isolated(scan: Scan, on: BoolArray) -> BoolArray:
+def isolated(scan: Scan, on: BoolArray, whole: Scan | None = None) -> BoolArray:
     """Which points off the target have no neighbours as points of a surface have them, (n,): scattered outliers.
 
-    Together they would look like patches that deviate, but they are no surface that could contradict the pose.
+    They may be some points of a whole scan. Together they would look like patches that deviate, but they are no surface
+    that could contradict the pose.
     """
     off, points = np.flatnonzero(~on), scan.points
     alone = np.zeros(len(points), dtype=bool)
     if len(off) and len(points) - len(off) > NEIGHBOURS:
-        tree = scan.tree
+        neighbours = (whole or scan).tree
         # The point itself is the first.
         some = np.flatnonzero(on)[sample_rows(len(points) - len(off), USUAL)]
-        usual = float(np.median(tree.nearest(points[some], NEIGHBOURS + 1)[1][:, -1]))
-        alone[off] = tree.nearest(points[off], NEIGHBOURS + 1)[1][:, -1] > SCATTERED * usual
+        usual = median(neighbours.nearest(points[some], NEIGHBOURS + 1)[1][:, -1])
+        alone[off] = neighbours.nearest(points[off], NEIGHBOURS + 1)[1][:, -1] > SCATTERED * usual
     return alone
 
 
@@ -107,7 +108,7 @@ def stretch_of(points: FloatArray, normals: FloatArray, residuals: FloatArray) -
     rows = np.vstack([plane_rows(points, normals, middle, lever), strains])
     # Outliers and neighbouring objects are one-sided, and would be taken for length.
     off = np.abs(residuals - _least_squares(rows, residuals) @ rows)
-    kept = off <= OUTSIDE * float(np.median(off))
+    kept = off <= OUTSIDE * median(off)
     rows, residuals = rows[:, kept], residuals[kept]
     rigid, both = (_least_squares(rows[:k], residuals) for k in (6, 12))
     left = [float(np.sum((residuals - x @ rows[: len(x)]) ** 2)) for x in (rigid, both)]

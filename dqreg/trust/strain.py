@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, median
 from dqreg.solvers.motion_words import Vector
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
@@ -29,6 +30,8 @@ SINGULAR = 1e-10
 USUAL = 0.2
 # Smaller strains are no fault: parts shrink, and sensors are calibrated to as much.
 LEAST, LEAST_BEND = 0.003, 0.002
+# What is below this share of those after two rounds of the robust fit, and at its end, is not looked at any further.
+SMALL = 0.3
 # Larger ones are none: both sides of a sheet came together.
 LARGEST = 0.5
 # Standard deviations that are no chance: the largest of many directions, of noise that is not quite independent. Beside
@@ -76,14 +79,27 @@ def strain_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, *,
     if len(residuals) < FEWEST:
         return Strain()
     middle = points.mean(axis=0)
-    _, axes = np.linalg.eigh((points - middle).T @ (points - middle))
-    lever = float(np.sqrt(((points - middle) ** 2).sum(axis=1).mean()))
+    arms = points - middle
+    _, axes = np.linalg.eigh(arms.T @ arms)
+    lever = float(np.sqrt(np.einsum("ij,ij->", arms, arms) / len(arms)))
     if not lever > 0.0:
         return Strain()
-    rows = np.vstack(
-        [plane_rows(points, normals, middle, lever), _strain_rows(points - middle, normals, axes[:, ::-1]) / lever]
-    )
-    fitted, weights = robust_fit(rows, residuals, lever, weights_of(residuals) if clutter else np.ones(len(residuals)))
+    rows = np.vstack([plane_rows(points, normals, middle, lever), _strain_rows(arms, normals, axes[:, ::-1]) / lever])
+    length = float(np.ptp(arms @ axes[:, 2]))
+    # The row is the square of the place along the axis over the lever; a sagitta is over the square of half the length.
+    # Of a torsion, the displacement of the ends at the usual distance from the axis.
+    radius = float(np.sqrt(np.mean((arms @ axes[:, :2]) ** 2) * 2.0))
+    factor = np.r_[[0.25 * length] * 2, 0.5 * radius] / lever**2
+
+    def is_small(fitted: FloatArray) -> bool:
+        # No principal strain is larger than the root of the sum of all squares.
+        square = float(fitted[6:12] ** 2 @ (1.0, 1.0, 1.0, 2.0, 2.0, 2.0)) / lever**2
+        return square <= (SMALL * LEAST) ** 2 and bool((np.abs(fitted[12:]) * factor <= SMALL * LEAST_BEND).all())
+
+    first = weights_of(residuals) if clutter else np.ones(len(residuals))
+    fitted, weights = robust_fit(rows, residuals, lever, first, is_small)
+    if is_small(fitted):
+        return Strain()
     left = residuals - fitted @ rows
     variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
     known = np.eye(len(rows)) * variance / (USUAL * lever) ** 2
@@ -91,11 +107,6 @@ def strain_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, *,
     if scatter is None:
         return Strain()
     value, sigma, along = _principal(fitted[6:12] / lever, scatter[6:12, 6:12] / lever**2)
-    length = float(np.ptp((points - middle) @ axes[:, 2]))
-    # The row is the square of the place along the axis over the lever; a sagitta is over the square of half the length.
-    # Of a torsion, the displacement of the ends at the usual distance from the axis.
-    radius = float(np.sqrt(np.mean(((points - middle) @ axes[:, :2]) ** 2) * 2.0))
-    factor = np.r_[[0.25 * length] * 2, 0.5 * radius] / lever**2
     bends = np.abs(fitted[12:]) * factor
     sigmas = np.sqrt(np.diag(scatter)[12:]) * factor
     k = int(np.argmax(bends / sigmas)) if (sigmas > 0.0).all() else 0
@@ -105,7 +116,8 @@ def strain_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, *,
 
 def _strain_rows(p: FloatArray, n: FloatArray, axes: FloatArray) -> FloatArray:
     """Displacements along the normals by unit strains, and by bends and a torsion of the first axis, (9, m)."""
-    strains = [n[:, i] * p[:, j] + (n[:, j] * p[:, i] if i != j else 0.0) for i, j in COMPONENTS]
+    by_axis, across = np.ascontiguousarray(p.T), np.ascontiguousarray(n.T)
+    strains = [across[i] * by_axis[j] + (across[j] * by_axis[i] if i != j else 0.0) for i, j in COMPONENTS]
     lever = np.sqrt((p**2).sum(axis=1).mean())
     x = p @ axes[:, 0]
     # A bent beam: the axis moves across, and its sections turn with it.
@@ -117,11 +129,18 @@ def _strain_rows(p: FloatArray, n: FloatArray, axes: FloatArray) -> FloatArray:
 
 
 def robust_fit(
-    rows: FloatArray, residuals: FloatArray, lever: float, first: FloatArray
+    rows: FloatArray,
+    residuals: FloatArray,
+    lever: float,
+    first: FloatArray,
+    is_small: Callable[[FloatArray], bool] = lambda _: False,
 ) -> tuple[FloatArray, FloatArray]:
-    """Least squares with Tukey's biweight, from the first weights; and the last weights."""
+    """Least squares with Tukey's biweight, from the first weights; and the last weights.
+
+    What is small after two rounds is not fitted to the last digit.
+    """
     fitted: FloatArray = np.zeros(len(rows))
-    weights = first
+    weights, was_small = first, False
     for _ in range(ROUNDS):
         variance = float(weights @ (residuals - fitted @ rows) ** 2 / weights.sum()) + np.finfo(float).tiny
         information = (rows * weights) @ rows.T
@@ -129,6 +148,9 @@ def robust_fit(
         ridge = variance / (USUAL * lever) ** 2 + SINGULAR * float(np.trace(information))
         solved = np.linalg.solve(information + ridge * np.eye(len(rows)), rows @ (weights * residuals))
         step, fitted = solved - fitted, np.asarray(solved, dtype=np.float64)
+        if was_small and is_small(fitted):
+            break
+        was_small = is_small(fitted)
         weights = weights_of(residuals - fitted @ rows)
         if step @ information @ step <= STILL**2 * variance:
             break
@@ -137,7 +159,7 @@ def robust_fit(
 
 def weights_of(residuals: FloatArray) -> FloatArray:
     """Tukey's biweight of residuals, (n,), from their own median."""
-    limit = TUKEY * GAUSSIAN_MEDIAN * float(np.median(np.abs(residuals))) + np.finfo(float).tiny
+    limit = TUKEY * GAUSSIAN_MEDIAN * median(np.abs(residuals)) + np.finfo(float).tiny
     # Beyond the limit nothing counts, and exact data would overflow.
     inner = np.minimum(np.abs(residuals), limit) / limit
     return np.asarray((1.0 - inner**2) ** 2)
