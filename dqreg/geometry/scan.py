@@ -141,14 +141,6 @@ class Scan:
         """Which points have a normal, (n,)."""
         return np.asarray(self.normals.any(axis=1))
 
-    def with_planes(self, count: int) -> Scan:
-        """The same scan with planes fitted at more rows, without signs; as it is where enough of them are."""
-        if self.fitted is None or min(count, len(self)) <= len(self.fitted):
-            return self
-        rows = sample_rows(len(self), count)
-        normals, levers, residuals = _at_rows(rows, fit_planes(self.tree, self.points, self.points[rows]), len(self))
-        return dataclasses.replace(self, normals=normals, levers=levers, residuals=residuals, fitted=rows)
-
     @cached_property
     def tree(self) -> NeighbourTree:
         """Tree of the points: distances between them are the same at any pose."""
@@ -254,6 +246,15 @@ def _at_rows(rows: IntArray, fits: PlaneFits, total: int) -> tuple[FloatArray, F
     levers[rows] = np.where(known, fits.lever, 0.0)
     residuals[rows] = fits.residuals
     return normals, levers, residuals
+
+
+def with_planes(scan: Scan, count: int) -> Scan:
+    """A scan with planes fitted at more rows, without signs; as it is where enough of them are."""
+    if scan.fitted is None or min(count, len(scan)) <= len(scan.fitted):
+        return scan
+    rows = sample_rows(len(scan), count)
+    normals, levers, residuals = _at_rows(rows, fit_planes(scan.tree, scan.points, scan.points[rows]), len(scan))
+    return dataclasses.replace(scan, normals=normals, levers=levers, residuals=residuals, fitted=rows)
 
 
 def _known(fits: PlaneFits) -> BoolArray:

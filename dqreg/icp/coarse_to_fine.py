@@ -21,7 +21,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry.scan import Scan
+from dqreg.geometry.scan import Scan, with_planes
 from dqreg.geometry.surface import Surface
 from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.full_resolution import FINE, MIDDLE, finish
@@ -59,7 +59,7 @@ def align_coarse_to_fine(
     mixture, seen = _first_look(few, start)
     if mixture is None:
         # The basin is decided by normals too, at each point of the level.
-        scan = scan.with_planes(COARSE)
+        scan = with_planes(scan, COARSE)
         run, level = _placed(dataclasses.replace(level, scan=scan.thinned(counts[0])), start, observe, first)
     else:
         few, seen = (level, None) if level.last else (few, seen)
