@@ -17,12 +17,13 @@ AROUND = 24
 class NeighbourTree:
     """Compiled tree of points; built once, read-only afterwards."""
 
-    def __init__(self, points: FloatArray) -> None:
+    def __init__(self, points: FloatArray, *, in_order: bool = False) -> None:
         from dqreg.kernels.point_tree import PointTree
 
         self.size = len(points)
         self._points = points
-        self._tree = PointTree.of(points)
+        # Points in Morton order that few queries are asked of need no other order.
+        self._tree = PointTree.of(points, in_order=in_order)
 
     def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
         """Nearest points of each query, closest first. Shapes: indices (m, k), distances (m, k)."""

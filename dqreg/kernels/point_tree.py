@@ -29,9 +29,15 @@ class PointTree:
     rows: IntArray  # (n,): Row of each place
 
     @staticmethod
-    def of(points: FloatArray) -> PointTree:
-        """Tree of points, (n, 3). O(n log n)."""
+    def of(points: FloatArray, *, in_order: bool = False) -> PointTree:
+        """Tree of points, (n, 3). O(n log n).
+
+        Where they stand in Morton order it may be taken as it is: built in a tenth of the time, O(n), and asked in up
+        to twice the time, for fewer queries than points.
+        """
         points = as_plain(points)
+        if in_order:
+            return PointTree(heap_boxes(points, points, LEAF), points, np.arange(len(points)))
         rows = aside(kd_order, points, LEAF) if len(points) > MANY else kd_order(points, LEAF)
         places = np.take(points, rows, axis=0)
         return PointTree(heap_boxes(places, places, LEAF), places, rows)

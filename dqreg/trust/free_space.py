@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, bounds
+from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import measure_spacing
@@ -82,7 +83,7 @@ class Seen:
     @cached_property
     def spacing(self) -> float:
         """Distance between neighbouring points."""
-        return measure_spacing(NeighbourTree(self.points), self.points, SAMPLE)
+        return measure_spacing(NeighbourTree(self.points, in_order=True), self.points, SAMPLE)
 
     @cached_property
     def image(self) -> DepthImage | None:
@@ -128,7 +129,10 @@ def _project(points: FloatArray, axes: FloatArray, eye: FloatArray) -> tuple[Flo
 
 def _spacing(places: FloatArray) -> float:
     flat = np.column_stack([places, np.zeros(len(places))])
-    return float(np.median(NeighbourTree(flat).nearest(flat[sample_rows(len(flat), SAMPLE)], 4)[1][:, -1]))
+    flat = flat[morton_order(flat)]
+    return float(
+        np.median(NeighbourTree(flat, in_order=True).nearest(flat[sample_rows(len(flat), SAMPLE)], 4)[1][:, -1])
+    )
 
 
 def _looking(sight: FloatArray) -> FloatArray:

@@ -13,6 +13,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
+from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, fit_planes_among, sample_rows
 
@@ -109,5 +110,6 @@ def faces_apart(placed: FloatArray, fixed: FloatArray, places: FloatArray, noise
 
 
 def _planes(points: FloatArray, places: FloatArray) -> tuple[PlaneFits, FloatArray]:
-    indices = NeighbourTree(points).nearest(places, OF_A_PLANE)[0].astype(np.int64)
+    points = points[morton_order(points)]
+    indices = NeighbourTree(points, in_order=True).nearest(places, OF_A_PLANE)[0]
     return fit_planes_among(points, indices), points[indices].mean(axis=1)

@@ -29,6 +29,10 @@ def test_neighbours_are_those_of_brute_force(seed: int, size: int, count: int, p
     expected, apart = brute_force(points, queries, count)
     np.testing.assert_array_equal(rows, expected)
     np.testing.assert_array_equal(distances, apart)
+    # Any order of the points is a tree; in Morton order a good one.
+    rows, distances = PointTree.of(points, in_order=True).nearest(queries, count)
+    np.testing.assert_array_equal(rows, expected)
+    np.testing.assert_array_equal(distances, apart)
 
 
 def test_any_number_of_threads_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
