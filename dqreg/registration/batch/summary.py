@@ -6,6 +6,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +75,7 @@ def to_html(title: str, lines: Sequence[Line], thumbnails: Path | None = None) -
         parts={outcome: sum(line.part == outcome for line in lines) for outcome in ("pass", "undecided", "fail")},
         trends=trends_on_page(trends_of(lines)),
         short=_short,
-        reasons=_reasons,
+        reasons=partial(_reasons, _folders(lines)),
         rank=VERDICTS.index,
         picture=lambda name: _picture(thumbnails, name),
     )
@@ -86,9 +87,15 @@ def counts(lines: Sequence[Line]) -> dict[str, int]:
     return {verdict: found[verdict] for verdict in reversed(VERDICTS) if found[verdict]}
 
 
-def _reasons(line: Line) -> list[str]:
+def _folders(lines: Sequence[Line]) -> list[str]:
+    """Folders of the files of all rows, the longest first."""
+    paths = {path.parent for line in lines for path in (line.row.scan, line.row.target)}
+    found = {f"{path}{os.sep}" for each in paths for path in (each, each.absolute())} - {os.sep}
+    return sorted(found, key=lambda folder: (-len(folder), folder))
+
+
+def _reasons(folders: Sequence[str], line: Line) -> list[str]:
     """What is said of a row, with file names without their folders: those are nobody's but the writer's."""
-    folders = {f"{path.parent}{os.sep}" for path in (line.row.scan, line.row.target)} - {os.sep}
     found = list(line.reasons)
     for folder in folders:
         found = [reason.replace(folder, "") for reason in found]

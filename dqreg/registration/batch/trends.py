@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dqreg.report.control_chart import Sample, control_chart
+from dqreg.report.inspection_table import decimals_of
 from dqreg.report.table import to_csv
 
 if TYPE_CHECKING:
@@ -151,8 +152,7 @@ def trends_on_page(trends: Sequence[Trend]) -> list[dict[str, Any]]:
             "unit": trend.unit,
             "parts": len(trend.samples),
             "unmeasured": trend.unmeasured,
-            "figures": [_text(x) for x in (trend.low, trend.high, trend.mean)]
-            + [f"{x:.3g}" if math.isfinite(x) else "–" for x in (trend.spread, trend.cp, trend.cpk)],
+            "figures": _figures(trend),
             "out": sum(sample.outcome == "fail" for sample in trend.samples),
             # Of numbers and escaped words.
             "chart": Markup(
@@ -161,6 +161,20 @@ def trends_on_page(trends: Sequence[Trend]) -> list[dict[str, Any]]:
         }
         for trend in trends
     ]
+
+
+def _figures(trend: Trend) -> list[str]:
+    """Limits, mean, spread, Cp and Cpk as text; the mean with the digits that its spread and uncertainty leave it."""
+    known = [sample.uncertainty for sample in trend.samples if math.isfinite(sample.uncertainty)]
+    decimals = decimals_of(max([*known, trend.spread if math.isfinite(trend.spread) else 0.0], default=0.0))
+    values = [_text(x) if math.isnan(x) else f"{x:.{decimals}f}".replace("-", "−") for x in (trend.mean, trend.spread)]
+    return [_text(trend.low), _text(trend.high), *values, _index(trend.cp), _index(trend.cpk)]
+
+
+def _index(value: float) -> str:
+    if not math.isfinite(value):
+        return "–"
+    return "> 100" if value > 100.0 else f"{value:.2f}".replace("-", "−")
 
 
 def _text(value: float) -> str:

@@ -101,3 +101,11 @@ def test_lengths_are_in_the_unit_that_was_asked_for_and_the_heads_name_it():
     ]  # fmt: skip
     (record,) = to_records(lines)
     assert (record["units"], record["rms"], record["pose"]["tx"]) == ("mm", 123.0, 7000.0)
+
+
+def test_a_row_without_a_result_shows_no_folder_either(tmp_path):
+    gone = Row("gone", Path("gone.ply"), tmp_path / "part.stl", line=3)
+    words = f"line 3: cannot read {tmp_path}/gone.ply: found no such file"
+    page = to_html("t", [*LINES, line_of(gone, RowResult("error", words))])
+    assert "cannot read gone.ply" in page
+    assert str(tmp_path) not in page

@@ -13,7 +13,7 @@ from dqreg.registration.batch.asked import Asked
 from dqreg.registration.batch.line import line_of
 from dqreg.registration.batch.row import Row, RowResult
 from dqreg.registration.batch.summary import to_html
-from dqreg.registration.batch.trends import Trend, trends_csv, trends_of, values_csv
+from dqreg.registration.batch.trends import Trend, trends_csv, trends_of, trends_on_page, values_csv
 from dqreg.registration.inspected import require_record
 from dqreg.report.control_chart import Sample
 
@@ -87,3 +87,14 @@ def test_a_changed_file_is_no_record() -> None:
 def test_a_trend_of_nothing_is_nan() -> None:
     assert math.isnan(Trend(1, "a", "", math.nan, math.nan, False, (), 2).mean)
     assert math.isnan(Trend(1, "a", "", math.nan, math.nan, False, (Sample("a", "", 1.0, 1.0, "pass"),) * 2, 0).cpk)
+
+
+def test_figures_on_the_page_have_the_digits_that_spread_and_uncertainty_leave() -> None:
+    (shown,) = trends_on_page(trends_of(LINES))
+    low, high, mean, spread, cp, cpk = shown["figures"]
+    decimals = len(mean.partition(".")[2])
+    assert float(mean) == pytest.approx(np.mean(VALUES), abs=0.5 * 10.0**-decimals)
+    assert len(spread.partition(".")[2]) == decimals <= 4
+    assert not any("e" in each for each in (low, high, mean, spread, cp, cpk))
+    (wide,) = trends_on_page(trends_of([line(k, 10.0 + 1e-7 * k) for k in range(3)]))
+    assert wide["figures"][4:] == ["> 100", "> 100"]
