@@ -43,6 +43,11 @@ def remember(name: str, key: Any, value: Any) -> None:
     _VALUES[_word(name, key)] = value
 
 
+def forget() -> None:
+    """Nothing is at hand any more: all is made again."""
+    _VALUES.clear()
+
+
 def _word(name: str, key: Any) -> str:
     return f"{name} {json.dumps(plain(key), sort_keys=True, default=str)}"
 

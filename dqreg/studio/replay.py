@@ -16,9 +16,11 @@ def replay(visit: str | os.PathLike[str] | Visit, folder: str | os.PathLike[str]
     """Do a visit again, and write its cleaned scan, pose, plan and report to a folder."""
     from dqreg.studio.aligning import result_of
     from dqreg.studio.judging import write_sheet
-    from dqreg.studio.kept import Place
+    from dqreg.studio.kept import Place, forget
 
     found = visit if isinstance(visit, Visit) else Visit.load(Path(visit))
+    # Done again means all of it, in a process that has done it before too.
+    forget()
     goal = Path(folder)
     goal.mkdir(parents=True, exist_ok=True)
     place = Place(goal.absolute(), found)
