@@ -111,8 +111,8 @@ def agreement_of(
     local = _local(run, scan, surface, pairs, width, floor)
     clutter = has_border or bool(around.elsewhere.any())
     strain = Strain()
-    # Between the points of two clouds, tangent planes are guesses.
-    if not isinstance(surface, CloudSurface):
+    # Between the points of two clouds, tangent planes are guesses; where the time is up, no pose is accepted anyway.
+    if not isinstance(surface, CloudSurface) and count >= LOOKED_AT:
         sparse = len(scan) < SPARSE and not has_border
         strain = _strain(pairs, on if has_border else close & ~alone, clutter=clutter, sparse=sparse)
     return Agreement(

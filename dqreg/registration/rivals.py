@@ -81,7 +81,8 @@ def best_seen(fit: Fit, start: FloatArray) -> Fit:
     if fit.run.status != "time limit" or not history:
         return fit
     seen = [start, *(history[k].T_target_source for k in sample_rows(len(history), SEEN))]
-    poses = np.stack([fit.T_target_source, *(fit.constraints.project(T) for T in seen)])
+    others = [T for T in map(fit.constraints.project, seen) if not np.array_equal(T, fit.T_target_source)]
+    poses = np.stack([fit.T_target_source, *others])
     best = int(scores_of(fit, poses, FEW_JUDGES).means.argmax())
     return fit.at(poses[best]) if best else fit
 
