@@ -413,6 +413,19 @@ def test_stopped_killed_and_closed_lose_nothing(browser, bracket):
     context.close()
 
 
+def test_a_reload_in_the_middle_of_a_run_waits_for_it(browser, bracket):
+    with opened(browser, bracket) as page:
+        page.click("#step-align")
+        page.click("#align")
+        page.wait_for_selector("#busy")
+        page.reload()
+        # The run goes on; its bar is there again, and then its result.
+        page.wait_for_selector("#verdict")
+        page.wait_for_selector("body[data-ready]")
+        busy_over(page)
+        assert state(page)["results"]["align"]["level"] == "accepted"
+
+
 def _workers(psutil):
     """Worker processes of the studios that this test run has started."""
     mine = psutil.Process().children(recursive=True)
