@@ -26,7 +26,7 @@ from dqreg.studio.kept import MIRROR, Place, kept, remember
 from dqreg.studio.visit import PROGRESS, Visit
 
 # Points and seconds that tell a mirror image.
-FEW, SECONDS = 5_000, 5.0
+FEW, SECONDS = 5_000, 20.0
 # Yaw and pitch in degrees from which the part may be looked at; the first unless another shows so many times as much.
 SIDES = [(35.0 + 45.0 * k, pitch) for pitch in (30.0, -30.0) for k in range(8)]
 CLEARLY = 1.1
