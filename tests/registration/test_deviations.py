@@ -61,7 +61,9 @@ def test_points_beyond_reach_are_measured_but_not_counted() -> None:
     table = np.column_stack([np.random.default_rng(4).uniform(-300, 300, (800, 2)), np.full(800, -60.0)])
     result = register(np.vstack([points, table]), part, "identity", effort="fast")
     found = result.deviations()
-    assert found.reach == pytest.approx(0.25 * result.settings["max_distance"])
+    assert found.limit == pytest.approx(0.25 * result.settings["max_distance"])
+    # Without noise and deviations the part goes as far as the scan can tell.
+    assert (found.reach, found.reach_from) == (pytest.approx(result.settings["source_spacing"]), "spacing")
     assert (len(found), found.summary().beyond) == (5800, 800)
     assert found.summary().max < 1e-6
     # A largest distance of the correspondences says nothing of what is the part's.
