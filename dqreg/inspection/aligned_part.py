@@ -34,6 +34,8 @@ Alignment = DatumAlignment | PointAlignment | SurfaceAlignment
 ROUNDS = 3
 # A reference point is measured where scan points lie within so many usual spacings.
 NEAR = 4.0
+# And stands on the part to that share of its size.
+BESIDE = 0.05
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -149,6 +151,13 @@ def _points(part: ScannedPart, step: PlannedStep) -> PointAlignment:
 
     given = np.array([each[:3] for each in step.points]) - part.origin
     nominal = part.surface.closest(given)
+    beside = np.linalg.norm(given - nominal.points, axis=1)
+    if (beside > BESIDE * part.mesh.diagonal).any():
+        k = int(np.argmax(beside))
+        raise InputError(
+            f"reference point {list(step.points[k][:3])} lies {beside[k]:.4g} beside the part: give a place on it, in "
+            "the part's frame and the plan's unit"
+        )
     normals = part.mesh.face_normals[nominal.elements]
     feet, own, values = part.deviations()
     away, rows = cKDTree(feet).query(nominal.points, k=min(PLACE, len(feet)))

@@ -13,11 +13,15 @@ from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh
 from dqreg.geometry.mesh_faces import areas_of, faces_of
 from dqreg.inspection.features import Feature, FeatureKind, fit_feature
+from dqreg.inspection.features.models import distances
 
 FaceKind = Literal["plane", "cylinder", "cone", "sphere", "free"]
 
 # A face is of a kind where its corners lie within that share of its size of the ideal shape: a tessellation's do.
 EXACT = 1e-4
+# Coarse files round the corners of a cylinder or cone: they may lie off by that share of what the middles of their
+# sides do. Corners of another shape lie as far off as the middles, and half of their form error is more than that.
+COARSE = 0.75
 # Single precision, in sizes of the part.
 ROUNDING = 1e-6
 # Corners that are fitted; more say the same.
@@ -201,9 +205,10 @@ def _face(mesh: Mesh, number: int, rows: IntArray, area: float) -> Face:
 
 
 def _feature_of(corners: FloatArray, normals: FloatArray, extent: float) -> Feature | None:
+    middles = 0.5 * (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3)
     points, sides = corners.reshape(-1, 3), np.repeat(normals, 3, axis=0)
     step = -(-len(points) // FITTED)
-    points, sides = points[::step], sides[::step]
+    points, sides, middles = points[::step], sides[::step], middles[::step]
     if len(points) < 6:
         # One triangle, or what is left of one: a plane of three corners has no form error to judge.
         points, sides = np.vstack([points, points.mean(axis=0)]), np.vstack([sides, sides[:1]])
@@ -212,14 +217,23 @@ def _feature_of(corners: FloatArray, normals: FloatArray, extent: float) -> Feat
         try:
             if len(points) > 4 * ASKED:
                 asked = fit_feature(points[few], kind, normals=sides[few])
-                if asked.form > NEVER * EXACT * extent:
+                if asked.form > NEVER * _allowed(asked, middles, extent):
                     continue
             found = fit_feature(points, kind, normals=sides)
         except DegenerateGeometryError:
             continue
-        if found.form <= EXACT * extent:
+        if found.form <= _allowed(found, middles, extent):
             return found
     return None
+
+
+def _allowed(found: Feature, middles: FloatArray, extent: float) -> float:
+    """Form error that the corners of a tessellated face may have; sides of a round one cut their chords anyway."""
+    if found.kind not in ("cylinder", "cone"):
+        # Two rims of a wall are on a sphere too, whose chords are as long as the wall is high.
+        return EXACT * extent
+    sagitta = float(np.abs(distances(found.kind, found.shape, middles)[0]).max())
+    return max(EXACT * extent, COARSE * sagitta)
 
 
 def _faces_inward(feature: Feature, points: FloatArray, normals: FloatArray, weights: FloatArray) -> bool:

@@ -108,6 +108,9 @@ def test_what_a_step_cannot_do_is_said_with_its_name() -> None:
     far = {"name": "RPS", "kind": "points", "points": SIX[:3]}
     with pytest.raises(DegenerateGeometryError, match="alignment 'RPS': the points leave"):
         inspect(scanned(), plan_of({**PLAN, "alignment": [far]}))
+    beside = {"name": "RPS", "kind": "points", "points": [[1e6, 5, 5], *SIX[1:]]}
+    with pytest.raises(InputError, match=r"'RPS': reference point .* lies 1e\+06 beside the part"):
+        inspect(scanned(), plan_of({**PLAN, "alignment": [beside]}))
     one = {"name": "top", "kind": "best-fit", "faces": [TOP]}
     with pytest.raises(DegenerateGeometryError, match="alignment 'top': the chosen faces leave"):
         inspect(scanned(), plan_of({**PLAN, "alignment": [one]}))

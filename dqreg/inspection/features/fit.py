@@ -76,6 +76,8 @@ def fit_feature(
     chosen = as_vectors(points, "points")
     sides = None if normals is None else as_vectors(normals, "normals")
     _check(chosen, kind, method)
+    _check_options(chosen, sides, cut)
+    _require_spread(chosen, kind)
     used = np.ones(len(chosen), dtype=bool)
     for _ in range(CUTS if cut is not None else 1):
         shape = fit_gauss(kind, chosen[used], None if sides is None else sides[used])
@@ -117,6 +119,31 @@ def _check(points: FloatArray, kind: str, method: str) -> None:
         raise DegenerateGeometryError(f"a {kind} needs at least {needed} points; got {len(points)}")
 
 
+def _check_options(points: FloatArray, normals: FloatArray | None, cut: float | None) -> None:
+    if normals is not None and len(normals) != len(points):
+        raise InputError(f"normals must be as many as points; got {len(normals)} for {len(points)} points")
+    usable = cut is None or (isinstance(cut, (int, float, np.number)) and not isinstance(cut, bool) and cut > 0.0)
+    if not usable:
+        raise InputError(f"cut must be a number of standard deviations above 0; got {cut!r:.60}")
+
+
+def _require_spread(points: FloatArray, kind: FeatureKind) -> None:
+    """Points on one line, or one plane, are on so many shapes that a fit would find any of them."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    # Far from the origin the digits of the coordinates themselves are spread.
+    least = max(LOOSE * spread[0], 8.0 * np.finfo(float).eps * float(np.abs(points).max()) * np.sqrt(len(points)))
+    needed = {"plane": 1, "line": 0, "circle": 1}.get(kind, 2)
+    if spread[needed] <= least:
+        raise _not_held(kind, len(points))
+
+
+def _not_held(kind: FeatureKind, count: int) -> DegenerateGeometryError:
+    return DegenerateGeometryError(
+        f"{count} points do not hold a {kind}: they lie too nearly on one place, line, circle or plane; "
+        "measure more of the feature, or fit another kind"
+    )
+
+
 def _offsets(kind: FeatureKind, shape: Shape, points: FloatArray) -> FloatArray:
     """Signed distance of each point; of a line the distance, of a circle the distance from its rim."""
     rows = distances(kind, shape, points)[0]
@@ -131,10 +158,7 @@ def _require_held(kind: FeatureKind, shape: Shape, points: FloatArray) -> None:
     lengths = np.array([size if name.startswith("shift") or name == "radius" else 1.0 for name in PARAMETERS[kind]])
     values = np.linalg.svd(slopes * lengths, compute_uv=False) if size > 0.0 else np.zeros(1)
     if values[-1] <= LOOSE * max(values[0], np.finfo(float).tiny):
-        raise DegenerateGeometryError(
-            f"{len(points)} points do not hold a {kind}: they lie too nearly on one place, line, circle or plane; "
-            "measure more of the feature, or fit another kind"
-        )
+        raise _not_held(kind, len(points))
 
 
 def _feature(kind: FeatureKind, method: FeatureMethod, shape: Shape, points: FloatArray, outliers: int) -> Feature:

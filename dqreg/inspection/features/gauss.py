@@ -30,7 +30,9 @@ def fit_gauss(kind: FeatureKind, points: FloatArray, normals: FloatArray | None 
     if normals is not None:
         costs = [_cost(kind, shape, scaled) for shape in starts]
         starts = [shape for shape, cost in zip(starts, costs, strict=True) if cost <= HOPELESS * min(costs)]
-    found = [_refined(kind, shape, scaled) for shape in starts]
+    # Points that hold no such shape let it grow beyond all numbers; the caller asks whether they hold it.
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = [_refined(kind, shape, scaled) for shape in starts]
     best = min(found, key=lambda shape: _cost(kind, shape, scaled))
     return placed(best, centre, size, scaled)
 

@@ -267,6 +267,12 @@ def test_a_plane_faces_the_side_of_its_normals_and_moves_with_a_pose() -> None:
         (np.eye(3)[[0, 1, 2] * 4], "cylindre", {}, InputError, "did you mean cylinder"),
         (np.eye(3)[[0, 1, 2] * 4], "plane", {"method": "inscribed"}, InputError, "neither inside nor outside"),
         (np.full((9, 3), np.nan), "plane", {}, InputError, "points"),
+        (np.ones((9, 3)), "cone", {}, DegenerateGeometryError, "do not hold a cone"),
+        (np.outer(np.arange(9.0), [1, 2, 3]), "slot", {}, DegenerateGeometryError, "do not hold a slot"),
+        (np.random.default_rng(0).normal(size=(30, 3)) * [1, 1, 0], "cone", {}, DegenerateGeometryError, "plane"),
+        (np.eye(3)[[0, 1, 2] * 4], "plane", {"normals": np.ones((3, 3))}, InputError, "got 3 for 12 points"),
+        (np.eye(3)[[0, 1, 2] * 4], "plane", {"cut": float("nan")}, InputError, "above 0; got nan"),
+        (np.eye(3)[[0, 1, 2] * 4], "plane", {"cut": "3"}, InputError, "above 0; got '3'"),
     ],
 )
 def test_what_cannot_be_fitted_is_named(points: Any, kind: Any, options: Any, error: Any, words: str) -> None:
