@@ -190,6 +190,9 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
         # In doubt, but no other pose is free of it: what the verdict refuses displaces nothing.
         best = 0
     if best is None:
+        # What the verdict has nothing against, though it is in doubt, goes before what it refuses.
+        best = next((k for k in likely if sound[k]), None)
+    if best is None:
         best = likely[0]
         gain, sigma = float(means[best] - means[0]), float(scores.deficit(best)[1][0])
         is_better = gain > BETTER and (_offset(found[best], start) <= 1.0 or gain > SIGNIFICANT * sigma)

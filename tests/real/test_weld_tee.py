@@ -43,3 +43,16 @@ def test_the_part_is_found_among_three_quarters_of_table(folder: Path, seed: int
     at_centre = pose.apply(pose.inverse(fit), part.centre)
     assert pose.offset_between(result.T_target_source, fit, at=at_centre) <= 1.5e-3
     assert pose.angle_between(result.T_target_source, fit) <= np.deg2rad(0.4)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("axis", [0, 2])
+def test_a_start_half_a_turn_off_is_no_worse_than_none(folder: Path, axis: int) -> None:
+    # Against the same robust fit, which is a reference and no truth; wrong poses were 100 degrees and more off.
+    scan = open_geometry(folder / f"{NAME}.pcd", "scan")
+    fit = pose.inverse(np.loadtxt(folder / f"T_scan_part_fit_{NAME}.txt"))
+    middle = pose.apply(fit, scan.points.mean(axis=0))
+    turn = pose.from_parts(np.diag(np.where(np.arange(3) == axis, 1.0, -1.0)), np.zeros(3))
+    result = register(scan, folder / "tee_nominal.stl", pose.about(turn, middle) @ fit, effort="fast")
+    assert pose.angle_between(result.T_target_source, fit) < np.deg2rad(0.3)
+    assert result.verdict.level == "accepted"
