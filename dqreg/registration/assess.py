@@ -105,14 +105,14 @@ def evidence_of(
         sliding_loss=slide_of(fit).loss,
         clutter=fit.problem.options.clutter,
         looked_through=fit.once("looked through", lambda: looked_through_at(fit)),
-        faces_apart=fit.once("faces apart", lambda: _faces_apart(fit)),
+        faces_apart=fit.once("faces apart", lambda: _faces_apart(fit, uncertainty.covariance)),
         drift=drift,
         drift_rad=drift_rad,
         drift_along=drift_along,
     )
 
 
-def _faces_apart(fit: Fit) -> float:
+def _faces_apart(fit: Fit, covariance: FloatArray) -> float:
     """Share of the flat places of two clouds that lie apart; NaN where the target is a part, or few are flat."""
     target, source, pairs = fit.target.geometry, fit.problem.source.cloud, fit.run.pairs
     if not fit.found or fit.is_late or not isinstance(target, PointCloud):
@@ -120,7 +120,8 @@ def _faces_apart(fit: Fit) -> float:
     placed = pose.apply(fit.T_target_source, source.points[sample_rows(len(source.points), COMPARED)])
     fixed = target.points[sample_rows(len(target.points), COMPARED)]
     counts = 1.0 if pairs.scan.counts is None else pairs.scan.counts
-    return faces_apart(placed, fixed, pairs.moved[fit.run.weights > 0.5 * counts], fit.prepared.scan.noise)
+    places = pairs.moved[fit.run.weights > 0.5 * counts]
+    return faces_apart(placed, fixed, places, fit.prepared.scan.noise, covariance)
 
 
 def status_of(fit: Fit) -> Status:

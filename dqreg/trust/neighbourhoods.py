@@ -83,13 +83,16 @@ def is_flat(points: FloatArray) -> bool:
     return bool(values[0] < FLAT**2 * values[2])
 
 
-def faces_apart(placed: FloatArray, fixed: FloatArray, places: FloatArray, noise: float) -> float:
+def faces_apart(
+    placed: FloatArray, fixed: FloatArray, places: FloatArray, noise: float, covariance: FloatArray
+) -> float:
     """Share of the flat neighbourhoods of two scans, at places where they overlap, that lie apart; NaN for few of them.
 
     Between clouds the distances of points are those between neighbours, not the noise: a front that is laid on a back,
-    or on the next step, is as near. Means of neighbours in their common plane tell.
+    or on the next step, is as near. Means of neighbours in their common plane tell, where they are farther apart than
+    noise and the pose's covariance about the origin (a free motion, NaN, slides along faces) leave them.
 
-    Shapes: placed (n, 3), fixed (m, 3), places (k, 3).
+    Shapes: placed (n, 3), fixed (m, 3), places (k, 3), covariance (6, 6).
     """
     places = places[sample_rows(len(places), ASKED)]
     if min(len(placed), len(fixed)) < OF_A_PLANE or len(places) < FEWEST_FLAT or not noise > 0.0:
@@ -106,7 +109,16 @@ def faces_apart(placed: FloatArray, fixed: FloatArray, places: FloatArray, noise
         return np.nan
     # Grazing views are noisier than the quietest places, which name the noise.
     local = np.maximum(noise, np.hypot(own.residuals, other.residuals)[flat] / np.sqrt(2.0))
+    arms = np.hstack([np.cross(there[flat], normals[flat]), normals[flat]])
+    local = np.hypot(local, np.linalg.norm(arms @ _root(covariance), axis=1))
     return float(np.mean(np.abs(apart[flat]) > APART * local))
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """A matrix whose square is a covariance, (6, 6); what is NaN counts as zero."""
+    values, vectors = np.linalg.eigh(np.nan_to_num(covariance, nan=0.0))
+    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
 
 
 def _planes(points: FloatArray, places: FloatArray) -> tuple[PlaneFits, FloatArray]:

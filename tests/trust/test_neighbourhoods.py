@@ -87,7 +87,10 @@ def test_a_wall_laid_on_its_other_side_is_told_by_the_noise_not_by_the_gaps_betw
         flat[:, 2], side[:, 0] = 0.0, shift
         return np.vstack([flat, side]) + 0.05 * rng.normal(size=(1800, 3))
 
-    here, there, slid = seen(0.0), seen(0.0), seen(1.0)
-    assert faces_apart(here, there, here, 0.05) < 0.01
-    assert faces_apart(here, slid, here, 0.05) > 0.3
-    assert np.isnan(faces_apart(here, there, here[:50], 0.05))
+    here, there, slid, sure = seen(0.0), seen(0.0), seen(1.0), np.zeros((6, 6))
+    assert faces_apart(here, there, here, 0.05, sure) < 0.01
+    assert faces_apart(here, slid, here, 0.05, sure) > 0.3
+    assert np.isnan(faces_apart(here, there, here[:50], 0.05, sure))
+    # A pose known to one in x says nothing of a step of one; what it does not know in y and z excuses nothing in x.
+    assert faces_apart(here, slid, here, 0.05, np.diag([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])) < 0.01
+    assert faces_apart(here, slid, here, 0.05, np.diag([0.0, 0.0, 0.0, np.nan, 1.0, 1.0])) > 0.3
