@@ -57,8 +57,8 @@ WIDTH, HEIGHT, DOTS = 240, 180, 20_000
 @click.option("--plan", type=FILE, help="Inspection plan (TOML) of the parts, as in dqreg inspect.")
 @click.option("--tolerance", type=float, metavar="LENGTH", help="Largest deviation allowed, target units: each part "
               "passes, fails or is undecided.")  # fmt: skip
-@click.option("--required", type=float, metavar="PERCENT", default=95.0, show_default=True, help="Points that must be "
-              "within the tolerance.")  # fmt: skip
+@click.option("--required", type=float, metavar="PERCENT", help="Points that must be within the tolerance  [default: "
+              "the plan's, else 95].")  # fmt: skip
 @click.option("--display-units", type=UNITS, help="Length unit of values, trends and reports, and of --tolerance; "
               "results/*.json stay in the target's  [default: the plan's, else the target's].")  # fmt: skip
 @click.option("--head", multiple=True, metavar="NAME=VALUE", help="Field of the head of all reports, such as "
@@ -101,7 +101,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
         asked = Asked(
             None if options["plan"] is None else options["plan"].absolute(),
             options["tolerance"],
-            options["required"] / 100.0,
+            None if options["required"] is None else options["required"] / 100.0,
             report=options["reports"],
             head=tuple(read_head(options["head"]).items()),
             display_units=options["display_units"],

@@ -102,7 +102,7 @@ def _asked(visit: Visit, asked: Any) -> Visit:
             visit = with_plan(visit, plan.read_text(encoding="utf-8"))
         if asked["tolerance"] is not None:
             visit = dataclasses.replace(visit, tolerance=asked["tolerance"], minus=None)
-        if visit.tolerance is not None:
+        if visit.tolerance is not None and asked["required_share"] is not None:
             visit = dataclasses.replace(visit, required=100.0 * asked["required_share"])
         head = {**dict(visit.head), **{key: words for key, words in asked["head"].items() if key in HEAD}}
         return dataclasses.replace(visit, head=tuple((key, head[key]) for key in HEAD if key in head))

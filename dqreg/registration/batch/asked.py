@@ -24,7 +24,7 @@ class Asked:
 
     plan: Path | None = None  # An inspection plan
     tolerance: float | None = None  # Largest deviation allowed, target units
-    required_share: float = REQUIRED_SHARE  # Share of the points that must be within it
+    required_share: float | None = None  # Share of the points that must be within it; None: the plan's, else 95 %
     report: bool = False  # Whether the row gets a page
     head: tuple[tuple[str, str], ...] = ()  # Fields of the head of that page
     display_units: str | None = None  # Length unit of values and reports; None: the plan's, else the part's
@@ -32,7 +32,7 @@ class Asked:
     def __post_init__(self) -> None:
         if self.tolerance is not None and not 0.0 < self.tolerance < float("inf"):
             raise InputError(f"tolerance must be a length above 0, in target units; got {self.tolerance!r}")
-        if not 0.0 < self.required_share <= 1.0:
+        if self.required_share is not None and not 0.0 < self.required_share <= 1.0:
             raise InputError(f"required is a percentage above 0 and at most 100; got {100.0 * self.required_share:g}")
 
     @property
@@ -88,5 +88,6 @@ def _page(result: Registration, asked: Asked, found: Inspected | None) -> str:
 
     shown, sheet = (result, None) if found is None else (found.registration, found.sheet)
     assert shown.inputs is not None
-    data = collect(shown, shown.inputs, asked.tolerance, required_share=asked.required_share, inspection=sheet)
+    share = asked.required_share or REQUIRED_SHARE
+    data = collect(shown, shown.inputs, asked.tolerance, required_share=share, inspection=sheet)
     return to_html(shown, data, sheet, dict(asked.head))

@@ -57,6 +57,16 @@ def test_a_part_is_inspected_and_what_cannot_be_measured_costs_no_pose(rows, tmp
     assert "datums constrain" in found["error"]
 
 
+def test_a_plan_requires_in_a_batch_what_it_requires_alone(rows, tmp_path):
+    (tmp_path / "plan.toml").write_text("tolerance = 0.05\nrequired = 80\n")
+    required = []
+    for share in (None, 0.99):
+        asked = Asked(plan=tmp_path / "plan.toml", required_share=share)
+        found = run_row(dataclasses.replace(rows[0], asked=asked), Targets()).record["batch"]["inspection"]
+        required += [row["low"] for row in found["values"] if row["name"].startswith("points within")]
+    assert required == [80.0, 99.0]
+
+
 def test_a_row_is_shown_in_another_unit_and_its_result_stays_in_the_part_s(rows):
     row = dataclasses.replace(rows[0], options={**rows[0].options, "source_units": "mm", "target_units": "mm"})
     plain = run_row(row, Targets()).record
