@@ -190,8 +190,11 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
         # In doubt, but no other pose is free of it: what the verdict refuses displaces nothing.
         best = 0
     if best is None:
-        # What the verdict has nothing against, though it is in doubt, goes before what it refuses.
-        best = next((k for k in likely if sound[k]), None)
+        # What the verdict has nothing against goes before what it refuses, where it explains the scan better too: among
+        # equals of a scan that lies off the part, the one that happens to pass would be chosen.
+        gains = [float(means[k] - means[0]) for k in range(len(found))]
+        errors = [float(scores.deficit(k)[1][0]) for k in range(len(found))]
+        best = next((k for k in likely if sound[k] and gains[k] > max(BETTER, ERRORS * errors[k])), None)
     if best is None:
         best = likely[0]
         gain, sigma = float(means[best] - means[0]), float(scores.deficit(best)[1][0])
