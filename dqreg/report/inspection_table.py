@@ -117,7 +117,8 @@ def tell_inspection(console: Console, found: Inspection, unit: str) -> None:
     """Print the decision and the table."""
     colour = OUTCOME_COLOURS[found.outcome]
     console.print(f"[bold {colour}]{found.outcome.upper()}[/]: part by its plan", highlight=False)
-    print_tables(console, [characteristics_table(found, unit)])
+    if found.characteristics:
+        print_tables(console, [characteristics_table(found, unit)])
 
 
 def decimals_of(uncertainty: float) -> int:

@@ -182,8 +182,8 @@ class Label:
 
 
 def labels_of(inspection: Inspection | None, worst: Sequence[Place], unit: str) -> tuple[Label, ...]:
-    """Labels of the characteristics, one for all of the same face, or of the worst places where there is no plan."""
-    if inspection is None:
+    """Labels of the characteristics, one for all of the same face, or of the worst places where none is asked."""
+    if inspection is None or not inspection.characteristics:
         return tuple(
             Label(str(k + 1), place.position, f"worst place {k + 1}: {text_of(place.value)} {unit}", "worst")
             for k, place in enumerate(worst)
