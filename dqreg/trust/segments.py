@@ -18,8 +18,9 @@ from dqreg.geometry.normals import PlaneFits, fit_planes_among, fit_planes_aroun
 
 # Neighbours of a plane, and those that a point is linked with, within so many usual distances of them.
 PLANE, LINKS, REACH = 12, 8, 2.0
-# Where less than this share of all points is flat, the noise is large against the points' distances: then more of them.
-WIDER, MOSTLY_FLAT = (PLANE, 2 * PLANE, 4 * PLANE), 0.5
+# Where less than this share of so many points is flat, the noise is large against their distances: then more of them.
+# Of fewer points, it is the shape that is not flat.
+WIDER, MOSTLY_FLAT, MANY = (PLANE, 2 * PLANE, 4 * PLANE), 0.5, 4_000
 # A point whose neighbours leave their plane by more than this share of their extent is on an edge, or on no surface.
 ROUGH = 0.15
 # Tangent planes agree within this angle, and with each point within this slope (and so many residuals) of the other's.
@@ -137,7 +138,7 @@ def _planes(tree: NeighbourTree, points: FloatArray) -> tuple[PlaneFits, BoolArr
             fits = fit_planes_among(points, tree.nearest(points, min(count, len(points)))[0].astype(np.int64))
         with np.errstate(divide="ignore", invalid="ignore"):
             flat = np.nan_to_num(fits.residuals / np.sqrt(fits.lever), nan=np.inf) < ROUGH
-        if np.mean(flat) >= MOSTLY_FLAT:
+        if np.mean(flat) >= MOSTLY_FLAT or len(points) < MANY:
             break
     return fits, flat
 
