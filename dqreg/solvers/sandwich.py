@@ -36,6 +36,8 @@ def scatter_of(
     known: FloatArray,
     variance: float,
     counts: FloatArray | None = None,
+    *,
+    overlap: bool = False,
 ) -> FloatArray | None:
     """Covariance of a weighted least-squares fit with residuals of one patch taken as dependent.
 
@@ -43,6 +45,8 @@ def scatter_of(
     sum w J r`` (White 1980; Liang and Zeger 1986). Where neighbouring patches deviate to the same side more than chance
     explains, their covariance is added: a vector field of noise whose correlation falls with the distance by the
     spherical model of geostatistics, its size and range estimated from the products of the patches' means.
+
+    Of two scans that overlap in part, patches without weight are left out of that.
 
     Shapes: rows (k, n), known (k, k), returns (k, k).
     """
@@ -56,7 +60,7 @@ def scatter_of(
     bread = np.asarray(np.linalg.inv(information), dtype=np.float64)
     coarse = _sandwich(bread, _sums(rows * (weights * residuals), starts), variance * known)
     starts = _starts(len(weights), min(SMALL, len(weights) // 8), counts)
-    patches = _Patches.of(points, normals, residuals, weights, starts)
+    patches = _Patches.of(points, normals, residuals, weights, starts, LIGHT if overlap else 0.0)
     if patches.neighbour_agreement() < NEIGHBOURS_AGREE:
         return coarse
     shared = patches.shared_noise()
@@ -113,12 +117,17 @@ class _Patches:
 
     @staticmethod
     def of(
-        points: FloatArray, normals: FloatArray, residuals: FloatArray, weights: FloatArray, starts: IntArray
+        points: FloatArray,
+        normals: FloatArray,
+        residuals: FloatArray,
+        weights: FloatArray,
+        starts: IntArray,
+        least: float,
     ) -> _Patches:
         total = np.maximum(_sums(weights, starts), np.finfo(float).tiny)
         points, normals = ((_sums(weights * x.T, starts) / total).T for x in (points, normals))
         means = _sums(weights * residuals, starts) / total
-        light = total < LIGHT * total.max()
+        light = total < least * total.max()
         if light.any():
             normals, means = np.where(light[:, None], 0.0, normals), np.where(light, 0.0, means)
         return _Patches(points, normals, means, float(np.sum(means**2)) / np.count_nonzero(~light))

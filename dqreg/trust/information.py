@@ -175,7 +175,9 @@ def information_of(
     if not patchwise or not inner.shape[1]:
         return held
     known = inner.T @ known @ inner
-    scatter = scatter_of(inner.T @ rows, points, normals, residuals, weights, known, variance, counts)
+    scatter = scatter_of(
+        inner.T @ rows, points, normals, residuals, weights, known, variance, counts, overlap=own is not None
+    )
     outer = basis @ inner
     return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
 

@@ -116,7 +116,7 @@ def test_outliers_without_weight_are_no_noise_that_neighbours_share() -> None:
     noise = SIGMA * np.random.default_rng(1).normal(size=POINTS)
     off = points[:, 0] > np.quantile(points[:, 0], 0.7)
     residuals, weights = np.where(off, 1.0, noise), np.where(off, 1e-12, 1.0)
-    C = scatter_of(rows, points, normals, residuals, weights, np.zeros((6, 6)), SIGMA**2)
+    C = scatter_of(rows, points, normals, residuals, weights, np.zeros((6, 6)), SIGMA**2, overlap=True)
     alone = scatter_of(
         rows[:, ~off], points[~off], normals[~off], noise[~off], weights[~off], np.zeros((6, 6)), SIGMA**2
     )
