@@ -81,7 +81,7 @@ def suggested_plan(
     datums = {each.name: each.face for each in chosen}
     if not datums:
         lines.append(NO_DATUMS)
-    places = {face.number: _place(face, np.asarray(origin, dtype=np.float64)) for face in faces}
+    places = {face.number: _place(face, face.centre + np.asarray(origin), mesh.diagonal) for face in faces}
     lines += [f'[[datum]]  # {each.reason}\nname = "{each.name}"\n{places[each.face.number]}\n' for each in chosen]
     rows: list[str] = []
     for letter, face in datums.items():
@@ -109,8 +109,8 @@ def _commented(row: str, places: Mapping[int, str]) -> str:
     return "\n".join(places[int(word.partition("= ")[2])] if word.startswith("face = ") else word for word in words)
 
 
-def _place(face: Face, origin: FloatArray) -> str:
-    at = ", ".join(f"{x + 0.0:.4g}" for x in face.centre + origin)
+def _place(face: Face, centre: FloatArray, size: float) -> str:
+    at = ", ".join(_short(centre, size))
     towards = ""
     if face.feature is not None and face.kind == "plane":
         towards = " towards (" + ", ".join(f"{x + 0.0:.3g}" for x in face.feature.axis.round(3)) + ")"
@@ -119,7 +119,14 @@ def _place(face: Face, origin: FloatArray) -> str:
 
 
 def _middle(mesh: Mesh, origin: ArrayLike) -> str:
-    return ", ".join(f"{x + 0.0:.4g}" for x in mesh.centre + np.asarray(origin))
+    return ", ".join(_short(mesh.centre + np.asarray(origin), mesh.diagonal))
+
+
+def _short(point: FloatArray, size: float) -> list[str]:
+    """Coordinates with four digits of the part's size, wherever its origin is: finer ones are rounding."""
+    decimals = max(3 - math.floor(math.log10(size)), 0)
+    fixed = [f"{round(float(x), decimals) + 0.0:.{decimals}f}" for x in point]
+    return [each.rstrip("0").rstrip(".") if decimals else each for each in fixed]
 
 
 def _guessed(noise: float, unit: str) -> str:

@@ -1,0 +1,34 @@
+"""Suggested plans: coordinates with the digits that the part's size carries, wherever its origin is."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from dqreg.geometry import Mesh
+from dqreg.inspection.suggested_plan import suggested_plan
+from dqreg.synth.parts import box
+
+
+def written(scale: float, origin: tuple[float, float, float]) -> list[list[str]]:
+    """The middles of faces as a suggested plan writes them, of a box whose corners carry rounding."""
+    corners, faces = box((3.0 * scale, 2.0 * scale, scale))
+    rounding = 1e-16 * scale * np.random.default_rng(0).normal(size=corners.shape)
+    text = suggested_plan(Mesh(corners + rounding, faces), origin=origin)
+    return [found.split(", ") for found in re.findall(r"middle at \((.*)\)", text)]
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 40.0, 1e5])
+def test_rounding_of_coordinates_is_not_written(scale: float) -> None:
+    middles = written(scale, (0.0, 0.0, 0.0))
+    assert len(middles) >= 6
+    # Of a box about its origin each face's middle has two zeros: in digits of its size nothing is left of rounding.
+    assert all(sum(each == "0" for each in row) == 2 for row in middles)
+    assert max(len(each.strip("-")) for row in middles for each in row) <= 7
+
+
+def test_a_far_origin_takes_no_digits() -> None:
+    near, far = written(1.0, (0.0, 0.0, 0.0)), written(1.0, (654321.0, 0.0, 0.0))
+    assert [float(row[0]) for row in far] == pytest.approx([654321.0 + float(row[0]) for row in near], abs=1e-6)
