@@ -37,7 +37,7 @@ def faces_command(
     display_units: str | None,
     as_json: bool,
 ) -> int:
-    """List the faces of PART: planes, cylinders (holes and bosses), cones, spheres and free faces.
+    """List the faces of PART: planes, cylinders (holes and bosses), cones, spheres, tori (fillets) and free faces.
 
     \b
     dqreg faces part.stl
@@ -116,6 +116,8 @@ def _table(faces: tuple[Face, ...], unit: str, name: str) -> Table:
 
 
 def _shape(face: Face) -> str:
+    if face.torus is not None:
+        return f"torus (radii {face.torus.major_radius:.6g}, {face.torus.minor_radius:.6g})"
     return f"{face.kind} (hole)" if face.is_hole else face.kind
 
 
@@ -124,9 +126,10 @@ def _diameter(face: Face) -> float | None:
 
 
 def _vector(face: Face) -> str:
-    if face.feature is None or face.kind == "sphere":
+    shape = face.torus or face.feature
+    if shape is None or face.kind == "sphere":
         return ""
-    return " ".join(f"{x + 0.0:.3g}" for x in face.feature.axis.round(6))
+    return " ".join(f"{x + 0.0:.3g}" for x in shape.axis.round(6))
 
 
 def _place(face: Face) -> str:

@@ -18,7 +18,7 @@ from dqreg.inspection.decision import Decision, decide
 from dqreg.inspection.deviation_files import colours_of
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.edge_points import edge_point
-from dqreg.inspection.features import EdgePoint, Feature, fit_feature
+from dqreg.inspection.features import EdgePoint, Feature, Torus, fit_feature
 from dqreg.inspection.measure import measure_deviations, why_unsigned
 from dqreg.inspection.membership import Counts
 from dqreg.inspection.part_faces import Face, faces_in_box, nearest_face, part_faces
@@ -59,6 +59,7 @@ __all__ = [
     "SurfaceAlignment",
     "Thickness",
     "Tolerance",
+    "Torus",
     "align_datums",
     "align_points",
     "align_surface",

@@ -1,4 +1,4 @@
-"""The faces of a part as features: which are planes, cylinders, cones or spheres, of what size, and where."""
+"""The faces of a part as features: planes, cylinders, cones, spheres or tori, of what size, and where."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from dqreg.geometry import Mesh
 from dqreg.geometry.mesh_faces import areas_of, faces_of
 from dqreg.inspection.features import Feature, FeatureKind, fit_feature
 from dqreg.inspection.features.models import distances
+from dqreg.inspection.features.torus import Torus, fit_torus
 
-FaceKind = Literal["plane", "cylinder", "cone", "sphere", "free"]
+FaceKind = Literal["plane", "cylinder", "cone", "sphere", "torus", "free"]
 
 # A face is of a kind where its corners lie within that share of its size of the ideal shape: a tessellation's do.
 EXACT = 1e-4
@@ -41,18 +42,21 @@ class Face:
     ----------
     number : int
         Names it; the same for the same mesh.
-    kind : {"plane", "cylinder", "cone", "sphere", "free"}
+    kind : {"plane", "cylinder", "cone", "sphere", "torus", "free"}
         Its shape.
     feature : Feature or None
-        The ideal shape through its corners, a plane's normal outward; None where it is free.
+        The ideal shape through its corners, a plane's normal outward; None where it is free or a torus.
     is_hole : bool
-        Whether it surrounds empty space on more than half a turn: its normals point towards its axis or centre.
+        Whether it surrounds empty space on more than half a turn: its normals point towards its axis or centre. False
+        for a torus.
     area : float
         Of its triangles.
     centre : ndarray, (3,)
         Mean of its triangles, weighted by area.
     extent : float
         Diagonal of its bounding box.
+    torus : Torus or None
+        Its centre, axis and both radii where it is a torus, as fillets round a boss are.
     """
 
     number: int
@@ -62,6 +66,7 @@ class Face:
     area: float
     centre: FloatArray
     extent: float
+    torus: Torus | None = None
 
 
 def part_faces(mesh: Mesh) -> tuple[Face, ...]:
@@ -197,11 +202,17 @@ def _face(mesh: Mesh, number: int, rows: IntArray, area: float) -> Face:
     feature = _feature_of(corners, normals, extent)
     kind: FaceKind = "free"
     is_hole = False
+    torus = None
+    if feature is None or feature.form > EXACT * extent:
+        # Corners that are on no other shape, or only as those of a coarse file are.
+        torus = _torus_of(corners, normals, extent)
+    if torus is not None:
+        kind, feature = "torus", None
     if feature is not None:
         kind = feature.kind  # type: ignore[assignment]
         if kind != "plane":
             is_hole = _faces_inward(feature, corners.mean(axis=1), normals, sizes)
-    return Face(number, kind, feature, is_hole, area, centre, extent)
+    return Face(number, kind, feature, is_hole, area, centre, extent, torus)
 
 
 def _feature_of(corners: FloatArray, normals: FloatArray, extent: float) -> Feature | None:
@@ -225,6 +236,14 @@ def _feature_of(corners: FloatArray, normals: FloatArray, extent: float) -> Feat
         if found.form <= _allowed(found, middles, extent):
             return found
     return None
+
+
+def _torus_of(corners: FloatArray, normals: FloatArray, extent: float) -> Torus | None:
+    few = slice(None, None, max(1, 3 * len(corners) // ASKED))
+    if 3 * len(corners) > 4 * ASKED and fit_torus(corners[few], normals[few], NEVER * EXACT * extent) is None:
+        return None
+    chosen = slice(None, None, -(-3 * len(corners) // FITTED))
+    return fit_torus(corners[chosen], normals[chosen], EXACT * extent)
 
 
 def _allowed(found: Feature, middles: FloatArray, extent: float) -> float:

@@ -166,7 +166,7 @@ class ScannedPart:
     def ideal(self, face: Face) -> Feature:
         """What a face is on the part itself."""
         if face.feature is None:
-            raise InputError(f"face {face.number} is neither plane, cylinder, cone nor sphere")
+            raise InputError(f"face {face.number}, {face.kind}, is neither plane, cylinder, cone nor sphere")
         return face.feature
 
     def measured(self, face: Face) -> Feature:
@@ -243,7 +243,7 @@ class ScannedPart:
     def label(self, face: Face) -> tuple[float, float, float]:
         """Where a label of a face stands, in the caller's target frame: on it, or in the middle of a round one."""
         at, points = face.centre, self.on(face)
-        if face.kind in ("plane", "free") and len(points):
+        if face.kind in ("plane", "torus", "free") and len(points):
             at = points[np.argmin(np.linalg.norm(points - at, axis=1))]
         x, y, z = (at + self.origin).tolist()
         return x, y, z

@@ -174,6 +174,7 @@ def _faces(place: Place) -> list[dict[str, Any]]:
                 "centre": np.where(np.abs(face.centre) < LEAST * size, 0.0, face.centre).tolist(),
                 "axis": axis,
                 "diameter": None if radius is None else 2.0 * radius,
+                "radii": None if face.torus is None else [face.torus.major_radius, face.torus.minor_radius],
             }
         )
     return rows

@@ -102,6 +102,22 @@ def block_with_hole(
     return HEADER.encode() + SCHEMA.encode() + _product(w, shell, unit).encode()
 
 
+def ring(major: float, minor: float, unit: str = MM) -> bytes:
+    """A torus about the z axis as one face between its two seams; lengths in its unit."""
+    w = _Writer()
+    x, y, z = np.eye(3)
+    surface = w.add(f"TOROIDAL_SURFACE('',#{w.frame(np.zeros(3), z, x)},{major:.9f},{minor:.9f})")
+    start = w.vertex((major + minor) * x)
+    seams = []
+    for frame, radius in ((w.frame(np.zeros(3), z, x), major + minor), (w.frame(major * x, -y, x), minor)):
+        circle = w.add(f"CIRCLE('',#{frame},{radius:.9f})")
+        seams.append(w.add(f"EDGE_CURVE('',#{start},#{start},#{circle},.T.)"))
+    turns = [(seams[0], "T"), (seams[1], "T"), (seams[0], "F"), (seams[1], "F")]
+    outline = [f"#{w.add(f'ORIENTED_EDGE({chr(39) * 2},*,*,#{edge},.{way}.)')}" for edge, way in turns]
+    shell = w.add(f"CLOSED_SHELL('',(#{w.face(surface, outline)}))")
+    return HEADER.encode() + SCHEMA.encode() + _product(w, shell, unit).encode()
+
+
 def _inch(w: _Writer) -> str:
     # The metre that it is converted from is a length unit too, but not that of the shapes.
     metre = w.add("( LENGTH_UNIT ( ) NAMED_UNIT ( * ) SI_UNIT ( $, .METRE. ) )")

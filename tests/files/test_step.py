@@ -11,7 +11,7 @@ from dqreg.errors import InputError, MissingDependencyError
 from dqreg.files import read_mesh, step
 from dqreg.geometry import Mesh
 from dqreg.inspection import part_faces
-from tests.files.step_text import block_with_hole
+from tests.files.step_text import block_with_hole, ring
 
 pytest.importorskip("cascadio")
 
@@ -39,6 +39,16 @@ def test_a_block_has_its_size_unit_and_faces(tmp_path: Path) -> None:
     assert hole.feature is not None
     assert hole.feature.diameter == pytest.approx(6.0, rel=1e-7)
     assert hole.feature.point[:2] == pytest.approx([12.0, 8.0], abs=1e-5)
+
+
+def test_a_ring_is_a_torus_of_its_radii(tmp_path: Path) -> None:
+    mesh = step.read_step(written(tmp_path, ring(12.0, 2.0)), chord=0.02)
+    (face,) = part_faces(Mesh(mesh.vertices, mesh.faces, mesh.units, regions=mesh.regions))
+    assert face.kind == "torus"
+    assert face.torus is not None
+    # Coordinates in single precision.
+    assert (face.torus.major_radius, face.torus.minor_radius) == pytest.approx((12.0, 2.0), abs=14.0 * 1e-6)
+    assert abs(face.torus.axis[2]) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_the_chord_is_kept_and_the_unit_is_that_of_the_shapes(tmp_path: Path) -> None:

@@ -44,3 +44,42 @@ def test_a_barrel_is_no_cylinder_and_a_funnel_is_a_cone() -> None:
     assert [face.kind for face in part_faces(barrel) if face.kind != "plane"] == ["free"]
     funnel = tube([3.4, 4.4], [0.0, 3.0], 60, 0.003)
     assert [face.kind for face in part_faces(funnel) if face.kind != "plane"] == ["cone"]
+
+
+def bead(around: int = 40, across: int = 24) -> Mesh:
+    """A closed ring of radii 12 and 2, wound outward."""
+    u, v = (2.0 * np.pi * np.arange(n) / n for n in (around, across))
+    u, v = np.repeat(u, across), np.tile(v, around)
+    rho = 12.0 + 2.0 * np.cos(v)
+    i, j = np.repeat(np.arange(around), across), np.tile(np.arange(across), around)
+    at = lambda a, b: (a % around) * across + b % across  # noqa: E731
+    a, b, c, d = at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)
+    corners = np.column_stack([rho * np.cos(u), rho * np.sin(u), 2.0 * np.sin(v)])
+    return Mesh(corners, np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])]))
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-3])
+def test_a_ring_is_a_torus_of_its_radii_and_its_corners_in_single_precision_too(size: float) -> None:
+    ring = bead()
+    for corners, exact in ((size * ring.vertices, 1e-9), ((size * ring.vertices).astype(np.float32), 1e-6)):
+        (face,) = part_faces(Mesh(corners.astype(np.float64), ring.faces))
+        assert face.kind == "torus"
+        assert face.feature is None
+        assert face.torus is not None
+        assert face.torus.major_radius == pytest.approx(12.0 * size, abs=14.0 * size * exact)
+        assert face.torus.minor_radius == pytest.approx(2.0 * size, abs=14.0 * size * exact)
+
+
+def test_a_fillet_with_few_facets_round_is_a_torus_and_no_coarse_cone() -> None:
+    # The chords of 16 facets round a boss cut more than the fillet is bent.
+    turns = np.linspace(np.pi, 1.5 * np.pi, 6)
+    radii, heights = 21.0 + np.cos(turns), 1.0 + np.sin(turns)
+    part = tube([20.0, *radii.tolist()], [3.0, *heights.tolist()], 16, 1e-9)
+    rows = np.arange(len(part.faces)) // 32
+    regions = np.where(rows == 0, 0, np.where(rows <= 5, 1, 2 + (np.arange(len(rows)) >= 6 * 32 + 16)))
+    faces = part_faces(Mesh(part.vertices, part.faces[:, ::-1], regions=regions))
+    assert [face.kind for face in faces] == ["cylinder", "torus", "plane", "plane"]
+    fillet = faces[1].torus
+    assert fillet is not None
+    assert (fillet.major_radius, fillet.minor_radius) == pytest.approx((21.0, 1.0), abs=1e-7)
+    assert fillet.centre == pytest.approx([0.0, 0.0, 1.0], abs=1e-7)

@@ -184,7 +184,7 @@ export function markDatums(app, stage) {
 }
 export function faceName(face, unit) {
   const at = face.centre.map(x => number(x, 3)).join(", ");
-  const size = face.diameter ? ` ⌀ ${number(face.diameter, 4)} ${unit}` : "";
+  const size = face.diameter ? ` ⌀ ${number(face.diameter, 4)} ${unit}` : face.radii ? ` radii ${face.radii.map(r => number(r, 4)).join(" and ")} ${unit}` : "";
   return `${face.number}: ${face.hole ? "hole" : face.kind === "free" ? "free shape" : face.kind}${size} at (${at})`;
 }
 export async function picked(app, stage, e) {
