@@ -65,7 +65,8 @@ def fit_feature(
     InputError
         If a word or the points cannot be used.
     DegenerateGeometryError
-        If the points are too few, or do not hold every parameter of the shape.
+        If the points are too few, or do not hold every parameter of the shape: an inscribed or circumscribed one is
+        held by points that surround it, more than half of the way round.
 
     Examples
     --------

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Literal
 
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg.errors import DegenerateGeometryError
 from dqreg.inspection.features.gauss import along_axis
 from dqreg.inspection.features.models import PARAMETERS, FeatureKind, Shape, distances
 
@@ -26,6 +28,8 @@ SIDES = 24
 FINE = 1e-10
 # What those programs leave where they end, in heights.
 ROUNDING = 1e-10
+# A step in sizes, and the share of it that a shape which points hold on all sides does not gain.
+STEP, GAINED = 1e-3, 0.01
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -152,6 +156,37 @@ def tube_step(values: FloatArray, slopes: FloatArray, trust: float) -> FloatArra
     return unit * step
 
 
+def _surrounded(problem: ZoneProblem, gauss: Shape) -> bool:
+    """Whether points hold a shape on all sides: their normals span space positively (Davis 1954).
+
+    The margin is the radius of the ball about 0 that the hull of the unit normals holds: the sine by which an arc
+    exceeds half a circle at each end. A shape within noise a shifts by a over the margin, which turns the normals by
+    that over the radius: beyond the margin it slides out, so the margin's square exceeds a over the radius.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    local = gauss.local(problem.points)[:, : 3 if problem.kind == "sphere" else 2]
+    lengths = np.linalg.norm(local, axis=1)
+    try:
+        hull = ConvexHull(local / np.maximum(lengths, np.finfo(float).tiny)[:, None])
+    except QhullError:
+        return False
+    margin = float(-hull.equations[:, -1].max())
+    needed = float(np.ptp(lengths)) / abs(gauss.radius) if problem.method == "inscribed" else 0.0
+    return margin > max(math.sqrt(needed), ROUNDING)
+
+
+def _not_surrounded(kind: FeatureKind, method: ZoneMethod) -> DegenerateGeometryError:
+    words = (
+        "has no largest size: it slides out of" if method == "inscribed" else "is no more than what holds the ends of"
+    )
+    more = ", or more by less than their form error" if method == "inscribed" else ""
+    return DegenerateGeometryError(
+        f"the {method} {kind} {words} these points, which do not surround it (half of the way round at most{more}); "
+        "measure more of it, or fit it with method='gauss'"
+    )
+
+
 def fit_zone(kind: FeatureKind, method: ZoneMethod, points: FloatArray, gauss: Shape) -> Shape:
     """The shape of least form error, or the largest inside or the least outside the points, from the least squares one.
 
@@ -164,6 +199,8 @@ def fit_zone(kind: FeatureKind, method: ZoneMethod, points: FloatArray, gauss: S
     place, half = (gauss.point - centre) / size, gauss.half_length / size
     shape = Shape(place, gauss.frame, gauss.radius / size, gauss.half_angle, half)
     problem = ZoneProblem(kind, method, (points - centre) / size)
+    if method != "chebyshev" and not _surrounded(problem, shape):
+        raise _not_surrounded(kind, method)
     height, trust = problem.height(shape), TRUST
     for _ in range(ROUNDS):
         step = problem.step(shape, trust)
@@ -181,6 +218,8 @@ def fit_zone(kind: FeatureKind, method: ZoneMethod, points: FloatArray, gauss: S
                 break
     radius = shape.radius
     if method != "chebyshev":
+        if height - problem.promised(shape, problem.step(shape, STEP)) > GAINED * STEP:
+            raise _not_surrounded(kind, method)
         radius = height if method == "circumscribed" else -height
     half = size * shape.half_length
     shape = Shape(centre + size * shape.point, shape.frame, size * radius, shape.half_angle, half)

@@ -209,7 +209,8 @@ def _turned(found: Feature, turn: np.ndarray) -> np.ndarray:
         pytest.param(kind, method, 40, marks=pytest.mark.soak)
         for kind, method in (
             ("line", "chebyshev"), ("circle", "chebyshev"), ("circle", "inscribed"), ("cylinder", "chebyshev"),
-            ("cylinder", "circumscribed"), ("sphere", "chebyshev"),         )
+            ("cylinder", "circumscribed"), ("sphere", "chebyshev"),
+        )
     ],
 )  # fmt: skip
 def test_a_zone_is_as_uncertain_as_its_fit_repeats(kind: FeatureKind, method: Any, runs: int) -> None:
