@@ -123,7 +123,8 @@ def test_reference_points_are_clicked(aligned):
     np.testing.assert_allclose([each["point"] for each in held], places, atol=1.5)
     np.testing.assert_allclose([each["point"][2] for each in held[:3]], 10.0, atol=1e-3)
     np.testing.assert_allclose([each["normal"] for each in held[:3]], [[0, 0, 1]] * 3, atol=1e-6)
-    assert page.locator("#main3d .badge.pair").count() == 6
+    # Drawn with the next frame.
+    page.wait_for_function("() => document.querySelectorAll('#main3d .badge.pair').length === 6")
     keep_picture(page, "studio_points")
     page.click("#no-points")
     page.wait_for_function("() => studio.visit.references.length === 5")
