@@ -31,39 +31,37 @@ class Engine(Protocol):
         ...
 
 
-class KissEngine:
+class _Pipeline:
+    """An odometry of another library that is driven as KISS-ICP's is."""
+
+    _pipeline: Any
+
+    def place(self, points: FloatArray, timestamps: FloatArray | None) -> FloatArray:
+        """Pose of the frame, (4, 4); NaN where the frame is empty."""
+        frame = read_frame(points, timestamps)
+        if not len(frame.points):
+            return np.full((4, 4), np.nan)
+        self._pipeline.register_frame(frame.points, np.zeros(0) if frame.times is None else frame.times)
+        return np.array(self._pipeline.last_pose)
+
+
+class KissEngine(_Pipeline):
     """KISS-ICP as it comes, kept away from input that ends its process."""
 
     def __init__(self, max_range: float = 100.0, voxel_size: float | None = None, deskew: bool = True) -> None:
         config = load_kiss("config").KISSConfig()
         config.data.max_range, config.data.deskew = max_range, deskew
         config.mapping.voxel_size = voxel_size or max_range / 100.0
-        self._kiss = load_kiss("kiss_icp").KissICP(config)
-
-    def place(self, points: FloatArray, timestamps: FloatArray | None) -> FloatArray:
-        """Pose of the frame, (4, 4); NaN where the frame is empty."""
-        frame = read_frame(points, timestamps)
-        if not len(frame.points):
-            return np.full((4, 4), np.nan)
-        self._kiss.register_frame(frame.points, np.zeros(0) if frame.times is None else frame.times)
-        return np.array(self._kiss.last_pose)
+        self._pipeline = load_kiss("kiss_icp").KissICP(config)
 
 
-class GenzEngine:
+class GenzEngine(_Pipeline):
     """GenZ-ICP as it comes, at the range of the sequence: planar and other points, weighed by how many there are."""
 
     def __init__(self, max_range: float = 100.0, deskew: bool = True) -> None:
         config = load_package("genz_icp.config", "genz-icp").GenZConfig()
         config.data.max_range, config.data.deskew = max_range, deskew
-        self._genz = load_package("genz_icp.genz_icp", "genz-icp").GenZICP(config)
-
-    def place(self, points: FloatArray, timestamps: FloatArray | None) -> FloatArray:
-        """Pose of the frame, (4, 4); NaN where the frame is empty."""
-        frame = read_frame(points, timestamps)
-        if not len(frame.points):
-            return np.full((4, 4), np.nan)
-        self._genz.register_frame(frame.points, np.zeros(0) if frame.times is None else frame.times)
-        return np.array(self._genz.last_pose)
+        self._pipeline = load_package("genz_icp.genz_icp", "genz-icp").GenZICP(config)
 
 
 class SmallGicpEngine:
