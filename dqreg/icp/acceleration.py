@@ -6,17 +6,14 @@ iteration. The last few steps extrapolate to the limit (Anderson 1965; for ICP P
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.rigid import single_pose
 
 WINDOW = 5
 # Least-squares directions weaker than this against the strongest are noise.
 CUTOFF = 1e-6
-# Angle below which the next terms of the series are beyond the last digit.
-SMALL = 1e-3
 # Rounding of the energy, not a rise.
 SLACK = 1e-12
 # Normals bias the fixed point a little off the lowest distances; up to this fraction the energy may rise, as long as
@@ -71,53 +68,10 @@ class Anderson:
         return self._pose(target - (position_changes + step_changes) @ mix), True
 
     def _coordinates(self, T: FloatArray) -> FloatArray:
-        coordinates: FloatArray = twist_of(self._back @ T @ self._off_base) / self._units
+        T_change = self._back @ T @ self._off_base
+        coordinates: FloatArray = single_pose.log(T_change[:3, :3], T_change[:3, 3]) / self._units
         return coordinates
 
     def _pose(self, coordinates: FloatArray) -> FloatArray:
-        T: FloatArray = self._frame @ pose_of(coordinates * self._units) @ self._base
+        T: FloatArray = self._frame @ single_pose.exp(coordinates * self._units) @ self._base
         return T
-
-
-def twist_of(T: FloatArray) -> FloatArray:
-    """`rigid.twist.log` of one pose, number by number: for a single one NumPy's calls take fifty times as long."""
-    (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = T.tolist()
-    # The quaternion by its largest component.
-    squares = (1.0 + a + e + i, 1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i)
-    k = squares.index(max(squares))
-    found = (
-        (squares[0], h - f, c - g, d - b),
-        (h - f, squares[1], b + d, c + g),
-        (c - g, b + d, squares[2], f + h),
-        (d - b, c + g, f + h, squares[3]),
-    )[k]
-    length = math.hypot(*found)
-    sign = -1.0 if found[0] < 0.0 else 1.0
-    q, p, r, s = (sign * value / length for value in found)
-    sine = math.sqrt(p * p + r * r + s * s)
-    angle = 2.0 * math.atan2(sine, q)
-    factor = angle / sine if sine > 0.0 else 2.0
-    u, v, w = factor * p, factor * r, factor * s
-    # Of the inverse Jacobian ``I - [w x] / 2 + m [w x]^2``, by its series where the sines cancel.
-    half = 0.5 * angle
-    m = (1.0 - half / math.tan(half)) / angle**2 if angle > SMALL else 1.0 / 12.0 + angle**2 / 720.0
-    cross = v * z - w * y, w * x - u * z, u * y - v * x
-    twice = v * cross[2] - w * cross[1], w * cross[0] - u * cross[2], u * cross[1] - v * cross[0]
-    moved = (t - 0.5 * c1 + m * c2 for t, c1, c2 in zip((x, y, z), cross, twice, strict=True))
-    return np.array([u, v, w, *moved])
-
-
-def pose_of(twist: FloatArray) -> FloatArray:
-    """`rigid.twist.exp` of one twist."""
-    u, v, w, x, y, z = twist.tolist()
-    angle = math.sqrt(u * u + v * v + w * w)
-    small = angle <= SMALL
-    one = 1.0 - angle**2 / 6.0 if small else math.sin(angle) / angle
-    two = 0.5 - angle**2 / 24.0 if small else 2.0 * (math.sin(0.5 * angle) / angle) ** 2
-    three = 1.0 / 6.0 - angle**2 / 120.0 if small else (1.0 - one) / angle**2
-    W = np.array([[0.0, -w, v], [w, 0.0, -u], [-v, u, 0.0]])
-    square = W @ W
-    T = np.eye(4)
-    T[:3, :3] += one * W + two * square
-    T[:3, 3] = (np.eye(3) + two * W + three * square) @ (x, y, z)
-    return T

@@ -20,6 +20,7 @@ from dqreg.icp.history import Iteration
 from dqreg.icp.rejectors import Weight
 from dqreg.icp.stopping import Stopping
 from dqreg.icp.weighing import Weighed, weigh
+from dqreg.rigid import pose
 from dqreg.solvers.robust import InlierMixture, Kernel, LeastSquares
 from dqreg.solvers.status import INTERRUPTED, NO_POSE, Status
 
@@ -158,17 +159,11 @@ class Icp:
             rms=math.sqrt(weighed.mean_square),
             kernel_scale=self.kernel.scale,
             energy=weighed.energy,
-            turn_rad=turn_between(pairs.T_target_source, T),
+            turn_rad=float(pose.angle_between(pairs.T_target_source, T)),
             motion=motion,
             seconds=time.perf_counter() - began,
             T_target_source=T,
         )
-
-
-def turn_between(T_a: FloatArray, T_b: FloatArray) -> float:
-    """Angle between the rotations of two poses, from the length of their difference: small ones keep their digits."""
-    apart = float(np.linalg.norm(T_b[:3, :3] - T_a[:3, :3])) / math.sqrt(8.0)
-    return 2.0 * math.asin(min(apart, 1.0))
 
 
 @dataclasses.dataclass(frozen=True)

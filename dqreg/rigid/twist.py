@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
+from dqreg.rigid import single_pose
 from dqreg.rigid._algebra import cross_matrix
-from dqreg.rigid._matrices import from_matrix
-from dqreg.rigid._operands import as_poses
+from dqreg.rigid._matrices import of_rotations
+from dqreg.rigid._operands import as_poses, as_rotations
 from dqreg.rigid._powers import log as quaternion_log
 from dqreg.rigid.rotations import from_rotation_vector
 from dqreg.rigid.rotations import left_jacobian as rotation_jacobian
@@ -51,6 +52,8 @@ def exp(twist: ArrayLike) -> FloatArray:
     [-0.63662, 1.909859, 3.0]
     """
     w, v = _halves(twist)
+    if w.ndim == 1:
+        return single_pose.exp(np.concatenate([w, v]))
     T = np.zeros((*w.shape[:-1], 4, 4))
     T[..., :3, :3] = from_rotation_vector(w)
     T[..., :3, 3] = _times(rotation_jacobian(w), v)
@@ -78,7 +81,10 @@ def log(T: ArrayLike) -> FloatArray:
     [0.1, 0.2, 0.3, 4.0, 5.0, 6.0]
     """
     poses = as_poses(T, "T")
-    w = 2.0 * quaternion_log(from_matrix(poses[..., :3, :3]))[..., 1:]
+    R = as_rotations(poses[..., :3, :3], "R")
+    if R.ndim == 2:
+        return single_pose.log(R, poses[:3, 3])
+    w = 2.0 * quaternion_log(of_rotations(R))[..., 1:]
     return np.concatenate([w, _times(rotation_jacobian_inverse(w), poses[..., :3, 3])], axis=-1)
 
 

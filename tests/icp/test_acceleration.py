@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg._arrays import FloatArray
-from dqreg.icp.acceleration import Anderson, pose_of, twist_of
-from dqreg.icp.loop import turn_between
+from dqreg.icp.acceleration import Anderson
 from dqreg.rigid import pose, twist
 from tests.icp.scenes import motion
 
@@ -132,16 +131,3 @@ def test_lengths_may_be_in_any_unit() -> None:
         T_large, _ = large.propose(scaled(T), scaled(T_next), k**2 * energy)
         np.testing.assert_allclose(T_large, scaled(T_small), rtol=1e-9, atol=1e-9)
         T = T_small
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 0.99e-3, 1.01e-3, 0.3, 2.0, 3.1])
-def test_a_chart_of_one_pose_is_that_of_the_room_of_poses(angle: float) -> None:
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        axis, moved = rng.normal(size=3), rng.normal(size=3)
-        coordinates = np.r_[angle * axis / np.linalg.norm(axis), moved]
-        T = twist.exp(coordinates)
-        # Translations of about one: the rounding of a hundred operations.
-        np.testing.assert_allclose(pose_of(coordinates), T, rtol=0.0, atol=5e-14)
-        np.testing.assert_allclose(twist_of(T), twist.log(T), rtol=0.0, atol=1e-13)
-        assert turn_between(np.eye(4), T) == pytest.approx(angle, rel=1e-7, abs=1e-15)
