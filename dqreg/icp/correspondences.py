@@ -28,10 +28,7 @@ class Correspondences:
         others, variances = (None if x is None else x[rows] for x in (found.others, found.variances))
         points, normals = np.take(found.points, rows, axis=0), np.take(found.normals, rows, axis=0)
         closest = Closest(points, normals, found.distances[rows], found.elements[rows], others, variances)
-        pairs = Correspondences(self.scan.taken(rows), self.T_target_source, closest, self.same_sign)
-        if "moved" in vars(self):
-            vars(pairs)["moved"] = np.take(self.moved, rows, axis=0)
-        return pairs
+        return Correspondences(self.scan.taken(rows), self.T_target_source, closest, self.same_sign)
 
     @property
     def distances(self) -> FloatArray:
