@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.cli.main import main
 from dqreg.errors import InputError
 from dqreg.files import write_cloud
 from dqreg.files.poses import read_start
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.rigid import pose, twist
 from dqreg.synth.parts import bracket
+from tests.cli.command import run
 
 # Half a turn would be its own inverse; this is 100 degrees, and more than the part away.
 T_PART_SCAN = twist.exp(np.array([0.9, -0.8, 1.2, 150.0, -200.0, 90.0]))
@@ -32,12 +32,6 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "part.off").write_text("\n".join([*lines, *(f"3 {a} {b} {c}" for a, b, c in part.faces)]) + "\n")
     np.savetxt(folder / "inverted.txt", pose.inverse(T_PART_SCAN))
     return folder
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return int(stop.value.code or 0)
 
 
 def test_an_inverted_start_is_tried_and_said(files: Path, capsys: pytest.CaptureFixture[str]) -> None:

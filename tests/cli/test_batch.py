@@ -10,17 +10,11 @@ import numpy as np
 import pytest
 
 from dqreg.cli.batch import thumbnail
-from dqreg.cli.main import main
 from dqreg.registration.batch.row import Targets, run_row
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
+from tests.cli.command import run
 from tests.registration.batch.scenes import make_scene
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main(["batch", *map(str, arguments)])
-    return int(stop.value.code or 0)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +38,7 @@ def here(monkeypatch):
 
 def test_writes_what_it_says_and_resumes(scene, tmp_path, capsys, monkeypatch, here):
     monkeypatch.chdir(tmp_path)
-    assert run(scene.manifest) == 0
+    assert run("batch", scene.manifest) == 0
     text = capsys.readouterr().out
     out = tmp_path / "rows-results"
     for name in ("summary.csv", "summary.html"):
@@ -62,9 +56,9 @@ def test_writes_what_it_says_and_resumes(scene, tmp_path, capsys, monkeypatch, h
     page = (out / "summary.html").read_text()
     assert page.count("data:image/jpeg;base64,/9j/") == 2
     files = {path: path.read_bytes() for path in out.rglob("*.json")}
-    assert run(scene.manifest) == 2
+    assert run("batch", scene.manifest) == 2
     assert "--resume" in capsys.readouterr().err
-    assert run(scene.manifest, "--resume") == 0
+    assert run("batch", scene.manifest, "--resume") == 0
     assert "2 of 2 rows are done already" in capsys.readouterr().out
     assert {path: path.read_bytes() for path in out.rglob("*.json")} == files
     # Another option for one row: that row alone is done again.
@@ -73,7 +67,8 @@ def test_writes_what_it_says_and_resumes(scene, tmp_path, capsys, monkeypatch, h
     manifest.write_text(
         scene.manifest.read_text().replace("scan1.npy,feeder.off,identity,fast", "scan1.npy,feeder.off")
     )
-    assert run(manifest, "--start", "identity", "--out", out, "--resume", "--quiet", "--no-thumbnails") in (0, 1)
+    code = run("batch", manifest, "--start", "identity", "--out", out, "--resume", "--quiet", "--no-thumbnails")
+    assert code in (0, 1)
     now = {path.stem: path.stat().st_ino for path in out.rglob("*.json")}
     assert now["scan0"] == json_of["scan0"]
     assert now["scan1"] != json_of["scan1"]
@@ -86,7 +81,7 @@ def test_a_folder_and_a_row_that_fails_is_exit_1(scene, tmp_path, capsys, here):
     (scans / "good.npy").write_bytes((scene.folder / "scan0.npy").read_bytes())
     np.save(scans / "line.npy", np.outer(np.arange(40.0), [1.0, 2.0, 2.0]))
     target, out = scene.folder / "bracket.off", tmp_path / "out"
-    assert run(scans, "--target", target, "--start", "identity", "--effort", "fast", "--out", out) == 1
+    assert run("batch", scans, "--target", target, "--start", "identity", "--effort", "fast", "--out", out) == 1
     text = capsys.readouterr().out
     assert "1 accepted, 1 error" in text
     assert "line: ERROR: " in text
@@ -126,7 +121,7 @@ def test_bad_input_is_exit_2_one_line_and_nothing_written(arguments, said, scene
     # A row of a missing file costs that row; a manifest of such rows only has nothing to run.
     (scene.folder / "bad.csv").write_text("scan,target\nscan9.npy,bracket.off\n")
     names = {"folder": scene.folder, "manifest": scene.manifest, "bad": scene.folder / "bad.csv"}
-    assert run(*(word.format(**names) for word in arguments)) == 2
+    assert run("batch", *(word.format(**names) for word in arguments)) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.startswith("dqreg: error: ")

@@ -9,19 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.cli.main import main
 from dqreg.compare import Protocol
 from dqreg.compare import plan as plan_room
 from dqreg.synth import demo_case, load_case
+from tests.cli.command import run
 
 ENGINES = Path(__file__).parents[1] / "compare" / "toy_engines.py"
 CASE = load_case(demo_case())
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main(["compare", *map(str, arguments)])
-    return int(stop.value.code or 0)
 
 
 @pytest.fixture
@@ -39,7 +33,7 @@ def test_writes_every_file_it_says_and_goes_on_where_it_stopped(tmp_path, alone,
     out = {name: tmp_path / f"r.{name}" for name in ("json", "html", "md", "csv")}
     arguments = [CASE.folder, "--engine", alone, "--repeats", 2, "--out", out["json"], "--report", out["html"],
                  "--markdown", out["md"], "--csv", out["csv"], "--plots", tmp_path / "plots"]  # fmt: skip
-    assert run(*arguments) == 0
+    assert run("compare", *arguments) == 0
     text = capsys.readouterr().out
     for path in out.values():
         assert f"wrote {path}" in text
@@ -55,7 +49,7 @@ def test_writes_every_file_it_says_and_goes_on_where_it_stopped(tmp_path, alone,
     # The start of the shipped case is 20 degrees off, as its truth.json says.
     assert data["runs"][0]["angle_rad"] == pytest.approx(np.deg2rad(20.0), abs=1e-6)
     lines = (tmp_path / "r.jsonl").read_bytes()
-    assert run(*arguments) == 0
+    assert run("compare", *arguments) == 0
     assert (tmp_path / "r.jsonl").read_bytes() == lines
     assert "bracket, manual: own" not in capsys.readouterr().out
 
@@ -63,14 +57,14 @@ def test_writes_every_file_it_says_and_goes_on_where_it_stopped(tmp_path, alone,
 def test_scan_and_target_with_a_truth(tmp_path, alone, capsys):
     np.savetxt(tmp_path / "truth.txt", CASE.T_target_source)
     arguments = [CASE.scan, CASE.part, "--engine", alone, "--repeats", 1, "--setting", "manual"]
-    assert run(*arguments, "--start", tmp_path / "truth.txt", "--truth", tmp_path / "truth.txt") == 0
+    assert run("compare", *arguments, "--start", tmp_path / "truth.txt", "--truth", tmp_path / "truth.txt") == 0
     assert re.search(r"\nown +1/1 +0 ", capsys.readouterr().out)
-    assert run(*arguments, "--quiet") == 0
+    assert run("compare", *arguments, "--quiet") == 0
     assert capsys.readouterr().out == ""
 
 
 def test_list_names_every_engine(capsys, alone):
-    assert run("--list", "--engine-file", alone) == 0
+    assert run("compare", "--list", "--engine-file", alone) == 0
     text = capsys.readouterr().out
     assert "dqreg" in text
     assert "open3d point-to-plane" in text
@@ -98,7 +92,7 @@ def test_list_names_every_engine(capsys, alone):
 def test_bad_input_is_exit_2_and_one_line(arguments, said, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {"case": CASE.folder, "scan": CASE.scan, "part": CASE.part}
-    assert run(*(word.format(**names) for word in arguments)) == 2
+    assert run("compare", *(word.format(**names) for word in arguments)) == 2
     captured = capsys.readouterr()
     assert captured.err.startswith("dqreg: error: ")
     assert captured.err.count("\n") == 1

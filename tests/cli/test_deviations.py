@@ -7,20 +7,8 @@ import numpy as np
 import pytest
 
 from dqreg._open3d import load_open3d
-from dqreg.cli.main import main
 from dqreg.files import read_cloud
-from dqreg.synth import demo_case, load_case
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return int(stop.value.code or 0)
-
-
-@pytest.fixture(scope="module")
-def case():
-    return load_case(demo_case())
+from tests.cli.command import run
 
 
 def test_the_coloured_cloud_and_its_figures(tmp_path: Path, case, capsys) -> None:

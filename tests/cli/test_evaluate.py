@@ -5,18 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from dqreg.cli.main import main
 from dqreg.rigid import pose
 from dqreg.synth import demo_case, load_case
+from tests.cli.command import run
 
 CASE = load_case(demo_case())
 TRUTH = CASE.folder / "truth.json"
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main(["evaluate", *map(str, arguments)])
-    return int(stop.value.code or 0)
 
 
 @pytest.fixture
@@ -26,7 +20,7 @@ def shifted(tmp_path):
 
 
 def test_a_shift_is_its_own_length_at_every_vertex(tmp_path, shifted, capsys):
-    assert run(shifted, "--truth", TRUTH, "--out", tmp_path / "errors.json") == 0
+    assert run("evaluate", shifted, "--truth", TRUTH, "--out", tmp_path / "errors.json") == 0
     text = capsys.readouterr().out
     assert "rigid" in text
     assert "5" in text
@@ -37,18 +31,19 @@ def test_a_shift_is_its_own_length_at_every_vertex(tmp_path, shifted, capsys):
 
 
 def test_within_decides_the_exit_code(shifted, tmp_path):
-    assert run(shifted, "--truth", TRUTH, "--within", "5.1", "--quiet") == 0
-    assert run(shifted, "--truth", TRUTH, "--within", "4.9", "--quiet") == 1
+    assert run("evaluate", shifted, "--truth", TRUTH, "--within", "5.1", "--quiet") == 0
+    assert run("evaluate", shifted, "--truth", TRUTH, "--within", "4.9", "--quiet") == 1
     np.savetxt(tmp_path / "mirrored.txt", CASE.T_target_source @ np.diag([1.0, 1.0, -1.0, 1.0]))
-    assert run(tmp_path / "mirrored.txt", "--truth", TRUTH, "--within", "1e9", "--quiet") == 1
+    assert run("evaluate", tmp_path / "mirrored.txt", "--truth", TRUTH, "--within", "1e9", "--quiet") == 1
     (tmp_path / "none.json").write_text(json.dumps({"T_target_source": [[None] * 4] * 4}))
-    assert run(tmp_path / "none.json", "--truth", TRUTH, "--within", "1e9", "--quiet") == 1
+    assert run("evaluate", tmp_path / "none.json", "--truth", TRUTH, "--within", "1e9", "--quiet") == 1
 
 
 def test_scan_points_are_measured_too(tmp_path):
     truth, out = tmp_path / "truth.txt", tmp_path / "errors.json"
     np.savetxt(truth, CASE.T_target_source)
-    assert run(truth, "--truth", truth, "--target", CASE.part, "--scan", CASE.scan, "--out", out, "--quiet") == 0
+    sides = ["--target", CASE.part, "--scan", CASE.scan]
+    assert run("evaluate", truth, "--truth", truth, *sides, "--out", out, "--quiet") == 0
     values = json.loads(out.read_text())
     # 1185 of the 60194 points of the shipped case are strays, as its truth.json says; a few of them lie on the part.
     # Its noise is 0.05 mm along the ray, less across the surface.
@@ -58,7 +53,7 @@ def test_scan_points_are_measured_too(tmp_path):
 
 def test_without_a_part_the_origin_is_followed(shifted, tmp_path, capsys):
     np.savetxt(tmp_path / "truth.txt", CASE.T_target_source)
-    assert run(shifted, "--truth", tmp_path / "truth.txt") == 0
+    assert run("evaluate", shifted, "--truth", tmp_path / "truth.txt") == 0
     text = capsys.readouterr().out
     assert "offset at the origin" in text
     assert "--target" in text
@@ -77,7 +72,7 @@ def test_without_a_part_the_origin_is_followed(shifted, tmp_path, capsys):
 )
 def test_bad_input_is_exit_2_and_one_line(arguments, said, shifted, capsys):
     names = {"truth": TRUTH, "pose": shifted, "scan": CASE.scan}
-    assert run(*(word.format(**names) for word in arguments)) == 2
+    assert run("evaluate", *(word.format(**names) for word in arguments)) == 2
     captured = capsys.readouterr()
     assert captured.err.startswith("dqreg: error: ")
     assert captured.err.count("\n") == 1

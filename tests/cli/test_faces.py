@@ -5,15 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from dqreg.cli.main import main
 from dqreg.synth import demo_case, load_case
+from tests.cli.command import run
 from tests.inspection.test_part_faces import bead
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return int(stop.value.code or 0)
 
 
 def test_faces_of_the_shipped_part_are_listed_and_found_by_a_point(capsys: pytest.CaptureFixture[str]) -> None:

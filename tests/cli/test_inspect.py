@@ -6,17 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.cli.main import main
 from dqreg.files import write_cloud
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.synth import demo_case, load_case
 from dqreg.synth.parts import bracket
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return int(stop.value.code or 0)
+from tests.cli.command import run
 
 
 def test_from_a_suggested_plan_to_a_sheet(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

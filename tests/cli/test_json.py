@@ -9,21 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.cli.main import main
 from dqreg.registration.batch.row import Targets, run_row
 from dqreg.rigid import pose
 from dqreg.synth import demo_case, load_case
+from tests.cli.command import run
 from tests.registration.batch.scenes import make_scene
 
 CASE = load_case(demo_case())
 TRUTH = CASE.folder / "truth.json"
 RECIPE = 'name = "tiny"\nseed = 1\n[part]\nkind = "prism"\n[scanner]\nviews = [[1, 2, 3]]\npixels = 30\n'
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return int(stop.value.code or 0)
 
 
 def strictly(text: str):

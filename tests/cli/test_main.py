@@ -9,27 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.cli.main import main
 from dqreg.files import read_cloud, read_mesh
 from dqreg.rigid import pose
-from dqreg.synth import demo_case, load_case, worst_vertex_displacement
-
-
-def run(*arguments: str) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return int(stop.value.code or 0)
-
-
-@pytest.fixture(scope="module")
-def case():
-    return load_case(demo_case())
-
-
-@pytest.fixture
-def start(tmp_path, case):
-    np.savetxt(tmp_path / "start.txt", case.T_start)
-    return tmp_path / "start.txt"
+from dqreg.synth import load_case, worst_vertex_displacement
+from tests.cli.command import run
 
 
 def test_register_writes_what_it_says(tmp_path, case, start, capsys):

@@ -9,16 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dqreg.cli.main import main
 from dqreg.files import read_cloud, write_cloud
 from dqreg.rigid import pose
+from tests.cli.command import run
 from tests.multiway.test_register_many import views_of_a_part
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main(["multiway", *map(str, arguments)])
-    return int(stop.value.code or 0)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +35,7 @@ def made(folder: Path) -> Path:
     names = {"out": "poses.json", "fused": "model.ply", "graph": "graph.g2o", "report": "report.html"}
     options: list[Any] = [part for key, name in names.items() for part in (f"--{key}", folder / name)]
     starts = ("--starts", folder / "truth.txt", "--effort", "fast", "--workers", 1, "--quiet")
-    assert run(f"{folder}/view*.ply", *options, *starts) in (0, 1)
+    assert run("multiway", f"{folder}/view*.ply", *options, *starts) in (0, 1)
     return folder
 
 
@@ -62,14 +56,14 @@ def test_a_resumed_run_takes_the_finished_pairs(made: Path, capsys: pytest.Captu
     before = [path.stat().st_mtime_ns for path in kept]
     assert kept
     starts = ("--starts", made / "truth.txt", "--effort", "fast", "--workers", 1)
-    assert run(f"{made}/view*.ply", "--out", made / "poses.json", "--resume", *starts) in (0, 1)
+    assert run("multiway", f"{made}/view*.ply", "--out", made / "poses.json", "--resume", *starts) in (0, 1)
     assert [path.stat().st_mtime_ns for path in kept] == before
     assert "verdict:" in capsys.readouterr().out
 
 
 def test_a_contradictory_start_is_no_reason_to_give_up(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     starts = ("--starts", made / "wrong.txt", "--effort", "fast", "--workers", 1, "--json")
-    run(f"{made}/view*.ply", *starts)
+    run("multiway", f"{made}/view*.ply", *starts)
     found = np.array(json.loads(capsys.readouterr().out)["T_world_scan"], dtype=float)
     wrong = np.loadtxt(made / "wrong.txt").reshape(2, 3, 4)
     # Either the right pose, or none: never the start, which puts the scan on nothing.
@@ -95,7 +89,7 @@ def test_a_contradictory_start_is_no_reason_to_give_up(made: Path, capsys: pytes
 def test_a_wrong_call_is_one_line(
     arguments: list[str], named: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(*(text.format(folder=folder) for text in arguments)) == 2
+    assert run("multiway", *(text.format(folder=folder) for text in arguments)) == 2
     error = capsys.readouterr().err
     assert named in error
     assert error.count("\n") == 1

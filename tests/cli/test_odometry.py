@@ -10,13 +10,7 @@ import pytest
 
 pytest.importorskip("kiss_icp")
 
-from dqreg.cli.main import main
-
-
-def run(*arguments) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return int(stop.value.code or 0)
+from tests.cli.command import run
 
 
 @pytest.fixture(scope="module")

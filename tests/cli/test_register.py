@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from dqreg.cli import register as room
-from dqreg.cli.main import main
 from dqreg.files import READERS, read_cloud, read_geometry, write_cloud
 from dqreg.icp import ESTIMATORS
 from dqreg.inspection import measure_deviations
@@ -21,24 +20,7 @@ from dqreg.registration import scan_deviations as deviations_room
 from dqreg.registration.options import EFFORTS, SEARCHES
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
-from dqreg.synth import demo_case, load_case
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return int(stop.value.code or 0)
-
-
-@pytest.fixture(scope="module")
-def case():
-    return load_case(demo_case())
-
-
-@pytest.fixture
-def start(tmp_path, case):
-    np.savetxt(tmp_path / "start.txt", case.T_start)
-    return tmp_path / "start.txt"
+from tests.cli.command import run
 
 
 def test_words_are_those_of_the_library():

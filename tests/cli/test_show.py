@@ -9,19 +9,8 @@ from PIL import Image
 
 from dqreg.cli.main import main
 from dqreg.registration.result import Registration
-from dqreg.synth import demo_case, load_case
+from tests.cli.command import run
 from tests.registration.test_result import good
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return int(stop.value.code or 0)
-
-
-@pytest.fixture(scope="module")
-def case():
-    return load_case(demo_case())
 
 
 @pytest.fixture(autouse=True, scope="module")

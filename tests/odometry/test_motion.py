@@ -8,13 +8,13 @@ import pytest
 pytest.importorskip("kiss_icp")
 pytest.importorskip("rosbags", reason="pip install 'dqreg[ros]'")
 
-from dqreg.cli.main import main
 from dqreg.errors import InputError
 from dqreg.odometry.motion import Gyroscope, MotionGuide, MotionPrior, Wheels
 from dqreg.odometry.motion_topics import open_motion
 from dqreg.odometry.scans import open_scans
 from dqreg.odometry.trajectory import read_trajectory
 from dqreg.rigid import Trajectory, pose, quaternion, twist
+from tests.cli.command import run
 from tests.odometry.bag_files import cloud_message, write_bag
 from tests.odometry.motion_files import Messages
 from tests.odometry.test_online import corridor
@@ -22,12 +22,6 @@ from tests.odometry.test_online import corridor
 START = 1_763_800_000.0
 # Where the sensor sits on its base: before the axle, above it, turned.
 X = twist.exp([0.1, -0.2, 0.7, 0.4, 0.1, 0.9])
-
-
-def run(*arguments) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return int(stop.value.code or 0)
 
 
 class Answer:
