@@ -53,12 +53,15 @@ class MeshData:
         Length unit ("m", "mm", ...), if the format states one.
     regions : ndarray, (f,) int64, or None
         Number of the part's face that each triangle is of, if the format tells.
+    chord : float or None
+        Largest distance of a triangle from the surface that it was cut out of, where the file holds surfaces.
     """
 
     vertices: FloatArray
     faces: IntArray
     units: str | None = None
     regions: IntArray | None = None
+    chord: float | None = None
 
 
 def make_mesh(path: Path, vertices: FloatArray, faces: IntArray, units: str | None = None) -> MeshData:

@@ -6,8 +6,10 @@ runs in a process of its own, with limits of time and memory.
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import re
+import signal
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,14 @@ CHORD = 1e-5
 TURN = 0.25
 # The size by the points of the file may be off by that factor before the triangles are made anew.
 GUESSED = 3.0
+# Statements of surfaces that curve both ways: their triangles are as many as the chord is short, and OpenCASCADE's time
+# for one torus or sphere grows with the third power of them (50,000: 1 s, 115,000: 16 s). They are cut coarsely first,
+# and then as finely as these numbers of triangles allow: on one such face, and on all that curve both ways.
+CURVED = re.compile(rb"(TOROIDAL|SPHERICAL|SPLINE|UNIFORM|BEZIER|OFFSET)_SURFACE|SURFACE_OF_REVOLUTION")
+FIRST = 2e-4
+MOST_ON_ONE, MOST_ON_ALL = 50_000, 200_000
+# Cuts at most, and the share of those numbers above which no further cut is worth its time.
+CUTS, ENOUGH = 4, 0.5
 # Seconds and bytes that a file may take, and those for each of its bytes.
 SECONDS, SECONDS_EACH = 20.0, 20e-6
 MEMORY, MEMORY_EACH = 2 << 30, 300
@@ -46,7 +56,8 @@ sys.exit(cascadio.step_to_glb(path, out, float(chord), float(turn), include_brep
 def read_step(path: Path, chord: float | None = None) -> MeshData:
     """Mesh of a STEP file in the file's own unit, with the faces of its surfaces as regions.
 
-    ``chord`` is the largest distance of a triangle from its surface, in the file's unit; default: 1e-5 of the size.
+    ``chord`` is the largest distance of a triangle from its surface, in the file's unit; default: 1e-5 of the size. The
+    mesh tells which one was kept: surfaces that curve both ways are cut less finely where triangles would be too many.
     """
     if importlib.util.find_spec("cascadio") is None:
         raise MissingDependencyError(
@@ -55,28 +66,41 @@ def read_step(path: Path, chord: float | None = None) -> MeshData:
     data = path.read_bytes()
     if not data.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"ISO-10303-21"):
         raise unreadable(path, "no line ISO-10303-21 at its beginning", "a STEP file")
-    unit = _unit(data)
-    per_mm = float(METRES["mm"] / METRES[unit])
-    guessed = _size(data)
-    wanted = chord if chord is not None else CHORD * guessed
-    mesh = _tessellated(path, wanted / per_mm, unit)
-    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    if chord is None and not size / GUESSED < guessed < GUESSED * size:
-        mesh = _tessellated(path, CHORD * size / per_mm, unit)
+    unit, size = _unit(data), _size(data)
+    wanted = chord if chord is not None else CHORD * size
+    kept = max(wanted, FIRST * size) if CURVED.search(data) else wanted
+    for _ in range(CUTS):
+        mesh, load = _tessellated(path, kept, unit)
+        true = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+        if chord is None and not true / GUESSED < size < GUESSED * true:
+            size, kept, wanted = true, kept * true / size, CHORD * true
+        elif kept <= wanted or load > ENOUGH:
+            break
+        else:
+            kept = max(wanted, kept * load)
     return mesh
 
 
-def _tessellated(path: Path, chord_mm: float, unit: str) -> MeshData:
+def _tessellated(path: Path, chord: float, unit: str) -> tuple[MeshData, float]:
+    """The mesh, and how many triangles lie on surfaces that curve both ways, as a share of those allowed."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "part.glb"
-        _run(path, out, chord_mm)
+        _run(path, out, chord / float(METRES["mm"] / METRES[unit]))
         bodies = _bodies(path, out)
     vertices, faces, labels, surfaces = _joined(bodies)
     if len(faces) > max_faces(path):
         raise unreadable(path, f"surfaces that take {len(faces)} triangles", f"at most {max_faces(path)}")
     mesh = make_mesh(path, vertices * float(METRES["m"] / METRES[unit]), faces, unit)
     regions = _same_surfaces(mesh.faces, labels, surfaces)
-    return MeshData(mesh.vertices, mesh.faces, unit, regions)
+    return MeshData(mesh.vertices, mesh.faces, unit, regions, chord), _load(labels, surfaces)
+
+
+def _load(labels: IntArray, surfaces: list[Surface]) -> float:
+    counts = np.bincount(labels, minlength=len(surfaces))
+    curved = np.array([surface.kind in ("free", "sphere", "torus") for surface in surfaces])
+    ideal = np.array([surface.kind in ("sphere", "torus") for surface in surfaces])
+    on_one = float(np.max(counts[ideal], initial=0)) / MOST_ON_ONE
+    return max(on_one, float(counts[curved].sum()) / MOST_ON_ALL, 1e-3)
 
 
 def _run(path: Path, out: Path, chord_mm: float) -> None:
@@ -84,8 +108,10 @@ def _run(path: Path, out: Path, chord_mm: float) -> None:
     seconds, memory = SECONDS + SECONDS_EACH * size, MEMORY + MEMORY_EACH * size
     done = run_limited(TESSELLATE, path.resolve(), out, chord_mm, TURN, seconds=seconds, memory=memory)
     expected = "a whole STEP file; try to export it anew, or as STL"
-    if done is None:
-        raise unreadable(path, "what OpenCASCADE does not get done with", expected)
+    # Both say the same: the limit of processor time, or that of wall time.
+    if done is None or -done.returncode in (getattr(signal, "SIGXCPU", None), getattr(signal, "SIGKILL", None)):
+        found = f"surfaces that OpenCASCADE does not cut within {chord_mm:.2g} mm in {seconds:.0f} s"
+        raise unreadable(path, found, expected)
     if done.returncode or not out.is_file():
         # A negative code is the signal that ended it: out of memory, out of time, or lost in a damaged file.
         found = f"what ends OpenCASCADE by signal {-done.returncode}" if done.returncode < 0 else "no shape in it"
@@ -93,6 +119,22 @@ def _run(path: Path, out: Path, chord_mm: float) -> None:
 
 
 Body = tuple[FloatArray, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Surface:
+    """What a face of a body is cut out of; ``values`` are those of a round shape, None for all others."""
+
+    body: int
+    kind: str
+    values: FloatArray | None = None
+
+    def is_same(self, other: Surface) -> bool:
+        """Whether two faces are cut out of one round surface of one body."""
+        a, b = self.values, other.values
+        if a is None or b is None or (self.body, self.kind) != (other.body, other.kind) or a.shape != b.shape:
+            return False
+        return bool(np.abs(a - b).max() <= SAME_SURFACE * max(float(np.abs(a).max()), 1e-3))
 
 
 def _bodies(path: Path, out: Path) -> list[Body]:
@@ -114,10 +156,10 @@ def _bodies(path: Path, out: Path) -> list[Body]:
     return bodies
 
 
-def _joined(bodies: list[Body]) -> tuple[FloatArray, IntArray, IntArray, list[tuple[Any, ...]]]:
+def _joined(bodies: list[Body]) -> tuple[FloatArray, IntArray, IntArray, list[Surface]]:
     """All bodies as one, the face of each triangle, and the surface of each face."""
     all_vertices, all_faces, all_labels, count = [], [], [], 0
-    surfaces: list[tuple[Any, ...]] = []
+    surfaces: list[Surface] = []
     for number, (pose, body) in enumerate(bodies):
         vertices = np.asarray(body.vertices, dtype=np.float64) @ pose[:3, :3].T + pose[:3, 3]
         faces = np.asarray(body.faces, dtype=np.int64)
@@ -133,25 +175,25 @@ def _joined(bodies: list[Body]) -> tuple[FloatArray, IntArray, IntArray, list[tu
     return np.concatenate(all_vertices), np.concatenate(all_faces), np.concatenate(all_labels), surfaces
 
 
-def _surface(primitive: Any, body: int) -> tuple[Any, ...]:
-    """What is equal for faces that are cut out of one round surface; of another one, nothing is."""
-    kind = type(primitive).__name__
-    if kind not in ("Cylinder", "Cone", "Sphere", "Torus"):
-        return ()
+def _surface(primitive: Any, body: int) -> Surface:
+    """A face's surface; what is equal for faces that are cut out of one round surface, and for no other."""
+    kind = "free" if primitive is None else type(primitive).__name__.lower()
+    if kind not in ("cylinder", "cone", "sphere", "torus"):
+        return Surface(body, kind)
     values = {key: np.atleast_1d(value) for key, value in vars(primitive).items() if not key.startswith("extent")}
     values.pop("face_index", None)
     point = np.asarray(values.pop("origin", values.pop("apex", values.pop("center", None))), dtype=np.float64)
     axis = np.asarray(values.pop("axis", np.zeros(3)), dtype=np.float64)
-    if kind == "Cylinder":
+    if kind == "cylinder":
         point = point - (point @ axis) * axis
     # A cone's reference radius is that of a plane which every face may choose anew.
     values.pop("ref_radius", None)
     # An axis means the same both ways round, but for a cone.
-    axis = axis if kind == "Cone" or axis[np.argmax(np.abs(axis))] > 0.0 else -axis
-    return body, kind, np.concatenate([point, axis, *values.values()])
+    axis = axis if kind == "cone" or axis[np.argmax(np.abs(axis))] > 0.0 else -axis
+    return Surface(body, kind, np.concatenate([point, axis, *values.values()]))
 
 
-def _same_surfaces(faces: IntArray, labels: IntArray, surfaces: list[tuple[Any, ...]]) -> IntArray:
+def _same_surfaces(faces: IntArray, labels: IntArray, surfaces: list[Surface]) -> IntArray:
     """Faces numbered from 0, those that meet on one round surface as one. Shapes: (f, 3), (f,)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -162,18 +204,12 @@ def _same_surfaces(faces: IntArray, labels: IntArray, surfaces: list[tuple[Any, 
     sides, owners = sides[order], owners[order]
     meets = (sides[1:] == sides[:-1]).all(axis=1) & (owners[1:] != owners[:-1])
     pairs = np.unique(np.sort(np.column_stack([owners[1:], owners[:-1]])[meets], axis=1), axis=0)
-    joined = np.array([pair for pair in pairs.tolist() if _equal(surfaces[pair[0]], surfaces[pair[1]])])
+    joined = np.array([pair for pair in pairs.tolist() if surfaces[pair[0]].is_same(surfaces[pair[1]])])
     joined = joined.reshape(-1, 2).astype(np.int64)
     count = len(surfaces)
     graph = coo_array((np.ones(len(joined), dtype=bool), (joined[:, 0], joined[:, 1])), shape=(count, count))
     merged = connected_components(graph, directed=False)[1][labels]
     return np.unique(merged, return_inverse=True)[1].astype(np.int64)
-
-
-def _equal(a: tuple[Any, ...], b: tuple[Any, ...]) -> bool:
-    if not a or not b or a[:2] != b[:2] or a[2].shape != b[2].shape:
-        return False
-    return bool(np.abs(a[2] - b[2]).max() <= SAME_SURFACE * max(float(np.abs(a[2]).max()), 1e-3))
 
 
 def _unit(data: bytes) -> str:

@@ -238,4 +238,5 @@ def cut_for(target: Path, source: Any, source_units: str | None) -> tuple[Mesh, 
     if not FINEST * part <= chord <= COARSEST * part:
         chord = float(np.clip(chord, FINEST * part, COARSEST * part))
         data = read_step(path, chord)
-    return Mesh(data.vertices, data.faces, data.units, regions=data.regions), chord
+    # Surfaces that curve both ways may have been cut less finely than asked.
+    return Mesh(data.vertices, data.faces, data.units, regions=data.regions), max(chord, data.chord or 0.0)

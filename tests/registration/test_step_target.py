@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dqreg.files.mesh_data import MeshData
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.registration import target_index
 from dqreg.registration.register import register
@@ -37,7 +38,8 @@ def test_the_chord_follows_the_noise_and_the_units(tmp_path: Path, monkeypatch: 
     assert coarse[0].regions is not None
     assert set(fine[0].regions) == set(coarse[0].regions)
     # The file is not read again: OpenCASCADE takes seconds.
-    monkeypatch.setattr(target_index, "read_step", lambda *_: coarse[0])
+    again = MeshData(coarse[0].vertices, coarse[0].faces, "mm", coarse[0].regions, coarse[1])
+    monkeypatch.setattr(target_index, "read_step", lambda *_: again)
     # The same scan in inches of a part in mm.
     assert cut_for(path, scan_of(0.05) / 25.4, "inch")[1] == pytest.approx(coarse[1], rel=1e-6)
     found = register(scan_of(0.05), path, "identity", source_units="mm")

@@ -20,8 +20,6 @@ ONE, CORNERS = 1e-6, FEWEST**2
 APART = 1e-2
 # Both radii are held to that share by corners that are anywhere within the form error.
 HELD = 0.01
-# Share of the area, and the cosine, to which the triangles lean as the torus does.
-LEANING, COSINE = 0.99, 0.7
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -98,8 +96,7 @@ def fit_torus(corners: FloatArray, normals: FloatArray, allowed: float) -> Torus
     best = min(rings, key=lambda ring: ring.cost(points))
     residuals, slopes = best.rows(points)
     form = float(np.ptp(residuals))
-    sizes = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    if size * form > allowed or not _is_held(best, points, slopes, form) or not _leans(best, centres, normals, sizes):
+    if size * form > allowed or not _is_held(best, points, slopes, form):
         return None
     axis = best.frame[:, 2]
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
@@ -169,17 +166,13 @@ def _is_held(ring: _Ring, points: FloatArray, slopes: FloatArray, form: float) -
 
 
 def _apart(angles: FloatArray) -> int:
-    """How many angles lie apart, the widest gap of the turn left out."""
-    turn = 2.0 * np.pi
+    """How many angles lie apart, the widest gap of the turn left out; a fine grid has many, however close they are."""
     ordered = np.sort(angles)
-    gaps = np.diff(np.append(ordered, ordered[0] + turn))
+    gaps = np.diff(np.append(ordered, ordered[0] + 2.0 * np.pi))
     widest = int(np.argmax(gaps))
-    gaps = np.delete(gaps, widest)
-    return 1 + int(np.count_nonzero(gaps > APART * float(gaps.sum()))) if gaps.sum() > 1e-9 else 1
-
-
-def _leans(ring: _Ring, centres: FloatArray, normals: FloatArray, sizes: FloatArray) -> bool:
-    """Whether the triangles lie along the torus, all on one side: corners of a flat face may lie on it too."""
-    cosines = np.einsum("ij,ij->i", _gradients(ring.local(centres), ring.major)[1] @ ring.frame.T, normals)
-    whole = LEANING * float(sizes.sum())
-    return max(float(sizes[cosines > COSINE].sum()), float(sizes[cosines < -COSINE].sum())) >= whole
+    along = np.concatenate([[0.0], np.cumsum(np.roll(gaps, -1 - widest)[:-1])])
+    count, last = 1, 0.0
+    while along[-1] > 1e-9 and along[-1] - last > APART * along[-1]:
+        last = float(along[np.searchsorted(along, last + APART * along[-1], side="right")])
+        count += 1
+    return count

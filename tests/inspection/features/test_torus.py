@@ -40,11 +40,19 @@ QUARTER = np.linspace(np.pi, 1.5 * np.pi, 6)
     [
         (FULL, FULL, 12.0, 2.0),
         (FULL, QUARTER, 12.0, 2.0),
+        (np.linspace(0.0, 2.0 * np.pi, 161), QUARTER, 12.0, 2.0),
         (np.linspace(0.0, 0.5 * np.pi, 7), QUARTER, 30.0, 1.5),
         (np.linspace(-0.4, 0.4, 5), np.linspace(0.0, np.pi / 3.0, 4), 8.0, 3.0),
         (FULL, np.linspace(0.0, 0.5 * np.pi, 7), 1.0, 4.0),
     ],
-    ids=["full", "fillet round a boss", "fillet along a bend", "small patch", "rounded end of a shaft"],
+    ids=[
+        "full",
+        "fillet round a boss",
+        "cut finely round its axis",
+        "fillet along a bend",
+        "small patch",
+        "rounded end of a shaft",
+    ],
 )
 def test_radii_axis_and_centre_of_exact_corners(u, v, major, minor, offset: float, digits: float, unit: float) -> None:
     # At 5e6 the coordinates themselves end at 1e-9; a patch multiplies that.
@@ -99,7 +107,7 @@ def test_a_free_patch_and_a_bent_flat_patch_are_no_torus() -> None:
     u = np.linspace(-1.0, 1.0, 8)
     saddle = grid(lambda x, y: np.stack([x, y, 0.2 * x**2 - 0.1 * y**3 + 0.1 * x * y], axis=-1), u, u)
     assert found(*saddle) is None
-    # Corners of one flat face on the equator of a torus: it leans otherwise than the torus does.
+    # Corners of one flat face on the equator of a torus: they are on one circle only.
     turns = FULL[:-1]
     disk = np.stack([np.cos(turns), np.sin(turns), 0.0 * turns], axis=1)
     fan = np.stack([np.broadcast_to(disk[0], (30, 3)), disk[1:-1], disk[2:]], axis=1)
