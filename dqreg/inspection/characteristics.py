@@ -34,6 +34,7 @@ class Measured:
 
     value: float
     uncertainty: float  # Expanded, k = 2, in the same unit
+    place: FloatArray | None = None  # Where on the feature, (3,); None: of all of it
 
     def decide(self, low: float, high: float) -> Outcome:
         """Whether the value is proven to lie within its limits; undecided where one is within the uncertainty."""

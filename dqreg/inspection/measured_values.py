@@ -9,10 +9,14 @@ from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection import characteristics as compute
 from dqreg.inspection.characteristics import Frame, Measured
 from dqreg.inspection.edge_points import edge_beside, edge_on
+from dqreg.inspection.line_forms import axis_form, worst_form
 from dqreg.inspection.part_faces import Face
 from dqreg.inspection.places import COVERAGE
-from dqreg.inspection.plan import OF_SLOT, Plan, PlannedCharacteristic
+from dqreg.inspection.plan import Plan
+from dqreg.inspection.planned_characteristics import OF_SLOT, PlannedCharacteristic
+from dqreg.inspection.round_sections import centres_of, sections_of
 from dqreg.inspection.scanned_part import ScannedPart
+from dqreg.inspection.straight_lines import lines_of
 from dqreg.inspection.thickness import wall_thickness
 
 
@@ -83,6 +87,8 @@ def measured_value(
         return compute.angle(*measured)
     if row.kind == "form":
         return compute.form(measured[0], points, part.noise)
+    if row.kind in ("roundness", "straightness"):
+        return _line_form(part, row, faces[0])
     if row.kind == "position":
         return compute.position(measured[0], part.ideal(faces[0]), frame)
     datum = part.face(next(datum.face for datum in plan.datums if datum.name == row.datum))
@@ -92,6 +98,14 @@ def measured_value(
     if ideal is None:
         ideal = compute.angle(part.ideal(faces[0]), part.ideal(datum)).value
     return compute.orientation(measured[0], part.measured(datum), points, ideal)
+
+
+def _line_form(part: ScannedPart, row: PlannedCharacteristic, face: Face) -> Measured:
+    """Roundness or straightness, the worst of the profiles that are meant."""
+    if row.line.of_axis:
+        return axis_form(*centres_of(part, face))
+    profiles = (sections_of if row.kind == "roundness" else lines_of)(part, face, row.line.at, row.line.direction)
+    return worst_form(profiles, part.noise)
 
 
 def surface_deviations(part: ScannedPart, face: Face, points: FloatArray) -> tuple[FloatArray, FloatArray]:

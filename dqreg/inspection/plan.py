@@ -6,53 +6,27 @@ import dataclasses
 import os
 import tomllib
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from dqreg.errors import InputError
 from dqreg.files.units import METRES
 from dqreg.inspection.plan_keys import (
     FaceName,
     face_of,
-    faces_of_list,
     list_of,
-    number_of,
     require_known,
     require_one_of,
     triple_of,
 )
 from dqreg.inspection.planned_alignment import PlannedStep, steps_of
+from dqreg.inspection.planned_characteristics import PlannedCharacteristic, characteristic_of
 from dqreg.inspection.planned_report import PlannedReport, planned_report
-from dqreg.inspection.planned_tolerances import SIDES, FaceTolerance, face_tolerances, sides_of, whole_tolerance
+from dqreg.inspection.planned_tolerances import SIDES, FaceTolerance, face_tolerances, whole_tolerance
 from dqreg.inspection.tolerances import Tolerance
 
-CharacteristicKind = Literal[
-    "diameter",
-    "distance",
-    "angle",
-    "form",
-    "parallelism",
-    "perpendicularity",
-    "angularity",
-    "position",
-    "coaxiality",
-    "profile",
-    "thickness",
-    "width",
-    "length",
-    "slot-position",
-    "edge-point",
-]
 AlignmentKind = Literal["best-fit", "datums", "steps"]
 
 KEYS = ("units", "head", "alignment", "datum", "characteristic", "section", "face", "report", *SIDES, "required")
-# Faces that a characteristic is of; one of a distance or an angle is of two.
-FACES: dict[str, int] = {"distance": 2, "angle": 2}
-# Those of a slot: of all the faces of its wall.
-OF_SLOT = ("width", "length", "slot-position")
-# Those that relate a face to a datum.
-TO_DATUM = ("parallelism", "perpendicularity", "angularity", "coaxiality")
-# Zones: their tolerance is a width from 0, and nothing is nominal.
-ZONES = ("form", *TO_DATUM, "position", "profile", "slot-position")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,21 +35,6 @@ class PlannedDatum:
 
     name: str
     face: FaceName
-
-
-@dataclasses.dataclass(frozen=True)
-class PlannedCharacteristic:
-    """One line of the drawing."""
-
-    name: str
-    kind: CharacteristicKind
-    faces: tuple[FaceName, ...]
-    datum: str = ""  # Of an orientation
-    nominal: float | None = None  # Default: from the part
-    plus: float = 0.0  # Largest value above nominal; of a zone its width
-    minus: float = 0.0  # Largest value below nominal
-    middle: float = 0.0  # Of the zone of a profile that is not equal to both sides: outside the part positive
-    point: tuple[float, float, float] | None = None  # Near the edge of an edge point
 
 
 @dataclasses.dataclass(frozen=True)
@@ -169,7 +128,7 @@ def plan_of(values: dict[str, Any], name: str = "plan") -> Plan:
     if not rows and whole is None and not single:
         raise InputError(f"{name}: no [[characteristic]] and no tolerance is given, so there is nothing to inspect")
     characteristics = tuple(
-        _characteristic(entry, f"{name}: characteristic {k + 1}", letters) for k, entry in enumerate(rows)
+        characteristic_of(entry, f"{name}: characteristic {k + 1}", letters) for k, entry in enumerate(rows)
     )
     chosen = values.get("alignment", "datums" if datums else "best-fit")
     steps = steps_of(chosen, letters, name) if isinstance(chosen, list) else ()
@@ -205,47 +164,3 @@ def _section(entry: Any, where: str) -> PlannedSection:
     if not any(normal):
         raise InputError(f"{where}: normal must not be of length zero")
     return PlannedSection(str(entry.get("name", where.rpartition(": ")[2])), point, normal)
-
-
-def _characteristic(entry: Any, where: str, letters: list[str]) -> PlannedCharacteristic:
-    require_known(
-        entry,
-        ("name", "kind", "face", "faces", "near", "box", "point", "datum", "nominal", *SIDES),
-        where,
-    )
-    kind = entry.get("kind")
-    require_one_of(kind, get_args(CharacteristicKind), f"{where}: kind")
-    where = f"{where} ({entry.get('name', kind)})"
-    datum = entry.get("datum", "")
-    if kind in TO_DATUM or datum:
-        require_one_of(datum, letters, f"{where}: datum")
-    plus, minus = sides_of(entry, where)
-    nominal, middle = number_of(entry, "nominal", where) if "nominal" in entry else None, 0.0
-    if kind == "profile" and "tolerance" not in entry:
-        # Unilateral or unequal: the zone reaches from minus below the part's surface to plus above it.
-        middle, plus, minus = 0.5 * (plus - minus), plus + minus, 0.0
-    point = triple_of(entry, "point", where) if kind == "edge-point" or "point" in entry else None
-    if point is not None and kind != "edge-point":
-        raise InputError(f"{where}: point is of an edge-point; name the faces of a {kind} by face, near or box")
-    return PlannedCharacteristic(
-        str(entry.get("name", kind)), kind, _faces(entry, kind, where), datum, nominal, plus, minus, middle, point
-    )
-
-
-def _faces(entry: dict[str, Any], kind: str, where: str) -> tuple[FaceName, ...]:
-    wanted, given = FACES.get(kind, 1), entry.get("faces")
-    if kind in OF_SLOT and given is not None:
-        found = faces_of_list(given, where)
-        if not found:
-            raise InputError(f"{where}: faces are all faces of the slot's wall; none is given")
-        return found
-    if wanted == 1 and given is not None:
-        raise InputError(f"{where}: a {kind} is of one face: face = 3; got faces = {given!r:.60}")
-    if kind == "edge-point" and not {"face", "near", "box"} & set(entry):
-        # The larger of the two that meet there.
-        return ()
-    if wanted == 1:
-        return (face_of(entry, where),)
-    if not isinstance(given, list) or len(given) != wanted or {"face", "near", "box"} & set(entry):
-        raise InputError(f"{where}: a {kind} is of two faces: faces = [3, 4]; got {given!r:.60}")
-    return faces_of_list(given, where)

@@ -15,7 +15,8 @@ from dqreg.inspection.decision import REQUIRED_SHARE, Decision, decide, worst_of
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.measure import deviations_under
 from dqreg.inspection.measured_values import faces_of_row, measured_value, nominal_value
-from dqreg.inspection.plan import ZONES, Plan, PlannedCharacteristic, PlannedSection
+from dqreg.inspection.plan import Plan, PlannedSection
+from dqreg.inspection.planned_characteristics import ZONES, PlannedCharacteristic
 from dqreg.inspection.regions import Outcome
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.sections import Section, section_on
@@ -207,6 +208,6 @@ def _measured(part: ScannedPart, plan: Plan, row: PlannedCharacteristic, frame: 
         outcome=outcome,
         points=sum(len(part.on(face)) for face in faces),
         coverage=min(float(shares[face.number]) for face in faces),
-        position=part.label(faces[0]),
+        position=part.label(faces[0]) if found.place is None else part.labelled(found.place),
         remark=remark,
     )

@@ -245,7 +245,11 @@ class ScannedPart:
         at, points = face.centre, self.on(face)
         if face.kind in ("plane", "torus", "free") and len(points):
             at = points[np.argmin(np.linalg.norm(points - at, axis=1))]
-        x, y, z = (at + self.origin).tolist()
+        return self.labelled(at)
+
+    def labelled(self, place: FloatArray) -> tuple[float, float, float]:
+        """A place, (3,), in the caller's target frame."""
+        x, y, z = (place + self.origin).tolist()
         return x, y, z
 
 

@@ -53,7 +53,7 @@ class Medians:
         count = int(np.clip(len(values) // SHARE, 1, PLACE))
         around = np.asarray(cKDTree(points).query(points[rows], k=[*range(1, count + 1)])[1], dtype=np.int64)
         return cls(
-            rows, np.asarray(np.median(values[around], axis=1)), _sigma(noise, count), points, around, values, noise
+            rows, np.asarray(np.median(values[around], axis=1)), sigma_of(noise, count), points, around, values, noise
         )
 
     def corrected(self, value: float, statistic: Statistic, unit: float = 1.0) -> tuple[float, float]:
@@ -94,13 +94,13 @@ class Medians:
         blocks = _blocks(self.points)
         places = np.array([self.points[each].mean(axis=0) for each in blocks])
         values = np.array([np.median(self.own[each]) for each in blocks])
-        sigma = _sigma(self.noise, len(blocks[0]))
+        sigma = sigma_of(self.noise, len(blocks[0]))
         middle = float(values.mean())
         away = np.linalg.norm(places[:, None] - places[None], axis=2)
         extent = max(float(away.max()), np.finfo(float).tiny)
         best, chosen = -np.inf, (0.0, np.zeros(len(values)), 1.0)
         for length in LENGTHS * extent:
-            strengths, axes = np.linalg.eigh(_matern(away / length))
+            strengths, axes = np.linalg.eigh(matern(away / length))
             square = (axes.T @ (values - middle) / sigma) ** 2
             for size in SIZES:
                 spread = size**2 * np.maximum(strengths, 0.0) + 1.0
@@ -110,16 +110,18 @@ class Medians:
                     best, chosen = height, (size, pull, float(length))
         size, pull, length = chosen
         across = np.linalg.norm(self.points[self.rows][:, None] - places[None], axis=2)
-        return np.asarray(middle + size**2 * _matern(across / length) @ pull)
+        return np.asarray(middle + size**2 * matern(across / length) @ pull)
 
 
-def _sigma(noise: float, count: int) -> float:
+def sigma_of(noise: float, count: int) -> float:
+    """Standard deviation of the median of as many values."""
     # The median of two is their mean; of many it is by a quarter less sure than that.
     loss = 1.0 + (MEDIAN_SIGMA - 1.0) * min((count - 1) / 8.0, 1.0)
     return float(loss * noise / np.sqrt(count))
 
 
-def _matern(h: FloatArray) -> FloatArray:
+def matern(h: FloatArray) -> FloatArray:
+    """Correlation of a random field at distances in its length (Matern 5/2)."""
     h = np.sqrt(5.0) * h
     return np.asarray((1.0 + h + h**2 / 3.0) * np.exp(-h))
 

@@ -18,6 +18,7 @@ from dqreg.inspection.decision import worst_of
 from dqreg.inspection.places import COVERAGE
 from dqreg.inspection.sections import Section
 from dqreg.report.alignment_table import alignment_of
+from dqreg.report.definitions import definitions_of
 from dqreg.report.inspection_table import decimals_of, frame_words
 from dqreg.report.section_picture import section_picture
 from dqreg.report.text import percent, text_of
@@ -74,6 +75,7 @@ def sheet_of(found: Inspection | None, unit: str) -> dict[str, Any] | None:
         "words": words,
         "columns": COLUMNS,
         "rows": _rows(found),
+        "definitions": definitions_of(found),
         "remarks": [(k + 1, row.name, row.remark) for k, row in enumerate(found.characteristics) if row.remark],
         "unit": unit,
         "coverage": _coverage(found, unit),

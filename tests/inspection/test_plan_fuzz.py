@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from dqreg.errors import DqregError, InputError
 from dqreg.inspection import inspect
-from dqreg.inspection.plan import KEYS, CharacteristicKind, plan_of
+from dqreg.inspection.plan import KEYS, plan_of
+from dqreg.inspection.planned_characteristics import CharacteristicKind
 from tests.inspection.test_plan import FACES, scanned
 
 WORDS = st.sampled_from(

@@ -1,0 +1,121 @@
+"""Roundness and straightness: the width of the zone that the profiles of a face lie in, the worst of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.inspection.characteristics import Measured
+from dqreg.inspection.features.fit import zone_width
+from dqreg.inspection.features.zone import chebyshev_step
+from dqreg.inspection.line_profiles import Profile
+from dqreg.inspection.profile_model import Series, drawn_series
+from dqreg.inspection.surface_model import sigma_of
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN
+
+# A profile is the medians of so many blocks of neighbouring points at most, each of so many points at least.
+BLOCKS, LEAST = 96, 3
+# Draws whose minimum zone is found; that of the others is narrower than their least squares one by the same share.
+ZONES = 3
+# The zone between circles follows its centre, which is moved so often at most.
+ROUNDS = 5
+# Bound of the steps of a zone, in widths of the profile.
+FAR = 1e3
+
+
+def worst_form(profiles: Sequence[Profile], noise: float) -> Measured:
+    """Roundness of sections or straightness of lines: of the worst of them.
+
+    Its surface is what a random field makes of medians of neighbouring points; points that were probed by hand, whose
+    ``noise`` is 0 because it is not known, are taken as they are.
+    """
+    profiles = [each.centred() for each in profiles]
+    if noise == 0.0:
+        zones = np.array([[width_of_zone(each.values, each.along, each.radius)] for each in profiles])
+        return Measured(float(zones.max()), 0.0, profiles[int(np.argmax(zones))].middle)
+    own = _noise(profiles) or noise
+    blocks = [each.blocks(min(BLOCKS, max(len(each.values) // LEAST, 1))) for each in profiles]
+    series = [
+        Series(each.places, each.values, each.slopes, sigma_of(own, len(whole.values) // len(each.values)))
+        for whole, each in zip(profiles, blocks, strict=True)
+    ]
+    drawn = drawn_series(series)
+    zones = np.array([_zones(each, values) for each, values in zip(blocks, drawn.values, strict=True)])
+    mean = max(
+        width_of_zone(values.mean(axis=0), each.along, each.radius)
+        for each, values in zip(blocks, drawn.values, strict=True)
+    )
+    worst = profiles[int(np.argmax(zones.mean(axis=1)))].middle
+    return Measured(*drawn.measured(zones.max(axis=0), mean), worst)
+
+
+def _noise(profiles: Sequence[Profile]) -> float:
+    """Standard deviation of a point, from how neighbours along the profiles differ."""
+    steps = np.concatenate([np.diff(each.values[np.argsort(each.along)]) for each in profiles])
+    return float(GAUSSIAN_MEDIAN * np.median(np.abs(steps)) / np.sqrt(2.0))
+
+
+def _zones(profile: Profile, drawn: FloatArray) -> FloatArray:
+    """Width of the zone of each draw of a profile, (draws,)."""
+    wide = np.ptp(drawn, axis=1)
+    some = np.flatnonzero(wide > 0.0)
+    some = some[:: max(len(some) // ZONES, 1)]
+    if not len(some):
+        return np.asarray(wide)
+    narrow = [width_of_zone(drawn[k], profile.along, profile.radius) for k in some]
+    return np.asarray(wide * float(np.mean(np.array(narrow) / wide[some])))
+
+
+def width_of_zone(values: FloatArray, along: FloatArray, radius: float) -> float:
+    """Least distance of two circles of one centre, or of two parallel lines, that hold a profile between them.
+
+    ``values`` are beside a circle of a radius, along angles, or beside a straight line (radius 0). Shapes: (n,), (n,).
+    """
+    if not radius:
+        size = float(np.ptp(along)) or 1.0
+        slopes = np.column_stack([np.ones_like(along), (along - along.mean()) / size])
+        step = _step(values, slopes)
+        # The distance of the lines across them: they lean by what the profile does.
+        return float(np.ptp(values + slopes @ step) / np.hypot(1.0, step[1] / size))
+    points = (radius + values)[:, None] * np.column_stack([np.cos(along), np.sin(along)])
+    centre, best = np.zeros(2), float(np.ptp(values))
+    for _ in range(ROUNDS):
+        away = points - centre
+        lengths = np.linalg.norm(away, axis=1)
+        step = _step(lengths - radius, np.column_stack([np.ones(len(away)), -away / lengths[:, None]]))
+        centre = centre + step[1:]
+        width = float(np.ptp(np.linalg.norm(points - centre, axis=1)))
+        gained, best = best - width, min(best, width)
+        if gained <= 1e-12 * radius:
+            break
+    return best
+
+
+def _step(values: FloatArray, slopes: FloatArray) -> FloatArray:
+    """The step that leaves the least range, (k,)."""
+    unit = float(np.ptp(values)) or 1.0
+    scaled = (values - values.mean()) / unit
+    return unit * chebyshev_step(np.concatenate([scaled, -scaled]), np.concatenate([slopes, -slopes]), FAR)
+
+
+def axis_form(centres: FloatArray, covariances: FloatArray) -> Measured:
+    """Straightness of an axis: the diameter of the least cylinder about the centres of its sections.
+
+    Shapes: (k, 3), the height along the axis last, and (k, 2, 2).
+    """
+    heights = centres[:, 2]
+    places = np.column_stack([np.zeros((len(heights), 2)), heights])
+    slopes = np.column_stack([np.ones_like(heights), heights - heights.mean()])
+    sigmas = np.sqrt(np.einsum("kii->ki", covariances).mean(axis=0))
+    if not sigmas.all():
+        return Measured(zone_width(centres, "line"), 0.0)
+    drawn = drawn_series([Series(places, centres[:, k], slopes, float(sigmas[k])) for k in range(2)])
+    x, y = drawn.values
+    wide = 2.0 * np.hypot(x, y).max(axis=1)
+    some = np.flatnonzero(wide > 0.0)
+    some = some[:: max(len(some) // ZONES, 1)]
+    narrow = [zone_width(np.column_stack([x[k], y[k], heights]), "line") / wide[k] for k in some]
+    mean = zone_width(np.column_stack([x.mean(axis=0), y.mean(axis=0), heights]), "line")
+    return Measured(*drawn.measured(wide * float(np.mean(narrow or [1.0])), mean))

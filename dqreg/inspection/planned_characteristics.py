@@ -1,0 +1,155 @@
+"""A characteristic of a plan: its kind, what it is of, its nominal value and its tolerance."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Literal, get_args
+
+from dqreg.errors import InputError
+from dqreg.inspection.plan_keys import (
+    FaceName,
+    face_of,
+    faces_of_list,
+    number_of,
+    require_known,
+    require_one_of,
+    triple_of,
+)
+from dqreg.inspection.planned_tolerances import SIDES, sides_of
+
+CharacteristicKind = Literal[
+    "diameter",
+    "distance",
+    "angle",
+    "form",
+    "roundness",
+    "straightness",
+    "parallelism",
+    "perpendicularity",
+    "angularity",
+    "position",
+    "coaxiality",
+    "profile",
+    "thickness",
+    "width",
+    "length",
+    "slot-position",
+    "edge-point",
+]
+# Faces that a characteristic is of; one of a distance or an angle is of two.
+FACES: dict[str, int] = {"distance": 2, "angle": 2}
+# Those of a slot: of all the faces of its wall.
+OF_SLOT = ("width", "length", "slot-position")
+# Those that relate a face to a datum.
+TO_DATUM = ("parallelism", "perpendicularity", "angularity", "coaxiality")
+# Zones: their tolerance is a width from 0, and nothing is nominal.
+ZONES = ("form", "roundness", "straightness", *TO_DATUM, "position", "profile", "slot-position")
+# Which lines of a face a roundness or a straightness is of.
+LINE_KEYS = ("at", "direction", "of")
+# What a straightness may be of; a roundness is of the first.
+OF = ("surface", "axis")
+Triple = tuple[float, float, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class PlannedLine:
+    """Lines of a face."""
+
+    at: tuple[Triple, ...] = ()  # Places that they go through; none: spread over the face
+    direction: Triple | None = None  # Of the lines of a flat face; normal of the section of a sphere
+    of_axis: bool = False  # The axis in place of the surface
+
+
+@dataclasses.dataclass(frozen=True)
+class PlannedCharacteristic:
+    """One line of the drawing."""
+
+    name: str
+    kind: CharacteristicKind
+    faces: tuple[FaceName, ...]
+    datum: str = ""  # Of an orientation
+    nominal: float | None = None  # Default: from the part
+    plus: float = 0.0  # Largest value above nominal; of a zone its width
+    minus: float = 0.0  # Largest value below nominal
+    middle: float = 0.0  # Of the zone of a profile that is not equal to both sides: outside the part positive
+    point: tuple[float, float, float] | None = None  # Near the edge of an edge point
+    line: PlannedLine = PlannedLine()  # Which lines of the face a roundness or straightness is of
+
+
+def characteristic_of(entry: Any, where: str, letters: list[str]) -> PlannedCharacteristic:
+    """The characteristic of an entry, given the letters of the datums."""
+    require_known(
+        entry,
+        ("name", "kind", "face", "faces", "near", "box", "point", "datum", "nominal", *SIDES, *LINE_KEYS),
+        where,
+    )
+    kind = entry.get("kind")
+    require_one_of(kind, get_args(CharacteristicKind), f"{where}: kind")
+    where = f"{where} ({entry.get('name', kind)})"
+    datum = entry.get("datum", "")
+    if kind in TO_DATUM or datum:
+        require_one_of(datum, letters, f"{where}: datum")
+    plus, minus = sides_of(entry, where)
+    nominal, middle = number_of(entry, "nominal", where) if "nominal" in entry else None, 0.0
+    if kind == "profile" and "tolerance" not in entry:
+        # Unilateral or unequal: the zone reaches from minus below the part's surface to plus above it.
+        middle, plus, minus = 0.5 * (plus - minus), plus + minus, 0.0
+    point = triple_of(entry, "point", where) if kind == "edge-point" or "point" in entry else None
+    if point is not None and kind != "edge-point":
+        raise InputError(f"{where}: point is of an edge-point; name the faces of a {kind} by face, near or box")
+    return PlannedCharacteristic(
+        str(entry.get("name", kind)),
+        kind,
+        _faces(entry, kind, where),
+        datum,
+        nominal,
+        plus,
+        minus,
+        middle,
+        point,
+        _line(entry, kind, where),
+    )
+
+
+def _faces(entry: dict[str, Any], kind: str, where: str) -> tuple[FaceName, ...]:
+    wanted, given = FACES.get(kind, 1), entry.get("faces")
+    if kind in OF_SLOT and given is not None:
+        found = faces_of_list(given, where)
+        if not found:
+            raise InputError(f"{where}: faces are all faces of the slot's wall; none is given")
+        return found
+    if wanted == 1 and given is not None:
+        raise InputError(f"{where}: a {kind} is of one face: face = 3; got faces = {given!r:.60}")
+    if kind == "edge-point" and not {"face", "near", "box"} & set(entry):
+        # The larger of the two that meet there.
+        return ()
+    if wanted == 1:
+        return (face_of(entry, where),)
+    if not isinstance(given, list) or len(given) != wanted or {"face", "near", "box"} & set(entry):
+        raise InputError(f"{where}: a {kind} is of two faces: faces = [3, 4]; got {given!r:.60}")
+    return faces_of_list(given, where)
+
+
+def _line(entry: dict[str, Any], kind: str, where: str) -> PlannedLine:
+    given = [key for key in LINE_KEYS if key in entry]
+    if kind not in ("roundness", "straightness"):
+        if given:
+            raise InputError(f"{where}: {given[0]} goes with roundness and straightness, not with {kind}")
+        return PlannedLine()
+    of = entry.get("of", "surface")
+    require_one_of(of, OF if kind == "straightness" else OF[:1], f"{where}: of")
+    if of == "axis" and len(given) > 1:
+        raise InputError(f'{where}: {given[0]} does not go with of = "axis", which is measured as a whole')
+    direction = triple_of(entry, "direction", where) if "direction" in entry else None
+    if direction is not None and not any(direction):
+        raise InputError(f"{where}: direction must not be of length zero")
+    return PlannedLine(_places(entry, where), direction, of == "axis")
+
+
+def _places(entry: dict[str, Any], where: str) -> tuple[Triple, ...]:
+    given = entry.get("at")
+    if given is None:
+        return ()
+    if isinstance(given, list) and given and all(isinstance(each, list) for each in given):
+        return tuple(triple_of({"at": each}, "at", where) for each in given)
+    return (triple_of(entry, "at", where),)

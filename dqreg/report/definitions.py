@@ -1,0 +1,36 @@
+"""What each kind of characteristic is, in one line: a figure on a sheet is defined on it."""
+
+from __future__ import annotations
+
+from dqreg.inspection import Inspection
+
+# Of each kind of a plan.
+DEFINITIONS = {
+    "diameter": "of the circle, cylinder or sphere that is fitted to the points of the face (least squares).",
+    "distance": "of two fitted features: along the normal of a plane, across the axes of others.",
+    "angle": "between the normals or axes of two fitted features, 0 to 90 degrees.",
+    "form": "flatness, cylindricity or what else the face's shape gives: width of the least zone about medians of "
+    "neighbouring points of the whole face.",
+    "roundness": "least distance of two circles of one centre that hold a section of the face between them; sections "
+    "lie across the axis, the worst counts; medians of neighbouring points of each section.",
+    "straightness": "least distance of two parallel lines that hold a line of the face between them, the worst line "
+    "counts; of an axis, the diameter of the least cylinder that holds the centres of its sections.",
+    "parallelism": "width of the zone parallel to the datum that holds the fitted feature over its extent.",
+    "perpendicularity": "width of the zone square to the datum that holds the fitted feature over its extent.",
+    "angularity": "width of the zone at the nominal angle to the datum that holds the fitted feature over its extent.",
+    "position": "twice the distance of the fitted feature from its nominal place, under the alignment above.",
+    "coaxiality": "diameter of the least cylinder about the datum's axis that holds the fitted axis over its length.",
+    "profile": "twice the largest distance of medians of neighbouring points from the middle of the zone about the "
+    "nominal face, under the alignment above.",
+    "thickness": "of the wall behind the face, where it differs most from the part's own.",
+    "width": "of the fitted slot, across its flat sides.",
+    "length": "of the fitted slot, over its round ends.",
+    "slot-position": "twice the distance of the fitted slot's middle from its nominal place, under the alignment "
+    "above.",
+    "edge-point": "how far the edge lies beyond the nominal one there, along the face.",
+}
+
+
+def definitions_of(found: Inspection) -> list[tuple[str, str]]:
+    """Definitions of the kinds on a sheet, each once, in their order on it."""
+    return [(kind, DEFINITIONS[kind]) for kind in dict.fromkeys(row.kind for row in found.characteristics)]
