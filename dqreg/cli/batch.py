@@ -12,6 +12,7 @@ import click
 from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import as_json_option, consoles, print_json, read_head, say
 from dqreg.cli.signals import PoliteSignals
+from dqreg.cli.values import ToleranceType
 from dqreg.errors import printable
 
 if TYPE_CHECKING:
@@ -55,8 +56,8 @@ WIDTH, HEIGHT, DOTS = 240, 180, 20_000
 @click.option("--target-units", help="Length unit of the targets, where their files do not say.")
 @click.option("--seed", type=int, help="Seed of all random draws  [default: 0].")
 @click.option("--plan", type=FILE, help="Inspection plan (TOML) of the parts, as in dqreg inspect.")
-@click.option("--tolerance", type=float, metavar="LENGTH", help="Largest deviation allowed, target units: each part "
-              "passes, fails or is undecided.")  # fmt: skip
+@click.option("--tolerance", type=ToleranceType(), metavar="LENGTH", help="Largest deviation allowed, target units, or "
+              "two sides as +0.2/-0.05: each part passes, fails or is undecided.")  # fmt: skip
 @click.option("--required", type=float, metavar="PERCENT", help="Points that must be within the tolerance  [default: "
               "the plan's, else 95].")  # fmt: skip
 @click.option("--display-units", type=UNITS, help="Length unit of values, trends and reports, and of --tolerance; "

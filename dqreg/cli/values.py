@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from dqreg.errors import InputError
 
 if TYPE_CHECKING:
     from dqreg.inspection import Tolerance
@@ -15,9 +16,6 @@ if TYPE_CHECKING:
 else:
     # The types of an older click take no brackets when the program runs.
     Scale = Limits = click.ParamType
-
-NUMBER = r"(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?)"
-SIDES = re.compile(rf"([-+]?){NUMBER}/([-+]?){NUMBER}")
 
 
 class ScaleType(Scale):
@@ -42,13 +40,10 @@ class ToleranceType(Limits):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | Tolerance:
         """The length, or the limits, that a text means."""
-        found = SIDES.fullmatch(str(value))
-        if found is None:
-            try:
-                return float(value)
-            except ValueError:
-                self.fail(f"{value!r} is neither a length nor two sides such as +0.2/-0.05", param, ctx)
-        from dqreg.inspection import Tolerance
+        from dqreg.inspection.tolerances import tolerance_from
 
-        high, low = (float(sign + number) for sign, number in (found.group(1, 2), found.group(3, 4)))
-        return Tolerance(low, high)
+        try:
+            # Click's own words for what is no text of a tolerance; a tolerance that cannot be has its own.
+            return tolerance_from(str(value))
+        except InputError as error:
+            self.fail(str(error), param, ctx)

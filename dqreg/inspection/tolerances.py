@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,6 +13,9 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.errors import InputError
 from dqreg.inspection.statistics import require_length
+
+NUMBER = r"(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?)"
+SIDES = re.compile(rf"([-+]?){NUMBER}/([-+]?){NUMBER}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,6 +64,22 @@ def tolerance_of(given: Any, name: str = "tolerance") -> Tolerance:
         return given
     require_length(given, name)
     return Tolerance(-float(given), float(given))
+
+
+def tolerance_from(text: str) -> float | Tolerance:
+    """What a text means: a length for both sides, or two signed ones, the upper first.
+
+    >>> tolerance_from("0.1"), tolerance_from("+0.2/-0.05")
+    (0.1, Tolerance(low=-0.05, high=0.2, required_share=None))
+    """
+    found = SIDES.fullmatch(text.strip())
+    if found is not None:
+        high, low = (float(sign + number) for sign, number in (found.group(1, 2), found.group(3, 4)))
+        return Tolerance(low, high)
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{text!r:.100} is neither a length nor two sides such as +0.2/-0.05") from None
 
 
 def require_share(share: Any) -> None:

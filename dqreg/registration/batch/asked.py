@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import DegenerateGeometryError, InputError
-from dqreg.inspection.decision import REQUIRED_SHARE
+from dqreg.inspection.tolerances import Tolerance
 from dqreg.registration.batch.marks import mark_of
 
 if TYPE_CHECKING:
@@ -23,14 +23,14 @@ class Asked:
     """How the part of a row is inspected."""
 
     plan: Path | None = None  # An inspection plan
-    tolerance: float | None = None  # Largest deviation allowed, target units
+    tolerance: float | Tolerance | None = None  # Largest deviation allowed, or two sides, target units
     required_share: float | None = None  # Share of the points that must be within it; None: the plan's, else 95 %
     report: bool = False  # Whether the row gets a page
     head: tuple[tuple[str, str], ...] = ()  # Fields of the head of that page
     display_units: str | None = None  # Length unit of values and reports; None: the plan's, else the part's
 
     def __post_init__(self) -> None:
-        if self.tolerance is not None and not 0.0 < self.tolerance < float("inf"):
+        if isinstance(self.tolerance, (int, float)) and not 0.0 < self.tolerance < float("inf"):
             raise InputError(f"tolerance must be a length above 0, in target units; got {self.tolerance!r}")
         if self.required_share is not None and not 0.0 < self.required_share <= 1.0:
             raise InputError(f"required is a percentage above 0 and at most 100; got {100.0 * self.required_share:g}")
@@ -51,7 +51,7 @@ class Asked:
         """All that the inspection depends on, in plain JSON values."""
         return {
             "plan": None if self.plan is None else mark_of(self.plan),
-            "tolerance": self.tolerance,
+            "tolerance": [both.low, both.high] if isinstance(both := self.tolerance, Tolerance) else both,
             "required_share": self.required_share,
             "report": self.report,
             "head": dict(self.head),
@@ -86,8 +86,10 @@ def _page(result: Registration, asked: Asked, found: Inspected | None) -> str:
     from dqreg.report.page import to_html
     from dqreg.report.report_data import collect
 
-    shown, sheet = (result, None) if found is None else (found.registration, found.sheet)
+    if found is None:
+        assert result.inputs is not None
+        return to_html(result, collect(result, result.inputs), None, dict(asked.head))
+    shown, sheet = found.registration, found.sheet
     assert shown.inputs is not None
-    share = asked.required_share or REQUIRED_SHARE
-    data = collect(shown, shown.inputs, asked.tolerance, required_share=share, inspection=sheet)
+    data = collect(shown, shown.inputs, deviations=found.deviations, decision=found.decision, inspection=sheet)
     return to_html(shown, data, sheet, dict(asked.head))

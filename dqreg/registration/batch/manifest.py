@@ -16,6 +16,7 @@ from typing import Any, overload
 from dqreg.errors import DqregError, InputError, did_you_mean, printable
 from dqreg.files.poses import START_WORDS, read_start
 from dqreg.files.untrusted import read_record
+from dqreg.inspection.tolerances import Tolerance, tolerance_from
 from dqreg.registration.batch.asked import HEAD, Asked
 from dqreg.registration.batch.row import Row
 from dqreg.registration.batch.row_names import RowNames, natural_order
@@ -230,7 +231,7 @@ def _asked(values: Mapping[str, str], base: Path, default: Asked) -> Asked:
     if values.get("plan"):
         own["plan"] = Path(os.path.abspath(base / values["plan"]))  # noqa: PTH100 - keeps links as they are
     if values.get("tolerance"):
-        own["tolerance"] = _positive("tolerance", values["tolerance"])
+        own["tolerance"] = _tolerance(values["tolerance"])
     if values.get("required"):
         own["required_share"] = _positive("required", values["required"]) / 100.0
     head = {**dict(default.head), **{name: values[name] for name in HEAD if values.get(name)}}
@@ -240,6 +241,13 @@ def _asked(values: Mapping[str, str], base: Path, default: Asked) -> Asked:
     if asked.plan is not None:
         read_plan(asked.plan)
     return asked
+
+
+def _tolerance(text: str) -> float | Tolerance:
+    try:
+        return tolerance_from(text)
+    except InputError as error:
+        raise InputError(f"tolerance: {error}") from None
 
 
 def _positive(name: str, text: str) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dqreg.errors import InputError
+from dqreg.inspection import Tolerance
 from dqreg.registration.batch import Asked, Defaults, read_manifest
 from dqreg.registration.batch.manifest import check_options, option_name, parse_option
 from dqreg.registration.batch.row import Row, inputs_of
@@ -155,6 +156,16 @@ def test_parts_are_inspected_by_columns_and_defaults(folder):
     rows = rows_of(folder, text + "scan0.npy,bracket.off,no.toml,,,\nscan0.npy,bracket.off,,-1,,\n")
     assert "cannot read the plan" in rows[2].fault
     assert "tolerance must be a length above 0" in rows[3].fault
+
+
+def test_a_tolerance_of_a_row_may_have_two_sides(folder):
+    text = "scan;target;tolerance\n" + "".join(f"scan0.npy;bracket.off;{x}\n" for x in ("+0.2/-0.05", "0,2", "-1/1"))
+    first, second, third = rows_of(folder, text)
+    assert first.asked.tolerance == Tolerance(-0.05, 0.2)
+    assert inputs_of(first)["inspection"]["tolerance"] == [-0.05, 0.2]
+    assert inputs_of(first) != inputs_of(dataclasses.replace(first, asked=Asked(tolerance=Tolerance(-0.05, 0.3))))
+    assert "line 3: tolerance: '0,2' is neither a length nor two sides such as +0.2/-0.05" in second.fault
+    assert "line 4: tolerance: a tolerance lies between two lengths" in third.fault
 
 
 def test_a_name_may_hold_blanks_and_a_row_with_a_fault_keeps_its_name(folder):

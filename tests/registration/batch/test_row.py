@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dqreg.inspection import Tolerance
 from dqreg.registration.batch import Asked, read_manifest
 from dqreg.registration.batch.row import Targets, inputs_of, run_row
 from dqreg.registration.inspected import require_record
@@ -49,6 +50,10 @@ def test_a_part_is_inspected_and_what_cannot_be_measured_costs_no_pose(rows, tmp
         outcomes[tolerance] = done.record["batch"]["inspection"]["outcome"]
         assert done.page is None
     assert outcomes == {0.2: "pass", 0.001: "fail"}
+    # Deviations are about +-0.03 mm: nothing below the surface is allowed.
+    done = run_row(dataclasses.replace(rows[0], asked=Asked(tolerance=Tolerance(0.0, 0.2), report=True)), Targets())
+    assert done.record["batch"]["inspection"]["outcome"] == "fail"
+    assert "Part against +0.2/0" in done.page
     datum, row = '[[datum]]\nname = "A"\nface = 0\n', '[[characteristic]]\nkind = "form"\nface = 0\ntolerance = 1\n'
     (tmp_path / "plan.toml").write_text(datum + row)
     done = run_row(dataclasses.replace(rows[0], asked=Asked(plan=tmp_path / "plan.toml")), Targets())
