@@ -38,7 +38,7 @@ class Medians:
     sigma: float  # Standard deviation of one
     points: FloatArray  # (n, 3)
     around: IntArray  # (m, k): Points of each neighbourhood
-    own: FloatArray  # (n,): Values of the points themselves
+    own: FloatArray  # (n,): Values of the points themselves; NaN where a point has none
     noise: float  # Standard deviation of one of these
 
     @classmethod
@@ -91,9 +91,11 @@ class Medians:
         Gaussian process regression (Rasmussen and Williams 2006, chapter 2 and section 5.4) with the Matern kernel 5/2.
         """
         # Neighbouring medians share points: from them the noise would look like a surface. Blocks do not.
-        blocks = _blocks(self.points)
-        places = np.array([self.points[each].mean(axis=0) for each in blocks])
-        values = np.array([np.median(self.own[each]) for each in blocks])
+        known = np.isfinite(self.own)
+        points, own = self.points[known], self.own[known]
+        blocks = _blocks(points)
+        places = np.array([points[each].mean(axis=0) for each in blocks])
+        values = np.array([np.median(own[each]) for each in blocks])
         sigma = sigma_of(self.noise, len(blocks[0]))
         middle = float(values.mean())
         away = np.linalg.norm(places[:, None] - places[None], axis=2)

@@ -132,6 +132,7 @@ def wall_thickness(part: ScannedPart, face: Face) -> Wall:
     feet, normals, values = part.deviations()
     medians, _ = smoothed(values, part.points, part.face_of_points)
     near_side = Medians.of(values[own], part.points[own], part.noise)
+    single = np.full(len(own), np.nan)
     own = own[near_side.rows]
     far, far_normals, lengths, beyond = _far_side(part, feet[own], normals[own])
     kept = np.isfinite(lengths) & (np.einsum("ij,ij->i", far_normals, normals[own]) < -OPPOSITE)
@@ -151,8 +152,12 @@ def wall_thickness(part: ScannedPart, face: Face) -> Wall:
     asked, own, row, lengths = asked[seen], own[seen], row[seen], lengths[seen]
     lean = -np.einsum("ij,ij->i", far_normals[seen], normals[own])
     thick = lengths + near_side.values[asked] + medians[row] / lean
+    # The thickness point by point: the surface of one side alone does not tell how many places compete.
+    single[near_side.rows[asked]] = values[own] + values[row] / lean
     both = dataclasses.replace(
         near_side,
+        own=single,
+        noise=float(np.sqrt(2.0)) * part.noise,
         rows=near_side.rows[asked],
         values=thick - lengths,
         sigma=float(np.sqrt(2.0)) * near_side.sigma,
