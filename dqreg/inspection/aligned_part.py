@@ -87,9 +87,10 @@ def aligned_part(deviations: Deviations, plan: Plan) -> AlignedPart:
     shift = pose.from_parts(np.eye(3), part.origin)
     for step in planned:
         with entry(f"alignment {step.name!r}") if plan.steps else contextlib.nullcontext():
+            start = T
             for _ in range(ROUNDS if step.kind == "datums" else 1):
                 # Which face a point near an edge belongs to is asked again under the new pose.
-                found = _found(part, deviations, plan, step, T)
+                found = _found(part, deviations, plan, step, T, start)
                 T = found.T_target_source @ T
                 part = part.moved(found.T_target_source)
         frame = Frame(found.covariance, found.centre)
@@ -106,11 +107,17 @@ def entry(where: str) -> Iterator[None]:
         raise type(error)(f"{where}: {error}") from error
 
 
-def _found(part: ScannedPart, deviations: Deviations, plan: Plan, step: PlannedStep, T: FloatArray) -> Alignment:
-    """The alignment of one step, about the part's middle."""
+def _found(
+    part: ScannedPart, deviations: Deviations, plan: Plan, step: PlannedStep, T: FloatArray, start: FloatArray
+) -> Alignment:
+    """The alignment of one step, from the pose T, about the part's middle; a prior is of the pose where it starts."""
     if step.kind == "datums":
         _require_different(part, plan.datums)
-        return align_datums([_datum(part, datum) for datum in plan.datums], dof=step.dof)
+        datums = [_datum(part, datum) for datum in plan.datums]
+        begin = start @ pose.inverse(T)
+        return align_datums(
+            datums, begin, dof=step.dof, prior=_prior(step, begin, datums[0].nominal.point - part.mesh.centre)
+        )
     if step.kind == "points":
         return _points(part, step)
     names = step.faces or tuple(range(len(part.faces)))
@@ -124,9 +131,13 @@ def _found(part: ScannedPart, deviations: Deviations, plan: Plan, step: PlannedS
     moved = pose.apply(shift @ T @ pose.inverse(shift), deviations.points)
     faces = part.surface.closest(moved - part.origin).elements
     scan = dataclasses.replace(deviations, points=moved, faces=faces)
-    found = align_surface(scan, step.kind, faces=terms, dof=step.dof)
+    found = align_surface(scan, step.kind, faces=terms, dof=step.dof, prior=_prior(step, np.eye(4), np.zeros(3)))
     inner = pose.inverse(shift) @ found.T_target_source @ shift
     return dataclasses.replace(found, T_target_source=inner, centre=found.centre - part.origin)
+
+
+def _prior(step: PlannedStep, T: FloatArray, by: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    return None if step.prior is None else (T, step.prior.covariance(by))
 
 
 def _require_different(part: ScannedPart, datums: tuple[PlannedDatum, ...]) -> None:
@@ -175,4 +186,5 @@ def _points(part: ScannedPart, step: PlannedStep) -> PointAlignment:
     directions = [each[3:] if len(each) == 6 else normal for each, normal in zip(step.points, normals, strict=True)]
     sigma = MEDIAN_SIGMA * max(part.noise, 1e-12 * part.mesh.diagonal) / np.sqrt(counts)
     measured = nominal.points + medians[:, None] * normals
-    return align_points(measured, nominal.points, directions, sigma=sigma, dof=step.dof)
+    known = _prior(step, np.eye(4), nominal.points.mean(axis=0) - part.mesh.centre)
+    return align_points(measured, nominal.points, directions, sigma=sigma, dof=step.dof, prior=known)

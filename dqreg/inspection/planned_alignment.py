@@ -5,13 +5,35 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Literal, get_args
 
+import numpy as np
+
+from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.inspection.plan_keys import FaceName, faces_of_list, number_of, require_known, require_one_of
+from dqreg.inspection.plan_keys import FaceName, faces_of_list, number_of, require_known, require_one_of, triple_of
 from dqreg.inspection.planned_tolerances import SIDES, sides_of
 from dqreg.solvers.dof import Freedom
 
 StepKind = Literal["best-fit", "tolerance", "minimax", "outside", "inside", "datums", "points"]
-KEYS = ("name", "kind", "faces", "weights", *SIDES, "dof", "points")
+KEYS = ("name", "kind", "faces", "weights", *SIDES, "dof", "points", "prior")
+# No half turn is more than that, degrees.
+TURN = 180.0
+
+
+@dataclasses.dataclass(frozen=True)
+class PlannedPrior:
+    """How well the pose before a step is known: standard deviations about the axes of the part, through its middle."""
+
+    rotation_deg: tuple[float, float, float]
+    translation: tuple[float, float, float]
+
+    def covariance(self, by: FloatArray) -> FloatArray:
+        """Of the increment about a point that lies ``by`` from the part's middle, (6, 6): rotation first."""
+        own = np.diag(np.r_[np.deg2rad(self.rotation_deg), self.translation] ** 2)
+        # A turn about the middle moves the point as well.
+        x, y, z = by
+        moves = np.eye(6)
+        moves[3:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+        return np.asarray(moves @ own @ moves.T)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,6 +48,7 @@ class PlannedStep:
     dof: str = "all"  # Degrees of freedom away from the step before
     # Reference points: place on the part and, where given, the direction that it counts along
     points: tuple[tuple[float, ...], ...] = ()
+    prior: PlannedPrior | None = None  # None: nothing is known of the pose
 
 
 def steps_of(entries: list[Any], letters: list[str], name: str) -> tuple[PlannedStep, ...]:
@@ -56,6 +79,7 @@ def _step(entry: Any, letters: list[str], where: str) -> PlannedStep:
         band=band,
         dof=_dof(entry.get("dof", "all"), where),
         points=_points(entry.get("points", []), kind, where),
+        prior=_prior(entry["prior"], where) if "prior" in entry else None,
     )
 
 
@@ -66,6 +90,24 @@ def _weights(given: Any, count: int, where: str) -> tuple[float, ...]:
     if any(weight <= 0.0 for weight in weights):
         raise InputError(f"{where}: weights are above 0; leave a face out instead; got {given!r:.60}")
     return weights
+
+
+def _prior(given: Any, where: str) -> PlannedPrior:
+    require_known(given, ("rotation", "translation"), f"{where}: prior")
+    found = []
+    for key in ("rotation", "translation"):
+        if key not in given:
+            raise InputError(f"{where}: prior needs rotation, degrees, and translation, a length: standard deviations")
+        three = given[key] if isinstance(given[key], list) else [given[key]] * 3
+        sigma = triple_of({key: three}, key, f"{where}: prior")
+        if min(sigma) <= 0.0 or (key == "rotation" and max(sigma) > TURN):
+            most = f" and at most {TURN:g}" if key == "rotation" else ""
+            raise InputError(
+                f"{where}: prior: {key} is one or three standard deviations above 0{most}, got {given[key]!r:.60}; "
+                "what may not move at all is locked by dof"
+            )
+        found.append(sigma)
+    return PlannedPrior(*found)
 
 
 def _dof(given: Any, where: str) -> str:

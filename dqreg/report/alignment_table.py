@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dqreg.inspection import AlignedStep, DatumAlignment, Inspection, PointAlignment
+from dqreg.inspection.planned_alignment import PlannedStep
 from dqreg.report.text import percent, text_of
 from dqreg.rigid import pose
 
@@ -25,7 +26,7 @@ KINDS = {
 def alignment_of(found: Inspection, unit: str) -> dict[str, Any]:
     """Steps of the alignment for the template, and what a best fit without steps is."""
     rows, before = [], np.eye(4)
-    for step, planned in zip(found.steps, _planned(found), strict=True):
+    for step, planned in zip(found.steps, _planned(found, unit), strict=True):
         moved = step.T_target_source @ pose.inverse(before)
         before = step.T_target_source
         middle = step.alignment.centre
@@ -43,7 +44,7 @@ def alignment_of(found: Inspection, unit: str) -> dict[str, Any]:
     return {"columns": columns, "rows": rows, "words": words}
 
 
-def _planned(found: Inspection) -> list[str]:
+def _planned(found: Inspection, unit: str) -> list[str]:
     """What each step of the plan is laid on, in words."""
     datums = ", ".join(f"{datum.name}: {_face(datum.face)}" for datum in found.plan.datums)
     if not found.plan.steps:
@@ -56,8 +57,19 @@ def _planned(found: Inspection) -> list[str]:
         )
         on = {"datums": datums, "points": f"{len(step.points)} points"}.get(step.kind, faces or "all faces")
         band = "" if step.band is None else f"; {step.band[0]:+g} to {step.band[1]:+g}"
-        words.append(on + band + ("" if step.dof == "all" else f"; free: {step.dof}"))
+        words.append(on + band + ("" if step.dof == "all" else f"; free: {step.dof}") + _known(step, unit))
     return words
+
+
+def _known(step: PlannedStep, unit: str) -> str:
+    """The prior of a step in words."""
+    if step.prior is None:
+        return ""
+    turns, shifts = (
+        " ".join(f"{x:g}" for x in (each[:1] if len(set(each)) == 1 else each))
+        for each in (step.prior.rotation_deg, step.prior.translation)
+    )
+    return f"; prior: sigma {turns} degrees, {shifts} {unit}"
 
 
 def _face(name: int | tuple[float, ...]) -> str:

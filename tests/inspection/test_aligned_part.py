@@ -97,11 +97,70 @@ def test_a_best_fit_spreads_a_bend_and_datums_show_it() -> None:
         ({"kind": "best-fit", "face": 3}, "did you mean faces"),
         ({"kind": "outside", "plus": -1.0}, "a tolerance is above 0"),
         ({"kind": "best-fit", "dof": 3}, "dof is text"),
+        ({"kind": "best-fit", "prior": 0.1}, "alignment 1: prior must be a table"),
+        ({"kind": "best-fit", "prior": {"rotation": 0.1}}, "alignment 1: prior needs rotation, degrees, and transl"),
+        ({"kind": "best-fit", "prior": {"rotation": 0.1, "shift": 1}}, "'shift' is not known"),
+        ({"kind": "best-fit", "prior": {"rotation": 0, "translation": 1}}, "rotation is one or three standard dev"),
+        ({"kind": "best-fit", "prior": {"rotation": 1, "translation": [1, 2]}}, "translation must be three numbers"),
     ],
 )
 def test_a_wrong_step_is_named(step: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         plan_of({**PLAN, "alignment": [step]})
+
+
+def prior(rotation: Any, translation: Any) -> dict[str, Any]:
+    return {"rotation": rotation, "translation": translation}
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        {"kind": "best-fit"},
+        {"kind": "datums"},
+        {"kind": "points", "points": SIX},
+        {"kind": "tolerance", "tolerance": 0.05},
+        {"kind": "minimax"},
+        {"kind": "outside", "minus": 1.0},
+    ],
+)
+def test_a_prior_holds_as_it_is_sure(step: dict[str, Any]) -> None:
+    scan = scanned()
+
+    def moved(**more: Any) -> np.ndarray:
+        found = inspect(scan, plan_of({**PLAN, "alignment": [{**step, **more}], "section": []})).alignment
+        assert found is not None
+        return np.asarray(found.T_target_source)
+
+    free = moved()
+    # A prior of kilometres says nothing; the step of some 0.05 mm is far from one of a nanometre.
+    np.testing.assert_allclose(moved(prior=prior(170.0, 1e6)), free, atol=2e-4)
+    if step["kind"] != "datums":
+        # Datums decide what they constrain; a prior what they leave open.
+        np.testing.assert_allclose(moved(prior=prior(1e-8, 1e-7)), np.eye(4), atol=5e-6)
+
+
+def test_a_prior_decides_what_the_faces_leave_open() -> None:
+    scan = scanned()
+    known = prior([0.05, 0.05, 0.1], 0.02)
+
+    def of(**step: Any) -> Any:
+        return inspect(scan, plan_of({**PLAN, "alignment": [step], "section": []})).alignment
+
+    top = of(kind="best-fit", faces=[TOP], prior=known)
+    # Along the top nothing was measured: the pose stays, as sure as it was known.
+    np.testing.assert_allclose(top.T_target_source[:2, 3], 0.0, atol=2e-3)
+    sigma = np.sqrt(np.diag(top.covariance))
+    np.testing.assert_allclose(sigma[[2, 3, 4]], [np.deg2rad(0.1), 0.02, 0.02], rtol=0.05)
+    assert (sigma[[0, 1, 5]] < [1e-4, 1e-4, 1e-3]).all()
+    two = {**PLAN, "datum": PLAN["datum"][:2], "alignment": [{"kind": "datums", "prior": known}], "section": []}
+    datums = inspect(scan, plan_of(two)).alignment
+    assert datums is not None
+    assert datums.constrained == {"A": 3, "B": 2}
+    # The third datum would hold the motion along x: about the top's middle, 5 mm above that of the part.
+    assert np.sqrt(datums.covariance[3, 3]) == pytest.approx(np.hypot(0.02, 5.0 * np.deg2rad(0.05)), rel=0.6)
+    with pytest.raises(DegenerateGeometryError, match="datums constrain 5 of six"):
+        inspect(scan, plan_of({**two, "alignment": "datums"}))
 
 
 def test_what_a_step_cannot_do_is_said_with_its_name() -> None:
