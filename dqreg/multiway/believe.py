@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy.sparse as sparse
@@ -17,6 +17,8 @@ from dqreg.rigid import pose
 
 # Rounds in which the cost goes from convex to truncated, and its factor a round (Yang et al. 2020).
 ROUNDS, FACTOR = 40, 1.4
+# Trust of an edge, in that of a single thread which it contradicts, from which nobody can tell which of them is wrong.
+RIVAL = 0.8
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +51,7 @@ def believe(edges: Sequence[Edge], count: int, anchor: int, size: float, floor: 
     gated = dataclasses.replace(graph, information=np.asarray(np.linalg.inv(covariances), dtype=np.float64))
     order = np.lexsort((-np.linalg.slogdet(gated.information)[1], -told.trust, told.refuted, ~told.confirmed))
     T, kept = _inliers(gated, order[candidate[order]], told)
+    kept &= ~_disputed(graph, kept, accepted & ~kept, told)
     for row, k in enumerate(rows):
         if not candidate[row]:
             continue
@@ -126,6 +129,47 @@ def _graduated(part: PoseGraph, T: FloatArray, free: IntArray) -> FloatArray:
         if ((weights < 1e-6) | (weights > 1.0 - 1e-6)).all():
             break
     return T
+
+
+def _disputed(graph: PoseGraph, kept: BoolArray, left_out: BoolArray, told: Confirmation) -> BoolArray:
+    """Single threads between groups of confirmed scans that an edge left out contradicts, (m,).
+
+    No loop tells which of the two is wrong. Without the thread the groups are islands, which the verdict names; a wrong
+    thread would put all that lies beyond it to a wrong place.
+    """
+    group = _islands(graph, np.flatnonzero(kept & told.confirmed))
+    ends = group[graph.targets], group[graph.sources]
+    threads = np.flatnonzero(kept & (ends[0] != ends[1]))
+    found = np.zeros(len(kept), dtype=bool)
+    if not len(threads):
+        return found
+    near: dict[int, list[tuple[int, int]]] = {}
+    for row in threads.tolist():
+        a, b = int(ends[0][row]), int(ends[1][row])
+        near.setdefault(a, []).append((b, row))
+        near.setdefault(b, []).append((a, row))
+    for row in np.flatnonzero(left_out & (ends[0] != ends[1])).tolist():
+        between = np.array(_threads_between(near, int(ends[0][row]), int(ends[1][row])), dtype=np.int64)
+        found[between[told.trust[row] >= RIVAL * told.trust[between]]] = True
+    return found
+
+
+def _threads_between(near: Mapping[int, Sequence[tuple[int, int]]], first: int, last: int) -> list[int]:
+    """Rows of the threads on the way between two groups with the fewest of them; none where there is no way."""
+    came, layer = {first: (first, -1)}, [first]
+    while layer and last not in came:
+        further = []
+        for group in layer:
+            for other, row in near.get(group, ()):
+                if other not in came:
+                    came[other] = group, row
+                    further.append(other)
+        layer = further
+    rows = []
+    while last in came and last != first:
+        last, row = came[last]
+        rows.append(row)
+    return rows
 
 
 def _truncated(chi2: FloatArray, mu: float) -> FloatArray:

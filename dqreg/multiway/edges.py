@@ -40,6 +40,18 @@ WORDS: dict[EdgeCode, str] = {
     "misfit": "not used: its scan does not fit all others together",
     "elsewhere": "not used: it joins scans that are not placed",
 }
+# What a verdict may doubt of a right pose: how well its motions are known, and whether the search and the steps have
+# come to an end. That says nothing against where a scan stands.
+LOOSE = frozenset(
+    {
+        "weakly_constrained",
+        "unconstrained",
+        "large_uncertainty",
+        "alternative_poses",
+        "not_converged",
+        "search_time_limit",
+    }
+)
 # Node of a part in whose frame all scans are placed.
 PART = -1
 
@@ -126,10 +138,17 @@ def is_weak(edge: Edge) -> bool:
 
 
 def better(old: Edge, new: Edge) -> Edge:
-    """The new edge where it is accepted, or the old one has no pose; else the old one."""
+    """The new edge where it is accepted, or where the old one has no pose or alone is refused; else the old one."""
     if new.level == "accepted" and old.level != "accepted":
         return new
+    if old.found and new.found and is_refused(old) and not is_refused(new):
+        return new
     return old if old.found else new
+
+
+def is_refused(edge: Edge) -> bool:
+    """Whether the verdict holds something against the pose itself, and not only how well it is known."""
+    return edge.level != "accepted" and not set(edge.registration.verdict.codes) <= LOOSE
 
 
 def graph_of(edges: Sequence[Edge], count: int) -> PoseGraph:

@@ -14,6 +14,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.multiway import dual_poses
+from dqreg.multiway.acceleration import JointAnderson
 from dqreg.multiway.bodies import Body
 from dqreg.multiway.graph import PoseGraph, factorised, normal_matrix
 from dqreg.multiway.matches import Matching
@@ -24,8 +25,9 @@ from dqreg.solvers.quadratic import derivatives
 # Rounds of new correspondences, and steps for each.
 ROUNDS, STRICT_ROUNDS, STEPS = 40, 6, 3
 # The refinement has ended when the scans move by less than this in a round, in spacings; and it has converged when they
-# move by less than the second number in the last round: nearest points change from round to round.
-STILL, SETTLED = 1e-3, 0.02
+# move by less than the second number in the last round: nearest points change from round to round. There it has ended
+# too when so many rounds brought no less.
+STILL, SETTLED, PATIENCE = 1e-3, 0.02, 4
 # Points a direction of a pair: all pairs together have so many, and each at least the second number.
 ALL_POINTS, FEWEST_POINTS = 4_000_000, 500
 # Largest distance of a correspondence: in spacings, in scales of the distances of the round before, and at first in
@@ -72,11 +74,15 @@ def refine_jointly(
     found: dict[tuple[int, int], Planes] = {}
     rounds, moved, coarse = 0, np.inf, few < budget and not strict
     matchings = _matchings(bodies, ways, few if coarse else budget)
-    while rounds < (STRICT_ROUNDS if strict else ROUNDS) and (coarse or moved >= STILL) and not is_over():
+    faster = JointAnderson(free, np.array([0.5 * body.surface.diagonal for body in bodies]))
+    motions: list[float] = []
+    while rounds < (STRICT_ROUNDS if strict else ROUNDS) and (coarse or not _ended(motions)) and not is_over():
         rounds, new = rounds + 1, rounds == 0
         if coarse and (moved < COARSE_STILL or rounds >= COARSE_ROUNDS):
             # Pairs that met nowhere at first may do so from better poses.
             coarse, new, matchings = False, True, _matchings(bodies, ways, budget)
+            faster.restart()
+            motions.clear()
         found = _correspond(matchings, T, found, new=new, strict=strict)
         before = T
         for _ in range(STEPS):
@@ -84,9 +90,19 @@ def refine_jointly(
             if motion < STILL * 0.1:
                 break
         moved = _motion(bodies, before, T)
+        motions.append(moved)
+        T = faster.propose(before, T)
         if observe is not None and observe(rounds, moved) is False:
             break
     return Joint(T, tuple(found.values()), rounds, moved < SETTLED)
+
+
+def _ended(motions: Sequence[float]) -> bool:
+    """Whether a round moved nothing, or several moved little and no less than those before."""
+    if not motions or motions[-1] < STILL:
+        return bool(motions)
+    recent, earlier = motions[-PATIENCE:], motions[:-PATIENCE]
+    return motions[-1] < SETTLED and bool(earlier) and min(recent) >= min(earlier)
 
 
 def _matchings(bodies: Sequence[Body], ways: Iterable[tuple[int, int]], count: int) -> dict[tuple[int, int], Matching]:

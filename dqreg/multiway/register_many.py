@@ -13,7 +13,7 @@ from dqreg.errors import InputError
 from dqreg.multiway.assemble import assembled
 from dqreg.multiway.edges import PART
 from dqreg.multiway.foreign import Judge, without_foreign
-from dqreg.multiway.misfits import without_misfits
+from dqreg.multiway.misfits import regained, without_misfits
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairRunner, Progress, workers_of
 from dqreg.multiway.pairs import asked_pairs
@@ -134,6 +134,8 @@ def register_many(
     if isinstance(edges, str) and edges == "auto":
         judge, belief = without_foreign(judge, rescued(runner, belief, judge, size))
     judge, belief = without_misfits(views, judge, belief, effort, seed)
+    if not runner.stopped:
+        judge, belief = regained(views, judge, belief, effort, seed)
     seconds["pairs"] = time.monotonic() - began - sum(seconds.values())
     joint = refined(views, sides.bodies, part, belief, size, effort)
     seconds["joint"] = time.monotonic() - began - sum(seconds.values())

@@ -87,9 +87,13 @@ def _unplaced(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> I
         else:
             why = "another object, or too little overlap"
             if _has(belief, group[0], "looked_through"):
-                why = "where its pairs put it, the scanners of other scans looked through: another object"
+                why = (
+                    "where its pairs put it, the scanners of other scans looked through: another object, or wrong pairs"
+                )
             elif _has(belief, group[0], "misfit"):
-                why = "where its pairs put it, it does not fit all others together: another object, or moved"
+                why = (
+                    "where its pairs put it, it does not fit all others together: another object, moved, or wrong pairs"
+                )
             yield Reason(f"{words} is joined to no other scan: {why}", "scan_left_out")
 
 

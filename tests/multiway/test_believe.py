@@ -100,7 +100,8 @@ def test_what_confirmed_edges_hold_together_is_right_however_dense_the_graph(cou
     belief = judged(edges_of(T, pairs, SIGMA, seed=seed, wrong=wrong), count)
     sure = {(belief.edges[row].target, belief.edges[row].source) for row in belief.rows[belief.confirmed]}
     assert not sure & wrong
-    for i, j in sorted(sure):
+    placed = set(np.flatnonzero(np.isfinite(belief.T_world_scan[:count, 0, 0])).tolist())
+    for i, j in sorted(pair for pair in sure if placed >= set(pair)):
         relative = pose.inverse(belief.T_world_scan[i]) @ belief.T_world_scan[j]
         apart = pose.log(relative @ pose.inverse(pose.inverse(T[i]) @ T[j]))
         # Centres of the edges lie some units away: a few standard deviations with their lever.
@@ -127,6 +128,18 @@ def test_scans_that_hang_on_a_single_edge_are_not_accepted() -> None:
         assert "2 - 3" in verdict.reasons[0]
     belief = judged(edges_of(world(6, seed=9), [*pairs, (2, 3), (1, 4)], SIGMA, seed=9), 6)
     assert judge_edges(belief, 6).level == "accepted"
+
+
+@pytest.mark.parametrize("wrong", [frozenset[tuple[int, int]](), frozenset({(2, 3)}), frozenset({(2, 3), (1, 4)})])
+def test_of_two_threads_that_contradict_each_other_none_is_used(wrong: frozenset[tuple[int, int]]) -> None:
+    pairs = [(0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5)]
+    belief = judged(edges_of(world(6, seed=9), [*pairs, (2, 3), (1, 4)], SIGMA, seed=9, wrong=wrong), 6)
+    placed = np.flatnonzero(np.isfinite(belief.T_world_scan[:6, 0, 0])).tolist()
+    # Two right ones make a loop; of a right and a wrong one, or of two wrong ones, nobody can tell which is which.
+    assert placed == ([0, 1, 2] if wrong else list(range(6)))
+    told = judge_edges(belief, 6)
+    assert told.level == ("suspect" if wrong else "accepted")
+    assert ("islands" in told.codes) == bool(wrong)
 
 
 def test_a_loop_longer_than_three_confirms_its_edges() -> None:
