@@ -182,7 +182,8 @@ def faces_of_cells(
             farthest = max(farthest, found)
         reach = (np.sqrt(farthest) + radius) * (1.0 + ROUNDING) + slack
         reach = reach * reach
-        count, node, waiting = 0, 1, 0
+        count, waiting = 0, 0
+        node = waiting + 1  # no literal, as in `descend`
         while True:
             if node >= half:
                 for t in range((node - half) * leaf, min((node - half + 1) * leaf, n)):
