@@ -20,6 +20,8 @@ SPACING_SAMPLE = 5_000
 FEWEST_POINTS = 3
 # Points among which neighbours are searched where normals are fitted at a few points only of more than these.
 THINNED = 50_000
+# Points for each of the queries, from which on building a tree costs more than asking it.
+FEW_QUERIES = 4
 # Pieces of the cloud on which spacing and noise are measured then, points of a piece, and those in its middle, whose
 # neighbours are in the piece.
 PIECES, PIECE, MIDDLE = 30, 512, 64
@@ -197,7 +199,11 @@ def prepare_scan(
         )
     rows = sample_rows(len(points), len(points) if fitted is None else fitted)
     is_whole = len(rows) == len(points) or len(points) <= THINNED
-    tree = (NeighbourTree(points) if surface is None else surface._tree) if is_whole else None
+    tree = None
+    if is_whole:
+        # Points in Morton order need no other order for few queries.
+        few = FEW_QUERIES * len(rows) <= len(points)
+        tree = NeighbourTree(points, in_order=few) if surface is None else surface._tree
     fits, spacing, noise = _fit_some(points, rows) if tree is None else _fit_all(points, rows, tree)
     normals, levers, residuals = _at_rows(rows, fits, len(points))
     if cloud.normals is not None:
@@ -228,13 +234,13 @@ def _fit_all(points: FloatArray, rows: IntArray, tree: NeighbourTree) -> tuple[P
 
 def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, float]:
     thinned = points[sample_rows(len(points), max(THINNED, 2 * len(rows)))]
-    fits = fit_planes(NeighbourTree(thinned), thinned, points[rows])
+    fits = fit_planes(NeighbourTree(thinned, in_order=True), thinned, points[rows])
     # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those
     # in the middle are their neighbours in the whole cloud.
     firsts = np.linspace(0, len(points) - PIECE, PIECES).astype(np.int64)
     pieces = points[(firsts[:, None] + np.arange(PIECE)).ravel()]
     middles = points[(firsts[:, None] + (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)).ravel()]
-    pieced = fit_planes(NeighbourTree(pieces), pieces, middles)
+    pieced = fit_planes(NeighbourTree(pieces, in_order=True), pieces, middles)
     return fits, _spacing(pieced, middles), _noise(pieced)
 
 
