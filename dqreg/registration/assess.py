@@ -27,7 +27,7 @@ from dqreg.trust import (
     without_free_motion,
 )
 from dqreg.trust.covariance import partial_information_of
-from dqreg.trust.neighbourhoods import faces_apart
+from dqreg.trust.overlap import Overlap
 from dqreg.trust.patch_tests import ON
 from dqreg.trust.records import Alternative, Direction, Verdict
 from dqreg.trust.segments import OFF
@@ -42,7 +42,7 @@ DRIFTING = 3_000
 # Iterations at the end of a run that stalled, and the share of the width of the inliers within which they stay where it
 # goes to and fro over a point that is an inlier in one of two poses: it has converged as far as the noise can tell.
 LAST, TO_AND_FRO, ASKED = 10, 0.1, 100
-# Points of two clouds whose faces are compared.
+# Points of two clouds of which what is left between them is asked.
 COMPARED = 30_000
 # No direction, and no drift.
 STILL: Vector = (0.0, 0.0, 0.0)
@@ -87,8 +87,10 @@ def evidence_of(
 ) -> Evidence:
     """All that the verdict on a fit is made of; see `Evidence` for the meaning of each number."""
     drift, drift_rad, drift_along = fit.once("drift", lambda: max(_drift(fit), (*second_pose(fit), STILL)))
+    between = fit.once("between", lambda: _between(fit, uncertainty.covariance))
+    agreement = vars(fit.agreement) | ({} if between is None else vars(between))
     return Evidence(
-        **vars(fit.agreement),
+        **agreement,
         status=status_of(fit),
         found=fit.found,
         inliers=float(fit.run.weights.sum()),
@@ -105,23 +107,39 @@ def evidence_of(
         sliding_loss=slide_of(fit).loss,
         clutter=fit.problem.options.clutter,
         looked_through=fit.once("looked through", lambda: looked_through_at(fit)),
-        faces_apart=fit.once("faces apart", lambda: _faces_apart(fit, uncertainty.covariance)),
         drift=drift,
         drift_rad=drift_rad,
         drift_along=drift_along,
     )
 
 
-def _faces_apart(fit: Fit, covariance: FloatArray) -> float:
-    """Share of the flat places of two clouds that lie apart; NaN where the target is a part, or few are flat."""
-    target, source, pairs = fit.target.geometry, fit.problem.source.cloud, fit.run.pairs
+@dataclasses.dataclass(frozen=True)
+class Between:
+    """What is left between two clouds at a pose; the fields are those of `dqreg.trust.Evidence`."""
+
+    faces_apart: float
+    stretch: float
+    stretched_along: Vector
+    bend: float
+
+
+def _between(fit: Fit, covariance: FloatArray) -> Between | None:
+    """What is left between two clouds; None where the target is a part, or hardly a face is on both."""
+    target, points = fit.target.geometry, fit.problem.source.cloud.points
     if not fit.found or fit.is_late or not isinstance(target, PointCloud):
-        return np.nan
-    placed = pose.apply(fit.T_target_source, source.points[sample_rows(len(source.points), COMPARED)])
-    fixed = target.points[sample_rows(len(target.points), COMPARED)]
-    counts = 1.0 if pairs.scan.counts is None else pairs.scan.counts
-    places = pairs.moved[fit.run.weights > 0.5 * counts]
-    return faces_apart(placed, fixed, places, fit.prepared.scan.noise, covariance)
+        return None
+    placed = pose.apply(fit.T_target_source, points[sample_rows(len(points), COMPARED)])
+    overlap = Overlap.of(placed, target.points[sample_rows(len(target.points), COMPARED)])
+    if overlap is None:
+        return None
+    size = fit.prepared.surface.diagonal
+    strain = overlap.strain(size)
+    return Between(
+        faces_apart=overlap.apart(size, covariance),
+        stretch=strain.value if strain.is_strained else 0.0,
+        stretched_along=strain.along,
+        bend=strain.bend if strain.is_bent else 0.0,
+    )
 
 
 def status_of(fit: Fit) -> Status:

@@ -22,6 +22,9 @@ from dqreg.trust.neighbourhoods import is_flat
 # Fraction of the points near a part that lie off it beyond which the same is done: right poses leave 0.002, and half
 # of the strays. Fewer than the verdict allows are evidence where they are no strays.
 OFF, OFF_PER_STRAY = 0.015, 0.7
+# A scan whose noise reads larger than this share of the size is too sparse to tell misfit from noise: then less of it
+# on the part than this asks for another pose, whatever the figures that hang on the noise say.
+BLIND, MOSTLY = 5e-3, 0.9
 # Reasons of a verdict that another pose cannot mend.
 OF_THE_SCAN: frozenset[str] = frozenset({"unconstrained", "alternative_poses", "outliers", "not_converged"})
 # A better pose is taken if it is within this rotation and this fraction of the target's size of the initial pose that
@@ -110,7 +113,14 @@ def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
     # Two scans of one scene always differ somewhere, and the noise between them is not known as well.
     if not fit.has_border and (is_off or found.width > MISFIT * found.expected > 0.0):
         return True
-    return not is_sound(fit, ask_mirror=ask_mirror)
+    return _is_blind(fit) or not is_sound(fit, ask_mirror=ask_mirror)
+
+
+def _is_blind(fit: Fit) -> bool:
+    """Whether the scan is too sparse for its residuals to say anything, and much of it is off the part."""
+    found = fit.agreement
+    is_rough = found.expected > BLIND * fit.prepared.surface.diagonal
+    return not fit.has_border and is_rough and found.share_on < MOSTLY
 
 
 def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
@@ -186,7 +196,7 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
     likely.sort(key=lambda k: (found[k] is not fits[0], _offset(found[k], start)))
     sound = [is_sound(each, ask_mirror=True) for each in found]
     best = next((k for k in likely if sound[k] and not is_doubtful(found[k], ask_mirror=True)), None)
-    if best is None and found[0] is fits[0] and sound[0]:
+    if best is None and found[0] is fits[0] and sound[0] and not _is_blind(found[0]):
         # In doubt, but no other pose is free of it: what the verdict refuses displaces nothing.
         best = 0
     if best is None:

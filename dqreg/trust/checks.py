@@ -103,7 +103,7 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         lambda e: (e.looked_through, limits.LOOKED_THROUGH),
     ),
     "faces_apart": (
-        "Flat places of both scans that lie apart",
+        "Places that both scans show and that lie apart",
         "at most",
         "%",
         lambda e: (e.faces_apart, limits.FACES_APART),

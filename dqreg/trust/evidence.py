@@ -68,7 +68,7 @@ class Evidence:
     looked_through : float
         Fraction of the points compared that stand where a scanner looked through; NaN where its place is not known.
     faces_apart : float
-        Share of the flat neighbourhoods of two scans that lie apart where they overlap; NaN where that was not asked.
+        Share of the places that both of two scans show at which they lie apart; NaN where that was not asked.
     drift, drift_rad : float
         Significant displacement and rotation of the pose from the first point of the scan to the last; else 0.
     drift_along : tuple of 3 floats

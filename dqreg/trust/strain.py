@@ -56,6 +56,7 @@ class Strain:
     bend: float = 0.0
     bend_sigma: float = math.inf
     significant: float = SIGNIFICANT  # Standard deviations from which on they are no chance
+    shown: float = 0.0  # Displacement along the normals by all of them that no motion explains, root mean square
 
     @property
     def is_strained(self) -> bool:
@@ -111,7 +112,15 @@ def strain_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, *,
     sigmas = np.sqrt(np.diag(scatter)[12:]) * factor
     k = int(np.argmax(bends / sigmas)) if (sigmas > 0.0).all() else 0
     significant = SIGNIFICANT_CLUTTER if clutter else SIGNIFICANT
-    return Strain(value, sigma, along, float(bends[k]), float(sigmas[k]), significant)
+    shown = _unexplained(fitted[6:] @ rows[6:], rows[:6], weights)
+    return Strain(value, sigma, along, float(bends[k]), float(sigmas[k]), significant, shown)
+
+
+def _unexplained(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> float:
+    """Root mean square of displacements, (n,), without the motions, (6, n), nearest to them."""
+    roots = np.sqrt(weights)
+    left = roots * displaced - np.linalg.lstsq((roots * motions).T, roots * displaced)[0] @ (roots * motions)
+    return float(np.sqrt(left @ left / weights.sum()))
 
 
 def _strain_rows(p: FloatArray, n: FloatArray, axes: FloatArray) -> FloatArray:

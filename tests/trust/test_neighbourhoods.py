@@ -13,7 +13,7 @@ from dqreg.geometry.normals import fit_planes_among
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import about_axis
 from dqreg.synth.parts import bracket
-from dqreg.trust.neighbourhoods import Neighbourhoods, faces_apart, is_flat
+from dqreg.trust.neighbourhoods import Neighbourhoods, is_flat
 
 PART = Mesh(*bracket())
 SURFACE = MeshSurface(PART)
@@ -76,21 +76,3 @@ def test_points_of_one_profile_say_nothing_of_faces_and_noise() -> None:
     assert np.mean(np.abs(own.normals[: x.size, 2]) < 0.8) > 0.5
     assert not found.apart > 0.05
     assert not found.noise < 0.5 * noise
-
-
-def test_a_wall_laid_on_its_other_side_is_told_by_the_noise_not_by_the_gaps_between_points() -> None:
-    # Two views of a ribbed plate: the ribs' sides are 1 apart, less than the points, and 20 times the noise.
-    rng = np.random.default_rng(0)
-
-    def seen(shift: float) -> np.ndarray:
-        flat, side = rng.uniform(0.0, 40.0, (900, 3)), rng.uniform(0.0, 40.0, (900, 3))
-        flat[:, 2], side[:, 0] = 0.0, shift
-        return np.vstack([flat, side]) + 0.05 * rng.normal(size=(1800, 3))
-
-    here, there, slid, sure = seen(0.0), seen(0.0), seen(1.0), np.zeros((6, 6))
-    assert faces_apart(here, there, here, 0.05, sure) < 0.01
-    assert faces_apart(here, slid, here, 0.05, sure) > 0.3
-    assert np.isnan(faces_apart(here, there, here[:50], 0.05, sure))
-    # A pose known to one in x says nothing of a step of one; what it does not know in y and z excuses nothing in x.
-    assert faces_apart(here, slid, here, 0.05, np.diag([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])) < 0.01
-    assert faces_apart(here, slid, here, 0.05, np.diag([0.0, 0.0, 0.0, np.nan, 1.0, 1.0])) > 0.3

@@ -79,7 +79,7 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
     ),
     "faces apart": (
         {"faces_apart": FACES_APART + 0.01},
-        "4 % of the flat places that both scans show lie apart",
+        "4 % of the places that both scans show lie apart",
         "faces_apart",
     ),
     "normals": (

@@ -1,0 +1,115 @@
+"""What is left between two clouds at a pose, where both show one smooth surface: faces that lie apart, a strain.
+
+The distances of points between clouds are those between neighbours. A point's distance from the other cloud's point
+next to it, along the mean of both planes' normals, is free of that, to the third order of the curvature (Rusinkiewicz
+2019): what is left is noise, and what differs between the clouds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray
+from dqreg.geometry.morton import distinct_in_order
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import PlaneFits, fit_planes_among, sample_rows
+from dqreg.solvers.quadratic import plane_rows
+from dqreg.trust.strain import Strain, robust_fit, strain_of, weights_of
+
+# Points that are compared, and neighbours of a plane; comparisons without which nothing is said.
+ASKED, OF_A_PLANE, FEWEST = 3_000, 16, 300
+# Planes of the two are of one face where their normals are within this angle, neighbours leave this share of their
+# extent at most, or so many times the usual noise, and the points are less than this share of it beside each other.
+SAME_COS, FLAT, NOISY, FLATTEST, BESIDE = np.cos(np.deg2rad(15.0)), 0.15, 2.0, 0.4, 0.7
+# Comparisons of a patch; patches lie apart whose median is this many times the noise, and this share of the size.
+PATCH, APART, LEAST = 16, 1.0, 2e-3
+# The same at the pose itself, beyond what its covariance leaves.
+APART_THERE = 5.0
+# A strain matters that displaces the surface by this share of the size, root mean square.
+SHOWN = 5e-4
+
+
+@dataclasses.dataclass(frozen=True)
+class Overlap:
+    """Places at which two clouds show one smooth surface, in the order of a space-filling curve."""
+
+    points: FloatArray  # (n, 3): Target frame
+    normals: FloatArray  # (n, 3)
+    residuals: FloatArray  # (n,): Distances along the normals
+    noise: FloatArray  # (n,): Standard deviations of those, from how far neighbours leave their planes
+
+    @staticmethod
+    def of(placed: FloatArray, fixed: FloatArray) -> Overlap | None:
+        """Of two clouds at a pose, (n, 3) and (m, 3); None where they have hardly any such place."""
+        placed, fixed = (points[distinct_in_order(points)] for points in (placed, fixed))
+        if min(len(placed), len(fixed)) < FEWEST:
+            return None
+        rows = sample_rows(len(placed), ASKED)
+        own, there = NeighbourTree(placed, in_order=True), NeighbourTree(fixed, in_order=True)
+        found = there.nearest(placed[rows], 1)[0][:, 0]
+        one = fit_planes_among(placed, own.nearest(placed[rows], OF_A_PLANE)[0])
+        other = fit_planes_among(fixed, there.nearest(fixed[found], OF_A_PLANE)[0])
+        normals, theirs = np.nan_to_num(one.normals), np.nan_to_num(other.normals)
+        cosines = np.einsum("ij,ij->i", normals, theirs)
+        normals = theirs + np.where(cosines < 0.0, -1.0, 1.0)[:, None] * normals
+        normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
+        gaps = placed[rows] - fixed[found]
+        residuals = np.einsum("ij,ij->i", gaps, normals)
+        beside = np.linalg.norm(gaps - residuals[:, None] * normals, axis=1)
+        kept = _is_flat(one) & _is_flat(other) & (np.abs(cosines) > SAME_COS)
+        kept &= beside < BESIDE * np.sqrt(np.fmax(one.lever, other.lever))
+        if np.count_nonzero(kept) < FEWEST:
+            return None
+        noise = np.hypot(one.residuals, other.residuals)[kept]
+        middles = 0.5 * (placed[rows] + fixed[found])[kept]
+        return Overlap(middles, normals[kept], residuals[kept], noise)
+
+    @cached_property
+    def _moved(self) -> FloatArray:
+        """Residuals after the motion that leaves the least of them, (n,)."""
+        middle = self.points.mean(axis=0)
+        lever = float(np.sqrt(((self.points - middle) ** 2).sum(axis=1).mean()))
+        if not lever > 0.0:
+            return self.residuals
+        rows = plane_rows(self.points, self.normals, middle, lever)
+        fitted, _ = robust_fit(rows, self.residuals, lever, weights_of(self.residuals))
+        return np.asarray(self.residuals - fitted @ rows)
+
+    def apart(self, size: float, covariance: FloatArray) -> float:
+        """Share of the patches that lie apart, of clouds of a size, whatever motion the pose's covariance leaves.
+
+        Those that lie apart at the pose by more than it leaves count, and those that no motion brings together.
+        """
+        count = len(self.points) // PATCH
+        whole = slice(count * PATCH)
+        noise = np.sqrt((self.noise[whole].reshape(count, PATCH) ** 2).mean(axis=1))
+        here, best = (np.abs(np.median(r[whole].reshape(count, PATCH), axis=1)) for r in (self.residuals, self._moved))
+        arms = plane_rows(self.points[whole], self.normals[whole], np.zeros(3), 1.0)
+        arms = arms.reshape(6, count, PATCH).mean(axis=2)
+        known = np.hypot(noise, np.linalg.norm(_root(covariance).T @ arms, axis=0))
+        off = (best > np.maximum(APART * noise, LEAST * size)) | (here > np.maximum(APART_THERE * known, LEAST * size))
+        return float(np.mean(off))
+
+    def strain(self, size: float) -> Strain:
+        """Strain of one cloud against the other that matters to a size; zeros else."""
+        found = strain_of(self.points, self.normals, self.residuals, clutter=True)
+        return found if found.shown >= SHOWN * size else Strain()
+
+
+def _is_flat(fits: PlaneFits) -> BoolArray:
+    """Which neighbourhoods, (n,), are flat for their extent, or but for noise."""
+    extents = np.sqrt(fits.lever)
+    known = fits.residuals[np.isfinite(fits.residuals)]
+    usual = float(np.quantile(known, 0.3)) if len(known) else 0.0
+    limits = np.minimum(np.maximum(FLAT * extents, NOISY * usual), FLATTEST * extents)
+    return np.asarray(np.nan_to_num(fits.residuals, nan=np.inf) < limits)
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """A matrix whose square is a covariance, (6, 6); what is NaN counts as zero."""
+    values, vectors = np.linalg.eigh(np.nan_to_num(covariance, nan=0.0))
+    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root

@@ -1,0 +1,79 @@
+"""What is left between two clouds of one surface: nothing, a strain, a ripple, or a wall laid on its other side."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg.trust.doubts import FACES_APART
+from dqreg.trust.overlap import FEWEST, Overlap
+from tests.strategies import FloatArray
+from tests.trust.shapes import box, sphere
+
+SURE = np.zeros((6, 6))
+# Of shapes of extent 3.
+SIZE, NOISE = 3.0, 0.001
+
+
+def cloud(seed: int, make=box, count: int = 3_000) -> FloatArray:
+    rng = np.random.default_rng(seed)
+    points, _ = make(rng, count)
+    return points + NOISE * rng.normal(size=points.shape)
+
+
+def between(one: FloatArray, other: FloatArray) -> Overlap:
+    found = Overlap.of(one, other)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("make", [box, sphere])
+def test_two_clouds_of_one_surface_differ_by_their_noise(make) -> None:
+    # The mean plane of both sides is free of the curvature between points that stand 0.05 apart.
+    found = between(cloud(1, make), cloud(2, make))
+    assert np.sqrt(np.mean(found.residuals**2)) < 3.0 * NOISE
+    assert found.apart(SIZE, SURE) == 0.0
+    assert not found.strain(SIZE).is_strained
+    assert not found.strain(SIZE).is_bent
+
+
+def test_a_cloud_that_is_longer_is_told_with_its_axis() -> None:
+    found = between(cloud(1) * [1.02, 1.0, 1.0], cloud(2)).strain(SIZE)
+    assert found.is_strained
+    assert found.value == pytest.approx(0.02, rel=0.2)
+    assert abs(found.along[0]) > 0.99
+
+
+def test_a_ripple_is_no_strain_and_lies_apart() -> None:
+    points = cloud(1)
+    ripple = 0.004 * SIZE * np.sin(6.0 * points[:, :1])
+    found = between(points + ripple * [0.0, 1.0, 1.0], cloud(2))
+    assert found.apart(SIZE, SURE) > FACES_APART
+    assert not found.strain(SIZE).is_strained
+
+
+def test_a_motion_that_the_covariance_leaves_does_not_count() -> None:
+    here, there = cloud(1) + np.array([0.02, 0.0, 0.0]), cloud(2)
+    # No motion brings it nearer, where none is left by the pose: a quarter of the faces look along x.
+    assert between(here, there).apart(SIZE, SURE) > 0.1
+    assert between(here, there).apart(SIZE, np.diag([0.0, 0.0, 0.0, 1e-2, 0.0, 0.0])) == 0.0
+    assert between(here, there).apart(SIZE, np.diag([0.0, 0.0, 0.0, np.nan, 1e-2, 1e-2])) > 0.1
+
+
+def test_few_common_places_say_nothing() -> None:
+    assert Overlap.of(cloud(1)[: FEWEST - 1], cloud(2)) is None
+    assert Overlap.of(cloud(1) + 10.0, cloud(2)) is None
+
+
+def test_a_wall_laid_on_its_other_side_lies_apart() -> None:
+    # Two views of a ribbed plate: half of the ribs' sides are 1 apart, less than the points, and 20 times the noise.
+    rng = np.random.default_rng(0)
+
+    def seen(shift: float) -> FloatArray:
+        flat, side, rib = (rng.uniform(0.0, 40.0, (900, 3)) for _ in range(3))
+        flat[:, 2], side[:, 0], rib[:, 0] = 0.0, shift, 60.0
+        return np.vstack([flat, side, rib]) + 0.05 * rng.normal(size=(2700, 3))
+
+    here, there, slid = seen(0.0), seen(0.0), seen(1.0)
+    assert between(here, there).apart(80.0, SURE) < 0.01
+    assert between(here, slid).apart(80.0, SURE) > 0.2
