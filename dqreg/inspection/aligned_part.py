@@ -153,7 +153,7 @@ def _require_different(part: ScannedPart, datums: tuple[PlannedDatum, ...]) -> N
 def _datum(part: ScannedPart, datum: PlannedDatum) -> Datum:
     with entry(f"datum {datum.name}"):
         face = part.face(datum.face)
-        return Datum(datum.name, part.measured(face), part.ideal(face))
+        return Datum(datum.name, part.measured(face, datum.fit), part.ideal(face))
 
 
 def _points(part: ScannedPart, step: PlannedStep) -> PointAlignment:

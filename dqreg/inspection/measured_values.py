@@ -78,7 +78,7 @@ def measured_value(
         if row.kind == "slot-position":
             return compute.position(slot, part.ideal_slot(faces), frame)
         return compute.width(slot) if row.kind == "width" else compute.length(slot)
-    measured = [part.measured(face) for face in faces]
+    measured = [part.measured(face, row.fit) for face in faces]
     if row.kind == "diameter":
         return compute.diameter(measured[0])
     if row.kind == "distance":
@@ -91,13 +91,15 @@ def measured_value(
         return _line_form(part, row, faces[0])
     if row.kind == "position":
         return compute.position(measured[0], part.ideal(faces[0]), frame)
-    datum = part.face(next(datum.face for datum in plan.datums if datum.name == row.datum))
+    named = next(datum for datum in plan.datums if datum.name == row.datum)
+    datum = part.face(named.face)
+    base = part.measured(datum, named.fit)
     if row.kind == "coaxiality":
-        return compute.coaxiality(measured[0], part.measured(datum), points)
+        return compute.coaxiality(measured[0], base, points)
     ideal = {"parallelism": 0.0, "perpendicularity": 90.0}.get(row.kind)
     if ideal is None:
         ideal = compute.angle(part.ideal(faces[0]), part.ideal(datum)).value
-    return compute.orientation(measured[0], part.measured(datum), points, ideal)
+    return compute.orientation(measured[0], base, points, ideal)
 
 
 def _line_form(part: ScannedPart, row: PlannedCharacteristic, face: Face) -> Measured:

@@ -19,10 +19,11 @@ from dqreg.inspection.plan_keys import (
     triple_of,
 )
 from dqreg.inspection.planned_alignment import PlannedStep, steps_of
-from dqreg.inspection.planned_characteristics import PlannedCharacteristic, characteristic_of
+from dqreg.inspection.planned_characteristics import PlannedCharacteristic, characteristic_of, fit_of
 from dqreg.inspection.planned_report import PlannedReport, planned_report
 from dqreg.inspection.planned_tolerances import SIDES, FaceTolerance, face_tolerances, whole_tolerance
 from dqreg.inspection.tolerances import Tolerance
+from dqreg.inspection.zone_features import PlannedFit
 
 AlignmentKind = Literal["best-fit", "datums", "steps"]
 
@@ -35,6 +36,7 @@ class PlannedDatum:
 
     name: str
     face: FaceName
+    fit: PlannedFit = "gauss"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,11 +153,11 @@ def plan_of(values: dict[str, Any], name: str = "plan") -> Plan:
 
 
 def _datum(entry: Any, where: str) -> PlannedDatum:
-    require_known(entry, ("name", "face", "near", "box"), where)
+    require_known(entry, ("name", "face", "near", "box", "fit"), where)
     letter = entry.get("name")
     if not isinstance(letter, str) or not letter:
         raise InputError(f'{where}: name must be a letter such as "A"; got {letter!r}')
-    return PlannedDatum(letter, face_of(entry, where))
+    return PlannedDatum(letter, face_of(entry, where), fit_of(entry, where))
 
 
 def _section(entry: Any, where: str) -> PlannedSection:

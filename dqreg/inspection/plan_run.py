@@ -49,6 +49,8 @@ class Characteristic:
         Where it is on the part, in the caller's target frame: for a label.
     remark : str
         Why it could not be measured; empty where it was.
+    fit : {"gauss", "minimum-zone", "inscribed", "circumscribed"}
+        How its features were fitted.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Characteristic:
     coverage: float
     position: tuple[float, float, float] = (math.nan, math.nan, math.nan)
     remark: str = ""
+    fit: str = "gauss"
 
     @property
     def measured(self) -> bool:
@@ -210,4 +213,5 @@ def _measured(part: ScannedPart, plan: Plan, row: PlannedCharacteristic, frame: 
         coverage=min(float(shares[face.number]) for face in faces),
         position=part.label(faces[0]) if found.place is None else part.labelled(found.place),
         remark=remark,
+        fit=row.fit,
     )

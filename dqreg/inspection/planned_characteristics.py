@@ -16,6 +16,7 @@ from dqreg.inspection.plan_keys import (
     triple_of,
 )
 from dqreg.inspection.planned_tolerances import SIDES, sides_of
+from dqreg.inspection.zone_features import METHODS, PlannedFit
 
 CharacteristicKind = Literal[
     "diameter",
@@ -44,6 +45,8 @@ OF_SLOT = ("width", "length", "slot-position")
 TO_DATUM = ("parallelism", "perpendicularity", "angularity", "coaxiality")
 # Zones: their tolerance is a width from 0, and nothing is nominal.
 ZONES = ("form", "roundness", "straightness", *TO_DATUM, "position", "profile", "slot-position")
+# Those of fitted features.
+FITTED = ("diameter", "distance", "angle", *TO_DATUM, "position")
 # Which lines of a face a roundness or a straightness is of.
 LINE_KEYS = ("at", "direction", "of")
 # What a straightness may be of; a roundness is of the first.
@@ -74,13 +77,14 @@ class PlannedCharacteristic:
     middle: float = 0.0  # Of the zone of a profile that is not equal to both sides: outside the part positive
     point: tuple[float, float, float] | None = None  # Near the edge of an edge point
     line: PlannedLine = PlannedLine()  # Which lines of the face a roundness or straightness is of
+    fit: PlannedFit = "gauss"  # Of its features
 
 
 def characteristic_of(entry: Any, where: str, letters: list[str]) -> PlannedCharacteristic:
     """The characteristic of an entry, given the letters of the datums."""
     require_known(
         entry,
-        ("name", "kind", "face", "faces", "near", "box", "point", "datum", "nominal", *SIDES, *LINE_KEYS),
+        ("name", "kind", "face", "faces", "near", "box", "point", "datum", "nominal", *SIDES, *LINE_KEYS, "fit"),
         where,
     )
     kind = entry.get("kind")
@@ -97,6 +101,8 @@ def characteristic_of(entry: Any, where: str, letters: list[str]) -> PlannedChar
     point = triple_of(entry, "point", where) if kind == "edge-point" or "point" in entry else None
     if point is not None and kind != "edge-point":
         raise InputError(f"{where}: point is of an edge-point; name the faces of a {kind} by face, near or box")
+    if "fit" in entry and kind not in FITTED:
+        raise InputError(f"{where}: fit goes with {', '.join(FITTED)}; a {kind} is of the surface itself")
     return PlannedCharacteristic(
         str(entry.get("name", kind)),
         kind,
@@ -108,6 +114,7 @@ def characteristic_of(entry: Any, where: str, letters: list[str]) -> PlannedChar
         middle,
         point,
         _line(entry, kind, where),
+        fit_of(entry, where),
     )
 
 
@@ -128,6 +135,13 @@ def _faces(entry: dict[str, Any], kind: str, where: str) -> tuple[FaceName, ...]
     if not isinstance(given, list) or len(given) != wanted or {"face", "near", "box"} & set(entry):
         raise InputError(f"{where}: a {kind} is of two faces: faces = [3, 4]; got {given!r:.60}")
     return faces_of_list(given, where)
+
+
+def fit_of(entry: dict[str, Any], where: str) -> PlannedFit:
+    """How the feature of an entry is fitted."""
+    fit: PlannedFit = entry.get("fit", "gauss")
+    require_one_of(fit, tuple(METHODS), f"{where}: fit")
+    return fit
 
 
 def _line(entry: dict[str, Any], kind: str, where: str) -> PlannedLine:

@@ -22,6 +22,7 @@ from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
 from dqreg.inspection.plan_keys import FaceName
 from dqreg.inspection.regions import SCANNED, edge_places, weighted_median
 from dqreg.inspection.statistics import PROBED
+from dqreg.inspection.zone_features import PlannedFit, zone_feature
 from dqreg.rigid import pose
 
 # Points farther from a feature than that many robust standard deviations are cut.
@@ -48,7 +49,7 @@ class ScannedPart:
     surface: MeshSurface
 
     def __post_init__(self) -> None:
-        self._features: dict[int, Feature] = {}
+        self._features: dict[tuple[int, str], Feature] = {}
         self._covered: FloatArray | None = None
         self._noise: float | None = None
         self._found: tuple[FloatArray, FloatArray, FloatArray] | None = None
@@ -169,13 +170,23 @@ class ScannedPart:
             raise InputError(f"face {face.number}, {face.kind}, is neither plane, cylinder, cone nor sphere")
         return face.feature
 
-    def measured(self, face: Face) -> Feature:
+    def measured(self, face: Face, fit: PlannedFit = "gauss") -> Feature:
         """The feature that is fitted to the scan's points on a face."""
-        if face.number not in self._features:
-            self._features[face.number] = self._fitted(face, self.ideal(face))
-        return self._features[face.number]
+        key = face.number, fit
+        if key not in self._features:
+            found = self._least_squares(face) if fit == "gauss" else self._by_zone(face, fit)
+            nominal = self.ideal(face)
+            alike = found.kind == "sphere" or found.axis @ nominal.axis > 0.0
+            self._features[key] = found if alike else found.reversed()
+        return self._features[key]
 
-    def _fitted(self, face: Face, nominal: Feature) -> Feature:
+    def _by_zone(self, face: Face, fit: PlannedFit) -> Feature:
+        rows = self.rows_on(face)
+        normals = self.mesh.face_normals[self.triangles[rows]]
+        return zone_feature(self.measured(face), fit, self.points[rows], normals, self.noise)
+
+    def _least_squares(self, face: Face) -> Feature:
+        nominal = self.ideal(face)
         self.require_scanned(face)
         rows = self.rows_on(face)
         points, normals = self.points[rows], self.mesh.face_normals[self.triangles[rows]]
@@ -189,10 +200,7 @@ class ScannedPart:
         covariance = covariance_on(
             found.kind, found.shape, points, covariance=found.covariance, rms=found.rms, scanned=scanned
         )
-        found = dataclasses.replace(found, covariance=covariance)
-        if found.kind == "sphere" or found.axis @ nominal.axis > 0.0:
-            return found
-        return found.reversed()
+        return dataclasses.replace(found, covariance=covariance)
 
     def ideal_slot(self, faces: Sequence[Face]) -> Feature:
         """The slot whose wall some faces are, on the part itself."""

@@ -93,7 +93,7 @@ class Medians:
         # Neighbouring medians share points: from them the noise would look like a surface. Blocks do not.
         known = np.isfinite(self.own)
         points, own = self.points[known], self.own[known]
-        blocks = _blocks(points)
+        blocks = blocks_of(points)
         places = np.array([points[each].mean(axis=0) for each in blocks])
         values = np.array([np.median(own[each]) for each in blocks])
         sigma = sigma_of(self.noise, len(blocks[0]))
@@ -128,7 +128,7 @@ def matern(h: FloatArray) -> FloatArray:
     return np.asarray((1.0 + h + h**2 / 3.0) * np.exp(-h))
 
 
-def _blocks(points: FloatArray) -> list[IntArray]:
+def blocks_of(points: FloatArray) -> list[IntArray]:
     """Points in blocks of neighbours, halved across their longest extent until there are enough."""
     blocks = [np.arange(len(points))]
     while 2 * len(blocks) <= BLOCKS and len(blocks[0]) >= 2:

@@ -46,7 +46,10 @@ def alignment_of(found: Inspection, unit: str) -> dict[str, Any]:
 
 def _planned(found: Inspection, unit: str) -> list[str]:
     """What each step of the plan is laid on, in words."""
-    datums = ", ".join(f"{datum.name}: {_face(datum.face)}" for datum in found.plan.datums)
+    datums = ", ".join(
+        f"{datum.name}: {_face(datum.face)}" + ("" if datum.fit == "gauss" else f" ({datum.fit})")
+        for datum in found.plan.datums
+    )
     if not found.plan.steps:
         return [datums] * len(found.steps)
     words = []

@@ -31,6 +31,16 @@ DEFINITIONS = {
 }
 
 
+# Of each rule of a fit that is not least squares.
+FITS = {
+    "minimum-zone": "the fitted feature has the least form error, of medians of neighbouring points.",
+    "inscribed": "the largest that the surface leaves room for, by medians of neighbouring points without their noise.",
+    "circumscribed": "the least that holds the surface, by medians of neighbouring points without their noise.",
+}
+
+
 def definitions_of(found: Inspection) -> list[tuple[str, str]]:
-    """Definitions of the kinds on a sheet, each once, in their order on it."""
-    return [(kind, DEFINITIONS[kind]) for kind in dict.fromkeys(row.kind for row in found.characteristics)]
+    """Definitions of the kinds and fits on a sheet, each once, in their order on it."""
+    kinds = dict.fromkeys(row.kind for row in found.characteristics)
+    fits = dict.fromkeys([*(row.fit for row in found.characteristics), *(datum.fit for datum in found.plan.datums)])
+    return [*((kind, DEFINITIONS[kind]) for kind in kinds), *((fit, FITS[fit]) for fit in fits if fit in FITS)]

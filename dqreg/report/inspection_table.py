@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dqreg.inspection import DatumAlignment, Decision, Inspection
+from dqreg.inspection import Characteristic, DatumAlignment, Decision, Inspection
 from dqreg.inspection.places import COVERAGE, PLACE
 from dqreg.report.summary import ALIGNMENT, COLOURS
 from dqreg.report.table import Column, Table, print_tables, to_csv
@@ -40,7 +40,7 @@ def characteristics_table(found: Inspection, unit: str) -> Table:
         (
             str(k + 1),
             row.name,
-            row.kind,
+            kind_words(row),
             row.nominal,
             row.low,
             row.high,
@@ -58,6 +58,11 @@ def characteristics_table(found: Inspection, unit: str) -> Table:
     return Table("characteristics", "Characteristics", columns, rows, note)
 
 
+def kind_words(row: Characteristic) -> str:
+    """The kind of a characteristic, and how its features are fitted where that is not by least squares."""
+    return row.kind if row.fit == "gauss" else f"{row.kind} ({row.fit})"
+
+
 def sheet_csv(found: Inspection | None, decision: Decision | None, unit: str) -> str:
     """What was measured as CSV, one line each: characteristics, then the deviations of the part and of its regions."""
     columns = ("no.", "characteristic", "kind", "unit", "nominal", "low", "high", "measured", "U (k=2)", "decision",
@@ -66,8 +71,9 @@ def sheet_csv(found: Inspection | None, decision: Decision | None, unit: str) ->
     for k, row in enumerate([] if found is None else found.characteristics):
         of = "degree" if row.kind == "angle" else unit
         outcome = row.outcome if row.measured else "not measured"
-        rows.append((k + 1, row.name, row.kind, of, *_cells(row.nominal, row.low, row.high, row.value, row.uncertainty),
-                     outcome, row.points, f"{100.0 * row.coverage:.3g}", row.remark))  # fmt: skip
+        cells = _cells(row.nominal, row.low, row.high, row.value, row.uncertainty)
+        scanned_share = f"{100.0 * row.coverage:.3g}"
+        rows.append((k + 1, row.name, kind_words(row), of, *cells, outcome, row.points, scanned_share, row.remark))
     for name, cut in [] if found is None else found.sections:
         scanned = np.flatnonzero(np.isfinite(cut.values))
         order = scanned[np.argsort(cut.values[scanned])]

@@ -19,7 +19,7 @@ from dqreg.inspection.places import COVERAGE
 from dqreg.inspection.sections import Section
 from dqreg.report.alignment_table import alignment_of
 from dqreg.report.definitions import definitions_of
-from dqreg.report.inspection_table import decimals_of, frame_words
+from dqreg.report.inspection_table import decimals_of, frame_words, kind_words
 from dqreg.report.section_picture import section_picture
 from dqreg.report.text import percent, text_of
 
@@ -87,7 +87,7 @@ def sheet_of(found: Inspection | None, unit: str) -> dict[str, Any] | None:
 def _rows(found: Inspection) -> list[dict[str, Any]]:
     return [
         {
-            "cells": [str(k + 1), row.name, row.kind],
+            "cells": [str(k + 1), row.name, kind_words(row)],
             "numbers": [
                 *(text_of(x, 6) for x in (row.nominal, row.low, row.high)),
                 *(_value(row.value, row.uncertainty) if row.measured else ("not measured", "–")),

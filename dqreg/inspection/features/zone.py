@@ -183,7 +183,7 @@ def _not_surrounded(kind: FeatureKind, method: ZoneMethod) -> DegenerateGeometry
     more = ", or more by less than their form error" if method == "inscribed" else ""
     return DegenerateGeometryError(
         f"the {method} {kind} {words} these points, which do not surround it (half of the way round at most{more}); "
-        "measure more of it, or fit it with method='gauss'"
+        "measure more of it, or fit it by least squares (gauss)"
     )
 
 

@@ -56,6 +56,19 @@ def zone_covariance(
     return np.asarray(larger(covariance / both, covariance_of(kind, gauss, points, rows, own) / both) * both)
 
 
+def noise_covariance(
+    kind: FeatureKind, method: ZoneMethod, points: FloatArray, *, shape: Shape, sigma: float
+) -> FloatArray:
+    """Of the parameters of a zone's shape, (k, k): how they scatter when noise is added to the points anew."""
+    size = float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1)))) or 1.0
+    unit = np.where([name.startswith(("tilt", "half_angle")) for name in PARAMETERS[kind]], 1.0 / size, 1.0)
+    values, slopes = distances(kind, shape, points)
+    rng, problem = np.random.default_rng(SEED), ZoneProblem(kind, method, points)
+    steps = [_repeated(problem, values / sigma + rng.standard_normal(len(values)), slopes * unit) for _ in range(DRAWS)]
+    found: FloatArray = np.cov(np.array(steps).T) * sigma**2 * unit * unit[:, None]
+    return found
+
+
 def _repeated(problem: ZoneProblem, values: FloatArray, slopes: FloatArray) -> FloatArray:
     """The step of all parameters that the zone's shape takes for other residuals, to first order, (k,)."""
     # What a circle's zone leaves to the least squares fit follows that.
