@@ -108,7 +108,7 @@ class Planes:
         cells, group = np.unique(cell_numbers(x, cell), return_inverse=True)
         slopes: FloatArray = np.column_stack([np.bincount(group, column * along, len(cells)) for column in rows.T])
         leverage = _leverage(rows * np.sqrt(self.weights[kept])[:, None], group, len(cells))
-        return cells, slopes / (1.0 - np.minimum(leverage, MOST_LEVERAGE))[:, None]
+        return cells, slopes / np.sqrt(1.0 - np.minimum(leverage, MOST_LEVERAGE))[:, None]
 
 
 def _arms(points: FloatArray) -> FloatArray:
@@ -122,8 +122,8 @@ def _arms(points: FloatArray) -> FloatArray:
 def _leverage(rows: FloatArray, group: IntArray, cells: int) -> FloatArray:
     """Largest fraction of the information about any motion that each cell holds by itself, (cells,).
 
-    A cell that alone holds a motion has residuals of zero there, whatever its error: the jackknife divides by what the
-    others leave open (MacKinnon and White 1985).
+    A cell that alone holds a motion has residuals of zero there, whatever its error: their squares are divided by what
+    the others leave open, which makes the sandwich unbiased (HC2 of MacKinnon and White 1985).
     """
     total = rows.T @ rows
     scale = np.sqrt(np.maximum(np.diag(total), np.finfo(float).tiny))

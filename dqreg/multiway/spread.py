@@ -40,9 +40,7 @@ def joint_covariance(T: FloatArray, planes: Sequence[Planes], free: IntArray, ce
     slopes = _by_cell(T, faces, place, cell)
     scale = np.tile(np.r_[[1.0] * 3, [size] * 3], len(free))
     solve = factorised(matrix, free).solve
-    # Cells are few beside the numbers estimated from them, a little.
-    cells = slopes.shape[1]
-    middle = (slopes @ slopes.T).toarray() * cells / max(cells - 6.0, 1.0)
+    middle = (slopes @ slopes.T).toarray()
     inner = (6 * free[:, None] + np.arange(6)).ravel()
     middle += normal_matrix(graph, locked)[inner][:, inner].toarray()
     covariance = solve(solve(middle).T).T
@@ -71,7 +69,9 @@ def _information(
             squares = less(graph.information[k], to_centre[k].T @ apparent[k] @ to_centre[k])
             held[row] = B[k].T @ squares @ B[k]
     outward = pose.adjoint(pose.inverse(T[whole.targets]))
-    locked = np.array([each.locked for each in planes])
+    # Both ways of a pair look at the same edges.
+    ways = {(each.target, each.source) for each in planes}
+    locked = np.array([each.locked / (1 + ((each.source, each.target) in ways)) for each in planes])
     return whole, held, outward.transpose(0, 2, 1) @ locked @ outward
 
 

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.multiway.edges import PART, Edge, better, is_weak
 from dqreg.multiway.pair_runs import PairJob, PairRunner
+from dqreg.multiway.pairs import Pair
 from dqreg.rigid import DualQuaternion, pose
 
 # Screws that agree: angle between axes, difference of the steps, and distance of the axes in sizes of the motion.
 AXIS_RAD, STEP_RAD, APART = np.deg2rad(6.0), np.deg2rad(6.0), 0.1
 # Agreeing pairs, at least: two may agree by chance.
 FEWEST = 3
+# Steps this many times as far from the middle one as half of them are others; so are pairs, and beyond this share of
+# the way between two views: where the part looks nearly the same after a small motion.
+OUTLYING, OTHER = 5.0, 0.02
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,6 +28,15 @@ class Table:
 
     step: DualQuaternion  # The motion T_k_(k+1) between neighbouring views, as one screw
     agreeing: int  # Pairs that it follows from
+    scatter: float = np.inf  # Distance of a step from the middle one that half of them are within
+
+    def contradicts(self, edge: Edge, places: int) -> bool:
+        """Whether a pair so many places apart is far off, in view of how well the steps agree."""
+        if not edge.found:
+            return False
+        said = (self.step ** float(places)).as_matrix()
+        far = float(_distances(edge.registration.T_target_source[None], said)[0])
+        return far > max(OUTLYING * abs(places) * self.scatter, OTHER)
 
     def between(self, i: int, j: int) -> FloatArray:
         """T_i_j that the table says of two places in the order, (4, 4)."""
@@ -57,7 +70,19 @@ def step_of(steps: Sequence[tuple[int, Edge]], count: int) -> Table | None:
         best = agrees.tolist() if len(agrees) > len(best) else best
     if len(best) < FEWEST:
         return None
-    return Table(mean_motion(motions[best]), len(best))
+    near = motions[best]
+    apart = np.array([_distances(near, motion) for motion in near])
+    middle = int(np.median(apart, axis=1).argmin())
+    scatter = float(np.median(apart[middle]))
+    near = near[apart[middle] <= max(OUTLYING * scatter, np.finfo(float).eps)]
+    return Table(mean_motion(near), len(near), scatter) if len(near) >= FEWEST else None
+
+
+def _distances(motions: FloatArray, motion: FloatArray) -> FloatArray:
+    """Rotations, and translations as fractions of the way, by which motions differ from one, (n,)."""
+    way = float(np.linalg.norm(motion[:3, 3])) + np.finfo(float).tiny
+    shifts = np.linalg.norm(motions[:, :3, 3] - motion[:3, 3], axis=1) / way
+    return np.asarray(np.asarray(pose.angle_between(motions, motion)) + shifts)
 
 
 def mean_motion(motions: FloatArray) -> DualQuaternion:
@@ -82,24 +107,38 @@ def on_turntable(runner: PairRunner, edges: list[Edge], usable: Sequence[int]) -
     table = step_of(steps, len(usable))
     if table is None:
         return edges
-    edges = _by_steps(runner, edges, usable, table)
+    odd = [ends for ends, places, edge in _neighbours(edges, place) if table.contradicts(edge, places)]
+    edges = _by_steps(runner, edges, usable, table, odd)
     held = {scan for edge in edges if edge.level == "accepted" for scan in (edge.target, edge.source)}
     inner = [scan for scan in usable if scan in held]
     return _by_steps(runner, edges, inner, table) if 2 < len(inner) < len(usable) else edges
 
 
-def _by_steps(runner: PairRunner, edges: Sequence[Edge], scans: Sequence[int], table: Table) -> list[Edge]:
-    """The edges with those of scans one and two steps apart, begun where the table says, where they were weak."""
+def _neighbours(edges: Sequence[Edge], place: Mapping[int, int]) -> Iterator[tuple[Pair, int, Edge]]:
+    """Edges between scans one after the other: a scan of something else in between does not mislead there."""
+    for edge in edges:
+        if edge.target != PART and abs(place[edge.source] - place[edge.target]) in (1, len(place) - 1):
+            yield (edge.target, edge.source), place[edge.source] - place[edge.target], edge
+
+
+def _by_steps(
+    runner: PairRunner, edges: Sequence[Edge], scans: Sequence[int], table: Table, odd: Sequence[Pair] = ()
+) -> list[Edge]:
+    """The edges with those of scans one and two steps apart, begun where the table says, where they were weak.
+
+    So do the odd ones, which are elsewhere: of two accepted poses, the order of the scans tells which is likely.
+    """
     count, found = len(scans), {(edge.target, edge.source): edge for edge in edges}
     jobs = []
     for apart in (1, 2) if count > 4 else (1,):
         for k in range(count):
             i, j = sorted((k, (k + apart) % count))
             pair = scans[i], scans[j]
-            if pair not in found or is_weak(found[pair]):
+            if pair not in found or is_weak(found[pair]) or pair in odd:
                 jobs.append(PairJob(*pair, table.between(i, j)))
     jobs = list({(job.target, job.source): job for job in jobs}.values())
     for edge in runner.run(jobs):
         pair = edge.target, edge.source
-        found[pair] = better(found[pair], edge) if pair in found else edge
+        chosen = pair not in found or (pair in odd and edge.level == "accepted")
+        found[pair] = edge if chosen else better(found[pair], edge)
     return list(found.values())

@@ -33,3 +33,18 @@ def test_the_step_is_the_mean_of_those_that_agree() -> None:
 def test_motions_that_do_not_agree_make_no_table() -> None:
     steps, _ = neighbours(8, 1e-3, seed=1, wrong=7)
     assert step_of(steps, 8) is None
+
+
+def test_steps_that_are_a_little_off_together_neither_bend_the_mean_nor_agree_with_it() -> None:
+    # A part that looks nearly the same after a small shift: a third of the pairs stand there, each accepted.
+    steps, exact = neighbours(24, 1e-4, seed=2)
+    shift = pose.from_parts(np.eye(3), 0.08 * np.linalg.norm(exact.as_matrix()[:3, 3]) * np.array([0.6, 0.0, 0.8]))
+    for k in range(0, 21, 3):
+        wrong = shift @ steps[k][1].registration.T_target_source
+        steps[k] = 1, Edge(k, k + 1, registration(wrong, 1e-6 * np.eye(6), np.zeros(3)))
+    table = step_of(steps, 24)
+    assert table is not None
+    assert table.agreeing >= 14
+    np.testing.assert_allclose(table.step.as_matrix(), exact.as_matrix(), atol=4 * 3e-4 / np.sqrt(14))
+    odd = [edge.target for places, edge in steps if table.contradicts(edge, places)]
+    assert odd == list(range(0, 21, 3))
