@@ -10,6 +10,7 @@ import pytest
 import dqreg
 from dqreg import kernels
 from dqreg.kernels import cache
+from dqreg.kernels import compile_all as compile_all_module
 from dqreg.kernels.compile_all import compile_all
 from tests.icp.scenes import bracket_mesh, bracket_points
 
@@ -38,3 +39,30 @@ def test_all_that_register_uses_is_compiled_beforehand_and_once(monkeypatch: pyt
     assert after == before
     # Each costs a second on its first use: one form of the arrays, and one of the plain numbers, is enough.
     assert max(before.values()) == 1, before
+
+
+def test_two_processes_share_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[list[str]] = []
+
+    class Process:
+        def __init__(self, words: list[str], **_: object) -> None:
+            started.append(words)
+
+        def terminate(self) -> None:
+            started.append(["terminate"])
+
+        def wait(self) -> None:
+            started.append(["wait"])
+
+    done: list[int] = []
+    monkeypatch.setattr(compile_all_module, "keep_beside_package", lambda: None)
+    monkeypatch.setattr(compile_all_module.subprocess, "Popen", Process)
+    monkeypatch.setattr(compile_all_module, "STEPS", (lambda: done.append(1), lambda: done.append(2)))
+    for cores, expected in ((1, 0), (2, 3)):
+        monkeypatch.setattr(compile_all_module, "thread_count", lambda cores=cores: cores)
+        compile_all_module.compile_on_two_cores()
+        assert len(started) == expected
+    assert done == [1, 2, 1, 2]
+    # What the other process is told runs here, and goes the other way.
+    exec(compile_all_module.OTHER)
+    assert done[4:] == [2, 1]
