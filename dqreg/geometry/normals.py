@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
 
 NEIGHBOURS = 16
@@ -32,6 +32,11 @@ class PlaneFits:
     # (n,): Distance from each place to the second nearest point, the nearest other one of a point of the cloud; None
     # where the neighbours were known before, without their distances
     gaps: FloatArray | None = None
+
+    @property
+    def known(self) -> BoolArray:
+        """Where there is a plane, (n,)."""
+        return np.asarray(np.isfinite(self.normals).all(axis=1))
 
     @property
     def variances(self) -> FloatArray:

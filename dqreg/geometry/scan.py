@@ -14,6 +14,7 @@ from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import PlaneFits, fit_planes, orient_towards, sample_rows
+from dqreg.geometry.scan_noise import noise_of
 
 # Enough for a median that is good to one per cent.
 SPACING_SAMPLE = 5_000
@@ -34,7 +35,7 @@ class Scan:
     Attributes
     ----------
     points : ndarray, (n, 3)
-        Positions in the source frame.
+        In the source frame.
     normals : ndarray, (n, 3)
         Unit normals; zero where none is known. The sign counts only if ``oriented``.
     levers : ndarray, (n,)
@@ -55,6 +56,8 @@ class Scan:
         Points of one face that each row stands for, as their mean; None where every row is a point.
     within : ndarray, (n,), or None
         Within-face scatter: sum of the squared distances of those points from their mean, along the normal.
+    quiet : float, or None
+        Noise of the quieter faces, from local quadrics: no curvature of a sparse scan is in it.
     """
 
     __repr__ = one_line
@@ -69,6 +72,7 @@ class Scan:
     fitted: IntArray | None = None
     counts: FloatArray | None = None
     within: FloatArray | None = None
+    quiet: float | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -204,7 +208,7 @@ def prepare_scan(
         # Points in Morton order need no other order for few queries.
         few = FEW_QUERIES * len(rows) <= len(points)
         tree = NeighbourTree(points, in_order=few) if surface is None else surface._tree
-    fits, spacing, noise = _fit_some(points, rows) if tree is None else _fit_all(points, rows, tree)
+    fits, spacing, (noise, quiet) = _fit_some(points, rows) if tree is None else _fit_all(points, rows, tree)
     normals, levers, residuals = _at_rows(rows, fits, len(points))
     if cloud.normals is not None:
         normals = np.take(cloud.normals, order, axis=0)
@@ -218,6 +222,7 @@ def prepare_scan(
         oriented=cloud.normals is not None or cloud.viewpoint is not None,
         spacing=spacing,
         noise=noise,
+        quiet=quiet,
         total=len(points) if total is None else total,
         fitted=None if len(rows) == len(points) else rows,
     )
@@ -226,13 +231,12 @@ def prepare_scan(
     return scan
 
 
-def _fit_all(points: FloatArray, rows: IntArray, tree: NeighbourTree) -> tuple[PlaneFits, float, float]:
-    at = points if len(rows) == len(points) else points[rows]
-    fits = fit_planes(tree, points, at)
-    return fits, _spacing(fits, at), _noise(fits)
+def _fit_all(points: FloatArray, rows: IntArray, tree: NeighbourTree) -> tuple[PlaneFits, float, tuple[float, float]]:
+    fits = fit_planes(tree, points, at := points if len(rows) == len(points) else points[rows])
+    return fits, (spacing := _spacing(fits, at)), noise_of(fits, points, at, tree, spacing)
 
 
-def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, float]:
+def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, tuple[float, float]]:
     thinned = points[sample_rows(len(points), max(THINNED, 2 * len(rows)))]
     fits = fit_planes(NeighbourTree(thinned, in_order=True), thinned, points[rows])
     # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those
@@ -240,14 +244,15 @@ def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, flo
     firsts = np.linspace(0, len(points) - PIECE, PIECES).astype(np.int64)
     pieces = points[(firsts[:, None] + np.arange(PIECE)).ravel()]
     middles = points[(firsts[:, None] + (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)).ravel()]
-    pieced = fit_planes(NeighbourTree(pieces, in_order=True), pieces, middles)
-    return fits, _spacing(pieced, middles), _noise(pieced)
+    of_pieces = NeighbourTree(pieces, in_order=True)
+    pieced = fit_planes(of_pieces, pieces, middles)
+    return fits, (spacing := _spacing(pieced, middles)), noise_of(pieced, pieces, middles, of_pieces, spacing)
 
 
 def _at_rows(rows: IntArray, fits: PlaneFits, total: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Normals, levers and residuals of all points, of which some rows have planes."""
     normals, levers, residuals = np.zeros((total, 3)), np.zeros(total), np.full(total, np.nan)
-    known = _known(fits)
+    known = fits.known
     normals[rows] = np.where(known[:, None], fits.normals, 0.0)
     levers[rows] = np.where(known, fits.lever, 0.0)
     residuals[rows] = fits.residuals
@@ -261,15 +266,6 @@ def with_planes(scan: Scan, count: int) -> Scan:
     rows = sample_rows(len(scan), count)
     normals, levers, residuals = _at_rows(rows, fit_planes(scan.tree, scan.points, scan.points[rows]), len(scan))
     return dataclasses.replace(scan, normals=normals, levers=levers, residuals=residuals, fitted=rows)
-
-
-def _known(fits: PlaneFits) -> BoolArray:
-    return np.asarray(np.isfinite(fits.normals).all(axis=1))
-
-
-def _noise(fits: PlaneFits) -> float:
-    known = _known(fits)
-    return median(fits.residuals[known]) if known.any() else 0.0
 
 
 def measure_spacing(tree: NeighbourTree, points: FloatArray, sample: int = SPACING_SAMPLE) -> float:

@@ -21,6 +21,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.scan import Scan, with_planes
 from dqreg.geometry.surface import Surface
 from dqreg.icp.correspondences import Correspondences, find_correspondences
@@ -132,12 +133,22 @@ def _near(level: Level, run: Run | None) -> Level:
 def _judged_by_inliers(scan: Scan, run: Run) -> Scan:
     # Around a stray there is no plane: where they are many, the noise of the whole scan says nothing about the part's.
     residuals = scan.residuals[(run.weights > 0.5) & np.isfinite(scan.residuals)]
-    return dataclasses.replace(scan, noise=min(float(np.median(residuals)), scan.noise)) if len(residuals) else scan
+    if not len(residuals):
+        return scan
+    usual = float(np.median(residuals))
+    return dataclasses.replace(
+        scan, noise=min(usual, scan.noise), quiet=min(usual, scan.noise if scan.quiet is None else scan.quiet)
+    )
+
+
+def noise_on(scan: Scan, surface: Surface) -> float:
+    """Noise of a scan that decides on a surface: between two clouds, what planes of its own points leave."""
+    return scan.noise if scan.quiet is None or isinstance(surface, CloudSurface) else scan.quiet
 
 
 def smallest_kernel_scale(scan: Scan, surface: Surface) -> float:
     """Smallest width of the kernel for a scan on a target, a length."""
-    return max(NOISE_FLOOR * min(scan.noise, scan.spacing), EXACT_FLOOR * surface.diagonal)
+    return max(NOISE_FLOOR * min(noise_on(scan, surface), scan.spacing), EXACT_FLOOR * surface.diagonal)
 
 
 def find_basin(

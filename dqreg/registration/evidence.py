@@ -12,6 +12,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import THINNED
 from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
+from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import at_boundary
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
@@ -160,7 +161,7 @@ def _local(run: Alignment, scan: Scan, surface: Surface, pairs: Correspondences,
     if scan.fitted is not None and len(pairs.scan) < len(scan):
         fitted = _fitted_pairs(run, scan, scan.fitted, surface, run.mixture.scale)
     local = _Local.of(fitted, width)
-    local = dataclasses.replace(local, noise=max(min(local.noise, scan.noise), floor))
+    local = dataclasses.replace(local, noise=max(min(local.noise, noise_on(scan, surface)), floor))
     on = pairs.distances <= width
     aside = pairs.point_to_plane[on]
     # Normals that were given are witnesses themselves.

@@ -12,10 +12,11 @@ from dqreg.registration.assess import evidence_of, uncertainty_of, verdict_on
 from dqreg.registration.evidence import MISFIT
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose
-from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, mirror_gain, scores_of
+from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, down_to_noise, mirror_gain, scores_of
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
+from dqreg.search.problem import SCENE
 from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust.neighbourhoods import is_flat
 
@@ -25,6 +26,8 @@ OFF, OFF_PER_STRAY = 0.015, 0.7
 # A scan whose noise reads larger than this share of the size is too sparse to tell misfit from noise: then less of it
 # on the part than this asks for another pose, whatever the figures that hang on the noise say.
 BLIND, MOSTLY = 5e-3, 0.9
+# Fraction of all points off the target, of a scan that is no scene with the part in it, from which on the same is done.
+BESIDE = 0.15
 # Reasons of a verdict that another pose cannot mend.
 OF_THE_SCAN: frozenset[str] = frozenset({"unconstrained", "alternative_poses", "outliers", "not_converged"})
 # A better pose is taken if it is within this rotation and this fraction of the target's size of the initial pose that
@@ -61,9 +64,10 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
     if is_given and not may_search(fit):
         return known
     is_asked = is_given and (problem.options.search == "always" or is_partial(fit))
-    if not is_asked and ((not is_given and not len(start.others)) or not is_doubtful(fit)):
+    beside = np.concatenate([start.others, start.unlikely])
+    if not is_asked and ((not is_given and not len(beside)) or not is_doubtful(fit)):
         return known
-    others = np.array([c.T_target_source for c in search.candidates()]).reshape(-1, 4, 4) if is_given else start.others
+    others = np.array([c.T_target_source for c in search.candidates()]).reshape(-1, 4, 4) if is_given else beside
     is_copy = _is_copy(fit, others)
     fits, last = [fit], fit
     # A part that is nearly symmetric has copies that are wrong: the points decide, after the other poses.
@@ -71,7 +75,8 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
         last = last.resumed(T, search.kernel_scale if problem.options.method == "auto" else None)
         if last.problem.watch.is_over:
             break
-        fits.append(last)
+        # What stands beside the part may hold the kernel wide here too.
+        fits.append(down_to_noise(last))
     fits, copies = _without_equal_copies(fits)
     known = _best(fits, start.T_target_source if is_given else None)
     if is_partial(fit):
@@ -111,7 +116,7 @@ def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
     found = fit.agreement
     is_off = found.share_near < 1.0 - OFF - OFF_PER_STRAY * found.strays
     # Two scans of one scene always differ somewhere, and the noise between them is not known as well.
-    if not fit.has_border and (is_off or found.width > MISFIT * found.expected > 0.0):
+    if not fit.has_border and (is_off or found.width > MISFIT * found.expected > 0.0 or _is_beside(fit)):
         return True
     return _is_blind(fit) or not is_sound(fit, ask_mirror=ask_mirror)
 
@@ -121,6 +126,16 @@ def _is_blind(fit: Fit) -> bool:
     found = fit.agreement
     is_rough = found.expected > BLIND * fit.prepared.surface.diagonal
     return not fit.has_border and is_rough and found.share_on < MOSTLY
+
+
+def _is_beside(fit: Fit) -> bool:
+    """Whether much of a scan that is no larger than the target lies off it: a part upside down leaves its hub so."""
+    return fit.agreement.share_on < 1.0 - BESIDE and not _is_scene(fit)
+
+
+def _is_scene(fit: Fit) -> bool:
+    """Whether the scan is so large that it shows more than the target."""
+    return fit.prepared.scan.diagonal > SCENE * fit.prepared.surface.diagonal
 
 
 def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
@@ -205,6 +220,9 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
         gains = [float(means[k] - means[0]) for k in range(len(found))]
         errors = [float(scores.deficit(k)[1][0]) for k in range(len(found))]
         best = next((k for k in likely if sound[k] and gains[k] > max(BETTER, ERRORS * errors[k])), None)
+    if best is None and not fits[0].has_border and _is_scene(fits[0]):
+        # A face of the part on the table explains more of a scene than the part does; the verdict is not deceived.
+        best = next((int(k) for k in order if sound[k]), None)
     if best is None:
         best = likely[0]
         gain, sigma = float(means[best] - means[0]), float(scores.deficit(best)[1][0])

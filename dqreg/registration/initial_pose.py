@@ -64,6 +64,8 @@ class InitialPose:
     kernel_scale: float | None = None  # Scale of the kernel to start with; None where the loop finds it
     others: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 4, 4)))  # (k, 4, 4): Equally likely
     search: str = ""  # Stage in which the search ended; empty where there was none
+    # (k, 4, 4): Poses in a scene that explain less of it, one of which may be the part's
+    unlikely: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 4, 4)))
 
     @property
     def is_judged(self) -> bool:
@@ -78,7 +80,10 @@ def initial_pose(problem: Problem, global_search: GlobalSearch) -> InitialPose:
     found = global_search.candidates()
     if not found:
         return InitialPose(np.eye(4), search="judged")
-    others = np.array([c.T_target_source for c in found[1:]]).reshape(-1, 4, 4)
+    others, unlikely = (
+        np.array([c.T_target_source for c in found[1:] if c.is_likely is wanted]).reshape(-1, 4, 4)
+        for wanted in (True, False)
+    )
     # The search has compared all of the scan with all of the target: the basin is decided.
     kernel_scale = global_search.kernel_scale if found[0].stage == "judged" else None
-    return InitialPose(found[0].T_target_source, kernel_scale, others, found[0].stage)
+    return InitialPose(found[0].T_target_source, kernel_scale, others, found[0].stage, unlikely)

@@ -7,6 +7,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray, median
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
+from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.evidence import NEAR
 from dqreg.registration.fit import Fit
 from dqreg.rigid import pose, twist
@@ -94,7 +95,7 @@ def down_to_noise(fit: Fit) -> Fit:
     and draw the pose.
     """
     scan, surface = fit.prepared.scan, fit.prepared.surface
-    wide = fit.run.mixture.scale > HELD_WIDE * scan.noise > 0.0
+    wide = fit.run.mixture.scale > HELD_WIDE * noise_on(scan, surface) > 0.0
     options = fit.problem.options
     if not fit.found or not wide or not isinstance(surface, MeshSurface) or fit.problem.watch.is_over:
         return fit
@@ -105,7 +106,7 @@ def down_to_noise(fit: Fit) -> Fit:
     if not near.any():
         return fit
     sample = OrientedPoints.on_faces(points[sample_rows(len(points), NARROWING)])
-    widths = np.geomspace(fit.run.mixture.scale, max(scan.noise, fit.floor), NARROW_STEPS)
+    widths = np.geomspace(fit.run.mixture.scale, max(noise_on(scan, surface), fit.floor), NARROW_STEPS)
     refined = refine(Poses.of(fit.T_target_source[None]), sample, surface, widths).matrices
     scores = scores_of(fit, np.concatenate([fit.T_target_source[None], refined]))
     gain, error = float(scores.means[1] - scores.means[0]), float(scores.deficit(1)[1][0])

@@ -51,6 +51,7 @@ def scaled(scan: Scan, scale: float) -> Scan:
         residuals=scale * scan.residuals,
         spacing=scale * scan.spacing,
         noise=scale * scan.noise,
+        quiet=None if scan.quiet is None else scale * scan.quiet,
     )
 
 

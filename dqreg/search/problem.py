@@ -12,6 +12,7 @@ from dqreg._arrays import IntArray
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import IcpSettings, smallest_kernel_scale
+from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.kernels.threads import until
 from dqreg.search.axes import moments
 from dqreg.search.features import even_points, scan_features
@@ -140,8 +141,11 @@ class SearchProblem:
             return score_poses(poses, points, self.surface, self.limit, least)
         even, surface = self.other_way
         here, there = (side[sample_rows(len(side), count)] for side in (self.faces, even))
+        # Points of the scan lie on a part's faces to within the noise; those of the part between points of the scan.
+        is_mesh = isinstance(self.target, Mesh)
+        on_faces = max(2.0 * noise_on(self.scan, self.surface), least) if is_mesh else width
         return symmetric_scores(
-            score_poses(poses, here.points, self.surface, self.limit, width, here.directions),
+            score_poses(poses, here.points, self.surface, self.limit, on_faces, here.directions),
             score_poses(poses.inverse, there.points, surface, self.limit, width, there.directions),
         )
 

@@ -49,6 +49,8 @@ class Candidate:
     mean_nll: float  # Mean negative log-likelihood of the distances; the lower the better
     rms: float  # Truncated root mean square distance, a length
     stage: str = "judged"  # The last stage that was finished: "judged", or what there was when the time was up
+    # Whether it explains the scan about as well as the first one; in a scene the part may be where others explain more
+    is_likely: bool = True
     # For a pose that is the first one followed by a symmetry of the part itself: its axis
     symmetry: Axis | None = None
 
@@ -134,14 +136,16 @@ def _equally_likely(problem: SearchProblem, poses: Poses) -> tuple[Candidate, ..
     likely = deficit <= np.clip(ERRORS * error, EQUALLY_LIKELY, WORSE)
     if problem.other_way is None:
         likely &= ~scores.distinguishable(int(order[0]))
+    # The faces of a part may explain more of a table than of the part: the others are asked about too.
+    is_scene = problem.other_way is not None and isinstance(problem.target, Mesh)
     symmetry = problem.table.symmetry if isinstance(problem.target, Mesh) else None
     found: list[Candidate] = []
-    rows = order[likely[order]]
+    rows = np.concatenate([order[likely[order]], order[~likely[order]]]) if is_scene else order[likely[order]]
     # Poses that have nearly converged to each other are one.
     angle_rad, offset = FINE_APART
     middle = problem.scan.points.mean(axis=0)
     for k in rows[poses[rows].distinct(middle, angle_rad, offset * problem.size, len(rows))]:
-        candidate = _candidate(poses, scores, int(k), "judged")
+        candidate = dataclasses.replace(_candidate(poses, scores, int(k), "judged"), is_likely=bool(likely[k]))
         if found and symmetry:
             axis = symmetry.between(found[0].T_target_source, candidate.T_target_source, offset * problem.size)
             candidate = dataclasses.replace(candidate, symmetry=axis)

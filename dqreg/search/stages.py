@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dqreg.geometry import Mesh, PointCloud
+from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.history import Stage
 from dqreg.search.axes import axis_hypotheses
 from dqreg.search.fpfh import VOXEL, FpfhCloud, match_hypotheses
@@ -115,7 +116,7 @@ def add_near_symmetric(problem: SearchProblem, poses: Poses) -> Poses:
 def refine_finely(problem: SearchProblem, poses: Poses) -> Poses:
     """After steps of many points at the width of the scan's noise."""
     first, last = FINE_WIDTHS
-    width = max(2.0 * problem.scan.noise / problem.size, last)
+    width = max(2.0 * noise_on(problem.scan, problem.surface) / problem.size, last)
     poses = problem.refined(poses, problem.sample_without_normals(FINE_POINTS), (max(first, width), width, 4))
     floor = FINE_WIDTH if isinstance(problem.target, Mesh) else CLOUD_WIDTHS[2]
     poses = problem.distinct(problem.ranked(poses, FINE_SCORED, floor, BEATEN), LAST_APART, LAST_KEPT)

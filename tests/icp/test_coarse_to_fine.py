@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, Scan, prepare_scan, sample_mesh
+from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, Scan, prepare_scan, sample_mesh
 from dqreg.icp import (
     ESTIMATORS,
     IcpSettings,
@@ -17,9 +17,11 @@ from dqreg.icp import (
     points_to_planes,
     smallest_kernel_scale,
 )
+from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.history import Iteration
 from dqreg.rigid import pose
 from dqreg.synth import disturbance, worst_vertex_displacement
+from dqreg.synth.parts import cylinder
 from tests.icp.scenes import bracket_mesh, bracket_points
 
 PART = bracket_mesh()
@@ -203,3 +205,13 @@ def test_tracking_takes_few_steps_and_ends_where_patience_does(surface: MeshSurf
     left = worst_vertex_displacement(again.T_target_source, run.T_target_source, PART.vertices)
     assert left <= 2.0 * mixture.scale / np.sqrt(len(scan))
     assert settled.scale == pytest.approx(mixture.scale, rel=0.1)
+
+
+def test_between_clouds_the_noise_of_most_faces_decides() -> None:
+    part, rng = Mesh(*cylinder(segments=200)), np.random.default_rng(0)
+    one, other = (sample_mesh(part, 1_000, rng).points for _ in range(2))
+    scan = prepare_scan(PointCloud(one))
+    assert scan.quiet is not None
+    assert scan.quiet < scan.noise
+    assert noise_on(scan, CloudSurface(PointCloud(other))) == scan.noise
+    assert noise_on(scan, MeshSurface(part)) == scan.quiet
