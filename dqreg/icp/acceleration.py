@@ -6,6 +6,8 @@ iteration. The last few steps extrapolate to the limit (Anderson 1965; for ICP P
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dqreg._arrays import FloatArray
@@ -62,10 +64,7 @@ class Anderson:
         if len(self._steps) < 2:
             return T_next, True
         self._plain = T_next
-        step_changes = np.diff(self._steps, axis=0).T
-        position_changes = np.diff(self._positions, axis=0).T
-        mix = np.linalg.lstsq(step_changes, self._steps[-1], rcond=CUTOFF)[0]
-        return self._pose(target - (position_changes + step_changes) @ mix), True
+        return self._pose(limit_of(self._positions, self._steps, CUTOFF)), True
 
     def _coordinates(self, T: FloatArray) -> FloatArray:
         T_change = self._back @ T @ self._off_base
@@ -75,3 +74,11 @@ class Anderson:
     def _pose(self, coordinates: FloatArray) -> FloatArray:
         T: FloatArray = self._frame @ single_pose.exp(coordinates * self._units) @ self._base
         return T
+
+
+def limit_of(positions: Sequence[FloatArray], steps: Sequence[FloatArray], cutoff: float) -> FloatArray:
+    """Where the mix of the last positions lies of which the steps cancel best. Shapes: each (k,), returns (k,)."""
+    step_changes, position_changes = np.diff(steps, axis=0).T, np.diff(positions, axis=0).T
+    mix = np.linalg.lstsq(step_changes, steps[-1], rcond=cutoff)[0]
+    limit: FloatArray = positions[-1] + steps[-1] - (position_changes + step_changes) @ mix
+    return limit

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg.icp.acceleration import limit_of
 from dqreg.rigid import pose
 
 WINDOW = 5
@@ -54,10 +55,8 @@ class JointAnderson:
         if len(self._steps) < 2:
             return T_next
         self._plain = T_next
-        changes, moves = np.diff(self._steps, axis=0).T, np.diff(self._positions, axis=0).T
-        mix = np.linalg.lstsq(changes, step, rcond=CUTOFF)[0]
         found = T_next.copy()
-        found[self._free] = self._poses(target - (moves + changes) @ mix)
+        found[self._free] = self._poses(limit_of(self._positions, self._steps, CUTOFF))
         return found
 
     def _coordinates(self, T: FloatArray) -> FloatArray:
