@@ -9,10 +9,11 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.errors import InputError
 from dqreg.inspection.scan_cells import ScanCells
 from dqreg.inspection.scan_surfaces import Nominal, Surfaces, surfaces_of
+from dqreg.inspection.statistics import PROBED
 
 Flags = NDArray[np.int8]
 # What a point belongs to. Files of deviations hold these numbers: never renumbered.
@@ -31,6 +32,14 @@ OFF, OFF_SPACINGS = 6.0, 1.0
 BESIDE = 3.0
 # Cells in which points off the surface are neighbours, in spacings: a surface fills them, outliers do not.
 CELL = 3.0
+# A point is a spike where, of so many neighbours on the part, fewer than these leave their median on its side by half
+# as much as it does. More are a patch, whatever made it.
+AROUND, ALIKE, HALF = 25, 5, 0.5
+# Where the highest of a cluster are gone, those below them stand alone: so many rounds. Cells of which more is off the
+# part are a patch.
+ROUNDS, WHOLE = 8, 0.9
+# Points that are asked at once.
+CHUNK = 100_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,8 +108,8 @@ def membership(
 
     Points off the part's surface are joined to smooth surfaces through neighbouring cells. A surface that ends within
     the limit is a deviation of the part; one that runs on beyond it is another surface, whole, unless it continues the
-    part; too few points for a surface are outliers. See `surfaces_of`. A limit that was given is the reach. Else no
-    point of the part lies beyond the reach, which follows from them.
+    part; too few points for a surface, and spikes on the part, are outliers. See `surfaces_of`. A limit that was given
+    is the reach. Else no point of the part lies beyond the reach, which follows from them.
 
     Points are about the target's origin, where cells keep their digits.
     """
@@ -115,12 +124,45 @@ def membership(
             cells, off, points, distances, nominal, limit=limit, noise=noise, spacing=spacing, closed=given
         )
         _flag(flags, off, found, cells, points, distances, (begins, BESIDE * noise))
+    if np.isfinite(limit) and spacing > 0.0 and noise > 0.0:
+        flags[_spikes(np.flatnonzero(flags == ON_PART), values, nominal.feet, noisy, CELL * spacing)] = OUTLIER
     if given:
         return Membership(flags, limit, "given")
     least: ReachFrom = "noise" if noisy >= spaced else "spacing"
     reach = float(distances[flags == ON_PART].max(initial=begins))
     flags[(flags != ON_PART) & (distances > reach)] = BEYOND
     return Membership(flags, reach, "deviations" if reach > begins else least)
+
+
+def _spikes(rows: IntArray, values: FloatArray, feet: FloatArray, least: float, width: float) -> IntArray:
+    """Of rows on the part those whose points leave it by ``least`` and stand alone among their neighbours."""
+    begun = rows
+    for _ in range(ROUNDS):
+        off = np.abs(values[rows]) > least
+        if len(rows) < PROBED or not off.any():
+            break
+        cells = ScanCells(feet[rows], width)
+        asked = np.flatnonzero(off & (cells.sums(off) <= WHOLE * cells.counts)[cells.cell])
+        alone = _alone(values[rows], feet[rows], asked, least)
+        if not alone.any():
+            break
+        rows = np.delete(rows, asked[alone])
+    return np.setdiff1d(begun, rows, assume_unique=True)
+
+
+def _alone(values: FloatArray, feet: FloatArray, asked: IntArray, least: float) -> BoolArray:
+    """Whether points leave their neighbours by ``least``, and hardly any of these does."""
+    from scipy.spatial import cKDTree
+
+    tree, found = cKDTree(feet), np.zeros(len(asked), dtype=bool)
+    for begin in range(0, len(asked), CHUNK):
+        chunk = asked[begin : begin + CHUNK]
+        around = values[tree.query(feet[chunk], k=AROUND)[1]]
+        middle = np.median(around, axis=1)
+        away = values[chunk] - middle
+        alike = (around - middle[:, None]) * np.sign(away)[:, None] >= HALF * np.abs(away)[:, None]
+        found[begin : begin + CHUNK] = (np.abs(away) > least) & (alike.sum(axis=1) < ALIKE)
+    return found
 
 
 def _flag(

@@ -31,9 +31,9 @@ MOST = 0.8
 FOOT = 2.0
 # Share of feet on measured places from which a surface stands before the part.
 BEFORE = 0.7
-# Points of the part on a face, over those of a surface above it, up to which the surface is that face, and the share of
-# its area that it covers.
-REPLACES, COVERS = 0.25, 0.25
+# Share of the nominal places behind a surface that were measured, up to which the surface is the face there; and the
+# share of the face that it covers, more where some of its points are above another face.
+REPLACES, COVERS, MOSTLY = 0.25, 0.25, 0.5
 # Surfaces are of one plane within so many sigmas of the noise, or so many spacings; planes that are looked at.
 ONE_PLANE, ONE_PLANE_SPACINGS, PLANES = 4.0, 0.5, 8
 # Points of a side that are asked which one is nearest.
@@ -89,9 +89,9 @@ def surfaces_of(
 def _continuing(scene: _Scene) -> BoolArray:
     """Surfaces beyond the limit that are the part's: bent away from its nominal shape, or a face out of place."""
     ends = scene.per_patch(scene.distances[scene.off] > FARTHER * scene.limit) < LEAVES
-    candidates = scene.runs_on & ends & scene.turned & scene.is_flat
-    found: BoolArray = candidates & scene.attached
-    for number in np.flatnonzero(candidates & ~scene.attached):
+    candidates = scene.runs_on & ends & scene.is_flat
+    found: BoolArray = candidates & scene.turned & scene.attached
+    for number in np.flatnonzero(candidates & ~found & scene.half_turned):
         found[number] = scene.replaces_a_face(int(number))
     return found
 
@@ -169,8 +169,18 @@ class _Scene:
     @cached_property
     def turned(self) -> BoolArray:
         """Patches that face the part like one of its own faces."""
-        found: BoolArray = self.per_patch(self.facing >= CONTINUES_COS) >= MOST * self.counts
+        found: BoolArray = self._turned >= MOST * self.counts
         return found
+
+    @cached_property
+    def half_turned(self) -> BoolArray:
+        """Patches of which most points do; those above the foot of a wall have their feet on the wall."""
+        found: BoolArray = self._turned > 0.5 * self.counts
+        return found
+
+    @cached_property
+    def _turned(self) -> FloatArray:
+        return self.per_patch(self.facing >= CONTINUES_COS)
 
     def beside(self, marked: BoolArray) -> BoolArray:
         """Patches that touch one of those marked."""
@@ -203,10 +213,14 @@ class _Scene:
 
     def stands_before(self, number: int) -> bool:
         """Whether the nominal places behind a surface were measured too."""
+        return self.share_measured(self.rows_of(number)) >= BEFORE
+
+    def share_measured(self, rows: IntArray) -> float:
+        """Share of the nominal places behind some rows of the scan that were measured too."""
         if not len(self.rows_on):
-            return False
-        away, _ = self._measured.query(self._sided(self.rows_of(number)), distance_upper_bound=self.near)
-        return bool(np.isfinite(away).mean() >= BEFORE)
+            return 0.0
+        away, _ = self._measured.query(self._sided(rows), distance_upper_bound=self.near)
+        return float(np.isfinite(away).mean())
 
     @cached_property
     def _measured(self) -> Any:
@@ -249,12 +263,13 @@ class _Scene:
     def replaces_a_face(self, number: int) -> bool:
         """Whether a surface is what was measured of the face of the part behind it."""
         rows = self.rows_of(number)
-        behind = np.bincount(self.nominal.faces(rows))
+        faces = self.nominal.faces(rows)
+        behind = np.bincount(faces)
         face = int(behind.argmax())
-        measured = np.count_nonzero(self.nominal.faces(self.rows_on) == face)
-        places = np.unique(np.floor(self.nominal.feet[rows] / self.near), axis=0)
-        return bool(
-            behind[face] >= MOST * len(rows)
-            and measured <= REPLACES * len(rows)
-            and len(places) * self.near**2 >= COVERS * self.nominal.area(face)
-        )
+        above = rows[faces == face]
+        places = np.unique(np.floor(self.nominal.feet[above] / self.near), axis=0)
+        covers = len(places) * self.near**2 / self.nominal.area(face)
+        # A surface above two faces replaces one of them where it covers more of it.
+        if len(above) <= 0.5 * len(rows) or covers < (COVERS if len(above) >= MOST * len(rows) else MOSTLY):
+            return False
+        return self.share_measured(above) <= REPLACES

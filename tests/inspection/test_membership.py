@@ -11,7 +11,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.inspection import Deviations, decide, measure_deviations
 from dqreg.inspection.membership import BEYOND, EXCLUDED, ON_PART, OTHER_SURFACE, OUTLIER, in_boxes
-from dqreg.synth.parts import box
+from dqreg.synth.parts import angle, box
 
 NOISE, REACH = 0.02, 4.0
 SIZE = (40.0, 30.0, 10.0)
@@ -161,3 +161,36 @@ def test_a_face_beyond_the_limit_counts_where_it_was_not_measured_otherwise_and_
     held = found(np.vstack([pad, top(rng, 24_000)]) + rng.normal(0.0, NOISE, (27_000, 3)))
     assert not (held.flags[:3_000] == ON_PART).any()
     assert (held.flags[3_000:] == ON_PART).all()
+
+
+def test_spikes_are_forgiven_and_a_patch_as_high_is_not() -> None:
+    rng = np.random.default_rng(5)
+    flat = top(rng)
+    flat[:, 2] += rng.normal(0.0, NOISE, len(flat))
+    # Lower than one spacing, so that no cell of their own tells them from the surface.
+    high = rng.choice(len(flat), 840, replace=False)
+    spiky = flat.copy()
+    spiky[high, 2] += 0.18
+    forgiven = found(spiky)
+    # Five that happen to lie together are a patch.
+    assert (forgiven.flags[high] != ON_PART).mean() > 0.95
+    assert (np.delete(forgiven.flags, high) == ON_PART).mean() > 0.999
+    assert decide(forgiven, 0.1).outcome == "pass"
+    # Twice as wide as the neighbourhood that is asked.
+    patch = np.linalg.norm(flat[:, :2] - [20, 15], axis=1) < 1.3
+    assert patch.sum() > 50
+    flat[patch, 2] += 0.18
+    kept = found(flat)
+    # At its rim points may stand alone.
+    assert (kept.flags[patch] == ON_PART).mean() > 0.8
+    assert decide(kept, 0.1).outcome == "fail"
+
+
+def test_a_raised_floor_beside_a_wall_is_measured_though_some_of_it_is_nearer_to_the_wall() -> None:
+    rng = np.random.default_rng(6)
+    mesh = Mesh(*angle(length=20.0, height=30.0, width=30.0, bend_radius=0.5, large_hole=3.0, small_hole=2.0))
+    floor = np.column_stack([rng.uniform([2.5, 0], [20, 30], (12_000, 2)), np.full(12_000, 2.0 + 5.0)])
+    wall = np.column_stack([np.full(8_000, 2.0), rng.uniform([0, 7], [30, 30], (8_000, 2))])
+    points = np.vstack([floor, wall]) + rng.normal(0.0, NOISE, (20_000, 3))
+    raised = measure_deviations(points, mesh, MeshSurface(mesh), limit=REACH, noise=NOISE, spacing=0.2)
+    assert (raised.flags[:12_000] == ON_PART).mean() > 0.99
