@@ -32,6 +32,7 @@ class PairJob:
     target: int  # -1 is the part
     source: int
     start: FloatArray | None = None  # (4, 4): T_target_source to begin at; None searches
+    near: bool = False  # Whether other pairs say where it is: what lies elsewhere is not looked for
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,6 +116,7 @@ class PairRunner:
                 job.start,
                 effort=self.effort,
                 seed=self.seed,
+                search="never" if job.near else "doubt",
                 time_limit=max(limit, 1e-3) if np.isfinite(limit) else None,
                 keep_inputs=False,
                 units="check" if job.target == PART else "ignore",
@@ -135,6 +137,7 @@ class PairRunner:
             "start": start,
             "effort": self.effort,
             "seed": self.seed,
+            "near": job.near,
         }
 
     def _file(self, job: PairJob) -> Path:

@@ -61,7 +61,7 @@ def rescued(runner: PairRunner, belief: Belief, judged: Callable[[Sequence[Edge]
         tried |= set(wanted)
         edges = list(belief.edges)
         rows = {(edge.target, edge.source): k for k, edge in enumerate(edges)}
-        for edge in runner.run([PairJob(i, j, pose.inverse(T[i]) @ T[j]) for i, j in wanted]):
+        for edge in runner.run([PairJob(i, j, pose.inverse(T[i]) @ T[j], near=True) for i, j in wanted]):
             pair = edge.target, edge.source
             if pair not in rows:
                 edges.append(edge)

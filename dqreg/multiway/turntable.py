@@ -126,19 +126,21 @@ def _by_steps(
 ) -> list[Edge]:
     """The edges with those of scans one and two steps apart, begun where the table says, where they were weak.
 
-    So do the odd ones, which are elsewhere: of two accepted poses, the order of the scans tells which is likely.
+    So do the odd ones, which are elsewhere: a pose as good counts more where the table puts them.
+    What ends elsewhere than it began at the table tells nothing.
     """
     count, found = len(scans), {(edge.target, edge.source): edge for edge in edges}
-    jobs = []
+    jobs: dict[Pair, tuple[PairJob, int]] = {}
     for apart in (1, 2) if count > 4 else (1,):
         for k in range(count):
             i, j = sorted((k, (k + apart) % count))
             pair = scans[i], scans[j]
             if pair not in found or is_weak(found[pair]) or pair in odd:
-                jobs.append(PairJob(*pair, table.between(i, j)))
-    jobs = list({(job.target, job.source): job for job in jobs}.values())
-    for edge in runner.run(jobs):
-        pair = edge.target, edge.source
-        chosen = pair not in found or (pair in odd and edge.level == "accepted")
-        found[pair] = edge if chosen else better(found[pair], edge)
+                jobs[pair] = PairJob(*pair, table.between(i, j), near=True), j - i
+    for edge, (pair, (_, places)) in zip(runner.run([job for job, _ in jobs.values()]), jobs.items(), strict=True):
+        old = found.get(pair)
+        if edge.found and table.contradicts(edge, places):
+            continue
+        as_good = edge.found and old is not None and (edge.level == "accepted" or is_weak(old))
+        found[pair] = edge if old is None or (pair in odd and as_good) else better(old, edge)
     return list(found.values())

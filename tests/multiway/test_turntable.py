@@ -3,7 +3,8 @@ from itertools import pairwise
 import numpy as np
 
 from dqreg.multiway.edges import Edge
-from dqreg.multiway.turntable import step_of
+from dqreg.multiway.pair_runs import PairJob
+from dqreg.multiway.turntable import on_turntable, step_of
 from dqreg.rigid import DualQuaternion, pose
 from tests.multiway.edges_of_truth import registration
 
@@ -48,3 +49,37 @@ def test_steps_that_are_a_little_off_together_neither_bend_the_mean_nor_agree_wi
     np.testing.assert_allclose(table.step.as_matrix(), exact.as_matrix(), atol=4 * 3e-4 / np.sqrt(14))
     odd = [edge.target for places, edge in steps if table.contradicts(edge, places)]
     assert odd == list(range(0, 21, 3))
+
+
+class Runner:
+    """Ends where a job begins, accepted; but for some pairs, which end elsewhere."""
+
+    def __init__(self, elsewhere: set[tuple[int, int]]) -> None:
+        self.elsewhere, self.jobs = elsewhere, list[PairJob]()
+
+    def run(self, jobs: list[PairJob]) -> list[Edge]:
+        self.jobs += jobs
+        away = pose.from_parts(np.eye(3), np.array([0.0, 0.0, 1.0]))
+        ends = [job.start @ away if (job.target, job.source) in self.elsewhere else job.start for job in jobs]
+        return [
+            Edge(job.target, job.source, registration(T, 1e-6 * np.eye(6), np.zeros(3)))
+            for job, T in zip(jobs, ends, strict=True)
+        ]
+
+
+def test_an_accepted_neighbour_elsewhere_gives_way_to_one_as_good_at_the_table() -> None:
+    count = 12
+    steps, exact = neighbours(count, 1e-5, seed=4)
+    for k in (2, 5):
+        wrong = pose.from_parts(np.eye(3), np.array([0.3, 0.0, 0.0])) @ steps[k][1].registration.T_target_source
+        steps[k] = 1, Edge(k, k + 1, registration(wrong, 1e-6 * np.eye(6), np.zeros(3)))
+    before = [edge for _, edge in steps]
+    runner = Runner({(5, 6), (0, 2)})
+    found = {(e.target, e.source): e for e in on_turntable(runner, before, range(count))}  # type: ignore[arg-type]
+    assert all(job.near for job in runner.jobs)
+    np.testing.assert_allclose(found[2, 3].registration.T_target_source, exact.as_matrix(), atol=1e-3)
+    # What ends elsewhere is not taken, and never a right neighbour's place.
+    assert found[5, 6] is before[5]
+    assert (0, 2) not in found
+    assert (1, 3) in found
+    assert all(found[k, k + 1] is before[k] for k in range(count - 1) if k != 2)
