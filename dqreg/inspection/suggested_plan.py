@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
+from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection.part_faces import Face, part_faces
 from dqreg.inspection.suggested_datums import suggest_datums
 
@@ -43,6 +44,8 @@ SECTION = """\
 # views = ["iso", "top"]      # pictures in print: a name, or [yaw, pitch] in degrees
 """
 NO_DATUMS = "# No faces hold all six motions: values are those of the best fit. Datums are [[datum]] tables.\n"
+# A cylinder is closed where no corners are farther apart about its axis; from so many diameters on its axis may bend.
+OPEN, SLENDER = 0.5 * math.pi, 3.0
 # Characteristics at most; the largest faces come first.
 MOST = 40
 
@@ -89,18 +92,33 @@ def suggested_plan(
         if letter != "A" and face.kind == "plane":
             rows.append(_row(f"datum {letter} to A", "perpendicularity", face, tolerance, 'datum = "A"\n'))
     known = {face.number for face in datums.values()}
+    labels = faces_of(mesh)[1]
     for face in sorted(faces, key=lambda face: -face.area):
         name = f"{'hole' if face.is_hole else face.kind} {face.number}"
         if face.kind == "cylinder":
             rows.append(_row(f"{name} diameter", "diameter", face, tolerance))
             if datums:
                 rows.append(_row(f"{name} position", "position", face, 2 * tolerance))
+            slender = _slender(mesh.corners[labels == face.number].reshape(-1, 3), face)
+            if slender > 0.0 and not face.is_hole:
+                rows.append(_row(f"{name} roundness", "roundness", face, tolerance))
+            if slender >= SLENDER:
+                rows.append(_row(f"{name} axis", "straightness", face, 2 * tolerance, 'of = "axis"\n'))
         elif face.number not in known:
             rows.append(_row(f"{name} profile", "profile", face, 2 * tolerance))
     named = [_commented(row, places) for row in rows[:MOST]]
     if len(rows) > MOST:
         named.append(f"# {len(rows) - MOST} smaller faces are left out: see dqreg faces.\n")
     return "\n".join([*lines, *named, SECTION.format(_middle(mesh, origin))])
+
+
+def _slender(corners: FloatArray, face: Face) -> float:
+    """Length of a cylinder in diameters; 0 of one that is not closed, as a fillet."""
+    assert face.feature is not None
+    local = (corners - face.feature.point) @ face.feature.frame
+    turns = np.sort(np.arctan2(local[:, 1], local[:, 0]))
+    gap = float(np.diff(np.r_[turns, turns[0] + 2.0 * math.pi]).max())
+    return float(np.ptp(local[:, 2])) / face.feature.diameter if gap < OPEN else 0.0
 
 
 def _commented(row: str, places: Mapping[int, str]) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+import tomllib
 
 import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh
 from dqreg.inspection.suggested_plan import suggested_plan
-from dqreg.synth.parts import box
+from dqreg.synth.parts import box, bracket, cylinder
 
 
 def written(scale: float, origin: tuple[float, float, float]) -> list[list[str]]:
@@ -32,3 +33,15 @@ def test_rounding_of_coordinates_is_not_written(scale: float) -> None:
 def test_a_far_origin_takes_no_digits() -> None:
     near, far = written(1.0, (0.0, 0.0, 0.0)), written(1.0, (654321.0, 0.0, 0.0))
     assert [float(row[0]) for row in far] == pytest.approx([654321.0 + float(row[0]) for row in near], abs=1e-6)
+
+
+def test_shafts_are_asked_for_their_roundness_and_long_ones_for_their_axis() -> None:
+    def kinds(length: float) -> list[str]:
+        text = suggested_plan(Mesh(*cylinder(diameter=8.0, height=length, segments=48)))
+        return [row["kind"] for row in tomllib.loads(text)["characteristic"] if "cylinder" in row["name"]]
+
+    assert kinds(10.0)[-1] == "roundness"
+    assert kinds(30.0)[-1] == "straightness"
+    # Quarters of a cylinder, as fillets are, are no shaft.
+    text = suggested_plan(Mesh(*bracket()))
+    assert sum(row["kind"] == "roundness" for row in tomllib.loads(text)["characteristic"]) == 1
