@@ -26,6 +26,7 @@ from dqreg.trust import (
     observe_directions,
     without_free_motion,
 )
+from dqreg.trust.common_planes import ends_apart
 from dqreg.trust.covariance import partial_information_of
 from dqreg.trust.overlap import Overlap
 from dqreg.trust.patch_tests import ON
@@ -118,6 +119,7 @@ class Between:
     """What is left between two clouds at a pose; the fields are those of `dqreg.trust.Evidence`."""
 
     faces_apart: float
+    ends_apart: float
     stretch: float
     stretched_along: Vector
     bend: float
@@ -129,13 +131,15 @@ def _between(fit: Fit, covariance: FloatArray) -> Between | None:
     if not fit.found or fit.is_late or not isinstance(target, PointCloud):
         return None
     placed = pose.apply(fit.T_target_source, points[sample_rows(len(points), COMPARED)])
-    overlap = Overlap.of(placed, target.points[sample_rows(len(target.points), COMPARED)])
+    fixed = target.points[sample_rows(len(target.points), COMPARED)]
+    overlap = Overlap.of(placed, fixed)
     if overlap is None:
         return None
     size = fit.prepared.surface.diagonal
     strain = overlap.strain(size)
     return Between(
         faces_apart=overlap.apart(size, covariance),
+        ends_apart=ends_apart(overlap, placed, fixed, size),
         stretch=strain.value if strain.is_strained else 0.0,
         stretched_along=strain.along,
         bend=strain.bend if strain.is_bent else 0.0,

@@ -108,6 +108,12 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "%",
         lambda e: (e.faces_apart, limits.FACES_APART),
     ),
+    "ends_apart": (
+        "Faces in the only common planes that reach beyond the other scan",
+        "at most",
+        "%",
+        lambda e: (e.ends_apart, limits.ENDS_APART),
+    ),
     "disagreeing_normals": (
         "Inliers with another normal than the target",
         "at most",

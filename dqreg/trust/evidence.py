@@ -69,6 +69,9 @@ class Evidence:
         Fraction of the points compared that stand where a scanner looked through; NaN where its place is not known.
     faces_apart : float
         Share of the places that both of two scans show at which they lie apart; NaN where that was not asked.
+    ends_apart : float
+        Share of the faces of two scans that have three planes in common at most which reaches beyond the other's, of
+        the one with less of it; NaN where they have more in common.
     drift, drift_rad : float
         Significant displacement and rotation of the pose from the first point of the scan to the last; else 0.
     drift_along : tuple of 3 floats
@@ -109,6 +112,7 @@ class Evidence:
     clutter: str = "allowed"
     looked_through: float = math.nan
     faces_apart: float = math.nan
+    ends_apart: float = math.nan
     drift: float = 0.0
     drift_rad: float = 0.0
     sliding_loss: float = math.nan

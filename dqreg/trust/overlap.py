@@ -20,7 +20,7 @@ from dqreg.solvers.quadratic import plane_rows
 from dqreg.trust.strain import Strain, robust_fit, strain_of, weights_of
 
 # Points that are compared, and neighbours of a plane; comparisons without which nothing is said.
-ASKED, OF_A_PLANE, FEWEST = 3_000, 16, 300
+ASKED, OF_A_PLANE, FEWEST = 2_000, 16, 200
 # Planes of the two are of one face where their normals are within this angle, neighbours leave this share of their
 # extent at most, or so many times the usual noise, and the points are less than this share of it beside each other.
 SAME_COS, FLAT, NOISY, FLATTEST, BESIDE = np.cos(np.deg2rad(15.0)), 0.15, 2.0, 0.4, 0.7

@@ -34,6 +34,7 @@ Code = Literal[
     "clutter",
     "looked_through",
     "faces_apart",
+    "ends_apart",
     "disagreeing_normals",
     "outliers",
     "large_residuals",

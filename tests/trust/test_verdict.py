@@ -12,6 +12,7 @@ from dqreg.trust import Evidence, judge
 from dqreg.trust.doubts import (
     CHANCE,
     DOUBTS,
+    ENDS_APART,
     FACES_APART,
     FALL,
     FEW_INLIERS,
@@ -81,6 +82,11 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         {"faces_apart": FACES_APART + 0.01},
         "4 % of the places that both scans show lie apart",
         "faces_apart",
+    ),
+    "ends apart": (
+        {"ends_apart": ENDS_APART + 0.01},
+        "5 % of each and more lie beyond the other's",
+        "ends_apart",
     ),
     "normals": (
         {"normals_apart": NORMALS_APART + 0.01},

@@ -1,0 +1,51 @@
+"""Where the faces of two corners end: of one box, of two boxes, and of shapes that are more than a corner."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from dqreg.trust.common_planes import ends_apart
+from dqreg.trust.doubts import ENDS_APART
+from dqreg.trust.overlap import Overlap
+from tests.strategies import FloatArray
+from tests.trust.shapes import sphere
+
+SIZE, NOISE = 80.0, 0.02
+
+
+def corner(edges: tuple[float, float, float], seed: int) -> FloatArray:
+    """Points of the three faces that meet in the origin."""
+    rng = np.random.default_rng(seed)
+    faces = [np.delete(np.array(edges), k).prod() for k in range(3)]
+    k = rng.choice(3, 3_000, p=np.array(faces) / sum(faces))
+    points = rng.uniform(size=(3_000, 3)) * edges
+    points[np.arange(3_000), k] = 0.0
+    return points + NOISE * rng.normal(size=points.shape)
+
+
+def said(one: FloatArray, other: FloatArray) -> float:
+    overlap = Overlap.of(one, other)
+    assert overlap is not None
+    return ends_apart(overlap, one, other, SIZE)
+
+
+def test_two_views_of_one_corner_end_together() -> None:
+    assert said(corner((30.0, 40.0, 55.0), 1), corner((30.0, 40.0, 55.0), 2)) < 0.01
+
+
+def test_the_corner_of_another_box_ends_elsewhere() -> None:
+    assert said(corner((30.0, 40.0, 55.0), 1), corner((36.0, 34.0, 55.0), 2)) > ENDS_APART
+
+
+def test_what_one_view_alone_shows_may_be_hidden_from_the_other() -> None:
+    whole, part = corner((30.0, 40.0, 55.0), 1), corner((30.0, 40.0, 55.0), 2)
+    assert said(whole, part[part[:, 2] < 35.0]) < 0.01
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_where_more_is_in_common_nothing_is_said(seed: int) -> None:
+    one, other = (1.0 * sphere(np.random.default_rng(k), 3_000)[0] for k in (seed, seed + 10))
+    assert math.isnan(said(one, other))
