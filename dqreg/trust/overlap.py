@@ -17,7 +17,7 @@ from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import PlaneFits, fit_planes_among, sample_rows
 from dqreg.solvers.quadratic import plane_rows
-from dqreg.trust.strain import Strain, robust_fit, strain_of, weights_of
+from dqreg.trust.strain import SIGNIFICANT_CLUTTER, Strain, robust_fit, strain_of, weights_of
 
 # Points that are compared, and neighbours of a plane; comparisons without which nothing is said.
 ASKED, OF_A_PLANE, FEWEST = 2_000, 16, 200
@@ -29,7 +29,7 @@ PATCH, APART, LEAST = 16, 1.0, 2e-3
 # The same at the pose itself, beyond what its covariance leaves.
 APART_THERE = 5.0
 # A strain matters that displaces the surface by this share of the size, root mean square.
-SHOWN = 5e-4
+SHOWN = 3e-4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,7 +95,9 @@ class Overlap:
 
     def strain(self, size: float) -> Strain:
         """Strain of one cloud against the other that matters to a size; zeros else."""
-        found = strain_of(self.points, self.normals, self.residuals, clutter=True)
+        # Places on both are no clutter, a whole face that is off may be what a strain explains; but they are chosen.
+        found = strain_of(self.points, self.normals, self.residuals)
+        found = dataclasses.replace(found, significant=SIGNIFICANT_CLUTTER)
         return found if found.shown >= SHOWN * size else Strain()
 
 
