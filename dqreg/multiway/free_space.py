@@ -11,8 +11,8 @@ from dqreg._arrays import FloatArray
 from dqreg.multiway.scans import View
 from dqreg.multiway.viewpoints import Viewpoints
 from dqreg.rigid import pose
-from dqreg.trust.doubts import LOOKED_THROUGH
 from dqreg.trust.free_space import FEWEST, DepthImage
+from dqreg.trust.limits import LOOKED_THROUGH
 
 # Points of a scan that are looked at, and cells of free space in spacings of them.
 POINTS, GAPS = 3_000, 4.0

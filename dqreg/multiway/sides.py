@@ -22,7 +22,7 @@ from dqreg.multiway.free_space import FreeSpace
 from dqreg.multiway.scans import View
 from dqreg.multiway.viewpoints import Viewpoint, Viewpoints, common_viewpoints, given_viewpoints
 from dqreg.rigid import pose
-from dqreg.trust.doubts import LOOKED_THROUGH
+from dqreg.trust.limits import LOOKED_THROUGH
 
 # Matches are of one place within so many spacings, and so many scales of noise along the normal.
 NEAR, THICK, ALIKE = 2.0, 4.0, 0.8

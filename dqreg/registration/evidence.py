@@ -17,7 +17,7 @@ from dqreg.icp.rejectors import at_boundary
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.chance import random_ratio
-from dqreg.trust.doubts import NORMALS_APART
+from dqreg.trust.limits import NORMALS_APART
 from dqreg.trust.neighbourhoods import Neighbourhoods
 from dqreg.trust.patch_tests import ON, isolated, patches_off, stretch_of
 from dqreg.trust.segments import Segments, segments_of

@@ -25,7 +25,7 @@ from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
 from dqreg.search.scoring import CLEAR
-from dqreg.trust.doubts import HOLDS, fewest_carriers
+from dqreg.trust.limits import HOLDS, fewest_carriers
 from dqreg.trust.patch_tests import ON, is_background
 
 # Displacements that are tried either way, in sizes; those from the second on count as they are, all of them where a

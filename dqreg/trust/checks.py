@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 
-from dqreg.trust import doubts as limits
+from dqreg.trust import limits
+from dqreg.trust.doubts import DOUBTS
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.records import Check, Code, Relation, Unit
 
@@ -15,7 +16,7 @@ Figures = Callable[[Evidence], tuple[float, float]]
 def checks_of(evidence: Evidence, against: Collection[str]) -> tuple[Check, ...]:
     """All questions in the order of the verdict, given the codes of those that speak against the pose."""
     checks = []
-    for code, _ in limits.DOUBTS:
+    for code, _ in DOUBTS:
         asked = SLIDING if code == "weakly_constrained" and math.isfinite(evidence.sliding_loss) else QUESTIONS[code]
         question, relation, unit, figures = asked
         value, limit = figures(evidence)

@@ -1,4 +1,4 @@
-"""What speaks against a pose: one function a test, and its limit."""
+"""What speaks against a pose: one function a test; the limits are in `dqreg.trust.limits`."""
 
 from __future__ import annotations
 
@@ -8,64 +8,37 @@ from collections.abc import Callable, Iterator
 from dqreg.solvers.motion_words import direction_words
 from dqreg.solvers.status import Status
 from dqreg.trust.evidence import Evidence
+from dqreg.trust.limits import (
+    CLUTTER,
+    CONTRADICTING,
+    ENDS_APART,
+    FACES_APART,
+    FALL,
+    FEW_INLIERS,
+    FEW_OF_ALL,
+    FEWEST_INLIERS,
+    HOLDS,
+    LOOKED_THROUGH,
+    MIRRORED,
+    NORMALS_APART,
+    OFF_PER_STRAY,
+    PATCHES_OFF,
+    PATCHES_OFF_BORDER,
+    ROUGH,
+    STRAYS,
+    UNCERTAIN,
+    UNCERTAIN_RAD,
+    chance_limit,
+    counts_all,
+    fewest_carriers,
+)
 from dqreg.trust.records import Code
 
-# Inliers below this fraction of the points near the target: a local minimum, another part, or much clutter.
-FEW_INLIERS = 0.7
-# The same where all points count (odometry), and against the frames before.
-FEW_OF_ALL, FALL = 0.5, 0.75
-# Fewer inliers determine a pose of six unknowns with nothing left to check it.
-FEWEST_INLIERS = 30
-# Fewer fix no pose at all.
-FEWEST_OF_ALL = 3
-# Patches of neighbouring points that deviate as a whole; inliers with another normal; points that lie on no surface:
-# fractions above these speak against the pose.
-PATCHES_OFF, NORMALS_APART, STRAYS = 0.03, 0.15, 0.5
-# Two scans of one scene see different sides of things, and things move.
-PATCHES_OFF_BORDER = 0.12
-# Outliers take some patches along: so many more may deviate for each of them.
-OFF_PER_STRAY = 0.25
-# Residuals this many times the scan's own noise: the shapes differ, or the pose is wrong.
-ROUGH = 5.0
-# Mean log-likelihood that mirroring the scan may gain: good scans lose 0.25 and more, mirrored ones gain as much.
-MIRRORED = 0.015
-# Residuals over those at random poses: scans come to 0.09 at most, noise that was accepted to 0.4 and more.
-CHANCE = 0.25
-# Share of the scan on a closed part below which that ratio is to be less, in proportion.
-MOSTLY_ON = 0.5
-# Standard deviations of the pose beyond these are no answer: rotations, and translations in sizes of the target.
-UNCERTAIN_RAD, UNCERTAIN = math.radians(2.0), 0.02
-# A motion constrained by fewer points than this, and by this fraction of the inliers, depends on a detail or outliers.
-DETAIL, DETAIL_SHARE = 30.0, 0.02
-# The same where those of two scans are counted on which the normals of both agree, whatever the number of inliers:
-# chance alone reaches 10 of them.
-DETAIL_OF_BOTH = 20.0
-# But not where displacements along it cost the whole scan so much log-likelihood: chance reaches it once in 10^8.
-HOLDS = 20.0
-# Surface of the part itself off the target, in shares of what is on it; points off a part that is said to be alone.
-CONTRADICTING, CLUTTER = 0.08, 0.05
-# Points where a scanner looked through: right poses of depth cameras and LiDARs came to 0.004, wrong ones to 0.05.
-LOOKED_THROUGH = 0.05
-# Places of two scans that lie apart: right poses of measured pairs came to 0.025, most ripples of 0.4 % to 0.07.
-FACES_APART = 0.03
-# Faces beyond those of the other scan, where both have three planes in common at most: right poses of generated views
-# came to 0.02, one in 42 to 0.1; other parts to 0.05 and more.
-ENDS_APART = 0.04
 # What to do about a loop that ended so.
 ADVICE: dict[Status, str] = {
     "iteration limit": "; raise max_iterations, or give a closer initial pose",
     "stalled": "; the step size stopped decreasing: check the pose, or give a closer initial pose",
 }
-
-
-def fewest_carriers(inliers: float, *, of_both: bool = False) -> float:
-    """Fewer points that constrain a motion may be a detail or outliers; of both: those on which two scans agree."""
-    return DETAIL_OF_BOTH if of_both else min(DETAIL, DETAIL_SHARE * inliers)
-
-
-def counts_all(evidence: Evidence) -> bool:
-    """Whether all points count, as of a frame of a sequence."""
-    return math.isinf(evidence.near)
 
 
 def counted(evidence: Evidence) -> str:
@@ -221,11 +194,6 @@ def _drift(evidence: Evidence) -> Iterator[str]:
             f"{math.degrees(evidence.drift_rad):.2g} degrees within the scan: part or scanner moved during it or "
             "between two exposures, or its views do not fit"
         )
-
-
-def chance_limit(evidence: Evidence) -> float:
-    """Largest random ratio: where a pose leaves most of a scan off a closed part, it was chosen for the rest alone."""
-    return CHANCE * (1.0 if evidence.has_border else min(1.0, evidence.share_on / MOSTLY_ON))
 
 
 def _random_fit(evidence: Evidence) -> Iterator[str]:

@@ -6,8 +6,9 @@ import math
 
 from dqreg.trust.checks import checks_of
 from dqreg.trust.confidence import confidence_of
-from dqreg.trust.doubts import DOUBTS, FEWEST_OF_ALL, counted
+from dqreg.trust.doubts import DOUBTS, counted
 from dqreg.trust.evidence import Evidence
+from dqreg.trust.limits import FEWEST_OF_ALL
 from dqreg.trust.records import Check, Level, Reason, Verdict
 
 # Confidence below which a pose is not accepted though no figure alone speaks against it: right poses of the tuning

@@ -9,7 +9,7 @@ from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, prepare_
 from dqreg.icp import Alignment, InlierMixture, find_correspondences
 from dqreg.registration.evidence import Agreement, agreement_of
 from dqreg.rigid import pose
-from dqreg.trust.doubts import NORMALS_APART
+from dqreg.trust.limits import NORMALS_APART
 from tests.icp.scenes import bracket_mesh, bracket_points
 
 PART = bracket_mesh()

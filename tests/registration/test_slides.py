@@ -13,7 +13,7 @@ from dqreg.registration.slides import slide_of, without_slide
 from dqreg.rigid import pose
 from dqreg.synth import worst_vertex_displacement
 from dqreg.synth.parts import box
-from dqreg.trust.doubts import HOLDS, fewest_carriers
+from dqreg.trust.limits import HOLDS, fewest_carriers
 from tests.registration.scenes import problem_of
 
 LENGTH, NOISE = 200.0, 0.05

@@ -11,7 +11,7 @@ from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror, is_symmetr
 from dqreg.synth.parts import block, box, bracket, cylinder, gear
 from dqreg.synth.parts.blocks import cells
 from dqreg.synth.parts.patches import weld
-from dqreg.trust.doubts import MIRRORED
+from dqreg.trust.limits import MIRRORED
 
 # Half a turn about an axis leaves this block in place but for one small feature.
 BLOCK = Mesh(*block())

@@ -7,7 +7,7 @@ import dqreg
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.synth.parts import box, bracket
 from dqreg.trust.chance import random_ratio
-from dqreg.trust.doubts import CHANCE
+from dqreg.trust.limits import CHANCE
 
 PART = Mesh(*box((100.0, 60.0, 40.0)))
 SURFACE = MeshSurface(PART)

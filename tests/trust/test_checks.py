@@ -7,7 +7,8 @@ import pytest
 
 from dqreg.trust import judge
 from dqreg.trust.checks import QUESTIONS
-from dqreg.trust.doubts import DOUBTS, ROUGH
+from dqreg.trust.doubts import DOUBTS
+from dqreg.trust.limits import ROUGH
 from dqreg.trust.records import Check
 from tests.trust.test_verdict import CAUSES, GOOD
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dqreg.trust.common_planes import ends_apart
-from dqreg.trust.doubts import ENDS_APART
+from dqreg.trust.limits import ENDS_APART
 from dqreg.trust.overlap import Overlap
 from tests.strategies import FloatArray
 from tests.trust.shapes import sphere

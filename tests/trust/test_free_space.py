@@ -6,8 +6,8 @@ import pytest
 import dqreg
 from dqreg.geometry import PointCloud
 from dqreg.rigid import pose
-from dqreg.trust.doubts import LOOKED_THROUGH
 from dqreg.trust.free_space import DepthImage, Seen, looked_through
+from dqreg.trust.limits import LOOKED_THROUGH
 from tests.strategies import FloatArray
 
 BALLS = ((-1.5, -0.5, 4.0, 0.8), (1.2, 0.6, 5.0, 0.9), (0.4, -1.0, 3.5, 0.4))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dqreg.rigid import pose, twist
 from dqreg.trust import Information, covariance_of, information_of
-from dqreg.trust.doubts import DETAIL_OF_BOTH
+from dqreg.trust.limits import DETAIL_OF_BOTH
 from tests.strategies import rotations
 from tests.trust.shapes import FloatArray, box, cylinder, judged, plane, sphere
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.trust.doubts import FACES_APART
+from dqreg.trust.limits import FACES_APART
 from dqreg.trust.overlap import FEWEST, Overlap
 from tests.strategies import FloatArray
 from tests.trust.shapes import box, sphere

@@ -9,9 +9,9 @@ import pytest
 
 from dqreg.registration.result import Alternative, Direction
 from dqreg.trust import Evidence, judge
-from dqreg.trust.doubts import (
+from dqreg.trust.doubts import DOUBTS
+from dqreg.trust.limits import (
     CHANCE,
-    DOUBTS,
     ENDS_APART,
     FACES_APART,
     FALL,
