@@ -14,7 +14,7 @@ WIDER = 1.0 + 1e-9
 # Cells along each edge of a brick, as a power of two, and in all of it.
 BITS, BRICK = 3, 512
 # Edges from the surface beyond which no cell is asked for.
-FAR = 1.0
+FAR = 2.0
 
 
 @compiled
@@ -112,9 +112,10 @@ def closest_places(
         if 0 < state <= shape[3]:
             head, end = heads[state - 1], heads[state]
             # How far it is off the middle of the cell.
-            dx = (x - frame[0]) * frame[4] % 1.0 - 0.5
-            dy = (y - frame[1]) * frame[4] % 1.0 - 0.5
-            dz = (z - frame[2]) * frame[4] % 1.0 - 0.5
+            dx = (x - frame[0]) * frame[4]
+            dy = (y - frame[1]) * frame[4]
+            dz = (z - frame[2]) * frame[4]
+            dx, dy, dz = dx - np.floor(dx) - 0.5, dy - np.floor(dy) - 0.5, dz - np.floor(dz) - 0.5
             off = edge * np.sqrt(dx * dx + dy * dy + dz * dz)
             best, slot, u, v = closest_of_list(packed, faces, cell_slots, floors, head, end, off, x, y, z, best, floor)
         else:

@@ -23,7 +23,7 @@ from dqreg.kernels.triangle import closest_on
 # Edge of a cell in edges of a square as large as the usual face; bricks at most.
 EDGE, BRICKS = 0.4, 1 << 16
 # Faces of a cell at most, and edges from the surface to its middle beyond which it is left to the tree.
-MOST, FAR = 32, 2.0
+MOST, FAR = 64, 3.0
 # Faces from which on cells are faster than the tree, and queries after which cells are made: a cell costs as much as
 # three queries save, so that a part of one scan had better have none.
 FACES, PATIENCE = 64, 250_000
