@@ -37,14 +37,15 @@ class Drawn:
     values: tuple[FloatArray, ...]  # (draws, n) each, without what the slopes explain
     straight: bool  # Whether all may be without form error
 
-    def measured(self, zones: FloatArray, mean: float) -> tuple[float, float]:
+    def measured(self, zones: FloatArray, mean: float, competing: float = SHARE) -> tuple[float, float]:
         """A value with its expanded uncertainty from a zone of each draw, (draws,), and that of their mean.
 
         By as much as draws are wider than their mean, noise widens extremes that compete; the mean itself holds noise
-        that did so already: by nothing where its extremes stand alone, by up to twice as much where many are equal.
+        that did so already: by nothing where its extremes stand alone, by up to twice as much where many are equal. Of
+        the extremes of one field, which it smooths as well, none compete.
         """
         wider, scatter = float(zones.mean()) - mean, COVERAGE * float(zones.std())
-        value = max(mean - SHARE * wider, 0.0)
+        value = max(mean - competing * wider, 0.0)
         room = SHARE * wider + scatter
         if value == 0.0 or self.straight:
             # A form error that noise hides is as large as the draws are.

@@ -19,7 +19,8 @@ from dqreg.inspection.features.models import distances
 from dqreg.inspection.features.spread import normals_of
 from dqreg.inspection.features.zone_spread import noise_covariance
 from dqreg.inspection.places import COVERAGE
-from dqreg.inspection.surface_model import Medians, blocks_of, sigma_of
+from dqreg.inspection.profile_model import Series, drawn_series
+from dqreg.inspection.surface_model import blocks_of, sigma_of
 from dqreg.solvers.sandwich import larger
 
 PlannedFit = Literal["gauss", "minimum-zone", "inscribed", "circumscribed"]
@@ -34,7 +35,7 @@ METHODS: dict[PlannedFit, FeatureMethod] = {
 def zone_feature(gauss: Feature, fit: PlannedFit, points: FloatArray, normals: FloatArray, noise: float) -> Feature:
     """The feature of a face by another rule than least squares, from its points and the least squares one.
 
-    An inscribed or circumscribed radius is without what noise adds to its extremes, see `Medians.corrected`.
+    An inscribed or circumscribed radius is without what noise adds to its extremes, see `Drawn.measured`.
     Shapes: (n, 3), (n, 3).
     """
     kind, method = gauss.kind, METHODS[fit]
@@ -66,16 +67,12 @@ def _without_noise(found: Feature, places: FloatArray, sigma: float) -> Feature:
     sign = 1.0 if found.method == "circumscribed" else -1.0
     least = fit_gauss(found.kind, places)
     values, slopes = distances(found.kind, least, places)
-    inverse = np.linalg.pinv(slopes)
-
-    def beyond(z: FloatArray) -> FloatArray:
-        return np.asarray((sign * (z - z @ inverse.T @ slopes.T)).max(axis=1))
-
-    depth, wide = sign * (found.radius - least.radius), float(beyond(values[None])[0])
+    drawn = drawn_series([Series(places, values, slopes, sigma)])
+    draws = sign * drawn.values[0]
+    depth, wide = sign * (found.radius - least.radius), float((sign * values).max())
+    # Least squares shapes follow each draw; the ring is beyond theirs by about the same share.
     share = depth / wide if wide > 0.0 else 1.0
-    every = np.arange(len(places))
-    medians = Medians(every, values, sigma, places, every[:, None], values, sigma)
-    depth, room = medians.corrected(depth, lambda z: share * beyond(z))
+    depth, room = drawn.measured(share * draws.max(axis=1), share * float(draws.mean(axis=0).max()), 0.0)
     k = found.parameters.index("radius")
     scale = np.ones(len(found.parameters))
     scale[k] = max(room / COVERAGE / max(found.sigma("radius"), np.finfo(float).tiny), 1.0)
