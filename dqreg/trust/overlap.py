@@ -24,8 +24,10 @@ ASKED, OF_A_PLANE, FEWEST = 2_000, 16, 200
 # Planes of the two are of one face where their normals are within this angle, neighbours leave this share of their
 # extent at most, or so many times the usual noise, and the points are less than this share of it beside each other.
 SAME_COS, FLAT, NOISY, FLATTEST, BESIDE = np.cos(np.deg2rad(15.0)), 0.15, 2.0, 0.4, 0.7
-# Comparisons of a patch; patches lie apart whose median is this many times the noise, and this share of the size.
-PATCH, APART, LEAST = 16, 1.0, 2e-3
+# Comparisons of a patch; patches lie apart whose median is this many times the noise, and this share of the size: what
+# is many times the noise from a smaller share on. Fragments of a room that drifted come to 2 and 0.0015, streets to 6
+# and 0.0003.
+PATCH, APART, LEAST, CLEARLY, LEAST_CLEARLY = 16, 1.0, 2e-3, 4.0, 7e-4
 # The same at the pose itself, beyond what its covariance leaves.
 APART_THERE = 5.0
 # A strain matters that displaces the surface by this share of the size, root mean square.
@@ -90,7 +92,9 @@ class Overlap:
         arms = plane_rows(self.points[whole], self.normals[whole], np.zeros(3), 1.0)
         arms = arms.reshape(6, count, PATCH).mean(axis=2)
         known = np.hypot(noise, np.linalg.norm(_root(covariance).T @ arms, axis=0))
-        off = (best > np.maximum(APART * noise, LEAST * size)) | (here > np.maximum(APART_THERE * known, LEAST * size))
+        off = best > np.maximum(APART * noise, LEAST * size)
+        off |= best > np.maximum(CLEARLY * noise, LEAST_CLEARLY * size)
+        off |= here > np.maximum(APART_THERE * known, LEAST * size)
         return float(np.mean(off))
 
     def strain(self, size: float) -> Strain:
