@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import colorsys
 import io
 import time
 from pathlib import Path
@@ -27,6 +28,8 @@ ADVICE = {
     "suspect": "Look at the reasons before the poses are used.",
     "failed": "No two scans were joined; there is nothing to use.",
 }
+# Turns of the hue from one scan to the next, beyond the palette.
+GOLDEN = 0.6180339887
 # Pixels of a picture, points of a scan in it, and their size in sizes of the whole.
 WIDTH, HEIGHT, DOTS, DOT = 560, 420, 12_000, 0.0035
 
@@ -61,12 +64,21 @@ def to_html(result: ManyScans) -> str:
         tiles=tiles,
         rescans=tables.rescans(result),
         pictures=_pictures(result),
-        names=[(name, PALETTE[k % len(PALETTE)]) for k, name in enumerate(result.names)],
+        names=list(zip(result.names, colours_of(len(result.names)), strict=True)),
         graph=data_uri(encode(graph_figure(result))),
         overlaps=data_uri(encode(overlap_figure(result))),
         tables=[tables.scans_table(result), tables.loops_table(result), tables.pairs_table(result)],
         timings=", ".join(f"{name} {seconds:.1f} s" for name, seconds in result.timings.items()),
     )
+
+
+def colours_of(count: int) -> list[str]:
+    """A colour for each scan: the palette, and beyond it hues a golden section apart, dark and light in turns."""
+    found = list(PALETTE[:count])
+    for k in range(len(found), count):
+        red, green, blue = colorsys.hls_to_rgb(k * GOLDEN % 1.0, (0.35, 0.5, 0.65)[k % 3], 0.75)
+        found.append("#" + "".join(f"{round(255 * part):02x}" for part in (red, green, blue)))
+    return found
 
 
 def _most(values: FloatArray) -> float:
@@ -85,13 +97,14 @@ def _pictures(result: ManyScans) -> list[tuple[str, str]]:
             before.append((k, points))
             if k in result.placed:
                 after.append((k, pose.apply(result.T_world_scan[k], points)))
-    shown = [("Before: each scan in its own frame", _draw(before, "iso"))]
+    colours = colours_of(len(result.names))
+    shown = [("Before: each scan in its own frame", _draw(before, colours, "iso"))]
     if after:
-        shown += [(f"Together, {view} view", _draw(after, view)) for view in ("iso", "iso-back", "top")]
+        shown += [(f"Together, {view} view", _draw(after, colours, view)) for view in ("iso", "iso-back", "top")]
     return shown
 
 
-def _draw(parts: list[tuple[int, FloatArray]], view: str) -> str:
+def _draw(parts: list[tuple[int, FloatArray]], colours: list[str], view: str) -> str:
     # Matplotlib brings it along, and takes ten times as long to load.
     from PIL import Image
 
@@ -100,9 +113,7 @@ def _draw(parts: list[tuple[int, FloatArray]], view: str) -> str:
     low, high = np.quantile(everything, [0.002, 0.998], axis=0)
     middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low)) or 1.0
     inside = ((everything >= low) & (everything <= high)).all(axis=1)
-    layers = [
-        Dots((points - middle) / size, np.array(rgb(PALETTE[k % len(PALETTE)]), np.uint8), DOT) for k, points in parts
-    ]
+    layers = [Dots((points - middle) / size, np.array(rgb(colours[k]), np.uint8), DOT) for k, points in parts]
     frame = frame_of((everything[inside] - middle) / size, VIEWS[view], WIDTH, HEIGHT)
     image = PartScene(None, size).render(frame, TARGET, "#ffffff", layers)
     buffer = io.BytesIO()
