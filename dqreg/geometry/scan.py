@@ -122,7 +122,11 @@ class Scan:
         Scan
             With the spacing, noise and total of the whole.
         """
-        fitted = None if self.fitted is None else np.flatnonzero(np.isin(rows, self.fitted, assume_unique=True))
+        fitted = None
+        if self.fitted is not None:
+            has_plane = np.zeros(len(self), dtype=bool)
+            has_plane[self.fitted] = True
+            fitted = np.flatnonzero(has_plane[rows])
         return dataclasses.replace(
             self,
             points=np.take(self.points, rows, axis=0),

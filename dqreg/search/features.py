@@ -40,9 +40,7 @@ RESIDUAL, MEDIANS = 4e-3, 5.0
 
 def scan_features(scan: Scan, size: float) -> OrientedPoints:
     """Points of a scan on faces, then those at edges."""
-    among = scan.thinned(AMONG)
-    cloud = _without_outliers(among.points)
-    tree = NeighbourTree(cloud)
+    cloud, tree = _without_outliers(scan.thinned(AMONG).points)
     points = cloud[sample_rows(len(cloud), SCAN_POINTS)]
     around, _ = tree.nearest(points, NEIGHBOURS)
     fits = fit_planes_among(cloud, around)
@@ -68,11 +66,12 @@ def scan_features(scan: Scan, size: float) -> OrientedPoints:
     )
 
 
-def _without_outliers(points: FloatArray) -> FloatArray:
-    """The points that have neighbours as near as most have."""
-    _, distances = NeighbourTree(points).nearest(points, OUTLIER_NEIGHBOURS)
+def _without_outliers(points: FloatArray) -> tuple[FloatArray, NeighbourTree]:
+    """The points, in Morton order, that have neighbours as near as most have, and a tree of them for fewer queries."""
+    tree = NeighbourTree(points)
+    _, distances = tree.nearest(points, OUTLIER_NEIGHBOURS)
     near = distances[:, -1] <= OUTLIER_RATIO * np.median(distances[:, -1])
-    return points[near]
+    return (points, tree) if near.all() else (points[near], NeighbourTree(points[near], in_order=True))
 
 
 def even_points(target: PointCloud | Mesh, surface: Surface, count: int) -> OrientedPoints:
