@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable
+
 import numpy as np
 
 from dqreg._arrays import FloatArray
@@ -94,6 +97,54 @@ def _two_parts(rng: np.random.Generator) -> Task:
     return cloud_task(source, scans.two_views(other, rng), other, rng, None, right=False)
 
 
+def _one_family(rng: np.random.Generator) -> Task:
+    """Views of two parts of one family and size: corners of one fit those of the other."""
+    family = shapes.ASYMMETRIC[rng.integers(len(shapes.ASYMMETRIC))]
+    one, other = shapes.draw(family, rng), shapes.draw(family, rng)
+    scan = (scans.dense_view(one, rng, scans.oblique(rng)) - one.centre) * (other.diagonal / one.diagonal)
+    start = (rng.uniform(0.0, 40.0), 0.05) if rng.uniform() < 0.5 else None
+    target = scans.dense_view(other, rng, scans.oblique(rng))
+    return cloud_task(scan + other.centre, target, other, rng, start, right=False)
+
+
+def _changed(change: Callable[[FloatArray, float, np.random.Generator], FloatArray]) -> Make:
+    """Two views up to 30 degrees apart, of which one is changed by a function of its points about the middle."""
+
+    def make(rng: np.random.Generator) -> Task:
+        task = views_apart(0.0, 30.0, (5.0, 0.02), determined=True)(rng)
+        assert isinstance(task, Task)
+        assert isinstance(task.source, np.ndarray)
+        middle = task.source.mean(axis=0)
+        source = middle + change(task.source - middle, task.size, rng)
+        return dataclasses.replace(task, source=source, truths=NONE_RIGHT)
+
+    return make
+
+
+def _strained(points: FloatArray, size: float, rng: np.random.Generator) -> FloatArray:
+    """A stretch along any axis, or a shear, of 1.5 to 6 %."""
+    along, other = scans.directions(2, rng)
+    strain = rng.uniform(0.015, 0.06) * rng.choice([-1.0, 1.0])
+    across = along if rng.uniform() < 0.5 else other
+    changed: FloatArray = points + strain * (points @ along)[:, None] * across
+    return changed
+
+
+def _rippled(points: FloatArray, size: float, rng: np.random.Generator) -> FloatArray:
+    """Waves of 0.3 to 0.6 % of the size, two to eight of them."""
+    along, across = scans.directions(2, rng)
+    waves = 2.0 * np.pi * rng.uniform(2.0, 8.0) / size
+    changed: FloatArray = points + rng.uniform(0.003, 0.006) * size * np.sin(waves * points @ along)[:, None] * across
+    return changed
+
+
+def _moved(points: FloatArray, size: float, rng: np.random.Generator) -> FloatArray:
+    """A shift by 1.5 to 3 % of the size from the first point to the last."""
+    shift = rng.uniform(0.015, 0.03) * size * scans.directions(1, rng)
+    changed: FloatArray = points + np.linspace(-0.5, 0.5, len(points))[:, None] * shift
+    return changed
+
+
 def _slid_plates(rng: np.random.Generator) -> Task:
     """Upper and lower side of a thin plate, begun on each other."""
     mesh = shapes.draw(shapes.plate, rng)
@@ -121,5 +172,9 @@ KINDS: tuple[Kind, ...] = (
          views_apart(20, 50, None, far=(60.0, 180.0))),
         ("clouds-plate-sides", "both sides of a thin plate on each other", _slid_plates),
         ("clouds-two-parts", "views of two parts of one size", _two_parts),
+        ("clouds-one-family", "views of two parts of one family, from nothing or up to 40 degrees off", _one_family),
+        ("clouds-strained", "views of which one is stretched or sheared by 1.5 to 6 %", _changed(_strained)),
+        ("clouds-rippled", "views of which one has waves of 0.3 to 0.6 %", _changed(_rippled)),
+        ("clouds-moved", "views of which one moved by 1.5 to 3 % of the size", _changed(_moved)),
     ),
 )  # fmt: skip
