@@ -11,7 +11,7 @@ from dqreg.inspection import Deviations
 from dqreg.report.charts import NARROW, WIDE, histogram
 from dqreg.report.report_data import ReportData
 from dqreg.report.result_protocol import RegistrationResult
-from dqreg.report.text import in_unit, percent, place_text, text_of, tolerance_text
+from dqreg.report.text import in_unit, percent, place_text, scale_end, text_of, tolerance_text
 
 ADVICE = {
     "accepted": "The pose can be used.",
@@ -115,8 +115,7 @@ def scale_words(data: ReportData) -> dict[str, Any] | None:
         else in_unit("distance", data.unit)
     )
     if data.tolerance is not None:
-        which = "tolerance" if data.limits is not None else "largest tolerance"
-        words += f"; the scale ends at the {which}, dark ends are out of it"
+        words += f"; the scale ends at {scale_end(data.limits)}, dark ends are out of it"
     else:
         words += "; dark ends: beyond the scale"
     return {

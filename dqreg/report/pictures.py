@@ -19,7 +19,7 @@ from dqreg.report.colours import ALIGNED, OFF_PART, SOURCE, TARGET, ByteArray, n
 from dqreg.report.figure import encode, new_figure
 from dqreg.report.raster import Dots, Frame, PartScene, frame_of
 from dqreg.report.report_data import ReportData
-from dqreg.report.text import in_unit
+from dqreg.report.text import in_unit, scale_end
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -194,11 +194,7 @@ def _draw_legend(figure: Figure, data: ReportData, width: int) -> None:
         signed = f"{value:+g}" if scale.signed and value else f"{value:g}"
         _draw_text(figure, x, bottom - 13, signed, size=10)
     meaning = "deviation, + outside the part" if scale.signed else "distance"
-    tolerance = (
-        ""
-        if data.tolerance is None
-        else f"; the scale ends at {'the tolerance' if data.limits else 'the largest tolerance'}, ±{data.tolerance:g}"
-    )
+    tolerance = "" if data.tolerance is None else f"; the scale ends at {scale_end(data.limits)}, ±{data.tolerance:g}"
     _draw_text(figure, left + 0.5 * length, 9, in_unit(meaning, data.unit) + tolerance, size=10)
 
 

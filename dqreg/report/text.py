@@ -81,6 +81,18 @@ def limits_text(low: float, high: float) -> str:
     return "/".join(text_of(x + 0.0, 6, sign=True) for x in (high, low))
 
 
+def scale_end(limits: tuple[float, float] | None) -> str:
+    """Where a scale of colours ends: at the limits of all faces, or where these have their own.
+
+    >>> scale_end((-0.1, 0.1)), scale_end(None), scale_end((-0.02, 0.08))
+    ('the tolerance', 'the largest tolerance', 'the larger side of the tolerance +0.08/−0.02')
+    """
+    if limits is None:
+        return "the largest tolerance"
+    low, high = limits
+    return "the tolerance" if low == -high else f"the larger side of the tolerance {limits_text(low, high)}"
+
+
 def tolerance_text(found: Decision, unit: str) -> str:
     """The tolerance that a decision is against."""
     single = "" if not found.own else "1 face" if found.own == 1 else f"{found.own} faces"
