@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Literal
 
 import numpy as np
@@ -157,11 +156,10 @@ def tube_step(values: FloatArray, slopes: FloatArray, trust: float) -> FloatArra
 
 
 def _surrounded(problem: ZoneProblem, gauss: Shape) -> bool:
-    """Whether points hold a shape on all sides: their normals span space positively (Davis 1954).
+    """Whether points lie on all sides of a shape: their normals span space positively (Davis 1954).
 
-    The margin is the radius of the ball about 0 that the hull of the unit normals holds: the sine by which an arc
-    exceeds half a circle at each end. A shape within noise a shifts by a over the margin, which turns the normals by
-    that over the radius: beyond the margin it slides out, so the margin's square exceeds a over the radius.
+    The hull of the unit normals holds 0 within. Whether form error lets an inscribed shape slide out all the same is
+    asked of the fitted one: no step may gain.
     """
     from scipy.spatial import ConvexHull, QhullError
 
@@ -171,9 +169,7 @@ def _surrounded(problem: ZoneProblem, gauss: Shape) -> bool:
         hull = ConvexHull(local / np.maximum(lengths, np.finfo(float).tiny)[:, None])
     except QhullError:
         return False
-    margin = float(-hull.equations[:, -1].max())
-    needed = float(np.ptp(lengths)) / abs(gauss.radius) if problem.method == "inscribed" else 0.0
-    return margin > max(math.sqrt(needed), ROUNDING)
+    return float(-hull.equations[:, -1].max()) > ROUNDING
 
 
 def _not_surrounded(kind: FeatureKind, method: ZoneMethod) -> DegenerateGeometryError:

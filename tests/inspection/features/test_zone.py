@@ -36,12 +36,22 @@ def test_a_shape_that_points_do_not_surround_is_refused(kind: FeatureKind, metho
         fit_feature(opened(kind, degrees), kind, method=method)
 
 
-def test_what_reaches_round_by_less_than_its_form_error_is_refused() -> None:
-    # Five degrees beyond half at each end: of exact points a largest circle, of noisy ones it slides out or not.
-    assert fit_feature(opened("circle", 190.0, noise=0.0), "circle", method="inscribed").radius == pytest.approx(RADIUS)
-    for seed in range(3):
-        with pytest.raises(DegenerateGeometryError, match="by less than their form error"):
-            fit_feature(opened("circle", 190.0, seed), "circle", method="inscribed")
+@pytest.mark.parametrize("degrees", [190.0, 200.0])
+def test_what_reaches_round_by_little_is_held_or_refused(degrees: float) -> None:
+    # A few degrees beyond half at each end: of exact points a largest circle, of noisy ones it slides out or not.
+    exact = fit_feature(opened("circle", degrees, noise=0.0), "circle", method="inscribed")
+    assert exact.radius == pytest.approx(RADIUS)
+    answered = 0
+    for seed in range(6):
+        try:
+            found = fit_feature(opened("circle", degrees, seed), "circle", method="inscribed")
+        except DegenerateGeometryError as error:
+            assert "by less than their form error" in str(error)  # noqa: PT017 - either is right
+        else:
+            answered += 1
+            # As where points surround it.
+            assert 0.0 < RADIUS - found.radius < 4.0 * NOISE
+    assert answered == 6 or degrees < 200.0
 
 
 @pytest.mark.parametrize("method", METHODS)
