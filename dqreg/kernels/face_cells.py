@@ -27,6 +27,8 @@ MOST, FAR = 64, 3.0
 # Faces from which on cells are faster than the tree, and queries after which cells are made: a cell costs as much as
 # three queries save, so that a part of one scan had better have none.
 FACES, PATIENCE = 64, 250_000
+# Faces beyond which cells as small as faces are too many to be asked twice soon: there the tree is faster.
+MANY = 100_000
 # Cells made in one go: what is in between stays small. Edges by which the box around all faces is widened.
 TOGETHER, MARGIN = 4096, 2.0
 # Bounds are wider than rounding, in sizes.
@@ -76,7 +78,7 @@ class FaceCells:
 
     def is_worth(self, count: int) -> bool:
         """Whether, with so many more queries, so many were asked that making cells pays."""
-        if len(self._tree[1]) < FACES:
+        if not FACES <= len(self._tree[1]) <= MANY:
             return False
         # Where threads meet some are not counted: then it begins a little later.
         self._waited += count

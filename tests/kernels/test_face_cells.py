@@ -113,3 +113,9 @@ def test_places_outside_and_those_that_are_no_numbers_are_left_to_the_tree(
     faces = tree.closest(far)[3]
     assert faces[0] >= 0
     assert faces[2] == -1
+
+
+def test_a_part_of_very_many_faces_has_no_cells(part: Mesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    tree, queries = TriangleTree.of(part.corners, part.face_normals), places_near(part, 200, 1e-3, seed=5)
+    monkeypatch.setattr(face_cells, "MANY", len(tree.faces) - 1)
+    assert taught(tree, queries, monkeypatch).cells.made.shape[3] == 0
