@@ -27,8 +27,9 @@ MOST, FAR = 64, 3.0
 # Faces from which on cells are faster than the tree, and queries after which cells are made: a cell costs as much as
 # three queries save, so that a part of one scan had better have none.
 FACES, PATIENCE = 64, 250_000
-# Faces beyond which cells as small as faces are too many to be asked twice soon: there the tree is faster.
-MANY = 100_000
+# Faces beyond which cells as small as faces are too many to be asked twice soon: there the tree is faster. Queries of
+# one call beyond which nothing is made: they come in order of place, each place once.
+MANY, LARGE = 100_000, 65_536
 # Cells made in one go: what is in between stays small. Edges by which the box around all faces is widened.
 TOGETHER, MARGIN = 4096, 2.0
 # Bounds are wider than rounding, in sizes.
@@ -80,12 +81,16 @@ class FaceCells:
         """Whether, with so many more queries, so many were asked that making cells pays."""
         if not FACES <= len(self._tree[1]) <= MANY:
             return False
+        if count > LARGE:
+            return bool(self.made.shape[3])
         # Where threads meet some are not counted: then it begins a little later.
         self._waited += count
         return self._waited > PATIENCE
 
     def learn(self, wanted: IntArray) -> None:
         """Make the cells that were asked for twice: here, or here and before. Shapes: wanted (n,), -1 for none."""
+        if len(wanted) > LARGE:
+            return
         keys, counts = np.unique(wanted[wanted >= 0], return_counts=True)
         with self._lock:
             twice = (counts > 1) | np.isin(keys, self._asked_once, assume_unique=True)

@@ -17,8 +17,6 @@ from dqreg.kernels.triangle import COLUMNS, pack
 
 # Triangles a leaf: on nine CAD parts 2 took 0.7 to 0.95 of the time of 4.
 LEAF = 2
-# Queries after which new cells are made.
-BLOCK = 65_536
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,17 +62,13 @@ class TriangleTree:
         points, normals = np.zeros((count, 3)), np.zeros((count, 3))
         distances, found = np.zeros(count), np.zeros(count, dtype=np.int64)
         none = np.zeros(0, dtype=np.int64)
-        queries = as_plain(queries)
-        for first in range(0, count, BLOCK):
-            rows = slice(first, first + BLOCK)
-            asked_now = len(queries[rows])
-            wanted = np.full(asked_now if self.cells.is_worth(asked_now) else 0, -1)
-            tree = self.boxes, self.packed, LEAF, self.faces, self.slots, self.normals
-            asked = queries[rows], none if guesses is None else guesses[rows], float(bound), self.size
-            answer = points[rows], normals[rows], distances[rows], found[rows]
-            over_chunks(closest_places, len(asked[0]), *tree, *asked, *self.cells.made.arrays, wanted, *answer)
-            if wanted.max(initial=-1) >= 0:
-                self.cells.learn(wanted)
+        wanted = np.full(count if self.cells.is_worth(count) else 0, -1)
+        tree = self.boxes, self.packed, LEAF, self.faces, self.slots, self.normals
+        asked = as_plain(queries), none if guesses is None else guesses, float(bound), self.size
+        answer = points, normals, distances, found
+        over_chunks(closest_places, count, *tree, *asked, *self.cells.made.arrays, wanted, *answer)
+        if wanted.max(initial=-1) >= 0:
+            self.cells.learn(wanted)
         return points, normals, distances, found
 
 

@@ -119,3 +119,15 @@ def test_a_part_of_very_many_faces_has_no_cells(part: Mesh, monkeypatch: pytest.
     tree, queries = TriangleTree.of(part.corners, part.face_normals), places_near(part, 200, 1e-3, seed=5)
     monkeypatch.setattr(face_cells, "MANY", len(tree.faces) - 1)
     assert taught(tree, queries, monkeypatch).cells.made.shape[3] == 0
+
+
+def test_a_large_call_makes_no_cells_and_reads_those_there_are(part: Mesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    tree, queries = TriangleTree.of(part.corners, part.face_normals), places_near(part, 300, 1e-3, seed=6)
+    expected = tree.closest(queries)
+    monkeypatch.setattr(face_cells, "LARGE", 100)
+    assert taught(tree, queries, monkeypatch).cells.made.shape[3] == 0
+    taught(tree, queries[:100], monkeypatch)
+    made = tree.cells.made.shape[3]
+    for found, column in zip(tree.closest(queries), expected, strict=True):
+        np.testing.assert_array_equal(found, column)
+    assert tree.cells.made.shape[3] == made > 0
