@@ -28,6 +28,8 @@ SAME_COS, FLAT, NOISY, FLATTEST, BESIDE = np.cos(np.deg2rad(15.0)), 0.15, 2.0, 0
 # is many times the noise from a smaller share on. Fragments of a room that drifted come to 2 and 0.0015, streets to 6
 # and 0.0003.
 PATCH, APART, LEAST, CLEARLY, LEAST_CLEARLY = 16, 1.0, 2e-3, 4.0, 7e-4
+# Fewer patches than this are a thing that moved, or chance: fragments of a kitchen came to 2 of 26.
+FEWEST_APART = 4
 # The same at the pose itself, beyond what its covariance leaves.
 APART_THERE = 5.0
 # A strain matters that displaces the surface by this share of the size, root mean square.
@@ -95,7 +97,7 @@ class Overlap:
         off = best > np.maximum(APART * noise, LEAST * size)
         off |= best > np.maximum(CLEARLY * noise, LEAST_CLEARLY * size)
         off |= here > np.maximum(APART_THERE * known, LEAST * size)
-        return float(np.mean(off))
+        return float(np.mean(off)) if np.count_nonzero(off) >= FEWEST_APART else 0.0
 
     def strain(self, size: float) -> Strain:
         """Strain of one cloud against the other that matters to a size; zeros else."""
