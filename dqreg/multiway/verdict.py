@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 import scipy.sparse as sparse
 
-from dqreg._arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway.believe import Belief
-from dqreg.multiway.edges import PART, Edge, EdgeCode
+from dqreg.multiway.edges import PART, Edge, EdgeCode, is_refused
 from dqreg.multiway.scans import View
 from dqreg.multiway.sides import Contradiction
 from dqreg.multiway.turning import Turning
@@ -42,6 +42,7 @@ def judge_scans(
     placed = [k for k in usable if np.isfinite(T_world_scan[k]).all()]
     joined = len(placed) > 1 or (belief.anchor == PART and bool(placed))
     doubts = [*_unplaced(views, belief, placed), *_weak(views, belief, placed), *_unconfirmed(views, belief, placed)]
+    doubts += _refused(views, belief)
     doubts += _uncertain(views, placed, covariances, size) if joined else ()
     doubts += _contradicted(views, against)
     doubts += _turned(turns)
@@ -130,13 +131,10 @@ def _weak(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> Itera
 
 def _unconfirmed(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> Iterator[Reason]:
     """Edges on which the poses rest though no closing loop confirms them: more than two scans, and a single thread."""
-    rows = [row for row, sure in zip(belief.rows.tolist(), belief.confirmed, strict=True) if sure]
-    count = len(views)
-    ends = np.array([(e.target % (count + 1), e.source) for e in (belief.edges[row] for row in rows) if e.used])
-    ends = ends.reshape(-1, 2).astype(np.int64)
-    links = sparse.coo_matrix((np.ones(len(ends)), tuple(ends.T)), shape=(count + 1, count + 1))
-    _, group = sparse.csgraph.connected_components(links, directed=False)
-    single = [edge for edge in belief.edges if edge.used and group[edge.target] != group[edge.source]]
+    confirmed = set(belief.rows[belief.confirmed].tolist())
+    used = [(row in confirmed, edge) for row, edge in enumerate(belief.edges) if edge.used]
+    group = _joined([edge for sure, edge in used if sure], len(views))
+    single = [edge for _, edge in used if group[edge.target] != group[edge.source]]
     if single and len(placed) + (belief.anchor == PART) > 2:
         words = ", ".join(f"{name_of(views, e.target)} - {name_of(views, e.source)}" for e in single[:NAMED])
         more = f" and {len(single) - NAMED} more" if len(single) > NAMED else ""
@@ -145,6 +143,31 @@ def _unconfirmed(views: Sequence[View], belief: Belief, placed: Sequence[int]) -
             "overlap there",
             "unconfirmed_edge",
         )
+
+
+def _refused(views: Sequence[View], belief: Belief) -> Iterator[Reason]:
+    """Scans that only pairs join to the others whose own verdicts speak against them.
+
+    Such pairs confirm each other where all are wrong alike: the two sides of a sheet on each other, from every side.
+    """
+    used = [edge for edge in belief.edges if edge.used]
+    group = _joined([edge for edge in used if not is_refused(edge)], len(views))
+    refused = [edge for edge in used if group[edge.target] != group[edge.source]]
+    if refused:
+        words = ", ".join(f"{name_of(views, e.target)} - {name_of(views, e.source)}" for e in refused[:NAMED])
+        more = f" and {len(refused) - NAMED} more" if len(refused) > NAMED else ""
+        yield Reason(
+            f"{words}{more}: the registration of each of these pairs is doubted, and nothing else joins their scans: "
+            "scan more overlap there",
+            "unconfirmed_edge",
+        )
+
+
+def _joined(edges: Sequence[Edge], count: int) -> IntArray:
+    """Number of the connected part of each scan, and of the part in the last place, (n + 1,)."""
+    ends = np.array([(edge.target % (count + 1), edge.source) for edge in edges]).reshape(-1, 2).astype(np.int64)
+    links = sparse.coo_matrix((np.ones(len(ends)), tuple(ends.T)), shape=(count + 1, count + 1))
+    return np.asarray(sparse.csgraph.connected_components(links, directed=False)[1], dtype=np.int64)
 
 
 def _contradicted(views: Sequence[View], against: Sequence[Contradiction]) -> Iterator[Reason]:

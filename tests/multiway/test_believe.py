@@ -130,6 +130,17 @@ def test_scans_that_hang_on_a_single_edge_are_not_accepted() -> None:
     assert judge_edges(belief, 6).level == "accepted"
 
 
+def test_scans_that_only_doubted_pairs_join_are_not_accepted() -> None:
+    # Both sides of a sheet on each other from every side: such pairs confirm each other.
+    edges = edges_of(world(4, seed=3), combinations(range(4), 2), SIGMA, seed=4)
+    belief = judged(with_suspect_edges(edges, 3, wrong=False), 4)
+    assert np.isfinite(belief.T_world_scan[3]).all()
+    told = judge_edges(belief, 4)
+    assert told.level == "suspect"
+    assert "unconfirmed_edge" in told.codes
+    assert judge_edges(judged(edges, 4), 4).level == "accepted"
+
+
 @pytest.mark.parametrize("wrong", [frozenset[tuple[int, int]](), frozenset({(2, 3)}), frozenset({(2, 3), (1, 4)})])
 def test_of_two_threads_that_contradict_each_other_none_is_used(wrong: frozenset[tuple[int, int]]) -> None:
     pairs = [(0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5)]
