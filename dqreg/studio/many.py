@@ -101,7 +101,9 @@ def _asked(visit: Visit, asked: Any) -> Visit:
                 raise InputError(f"the plan {plan.name} has changed since the batch read it")
             visit = with_plan(visit, plan.read_text(encoding="utf-8"))
         if asked["tolerance"] is not None:
-            visit = dataclasses.replace(visit, tolerance=asked["tolerance"], minus=None)
+            sides = asked["tolerance"]
+            plus, minus = (sides[1], -sides[0]) if isinstance(sides, list) else (sides, None)
+            visit = dataclasses.replace(visit, tolerance=plus, minus=minus)
         if visit.tolerance is not None and asked["required_share"] is not None:
             visit = dataclasses.replace(visit, required=100.0 * asked["required_share"])
         head = {**dict(visit.head), **{key: words for key, words in asked["head"].items() if key in HEAD}}

@@ -80,6 +80,8 @@ def test_a_row_opens_with_the_plan_of_the_batch(batch):
     # The tolerance of the command wins over the plan's.
     write(batch, "one", inspection=asked | {"tolerance": 0.5})
     assert many.visit("one").tolerance == 0.5
+    write(batch, "one", inspection=asked | {"tolerance": [-0.05, 0.2]})
+    assert (many.visit("one").tolerance, many.visit("one").minus) == (0.2, 0.05)
     write(batch, "one", inspection=asked | {"plan": None})
     assert many.visit("one").tolerance is None
     write(batch, "one", inspection={"plan": 5})
