@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg.geometry.face_profiles import connected, cut_walls, pieces_of
 from dqreg.geometry.mesh import Mesh
 
 # Neighbouring triangles that turn by more than this are two faces of the part.
 SHARP_DEG = 22.0
 # Triangles within this of a plane that make up that share of the part's area are a flat face.
 LEVEL_DEG, FLAT_AREA = 0.5, 0.02
+# Triangles of a face that may be cut where its curvature changes.
+FEWEST = 6
 
 
 def faces_of(mesh: Mesh) -> tuple[int, IntArray]:
@@ -25,14 +28,43 @@ def faces_of(mesh: Mesh) -> tuple[int, IntArray]:
     pairs = starts[np.diff(np.r_[starts, len(ends)]) == 2]
     links = np.column_stack([owners[pairs], owners[pairs + 1]])
     turn = np.einsum("ij,ij->i", mesh.face_normals[links[:, 0]], mesh.face_normals[links[:, 1]])
-    _, planes = _connected(links[turn > np.cos(np.deg2rad(LEVEL_DEG))], len(mesh.faces))
+    _, planes = connected(links[turn > np.cos(np.deg2rad(LEVEL_DEG))], len(mesh.faces))
     areas = triangle_areas(mesh)
     flat = (np.bincount(planes, weights=areas) > FLAT_AREA * areas.sum())[planes]
     # A fillet runs smoothly into the planes beside it: large planes are faces of their own, whatever they run into.
     apart = flat[links[:, 0]] | flat[links[:, 1]]
     same = planes[links[:, 0]] == planes[links[:, 1]]
     smooth = turn > np.cos(np.deg2rad(SHARP_DEG))
-    return _connected(links[np.where(apart, same, smooth)], len(mesh.faces))
+    return _cut(mesh, links[np.where(apart, same, smooth)], areas)
+
+
+def _cut(mesh: Mesh, links: IntArray, areas: FloatArray) -> tuple[int, IntArray]:
+    """Smooth faces cut where their curvature changes: walls from their fillets, and at the ends of arcs."""
+    one, two = mesh.corners[links[:, 0]], mesh.corners[links[:, 1]]
+    shared = (one[:, :, None] == two[:, None]).all(axis=3).any(axis=2)
+    # Both corners that neighbours share, first in the order.
+    ends = np.take_along_axis(one, np.argsort(~shared, axis=1, kind="stable")[:, :2, None], axis=1)
+    _, labels = connected(links, len(mesh.faces))
+    between = cut_walls(links, labels, mesh.face_normals, areas, ends)
+    links, ends = links[~between], ends[~between]
+    count, labels = connected(links, len(mesh.faces))
+    order, of_link = np.argsort(labels, kind="stable"), labels[links[:, 0]] if len(links) else np.zeros(0, np.int64)
+    bounds = np.searchsorted(labels[order], np.arange(count + 1))
+    sorted_links = np.argsort(of_link, kind="stable")
+    link_bounds = np.searchsorted(of_link[sorted_links], np.arange(count + 1))
+    level, place = float(np.cos(np.deg2rad(LEVEL_DEG))), np.zeros(len(labels), dtype=np.int64)
+    found = labels.copy()
+    for k in np.flatnonzero(np.diff(bounds) >= FEWEST):
+        rows, own = order[bounds[k] : bounds[k + 1]], sorted_links[link_bounds[k] : link_bounds[k + 1]]
+        place[rows] = np.arange(len(rows))
+        pieces = pieces_of(
+            place[links[own]], ends[own], mesh.face_normals[rows], areas[rows], mesh.corners[rows], level
+        )
+        if pieces is not None:
+            found[rows] = np.where(pieces == 0, k, found.max() + pieces)
+    # In the order of their first triangles, as connected faces are numbered.
+    _, first, place = np.unique(found, return_index=True, return_inverse=True)
+    return len(first), np.argsort(np.argsort(first))[place].astype(np.int64)
 
 
 def weld_edges(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, IntArray]:
@@ -63,12 +95,3 @@ def triangle_areas(mesh: Mesh) -> FloatArray:
     a, b, c = np.moveaxis(mesh.corners, 1, 0)
     areas: FloatArray = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     return areas
-
-
-def _connected(links: IntArray, count: int) -> tuple[int, IntArray]:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(count, count))
-    number, labels = connected_components(graph, directed=False)
-    return int(number), labels.astype(np.int64)

@@ -18,6 +18,8 @@ FEWEST = 4
 ONE, CORNERS = 1e-6, FEWEST**2
 # Corners lie apart where their angles differ by that share of the range.
 APART = 1e-2
+# Share of the area, and the cosine, to which the triangles lean as the torus does.
+LEANING, COSINE = 0.99, 0.7
 # Both radii are held to that share by corners that are anywhere within the form error.
 HELD = 0.01
 
@@ -96,7 +98,8 @@ def fit_torus(corners: FloatArray, normals: FloatArray, allowed: float) -> Torus
     best = min(rings, key=lambda ring: ring.cost(points))
     residuals, slopes = best.rows(points)
     form = float(np.ptp(residuals))
-    if size * form > allowed or not _is_held(best, points, slopes, form):
+    sizes = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    if size * form > allowed or not _is_held(best, points, slopes, form) or not _leans(best, centres, normals, sizes):
         return None
     axis = best.frame[:, 2]
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
@@ -176,3 +179,10 @@ def _apart(angles: FloatArray) -> int:
         last = float(along[np.searchsorted(along, last + APART * along[-1], side="right")])
         count += 1
     return count
+
+
+def _leans(ring: _Ring, centres: FloatArray, normals: FloatArray, sizes: FloatArray) -> bool:
+    """Whether the triangles lie along the torus, all on one side: the flat end that a fillet runs into does not."""
+    cosines = np.einsum("ij,ij->i", _gradients(ring.local(centres), ring.major)[1] @ ring.frame.T, normals)
+    whole = LEANING * float(sizes.sum())
+    return max(float(sizes[cosines > COSINE].sum()), float(sizes[cosines < -COSINE].sum())) >= whole

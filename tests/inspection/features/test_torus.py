@@ -112,3 +112,12 @@ def test_a_free_patch_and_a_bent_flat_patch_are_no_torus() -> None:
     disk = np.stack([np.cos(turns), np.sin(turns), 0.0 * turns], axis=1)
     fan = np.stack([np.broadcast_to(disk[0], (30, 3)), disk[1:-1], disk[2:]], axis=1)
     assert found(fan, np.tile([0.0, 0.0, 1.0], (30, 1))) is None
+
+
+def test_a_fillet_with_the_flat_end_that_it_runs_into_is_no_torus() -> None:
+    # All corners of the flat end are on the rim of the fillet, and so on the torus.
+    rounded, normals = grid(torus(12.0, 2.0), FULL, np.linspace(0.5 * np.pi, 0.0, 6))
+    rim = np.stack([12.0 * np.cos(FULL[:-1]), 12.0 * np.sin(FULL[:-1]), np.full(len(FULL) - 1, 2.0)], axis=1)
+    end = np.stack([np.broadcast_to(rim[0], (30, 3)), rim[1:-1], rim[2:]], axis=1)
+    assert found(rounded, normals) is not None
+    assert found(np.concatenate([rounded, end]), np.concatenate([normals, np.tile([0.0, 0.0, 1.0], (30, 1))])) is None
