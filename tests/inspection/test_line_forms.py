@@ -74,13 +74,13 @@ def values(seed: int, every: bool) -> list[tuple[float, float, float]]:
     faults: list[tuple[list[dict[str, Any]], Fault, float, list[float]]] = [
         ([ROUND], lobed, 0.0, [0.9 * LOBES]),
         ([LINE], waisted, 0.0, [BOW]),
-        ([AXIS], plain, BENT, [BENT]),
         ([LOWER], lobed, 0.0, [0.15 * LOBES]),
+        ([AXIS], plain, BENT, [BENT]),
         ([ROUND], waisted, 0.0, [0.0]),
         ([ROUND, LINE, AXIS, ACROSS], plain, 0.0, [0.0] * 4),
     ]
     found = []
-    for k, (rows, fault, bent, made) in enumerate(faults if every else faults[:3]):
+    for k, (rows, fault, bent, made) in enumerate(faults if every else faults[:2]):
         sheets = sheet(seed + 100_000 * k, rows, fault, bent).characteristics
         found += [(row.value, row.uncertainty, truth) for row, truth in zip(sheets, made, strict=True)]
     return found
@@ -98,7 +98,7 @@ def test_lobes_and_bows_are_within_their_stated_uncertainty(first: int, runs: in
     # k = 2 promises 95.4 %: of 300 runs fewer than 276 inside have a chance below 0.5 %.
     assert (inside >= (276 if runs == 300 else runs)).all(), "\n".join(words)
     # What was made is told from nothing.
-    assert (found[:, :3, 0] > found[:, :3, 1]).all()
+    assert (found[:, :2, 0] > found[:, :2, 1]).all()
 
 
 def test_the_label_stands_at_the_worst_section() -> None:
@@ -193,11 +193,11 @@ def test_a_ball_is_measured_on_the_sections_that_were_scanned() -> None:
     turn, flat = np.arctan2(points[:, 1], points[:, 0]), np.hypot(points[:, 0], points[:, 1])
     r = 10.0 + 0.025 * np.cos(4.0 * turn) * flat**4 + rng.normal(0.0, 0.005, len(points))
     found = measure_deviations(points * r[:, None], ball, MeshSurface(ball), reach=1.0)
-    rows = [{"kind": "roundness", "face": 0, "tolerance": 1, "direction": list(axis)} for axis in np.eye(3)]
-    one, other, level = inspect(found, plan_of({"characteristic": rows})).characteristics
+    rows = [{"kind": "roundness", "face": 0, "tolerance": 1, "direction": list(axis)} for axis in np.eye(3)[1:]]
+    upright, level = inspect(found, plan_of({"characteristic": rows})).characteristics
     assert abs(level.value - 0.05) <= level.uncertainty < 0.02
-    # Upright sections show the same lobes at both sides only, with the place below open.
-    assert max(one.value, other.value) < level.value
+    # An upright section shows the lobes at both sides only, with the place below open.
+    assert upright.value < level.value
     with pytest.raises(InputError, match="give direction, its normal, in place of at"):
         inspect(found, plan_of({"characteristic": [{**rows[0], "at": [0, 0, 1]}]}))
 
