@@ -131,3 +131,10 @@ def test_a_large_call_makes_no_cells_and_reads_those_there_are(part: Mesh, monke
     for found, column in zip(tree.closest(queries), expected, strict=True):
         np.testing.assert_array_equal(found, column)
     assert tree.cells.made.shape[3] == made > 0
+
+
+def test_cells_that_serve_nobody_are_few(part: Mesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    tree = TriangleTree.of(part.corners, part.face_normals)
+    monkeypatch.setattr(face_cells, "ALLOWED", 10)
+    monkeypatch.setattr(face_cells, "PAID", 10**9)
+    assert 0 < taught(tree, places_near(part, 500, 1e-3, seed=7), monkeypatch).cells.made.shape[3] <= 10
