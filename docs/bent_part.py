@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.inspection import Section, inspect, measure_deviations
-from dqreg.inspection.plan import plan_of
+from dqreg.inspection.plan.file import plan_of
 from dqreg.synth.parts import box
 
 IMAGE = Path(__file__).parent / "images" / "bent_part.svg"

@@ -200,7 +200,7 @@ def _tell_failed(console: Console, result: Registration) -> None:
 
 
 def _suggest(part: Path, scan: Path | None, options: dict[str, Any]) -> int:
-    from dqreg.inspection.suggested_plan import suggested_plan
+    from dqreg.inspection.plan.suggested_plan import suggested_plan
     from dqreg.registration.display_unit import shown_target
 
     wanted = options.pop("display_units")

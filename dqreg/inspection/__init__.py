@@ -23,9 +23,9 @@ from dqreg.inspection.measure import measure_deviations, why_unsigned
 from dqreg.inspection.membership import Counts
 from dqreg.inspection.part_faces import Face, faces_in_box, nearest_face, part_faces
 from dqreg.inspection.places import OutOfTolerance
-from dqreg.inspection.plan import Plan, read_plan
-from dqreg.inspection.plan_run import Characteristic, Inspection, inspect
-from dqreg.inspection.planned_report import PlannedReport
+from dqreg.inspection.plan.file import Plan, read_plan
+from dqreg.inspection.plan.report import PlannedReport
+from dqreg.inspection.plan.run import Characteristic, Inspection, inspect
 from dqreg.inspection.regions import Region
 from dqreg.inspection.sections import Section, section_of
 from dqreg.inspection.statistics import Band, Bands, Place, Summary

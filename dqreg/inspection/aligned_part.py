@@ -23,8 +23,8 @@ from dqreg.inspection.alignment import (
 from dqreg.inspection.characteristics import Frame
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
-from dqreg.inspection.plan import Plan, PlannedDatum
-from dqreg.inspection.planned_alignment import PlannedStep
+from dqreg.inspection.plan.alignment import PlannedStep
+from dqreg.inspection.plan.file import Plan, PlannedDatum
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.rigid import pose
 

@@ -19,7 +19,7 @@ from dqreg.inspection.features.spread import covariance_on
 from dqreg.inspection.medians import smoothed
 from dqreg.inspection.part_faces import Face, faces_at, faces_in_box, nearest_face, part_faces
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
-from dqreg.inspection.plan_keys import FaceName
+from dqreg.inspection.plan.keys import FaceName
 from dqreg.inspection.regions import SCANNED, edge_places, weighted_median
 from dqreg.inspection.statistics import PROBED
 from dqreg.inspection.zone_features import PlannedFit, zone_feature

@@ -18,8 +18,8 @@ from dqreg.inspection.features.gauss import fit_gauss
 from dqreg.inspection.features.models import distances
 from dqreg.inspection.features.spread import normals_of
 from dqreg.inspection.features.zone_spread import noise_covariance
+from dqreg.inspection.line_forms.random_field import Series, drawn_series
 from dqreg.inspection.places import COVERAGE
-from dqreg.inspection.profile_model import Series, drawn_series
 from dqreg.inspection.surface_model import blocks_of, sigma_of
 from dqreg.solvers.sandwich import larger
 

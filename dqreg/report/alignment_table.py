@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dqreg.inspection import AlignedStep, DatumAlignment, Inspection, PointAlignment
-from dqreg.inspection.planned_alignment import PlannedStep
+from dqreg.inspection.plan.alignment import PlannedStep
 from dqreg.report.text import percent, text_of
 from dqreg.rigid import pose
 

@@ -12,7 +12,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh
 from dqreg.inspection import Deviations, Face
-from dqreg.inspection.plan import plan_of
+from dqreg.inspection.plan.file import plan_of
 from dqreg.inspection.regions import cut_of, regions_of
 from dqreg.registration.inspected import Inspected, inspect_registration
 from dqreg.studio.aligning import result_of

@@ -9,7 +9,7 @@ import tomllib
 from typing import Any
 
 from dqreg.errors import InputError
-from dqreg.inspection.plan import plan_of
+from dqreg.inspection.plan.file import plan_of
 from dqreg.studio.visit import HEAD, FaceTolerance, PlaneCut, Reference, Visit
 
 LETTERS = "ABC"

@@ -14,7 +14,7 @@ from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection import Deviations, inspect, measure_deviations
-from dqreg.inspection.plan import plan_of
+from dqreg.inspection.plan.file import plan_of
 from dqreg.report.inspection_table import frame_words
 from dqreg.rigid import pose, twist
 from dqreg.synth.parts import box

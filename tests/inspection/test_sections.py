@@ -11,7 +11,7 @@ import pytest
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.inspection import inspect, measure_deviations, section_of, thickness_of
-from dqreg.inspection.plan import plan_of
+from dqreg.inspection.plan.file import plan_of
 from dqreg.inspection.sections import outlines
 from dqreg.report.section_picture import section_picture
 from dqreg.synth.parts import box, bracket

@@ -12,7 +12,7 @@ from scipy.stats import beta
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection import inspect, measure_deviations, nearest_face, part_faces
-from dqreg.inspection.plan import plan_of
+from dqreg.inspection.plan.file import plan_of
 from dqreg.rigid import pose, twist
 from dqreg.synth import Scan, Scanner, form_error, moved_feature, scan_mesh
 from dqreg.synth.parts import bracket

@@ -10,7 +10,7 @@ import pytest
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.inspection import Deviations, inspect, measure_deviations, part_faces
-from dqreg.inspection.plan import plan_of
+from dqreg.inspection.plan.file import plan_of
 from dqreg.synth.parts import cylinder
 
 RADIUS, HEIGHT, NOISE, LOBES = 8.0, 10.0, 0.01, 0.04

@@ -10,7 +10,7 @@ import pytest
 
 from dqreg.errors import InputError
 from dqreg.inspection import Inspection
-from dqreg.inspection.plan import plan_of
+from dqreg.inspection.plan.file import plan_of
 from dqreg.report.page import to_html
 from dqreg.trust.records import Alternative, Verdict
 from tests.report.scenes import T_START, bumpy, data_of, failed

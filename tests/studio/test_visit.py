@@ -10,8 +10,8 @@ import pytest
 
 from dqreg.errors import InputError
 from dqreg.inspection import read_plan
-from dqreg.inspection.plan import plan_of
-from dqreg.inspection.planned_alignment import PlannedStep
+from dqreg.inspection.plan.alignment import PlannedStep
+from dqreg.inspection.plan.file import plan_of
 from dqreg.inspection.tolerances import Tolerance
 from dqreg.studio.plans import plan_text, with_plan
 from dqreg.studio.visit import Cut, FaceTolerance, Pair, PlaneCut, Reference, Side, Visit

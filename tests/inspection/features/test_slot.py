@@ -10,7 +10,7 @@ from dqreg.geometry import Mesh, MeshSurface
 from dqreg.inspection import fit_feature, inspect, measure_deviations, part_faces
 from dqreg.inspection.features.models import Shape, distances
 from dqreg.inspection.features.starts import frame_along
-from dqreg.inspection.plan import plan_of
+from dqreg.inspection.plan.file import plan_of
 from dqreg.rigid import pose
 
 WIDTH, LENGTH, DEPTH = 8.0, 20.0, 5.0

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh
-from dqreg.inspection.suggested_plan import suggested_plan
+from dqreg.inspection.plan.suggested_plan import suggested_plan
 from dqreg.synth.parts import box, bracket, cylinder
 
 

@@ -9,14 +9,14 @@ from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection import characteristics as compute
 from dqreg.inspection.characteristics import Frame, Measured
 from dqreg.inspection.edge_points import edge_beside, edge_on
-from dqreg.inspection.line_forms import axis_form, worst_form
+from dqreg.inspection.line_forms.round_sections import centres_of, sections_of
+from dqreg.inspection.line_forms.straight_lines import lines_of
+from dqreg.inspection.line_forms.worst import axis_form, worst_form
 from dqreg.inspection.part_faces import Face
 from dqreg.inspection.places import COVERAGE
-from dqreg.inspection.plan import Plan
-from dqreg.inspection.planned_characteristics import OF_SLOT, PlannedCharacteristic
-from dqreg.inspection.round_sections import centres_of, sections_of
+from dqreg.inspection.plan.characteristics import OF_SLOT, PlannedCharacteristic
+from dqreg.inspection.plan.file import Plan
 from dqreg.inspection.scanned_part import ScannedPart
-from dqreg.inspection.straight_lines import lines_of
 from dqreg.inspection.thickness import wall_thickness
 
 

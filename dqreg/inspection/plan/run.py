@@ -14,9 +14,9 @@ from dqreg.inspection.coverage import FaceCoverage
 from dqreg.inspection.decision import REQUIRED_SHARE, Decision, decide, worst_of
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.measure import deviations_under
-from dqreg.inspection.measured_values import faces_of_row, measured_value, nominal_value
-from dqreg.inspection.plan import Plan, PlannedSection
-from dqreg.inspection.planned_characteristics import ZONES, PlannedCharacteristic
+from dqreg.inspection.plan.characteristics import ZONES, PlannedCharacteristic
+from dqreg.inspection.plan.file import Plan, PlannedSection
+from dqreg.inspection.plan.measured_values import faces_of_row, measured_value, nominal_value
 from dqreg.inspection.regions import Outcome
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.sections import Section, section_on

@@ -6,7 +6,7 @@ import numpy as np
 
 from dqreg.geometry import Mesh
 from dqreg.inspection import part_faces
-from dqreg.inspection.suggested_datums import SuggestedDatum, suggest_datums
+from dqreg.inspection.plan.suggested_datums import SuggestedDatum, suggest_datums
 from dqreg.rigid import pose, twist
 from dqreg.synth.parts import box, bracket, cylinder, flange
 

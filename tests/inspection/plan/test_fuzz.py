@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from dqreg.errors import DqregError, InputError
 from dqreg.inspection import inspect
-from dqreg.inspection.plan import KEYS, plan_of
-from dqreg.inspection.planned_characteristics import CharacteristicKind
-from tests.inspection.test_plan import FACES, scanned
+from dqreg.inspection.plan.characteristics import CharacteristicKind
+from dqreg.inspection.plan.file import KEYS, plan_of
+from tests.inspection.plan.test_file import FACES, scanned
 
 WORDS = st.sampled_from(
     [*KEYS, *get_args(CharacteristicKind), "A", "B", "best-fit", "datums", "minimax", "tz rx", "mm", "", "x" * 300, "ü"]

@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 from dqreg.errors import InputError
-from dqreg.inspection.plan_keys import number_of, require_known, require_one_of
+from dqreg.inspection.plan.keys import number_of, require_known, require_one_of
 
 # Parts of a report that a plan may choose among, in their order on the page. Head, decisions and characteristics always
 # stand there, and so do the digests of both files: a sheet without them could not be signed.

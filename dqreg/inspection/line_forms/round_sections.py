@@ -10,7 +10,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection.features.models import distances
 from dqreg.inspection.features.starts import frame_along
-from dqreg.inspection.line_profiles import (
+from dqreg.inspection.line_forms.profiles import (
     Place,
     Profile,
     Unrolled,

@@ -14,9 +14,9 @@ from scipy.stats import beta
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.inspection import inspect, measure_deviations, part_faces
-from dqreg.inspection.line_forms import axis_form, width_of_zone
-from dqreg.inspection.plan import plan_of
-from dqreg.inspection.planned_characteristics import CharacteristicKind
+from dqreg.inspection.line_forms.worst import axis_form, width_of_zone
+from dqreg.inspection.plan.characteristics import CharacteristicKind
+from dqreg.inspection.plan.file import plan_of
 from dqreg.report.definitions import DEFINITIONS
 from dqreg.synth.parts import cylinder
 

@@ -12,7 +12,7 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
 from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection.part_faces import Face, part_faces
-from dqreg.inspection.suggested_datums import suggest_datums
+from dqreg.inspection.plan.suggested_datums import suggest_datums
 
 # The tolerance that is written, to be changed: that share of the part's size, one digit.
 TOLERANCE = 5e-4

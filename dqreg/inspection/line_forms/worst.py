@@ -10,8 +10,8 @@ from dqreg._arrays import FloatArray
 from dqreg.inspection.characteristics import Measured
 from dqreg.inspection.features.fit import zone_width
 from dqreg.inspection.features.zone import chebyshev_step
-from dqreg.inspection.line_profiles import Profile
-from dqreg.inspection.profile_model import Series, drawn_series
+from dqreg.inspection.line_forms.profiles import Profile
+from dqreg.inspection.line_forms.random_field import Series, drawn_series
 from dqreg.inspection.surface_model import sigma_of
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 

@@ -10,7 +10,9 @@ from typing import Any, Literal
 
 from dqreg.errors import InputError
 from dqreg.files.units import METRES
-from dqreg.inspection.plan_keys import (
+from dqreg.inspection.plan.alignment import PlannedStep, steps_of
+from dqreg.inspection.plan.characteristics import PlannedCharacteristic, characteristic_of, fit_of
+from dqreg.inspection.plan.keys import (
     FaceName,
     face_of,
     list_of,
@@ -18,10 +20,8 @@ from dqreg.inspection.plan_keys import (
     require_one_of,
     triple_of,
 )
-from dqreg.inspection.planned_alignment import PlannedStep, steps_of
-from dqreg.inspection.planned_characteristics import PlannedCharacteristic, characteristic_of, fit_of
-from dqreg.inspection.planned_report import PlannedReport, planned_report
-from dqreg.inspection.planned_tolerances import SIDES, FaceTolerance, face_tolerances, whole_tolerance
+from dqreg.inspection.plan.report import PlannedReport, planned_report
+from dqreg.inspection.plan.tolerances import SIDES, FaceTolerance, face_tolerances, whole_tolerance
 from dqreg.inspection.tolerances import Tolerance
 from dqreg.inspection.zone_features import PlannedFit
 

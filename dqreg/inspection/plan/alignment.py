@@ -9,8 +9,8 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.inspection.plan_keys import FaceName, faces_of_list, number_of, require_known, require_one_of, triple_of
-from dqreg.inspection.planned_tolerances import SIDES, sides_of
+from dqreg.inspection.plan.keys import FaceName, faces_of_list, number_of, require_known, require_one_of, triple_of
+from dqreg.inspection.plan.tolerances import SIDES, sides_of
 from dqreg.solvers.dof import Freedom
 
 StepKind = Literal["best-fit", "tolerance", "minimax", "outside", "inside", "datums", "points"]

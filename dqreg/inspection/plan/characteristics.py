@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any, Literal, get_args
 
 from dqreg.errors import InputError
-from dqreg.inspection.plan_keys import (
+from dqreg.inspection.plan.keys import (
     FaceName,
     face_of,
     faces_of_list,
@@ -15,7 +15,7 @@ from dqreg.inspection.plan_keys import (
     require_one_of,
     triple_of,
 )
-from dqreg.inspection.planned_tolerances import SIDES, sides_of
+from dqreg.inspection.plan.tolerances import SIDES, sides_of
 from dqreg.inspection.zone_features import METHODS, PlannedFit
 
 CharacteristicKind = Literal[

@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 from dqreg.errors import InputError
-from dqreg.inspection.plan_keys import FaceName, face_of, faces_of_list, list_of, number_of, require_known
+from dqreg.inspection.plan.keys import FaceName, face_of, faces_of_list, list_of, number_of, require_known
 from dqreg.inspection.tolerances import Tolerance
 
 SIDES = ("tolerance", "plus", "minus")

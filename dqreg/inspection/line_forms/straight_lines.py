@@ -9,7 +9,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.inspection.features.models import distances
-from dqreg.inspection.line_profiles import (
+from dqreg.inspection.line_forms.profiles import (
     Place,
     Profile,
     half_width,

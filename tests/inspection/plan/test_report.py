@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from dqreg.errors import InputError
-from dqreg.inspection.plan import plan_of
-from dqreg.inspection.planned_report import PARTS, VIEWS, PlannedReport
+from dqreg.inspection.plan.file import plan_of
+from dqreg.inspection.plan.report import PARTS, VIEWS, PlannedReport
 from dqreg.report.cameras import BEST
 from dqreg.report.cameras import VIEWS as CAMERAS
 

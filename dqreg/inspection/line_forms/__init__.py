@@ -1,0 +1,1 @@
+"""Roundness and straightness: forms of the lines of a face."""
