@@ -1,6 +1,8 @@
-"""The closest triangle of a tree to a place."""
+"""Closest points on a tree of triangles, with a bound and a first guess."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled
@@ -12,6 +14,8 @@ DEEPEST = 64  # no balanced heap that fits into memory is deeper
 EQUAL, LEVEL, ROUNDING = 2e-12, 1e-6, 1e-30
 # Equals looked at for one query: at the tip of a fan of thousands of needles there are thousands.
 EQUALS = 64
+# A first guess is a bound a little wider than its own distance, so that the search finds what it would find without.
+WIDER = 1.0 + 1e-9
 
 
 @compiled
@@ -60,7 +64,9 @@ def descend(
                     best = min(best, d)
                 else:
                     best, slot, u, v = d, t, a, b
-                reach = best + (best * EQUAL + floor if equals < EQUALS else 0.0)
+                # Only on its border has a face equals; boxes of its neighbours in one plane are as near as itself.
+                border = u == 0.0 or v == 0.0 or u + v >= 1.0
+                reach = best + (best * EQUAL + floor if border and equals < EQUALS else 0.0)
         else:
             near, far = 2 * node, 2 * node + 1
             d0, d1 = box_distance(boxes, near, x, y, z), box_distance(boxes, far, x, y, z)
@@ -89,3 +95,58 @@ def is_before(
     if abs(mine - its) > LEVEL * max(mine, its) + floor:
         return bool(mine > its)
     return bool(faces[t] < faces[other])
+
+
+@compiled
+def closest_places(
+    first: int,
+    last: int,
+    boxes: FloatArray,
+    packed: FloatArray,
+    leaf: int,
+    faces: IntArray,
+    slots: IntArray,
+    face_normals: FloatArray,
+    queries: FloatArray,
+    guesses: IntArray,
+    bound: float,
+    size: float,
+    points: FloatArray,
+    normals: FloatArray,
+    distances: FloatArray,
+    found: IntArray,
+) -> None:
+    """Write the closest place nearer than ``bound`` for queries first to last: NaN, inf and -1 where there is none.
+
+    Guesses are faces to begin with, one a query, or none at all: then each query begins with the face of the one
+    before it.
+    """
+    stack, away = np.zeros(DEEPEST, np.int64), np.zeros(DEEPEST)
+    slot, floor = -1, ROUNDING * size * size
+    for i in range(first, last):
+        x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
+        if len(guesses):
+            slot = slots[guesses[i]]
+        most = best = bound * bound
+        if slot >= 0:
+            best = min(best, closest_on(packed, slot, x, y, z)[0] * WIDER + 2.0 * floor)
+        best, slot, u, v = descend(boxes, packed, leaf, faces, x, y, z, best, floor, stack, away)
+        if slot < 0 and best < most:
+            # Very near to the guess, its distance and that of its box differ by more than either is of itself.
+            best, slot, u, v = descend(boxes, packed, leaf, faces, x, y, z, most, floor, stack, away)
+        if slot < 0:
+            points[i], normals[i], distances[i], found[i] = np.nan, np.nan, np.inf, -1
+            continue
+        face = faces[slot]
+        found[i] = face
+        nx, ny, nz = face_normals[face, 0], face_normals[face, 1], face_normals[face, 2]
+        normals[i, 0], normals[i, 1], normals[i, 2] = nx, ny, nz
+        if u > 0.0 and v > 0.0 and u + v < 1.0:
+            # The height above the plane, and the foot by it, keep the digits that u and v lose on a needle.
+            height = nx * (x - packed[slot, 0]) + ny * (y - packed[slot, 1]) + nz * (z - packed[slot, 2])
+            points[i, 0], points[i, 1], points[i, 2] = x - height * nx, y - height * ny, z - height * nz
+            distances[i] = abs(height)
+        else:
+            for k in range(3):
+                points[i, k] = packed[slot, k] + (u * packed[slot, 3 + k] + v * packed[slot, 6 + k])
+            distances[i] = np.sqrt(best)

@@ -63,7 +63,6 @@ def compile_on_two_cores() -> None:
 def _faces() -> None:
     faces = TriangleTree.of(CORNERS, np.ones((2, 3)))
     faces.closest(np.zeros((1, 3)))
-    faces.cells.learn(np.zeros(2, dtype=np.int64))
 
 
 def _order() -> None:

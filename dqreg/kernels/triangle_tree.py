@@ -7,10 +7,9 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.closest_places import closest_places
+from dqreg.kernels.closest_triangles import closest_places
 from dqreg.kernels.compiled import compiled
 from dqreg.kernels.copies import first_copies
-from dqreg.kernels.face_cells import FaceCells
 from dqreg.kernels.kd_order import kd_order
 from dqreg.kernels.threads import as_plain, aside, over_chunks
 from dqreg.kernels.triangle import COLUMNS, pack
@@ -32,7 +31,6 @@ class TriangleTree:
     slots: IntArray  # (m,): Slot of each face
     normals: FloatArray  # (m, 3): Unit normal of each face
     size: float  # Diagonal of the box around all
-    cells: FaceCells = dataclasses.field(repr=False, compare=False)
 
     @staticmethod
     def of(corners: FloatArray, normals: FloatArray) -> TriangleTree:
@@ -48,8 +46,7 @@ class TriangleTree:
         slots[faces] = np.arange(len(faces))
         boxes = heap_boxes(low, high, LEAF)
         size = float(np.linalg.norm(boxes[1, 3:] - boxes[1, :3]))
-        cells = FaceCells(boxes, packed, LEAF, faces, size)
-        return TriangleTree(boxes, packed, faces, slots[first], as_plain(normals), size, cells)
+        return TriangleTree(boxes, packed, faces, slots[first], as_plain(normals), size)
 
     def closest(
         self, queries: FloatArray, guesses: IntArray | None = None, bound: float = np.inf
@@ -62,13 +59,9 @@ class TriangleTree:
         points, normals = np.zeros((count, 3)), np.zeros((count, 3))
         distances, found = np.zeros(count), np.zeros(count, dtype=np.int64)
         none = np.zeros(0, dtype=np.int64)
-        wanted = np.full(count if self.cells.is_worth(count) else 0, -1)
         tree = self.boxes, self.packed, LEAF, self.faces, self.slots, self.normals
         asked = as_plain(queries), none if guesses is None else guesses, float(bound), self.size
-        answer = points, normals, distances, found
-        over_chunks(closest_places, count, *tree, *asked, *self.cells.made.arrays, wanted, *answer)
-        if wanted.max(initial=-1) >= 0:
-            self.cells.learn(wanted)
+        over_chunks(closest_places, count, *tree, *asked, points, normals, distances, found)
         return points, normals, distances, found
 
 

@@ -30,7 +30,7 @@ def test_all_that_register_uses_is_compiled_beforehand_and_once(monkeypatch: pyt
     monkeypatch.setattr("dqreg.kernels.compile_all.keep_beside_package", lambda: None)
     compile_all()
     before = {name: len(found.nopython_signatures) for name, found in dispatchers().items()}
-    assert before["dqreg.kernels.closest_places.closest_places"] == 1
+    assert before["dqreg.kernels.closest_triangles.closest_places"] == 1
     points = bracket_points(30, seed=0)
     points.setflags(write=False)
     dqreg.register(points, bracket_mesh(), "identity")
