@@ -9,6 +9,8 @@ import numpy as np
 
 from dqreg._arrays import as_vectors
 from dqreg.errors import InputError
+from dqreg.files import CloudData, MeshData
+from dqreg.files.cloud_data import TimedCloudData
 from dqreg.files.units import UNIT_WORDS
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.fields import RawCloud, columns_of, from_message
@@ -27,8 +29,9 @@ def as_geometry(value: Any, name: str) -> PointCloud | Mesh:
     ----------
     value : object
         An (n, 3) array or tensor; a structured array, DataFrame or dictionary with x, y and z (pye57's too); a ROS
-        PointCloud2 message; ``(vertices, faces)``; `PointCloud`, `Mesh`; an Open3D cloud or mesh (legacy or tensor), a
-        trimesh cloud, mesh or scene, a PyVista PolyData, a laspy LasData, a small_gicp cloud.
+        PointCloud2 message; ``(vertices, faces)``; `PointCloud`, `Mesh`; what `dqreg.files` reads; an Open3D cloud or
+        mesh (legacy or tensor), a trimesh cloud, mesh or scene, a PyVista PolyData, a laspy LasData, a small_gicp
+        cloud.
     name : str
         What the caller calls it, for the message.
 
@@ -61,6 +64,8 @@ def recognise(value: Any, name: str) -> PointCloud | Mesh | RawCloud:
     """What an object holds; a cloud of another library comes with all rows, finite or not."""
     if isinstance(value, (PointCloud, Mesh)):
         return value
+    if isinstance(value, (CloudData, MeshData)):
+        return of_file(value)
     if isinstance(value, np.ndarray):
         return _plain(value) if value.dtype.names is None else columns_of(value, value.dtype.names)
     package = type(value).__module__.split(".")[0]
@@ -73,6 +78,14 @@ def recognise(value: Any, name: str) -> PointCloud | Mesh | RawCloud:
     if isinstance(value, Mapping) or (hasattr(value, "keys") and _has_coordinates(value)):
         return columns_of(value, value.keys())
     return _by_parts(value)
+
+
+def of_file(data: CloudData | MeshData) -> PointCloud | Mesh:
+    """What a file says, with all that it tells of it."""
+    if isinstance(data, MeshData):
+        return Mesh(data.vertices, data.faces, data.units, regions=data.regions)
+    times = data.times if isinstance(data, TimedCloudData) else None
+    return PointCloud(data.points, data.normals, data.viewpoint, data.units, data.dropped, times)
 
 
 def _plain(points: Any, normals: Any = None) -> RawCloud:

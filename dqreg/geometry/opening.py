@@ -6,11 +6,10 @@ import os
 from typing import Any
 
 from dqreg.errors import InputError
-from dqreg.files import CloudData, read_geometry
-from dqreg.files.cloud_data import TimedCloudData
+from dqreg.files import read_geometry
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
-from dqreg.geometry.objects import as_geometry
+from dqreg.geometry.objects import as_geometry, of_file
 
 
 def open_geometry(value: Any, name: str) -> PointCloud | Mesh:
@@ -19,10 +18,7 @@ def open_geometry(value: Any, name: str) -> PointCloud | Mesh:
         return as_geometry(value, name)
     data = read_geometry(value)
     try:
-        if isinstance(data, CloudData):
-            times = data.times if isinstance(data, TimedCloudData) else None
-            return PointCloud(data.points, data.normals, data.viewpoint, data.units, data.dropped, times)
-        return Mesh(data.vertices, data.faces, data.units, regions=data.regions)
+        return of_file(data)
     except InputError as error:
         raise InputError(f"{name} {os.fspath(value)}: {error}") from error
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,9 @@ import trimesh
 
 from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
+from dqreg.files import read_geometry
 from dqreg.geometry import Mesh, PointCloud, as_geometry
+from dqreg.geometry.opening import open_geometry
 from dqreg.synth.parts import box
 
 VERTICES, FACES = box((3.0, 2.0, 1.0))
@@ -161,3 +164,16 @@ def lines() -> Any:
 def test_a_wrong_object_is_named(make: Callable[[], Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         as_geometry(make(), "source")
+
+
+@pytest.mark.parametrize("name", ["part.stl", "part.ply", "scan.xyz"])
+def test_what_a_file_holds_is_taken_as_the_file_is(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    if name == "scan.xyz":
+        np.savetxt(path, np.hstack([VERTICES, NORMALS]))
+    else:
+        trimesh.Trimesh(VERTICES, FACES).export(path)
+    ours, theirs = as_geometry(read_geometry(path), "source"), open_geometry(path, "source")
+    assert type(ours) is type(theirs)
+    for key, value in vars(theirs).items():
+        np.testing.assert_array_equal(getattr(ours, key), value)
