@@ -123,7 +123,7 @@ def cli() -> None:
     dqreg show result.json --save view.png                  needs no display
 
     Help of a command: dqreg COMMAND --help.
-    Exit codes: 0 verdict accepted, 1 ran but not accepted, 2 bad input.
+    Exit codes: 0 verdict accepted, 1 ran but not accepted, 2 bad input, 3 accepted, but the part is out of tolerance.
     """
 
 

@@ -175,9 +175,8 @@ def _stretched(evidence: Evidence) -> Iterator[str]:
     along = evidence.stretched_along if any(evidence.stretched_along) else None
     how = ("short", "long")[evidence.stretch > 0.0] if along else ("small", "large")[evidence.stretch > 0.0]
     words = f"{100 * abs(evidence.stretch):.2g} % too {how}" + (f" along {direction_words(along)}" if along else "")
-    cause = (
-        "another part" if along else 'a part that shrank or a scaled file (scale="solve" estimates it), another part'
-    )
+    scaled = 'a part that shrank or a scaled file (scale="solve" or --scale solve estimates it), another part'
+    cause = "another part" if along else scaled
     yield f"the scan is {words}: {cause}, or a local minimum"
 
 

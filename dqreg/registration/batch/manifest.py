@@ -95,6 +95,8 @@ def check_options(options: dict[str, Any]) -> None:
 
 
 COLUMNS = ("scan", "target", "name", "start", "plan", "tolerance", "required", *HEAD)
+# The same under the words of `register`.
+SAME = {"source": "scan", "part": "target"}
 # Bad rows named in one message; more are counted.
 NAMED = 3
 
@@ -167,7 +169,8 @@ def _of_csv(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
 
 
 def _columns(path: Path, head: list[str]) -> list[str]:
-    columns = [name if name in COLUMNS else option_name(name) for name in (cell.strip().lower() for cell in head)]
+    words = (cell.strip().lower() for cell in head)
+    columns = [name if name in COLUMNS else option_name(name) for name in (SAME.get(word, word) for word in words)]
     known = [*COLUMNS, *option_name()]
     for name, found in zip(head, columns, strict=True):
         word = name.strip().lower()

@@ -66,10 +66,16 @@ def test_names_are_file_names_and_never_twice(folder):
     odd.unlink()
 
 
+def test_columns_have_the_words_of_the_command_too(folder):
+    (row,) = rows_of(folder, "source,part\nscan0.npy,bracket.off\n")
+    assert row == rows_of(folder, "scan,target\nscan0.npy,bracket.off\n")[0]
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("scan,target\nno.npy,bracket.off\n", "line 2: .*no.npy"),
+        ("scan,source,target\nscan0.npy,scan0.npy,bracket.off\n", "line 1: .*scan is there twice"),
         ("scan,target\n,bracket.off\n", "line 2: the cell scan is empty"),
         ("scan,target\nscan0.npy,\n", "line 2: the cell target is empty"),
         ("scan,target,effort\nscan0.npy,bracket.off,huge\n", "line 2: .*'huge'"),
