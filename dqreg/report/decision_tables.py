@@ -49,6 +49,10 @@ def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
     if bad:
         many = "1 region fails" if len(bad) == 1 else f"{len(bad)} of {len(found.regions)} regions fail"
         words.append(f"{many}; see the table of regions.")
+    unproven = sum(region.outcome == "undecided" for region in found.regions)
+    if unproven:
+        many = "1 region is" if unproven == 1 else f"{unproven} of {len(found.regions)} regions are"
+        words.append(f"{many} undecided: with the uncertainty of its deviations it may pass or fail.")
     words.append(f"The pose adds an uncertainty of up to {text_of(found.uncertainty, 2)}{of} (k = 2) to a deviation.")
     return words
 
