@@ -11,7 +11,8 @@ import numpy as np
 
 from dqreg.errors import InputError
 from dqreg.multiway.assemble import assembled
-from dqreg.multiway.edges import PART
+from dqreg.multiway.believe import Belief
+from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.foreign import Judge, without_foreign
 from dqreg.multiway.misfits import regained, without_misfits
 from dqreg.multiway.overlap import overlap_matrix
@@ -124,18 +125,14 @@ def register_many(
         folder=_made(folder),
     )
     seconds = {"read": time.monotonic() - began}
-    found = first_edges(runner, pairs, known, order, automatic=edges == "auto" if isinstance(edges, str) else False)
+    automatic = isinstance(edges, str) and edges == "auto"
+    found = first_edges(runner, pairs, known, order, automatic=automatic)
     sides = Sides.of(views, order, found)
     size, floor = typical_size(views), FLOOR * typical_spacing(views)
     home = PART if part is not None else anchor
     T_home = np.eye(4) if part is not None or known[anchor] is None else known[anchor]
     judge = Judge(sides, len(views), home, size, floor, np.asarray(T_home))
-    judge, belief = without_foreign(judge, judge(found))
-    if isinstance(edges, str) and edges == "auto":
-        judge, belief = without_foreign(judge, rescued(runner, belief, judge, size))
-    judge, belief = without_misfits(views, judge, belief, effort, seed)
-    if not runner.stopped:
-        judge, belief = regained(views, judge, belief, effort, seed)
+    belief = _belief(runner, judge, found, automatic)
     seconds["pairs"] = time.monotonic() - began - sum(seconds.values())
     joint = refined(views, sides.bodies, part, belief, size, effort)
     seconds["joint"] = time.monotonic() - began - sum(seconds.values())
@@ -156,6 +153,15 @@ def register_many(
     result = assembled(views, belief, joint, overlap, settings, seconds, runner.stopped, against, turns)
     log_verdict(result.verdict, f"{len(views)} scans into one frame", time.monotonic() - began)
     return result
+
+
+def _belief(runner: PairRunner, judge: Judge, found: Sequence[Edge], automatic: bool) -> Belief:
+    """Which edges and scans are believed: what fits nowhere is left out, and what was lost is looked for."""
+    judge, belief = without_foreign(judge, judge(found))
+    if automatic:
+        judge, belief = without_foreign(judge, rescued(runner, belief, judge, judge.size))
+    judge, belief = without_misfits(runner.views, judge, belief, runner.effort, runner.seed)
+    return belief if runner.stopped else regained(runner.views, judge, belief, runner.effort, runner.seed)[1]
 
 
 def _check(effort: Any, seed: Any, time_limit: Any, observe: Any) -> None:
