@@ -87,57 +87,49 @@ def evidence_of(
     mirror_gain: float = -np.inf,
 ) -> Evidence:
     """All that the verdict on a fit is made of; see `Evidence` for the meaning of each number."""
-    drift, drift_rad, drift_along = fit.once("drift", lambda: max(_drift(fit), (*second_pose(fit), STILL)))
-    between = fit.once("between", lambda: _between(fit, uncertainty.covariance))
-    agreement = vars(fit.agreement) | ({} if between is None else vars(between))
-    return Evidence(
-        **agreement,
-        status=status_of(fit),
-        found=fit.found,
-        inliers=float(fit.run.weights.sum()),
-        max_distance=fit.settings.max_distance,
+    measured = fit.once("measured", lambda: _measured(fit, uncertainty.covariance))
+    return dataclasses.replace(
+        measured,
         directions=uncertainty.directions,
+        carriers=tuple(fit.information.carriers.tolist()) if uncertainty.directions else (),
+        sliding_loss=slide_of(fit).loss,
         alternatives=alternatives,
         search=search,
-        has_border=fit.has_border,
-        units=fit.problem.units[1],
         mirror_gain=mirror_gain,
-        size=fit.prepared.surface.diagonal,
-        carriers=tuple(fit.information.carriers.tolist()) if uncertainty.directions else (),
+    )
+
+
+def _measured(fit: Fit, covariance: FloatArray) -> Evidence:
+    """What the fit and its covariance tell alone."""
+    drift, drift_rad, drift_along = max(_drift(fit), (*second_pose(fit), STILL))
+    return dataclasses.replace(
+        _between(fit, covariance),
+        status=status_of(fit),
+        max_distance=fit.settings.max_distance,
+        units=fit.problem.units[1],
         carriers_of_both=own_normals(fit.prepared.surface, fit.run.pairs) is not None,
-        sliding_loss=slide_of(fit).loss,
         clutter=fit.problem.options.clutter,
-        looked_through=fit.once("looked through", lambda: looked_through_at(fit)),
+        looked_through=looked_through_at(fit),
         drift=drift,
         drift_rad=drift_rad,
         drift_along=drift_along,
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class Between:
-    """What is left between two clouds at a pose; the fields are those of `dqreg.trust.Evidence`."""
-
-    faces_apart: float
-    ends_apart: float
-    stretch: float
-    stretched_along: Vector
-    bend: float
-
-
-def _between(fit: Fit, covariance: FloatArray) -> Between | None:
-    """What is left between two clouds; None where the target is a part, or hardly a face is on both."""
+def _between(fit: Fit, covariance: FloatArray) -> Evidence:
+    """The agreement, of two clouds with what is left between them; as it is where hardly a face is on both."""
     target, points = fit.target.geometry, fit.problem.source.cloud.points
     if not fit.found or fit.is_late or not isinstance(target, PointCloud):
-        return None
+        return fit.agreement
     placed = pose.apply(fit.T_target_source, points[sample_rows(len(points), COMPARED)])
     fixed = target.points[sample_rows(len(target.points), COMPARED)]
     overlap = Overlap.of(placed, fixed)
     if overlap is None:
-        return None
+        return fit.agreement
     size = fit.prepared.surface.diagonal
     strain = overlap.strain(size)
-    return Between(
+    return dataclasses.replace(
+        fit.agreement,
         faces_apart=overlap.apart(size, covariance),
         ends_apart=ends_apart(overlap, placed, fixed, size),
         stretch=strain.value if strain.is_strained else 0.0,

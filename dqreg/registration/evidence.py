@@ -17,6 +17,7 @@ from dqreg.icp.rejectors import at_boundary
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.chance import random_ratio
+from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import NORMALS_APART
 from dqreg.trust.neighbourhoods import Neighbourhoods
 from dqreg.trust.patch_tests import ON, isolated, patches_off, stretch_of
@@ -55,27 +56,6 @@ USUAL, LEAST = 3.0, 3e-4
 APART_RAD = np.deg2rad(35.0)
 
 
-@dataclasses.dataclass(frozen=True)
-class Agreement:
-    """How well scan and target agree at a pose; the fields are those of `dqreg.trust.Evidence`."""
-
-    share_near: float
-    near: float
-    patches: int
-    patches_off: float
-    strays: float
-    normals_apart: float
-    width: float
-    expected: float
-    stretch: float
-    stretched_along: tuple[float, float, float]
-    bend: float
-    random_ratio: float
-    share_on: float
-    share_other: float
-    share_contradicting: float
-
-
 def agreement_of(
     run: Alignment,
     scan: Scan,
@@ -84,8 +64,8 @@ def agreement_of(
     count: int = LOOKED_AT,
     *,
     has_border: bool = False,
-) -> Agreement:
-    """Measure it at the end of a run."""
+) -> Evidence:
+    """Measure it at the end of a run; what needs more than the run is not known yet."""
     mixture = run.mixture
     near = NEAR * max_distance
     width = min(ON * mixture.scale, near)
@@ -116,7 +96,15 @@ def agreement_of(
     if not isinstance(surface, CloudSurface) and count >= LOOKED_AT:
         sparse = len(scan) < SPARSE and not has_border
         strain = _strain(pairs, on if has_border else close & ~alone, clutter=clutter, sparse=sparse)
-    return Agreement(
+    return Evidence(
+        status=run.status,
+        found=run.found,
+        inliers=float(run.weights.sum()),
+        max_distance=max_distance,
+        directions=(),
+        alternatives=(),
+        has_border=has_border,
+        size=surface.diagonal,
         share_near=_share(on, close),
         near=near,
         patches=patches,

@@ -26,11 +26,11 @@ from dqreg.icp import (
 from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import weights_by_face
 from dqreg.registration.constraints import PoseConstraints
-from dqreg.registration.evidence import LOOKED_AT, LOOKED_AT_LATE, Agreement, agreement_of
+from dqreg.registration.evidence import LOOKED_AT, LOOKED_AT_LATE, agreement_of
 from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
-from dqreg.trust import Information, information_of
+from dqreg.trust import Evidence, Information, information_of
 
 T = TypeVar("T")
 
@@ -84,8 +84,8 @@ class Fit:
         return not (isinstance(geometry, Mesh) and geometry.is_closed)
 
     @cached_property
-    def agreement(self) -> Agreement:
-        """How well scan and target agree at the pose."""
+    def agreement(self) -> Evidence:
+        """How well scan and target agree at the pose: what the verdict is made of, as far as the run tells it."""
         prepared, reach = self.prepared, self.settings.max_distance
         if self.problem.options.max_distance is not None:
             # A shorter one hides the points that speak against a pose.

@@ -7,8 +7,9 @@ import pytest
 
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, prepare_scan
 from dqreg.icp import Alignment, InlierMixture, find_correspondences
-from dqreg.registration.evidence import Agreement, agreement_of
+from dqreg.registration.evidence import agreement_of
 from dqreg.rigid import pose
+from dqreg.trust import Evidence
 from dqreg.trust.limits import NORMALS_APART
 from tests.icp.scenes import bracket_mesh, bracket_points
 
@@ -21,7 +22,7 @@ MAX_DISTANCE = 0.2 * SIZE
 POINTS = bracket_points(150, seed=0)
 
 
-def agreement(points: np.ndarray, T: np.ndarray | None = None, width: float = NOISE) -> Agreement:
+def agreement(points: np.ndarray, T: np.ndarray | None = None, width: float = NOISE) -> Evidence:
     """Agreement at a pose; the scan is made in the part's frame, so the identity is the truth."""
     scan = prepare_scan(PointCloud(points), 2_000)
     pairs = find_correspondences(scan, SURFACE, np.eye(4) if T is None else T)
@@ -127,7 +128,7 @@ def test_points_beyond_the_border_of_a_cloud_speak_neither_for_a_pose_nor_agains
     )
     mixture = InlierMixture(0.5, 0.9, 40.0)
 
-    def at(T: np.ndarray) -> Agreement:
+    def at(T: np.ndarray) -> Evidence:
         pairs = find_correspondences(scan, surface, T)
         run = Alignment(T, "converged", (), pairs, mixture.weight(pairs.distances), mixture=mixture)
         return agreement_of(run, scan, surface, 40.0, has_border=True)

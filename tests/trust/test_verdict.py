@@ -8,24 +8,8 @@ import numpy as np
 import pytest
 
 from dqreg.registration.result import Alternative, Direction
-from dqreg.trust import Evidence, judge
+from dqreg.trust import Evidence, judge, limits
 from dqreg.trust.doubts import DOUBTS
-from dqreg.trust.limits import (
-    CHANCE,
-    ENDS_APART,
-    FACES_APART,
-    FALL,
-    FEW_INLIERS,
-    FEW_OF_ALL,
-    FEWEST_INLIERS,
-    HOLDS,
-    NORMALS_APART,
-    OFF_PER_STRAY,
-    PATCHES_OFF,
-    PATCHES_OFF_BORDER,
-    ROUGH,
-    STRAYS,
-)
 from dqreg.trust.verdict import UNLIKELY
 
 NAN, INF = float("nan"), float("inf")
@@ -51,14 +35,18 @@ GOOD = Evidence(
 )
 # Each cause, and the one sentence that it brings.
 CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
-    "few points": ({"inliers": FEWEST_INLIERS - 1.0}, "only 29 inliers", "few_inliers"),
+    "few points": ({"inliers": limits.FEWEST_INLIERS - 1.0}, "only 29 inliers", "few_inliers"),
     "unknown points": ({"inliers": NAN}, "only nan inliers", "few_inliers"),
-    "clutter": ({"share_near": FEW_INLIERS - 0.01}, "% of the points within 2 of the target", "low_inlier_fraction"),
+    "clutter": (
+        {"share_near": limits.FEW_INLIERS - 0.01},
+        "% of the points within 2 of the target",
+        "low_inlier_fraction",
+    ),
     "unknown share": ({"share_near": NAN}, "% of the points within 2 of the target", "low_inlier_fraction"),
-    "rough": ({"width": 1.1 * ROUGH * 0.01}, "the shapes differ, or the pose is wrong", "large_residuals"),
+    "rough": ({"width": 1.1 * limits.ROUGH * 0.01}, "the shapes differ, or the pose is wrong", "large_residuals"),
     "unknown width": ({"width": NAN}, "the shapes differ, or the pose is wrong", "large_residuals"),
     "patches": (
-        {"patches_off": PATCHES_OFF + 0.08},
+        {"patches_off": limits.PATCHES_OFF + 0.08},
         "11 % of the patches of points within 2 of the target deviate as a whole",
         "deviating_patches",
     ),
@@ -79,21 +67,21 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "looked_through",
     ),
     "faces apart": (
-        {"faces_apart": FACES_APART + 0.01},
+        {"faces_apart": limits.FACES_APART + 0.01},
         "4 % of the places that both scans show lie apart",
         "faces_apart",
     ),
     "ends apart": (
-        {"ends_apart": ENDS_APART + 0.01},
+        {"ends_apart": limits.ENDS_APART + 0.01},
         "5 % of each and more lie beyond the other's",
         "ends_apart",
     ),
     "normals": (
-        {"normals_apart": NORMALS_APART + 0.01},
+        {"normals_apart": limits.NORMALS_APART + 0.01},
         "16 % of the inliers have normals that disagree with the target",
         "disagreeing_normals",
     ),
-    "strays": ({"strays": STRAYS + 0.01}, "51 % of all points are outliers", "outliers"),
+    "strays": ({"strays": limits.STRAYS + 0.01}, "51 % of all points are outliers", "outliers"),
     "no time": (
         {"search": "refined"},
         'the time limit ended the global search after its stage "refined"',
@@ -124,7 +112,7 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
     ),
     "bent": ({"bend": 0.004}, "the scan is bent or twisted by 0.4 % of its length", "bent"),
     "few of all": (
-        {"share_near": FEW_OF_ALL - 0.01, "near": INF},
+        {"share_near": limits.FEW_OF_ALL - 0.01, "near": INF},
         "only 49 % of the points are inliers",
         "low_inlier_fraction",
     ),
@@ -133,9 +121,9 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "60 % of the points are inliers, after 90 % in the frames before",
         "falling_inlier_fraction",
     ),
-    "chance": ({"random_ratio": CHANCE + 0.01}, "the residuals are 26 % of those at random poses", "random_fit"),
+    "chance": ({"random_ratio": limits.CHANCE + 0.01}, "the residuals are 26 % of those at random poses", "random_fit"),
     "chance with a quarter on": (
-        {"random_ratio": 0.5 * CHANCE + 0.01, "share_on": 0.25},
+        {"random_ratio": 0.5 * limits.CHANCE + 0.01, "share_on": 0.25},
         "the residuals are 14 % of those at random poses",
         "random_fit",
     ),
@@ -156,7 +144,7 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "weakly_constrained",
     ),
     "slides": (
-        {"directions": (HELD,) * 6, "carriers": (4.0, *(500.0,) * 5), "sliding_loss": HOLDS - 0.1},
+        {"directions": (HELD,) * 6, "carriers": (4.0, *(500.0,) * 5), "sliding_loss": limits.HOLDS - 0.1},
         "one motion depends on about 4 points: translation along (1.00, 0.00, 0.00)",
         "weakly_constrained",
     ),
@@ -205,21 +193,21 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"inliers": float(FEWEST_INLIERS)},
-        {"share_near": FEW_INLIERS},
-        {"share_near": FEW_OF_ALL, "near": INF},
-        {"share_near": FALL * 0.9, "near": INF, "usual": 0.9},
-        {"width": 0.99 * ROUGH * 0.01},
-        {"patches_off": PATCHES_OFF_BORDER, "has_border": True},
-        {"patches_off": PATCHES_OFF, "strays": 0.0},
-        {"patches_off": PATCHES_OFF + OFF_PER_STRAY * 0.2, "strays": 0.2},
-        {"patches_off": PATCHES_OFF, "normals_apart": NORMALS_APART, "strays": STRAYS},
+        {"inliers": float(limits.FEWEST_INLIERS)},
+        {"share_near": limits.FEW_INLIERS},
+        {"share_near": limits.FEW_OF_ALL, "near": INF},
+        {"share_near": limits.FALL * 0.9, "near": INF, "usual": 0.9},
+        {"width": 0.99 * limits.ROUGH * 0.01},
+        {"patches_off": limits.PATCHES_OFF_BORDER, "has_border": True},
+        {"patches_off": limits.PATCHES_OFF, "strays": 0.0},
+        {"patches_off": limits.PATCHES_OFF + limits.OFF_PER_STRAY * 0.2, "strays": 0.2},
+        {"patches_off": limits.PATCHES_OFF, "normals_apart": limits.NORMALS_APART, "strays": limits.STRAYS},
         {"search": "judged"},
         {"alternatives": (Alternative(np.eye(4), 0.1, "the part looks the same after a half-turn"),)},
         {"width": 0.0},
-        {"random_ratio": CHANCE},
-        {"random_ratio": 0.5 * CHANCE, "share_on": 0.25},
-        {"random_ratio": CHANCE, "share_on": 0.25, "has_border": True},
+        {"random_ratio": limits.CHANCE},
+        {"random_ratio": 0.5 * limits.CHANCE, "share_on": 0.25},
+        {"random_ratio": limits.CHANCE, "share_on": 0.25, "has_border": True},
         # A table beside the part, and a scan of the part alone.
         {"share_on": 0.1, "share_other": 0.9},
         {"share_on": 0.92, "share_contradicting": 0.08},
@@ -230,7 +218,7 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
         # Few of few, as of a tactile scan, and few of many that are enough.
         {"inliers": 60.0, "carriers": (4.0,) * 6},
         {"inliers": 1e6, "carriers": (30.0,) * 6},
-        {"directions": (HELD,) * 6, "carriers": (4.0, *(500.0,) * 5), "sliding_loss": HOLDS},
+        {"directions": (HELD,) * 6, "carriers": (4.0, *(500.0,) * 5), "sliding_loss": limits.HOLDS},
         {"expected": 0.0},
     ],
 )
