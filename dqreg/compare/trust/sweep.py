@@ -22,8 +22,9 @@ from dqreg.registration.batch.worker import Failure, Worker
 from dqreg.report.work_bar import TimeLeft
 
 FORMAT = "dqreg trust sweep 1"
-# Seconds for one task; tasks after which a worker is replaced.
-TIMEOUT, MOST = 120.0, 500
+# Seconds of CPU for one task, of which a loaded machine takes nothing away; seconds on the clock, for one that hangs
+# without working; tasks after which a worker is replaced.
+CPU_SECONDS, TIMEOUT, MOST = 120.0, 3600.0, 500
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,14 +122,15 @@ def _serve(worker: Worker, todo: queue.SimpleQueue[tuple[Kind, int]], done: queu
             return
         began = time.monotonic()
         try:
-            answer = worker.call(partial(trial_of, kind.name, seed), TIMEOUT)
+            answer = worker.call(partial(trial_of, kind.name, seed), TIMEOUT, cpu=CPU_SECONDS)
         except BaseException as error:
             done.put(error)
             return
         if worker.closed:
             return
         if isinstance(answer, Failure):
-            answer = Trial(kind.name, seed, kind.good, "error", False, float("nan"), (), answer.message, 0, TIMEOUT)
+            words, seconds = answer.message, time.monotonic() - began
+            answer = Trial(kind.name, seed, kind.good, "error", False, float("nan"), (), words, 0, seconds)
         done.put((answer, time.monotonic() - began))
 
 

@@ -64,13 +64,18 @@ class Worker:
         self._lock = threading.Lock()
 
     def call(
-        self, task: Callable[[], Result], timeout: float | None = None, memory: float | None = None
+        self,
+        task: Callable[[], Result],
+        timeout: float | None = None,
+        memory: float | None = None,
+        *,
+        cpu: float | None = None,
     ) -> Result | Failure:
-        """Wait for a task, within seconds and bytes: a function of a module, or a `functools.partial` of one."""
+        """Wait for a task, within seconds, bytes and CPU seconds: a function of a module, or a `partial` of one."""
         if self._tasks >= self._most:
             self._end()
         for _ in range(2):
-            watch = _Watch(timeout, memory)
+            watch = _Watch(timeout, memory, cpu)
             try:
                 self._ready(watch)
                 answer: Result = self._asked(task, watch)
@@ -169,14 +174,14 @@ class Worker:
 class _Watch:
     """Ends a process that takes too long or too much memory, so that reading from it ends as well."""
 
-    def __init__(self, timeout: float | None, memory: float | None) -> None:
-        self._timeout, self._memory = timeout, memory
+    def __init__(self, timeout: float | None, memory: float | None, cpu: float | None = None) -> None:
+        self._timeout, self._memory, self._cpu = timeout, memory, cpu
         self.failure: Failure | None = None
 
     @contextlib.contextmanager
     def over(self, process: subprocess.Popen[bytes]) -> Any:
         """Watch a process during a block."""
-        if self._timeout is None and self._memory is None:
+        if self._timeout is None and self._memory is None and self._cpu is None:
             yield
             return
         done = threading.Event()
@@ -190,17 +195,31 @@ class _Watch:
 
     def _run(self, process: subprocess.Popen[bytes], done: threading.Event) -> None:
         end = None if self._timeout is None else time.monotonic() + self._timeout
+        begun = 0.0 if self._cpu is None else cpu_seconds(process.pid)
+        pauses = [POLL_SECONDS] if self._memory is not None or self._cpu is not None else []
         while self.failure is None:
-            pauses = [] if self._memory is None else [POLL_SECONDS]
             if done.wait(min(pauses if end is None else [*pauses, max(0.0, end - time.monotonic())])):
                 return
             used = 0.0 if self._memory is None else resident_memory(process.pid)
             if self._memory is not None and used > self._memory:
                 words = f"ended at {used / 2**30:.1f} GiB, limit {self._memory / 2**30:.1f} GiB"
                 self.failure = Failure("memory", words)
+            elif self._cpu is not None and cpu_seconds(process.pid) - begun > self._cpu:
+                self.failure = Failure("timeout", f"no answer within {self._cpu:g} s of CPU time")
             elif end is not None and time.monotonic() >= end:
                 self.failure = Failure("timeout", f"no answer within {self._timeout:g} s")
         process.kill()
+
+
+def cpu_seconds(pid: int) -> float:
+    """CPU time that a process has taken, whatever else the machine does; 0 of one that has ended."""
+    import psutil
+
+    try:
+        taken = psutil.Process(pid).cpu_times()
+    except (psutil.Error, ValueError):
+        return 0.0
+    return float(taken.user + taken.system)
 
 
 def resident_memory(pid: int) -> float:

@@ -12,6 +12,7 @@ from dqreg.compare.trust.kinds import KINDS
 from dqreg.compare.trust.rates import ALL_GOOD, ALL_WRONG, interval, tables
 from dqreg.compare.trust.sweep import TrustSweep
 from dqreg.compare.trust.trial import Trial
+from dqreg.registration.batch.worker import Failure
 
 NAN = float("nan")
 
@@ -72,6 +73,24 @@ def test_a_sweep_resumes_and_comes_out_the_same(tmp_path, monkeypatch):
     assert json.dumps([dataclasses.asdict(one) for one in again.trials]) == json.dumps(
         [dataclasses.asdict(one) for one in first.trials]
     )
+
+
+def test_a_task_is_limited_by_its_work_and_not_by_what_else_the_machine_does(monkeypatch):
+    class Late:
+        closed = False
+
+        def __init__(self, *_: object, **__: object) -> None: ...
+
+        def call(self, task: object, timeout: float, *, cpu: float) -> Failure:
+            # Thirty processes on one core leave each of them time enough.
+            assert timeout >= 30.0 * cpu
+            return Failure("timeout", f"no answer within {cpu:g} s of CPU time")
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr(sweep_room, "Worker", Late)
+    (one,) = trust_sweep(["tree"], seeds=1, workers=1).trials
+    assert (one.level, one.reason) == ("error", "no answer within 120 s of CPU time")
 
 
 def test_an_error_inside_a_task_is_a_trial(monkeypatch):

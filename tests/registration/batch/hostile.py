@@ -39,6 +39,12 @@ def behave(kind):
         while True:
             hoard.append(b"x" * 10_000_000)
             time.sleep(0.005)
+    if kind == "wait":
+        time.sleep(0.5)
+        return 0.5
+    if kind == "work":
+        while True:
+            pass
     return os.getpid()
 
 

@@ -57,6 +57,12 @@ def test_it_is_replaced_when_it_dies_is_late_or_takes_too_much(worker):
             os.kill(number, 0)
 
 
+def test_cpu_time_is_what_the_process_works_not_what_it_waits(worker):
+    # A process that gets no core ages as one that sleeps: only work counts.
+    assert worker.call(partial(behave, "wait"), cpu=0.2) > 0.4
+    assert worker.call(partial(behave, "work"), cpu=0.2) == Failure("timeout", "no answer within 0.2 s of CPU time")
+
+
 def test_an_error_is_the_callers(worker):
     with pytest.raises(LookupError, match="nobody home"):
         worker.call(partial(behave, "raise"))
