@@ -8,7 +8,7 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled
 from dqreg.kernels.triangle import closest_on, height_square
 
-DEEPEST = 64  # no balanced heap that fits into memory is deeper
+DEEPEST = 96  # no tree of boxes that fits into memory is deeper
 # Two faces are equally near within this share of a squared distance, or within this square of the size. Then the one
 # counts that the query stands higher above; without that rule rounding would choose the normal beside every edge.
 EQUAL, LEVEL, ROUNDING = 2e-12, 1e-6, 1e-30
@@ -30,9 +30,9 @@ def box_distance(box: FloatArray, j: int, x: float, y: float, z: float) -> float
 
 @compiled
 def descend(
-    boxes: FloatArray,
+    nodes: FloatArray,
+    links: IntArray,
     packed: FloatArray,
-    leaf: int,
     faces: IntArray,
     x: float,
     y: float,
@@ -46,13 +46,13 @@ def descend(
 
     O(log n) boxes for a query near the surface. ``floor`` is the square of a length that is rounding.
     """
-    half, n = len(boxes) // 2, len(packed)
-    node, waiting, u, v = 1, 0, 0.0, 0.0
+    node, waiting, u, v = 0, 0, 0.0, 0.0
     slot = waiting - 1  # a literal -1 would be a type of its own, and what takes it compiled twice
     reach, equals = best, 0
     while True:
-        if node >= half:
-            for t in range((node - half) * leaf, min((node - half + 1) * leaf, n)):
+        near = links[node, 0]
+        if links[node, 1] > 0:
+            for t in range(near, near + links[node, 1]):
                 d, a, b = closest_on(packed, t, x, y, z)
                 if d >= reach:
                     continue
@@ -68,8 +68,8 @@ def descend(
                 border = u == 0.0 or v == 0.0 or u + v >= 1.0
                 reach = best + (best * EQUAL + floor if border and equals < EQUALS else 0.0)
         else:
-            near, far = 2 * node, 2 * node + 1
-            d0, d1 = box_distance(boxes, near, x, y, z), box_distance(boxes, far, x, y, z)
+            far = near + 1
+            d0, d1 = box_distance(nodes, near, x, y, z), box_distance(nodes, far, x, y, z)
             if d1 < d0:
                 near, far, d0, d1 = far, near, d1, d0
             if d0 < reach:
@@ -101,9 +101,9 @@ def is_before(
 def closest_places(
     first: int,
     last: int,
-    boxes: FloatArray,
+    nodes: FloatArray,
+    links: IntArray,
     packed: FloatArray,
-    leaf: int,
     faces: IntArray,
     slots: IntArray,
     face_normals: FloatArray,
@@ -130,10 +130,10 @@ def closest_places(
         most = best = bound * bound
         if slot >= 0:
             best = min(best, closest_on(packed, slot, x, y, z)[0] * WIDER + 2.0 * floor)
-        best, slot, u, v = descend(boxes, packed, leaf, faces, x, y, z, best, floor, stack, away)
+        best, slot, u, v = descend(nodes, links, packed, faces, x, y, z, best, floor, stack, away)
         if slot < 0 and best < most:
             # Very near to the guess, its distance and that of its box differ by more than either is of itself.
-            best, slot, u, v = descend(boxes, packed, leaf, faces, x, y, z, most, floor, stack, away)
+            best, slot, u, v = descend(nodes, links, packed, faces, x, y, z, most, floor, stack, away)
         if slot < 0:
             points[i], normals[i], distances[i], found[i] = np.nan, np.nan, np.inf, -1
             continue

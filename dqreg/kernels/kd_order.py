@@ -1,4 +1,4 @@
-"""Order of a balanced kd-tree: places cut at their median along the widest side, again and again."""
+"""Order of a balanced kd-tree, places cut at their median along the widest side again and again, and its boxes."""
 
 from __future__ import annotations
 
@@ -87,3 +87,25 @@ def _part(keys: FloatArray, order: IntArray, left: int, right: int, middle: int)
             left = i
         else:
             return
+
+
+@compiled
+def heap_boxes(low: FloatArray, high: FloatArray, leaf: int) -> FloatArray:
+    """Boxes of all nodes from those of the rows, (2 L, 6); an empty one is inside out. O(n)."""
+    n, leaves = len(low), 1
+    while leaves * leaf < n:
+        leaves *= 2
+    boxes = np.zeros((2 * leaves, 6))
+    for j in range(2 * leaves - 1, 0, -1):
+        for k in range(3):
+            least, most = np.inf, -np.inf
+            if j >= leaves:
+                for i in range((j - leaves) * leaf, min((j - leaves + 1) * leaf, n)):
+                    least, most = min(least, low[i, k]), max(most, high[i, k])
+            else:
+                least, most = (
+                    min(boxes[2 * j, k], boxes[2 * j + 1, k]),
+                    max(boxes[2 * j, 3 + k], boxes[2 * j + 1, 3 + k]),
+                )
+            boxes[j, k], boxes[j, 3 + k] = least, most
+    return boxes

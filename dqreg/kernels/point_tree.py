@@ -7,10 +7,9 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.kd_order import kd_order
+from dqreg.kernels.kd_order import heap_boxes, kd_order
 from dqreg.kernels.nearest_points import nearest_points
 from dqreg.kernels.threads import as_plain, aside, over_chunks
-from dqreg.kernels.triangle_tree import heap_boxes
 
 # Points a leaf: 4 to 16 are about as fast.
 LEAF = 8

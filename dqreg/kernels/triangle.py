@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled
 
 # Columns of a packed triangle: first corner, the sides from it to the second and third, and their products.
@@ -10,14 +10,23 @@ COLUMNS = 12
 
 
 @compiled
-def pack(corners: FloatArray, order: FloatArray, packed: FloatArray, low: FloatArray, high: FloatArray) -> None:
-    """Write triangles, (n, 3, 3), in an order: packed, (n, 12), and their boxes, (n, 3) each. O(n)."""
+def enclose(corners: FloatArray, rows: IntArray, spans: FloatArray) -> None:
+    """Write the boxes of some triangles, (n, 6), lowest and highest corner. O(n)."""
+    for i in range(len(rows)):
+        o = rows[i]
+        for k in range(3):
+            a, b, c = corners[o, 0, k], corners[o, 1, k], corners[o, 2, k]
+            spans[i, k], spans[i, 3 + k] = min(a, b, c), max(a, b, c)
+
+
+@compiled
+def pack(corners: FloatArray, order: IntArray, packed: FloatArray) -> None:
+    """Write triangles, (n, 3, 3), in an order: packed, (n, 12), zeros. O(n)."""
     for i in range(len(order)):
         o = order[i]
         for k in range(3):
             a, b, c = corners[o, 0, k], corners[o, 1, k], corners[o, 2, k]
             packed[i, k], packed[i, 3 + k], packed[i, 6 + k] = a, b - a, c - a
-            low[i, k], high[i, k] = min(a, b, c), max(a, b, c)
         for k in range(3):
             packed[i, 9] += packed[i, 3 + k] * packed[i, 3 + k]
             packed[i, 10] += packed[i, 3 + k] * packed[i, 6 + k]
