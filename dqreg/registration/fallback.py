@@ -23,9 +23,6 @@ from dqreg.trust.neighbourhoods import is_flat
 # Fraction of the points near a part that lie off it beyond which the same is done: right poses leave 0.002, and half
 # of the strays. Fewer than the verdict allows are evidence where they are no strays.
 OFF, OFF_PER_STRAY = 0.015, 0.7
-# A scan whose noise reads larger than this share of the size is too sparse to tell misfit from noise: then less of it
-# on the part than this asks for another pose, whatever the figures that hang on the noise say.
-BLIND, MOSTLY = 5e-3, 0.9
 # Fraction of all points off the target, of a scan that is no scene with the part in it, from which on the same is done.
 BESIDE = 0.15
 # Reasons of a verdict that another pose cannot mend.
@@ -116,26 +113,20 @@ def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
     found = fit.agreement
     is_off = found.share_near < 1.0 - OFF - OFF_PER_STRAY * found.strays
     # Two scans of one scene always differ somewhere, and the noise between them is not known as well.
-    if not fit.has_border and (is_off or found.width > MISFIT * found.expected > 0.0 or _is_beside(fit)):
+    is_rough = found.width > MISFIT * found.expected > 0.0
+    if not fit.has_border and (is_off or is_rough):
         return True
-    return _is_blind(fit) or not is_sound(fit, ask_mirror=ask_mirror)
-
-
-def _is_blind(fit: Fit) -> bool:
-    """Whether the scan is too sparse for its residuals to say anything, and much of it is off the part."""
-    found = fit.agreement
-    is_rough = found.expected > BLIND * fit.prepared.surface.diagonal
-    return not fit.has_border and is_rough and found.share_on < MOSTLY
+    return _is_beside(fit) or not is_sound(fit, ask_mirror=ask_mirror)
 
 
 def _is_beside(fit: Fit) -> bool:
-    """Whether much of a scan that is no larger than the target lies off it: a part upside down leaves its hub so."""
-    return fit.agreement.share_on < 1.0 - BESIDE and not _is_scene(fit)
+    """Whether much of a scan no larger than a closed target lies off it: a part upside down leaves its hub so."""
+    return not fit.has_border and fit.agreement.share_on < 1.0 - BESIDE and not _is_scene(fit)
 
 
 def _is_scene(fit: Fit) -> bool:
-    """Whether the scan is so large that it shows more than the target."""
-    return fit.prepared.scan.diagonal > SCENE * fit.prepared.surface.diagonal
+    """Whether the scan is so large that it shows more than the target, which is closed."""
+    return not fit.has_border and fit.prepared.scan.diagonal > SCENE * fit.prepared.surface.diagonal
 
 
 def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
@@ -211,7 +202,7 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
     likely.sort(key=lambda k: (found[k] is not fits[0], _offset(found[k], start)))
     sound = [is_sound(each, ask_mirror=True) for each in found]
     best = next((k for k in likely if sound[k] and not is_doubtful(found[k], ask_mirror=True)), None)
-    if best is None and found[0] is fits[0] and sound[0] and not _is_blind(found[0]):
+    if best is None and found[0] is fits[0] and sound[0] and not _is_beside(found[0]):
         # In doubt, but no other pose is free of it: what the verdict refuses displaces nothing.
         best = 0
     if best is None:
@@ -220,7 +211,7 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
         gains = [float(means[k] - means[0]) for k in range(len(found))]
         errors = [float(scores.deficit(k)[1][0]) for k in range(len(found))]
         best = next((k for k in likely if sound[k] and gains[k] > max(BETTER, ERRORS * errors[k])), None)
-    if best is None and not fits[0].has_border and _is_scene(fits[0]):
+    if best is None and _is_scene(fits[0]):
         # A face of the part on the table explains more of a scene than the part does; the verdict is not deceived.
         best = next((int(k) for k in order if sound[k]), None)
     if best is None:
