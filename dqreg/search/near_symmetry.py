@@ -32,8 +32,13 @@ ALL, EXACT = 0.998, 1e-4
 CHECKED, SCREENED, SLACK = 2_000, 100, 0.2
 # Points that screen a flipped pose, reach of their gain in sizes, and the mean gain that it may lack.
 FEW, REACH, LACKS = 300, 0.02, 0.15
-# Points that refine and points that score; first and last kernel scale of the refinement, in sizes; steps.
-REFINE_POINTS, SCORE_POINTS, WIDE, NARROW, STEPS = 1_000, 5_000, 6e-3, 1e-3, 6
+# Points that refine and points that score: few of all poses, and more of those that are not clearly worse by them.
+FIRST, LAST = (300, 1_000), (1_000, 5_000)
+# Standard errors of the mean log-likelihood beyond which a pose is clearly worse. Six motions fitted to so few points
+# cost the others three log-likelihoods in the mean, over that number; twice of it in one case of sixteen.
+CLEARLY, FITTED = 2.5, 6.0 / FIRST[0]
+# First and last kernel scale of the refinement, in sizes; steps.
+WIDE, NARROW, STEPS = 6e-3, 1e-3, 6
 # Flips within so much mean log-likelihood are equally likely: half of what the notch of a block costs that is 0.7 % of
 # its surface. What only a smaller fraction of the points favours is no decision.
 EQUALLY_LIKELY = 0.015
@@ -162,6 +167,10 @@ def flipped_poses(
     flips = _worth_refining(T_target_source, flips, scan, surface) if len(flips) else flips
     if not len(flips):
         return []
+    scores = _refined(T_target_source, flips, scan, surface, limit, floor, FIRST)[1]
+    flips = _not_clearly_worse(flips, scores, 0)
+    if not len(flips):
+        return []
     poses, scores = _refined(T_target_source, flips, scan, surface, limit, floor)
     deficit = scores.means[0] - scores.means
     rms = np.sqrt((scores.distances**2).mean(axis=1))
@@ -175,6 +184,8 @@ def gain_of_mirror(
     """Mean log-likelihood that the scan gains by the best of some mirrors, (k, 4, 4)."""
     if not len(mirrors):
         return -np.inf
+    scores = _refined(T_target_source, mirrors, scan, surface, limit, floor, FIRST)[1]
+    mirrors = _not_clearly_worse(mirrors, scores, 1 + int(scores.means[1:].argmax()))
     means = _refined(T_target_source, mirrors, scan, surface, limit, floor)[1].means
     return float(means[1:].max() - means[0])
 
@@ -204,13 +215,25 @@ def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray], same: floa
 
 
 def _refined(
-    T_target_source: FloatArray, maps: FloatArray, scan: Scan, surface: Surface, limit: float, floor: float
+    T_target_source: FloatArray,
+    maps: FloatArray,
+    scan: Scan,
+    surface: Surface,
+    limit: float,
+    floor: float,
+    points: tuple[int, int] = LAST,
 ) -> tuple[Poses, PoseScores]:
     """A pose, then the pose followed by each of some motions, (k, 4, 4), and refined; and the scores of all."""
-    sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), REFINE_POINTS)])
+    sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), points[0])])
     widths = np.geomspace(WIDE, NARROW, STEPS) * surface.diagonal
     poses = Poses.of(T_target_source[None]) + refine(Poses.of(maps @ T_target_source), sample, surface, widths)
-    return poses, score_poses(poses, scan.points[sample_rows(len(scan), SCORE_POINTS)], surface, limit, floor)
+    return poses, score_poses(poses, scan.points[sample_rows(len(scan), points[1])], surface, limit, floor)
+
+
+def _not_clearly_worse(maps: FloatArray, scores: PoseScores, best: int) -> FloatArray:
+    """Those of some motions, (k, 4, 4), that few points leave about as likely as one of the poses scored."""
+    deficit, error = scores.deficit(best)
+    return np.asarray(maps[(deficit <= EQUALLY_LIKELY + FITTED + CLEARLY * error)[1:]])
 
 
 def _worth_refining(T_target_source: FloatArray, flips: FloatArray, scan: Scan, surface: Surface) -> FloatArray:
