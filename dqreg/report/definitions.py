@@ -6,7 +6,8 @@ from dqreg.inspection import Inspection
 
 # Of each kind of a plan.
 DEFINITIONS = {
-    "diameter": "of the circle, cylinder or sphere that is fitted to the points of the face (least squares).",
+    "diameter": "of the circle, cylinder or sphere that is fitted to the points of the face (least squares, unless "
+    "another fit is named).",
     "distance": "of two fitted features: along the normal of a plane, across the axes of others.",
     "angle": "between the normals or axes of two fitted features, 0 to 90 degrees.",
     "form": "flatness, cylindricity or what else the face's shape gives: width of the least zone about medians of "

@@ -11,7 +11,7 @@ import numpy as np
 
 from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.summary import scale_words
-from dqreg.report.text import percent, place_text, setting_text, text_of
+from dqreg.report.text import percent, place_text, setting_text, text_of, unit_words
 from dqreg.trust.records import Check
 
 Rows = list[tuple[str, str]]
@@ -114,10 +114,10 @@ def _sides(result: RegistrationResult, unit: str) -> Rows:
         ("Scan", file_name(get("source"))),
         ("Scan points", f"{get('source_points', 0):,}, of which {get('used_points', 0):,} were used"),
         ("Dropped", f"{get('source_dropped', 0):,} points that were not finite"),
-        ("Spacing of the scan", f"{text_of(get('source_spacing'))} {unit}"),
-        ("Noise of the scan", f"{text_of(get('source_noise'))} {unit}, one sigma, estimated"),
+        ("Spacing of the scan", f"{text_of(get('source_spacing'))}{unit_words(unit)}"),
+        ("Noise of the scan", f"{text_of(get('source_noise'))}{unit_words(unit)}, one sigma, estimated"),
         ("Target", f"{file_name(get('target'))} ({get('target_kind', 'not known')})"),
-        ("Size of the target", f"{text_of(get('diagonal'), 5)} {unit}, diagonal of its bounding box"),
+        ("Size of the target", f"{text_of(get('diagonal'), 5)}{unit_words(unit)}, diagonal of its bounding box"),
     ]
     converted = _converted(result)
     return [*rows, ("Units", converted)] if converted else rows

@@ -11,7 +11,7 @@ from dqreg.geometry import Mesh
 from dqreg.report.colours import OFF_PART, SOURCE, TARGET, rgb
 from dqreg.report.live_server import add_ellipsoid, open_server, place
 from dqreg.report.report_data import ReportData
-from dqreg.report.text import text_of
+from dqreg.report.text import text_of, unit_words
 from dqreg.report.view3d import POINTS_ON, POINTS_TARGET, TRIANGLES, fewer_triangles, poses_of, thinned
 
 
@@ -79,7 +79,8 @@ def _add_controls(server: Any, data: ReportData, scene: dict[str, Any]) -> dict[
     def show(entry: dict[str, Any]) -> None:
         T = np.vstack([np.reshape(entry["T"], (3, 4)), [0.0, 0.0, 0.0, 1.0]])
         place(scene["scan"], T)
-        more = "".join(f", {name} {text_of(entry[name])} {data.unit}" for name in ("rms", "score") if name in entry)
+        unit = unit_words(data.unit)
+        more = "".join(f", {name} {text_of(entry[name])}{unit}" for name in ("rms", "score") if name in entry)
         said.content = f"{entry['name']}{more}"
 
     controls: dict[str, Any] = {}

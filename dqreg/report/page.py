@@ -29,7 +29,7 @@ from dqreg.report.report_data import ReportData, checked_tolerance, collect, uni
 from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.sheet import digests_of, head_rows, sheet_of
 from dqreg.report.summary import ALIGNMENT, confidence_words
-from dqreg.report.text import pose_forms, text_of
+from dqreg.report.text import pose_forms, text_of, unit_words
 from dqreg.report.view3d import ELLIPSOID, scene_of
 
 # Pixels of one panel of the picture for print.
@@ -126,7 +126,7 @@ def _evidence(result: RegistrationResult, unit: str) -> dict[str, Any]:
     steps = len(result.history)
     ran = f"{result.status} after {steps} iteration{'' if steps == 1 else 's'}"
     if np.isfinite(result.rms):
-        ran += f", rms distance of the inliers {text_of(result.rms)} {unit}"
+        ran += f", rms distance of the inliers {text_of(result.rms)}{unit_words(unit)}"
     return {
         **facts_of(result, unit),
         "sure_words": "Six independent motions of the part, the weakest first, with the standard deviation along each."
@@ -134,7 +134,8 @@ def _evidence(result: RegistrationResult, unit: str) -> dict[str, Any]:
         "forms": pose_forms(result.T_target_source, unit) if found else [],
         "alternatives": [
             {
-                "words": f"Score {text_of(other.score)} {unit}: truncated rms distance of the scan; smaller is better.",
+                "words": f"Score {text_of(other.score)}{unit_words(unit)}: truncated rms distance of the scan; smaller "
+                "is better.",
                 "text": pose_forms(other.T_target_source, unit)[0].text,
             }
             for other in result.alternatives
@@ -204,7 +205,7 @@ def _ellipsoid_words(data: ReportData) -> str:
     words = ", ".join(text_of(length, 2) for length in lengths)
     return (
         f"The ellipsoid is where the centre of the part may be, one sigma, drawn {larger:,.0f} times its size: its "
-        f"semi-axes are {words} {data.unit}."
+        f"semi-axes are {words}{unit_words(data.unit)}."
     )
 
 

@@ -11,7 +11,7 @@ from dqreg.inspection import Deviations
 from dqreg.report.charts import NARROW, WIDE, histogram
 from dqreg.report.report_data import ReportData
 from dqreg.report.result_protocol import RegistrationResult
-from dqreg.report.text import in_unit, percent, place_text, scale_end, text_of, tolerance_text
+from dqreg.report.text import in_unit, percent, place_text, scale_end, text_of, tolerance_text, unit_words
 
 ADVICE = {
     "accepted": "The pose can be used.",
@@ -38,19 +38,21 @@ def tiles_of(result: RegistrationResult, data: ReportData | None, unit: str) -> 
     if data is not None and data.deviations is not None:
         summary = data.deviations.summary()
         total = summary.count + summary.beyond
-        tiles.append(("Root mean square", f"{text_of(summary.rms)} {unit}", "deviation of the points on the part"))
-        tiles.append(("95 % of them within", f"{text_of(summary.p95)} {unit}", "absolute deviation"))
+        tiles.append(
+            ("Root mean square", f"{text_of(summary.rms)}{unit_words(unit)}", "deviation of the points on the part")
+        )
+        tiles.append(("95 % of them within", f"{text_of(summary.p95)}{unit_words(unit)}", "absolute deviation"))
         tiles.append(("On the part", f"{percent(summary.count / total)} %", f"{summary.count:,} of {total:,} points"))
         if data.decision is not None:
             words = f"of the points on the part; {percent(data.decision.required_share)} % are required"
             within = f"Within {tolerance_text(data.decision, unit)}"
             tiles.insert(0, (within, f"{percent(data.decision.share_within)} %", words))
     else:
-        tiles.append(("Scan to target, rms", f"{text_of(result.rms)} {unit}", "distance of the inliers"))
+        tiles.append(("Scan to target, rms", f"{text_of(result.rms)}{unit_words(unit)}", "distance of the inliers"))
         tiles.append(("Points used", f"{settings.get('used_points', 0):,}", f"of {settings.get('source_points', 0):,}"))
     if result.observability:
         weakest = result.observability[0]
-        known = f"{text_of(weakest.sigma, 2)} {unit}" if np.isfinite(weakest.sigma) else "unconstrained"
+        known = f"{text_of(weakest.sigma, 2)}{unit_words(unit)}" if np.isfinite(weakest.sigma) else "unconstrained"
         tiles.append(("Pose, weakest motion", known, "one sigma on the part"))
     return tiles
 
@@ -62,12 +64,12 @@ def deviations_of(data: ReportData) -> dict[str, Any] | None:
         return None
     summary, unit = found.summary(), data.unit
     figures = [
-        ("Mean", f"{text_of(summary.mean, sign=found.signed)} {unit}"),
-        ("Root mean square", f"{text_of(summary.rms)} {unit}"),
-        ("Median, absolute", f"{text_of(summary.p50)} {unit}"),
-        ("95 % within", f"{text_of(summary.p95)} {unit}"),
-        ("99 % within", f"{text_of(summary.p99)} {unit}"),
-        ("Largest", f"{text_of(summary.max)} {unit}"),
+        ("Mean", f"{text_of(summary.mean, sign=found.signed)}{unit_words(unit)}"),
+        ("Root mean square", f"{text_of(summary.rms)}{unit_words(unit)}"),
+        ("Median, absolute", f"{text_of(summary.p50)}{unit_words(unit)}"),
+        ("95 % within", f"{text_of(summary.p95)}{unit_words(unit)}"),
+        ("99 % within", f"{text_of(summary.p99)}{unit_words(unit)}"),
+        ("Largest", f"{text_of(summary.max)}{unit_words(unit)}"),
     ]
     return {
         "words": f"Distance of every scan point from the closest point of the target; {found.reason}.",
@@ -99,7 +101,7 @@ def counts_rows(found: Deviations, unit: str) -> list[tuple[str, str, str, str]]
 
 def reach_words(found: Deviations, unit: str) -> str:
     """How far the part goes, and what that follows from."""
-    far = f"farther than {text_of(found.reach, 4)} {unit} from the part"
+    far = f"farther than {text_of(found.reach, 4)}{unit_words(unit)} from the part"
     return f"{far}: {REACH_FROM[found.reach_from]}"
 
 

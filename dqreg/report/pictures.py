@@ -19,7 +19,7 @@ from dqreg.report.colours import ALIGNED, OFF_PART, SOURCE, TARGET, ByteArray, n
 from dqreg.report.figure import encode, new_figure
 from dqreg.report.raster import Dots, Frame, PartScene, frame_of
 from dqreg.report.report_data import ReportData
-from dqreg.report.text import in_unit, scale_end
+from dqreg.report.text import in_unit, scale_end, unit_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -236,7 +236,7 @@ def _draw_scale_bar(figure: Figure, data: ReportData, frame: Frame, left: int, b
     goal = nice_above(0.12 * frame.width * per_pixel)
     length = round(goal / per_pixel)
     figure.figimage(np.full((4, length, 3), rgb(PENCIL), dtype=np.uint8), left, bottom)
-    _draw_text(figure, left, bottom + 16, f"{goal:g} {data.unit}", size=10, align="left", colour=PENCIL)
+    _draw_text(figure, left, bottom + 16, f"{goal:g}{unit_words(data.unit)}", size=10, align="left", colour=PENCIL)
 
 
 def _draw_text(

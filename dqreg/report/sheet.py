@@ -21,7 +21,7 @@ from dqreg.report.alignment_table import alignment_of
 from dqreg.report.definitions import definitions_of
 from dqreg.report.inspection_table import decimals_of, frame_words, kind_words
 from dqreg.report.section_picture import section_picture
-from dqreg.report.text import percent, text_of
+from dqreg.report.text import percent, text_of, unit_words
 
 SIGNS = {"pass": "✓", "undecided": "?", "fail": "✗"}
 # Fields of the head that have words of their own, in their order; others follow as they are named.
@@ -120,9 +120,10 @@ def section_words(cut: Section, unit: str) -> str:
     known = cut.values[np.isfinite(cut.values)]
     if not len(known):
         return f"{words} Nothing of its outline was scanned."
-    ends = f"{text_of(float(known.min()), sign=True)} to {text_of(float(known.max()), sign=True)} {unit}"
+    behind = unit_words(unit)
+    ends = f"{text_of(float(known.min()), sign=True)} to {text_of(float(known.max()), sign=True)}{behind}"
     spread = text_of(COVERAGE * float(np.nanmax(cut.sigma)), 2)
-    return f"{words} Deviations along it: {ends}, medians of the scan points there, U (k = 2) {spread} {unit} at most."
+    return f"{words} Deviations along it: {ends}, medians of the scan points there, U (k = 2) {spread}{behind} at most."
 
 
 def _value(value: float, uncertainty: float) -> tuple[str, str]:
@@ -145,8 +146,8 @@ def _coverage(found: Inspection, unit: str) -> dict[str, Any] | None:
         words.append(f"{len(rest)} smaller faces, which the plan does not name, are not listed.")
     return {
         "words": " ".join(words),
-        "columns": [("Face", "", True), ("Shape", "", False), ("Area", f"{unit}²", True), ("Points", "", True),
-                    ("Scanned", "%", True), ("", "", False)],
+        "columns": [("Face", "", True), ("Shape", "", False), ("Area", f"{unit}²" if unit else "", True),
+                    ("Points", "", True), ("Scanned", "%", True), ("", "", False)],
         "rows": [
             {
                 "cells": [str(face.face)],
@@ -187,7 +188,7 @@ def labels_of(inspection: Inspection | None, worst: Sequence[Place], unit: str) 
     """Labels of the characteristics, one for all of the same face, or of the worst places where none is asked."""
     if inspection is None or not inspection.characteristics:
         return tuple(
-            Label(str(k + 1), place.position, f"worst place {k + 1}: {text_of(place.value)} {unit}", "worst")
+            Label(str(k + 1), place.position, f"worst place {k + 1}: {text_of(place.value)}{unit_words(unit)}", "worst")
             for k, place in enumerate(worst)
         )
     rows: dict[tuple[float, float, float], list[int]] = {}

@@ -123,10 +123,10 @@ def setting_text(name: str, value: Any, unit: str) -> str:
         return "yes" if value else "no"
     if isinstance(value, (list, tuple)):
         words = ", ".join(setting_text("", item, unit) for item in value)
-        return f"({words}) {unit}" if name in LENGTHS else f"({words})"
+        return f"({words}){unit_words(unit)}" if name in LENGTHS else f"({words})"
     if isinstance(value, float):
         text = text_of(value, 6)
-        return f"{text} {unit}" if name in LENGTHS else f"{text} degrees" if name.endswith("_deg") else text
+        return f"{text}{unit_words(unit)}" if name in LENGTHS else f"{text} degrees" if name.endswith("_deg") else text
     return str(value)
 
 

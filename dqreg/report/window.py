@@ -18,6 +18,7 @@ from dqreg.geometry import Mesh
 from dqreg.report.cameras import VIEWS, camera
 from dqreg.report.colours import OFF_PART, SOURCE, TARGET, rgb
 from dqreg.report.report_data import ReportData
+from dqreg.report.text import unit_words
 
 INSTEAD = "give --save view.png for a picture or --report report.html for an interactive page"
 # Between two pictures, so that an idle window takes no core for itself.
@@ -81,9 +82,10 @@ def title_of(data: ReportData) -> str:
     level = f"dqreg: {data.result.verdict.level}"
     if data.deviations is None or data.scale is None:
         return level
+    end = f"{data.scale.limit:.3g}{unit_words(data.unit)}"
     if not data.scale.signed:
-        return f"{level}; deviations from 0 to {data.scale.limit:.3g} {data.unit}"
-    return f"{level}; deviations from blue, -{data.scale.limit:.3g} {data.unit}, to orange, +{data.scale.limit:.3g}"
+        return f"{level}; deviations from 0 to {end}"
+    return f"{level}; deviations from blue, -{end}, to orange, +{end}"
 
 
 def shapes_of(data: ReportData) -> list[Any]:

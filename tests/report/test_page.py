@@ -112,6 +112,15 @@ def test_without_its_sides_the_page_says_how_to_get_them():
     assert "T_target_source, 4x4" in page
 
 
+def test_a_length_of_no_known_unit_leaves_no_gap_behind_it():
+    result = bumpy()
+    nameless = dataclasses.replace(result, settings={**result.settings, "target_units": None, "units": None})
+    page = to_html(nameless, dataclasses.replace(data_of(bumpy(), 0.2), unit=""))
+    assert "lengths are in the unit of the target" in page
+    text = re.sub(r"<script.*?</script>|<style.*?</style>|<[^>]*>", "", page, flags=re.S)
+    assert not re.findall(r"[0-9] +[,:;.]", text)
+
+
 def test_escapes_every_string_from_outside():
     evil = "<script>alert('x')</script>&\"'</script>"
     result = bumpy()
