@@ -34,7 +34,8 @@ SECTIONS = {
 @click.command("multiway", cls=SectionedCommand, sections=SECTIONS)
 @click.argument("scans", nargs=-1, required=True)
 @click.option("--out", type=FILE, help="The result as JSON; poses alone for names ending in .txt (KITTI) or .tum.")
-@click.option("--fused", type=FILE, help="One cloud of all placed scans as PLY, with normals.")
+@click.option("--fused", type=FILE, help="One cloud of all placed scans as PLY, with normals "
+              "where it is known from which side the scans were taken.")  # fmt: skip
 @click.option("--report", type=FILE, help="One HTML page: verdict, graph, scans together, loops, what to rescan.")
 @click.option("--graph", type=FILE, help="The pose graph as .g2o, for GTSAM and others.")
 @click.option("--voxel", type=float, metavar="LENGTH", help="Cells of --fused  [default: spacing of the points].")
@@ -201,7 +202,8 @@ def _write(console: Console, result: Multiway, options: dict[str, Any]) -> None:
     elif options["fused"] is not None:
         cloud = result.merged(options["voxel"])
         write_cloud(options["fused"], cloud.points, cloud.normals)
-        say(console, f"wrote {options['fused']} ({len(cloud)} points)")
+        bare = "" if cloud.normals is not None else "; no normals: nothing tells the outside. --viewpoint does"
+        say(console, f"wrote {options['fused']} ({len(cloud)} points{bare})")
     if options["report"] is not None:
         with console.status("writing the report"):
             result.report(options["report"])

@@ -1,4 +1,7 @@
-"""Scans of something else: those without which the others stand nowhere that a scanner looked through."""
+"""Scans of something else: those without which the others stand nowhere that a scanner looked through.
+
+Where nothing was looked through, scans that no accepted pair holds are tested against all others together.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,26 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.errors import DqregError
 from dqreg.multiway.believe import Belief, believe
 from dqreg.multiway.edges import Edge, EdgeCode
+from dqreg.multiway.merge import merged
 from dqreg.multiway.pairs import Pair
+from dqreg.multiway.scans import View
 from dqreg.multiway.sides import Sides
+from dqreg.registration.options import Effort
+from dqreg.registration.register import register
 from dqreg.rigid import pose
 
 # Scans that are left out for a trial, those first that most speaks against; and share of all that may be left out.
 TRIED, MOST = 6, 0.5
+# Scans that are put to the test against all others together, those that the others stand without, and scans that make
+# a test.
+TESTED, FEWEST = 8, 3
+# What may be doubted of a scan that fits: how well its motions are known.
+UNHELD = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty"})
+# Motion, in sizes of a scan, by which a pose may differ from that of its pairs.
+MOVED = 0.05
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,8 +50,8 @@ class Judge:
         """What is to be believed of edges, whatever was believed of them before."""
         fresh = [dataclasses.replace(edge, code="unconfirmed") if edge.found else edge for edge in edges]
         checked = [
-            dataclasses.replace(edge, code=self.refuted[ends_of(edge)])
-            if edge.found and ends_of(edge) in self.refuted
+            dataclasses.replace(edge, code=self.refuted[_ends_of(edge)])
+            if edge.found and _ends_of(edge) in self.refuted
             else edge
             for edge in self.sides.checked(fresh)
         ]
@@ -44,7 +59,7 @@ class Judge:
 
     def without(self, edges: Iterable[Edge], code: EdgeCode) -> Judge:
         """The same judge, to whom some edges are refuted."""
-        return dataclasses.replace(self, refuted={**self.refuted, **{ends_of(edge): code for edge in edges}})
+        return dataclasses.replace(self, refuted={**self.refuted, **{_ends_of(edge): code for edge in edges}})
 
     def contradictions(self, belief: Belief) -> FloatArray:
         """By how much free space speaks against each two scans, (n, n)."""
@@ -69,7 +84,7 @@ def without_foreign(judge: Judge, belief: Belief) -> tuple[Judge, Belief]:
                 break
             trial, rest, left = _left_out(judge, belief, k)
             if _count(left) < pairs:
-                trials.append((_count(left) + _loss(belief, rest), -placed_of(rest), trial, rest, left))
+                trials.append((_count(left) + _loss(belief, rest), -_placed_of(rest), trial, rest, left))
         if not trials:
             break
         _, _, judge, belief, against = min(trials, key=_cost)
@@ -83,18 +98,18 @@ def _cost(trial: tuple[int, int, Judge, Belief, FloatArray]) -> tuple[int, int]:
 
 def _loss(before: Belief, after: Belief) -> int:
     """Accepted pairs that are used no longer: a scan of something else has few."""
-    used = {ends_of(edge) for edge in after.edges if edge.used}
-    return sum(edge.used and edge.level == "accepted" and ends_of(edge) not in used for edge in before.edges)
+    used = {_ends_of(edge) for edge in after.edges if edge.used}
+    return sum(edge.used and edge.level == "accepted" and _ends_of(edge) not in used for edge in before.edges)
 
 
-def edges_at(belief: Belief, k: int) -> list[Edge]:
+def _edges_at(belief: Belief, k: int) -> list[Edge]:
     """Edges of a scan that have a pose."""
-    return [edge for edge in belief.edges if edge.found and k in ends_of(edge)]
+    return [edge for edge in belief.edges if edge.found and k in _ends_of(edge)]
 
 
 def _left_out(judge: Judge, belief: Belief, k: int) -> tuple[Judge, Belief, FloatArray]:
     """Judge, belief and contradictions without the edges of a scan, but for those that nothing speaks against."""
-    own = [edge for edge in edges_at(belief, k) if ends_of(edge) not in judge.refuted]
+    own = [edge for edge in _edges_at(belief, k) if _ends_of(edge) not in judge.refuted]
     without = judge.without(own, "looked_through")
     rest = without(belief.edges)
     against = without.contradictions(rest)
@@ -120,7 +135,7 @@ def _fits(judge: Judge, rest: Belief, edge: Edge, k: int) -> bool:
     return not judge.sides.free.contradictions_of(k, T).any()
 
 
-def ends_of(edge: Edge) -> Pair:
+def _ends_of(edge: Edge) -> Pair:
     """Target and source of an edge."""
     return edge.target, edge.source
 
@@ -129,6 +144,52 @@ def _count(against: FloatArray) -> int:
     return int(np.count_nonzero(np.triu(against, 1)))
 
 
-def placed_of(belief: Belief) -> int:
+def _placed_of(belief: Belief) -> int:
     """How many scans have a pose."""
     return int(np.isfinite(belief.T_world_scan[:-1]).all(axis=(1, 2)).sum())
+
+
+def without_misfits(
+    views: Sequence[View], judge: Judge, belief: Belief, effort: Effort, seed: int
+) -> tuple[Judge, Belief]:
+    """The belief without scans that suspect pairs alone hold, and that the others together do not accept.
+
+    Suspect pairs confirm each other by loops, and those of another object do so too where its faces meet. All other
+    scans together show more than each of them: a right scan fits there, by the verdict on a registration.
+    """
+    for k in _weak(judge, belief)[:TESTED]:
+        T_scan = belief.T_world_scan[k]
+        if not np.isfinite(T_scan).all():
+            continue
+        without = judge.without(_edges_at(belief, k), "misfit")
+        rest = without(belief.edges)
+        if _placed_of(rest) < max(_placed_of(belief) - 1, FEWEST) or rest.anchor != belief.anchor:
+            continue
+        if not _fits_all(views, k, belief, rest, judge.size, effort, seed):
+            judge, belief = without, rest
+    return judge, belief
+
+
+def _weak(judge: Judge, belief: Belief) -> list[int]:
+    """Placed scans none of whose used edges is accepted by itself."""
+    sure = {k for edge in belief.edges if edge.used and edge.level == "accepted" for k in (edge.target, edge.source)}
+    placed = np.isfinite(belief.T_world_scan[: judge.count]).all(axis=(1, 2))
+    return [k for k in np.flatnonzero(placed).tolist() if k not in sure and k != judge.home]
+
+
+def _fits_all(
+    views: Sequence[View], k: int, belief: Belief, rest: Belief, size: float, effort: Effort, seed: int
+) -> bool:
+    """Whether nothing in all other scans together speaks against the pose of one, or one near by."""
+    T, cloud = belief.T_world_scan[k], views[k].cloud
+    assert cloud is not None
+    others = merged(views, rest.T_world_scan[: len(views)], None)
+    try:
+        found = register(cloud, others, T, effort=effort, seed=seed, search="never", keep_inputs=False, units="ignore")
+    except DqregError:
+        return False
+    if found.verdict.level != "accepted" and not set(found.verdict.codes) <= UNHELD:
+        return False
+    middle = cloud.points.mean(axis=0)[None]
+    moved = np.linalg.norm(pose.apply(found.T_target_source, middle) - pose.apply(T, middle))
+    return bool(moved <= MOVED * size)

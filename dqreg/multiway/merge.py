@@ -39,7 +39,9 @@ def merged(views: Sequence[View], T_world_scan: FloatArray, voxel: float | None)
     lengths = np.linalg.norm(normals, axis=1)
     normals[lengths == 0.0] = [0.0, 0.0, 1.0]
     first = views[placed[0]].cloud
-    return PointCloud(points, normals, units=None if first is None else first.units)
+    # Normals of a cloud have a sign, which says where the outside is: arbitrary ones would claim what nobody knows.
+    signed = all(views[k].scan.oriented for k in placed)
+    return PointCloud(points, normals if signed else None, units=None if first is None else first.units)
 
 
 def _world(view: View, T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

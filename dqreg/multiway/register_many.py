@@ -13,8 +13,7 @@ from dqreg.errors import InputError
 from dqreg.multiway.assemble import assembled
 from dqreg.multiway.believe import Belief
 from dqreg.multiway.edges import PART, Edge
-from dqreg.multiway.foreign import Judge, without_foreign
-from dqreg.multiway.misfits import regained, without_misfits
+from dqreg.multiway.foreign import Judge, without_foreign, without_misfits
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairRunner, Progress, workers_of
 from dqreg.multiway.pairs import asked_pairs
@@ -146,7 +145,9 @@ def register_many(
         "target": None if part is None else part.indexed.name,
         "size": size,
         "floor": floor,
+        "viewpoints": [None if image is None else image.eye.tolist() for image in sides.free.images],
     }
+    views = sides.signed(views)
     overlap = overlap_matrix(views, joint.T_world_scan, size)
     against = tuple(sides.contradictions(joint.T_world_scan, overlap))
     turns = turnings(views, joint.T_world_scan, belief.edges)
@@ -156,12 +157,11 @@ def register_many(
 
 
 def _belief(runner: PairRunner, judge: Judge, found: Sequence[Edge], automatic: bool) -> Belief:
-    """Which edges and scans are believed: what fits nowhere is left out, and what was lost is looked for."""
+    """Which edges and scans are believed: what fits nowhere is left out."""
     judge, belief = without_foreign(judge, judge(found))
     if automatic:
         judge, belief = without_foreign(judge, rescued(runner, belief, judge, judge.size))
-    judge, belief = without_misfits(runner.views, judge, belief, runner.effort, runner.seed)
-    return belief if runner.stopped else regained(runner.views, judge, belief, runner.effort, runner.seed)[1]
+    return without_misfits(runner.views, judge, belief, runner.effort, runner.seed)[1]
 
 
 def _check(effort: Any, seed: Any, time_limit: Any, observe: Any) -> None:

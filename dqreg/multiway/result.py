@@ -105,8 +105,8 @@ class Multiway:
         Returns
         -------
         PointCloud
-            World frame, with unit normals; their signs are those of the scans, which are arbitrary where a scan has
-            neither normals nor a viewpoint.
+            World frame. With unit normals where it is known on which side of each placed scan the outside is: from
+            normals that the scans hold, from their viewpoints, or from the line of sight that was found for all.
         """
         return merge.merged(self._views(), self.T_world_scan, voxel)
 
@@ -130,7 +130,7 @@ class Multiway:
         """
         from dqreg.multiway.scans import read_views
 
-        views = read_views(scans, int(self.settings.get("seed", 0)))
+        views = read_views(scans, int(self.settings.get("seed", 0)), self.settings.get("viewpoints"))
         if len(views) != len(self.names):
             raise InputError(f"this result is of {len(self.names)} scans; got {len(views)}")
         return dataclasses.replace(self, views=views)

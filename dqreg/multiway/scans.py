@@ -20,9 +20,13 @@ from dqreg.geometry.opening import open_geometry
 from dqreg.registration.source import MESH_SAMPLES
 from dqreg.registration.target import Target
 from dqreg.registration.target_index import index_target
+from dqreg.trust.free_space import DepthImage
 
 # Scans that are compared at least.
 FEWEST = 2
+# Points of a scan that are looked at from its viewpoint, the fewest, and the share that may stand behind others:
+# up to 0.07 from where scanners stood, 0.06 to 0.4 from beside, where some scans show it and others do not.
+SEEN, FEWEST_SEEN, HIDDEN = 3_000, 200, 0.12
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,6 +38,8 @@ class View:
     target: Target | None = None  # The same, centred and indexed
     problem: str = ""  # Why it cannot be used; "" where it can
     copy_of: int | None = None  # Number of an earlier scan with the same points
+    hidden: float = 0.0  # Share of its points that the viewpoint it came with cannot have seen; it is not used then
+    signed: Scan | None = None  # As `scan`, where other scans told from which side it was taken
 
     @property
     def usable(self) -> bool:
@@ -57,6 +63,8 @@ class View:
     @cached_property
     def scan(self) -> Scan:
         """Its points in Morton order with normals, spacing and noise, in the centred frame."""
+        if self.signed is not None:
+            return self.signed
         assert self.target is not None
         geometry = self.target.indexed.geometry
         assert isinstance(geometry, PointCloud)
@@ -72,7 +80,7 @@ class View:
 def read_views(scans: Sequence[Any], seed: int, viewpoints: Any = None) -> tuple[View, ...]:
     """Read all scans; what cannot be used is named and left out, unless fewer than two remain.
 
-    Viewpoints are "origin", one place for all or one a scan, each in the scan's own frame.
+    Viewpoints are "origin", one place for all or one a scan, each in the scan's own frame; None where it is not known.
     """
     if isinstance(scans, (str, os.PathLike)) or not hasattr(scans, "__len__"):
         raise InputError(f"scans must be a list of paths, arrays or clouds; got {type(scans).__name__}")
@@ -81,8 +89,8 @@ def read_views(scans: Sequence[Any], seed: int, viewpoints: Any = None) -> tuple
     places = _places(viewpoints, len(scans))
     views: list[View] = []
     known: dict[str, int] = {}
-    for number, given in enumerate(scans):
-        view = _read(given, number, seed, places[number])
+    for number, read in enumerate(_seen([_read(given, k, seed, places[k]) for k, given in enumerate(scans)])):
+        view = _indexed(read)
         if not view.problem:
             first = known.setdefault(view.digest, number)
             view = view if first == number else dataclasses.replace(view, copy_of=first, target=None)
@@ -100,13 +108,17 @@ def _places(viewpoints: Any, count: int) -> list[FloatArray | None]:
                 f'viewpoints must be "origin", one place (3,) or one a scan (n, 3); got {viewpoints!r:.60}'
             )
         viewpoints = np.zeros(3)
-    places = as_float(viewpoints, "viewpoints")
+    rows = list(viewpoints) if isinstance(viewpoints, (list, tuple)) else viewpoints
+    known = [place is not None for place in rows] if isinstance(rows, list) and len(rows) == count else [True] * count
+    if not all(known):
+        rows = [np.zeros(3) if place is None else place for place in rows]
+    places = as_float(rows, "viewpoints")
     if places.shape not in ((3,), (count, 3)) or not np.isfinite(places).all():
         raise InputError(
-            f'viewpoints must be "origin", one finite place (3,) or one a scan, ({count}, 3), in the frame of the '
-            f"scan; got shape {places.shape}"
+            f'viewpoints must be "origin", one finite place (3,) or one a scan, ({count}, 3), None where it is not '
+            f"known, in the frame of the scan; got shape {places.shape}"
         )
-    return list(np.broadcast_to(places, (count, 3)))
+    return [place if there else None for place, there in zip(np.broadcast_to(places, (count, 3)), known, strict=True)]
 
 
 def _read(given: Any, number: int, seed: int, place: FloatArray | None) -> View:
@@ -121,9 +133,39 @@ def _read(given: Any, number: int, seed: int, place: FloatArray | None) -> View:
             geometry = sample_mesh(geometry, MESH_SAMPLES, np.random.default_rng([seed, number]))
         if place is not None:
             geometry = dataclasses.replace(geometry, viewpoint=place)
-        return View(name, geometry, Target(index_target(geometry).build()))
+        return View(name, geometry, hidden=_hidden_share(geometry))
     except (InputError, DegenerateGeometryError) as error:
         return View(name, problem=str(error))
+
+
+def _indexed(view: View) -> View:
+    if view.cloud is None:
+        return view
+    try:
+        return dataclasses.replace(view, target=Target(index_target(view.cloud).build()))
+    except (InputError, DegenerateGeometryError) as error:
+        return View(view.name, problem=str(error))
+
+
+def _seen(views: Sequence[View]) -> list[View]:
+    """The scans without the viewpoints that cannot have seen them; where most are wrong, all were given wrongly."""
+    given = [view for view in views if view.cloud is not None and view.cloud.viewpoint is not None]
+    none_seen = 2 * sum(view.hidden > HIDDEN for view in given) > len(given)
+    return [
+        dataclasses.replace(view, cloud=dataclasses.replace(view.cloud, viewpoint=None))
+        if view.cloud is not None and (none_seen or view.hidden > HIDDEN)
+        else dataclasses.replace(view, hidden=0.0)
+        for view in views
+    ]
+
+
+def _hidden_share(cloud: PointCloud) -> float:
+    """Share of the points of a scan that stand behind others, seen from its viewpoint; 0 where it has none."""
+    points = cloud.points[:: max(1, len(cloud.points) // SEEN)]
+    points = points[np.isfinite(points).all(axis=1)]
+    if cloud.viewpoint is None or len(points) < FEWEST_SEEN or not (points != cloud.viewpoint).any(axis=1).all():
+        return 0.0
+    return DepthImage.of(points, cloud.viewpoint).behind
 
 
 def _require_some(views: Sequence[View]) -> None:

@@ -101,6 +101,13 @@ class Sides:
         certain = tuple(viewpoint if viewpoint is not None and viewpoint.certain else None for viewpoint in viewpoints)
         return Sides(tuple(bodies), FreeSpace.of(views, certain))
 
+    def signed(self, views: Sequence[View]) -> tuple[View, ...]:
+        """The scans with normals of known sign, where it is certain from which side they were taken."""
+        return tuple(
+            view if body is None or image is None else dataclasses.replace(view, signed=body.scan)
+            for view, body, image in zip(views, self.bodies, self.free.images, strict=True)
+        )
+
     def checked(self, edges: Sequence[Edge]) -> list[Edge]:
         """The edges, with those marked that lay one side of a sheet on the other, or stand in free space."""
         found = []

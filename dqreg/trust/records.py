@@ -62,6 +62,7 @@ Code = Literal[
     "unconfirmed_edge",
     "duplicate_scan",
     "contradicting_edge",
+    "wrong_viewpoint",
     "opposite_sides",
     # notes
     "dropped_points",

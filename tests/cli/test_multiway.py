@@ -46,7 +46,8 @@ def test_one_command_makes_poses_model_graph_and_report(made: Path) -> None:
     # As of the library's test of the same scans: a tenth of the distance of the points.
     np.testing.assert_allclose(np.array(record["T_world_scan"])[:, :3, 3], truth[:, :, 3], atol=2e-3 * size)
     assert {"verdict", "covariances", "edges", "overlap", "loop_errors", "names"} <= set(record)
-    assert read_cloud(made / "model.ply").normals is not None
+    # Nothing tells from which side these scans were taken, and normals of a file have a sign.
+    assert read_cloud(made / "model.ply").normals is None
     assert (made / "graph.g2o").read_text().count("EDGE_SE3:QUAT") == 1
     assert "view1" in (made / "report.html").read_text()
 

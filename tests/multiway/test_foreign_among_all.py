@@ -1,4 +1,4 @@
-"""Scans tested against all others together: what is said there decides who stays, and who is found again."""
+"""Scans tested against all others together: what is said there decides who stays."""
 
 import dataclasses
 
@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import PointCloud
-from dqreg.multiway import misfits
+from dqreg.multiway import foreign
 from dqreg.multiway.edges import better, is_refused
-from dqreg.multiway.foreign import Judge
-from dqreg.multiway.misfits import regained, without_misfits
+from dqreg.multiway.foreign import Judge, without_misfits
 from dqreg.multiway.scans import View, read_views, typical_size
 from dqreg.multiway.sides import Sides
 from dqreg.registration.result import Registration
@@ -59,26 +58,9 @@ def test_a_scan_goes_only_where_something_speaks_against_its_pose(
     ]
     belief = judge(edges)
     assert np.isfinite(belief.T_world_scan[COUNT - 1]).all()
-    monkeypatch.setattr(misfits, "register", lambda cloud, model, start, **_: said(start, judge.size, code))
+    monkeypatch.setattr(foreign, "register", lambda cloud, model, start, **_: said(start, judge.size, code))
     _, found = without_misfits(views, judge, belief, "fast", 0)
     assert np.isfinite(found.T_world_scan[COUNT - 1]).all() == stays
-
-
-def test_a_scan_that_no_pair_places_is_found_among_all_others(
-    made: tuple[tuple[View, ...], np.ndarray], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    views, T = made
-    judge = judge_of(views)
-    held = [(k, k + step) for k in range(COUNT - 1) for step in (1, 2) if k + step < COUNT - 1]
-    belief = judge(edges_of(T, held, 1e-4, 0))
-    lost = COUNT - 1
-    assert np.isnan(belief.T_world_scan[lost]).all()
-    monkeypatch.setattr(misfits, "register", lambda cloud, model, **_: said(T[lost], judge.size, "accepted"))
-    _, found = regained(views, judge, belief, "fast", 0)
-    np.testing.assert_allclose(found.T_world_scan[lost], T[lost], atol=1e-3 * judge.size)
-    monkeypatch.setattr(misfits, "register", lambda cloud, model, **_: said(T[lost], judge.size, "weakly_constrained"))
-    _, refused = regained(views, judge, belief, "fast", 0)
-    assert np.isnan(refused.T_world_scan[lost]).all()
 
 
 def test_of_two_suspect_edges_the_one_that_nothing_speaks_against_is_better() -> None:
