@@ -13,6 +13,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from types import ModuleType
+from typing import Any
 
 from dqreg.errors import InputError, MissingDependencyError
 
@@ -28,6 +29,10 @@ APT_PACKAGES = {
     "libstdc++.so.6": "libstdc++6",
 }
 
+# Open3D's module of plots for notebooks, and what its package takes from it.
+PLOTS = "open3d.visualization.draw_plotly"
+PLOT_FUNCTIONS = ("get_plotly_fig", "draw_plotly", "draw_plotly_server")
+
 
 @functools.cache
 def load_open3d() -> ModuleType:
@@ -41,7 +46,7 @@ def load_open3d() -> ModuleType:
     # Its web viewer writes three lines into every notebook, and nothing here uses it.
     os.environ.setdefault("OPEN3D_DISABLE_WEB_VISUALIZER", "true")
     try:
-        with _uninterrupted():
+        with _uninterrupted(), _plots_deferred():
             open3d = importlib.import_module("open3d")
     except Exception as error:
         # A wheel that does not fit NumPy or the system fails in its own ways; each means that there is no Open3D.
@@ -81,6 +86,50 @@ def _uninterrupted() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextlib.contextmanager
+def _plots_deferred() -> Iterator[None]:
+    # For three functions that draw in notebooks Open3D loads Dash, Plotly and IPython: half of the time of its start
+    # and 40 MB in each process. They are loaded when one of the three is first called.
+    if PLOTS in sys.modules or "open3d" in sys.modules:
+        yield
+        return
+    standing = _LatePlots(PLOTS)
+    sys.modules[PLOTS] = standing
+    try:
+        yield
+    except BaseException:
+        if sys.modules.get(PLOTS) is standing:
+            del sys.modules[PLOTS]
+        raise
+
+
+class _LatePlots(ModuleType):
+    """Stands for Open3D's module of plots until something of it is used."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        for function in PLOT_FUNCTIONS:
+            setattr(self, function, functools.partial(self._call, function))
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self._load(), name)
+
+    def _call(self, function: str, *args: Any, **options: Any) -> Any:
+        return getattr(self._load(), function)(*args, **options)
+
+    def _load(self) -> ModuleType:
+        if sys.modules.get(PLOTS) is self:
+            del sys.modules[PLOTS]
+        loaded = importlib.import_module(PLOTS)
+        # As if it had been loaded from the first: the functions of the package are those of the module.
+        package = importlib.import_module(PLOTS.rpartition(".")[0])
+        for function in PLOT_FUNCTIONS:
+            setattr(package, function, getattr(loaded, function))
+        return loaded
 
 
 def _wheel() -> str:

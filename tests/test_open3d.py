@@ -146,3 +146,32 @@ def test_open3d_is_loaded_once_and_quiet(capfd: pytest.CaptureFixture[str]) -> N
 def test_importing_the_gate_loads_nothing() -> None:
     code = "import sys, dqreg._open3d; sys.exit('open3d' in sys.modules or 'libusb_package' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+DRAWN = """
+import sys
+from dqreg._open3d import load_open3d
+open3d = load_open3d()
+assert not {"dash", "plotly", "IPython"} & set(sys.modules)
+assert not hasattr(sys.modules["open3d.visualization.draw_plotly"], "__file__")
+"""
+CALLED = """
+box = open3d.geometry.TriangleMesh.create_box()
+figure = open3d.visualization.get_plotly_fig([box])
+assert len(figure.data[0].i) == 12
+"""
+TAKEN = """
+from open3d.visualization.draw_plotly import get_mesh_object
+"""
+AS_IF_FROM_THE_FIRST = """
+module = sys.modules["open3d.visualization.draw_plotly"]
+assert module.__file__ and module.__spec__.name == module.__name__
+assert open3d.visualization.draw_plotly is module.draw_plotly
+assert open3d.visualization.get_plotly_fig is module.get_plotly_fig
+"""
+
+
+@pytest.mark.parametrize("use", [CALLED, TAKEN], ids=["called", "taken"])
+def test_what_draws_in_notebooks_is_loaded_when_it_is_used_and_then_as_open3d_does(use: str) -> None:
+    found = subprocess.run([sys.executable, "-c", DRAWN + use + AS_IF_FROM_THE_FIRST], check=False, capture_output=True)
+    assert found.returncode == 0, found.stderr.decode()
