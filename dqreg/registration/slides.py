@@ -43,7 +43,7 @@ BETTER, ROUNDS = 5.0, 2
 SPLIT = 1.0 / 3.0
 # Neighbours whose plane tells whether a point off the target is of a table.
 AROUND = 8
-# So many free motions at once are those of a single plane or ball: no rim of it is a witness of a part.
+# So many motions at once are those of a single plane: a plate seen from one side. Those of as many at most are mixed.
 PLANE = 3
 
 
@@ -98,17 +98,24 @@ def _motions(fit: Fit) -> tuple[FloatArray, bool]:
     free, nothing = information.free, np.zeros((0, 6))
     weak = ~free & (information.carriers < fewest_carriers(float(fit.run.weights.sum())))
     # An open target ends where it was not measured, and its rim holds nothing.
-    held_by_rims = bool(0 < np.count_nonzero(free) < PLANE and not fit.has_border)
+    held_by_rims = bool(0 < np.count_nonzero(free) <= PLANE and not fit.has_border)
     if fit.constraints.any or not (weak.any() or held_by_rims):
         return nothing, False
     unit = information.vectors / np.r_[[information.lever] * 3, [1.0] * 3][:, None]
-    motions = [unit[:, weak].T]
+    motions = [_mixtures(unit[:, weak])]
     if held_by_rims:
-        # The free motions have any basis: mixtures of them too, one of each pair of opposites.
-        signs = np.array(list(itertools.product([1.0, 0.0, -1.0], repeat=int(free.sum()))))
-        signs = signs[: len(signs) // 2]
-        motions.append(signs / np.linalg.norm(signs, axis=1, keepdims=True) @ unit[:, free].T)
+        motions.append(_mixtures(unit[:, free]))
     return np.concatenate(motions).astype(np.float64), held_by_rims
+
+
+def _mixtures(motions: FloatArray) -> FloatArray:
+    """Motions, (6, k), and mixtures of them where they are few, (m, 6), one of each pair of opposites."""
+    count = motions.shape[1]
+    if not 0 < count <= PLANE:
+        return motions.T
+    signs = np.array(list(itertools.product([1.0, 0.0, -1.0], repeat=count)))
+    signs = signs[: len(signs) // 2]
+    return np.asarray(signs / np.linalg.norm(signs, axis=1, keepdims=True) @ motions.T)
 
 
 def without_slide(fit: Fit) -> tuple[Fit, Slide]:

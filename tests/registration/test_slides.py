@@ -10,14 +10,22 @@ from dqreg.geometry import sample_mesh
 from dqreg.registration.assess import uncertainty_of
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.slides import slide_of, without_slide
-from dqreg.rigid import pose
+from dqreg.rigid import pose, twist
 from dqreg.synth import worst_vertex_displacement
 from dqreg.synth.parts import box
+from dqreg.synth.parts.blocks import cells
+from dqreg.synth.parts.patches import weld
 from dqreg.trust.limits import HOLDS, fewest_carriers
 from tests.registration.scenes import problem_of
 
 LENGTH, NOISE = 200.0, 0.05
 BAR = dqreg.Mesh(*box((LENGTH, 30.0, 20.0)))
+# A plate of 150 by 90 by 4 with a window off its middle.
+SIDES, HOLE = np.array([150.0, 90.0]), np.array([[60.0, 20.0], [110.0, 50.0]])
+_filled = np.ones((3, 3, 1), dtype=bool)
+_filled[1, 1, 0] = False
+_grid = [np.array([0.0, HOLE[0, k], HOLE[1, k], SIDES[k]]) for k in range(2)]
+PLATE = dqreg.Mesh(*weld(cells([*_grid, np.array([0.0, 4.0])], _filled)))
 OFF = pose.from_parts(np.eye(3), [0.02 * BAR.diagonal, 0.0, 0.0])
 
 
@@ -41,6 +49,14 @@ def almost_to_the_rims() -> np.ndarray:
     """Points all over the long faces but for their last half millimetre."""
     points = sides(0)
     return points[np.abs(points[:, 0] - BAR.centre[0]) < 0.5 * LENGTH - 0.5]
+
+
+def one_side(rim: float) -> np.ndarray:
+    """Points on the upper side of a plate with a window, so far from its outline and from the window's."""
+    points = sample_mesh(PLATE, 12_000, np.random.default_rng(0)).points
+    points = points[points[:, 2] > PLATE.bounds[1][2] - 1e-9]
+    inner = ((points[:, :2] > rim) & (points[:, :2] < SIDES - rim)).all(axis=1)
+    return points[inner & ((points[:, :2] < HOLE[0] - rim) | (points[:, :2] > HOLE[1] + rim)).any(axis=1)]
 
 
 @pytest.mark.parametrize("on_ends", [6, 12])
@@ -79,6 +95,28 @@ def test_the_rims_of_an_open_target_hold_nothing() -> None:
     fit = fit_of(almost_to_the_rims(), np.eye(4), open_bar)
     assert np.isnan(slide_of(fit).by_rims)
     assert uncertainty_of(fit).directions[0].is_free
+
+
+def test_rims_and_windows_hold_a_plate_of_which_one_side_is_seen() -> None:
+    # The scan is made in the part's frame. Of one plane three motions are free; its outline and a window hold them.
+    fit = fit_of(one_side(rim=0.2), np.eye(4), PLATE)
+    assert fit.information.free.sum() == 3
+    found = uncertainty_of(fit).directions
+    assert not any(motion.is_free for motion in found)
+    off = worst_vertex_displacement(fit.problem.to_caller(fit.T_target_source), np.eye(4), PLATE.vertices)
+    assert off <= max(motion.sigma for motion in found) <= 0.02 * PLATE.diagonal
+    # The middle of that side may lie anywhere on it.
+    assert np.isnan(slide_of(fit_of(one_side(rim=15.0), np.eye(4), PLATE)).by_rims)
+
+
+def test_a_sparse_scan_of_a_plate_that_slid_and_turned_at_once_comes_back() -> None:
+    points = np.random.default_rng(0).permutation(one_side(rim=0.2))[:700]
+    fit = fit_of(points, np.eye(4), PLATE)
+    T = twist.exp(np.array([0.0, 0.0, np.deg2rad(-2.0), -5.0, 2.0, 0.0]))
+    better, _ = without_slide(fit.at(T @ fit.T_target_source))
+    off = worst_vertex_displacement(better.problem.to_caller(better.T_target_source), np.eye(4), PLATE.vertices)
+    # Less than the least displacement that the rims exclude; motions one at a time led to 2.1.
+    assert off <= 0.01 * PLATE.diagonal
 
 
 def test_a_pose_on_the_slope_is_gone_on_from() -> None:
