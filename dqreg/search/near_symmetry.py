@@ -185,7 +185,10 @@ def gain_of_mirror(
     if not len(mirrors):
         return -np.inf
     scores = _refined(T_target_source, mirrors, scan, surface, limit, floor, FIRST)[1]
-    mirrors = _not_clearly_worse(mirrors, scores, 1 + int(scores.means[1:].argmax()))
+    best = 1 + int(scores.means[1:].argmax())
+    if not len(_not_clearly_worse(mirrors, scores, 0)):
+        return float(scores.means[best] - scores.means[0])
+    mirrors = _not_clearly_worse(mirrors, scores, best)
     means = _refined(T_target_source, mirrors, scan, surface, limit, floor)[1].means
     return float(means[1:].max() - means[0])
 
