@@ -20,7 +20,7 @@ from dqreg.trust.chance import random_ratio
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import NORMALS_APART
 from dqreg.trust.neighbourhoods import Neighbourhoods
-from dqreg.trust.patch_tests import ON, isolated, patches_off, stretch_of
+from dqreg.trust.patch_tests import ON, isolated, patches_off, stretch_of, waviness_of
 from dqreg.trust.segments import Segments, segments_of
 from dqreg.trust.strain import Strain, strain_of
 
@@ -91,11 +91,13 @@ def agreement_of(
     floor = scan.spacing if has_border else smallest_kernel_scale(scan, surface)
     local = _local(run, scan, surface, pairs, width, floor)
     clutter = has_border or bool(around.elsewhere.any())
-    strain = Strain()
+    strain, is_part = Strain(), not isinstance(surface, CloudSurface)
     # Between the points of two clouds, tangent planes are guesses; where the time is up, no pose is accepted anyway.
-    if not isinstance(surface, CloudSurface) and count >= LOOKED_AT:
+    if is_part and count >= LOOKED_AT:
         sparse = len(scan) < SPARSE and not has_border
         strain = _strain(pairs, on if has_border else close & ~alone, clutter=clutter, sparse=sparse)
+    # Against a part, what differs from point to point is noise: the curvature of its faces is known.
+    waviness, local_noise = waviness_of(aside, pairs.closest.normals[on]) if is_part else (0.0, np.nan)
     return Evidence(
         status=run.status,
         found=run.found,
@@ -117,6 +119,8 @@ def agreement_of(
         stretched_along=strain.along,
         bend=strain.bend if strain.is_bent else 0.0,
         # A pose that is not accepted anyway is not compared with random ones.
+        waviness=waviness,
+        local_noise=local_noise,
         random_ratio=0.0 if count < LOOKED_AT else _random_ratio(pairs, on, surface),
         share_on=around.share_on,
         share_other=around.share_other,

@@ -49,7 +49,8 @@ def _clutter(evidence: Evidence) -> tuple[float, float]:
 
 
 def _residuals(evidence: Evidence) -> tuple[float, float]:
-    return evidence.width / evidence.expected if evidence.expected > 0.0 else math.nan, limits.ROUGH
+    noise = limits.own_noise(evidence)
+    return evidence.width / noise if noise > 0.0 else math.nan, limits.ROUGH
 
 
 def _drift(evidence: Evidence) -> tuple[float, float]:
@@ -128,6 +129,12 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         lambda e: (e.strays, limits.STRAYS),
     ),
     "large_residuals": ("Residuals against the noise of the scan", "at most", "times", _residuals),
+    "wavy": (
+        "Residuals that neighbouring points have in common, of the size",
+        "at most",
+        "%",
+        lambda e: (e.waviness / e.size, limits.WAVY),
+    ),
     "bent": ("Significant bend, sagitta over length", "at most", "%", lambda e: (e.bend, 0.0)),
     "drift": ("Significant drift of the pose along the scan, of the size", "at most", "%", _drift),
     "random_fit": (

@@ -28,9 +28,11 @@ from dqreg.trust.limits import (
     STRAYS,
     UNCERTAIN,
     UNCERTAIN_RAD,
+    WAVY,
     chance_limit,
     counts_all,
     fewest_carriers,
+    own_noise,
 )
 from dqreg.trust.records import Code
 
@@ -161,11 +163,12 @@ def _outliers(evidence: Evidence) -> Iterator[str]:
 
 
 def _large_residuals(evidence: Evidence) -> Iterator[str]:
-    if evidence.expected > 0.0 and not evidence.width <= ROUGH * evidence.expected:
+    noise = own_noise(evidence)
+    if noise > 0.0 and not evidence.width <= ROUGH * noise:
         yield (
             f"the residuals are {evidence.length(evidence.width)} (one sigma), "
-            f"{evidence.width / evidence.expected:.0f} times the scan's own noise "
-            f"({evidence.length(evidence.expected)}): the shapes differ, or the pose is wrong"
+            f"{evidence.width / noise:.0f} times the scan's own noise "
+            f"({evidence.length(noise)}): the shapes differ, or the pose is wrong"
         )
 
 
@@ -178,6 +181,15 @@ def _stretched(evidence: Evidence) -> Iterator[str]:
     scaled = 'a part that shrank or a scaled file (scale="solve" or --scale solve estimates it), another part'
     cause = "another part" if along else scaled
     yield f"the scan is {words}: {cause}, or a local minimum"
+
+
+def _wavy(evidence: Evidence) -> Iterator[str]:
+    if evidence.waviness > WAVY * evidence.size:
+        yield (
+            f"neighbouring points deviate together, by {evidence.length(evidence.waviness)} "
+            f"({100 * evidence.waviness / evidence.size:.2g} % of the size, one sigma): waves or dents all over, as "
+            "of a scanner that shakes, another shape, or a wrong pose"
+        )
 
 
 def _bent(evidence: Evidence) -> Iterator[str]:
@@ -267,6 +279,7 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("disagreeing_normals", _disagreeing_normals),
     ("outliers", _outliers),
     ("large_residuals", _large_residuals),
+    ("wavy", _wavy),
     ("bent", _bent),
     ("drift", _drift),
     ("random_fit", _random_fit),

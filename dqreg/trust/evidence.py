@@ -50,6 +50,10 @@ class Evidence:
         for a scale.
     bend : float
         Significant bend of the scan against the target: sagitta over length.
+    waviness : float
+        Significant part of the residuals that neighbouring points have in common, one standard deviation; a length.
+    local_noise : float
+        The scan's noise from point to point, by what the residuals of neighbours differ; NaN where that is not known.
     usual : float
         Fraction of inliers in the frames before, of a sequence; NaN where there are none.
     random_ratio : float
@@ -117,6 +121,8 @@ class Evidence:
     drift_rad: float = 0.0
     sliding_loss: float = math.nan
     drift_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    waviness: float = 0.0
+    local_noise: float = math.nan
 
     def length(self, value: float) -> str:
         """A length in words, with its unit where that is known.

@@ -38,6 +38,7 @@ Code = Literal[
     "disagreeing_normals",
     "outliers",
     "large_residuals",
+    "wavy",
     "bent",
     "drift",
     "random_fit",

@@ -59,6 +59,16 @@ def test_strays_are_counted_and_move_few_patches(share: float) -> None:
     assert found.share_near >= 1.0 - share
 
 
+def test_waves_over_the_whole_scan_are_told_whatever_width_they_make() -> None:
+    # As of a robot that shakes while it scans: 0.3 % of the size. The fit takes them for noise.
+    waves = 3e-3 * SIZE * np.sin(16.0 * np.pi / SIZE * POINTS @ [0.6, -0.5, 0.6])[:, None] * [0.6, 0.6, 0.53]
+    found, still = agreement(POINTS + waves, width=2e-3 * SIZE), agreement(POINTS, width=2e-3 * SIZE)
+    assert found.patches_off == 0.0
+    # Their root mean square along one of the axes, about.
+    assert found.waviness == pytest.approx(0.58 * 3e-3 * SIZE / np.sqrt(2.0), rel=0.2)
+    assert still.waviness == 0.0
+
+
 def test_a_table_is_no_stray() -> None:
     low, high = PART.bounds
     rng = np.random.default_rng(2)

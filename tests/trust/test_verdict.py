@@ -110,6 +110,11 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "the pose drifts by 1.7 and 0.8 degrees within the scan",
         "drift",
     ),
+    "wavy": (
+        {"waviness": 1.01 * limits.WAVY * 100.0, "size": 100.0},
+        "neighbouring points deviate together, by 0.151 (0.15 % of the size, one sigma)",
+        "wavy",
+    ),
     "bent": ({"bend": 0.004}, "the scan is bent or twisted by 0.4 % of its length", "bent"),
     "few of all": (
         {"share_near": limits.FEW_OF_ALL - 0.01, "near": INF},
