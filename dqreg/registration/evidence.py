@@ -18,9 +18,9 @@ from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.chance import random_ratio
 from dqreg.trust.evidence import Evidence
-from dqreg.trust.limits import NORMALS_APART
+from dqreg.trust.limits import LEAST_NOISE, NORMALS_APART
 from dqreg.trust.neighbourhoods import Neighbourhoods
-from dqreg.trust.patch_tests import ON, isolated, patches_off, stretch_of, waviness_of
+from dqreg.trust.patch_tests import ON, isolated, patches_off, share_together, stretch_of, waviness_of
 from dqreg.trust.segments import Segments, segments_of
 from dqreg.trust.strain import Strain, strain_of
 
@@ -52,6 +52,8 @@ STRAINED = 3_000
 # Patches that deviate are measured by so many standard deviations of most inliers at most, and by this share of the
 # size at least.
 USUAL, LEAST = 3.0, 3e-4
+# Points are off the target together beyond so many standard deviations of the noise.
+TOGETHER = 5.0
 # Normals farther apart than this are of different faces.
 APART_RAD = np.deg2rad(35.0)
 
@@ -98,6 +100,7 @@ def agreement_of(
         strain = _strain(pairs, on if has_border else close & ~alone, clutter=clutter, sparse=sparse)
     # Against a part, what differs from point to point is noise: the curvature of its faces is known.
     waviness, local_noise = waviness_of(aside, pairs.closest.normals[on]) if is_part else (0.0, np.nan)
+    noise = local_noise if np.isfinite(local_noise) else mixture.scale
     return Evidence(
         status=run.status,
         found=run.found,
@@ -121,11 +124,18 @@ def agreement_of(
         # A pose that is not accepted anyway is not compared with random ones.
         waviness=waviness,
         local_noise=local_noise,
+        share_together=_together(pairs, close, kept, noise, surface.diagonal) if is_part else 0.0,
         random_ratio=0.0 if count < LOOKED_AT else _random_ratio(pairs, on, surface),
         share_on=around.share_on,
         share_other=around.share_other,
         share_contradicting=around.share_contradicting,
     )
+
+
+def _together(pairs: Correspondences, close: BoolArray, kept: BoolArray, noise: float, size: float) -> float:
+    """Share of the points near a part that lie off it together, beyond the noise."""
+    off = pairs.distances[kept] > TOGETHER * max(noise, LEAST_NOISE * size)
+    return share_together(pairs.moved[kept], off, close[kept])
 
 
 def _usual_scale(aside: FloatArray, surface: Surface) -> float:

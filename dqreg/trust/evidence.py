@@ -52,6 +52,8 @@ class Evidence:
         Significant bend of the scan against the target: sagitta over length.
     waviness : float
         Significant part of the residuals that neighbouring points have in common, one standard deviation; a length.
+    share_together : float
+        Fraction of the points near the target that lie off it beside each other, as a displaced feature does.
     local_noise : float
         The scan's noise from point to point, by what the residuals of neighbours differ; NaN where that is not known.
     usual : float
@@ -123,6 +125,7 @@ class Evidence:
     drift_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
     waviness: float = 0.0
     local_noise: float = math.nan
+    share_together: float = 0.0
 
     def length(self, value: float) -> str:
         """A length in words, with its unit where that is known.

@@ -115,6 +115,26 @@ def waviness_of(residuals: FloatArray, normals: FloatArray) -> tuple[float, floa
     return shared, float(np.quantile(np.concatenate(apart), QUIET)) / QUIET_NORMAL
 
 
+# Points off the target that follow each other along the curve are a run where they are so many usual distances apart at
+# most; shorter runs, and fewer points in runs, are chance: outliers that meet come to four.
+BESIDE, SHORTEST_RUN, FEWEST_TOGETHER = 4.0, 4, 6
+
+
+def share_together(points: FloatArray, off: BoolArray, counted: BoolArray) -> float:
+    """Share of the counted points that are off the target together, as a displaced feature is and outliers are not.
+
+    Shapes: points (n, 3) in the order of a space-filling curve, off and counted (n,).
+    """
+    off = off & counted
+    if np.count_nonzero(off) < FEWEST_TOGETHER:
+        return 0.0
+    apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    linked = off[1:] & off[:-1] & (apart <= BESIDE * median(apart))
+    lengths = np.bincount(np.cumsum(np.r_[True, ~linked])[off])
+    together = int(lengths[lengths >= SHORTEST_RUN].sum())
+    return together / int(np.count_nonzero(counted)) if together >= FEWEST_TOGETHER else 0.0
+
+
 # F of six strains that chance reaches once in a million; good scans reach 3.
 CHANCE = 7.0
 # A smaller strain is no fault: parts shrink, and sensors are calibrated to one percent at worst.

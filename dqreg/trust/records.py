@@ -66,6 +66,7 @@ Code = Literal[
     "wrong_viewpoint",
     "opposite_sides",
     # notes
+    "local_difference",
     "dropped_points",
     "not_deskewed",
     "held_by_prediction",

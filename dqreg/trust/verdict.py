@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 from dqreg.trust.checks import checks_of
 from dqreg.trust.confidence import confidence_of
@@ -39,7 +40,24 @@ def judge(evidence: Evidence) -> Verdict:
     if together < UNLIKELY:
         doubts, level = (Reason(_unlikely(together), "low_confidence"),), "suspect"
     checks = (*checks_of(evidence, {doubt.code for doubt in doubts}), _together(together))
-    return Verdict(level, doubts or (Reason(_summary(evidence), "accepted"),), checks, confidence)
+    reasons = doubts or (Reason(_summary(evidence), "accepted"), *_remarks(evidence))
+    return Verdict(level, reasons, checks, confidence)
+
+
+def _remarks(evidence: Evidence) -> Iterator[Reason]:
+    """What a user of an accepted pose ought to know."""
+    if evidence.share_together:
+        yield Reason(
+            f"{100 * evidence.share_together:.2g} % of the points near the target lie beside each other off it: the "
+            "part differs there (a defect, another revision), or something touches it; the others hold the pose",
+            "local_difference",
+        )
+    if math.isfinite(evidence.ends_apart):
+        yield Reason(
+            "the scans have three planes in common at most, which fit at any scale: whether one is scaled, or "
+            "stretched along an edge, cannot be told",
+            "scale_unobservable",
+        )
 
 
 def _unlikely(confidence: float) -> str:

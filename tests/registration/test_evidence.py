@@ -69,6 +69,17 @@ def test_waves_over_the_whole_scan_are_told_whatever_width_they_make() -> None:
     assert still.waviness == 0.0
 
 
+def test_a_feature_of_another_revision_is_told_apart_from_outliers() -> None:
+    # All points in a ball of a twelfth of the size are moved by 2 % of it, outwards.
+    middle = POINTS[np.argmax(POINTS[:, 0])]
+    moved = np.linalg.norm(POINTS - middle, axis=1) < SIZE / 12.0
+    found = agreement(POINTS + np.where(moved, 0.02 * SIZE, 0.0)[:, None] * [1.0, 0.0, 0.0])
+    # Faces along the motion stay on the part, and runs end where it begins.
+    assert 0.3 * np.mean(moved) <= found.share_together <= 1.05 * np.mean(moved)
+    assert agreement(with_strays(POINTS, 0.3)).share_together <= 2e-3
+    assert agreement(POINTS).share_together == 0.0
+
+
 def test_a_table_is_no_stray() -> None:
     low, high = PART.bounds
     rng = np.random.default_rng(2)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.trust.patch_tests import PATCH, patches_off, waviness_of
+from dqreg.trust.patch_tests import PATCH, patches_off, share_together, waviness_of
 
 WIDTH = 0.01
 
@@ -65,3 +65,18 @@ def test_waves_are_what_neighbours_have_in_common_and_noise_is_not() -> None:
     # The same residuals in another order have nothing in common; few say nothing.
     assert waviness_of(rng.permutation(wave), up)[0] == 0.0
     assert np.isnan(waviness_of(wave[:100], up[:100])[1])
+
+
+def test_points_of_one_feature_are_off_together_and_outliers_are_not() -> None:
+    # A sheet in the order of its rows, with a boss of 3 % of the points.
+    x, y = (place.ravel() for place in np.meshgrid(np.arange(100.0), np.arange(20.0)))
+    points, counted = np.column_stack([x, y, np.zeros_like(x)]), np.ones(len(x), dtype=bool)
+    boss = (np.abs(x - 50.0) <= 4.0) & (np.abs(y - 10.0) <= 3.0)
+    assert share_together(points, boss, counted) == pytest.approx(np.mean(boss))
+    # What stands elsewhere is asked for by nobody.
+    assert share_together(points, boss, ~boss) == 0.0
+    rng = np.random.default_rng(0)
+    outliers = rng.uniform(size=(200, len(x))) < 0.03
+    shares = [share_together(points, row, counted) for row in outliers]
+    assert np.mean(np.array(shares) > 0.0) <= 0.01
+    assert share_together(points, boss | outliers[0], counted) >= np.mean(boss)

@@ -171,6 +171,16 @@ def test_nothing_against_it_is_accepted_and_says_why() -> None:
     )
 
 
+def test_what_an_accepted_pose_leaves_open_is_remarked_and_is_no_doubt() -> None:
+    verdict = judge(dataclasses.replace(GOOD, share_together=0.023, ends_apart=0.0))
+    assert verdict.level == "accepted"
+    assert verdict.codes == ("accepted", "local_difference", "scale_unobservable")
+    assert "2.3 % of the points near the target lie beside each other off it" in verdict.reasons[1]
+    assert "whether one is scaled, or stretched along an edge, cannot be told" in verdict.reasons[2]
+    # A doubt is not watered down by remarks.
+    assert judge(dataclasses.replace(GOOD, share_together=0.023, share_near=0.1)).codes == ("low_inlier_fraction",)
+
+
 def test_a_symmetry_of_the_part_is_said_and_is_no_doubt() -> None:
     other = Alternative(np.eye(4), 0.1, "the part looks the same after a rotation of 180 degrees about the axis z")
     verdict = judge(dataclasses.replace(GOOD, alternatives=(other, other)))
