@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 
@@ -200,9 +201,14 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
     # Among equals the pose that the start leads to goes first, then the one nearest to the start.
     likely = [int(k) for k in order if not worse[k]]
     likely.sort(key=lambda k: (found[k] is not fits[0], _offset(found[k], start)))
-    sound = [is_sound(each, ask_mirror=True) for each in found]
-    best = next((k for k in likely if sound[k] and not is_doubtful(found[k], ask_mirror=True)), None)
-    if best is None and found[0] is fits[0] and sound[0] and not _is_beside(found[0]):
+
+    @functools.cache
+    def sound(k: int) -> bool:
+        # Asked as late as can be: a verdict takes about as long as a registration.
+        return is_sound(found[k], ask_mirror=True)
+
+    best = next((k for k in likely if sound(k) and not is_doubtful(found[k], ask_mirror=True)), None)
+    if best is None and found[0] is fits[0] and sound(0) and not _is_beside(found[0]):
         # In doubt, but no other pose is free of it: what the verdict refuses displaces nothing.
         best = 0
     if best is None:
@@ -210,17 +216,17 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
         # equals of a scan that lies off the part, the one that happens to pass would be chosen.
         gains = [float(means[k] - means[0]) for k in range(len(found))]
         errors = [float(scores.deficit(k)[1][0]) for k in range(len(found))]
-        best = next((k for k in likely if sound[k] and gains[k] > max(BETTER, ERRORS * errors[k])), None)
+        best = next((k for k in likely if gains[k] > max(BETTER, ERRORS * errors[k]) and sound(k)), None)
     if best is None and _is_scene(fits[0]):
         # A face of the part on the table explains more of a scene than the part does; the verdict is not deceived.
-        best = next((int(k) for k in order if sound[k]), None)
+        best = next((int(k) for k in order if sound(int(k))), None)
     if best is None:
         best = likely[0]
         gain, sigma = float(means[best] - means[0]), float(scores.deficit(best)[1][0])
         is_better = gain > BETTER and (_offset(found[best], start) <= 1.0 or gain > SIGNIFICANT * sigma)
         best = best if is_better or found[0] is not fits[0] else 0
     apart = scores.distinguishable(best) | (scores.deficit(best)[0] > AS_WELL)
-    others = [k for k in range(len(found)) if k != best and not apart[k] and (sound[k] or not sound[best])]
+    others = [k for k in range(len(found)) if k != best and not apart[k] and (sound(k) or not sound(best))]
     return Known(found[best], np.array([found[k].T_target_source for k in others]).reshape(-1, 4, 4), searched=True)
 
 
