@@ -34,8 +34,13 @@ def distinct_in_order(points: FloatArray) -> IntArray:
     order = sorted_rows(codes)
     new, mixed = new_places(points, codes, order)
     if mixed:
-        # Different points share a cell and may stand between copies: rare, so only then coordinates are sorted too.
-        order = np.lexsort((*points.T, codes))
+        # Different points share a cell and may stand between copies: there, coordinates are sorted too.
+        walked = codes[order]
+        shared = np.zeros(len(order), dtype=bool)
+        shared[1:] = walked[1:] == walked[:-1]
+        shared[:-1] |= shared[1:]
+        rows = order[shared]
+        order[shared] = rows[np.lexsort((*points[rows].T, walked[shared]))]
         new, _ = new_places(points, codes, order)
     return order[new]
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.geometry.morton import distinct_in_order, morton_order
+from dqreg.geometry.morton import distinct_in_order, morton_codes, morton_order
 from tests.strategies import FloatArray, floats, points
 
 
@@ -44,6 +44,18 @@ def test_every_place_appears_once_by_its_first_row(cloud: FloatArray) -> None:
 def test_copies_are_found_between_other_points_of_their_cell() -> None:
     cloud = np.array([[0.0, 0, 0], [1e-9, 0, 0], [0, 0, 0], [1, 1, 1], [1e-9, 0, 0], [-0.0, 0, 0]])
     assert sorted(distinct_in_order(cloud).tolist()) == [0, 1, 3]
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10_000), st.integers(1, 40))
+def test_points_that_share_cells_stand_as_if_all_were_sorted_by_cell_and_coordinates(seed: int, places: int) -> None:
+    # A far corner makes the cells so large that most points share one; some places come many times.
+    rng = np.random.default_rng(seed)
+    cloud = np.vstack([rng.integers(0, places, size=(60, 3)) * 1e-7, [[1.0, 1.0, 1.0]]])
+    order = np.lexsort((*cloud.T, morton_codes(cloud)))
+    walked = cloud[order]
+    expected = order[np.r_[True, (walked[1:] != walked[:-1]).any(axis=1)]]
+    np.testing.assert_array_equal(distinct_in_order(cloud), expected)
 
 
 def test_codes_ascend_as_if_their_bits_were_set_one_by_one() -> None:
