@@ -45,7 +45,7 @@ def body_of(view: View, viewpoint: Viewpoint | None) -> Body:
     )
     assert view.cloud is not None
     cloud = PointCloud(view.cloud.points - view.origin, viewpoint=viewpoint.place)
-    return Body(scan, CloudSurface(cloud, view.surface.fitted), view.origin)
+    return Body(scan, CloudSurface(cloud, view.surface.fitted, derived=True), view.origin)
 
 
 def viewpoints_of(views: Sequence[View], order: str, edges: Sequence[Edge] = ()) -> Viewpoints:

@@ -84,7 +84,7 @@ class SearchProblem:
         if isinstance(self.target, Mesh) and spread <= PART_SPREAD * self.surface.diagonal:
             return None
         scan = PointCloud(self.scan.points)
-        return even_points(self.target, self.surface, TARGET_POINTS), CloudSurface(scan)
+        return even_points(self.target, self.surface, TARGET_POINTS), CloudSurface(scan, derived=True)
 
     @property
     def last_width(self) -> float:

@@ -100,7 +100,7 @@ def _smaller_in_larger(problem: SearchProblem) -> tuple[SearchProblem, Callable[
     # The smaller cloud has pairs and a grid of its own size, so it is searched for in the larger one.
     signed = problem.scan.oriented and problem.scan.fitted is None
     part = PointCloud(problem.scan.points, problem.scan.normals if signed else None)
-    surface, scene = CloudSurface(part), prepare_scan(problem.target, COARSE)
+    surface, scene = CloudSurface(part, derived=True), prepare_scan(problem.target, COARSE)
     swapped = SearchProblem(scene, surface, part, problem.plan, lambda: PairTable.of(part, surface), problem.rng)
     return swapped, lambda poses: poses.inverse
 
