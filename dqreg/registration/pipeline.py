@@ -89,7 +89,7 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
 
 
 def all_points_say_more(fit: Fit) -> bool:
-    """Whether a fit to cells, or to a small cloud plane to plane, is worth going on with: all points to planes."""
+    """Whether a fit to cells, or with planes that are none, is worth going on with: all points to the target's."""
     prepared, run = fit.prepared, fit.run
     # A target of a few points has no planes.
     if not prepared.even or run.ended_early or not run.weights.any() or not run.pairs.closest.normals.any():
@@ -98,6 +98,9 @@ def all_points_say_more(fit: Fit) -> bool:
     if prepared.cell_size:
         # Of a surface: that many points in as many cells, each the square of its edge.
         spacing = prepared.cell_size * np.sqrt(len(prepared.scan) / prepared.scan.total)
+    elif prepared.scan.noise < WELL_BELOW * spacing:
+        # Its own planes have had their say, of points of one body as the target's.
+        return False
     aside = np.sqrt(np.average(run.pairs.point_to_plane**2, weights=run.weights))
     return bool(aside < WELL_BELOW * spacing)
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 
 from dqreg.errors import DegenerateGeometryError
-from dqreg.geometry import CloudSurface, PointCloud, prepare_scan
+from dqreg.geometry import Closest, CloudSurface, PointCloud, prepare_scan
 from dqreg.geometry.normals import NEIGHBOURS
 from dqreg.icp import (
     ESTIMATORS,
@@ -20,7 +20,7 @@ from dqreg.icp import (
     points_to_planes,
     svd_points,
 )
-from dqreg.icp.estimators import BEND, Estimator, both_planes, plane_to_plane_form
+from dqreg.icp.estimators import BEND, BEND_SHARE, LEAST_BEND, Estimator, both_planes, plane_to_plane_form
 from dqreg.rigid import pose, twist
 from dqreg.solvers import horn, solve
 from dqreg.solvers.quadratic import QuadraticForm, derivatives
@@ -233,6 +233,8 @@ def test_the_pairs_bring_their_own_normals_and_variances() -> None:
     weights[::3] = 0.0
     scan, T = pairs.scan, pairs.T_target_source
     moves = np.where(scan.levers > 0.0, scan.residuals**2 / (NEIGHBOURS * np.maximum(scan.levers, 1e-300)), 0.0)
+    # Far pairs show nothing finer than the usual bend.
+    assert BEND_SHARE * (weights @ pairs.point_to_plane**2) > BEND * (weights @ pairs.distances**2)
     expected = mahalanobis(
         T,
         scan.points,
@@ -242,6 +244,19 @@ def test_the_pairs_bring_their_own_normals_and_variances() -> None:
         2.0 * BEND * weights,
     )
     assert both_planes(pairs, weights).value(T) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(("aside", "bend"), [(1.0, BEND), (0.3, 0.5 * BEND_SHARE * 0.09), (1e-3, LEAST_BEND)])
+def test_pairs_that_lie_close_to_the_planes_count_on_them(aside: float, bend: float) -> None:
+    # Every pair one aside along the normal, z, and one beside in x and y: the ratio of both variances is known.
+    count = 50
+    scan = prepare_scan(PointCloud(np.random.default_rng(0).uniform(size=(count, 3)) * [1.0, 1.0, 0.0]))
+    up = np.tile([0.0, 0.0, 1.0], (count, 1))
+    gaps = np.tile([1.0, -1.0, aside], (count, 1))
+    closest = Closest(scan.points - gaps, up, np.linalg.norm(gaps, axis=1), np.arange(count))
+    form = both_planes(Correspondences(scan, np.eye(4), closest, False), np.ones(count))
+    # The plane counts once for the pair, whatever the bend; a direction in the plane by the bend.
+    assert form.value(np.eye(4)) == pytest.approx(count * (aside**2 + 2.0 * bend), rel=1e-9)
 
 
 def test_faces_that_agree_are_planes_and_faces_that_differ_fade() -> None:

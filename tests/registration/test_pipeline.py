@@ -3,16 +3,20 @@ from __future__ import annotations
 import numpy as np
 
 import dqreg
+from dqreg.geometry import sample_mesh
 from dqreg.icp.history import Iteration
 from dqreg.registration.fit import coarse_to_fine
 from dqreg.registration.pipeline import all_points_say_more
 from dqreg.registration.problem import Prepared
 from dqreg.rigid import pose, twist
+from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
+from dqreg.synth.parts import box, bracket
 from tests.icp.scenes import bumpy_cloud
 from tests.registration.scenes import problem_of
 
 # Truth: drawn here.
 T = twist.exp(np.array([0.02, -0.03, 0.01, 0.01, 0.02, -0.01]))
+COUNTS = 5_000, 20_000
 DENSE = bumpy_cloud(40_000)
 
 
@@ -52,16 +56,36 @@ def test_best_takes_all_points_at_once() -> None:
     assert result.history[-1].points == 35_000
 
 
-def test_a_small_cloud_near_its_surface_goes_on_with_planes_and_nothing_found_does_not() -> None:
-    sparse = problem_of(moved_back(DENSE[:2_000]), DENSE[:2_000], "identity")
-    dense = problem_of(DENSE, DENSE, pose.from_parts(np.eye(3), [50.0, 0.0, 0.0]))
-    for problem, status, more in ((sparse, "converged", True), (dense, "no correspondences", False)):
-        prepared, constraints = (
-            Prepared.downsampled(problem.source.cloud, problem.target, 1_000),
-            problem.constraints(np.eye(4)),
-        )
+def test_cells_and_sparse_scans_go_on_with_planes_and_what_has_planes_or_was_not_found_does_not() -> None:
+    part = sample_mesh(dqreg.Mesh(*box()), 8_000, np.random.default_rng(0)).points
+    cases = (
+        # A box of 200 points has hardly a neighbourhood on one face, one of 8,000 has most of them there.
+        (part[:200], part[:3_000], 5_000, np.eye(4), "converged", True),
+        (part, part, 5_000, np.eye(4), "converged", False),
+        (DENSE, DENSE, 1_000, np.eye(4), "converged", True),
+        (DENSE, DENSE, 1_000, pose.from_parts(np.eye(3), [50.0, 0.0, 0.0]), "no correspondences", False),
+    )
+    for scan, stands, cells, start, status, more in cases:
+        problem = problem_of(scan, stands, start)
+        prepared = Prepared.downsampled(problem.source.cloud, problem.target, cells)
+        constraints = problem.constraints(np.eye(4))
         settings = problem.options.icp_settings(0.2, constraints, even=prepared.even)
         assert problem.start is not None
         fit = coarse_to_fine(problem, prepared, problem.to_centred(problem.start), settings, constraints)
         assert fit.run.status == status
         assert all_points_say_more(fit) is more
+
+
+def test_small_clouds_of_one_body_count_on_the_planes_of_both() -> None:
+    # Two views of one part, twice, neighbours 0.7 and 0.4 % of the size apart, with noise of 0.03 %.
+    part, rng = dqreg.Mesh(*bracket()), np.random.default_rng(3)
+    scanner, noise = Scanner([(1.0, 1.0, 1.0), (-1.0, 0.3, -0.8)], pixels=250), Noise(range_sigma=3e-4 * part.diagonal)
+    clouds = [scan_mesh(part.vertices, part.faces, scanner, noise, rng=rng).points for _ in range(2)]
+    off = []
+    for _ in range(3):
+        scan, stands = (rng.permutation(some)[:count] for some, count in zip(clouds, COUNTS, strict=True))
+        start = disturbance(rng, np.deg2rad(1.0), 0.005 * part.diagonal, part.centre)
+        found = dqreg.register(scan, stands, start, keep_inputs=False).T_target_source
+        off.append(worst_vertex_displacement(found, np.eye(4), part.vertices) / part.diagonal)
+    # Measured: 1.1e-4 in the median over eight other seeds; planes of the target alone came to 2.8e-4.
+    assert np.median(off) <= 2e-4
