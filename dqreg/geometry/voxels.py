@@ -84,18 +84,13 @@ def voxel_downsample(cloud: PointCloud, size: float) -> PointCloud:
 
 def cell_size(points: FloatArray, count: int) -> float:
     """Edge of the cubic cells of which the points fill about so many."""
+    from dqreg.kernels.morton import count_cells
+
     if len(points) <= count:
         return 0.0
     # Dropping three bits of a Morton code doubles the edge: one sort counts the cells of every such size.
     codes = morton_codes(points)
-    codes = codes[sorted_rows(codes)]
-    changes = codes[1:] ^ codes[:-1]
-    counts = []
-    for _ in range(BITS + 1):
-        changes = changes[changes != 0]
-        counts.append(1 + len(changes))
-        changes = changes >> np.uint64(3)
-    filled = np.array(counts)
+    filled = count_cells(codes[sorted_rows(codes)])
     level = int(np.searchsorted(-filled, -count))
     if level == 0:
         return 0.0

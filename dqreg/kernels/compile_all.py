@@ -14,8 +14,9 @@ from dqreg.kernels.components import components
 from dqreg.kernels.disc_pairs import SUMS, disc_pair_sums
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
-from dqreg.kernels.morton import morton_cells, new_places, sorted_rows
+from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows
 from dqreg.kernels.newton_steps import newton_steps
+from dqreg.kernels.patch_pairs import binned_agreements, nearest_others, spherical_covariance
 from dqreg.kernels.plane_fits import fit_plane_rows
 from dqreg.kernels.point_tree import LEAF, PointTree
 from dqreg.kernels.points_on_faces import points_on_faces
@@ -69,6 +70,7 @@ def _order() -> None:
     codes = np.zeros(2, dtype=np.uint64)
     morton_cells(0, 2, CORNERS[0], np.zeros(3), 1.0, codes)
     new_places(CORNERS[0], codes, sorted_rows(codes))
+    count_cells(codes)
 
 
 def _points() -> None:
@@ -99,6 +101,12 @@ def _weights() -> None:
     points_on_faces(0, 1, rows, 3, CORNERS, FIRST, rows, np.eye(4), 1.0, 1.0, 1.0, on, np.zeros((1, 3)), np.zeros(1))
 
 
+def _patches() -> None:
+    nearest_others(FLAT, np.zeros(3))
+    binned_agreements(FLAT, FLAT, ONE, 1.0, np.zeros(2), np.zeros(2))
+    spherical_covariance(FLAT, 1.0, 1.0, np.zeros((3, 3)))
+
+
 def _rims() -> None:
     few, none = np.zeros((0, 2), dtype=np.int32), np.zeros(0, dtype=np.bool_)
     one_sided_rows(0, 0, FLAT, FIRST[:0], few, NOTHING, FLAT, 0.25, 0.15, none)
@@ -124,4 +132,4 @@ def _normals() -> None:
     pseudo_normals_at(0, 0, flat, flat, FIRST, CORNERS, CORNERS, FIRST[None], flat, 1e-6, flat)
 
 
-STEPS: tuple[Callable[[], None], ...] = (_steps, _faces, _rims, _order, _points, _weights, _search, _normals)
+STEPS: tuple[Callable[[], None], ...] = (_steps, _faces, _rims, _order, _points, _weights, _patches, _search, _normals)

@@ -126,3 +126,29 @@ def new_places(points: FloatArray, codes: Codes, order: IntArray) -> tuple[BoolA
             new[i] = not same
             mixed = mixed or not same
     return new, mixed
+
+
+@compiled
+def count_cells(codes: Codes) -> IntArray:
+    """How many cells hold points, of codes in order, at each edge: the cells' own, twice that, and so on. O(n)."""
+    filled = np.zeros(BITS + 1, np.int64)
+    for i in range(1, len(codes)):
+        apart = codes[i] ^ codes[i - 1]
+        if apart != np.uint64(0):
+            filled[_last_bit(apart) // 3] += 1
+    # Points apart at one edge are apart at all shorter ones; one cell more than there are changes.
+    for level in range(BITS - 1, -1, -1):
+        filled[level] += filled[level + 1]
+    for level in range(BITS + 1):
+        filled[level] += 1
+    return filled
+
+
+@compiled
+def _last_bit(number: np.uint64) -> int:
+    last, step = 0, 32
+    while step > 0:
+        if number >> np.uint64(step) != np.uint64(0):
+            number, last = number >> np.uint64(step), last + step
+        step //= 2
+    return last

@@ -144,33 +144,31 @@ class _Patches:
 
     def shared_noise(self) -> FloatArray | None:
         """Covariance of the noise between patches, (m, m), zero on the diagonal; None where chance explains it."""
-        squares = np.einsum("ij,ij->i", self.points, self.points)
-        apart = np.sqrt(np.maximum(squares[:, None] + squares - 2.0 * self.points @ self.points.T, 0.0))
-        far = FARTHEST * float(apart.max())
+        from dqreg.kernels.patch_pairs import binned_agreements, nearest_others, spherical_covariance
+        from dqreg.kernels.threads import as_plain
+
+        points, normals, nearest = as_plain(self.points), as_plain(self.normals), np.zeros(len(self.points))
+        far = FARTHEST * nearest_others(points, nearest)
         if not far > 0.0:
             return None
-        # Patches against themselves are beyond all ranges; so is their agreement.
-        np.fill_diagonal(apart, 2.0 * far)
-        same = self.normals @ self.normals.T
-        bins = np.minimum(apart * (BINS / far), BINS).astype(np.int64).ravel()
-        products = np.bincount(bins, (np.outer(self.residuals, self.residuals) * same).ravel(), BINS + 1)[:BINS]
-        squared = np.bincount(bins, (same**2).ravel(), BINS + 1)[:BINS]
-        ranges = NEAREST * float(np.median(apart.min(axis=1))) * FACTOR ** np.arange(STEPS)
+        products, squared = np.zeros(BINS), np.zeros(BINS)
+        binned_agreements(points, normals, as_plain(self.residuals), far, products, squared)
+        ranges = NEAREST * float(np.median(nearest)) * FACTOR ** np.arange(STEPS)
         ranges = ranges[(ranges > 0.0) & (ranges <= far)]
         models = _spherical((np.arange(BINS) + 0.5) * (far / BINS) / ranges[:, None])
-        # Both halves of the matrix are in the sums: each pair of patches is there twice.
-        agreements, norms = models @ products / 2.0, models**2 @ squared / 2.0
+        agreements, norms = models @ products, models**2 @ squared
         errors = self.variance * np.sqrt(norms)
         excess = np.divide(agreements, errors, out=np.zeros(len(ranges)), where=errors > 0.0)
         if excess.max(initial=0.0) < SHARED:
             return None
         best = int(excess.argmax())
-        covariance: FloatArray = agreements[best] / norms[best] * _spherical(apart / ranges[best])
+        covariance = np.zeros((len(points), len(points)))
+        spherical_covariance(points, float(agreements[best] / norms[best]), float(ranges[best]), covariance)
         return covariance
 
 
 def _spherical(h: FloatArray) -> FloatArray:
     # Correlation at h ranges; positive definite in space, zero from one range on (Matheron 1963).
     h = np.minimum(h, 1.0)
-    fading: FloatArray = 1.0 - 1.5 * h + 0.5 * h**3
+    fading: FloatArray = 1.0 - h * (1.5 - 0.5 * h * h)
     return fading

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg._arrays import FloatArray
-from dqreg.kernels.morton import BITS, morton_cells, new_places, sorted_rows
+from dqreg.kernels.morton import BITS, count_cells, morton_cells, new_places, sorted_rows
 
 
 @settings(deadline=None, max_examples=200)
@@ -62,3 +62,11 @@ def test_new_is_what_differs_from_the_one_before(seed: int, count: int) -> None:
     new, mixed = new_places(points, codes, order)
     assert new.tolist() == [True] + [d or not s for d, s in zip(differ, shared, strict=True)]
     assert mixed == any(d and s for d, s in zip(differ, shared, strict=True))
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10_000), st.integers(1, 200), st.sampled_from([1, 2**10, 2**63 - 1]))
+def test_cells_of_every_size_are_counted(seed: int, count: int, most: int) -> None:
+    codes = np.sort(np.random.default_rng(seed).integers(0, most, count, dtype=np.uint64))
+    expected = [len(np.unique(codes >> np.uint64(3 * level))) for level in range(BITS + 1)]
+    assert count_cells(codes).tolist() == expected

@@ -1,0 +1,63 @@
+"""Sums over all pairs of patches of residuals, by the distance between the two."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.kernels.compiled import compiled
+
+
+@compiled
+def nearest_others(points: FloatArray, nearest: FloatArray) -> float:
+    """Write the distance of each of some points to the nearest other one, (m,); the largest of all. O(m^2)."""
+    most = 0.0
+    for i in range(len(points)):
+        nearest[i] = np.inf
+    for i in range(len(points)):
+        for j in range(i):
+            dx, dy, dz = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
+            square = dx * dx + dy * dy + dz * dz
+            nearest[i], nearest[j], most = min(nearest[i], square), min(nearest[j], square), max(most, square)
+    for i in range(len(points)):
+        nearest[i] = np.sqrt(nearest[i])
+    return float(np.sqrt(most))
+
+
+@compiled
+def binned_agreements(
+    points: FloatArray,
+    normals: FloatArray,
+    residuals: FloatArray,
+    far: float,
+    products: FloatArray,
+    squared: FloatArray,
+) -> None:
+    """Add, for each pair nearer than far, to the bin of its distance; what is farther apart is left out. O(m^2).
+
+    What is added are the product of both residuals times the cosine of their normals, and the square of the cosine.
+    Shapes: points and normals (m, 3), residuals (m,); products and squared (bins,), of equal widths from 0 to far.
+    """
+    bins = len(products)
+    for i in range(len(points)):
+        for j in range(i):
+            dx, dy, dz = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
+            k = int(np.sqrt(dx * dx + dy * dy + dz * dz) * (bins / far))
+            if k < bins:
+                same = normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1] + normals[i, 2] * normals[j, 2]
+                products[k] += residuals[i] * residuals[j] * same
+                squared[k] += same * same
+
+
+@compiled
+def spherical_covariance(points: FloatArray, sill: float, reach: float, covariance: FloatArray) -> None:
+    """Write the covariances between points, (m, m), by the spherical model; the diagonal stays. O(m^2).
+
+    They fall from the sill at no distance to zero from the reach on (Matheron 1963).
+    """
+    for i in range(len(points)):
+        for j in range(i):
+            dx, dy, dz = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
+            h = np.sqrt(dx * dx + dy * dy + dz * dz) / reach
+            if h < 1.0:
+                covariance[i, j] = covariance[j, i] = sill * (1.0 - h * (1.5 - 0.5 * h * h))

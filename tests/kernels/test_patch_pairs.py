@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dqreg.kernels.patch_pairs import binned_agreements, nearest_others, spherical_covariance
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10_000), st.integers(2, 40), st.sampled_from([0.0, 0.5, 1.0]))
+def test_the_sums_are_those_of_all_pairs(seed: int, count: int, share: float) -> None:
+    rng = np.random.default_rng(seed)
+    points, normals, residuals = rng.normal(size=(count, 3)), rng.normal(size=(count, 3)), rng.normal(size=count)
+    apart = np.linalg.norm(points[:, None] - points, axis=2)
+    nearest = np.zeros(count)
+    far = nearest_others(points, nearest)
+    np.testing.assert_allclose(far, apart.max(), rtol=1e-14)
+    np.testing.assert_allclose(nearest, (apart + np.diag(np.full(count, np.inf))).min(axis=1), rtol=1e-14)
+    far = max(share * far, 1e-3)
+    one, other = np.triu_indices(count, 1)
+    bins = (apart[one, other] * (8 / far)).astype(int)
+    same = np.einsum("ij,ij->i", normals[one], normals[other])
+    products, squared = np.zeros(8), np.zeros(8)
+    binned_agreements(points, normals, residuals, far, products, squared)
+    expected = np.bincount(bins, residuals[one] * residuals[other] * same, max(bins.max() + 1, 8))[:8]
+    np.testing.assert_allclose(products, expected, rtol=1e-11, atol=1e-12)
+    np.testing.assert_allclose(squared, np.bincount(bins, same**2, max(bins.max() + 1, 8))[:8], rtol=1e-11, atol=1e-12)
+
+
+def test_the_covariance_is_the_spherical_model() -> None:
+    points, covariance = np.random.default_rng(0).normal(size=(30, 3)), np.zeros((30, 30))
+    spherical_covariance(points, 2.0, 1.3, covariance)
+    h = np.minimum(np.linalg.norm(points[:, None] - points, axis=2) / 1.3, 1.0)
+    expected = 2.0 * (1.0 - 1.5 * h + 0.5 * h**3)
+    np.fill_diagonal(expected, 0.0)
+    np.testing.assert_allclose(covariance, expected, atol=1e-14)
