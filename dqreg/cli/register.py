@@ -50,7 +50,8 @@ SECTIONS = {
 @click.option("--dof", metavar="MOTIONS", help="Degrees of freedom in which the pose may differ from the initial pose, "
               "such as 'rz tx ty'; all others are locked.")  # fmt: skip
 @click.option("--viewpoint", type=float, nargs=3, multiple=True, metavar="X Y Z", help="Where the scanner stood, in "
-              "SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored.")  # fmt: skip
+              "SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored; what it looked "
+              "through speaks against a pose.")  # fmt: skip
 @click.option("--out", type=FILE, help="The result as JSON.")
 @click.option("--report", type=FILE, help="One HTML page: verdict, view, deviations; with --tolerance, pass or fail.")
 @click.option("--aligned", type=FILE, help="The scan in the target's frame as PLY.")

@@ -20,13 +20,10 @@ from dqreg.geometry.opening import open_geometry
 from dqreg.registration.source import MESH_SAMPLES
 from dqreg.registration.target import Target
 from dqreg.registration.target_index import index_target
-from dqreg.trust.free_space import DepthImage
+from dqreg.trust.free_space import HIDDEN, hidden_share
 
 # Scans that are compared at least.
 FEWEST = 2
-# Points of a scan that are looked at from its viewpoint, the fewest, and the share that may stand behind others:
-# up to 0.07 from where scanners stood, 0.06 to 0.4 from beside, where some scans show it and others do not.
-SEEN, FEWEST_SEEN, HIDDEN = 3_000, 200, 0.12
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -161,11 +158,7 @@ def _seen(views: Sequence[View]) -> list[View]:
 
 def _hidden_share(cloud: PointCloud) -> float:
     """Share of the points of a scan that stand behind others, seen from its viewpoint; 0 where it has none."""
-    points = cloud.points[:: max(1, len(cloud.points) // SEEN)]
-    points = points[np.isfinite(points).all(axis=1)]
-    if cloud.viewpoint is None or len(points) < FEWEST_SEEN or not (points != cloud.viewpoint).any(axis=1).all():
-        return 0.0
-    return DepthImage.of(points, cloud.viewpoint).behind
+    return 0.0 if cloud.viewpoint is None else hidden_share(cloud.points, cloud.viewpoint)
 
 
 def _require_some(views: Sequence[View]) -> None:

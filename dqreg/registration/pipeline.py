@@ -27,7 +27,7 @@ from dqreg.registration.rivals import (
     near_symmetric_poses,
 )
 from dqreg.registration.slides import without_slide
-from dqreg.registration.visibility import on_visible_faces
+from dqreg.registration.visibility import on_visible_faces, viewpoint_seen
 from dqreg.trust.records import Alternative, Verdict
 
 # Distances from the planes below this share of the spacing of all points: the points then stand nearer to the surface
@@ -151,6 +151,7 @@ def resolved(fit: Fit) -> dict[str, Any]:
         "used_points": round(pairs.scan.represented),
         "beyond_border": int(np.count_nonzero(beyond)),
         "normals_oriented": pairs.same_sign,
+        **viewpoint_seen(fit),
         "target_kind": target.kind,
         "target_dropped": target.geometry.dropped,
         "diagonal": fit.prepared.surface.diagonal,

@@ -23,7 +23,7 @@ from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.options import Options
 from dqreg.registration.source import CentredSource, centre_source
-from dqreg.registration.target_index import TargetIndex, index_for, index_target, require_mesh
+from dqreg.registration.target_index import TargetIndex, index_for, index_target, require_one_place
 from dqreg.rigid import pose
 from dqreg.solvers.dof import Freedom
 
@@ -149,7 +149,7 @@ class Problem(SourceAndTarget):
             unit, rng = options.target_units or index.units, np.random.default_rng(options.seed)
             centred = centre_source(source, options.source_units, unit, rng, float(options.scale))
             if viewpoints is not None:
-                require_mesh(index.geometry)
+                require_one_place(viewpoints, index.geometry)
                 centred = centred.oriented_from(viewpoints)
             units = options.source_units or centred.cloud.units, unit
             if options.units == "check":

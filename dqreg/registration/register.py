@@ -100,8 +100,9 @@ def register(
         will do. Not together with ``dof``, ``prior`` or ``viewpoint``.
     viewpoint : (3,) or (k, 3) array_like, optional
         Where the scanner stood, in source coordinates. Faces of a mesh that it cannot have seen (the inside of a thin
-        wall, a part behind another) are ignored then, in deviations too. A single one also orients estimated normals.
-        A viewpoint in the file hides nothing unless it is given here.
+        wall, a part behind another) are ignored then, in deviations too. A single one also orients estimated normals,
+        and what the scanner looked through from there speaks against a pose; between clouds only that. A viewpoint in
+        the file hides nothing unless it is given here.
     search : {"never", "doubt", "always"}
         Whether a global search may run beside an initial pose: not at all (a loop at a fixed rate), where the pose is
         in doubt and no ``method``, ``dof`` or ``prior`` is given, or in any case.

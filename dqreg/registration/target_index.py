@@ -119,7 +119,9 @@ class TargetIndex:
 
     def visible_from(self, viewpoints: FloatArray) -> TargetIndex:
         """The target with a surface of those faces alone that can be seen from some viewpoints, (k, 3)."""
-        visible = visible_faces(require_mesh(self.geometry), viewpoints)
+        if not isinstance(self.geometry, Mesh):
+            return self
+        visible = visible_faces(self.geometry, viewpoints)
         if visible.all():
             return self
         if not visible.any():
@@ -188,14 +190,13 @@ def _without_caches(geometry: PointCloud | Mesh) -> PointCloud | Mesh:
     return bare
 
 
-def require_mesh(geometry: PointCloud | Mesh) -> Mesh:
-    """The mesh; raise where faces cannot be hidden because there are none."""
-    if isinstance(geometry, Mesh):
-        return geometry
-    raise InputError(
-        "viewpoint leaves out faces of a mesh that the scanner cannot have seen, and this target is a cloud; "
-        "leave viewpoint out, or give the target as a mesh"
-    )
+def require_one_place(viewpoints: FloatArray, geometry: PointCloud | Mesh) -> None:
+    """Raise where several viewpoints are given between two clouds: which points were seen from which is not known."""
+    if len(viewpoints) > 1 and not isinstance(geometry, Mesh):
+        raise InputError(
+            f"several viewpoints hide faces of a mesh, and this target is a cloud, which takes one: got "
+            f"{len(viewpoints)}; give the place of one scanner, or leave viewpoint out"
+        )
 
 
 def index_target(target: Any) -> TargetIndex:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dqreg.report.result_protocol import RegistrationResult
-from dqreg.report.summary import scale_words
+from dqreg.report.summary import scale_words, viewpoint_words
 from dqreg.report.text import percent, place_text, setting_text, text_of, unit_words
 from dqreg.trust.records import Check
 
@@ -119,6 +119,8 @@ def _sides(result: RegistrationResult, unit: str) -> Rows:
         ("Target", f"{file_name(get('target'))} ({get('target_kind', 'not known')})"),
         ("Size of the target", f"{text_of(get('diagonal'), 5)}{unit_words(unit)}, diagonal of its bounding box"),
     ]
+    if words := viewpoint_words(result):
+        rows.append(("Viewpoint", words))
     converted = _converted(result)
     return [*rows, ("Units", converted)] if converted else rows
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from dqreg.report.hints import hints_of
 from dqreg.report.text import unit_words
+from dqreg.trust.free_space import HIDDEN
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -44,6 +45,8 @@ def summary_rows(result: RegistrationResult) -> list[tuple[str, str]]:
         rows.append(("scale", words))
     elif settings["source_scale"] != 1.0:
         rows.append(("units", f"source converted from {settings['source_units']}: x {settings['source_scale']:g}"))
+    if words := viewpoint_words(result):
+        rows.append(("viewpoint", words))
     if np.isfinite(result.rms):
         rows.append(
             ("inliers", f"{100 * result.inlier_fraction:.1f} % of the points, rms distance {result.rms:.4g}{unit}")
@@ -71,6 +74,17 @@ def scale_words(result: RegistrationResult) -> str:
         known = f"+- {sigma:.2g} (one sigma)" if np.isfinite(sigma) else "is not fixed by the data"
         return f"solved for: source x {scale:.9g} {known}"
     return "" if settings.get("scale", 1.0) == 1.0 else f"as asked, units included: source x {scale:.9g}"
+
+
+def viewpoint_words(result: RegistrationResult) -> str:
+    """What the scan itself says against the viewpoint that was given; empty where nothing."""
+    share = result.settings.get("viewpoint_behind", 0.0)
+    if not share > HIDDEN:
+        return ""
+    return (
+        f"not where the scanner stood: from there {100 * share:.0f} % of the scan's own points are behind others. It "
+        "is asked for in the coordinates and units of the scan; where it stood in several places, give them all"
+    )
 
 
 def print_summary(console: Console, result: RegistrationResult) -> None:

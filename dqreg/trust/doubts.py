@@ -126,7 +126,7 @@ def _looked_through(evidence: Evidence) -> Iterator[str]:
     if evidence.looked_through > LOOKED_THROUGH:
         yield (
             f"{100 * evidence.looked_through:.0f} % of the points compared stand where a scanner looked through: a "
-            "wrong pose, or things that moved between the scans"
+            "wrong pose, a wrong viewpoint, or things that moved between the scans"
         )
 
 

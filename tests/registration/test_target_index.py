@@ -168,8 +168,9 @@ def test_the_visible_faces_are_a_target_of_their_own_and_the_whole_stays_as_it_w
     assert target.visible is None
     around = np.vstack([10.0 * np.eye(3), -10.0 * np.eye(3)])
     assert target.visible_from(around) is target
-    with pytest.raises(InputError, match="this target is a cloud"):
-        index_target(CLOUD).visible_from(around)
+    # A cloud has no faces to hide.
+    cloud = index_target(PointCloud(VERTICES))
+    assert cloud.visible_from(np.array([[0.0, 0.0, 10.0]])) is cloud
 
 
 def test_what_the_global_search_looks_up_is_built_once() -> None:

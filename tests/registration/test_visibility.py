@@ -10,6 +10,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import Mesh
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
+from dqreg.report.summary import viewpoint_words
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh
 from dqreg.synth.parts import box
@@ -94,9 +95,34 @@ def test_a_viewpoint_of_another_shape_is_refused(viewpoint: object) -> None:
         register(np.eye(3), bracket_mesh(), "identity", viewpoint=viewpoint)
 
 
-def test_a_viewpoint_that_is_not_finite_or_for_a_cloud_is_refused() -> None:
+def test_between_clouds_a_viewpoint_tells_what_was_looked_through() -> None:
+    # A corner of a room, with a crate on its floor in the second scan: the first one's scanner looked through that.
+    rng = np.random.default_rng(0)
+    floor, crate = rng.uniform(0.0, 10.0, (6_000, 2)), rng.uniform(3.0, 7.0, (1_500, 2))
+    sides = [np.insert(rng.uniform(0.0, 10.0, (2_000, 2)), axis, 0.0, axis=1) for axis in (0, 1)]
+    free = ~((floor > 3.0) & (floor < 7.0)).all(axis=1)
+    empty = np.concatenate([np.insert(floor, 2, 0.0, axis=1), *sides])
+    full = np.concatenate([np.insert(floor[free], 2, 0.0, axis=1), np.insert(crate, 2, 2.0, axis=1), *sides])
+    above = [8.0, 8.0, 30.0]
+    plain = register(empty, full, "identity", effort="fast", search="never")
+    told = register(empty, full, "identity", effort="fast", search="never", viewpoint=above)
+    assert "looked_through" not in plain.verdict.codes
+    assert "looked_through" in told.verdict.codes
+    np.testing.assert_array_equal(told.T_target_source, plain.T_target_source)
+    with pytest.raises(InputError, match="takes one: got 2"):
+        register(empty, full, "identity", viewpoint=[above, above])
+
+
+def test_a_viewpoint_from_which_the_scan_hides_itself_is_told() -> None:
+    part = bracket_mesh()
+    scan = scan_mesh(part.vertices, part.faces, Scanner([VIEWS[0]], pixels=60), rng=np.random.default_rng(0)).points
+    eye = 5.0 * part.diagonal * np.array(VIEWS[0])
+    # A quarter round it 17 % of the points are behind others; from the far side none need be.
+    for place, is_right in ((eye, True), (eye * [-1.0, 1.0, 1.0], False)):
+        words = viewpoint_words(register(scan, part, "identity", effort="fast", search="never", viewpoint=place))
+        assert (words == "") == is_right, words
+
+
+def test_a_viewpoint_that_is_not_finite_is_refused() -> None:
     with pytest.raises(InputError, match="finite"):
         register(np.eye(3), bracket_mesh(), "identity", viewpoint=[0.0, np.nan, 1.0])
-    cloud = np.random.default_rng(0).uniform(size=(100, 3))
-    with pytest.raises(InputError, match="this target is a cloud"):
-        register(cloud, cloud, "identity", viewpoint=[0.0, 0.0, 9.0])
