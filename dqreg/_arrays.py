@@ -59,6 +59,22 @@ def median(values: FloatArray) -> float:
     return float(0.5 * (low + high))
 
 
+def quantile(values: FloatArray, share: float) -> float:
+    """Quantile of finite numbers, (n,), between the two nearest: the bits of NumPy's in a fraction of the time.
+
+    NaN of none.
+    """
+    if not len(values):
+        return float("nan")
+    place = share * (len(values) - 1)
+    below = int(place)
+    above, part = min(below + 1, len(values) - 1), place - below
+    ordered = np.partition(values, (below, above))
+    low, high = float(ordered[below]), float(ordered[above])
+    # From the nearer of the two.
+    return low + (high - low) * part if part < 0.5 else high - (high - low) * (1.0 - part)
+
+
 def shifted(points: FloatArray, offset: FloatArray) -> FloatArray:
     """Points moved by one offset: ``points + offset``, three times as fast."""
     moved = np.zeros((len(points), 3))

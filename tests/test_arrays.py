@@ -11,7 +11,18 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
-from dqreg._arrays import RIGID_TOLERANCE, ROUNDED, as_float, as_pose, as_vectors, as_weights, departure, require_finite
+from dqreg._arrays import (
+    RIGID_TOLERANCE,
+    ROUNDED,
+    as_float,
+    as_pose,
+    as_vectors,
+    as_weights,
+    departure,
+    median,
+    quantile,
+    require_finite,
+)
 from dqreg.errors import InputError
 
 ANY = hnp.arrays(np.float64, hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4))
@@ -204,3 +215,15 @@ def test_a_pose_that_is_not_rigid_is_named(value: Any, message: str) -> None:
 def test_importing_arrays_loads_nothing_heavy() -> None:
     code = "import sys, dqreg._arrays; sys.exit(any(name in sys.modules for name in ('open3d', 'scipy', 'trimesh')))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=60), st.floats(0.0, 1.0))
+def test_median_and_quantile_are_those_of_numpy_to_the_last_bit(values: list[float], share: float) -> None:
+    array = np.array(values)
+    assert median(array) == np.median(array)
+    assert quantile(array, share) == np.quantile(array, share)
+
+
+def test_nothing_has_no_median_and_no_quantile() -> None:
+    assert np.isnan(median(np.zeros(0)))
+    assert np.isnan(quantile(np.zeros(0), 0.3))

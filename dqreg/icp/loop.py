@@ -6,6 +6,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from dqreg.icp.history import Iteration
 from dqreg.icp.rejectors import Weight
 from dqreg.icp.stopping import Stopping
 from dqreg.icp.weighing import Weighed, weigh
-from dqreg.rigid import pose
+from dqreg.rigid import single_pose
 from dqreg.solvers.robust import InlierMixture, Kernel, LeastSquares
 from dqreg.solvers.status import INTERRUPTED, NO_POSE, Status
 
@@ -69,7 +70,7 @@ class Alignment(Run):
 
     mixture: InlierMixture
 
-    @property
+    @cached_property
     def found(self) -> bool:
         """Whether there is a pose to speak of: fewer inliers than fix one are none."""
         return self.status not in NO_POSE and bool(self.history) and float(self.weights.sum()) >= FEWEST_INLIERS
@@ -159,7 +160,7 @@ class Icp:
             rms=math.sqrt(weighed.mean_square),
             kernel_scale=self.kernel.scale,
             energy=weighed.energy,
-            turn_rad=float(pose.angle_between(pairs.T_target_source, T)),
+            turn_rad=single_pose.angle_between(pairs.T_target_source, T),
             motion=motion,
             seconds=time.perf_counter() - began,
             T_target_source=T,

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
 from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
@@ -237,12 +237,12 @@ class _Local:
         cosines = pairs.normal_cosines if pairs.same_sign else np.abs(pairs.normal_cosines)
         # Among strays many neighbourhoods hold one; the better part of them is the sensor's own.
         flat = rough[on & np.isfinite(rough)]
-        usual = float(np.quantile(flat, 0.3)) if len(flat) else 0.0
+        usual = quantile(flat, 0.3) if len(flat) else 0.0
         residuals = scan.residuals[on & np.isfinite(scan.residuals)]
         return _Local(
             strays=_share((rough > max(ROUGH, MORE_THAN_USUAL * usual)) & ~on, np.isfinite(scan.residuals)),
             normals_apart=_share(cosines < np.cos(APART_RAD), compared),
-            noise=float(np.quantile(residuals, 0.3)) if len(residuals) else np.inf,
+            noise=quantile(residuals, 0.3) if len(residuals) else np.inf,
         )
 
 

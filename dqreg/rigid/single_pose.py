@@ -31,6 +31,13 @@ def exp(twist: FloatArray) -> FloatArray:
     return T
 
 
+def angle_between(T_a: FloatArray, T_b: FloatArray) -> float:
+    """Angle of the rotation that leads from one pose to the other, radians. Shapes: (4, 4) each."""
+    (a, b, c), (d, e, f), (g, h, i) = (T_a[:3, :3].T @ T_b[:3, :3]).tolist()
+    # Twice the sine and twice the cosine: small angles, and those near pi, keep their digits.
+    return math.atan2(math.hypot(h - f, c - g, d - b), a + e + i - 1.0)
+
+
 def log(R: FloatArray, t: FloatArray) -> FloatArray:
     """Twist of one pose. Shapes: R (3, 3), t (3,), returns (6,)."""
     (a, b, c), (d, e, f), (g, h, i) = R.tolist()

@@ -182,13 +182,13 @@ class InlierMixture:
 
     def fit(self, distances: FloatArray, *, floor: float = 0.0, rounds: int = 1) -> InlierMixture:
         """Scale and inlier fraction after EM rounds on distances within the limit."""
-        mixture = self
+        mixture, squares = self, distances**2
         for _ in range(rounds):
             weights = mixture.weight(distances)
             total = float(weights.sum())
             if total == 0.0:
                 break
-            scale = max(float(np.sqrt(weights @ distances**2 / total)), floor, np.finfo(float).tiny)
+            scale = max(float(np.sqrt(weights @ squares / total)), floor, np.finfo(float).tiny)
             fraction = min(max(total / len(distances), LEAST_FRACTION), 1.0 - LEAST_FRACTION)
             settled = (
                 abs(scale - mixture.scale) <= STILL * scale

@@ -70,5 +70,7 @@ class Neighbourhoods:
 
 def is_flat(points: FloatArray) -> bool:
     """Whether points, (n, 3), lie in one plane: a single profile, or one face, is a weak witness of a pose."""
-    values = np.linalg.eigvalsh(np.cov(points.T))
+    arms = np.ascontiguousarray(points.T)
+    arms -= arms.mean(axis=1, keepdims=True)
+    values = np.linalg.eigvalsh(arms @ arms.T)
     return bool(values[0] < FLAT**2 * values[2])

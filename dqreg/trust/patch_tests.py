@@ -56,8 +56,9 @@ def patches_off(
     if count == 0:
         return 0, 0.0
     whole = slice(count * PATCH)
-    d, a, close = (x[whole].reshape(count, PATCH) for x in (apart, aside, near))
-    off = (np.abs(np.median(a, axis=1)) > OFF * width) | (np.median(d, axis=1) > ON * width)
+    d, a = (x[whole].reshape(count, PATCH) for x in (apart, aside))
+    close = near[whole].reshape(count, PATCH)
+    off = (np.abs(_medians(a)) > OFF * width) | (_medians(d) > ON * width)
     counted = close.mean(axis=1) >= 0.5
     doubtful = np.flatnonzero(off & counted)
     if len(doubtful) and not near.all():
@@ -65,6 +66,12 @@ def patches_off(
         counted[doubtful[is_background(patches, points[near], points[~near], width)]] = False
     total = int(np.count_nonzero(counted))
     return total, float(np.count_nonzero(off & counted)) / total if total else 0.0
+
+
+def _medians(rows: FloatArray) -> FloatArray:
+    """Median of each row, of an even number of columns."""
+    half = rows.shape[1] // 2
+    return np.asarray(np.partition(rows, (half - 1, half), axis=1)[:, half - 1 : half + 1].mean(axis=1))
 
 
 def is_background(patches: FloatArray, near: FloatArray, far: FloatArray, width: float) -> BoolArray:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from dqreg.geometry.neighbours import NeighbourTree
@@ -168,3 +169,10 @@ def test_a_tree_of_few_points_remembers_all_of_them() -> None:
     indices, farthest = tree.around(np.array([0]))
     assert indices.tolist() == [[0, 1, 2]]
     assert farthest.tolist() == [np.sqrt(108.0)]
+
+
+@settings(deadline=None)
+@given(st.integers(1, 10**7), st.integers(0, 5_000))
+def test_sampled_rows_are_those_of_linspace_to_the_last_one(total: int, wanted: int) -> None:
+    expected = np.linspace(0, total - 1, wanted).round() if wanted < total else np.arange(total)
+    assert np.array_equal(sample_rows(total, wanted), expected)
