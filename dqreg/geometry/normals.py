@@ -32,6 +32,7 @@ class PlaneFits:
     # (n,): Distance from each place to the second nearest point, the nearest other one of a point of the cloud; None
     # where the neighbours were known before, without their distances
     gaps: FloatArray | None = None
+    neighbours: IntArray | None = None  # (n, k): Rows of the neighbours, where the planes were fitted in one go
 
     @property
     def known(self) -> BoolArray:
@@ -53,7 +54,8 @@ def fit_planes(tree: NeighbourTree, cloud: FloatArray, at: FloatArray, count: in
         indices, distances = tree.nearest(at[i : i + CHUNK], count)
         parts.append(_fit_chunk(cloud, indices))
         gaps.append(distances[:, :2][:, -1])
-    return dataclasses.replace(_joined(parts, min(count, tree.size)), gaps=np.concatenate(gaps))
+    neighbours = indices if len(parts) == 1 else None
+    return dataclasses.replace(_joined(parts, min(count, tree.size)), gaps=np.concatenate(gaps), neighbours=neighbours)
 
 
 def fit_planes_around(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, count: int = NEIGHBOURS) -> PlaneFits:

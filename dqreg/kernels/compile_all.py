@@ -22,6 +22,7 @@ from dqreg.kernels.point_tree import LEAF, PointTree
 from dqreg.kernels.points_on_faces import points_on_faces
 from dqreg.kernels.pose_steps import add_plane_steps, grid_planes
 from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_normals_at
+from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.threads import thread_count
 from dqreg.kernels.triangle_tree import TriangleTree
@@ -78,6 +79,7 @@ def _points() -> None:
     tree = PointTree.of(corners)
     rows, _ = tree.nearest(corners, 3)
     fit_plane_rows(0, 0, corners, rows, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
+    quadric_residual_rows(0, 0, corners, rows, np.zeros((1, 3)), 0.5, np.zeros(1))
     near, far, motion = np.full(3, -1), np.zeros(3), np.eye(4)[:3].copy()
     close_points(0, 3, tree.boxes, tree.places, LEAF, tree.rows, corners, corners, motion, 1.0, 1.0, near, far)
     plain, open_all = (corners, corners), np.zeros(3, dtype=np.bool_)
