@@ -57,14 +57,27 @@ def run_trust_sweep(
     if len(found.trials) == 1:
         _sentences(console, found)
     if options["fit_confidence"]:
-        from dqreg.compare.trust.calibration import as_code, fit_confidence
-
-        say(console, as_code(*fit_confidence(found.trials)))
+        _fit_confidence(console, found)
     for path in output.write(found, goals, command):
         say(console, f"wrote {path}")
     if as_json:
         click.echo(output.to_json(found), nl=False)
     return 0
+
+
+def _fit_confidence(console: Console, found: TrustSweep) -> None:
+    """Show the map fitted anew, with its calibration error on seeds that it was not fitted to, where there are two."""
+    from dqreg.compare.trust.calibration import as_code, cross_validated, fit_confidence, rescale_confidence
+
+    for words, fit in (("all weights", fit_confidence), ("stretched and shifted alone", rescale_confidence)):
+        say(console, as_code(*fit(found.trials)))
+        if found.seeds[1] > 1:
+            error = cross_validated(found.trials, fit)
+            say(
+                console,
+                f"{words}: calibration error {100 * error.error:.1f} % on seeds that it was not fitted to, "
+                f"{100 * error.expected_by_chance:.1f} % by chance",
+            )
 
 
 def list_kinds(console: Console) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
-from dqreg.registration.assess import Uncertainty, evidence_of, uncertainty_of, verdict_on, without_drift
+from dqreg.registration.assess import Uncertainty, evidence_of, status_of, uncertainty_of, verdict_on, without_drift
 from dqreg.registration.fallback import Known, best_known
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
@@ -28,12 +28,16 @@ from dqreg.registration.rivals import (
 )
 from dqreg.registration.slides import without_slide
 from dqreg.registration.visibility import on_visible_faces, viewpoint_seen
+from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust.records import Alternative, Verdict
 
 # Distances from the planes below this share of the spacing of all points: the points then stand nearer to the surface
 # than to each other, and the mean of a cell hides something. Scans of one body came to 0.16 to 0.23, range scans from a
 # bench included, LiDAR and depth cameras to 0.7 and more, where all points gained nothing over their cells.
 WELL_BELOW = 0.4
+# Ways of a loop to end from which it is gone on: motions that little holds come to rest slowly. A limit of fewer
+# iterations than this is meant.
+UNSETTLED, MEANT = ("iteration limit", "stalled"), 50
 
 
 def align(problem: Problem) -> Registration:
@@ -56,7 +60,7 @@ def align(problem: Problem) -> Registration:
         fit = best_seen(fit, start.T_target_source)
     with watch.stage("second try"):
         known = second_try(fit, start, search)
-        fit, others, gain = known.fit, known.others, -np.inf
+        fit, others, gain = settled(known.fit), known.others, -np.inf
         with suppress(TimeUpError), until(watch.deadline):
             gain = mirror_gain(fit, always=known.searched)
     if problem.viewpoints is not None:
@@ -86,6 +90,16 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
     if is_given:
         known = dataclasses.replace(known, fit=without_drift(known.fit, start.T_target_source))
     return dataclasses.replace(known, others=np.concatenate([known.others, near]))
+
+
+def settled(fit: Fit) -> Fit:
+    """The fit, gone on from once where the loop ended before the pose stayed where it was."""
+    options, is_over = fit.problem.options, fit.problem.watch.is_over
+    is_asked = options.method != "auto" or options.max_iterations < MEANT
+    if not fit.found or is_over or is_asked or status_of(fit) not in UNSETTLED:
+        return fit
+    other = fit.resumed(fit.T_target_source, fit.run.mixture.scale)
+    return other if other.found and status_of(other) not in (*UNSETTLED, *INTERRUPTED) else fit
 
 
 def all_points_say_more(fit: Fit) -> bool:

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
+import pytest
 
 import dqreg
 from dqreg.geometry import sample_mesh
 from dqreg.icp.history import Iteration
 from dqreg.registration.fit import coarse_to_fine
-from dqreg.registration.pipeline import all_points_say_more
+from dqreg.registration.pipeline import all_points_say_more, settled
 from dqreg.registration.problem import Prepared
 from dqreg.rigid import pose, twist
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
@@ -89,3 +92,22 @@ def test_small_clouds_of_one_body_count_on_the_planes_of_both() -> None:
         off.append(worst_vertex_displacement(found, np.eye(4), part.vertices) / part.diagonal)
     # Measured: 1.1e-4 in the median over eight other seeds; planes of the target alone came to 2.8e-4.
     assert np.median(off) <= 2e-4
+
+
+@pytest.mark.parametrize(("limit", "goes_on"), [(100, True), (5, False)])
+def test_a_loop_that_ended_on_its_way_is_gone_on_from_unless_the_limit_is_meant(limit: int, goes_on: bool) -> None:
+    # The scan is made in the part's frame; the loop is ended five times the noise before it arrives.
+    part = dqreg.Mesh(*bracket())
+    rng, noise = np.random.default_rng(0), 1e-3 * part.diagonal
+    points = sample_mesh(part, 2_000, rng).points + noise * rng.normal(size=(2_000, 3))
+    problem = problem_of(points, part, np.eye(4), max_iterations=limit)
+    prepared, constraints = problem.prepare(), problem.constraints(np.eye(4))
+    settings = problem.options.icp_settings(problem.reach(prepared), constraints)
+    fit = coarse_to_fine(problem, prepared, problem.to_centred(np.eye(4)), settings, constraints)
+    away = pose.from_parts(np.eye(3), [5.0 * noise, 0.0, 0.0]) @ fit.T_target_source
+    short = fit.at(away)
+    short = dataclasses.replace(short, run=dataclasses.replace(short.run, status="iteration limit"))
+    found = settled(short)
+    assert (found.run.status == "converged") == goes_on
+    off = worst_vertex_displacement(problem.to_caller(found.T_target_source), np.eye(4), part.vertices)
+    assert (off < 0.5 * noise) == goes_on

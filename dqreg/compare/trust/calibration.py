@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.optimize import minimize
@@ -14,13 +14,15 @@ from dqreg.compare.trust.rates import interval, percent
 from dqreg.compare.trust.trial import Trial
 from dqreg.errors import InputError
 from dqreg.report.table import Column, Table
-from dqreg.trust.confidence import NAMES
+from dqreg.trust.confidence import NAMES, OFFSET, WEIGHTS
 
 # Bins of equal width; trials without which a fit is a guess; penalty of squared weights, in trials.
 BINS, FEWEST, PENALTY = 10, 150, 1.0
 # Figures that never speak against a pose, and those that may speak either way; all others never speak for it. Without
 # signs a fit to few tasks lets chance decide them, which tells beyond the tasks: on real scans.
 FOR, EITHER = {"inliers", "inliers_near", "carriers"}, {"other_objects", "border", "searched"}
+
+Fit = Callable[[Sequence[Trial]], tuple[float, dict[str, float]]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,6 +106,40 @@ def fit_confidence(trials: Sequence[Trial]) -> tuple[float, dict[str, float]]:
     bounds = [(None, None), *(_bounds(name) for name in NAMES)]
     found = minimize(cost, np.zeros(rows.shape[1]), jac=True, method="L-BFGS-B", bounds=bounds).x
     return float(found[0]), {name: float(weight) for name, weight in zip(NAMES, found[1:], strict=True)}
+
+
+def rescale_confidence(trials: Sequence[Trial]) -> tuple[float, dict[str, float]]:
+    """Offset and weights of the present map after its logarithm of the odds is stretched and shifted (Platt).
+
+    Two numbers, for a set that is too small for all weights; the order of the confidences stays.
+    """
+    known = [one for one in trials if len(one.figures) == len(NAMES)]
+    if len(known) < FEWEST:
+        raise InputError(f"{FEWEST} tasks are needed to fit the confidence; got {len(known)}: ask for more --seeds")
+    X, right = np.array([one.figures for one in known]), np.array([one.right for one in known], dtype=np.float64)
+    logit = OFFSET + X @ np.array([WEIGHTS[name] for name in NAMES])
+
+    def cost(numbers: FloatArray) -> float:
+        found = numbers[0] + numbers[1] * logit
+        return float(np.logaddexp(0.0, found).sum() - right @ found)
+
+    shift, stretch = minimize(cost, np.array([0.0, 1.0])).x
+    weights = {name: float(stretch * weight) for name, weight in WEIGHTS.items()}
+    return float(shift + stretch * OFFSET), weights
+
+
+def cross_validated(trials: Sequence[Trial], fit: Fit) -> Calibration:
+    """Reliability where the tasks of each seed have the confidence of a map that was fitted to all other seeds."""
+    known = [one for one in trials if len(one.figures) == len(NAMES)]
+    found = []
+    for seed in sorted({one.seed for one in known}):
+        offset, weights = fit([one for one in known if one.seed != seed])
+        for one in known:
+            if one.seed == seed:
+                logit = offset + float(np.dot(one.figures, [weights[name] for name in NAMES]))
+                p = 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, logit))))
+                found.append(dataclasses.replace(one, confidence=p))
+    return calibration_of(found)
 
 
 def _bounds(name: str) -> tuple[float | None, float | None]:

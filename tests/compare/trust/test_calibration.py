@@ -5,7 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dqreg.compare.trust.calibration import as_code, calibration_of, fit_confidence
+from dqreg.compare.trust import calibration
+from dqreg.compare.trust.calibration import (
+    as_code,
+    calibration_of,
+    cross_validated,
+    fit_confidence,
+    rescale_confidence,
+)
 from dqreg.compare.trust.plots import reliability_plot
 from dqreg.compare.trust.trial import Trial
 from dqreg.errors import InputError
@@ -45,6 +52,22 @@ def test_the_fit_finds_the_weights_that_made_the_trials():
     assert max(abs(weights[name]) for name in NAMES if name not in (NAMES[0], NAMES[3])) < 0.15
     assert as_code(offset, weights).count("\n") == len(NAMES) + 3
     assert len(p) == 4000
+
+
+def test_a_map_that_is_too_sure_is_stretched_and_shifted_back(monkeypatch):
+    # The trials' own map, its odds cubed and favoured: two numbers bring it back, on seeds that were not seen too.
+    trials, p = drawn(2000)
+    weights = dict.fromkeys(NAMES, 0.0) | {NAMES[0]: -4.5, NAMES[3]: 3.0}
+    monkeypatch.setattr(calibration, "WEIGHTS", weights)
+    monkeypatch.setattr(calibration, "OFFSET", 3.0)
+    offset, found = rescale_confidence(trials)
+    assert offset == pytest.approx(0.5, abs=0.15)
+    assert found[NAMES[0]] == pytest.approx(-1.5, abs=0.15)
+    in_five = [dataclasses.replace(one, seed=one.seed % 5) for one in trials]
+    assert cross_validated(in_five, rescale_confidence).error < 0.05
+    as_it_was = cross_validated(in_five, lambda _: (3.0, weights))
+    assert as_it_was.error > 0.1
+    assert as_it_was.trials == len(p)
 
 
 def test_no_figure_speaks_for_a_pose_that_can_only_speak_against_it():
