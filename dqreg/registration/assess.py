@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import MeshSurface, PointCloud
+from dqreg.geometry import CloudSurface, MeshSurface, PointCloud
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import find_correspondences
@@ -28,7 +28,7 @@ from dqreg.trust import (
 )
 from dqreg.trust.common_planes import ends_apart
 from dqreg.trust.covariance import partial_information_of
-from dqreg.trust.overlap import Overlap
+from dqreg.trust.overlap import IndexedPoints, Overlap
 from dqreg.trust.patch_tests import ON
 from dqreg.trust.records import Alternative, Direction, Verdict
 from dqreg.trust.segments import OFF
@@ -118,15 +118,14 @@ def _measured(fit: Fit, covariance: FloatArray) -> Evidence:
 
 def _between(fit: Fit, covariance: FloatArray) -> Evidence:
     """The agreement, of two clouds with what is left between them; as it is where hardly a face is on both."""
-    target, points = fit.target.geometry, fit.problem.source.cloud.points
+    target = fit.target.geometry
     if not fit.found or fit.is_late or not isinstance(target, PointCloud):
         return fit.agreement
-    placed = pose.apply(fit.T_target_source, points[sample_rows(len(points), COMPARED)])
-    fixed = target.points[sample_rows(len(target.points), COMPARED)]
-    overlap = Overlap.of(placed, fixed)
+    moves, stands = _indexed_source(fit), _indexed_target(fit, target)
+    overlap = Overlap.of(moves, stands, fit.T_target_source)
     if overlap is None:
         return fit.agreement
-    size = fit.prepared.surface.diagonal
+    placed, fixed, size = pose.apply(fit.T_target_source, moves.points), stands.points, fit.prepared.surface.diagonal
     strain = overlap.strain(size)
     return dataclasses.replace(
         fit.agreement,
@@ -136,6 +135,24 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
         stretched_along=strain.along,
         bend=strain.bend if strain.is_bent else 0.0,
     )
+
+
+def _indexed_source(fit: Fit) -> IndexedPoints:
+    points, scan = fit.problem.source.cloud.points, fit.prepared.scan
+    if len(points) <= COMPARED and not fit.prepared.cell_size:
+        return IndexedPoints(scan.points, scan.tree)
+    return IndexedPoints.of(points[sample_rows(len(points), COMPARED)])
+
+
+def _indexed_target(fit: Fit, target: PointCloud) -> IndexedPoints:
+    surface, derived, points = fit.prepared.surface, fit.target.derived, target.points
+    if len(points) <= COMPARED and isinstance(surface, CloudSurface) and surface._rows == len(points):
+        return IndexedPoints(surface._points, surface._tree)
+    # The same for every scan that is registered to it.
+    if "compared" not in derived:
+        derived["compared"] = IndexedPoints.of(points[sample_rows(len(points), COMPARED)])
+    found: IndexedPoints = derived["compared"]
+    return found
 
 
 def status_of(fit: Fit) -> Status:

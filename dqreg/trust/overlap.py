@@ -12,10 +12,11 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import PlaneFits, fit_planes_among, sample_rows
+from dqreg.rigid import pose
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.trust.strain import SIGNIFICANT_CLUTTER, Strain, robust_fit, strain_of, weights_of
 
@@ -37,6 +38,24 @@ SHOWN = 3e-4
 
 
 @dataclasses.dataclass(frozen=True)
+class IndexedPoints:
+    """Points of one side, each place once, in the order of a space-filling curve, and a tree of them."""
+
+    points: FloatArray
+    tree: NeighbourTree
+
+    @staticmethod
+    def of(points: FloatArray) -> IndexedPoints:
+        """Of points in any order, for few queries."""
+        points = points[distinct_in_order(points)]
+        return IndexedPoints(points, NeighbourTree(points, in_order=True))
+
+    def planes_at(self, rows: IntArray) -> PlaneFits:
+        """Planes through the neighbours of some of the points."""
+        return fit_planes_among(self.points, self.tree.nearest(self.points[rows], OF_A_PLANE)[0])
+
+
+@dataclasses.dataclass(frozen=True)
 class Overlap:
     """Places at which two clouds show one smooth surface, in the order of a space-filling curve."""
 
@@ -46,21 +65,19 @@ class Overlap:
     noise: FloatArray  # (n,): Standard deviations of those, from how far neighbours leave their planes
 
     @staticmethod
-    def of(placed: FloatArray, fixed: FloatArray) -> Overlap | None:
-        """Of two clouds at a pose, (n, 3) and (m, 3); None where they have hardly any such place."""
-        placed, fixed = (points[distinct_in_order(points)] for points in (placed, fixed))
-        if min(len(placed), len(fixed)) < FEWEST:
+    def of(moves: IndexedPoints, stands: IndexedPoints, T_target_source: FloatArray) -> Overlap | None:
+        """Of two clouds at a pose, (4, 4); None where they have hardly any such place."""
+        if min(len(moves.points), len(stands.points)) < FEWEST:
             return None
-        rows = sample_rows(len(placed), ASKED)
-        own, there = NeighbourTree(placed, in_order=True), NeighbourTree(fixed, in_order=True)
-        found = there.nearest(placed[rows], 1)[0][:, 0]
-        one = fit_planes_among(placed, own.nearest(placed[rows], OF_A_PLANE)[0])
-        other = fit_planes_among(fixed, there.nearest(fixed[found], OF_A_PLANE)[0])
-        normals, theirs = np.nan_to_num(one.normals), np.nan_to_num(other.normals)
+        rows = sample_rows(len(moves.points), ASKED)
+        placed = pose.apply(T_target_source, moves.points[rows])
+        found = stands.tree.nearest(placed, 1)[0][:, 0]
+        fixed, one, other = stands.points[found], moves.planes_at(rows), stands.planes_at(found)
+        normals, theirs = np.nan_to_num(one.normals) @ T_target_source[:3, :3].T, np.nan_to_num(other.normals)
         cosines = np.einsum("ij,ij->i", normals, theirs)
         normals = theirs + np.where(cosines < 0.0, -1.0, 1.0)[:, None] * normals
         normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
-        gaps = placed[rows] - fixed[found]
+        gaps = placed - fixed
         residuals = np.einsum("ij,ij->i", gaps, normals)
         beside = np.linalg.norm(gaps - residuals[:, None] * normals, axis=1)
         kept = _is_flat(one) & _is_flat(other) & (np.abs(cosines) > SAME_COS)
@@ -68,7 +85,7 @@ class Overlap:
         if np.count_nonzero(kept) < FEWEST:
             return None
         noise = np.hypot(one.residuals, other.residuals)[kept]
-        middles = 0.5 * (placed[rows] + fixed[found])[kept]
+        middles = 0.5 * (placed + fixed)[kept]
         return Overlap(middles, normals[kept], residuals[kept], noise)
 
     @cached_property

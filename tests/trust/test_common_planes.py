@@ -9,7 +9,7 @@ import pytest
 
 from dqreg.trust.common_planes import ends_apart
 from dqreg.trust.limits import ENDS_APART
-from dqreg.trust.overlap import Overlap
+from dqreg.trust.overlap import IndexedPoints, Overlap
 from tests.strategies import FloatArray
 from tests.trust.shapes import sphere
 
@@ -27,7 +27,7 @@ def corner(edges: tuple[float, float, float], seed: int) -> FloatArray:
 
 
 def said(one: FloatArray, other: FloatArray) -> float:
-    overlap = Overlap.of(one, other)
+    overlap = Overlap.of(IndexedPoints.of(one), IndexedPoints.of(other), np.eye(4))
     assert overlap is not None
     return ends_apart(overlap, one, other, SIZE)
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dqreg.rigid import pose, twist
 from dqreg.trust.limits import FACES_APART
-from dqreg.trust.overlap import FEWEST, Overlap
+from dqreg.trust.overlap import FEWEST, IndexedPoints, Overlap
 from tests.strategies import FloatArray
 from tests.trust.shapes import box, sphere
 
-SURE = np.zeros((6, 6))
+SURE, SAME = np.zeros((6, 6)), np.eye(4)
 # Of shapes of extent 3.
 SIZE, NOISE = 3.0, 0.001
 
@@ -22,9 +23,13 @@ def cloud(seed: int, make=box, count: int = 3_000, noise: float = NOISE) -> Floa
 
 
 def between(one: FloatArray, other: FloatArray) -> Overlap:
-    found = Overlap.of(one, other)
+    found = compared(one, other)
     assert found is not None
     return found
+
+
+def compared(one: FloatArray, other: FloatArray, T: FloatArray = SAME) -> Overlap | None:
+    return Overlap.of(IndexedPoints.of(one), IndexedPoints.of(other), T)
 
 
 @pytest.mark.parametrize("make", [box, sphere])
@@ -63,8 +68,21 @@ def test_a_motion_that_the_covariance_leaves_does_not_count() -> None:
 
 
 def test_few_common_places_say_nothing() -> None:
-    assert Overlap.of(cloud(1)[: FEWEST - 1], cloud(2)) is None
-    assert Overlap.of(cloud(1) + 10.0, cloud(2)) is None
+    assert compared(cloud(1)[: FEWEST - 1], cloud(2)) is None
+    assert compared(cloud(1) + 10.0, cloud(2)) is None
+
+
+def test_a_cloud_and_its_pose_are_the_cloud_at_the_pose() -> None:
+    # Fewer points than are asked about, so that both ways ask about all of them.
+    T = twist.exp(np.array([0.3, -0.2, 0.5, 0.4, 0.1, -0.2]))
+    one, other = cloud(1, count=1_500), cloud(2, count=1_500)
+    there = between(one, other)
+    back = compared(pose.apply(pose.inverse(T), one), other, T)
+    assert back is not None
+    order, same = (np.lexsort(found.points.round(9).T) for found in (there, back))
+    np.testing.assert_allclose(back.points[same], there.points[order], atol=1e-12)
+    np.testing.assert_allclose(back.residuals[same], there.residuals[order], atol=1e-12)
+    np.testing.assert_allclose(back.noise[same], there.noise[order], atol=1e-12)
 
 
 def test_a_wall_laid_on_its_other_side_lies_apart() -> None:
