@@ -23,7 +23,7 @@ from dqreg.rigid import pose
 from dqreg.solvers.quadratic import derivatives
 
 # Rounds of new correspondences, and steps for each.
-ROUNDS, STRICT_ROUNDS, STEPS = 40, 6, 3
+ROUNDS, STRICT_ROUNDS, STEPS = 60, 6, 3
 # The refinement has ended when the scans move by less than this in a round, in spacings; and it has converged when they
 # move by less than the second number in the last round: nearest points change from round to round. There it has ended
 # too when so many rounds brought no less.
@@ -38,6 +38,10 @@ FACING, STRICT = float(np.cos(np.deg2rad(45.0))), float(np.cos(np.deg2rad(15.0))
 # The first rounds, so many at most, are with so many times fewer points, until the scans move by less than this in a
 # round, in spacings.
 COARSE_ROUNDS, COARSER, COARSE_STILL = 10, 4, 0.1
+# Least scale of the distances in the first round, in spacings, its factor a round, and where it ends: in noises of the
+# least noisy scan, and in spacings. Small faces, which alone hold some motions, are many scales of the large ones off
+# at first, and would count as outliers.
+SOFT, HARDER, HARD, HARDEST = 0.4, 0.9, 0.5, 2e-3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,18 +76,23 @@ def refine_jointly(
     few = max(budget // COARSER, FEWEST_POINTS)
     T = T_world_body.copy()
     found: dict[tuple[int, int], Planes] = {}
-    rounds, moved, coarse = 0, np.inf, few < budget and not strict
+    rounds, moved, coarse, soft = 0, np.inf, few < budget and not strict, 0.0 if strict else SOFT
+    hard = _hard(bodies)
     matchings = _matchings(bodies, ways, few if coarse else budget)
     faster = JointAnderson(free, np.array([0.5 * body.surface.diagonal for body in bodies]))
     motions: list[float] = []
-    while rounds < (STRICT_ROUNDS if strict else ROUNDS) and (coarse or not _ended(motions)) and not is_over():
+    most = STRICT_ROUNDS if strict else ROUNDS
+    while rounds < most and (coarse or soft > 0.0 or not _ended(motions)) and not is_over():
         rounds, new = rounds + 1, rounds == 0
         if coarse and (moved < COARSE_STILL or rounds >= COARSE_ROUNDS):
             # Pairs that met nowhere at first may do so from better poses.
             coarse, new, matchings = False, True, _matchings(bodies, ways, budget)
             faster.restart()
             motions.clear()
-        found = _correspond(matchings, T, found, new=new, strict=strict)
+        found = _correspond(matchings, T, found, new=new, strict=strict, soft=soft)
+        if soft > 0.0:
+            soft = soft * HARDER if soft * HARDER > hard else 0.0
+            motions.clear()
         before = T
         for _ in range(STEPS):
             T, motion = _stepped(T, list(found.values()), free)
@@ -117,6 +126,7 @@ def _correspond(
     *,
     new: bool,
     strict: bool,
+    soft: float,
 ) -> dict[tuple[int, int], Planes]:
     found = {}
     for (i, j), matching in matchings.items():
@@ -127,10 +137,16 @@ def _correspond(
         if strict:
             reach, facing = 0.5 * reach, STRICT
         matches = matching.at(pose.inverse(T[i]) @ T[j], reach, facing)
-        planes = planes_of((i, j), matching.source, matching.target, matches, reach, known)
+        planes = planes_of((i, j), matching.source, matching.target, matches, reach, known, soft)
         if planes is not None:
             found[i, j] = planes
     return found
+
+
+def _hard(bodies: Sequence[Body]) -> float:
+    """Least scale of the distances, in spacings, that is next to none."""
+    ratios = [body.scan.noise / body.scan.spacing for body in bodies if body.scan is not None]
+    return max(HARD * min(ratios), HARDEST)
 
 
 def _reach(matching: Matching, known: Planes | None) -> float:

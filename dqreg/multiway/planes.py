@@ -134,15 +134,23 @@ def _leverage(rows: FloatArray, group: IntArray, cells: int) -> FloatArray:
 
 
 def planes_of(
-    nodes: tuple[int, int], source: Body, target: Body, matches: Matches, reach: float, before: Planes | None = None
+    nodes: tuple[int, int],
+    source: Body,
+    target: Body,
+    matches: Matches,
+    reach: float,
+    before: Planes | None = None,
+    soft: float = 0.0,
 ) -> Planes | None:
     """Matches robustly weighed; None where there are too few.
 
-    The scale of the distances is that of this pair: scans differ in noise. It begins at that of the planes before.
+    The scale of the distances is that of this pair: scans differ in noise. It begins at that of the planes before, and
+    is so many spacings at least.
     """
+    assert source.scan is not None
     if len(matches.aside) < FEWEST_PLANES:
         return None
-    aside, floor = np.abs(matches.aside), max(source.noise_floor, target.noise_floor)
+    aside, floor = np.abs(matches.aside), max(source.noise_floor, target.noise_floor, soft * source.scan.spacing)
     begun = InlierMixture.widest(reach, floor)
     if before is not None:
         begun = dataclasses.replace(before.mixture, limit=reach)
@@ -150,7 +158,6 @@ def planes_of(
     weights = mixture.weight(aside) * _sureness(matches, mixture.scale)
     # Below a millionth the weight is rounding.
     weights[weights < 1e-6] = 0.0
-    assert source.scan is not None
     firm = matches.roughness <= source.rough
     if target.scan is not None:
         firm &= matches.target_roughness <= target.rough
