@@ -68,8 +68,7 @@ class TargetIndex:
                 seen = self.visible
                 surface = MeshSurface(self.geometry) if seen is None else VisibleSurface(self.geometry, seen)
             else:
-                # Its planes are fitted with the compiled tree: that answers too, and no other one is built.
-                surface = CloudSurface(self.geometry, self.fitted, derived=True)
+                surface = CloudSurface(self.geometry, self.fitted)
             surface.closest(np.zeros((1, 3)))  # builds what is built lazily, while only one thread is here
             return surface
 
