@@ -5,6 +5,7 @@ They need a scan of most of the part; for a scan of one side, or of a scene, the
 
 from __future__ import annotations
 
+import functools
 import itertools
 
 import numpy as np
@@ -27,15 +28,17 @@ def axis_hypotheses(scan: Scan, target: PointCloud | Mesh) -> Poses:
     return Poses(np.array(R), np.array([target_mean - each @ source_mean for each in R]))
 
 
-def cube_rotations() -> list[FloatArray]:
+@functools.cache
+def cube_rotations() -> tuple[FloatArray, ...]:
     """The 24 rotations that map the coordinate axes onto each other, (3, 3) each."""
     found = []
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
             R = np.eye(3)[list(order)] * np.array(signs)
             if np.linalg.det(R) > 0.0:
+                R.flags.writeable = False
                 found.append(R)
-    return found
+    return tuple(found)
 
 
 def principal_axes(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -82,7 +82,7 @@ def is_symmetry(T: FloatArray, mesh: Mesh, surface: Surface) -> bool:
     return bool(np.mean(surface.closest(pose.apply(T, points), within=2.0 * limit).distances <= limit) >= ALL)
 
 
-def _about(mesh: Mesh, turns: list[FloatArray], ring: Sequence[FloatArray] = ()) -> list[FloatArray]:
+def _about(mesh: Mesh, turns: Sequence[FloatArray], ring: Sequence[FloatArray] = ()) -> list[FloatArray]:
     """Orthogonal matrices in the frame of the principal axes and in that of the faces, as those of the part's frame."""
     frames = [principal_axes(*moments(mesh))[1]]
     faces = face_axes(mesh)

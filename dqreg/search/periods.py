@@ -111,7 +111,13 @@ def _middles(differences: FloatArray, cells: IntArray, found: IntArray) -> Float
     ahead, back = asked[cells], asked[2 * HERE - cells]
     either = np.concatenate([differences[ahead], -differences[back]])
     at = np.r_[cells[ahead], 2 * HERE - cells[back]]
-    return np.array([either[np.isin(at, block)].mean(axis=0) for block in blocks]).reshape(-1, 3)
+    middles = np.zeros((len(blocks), 3))
+    asked[blocks] = False
+    for k, block in enumerate(blocks):
+        asked[block] = True
+        middles[k] = either[asked[at]].mean(axis=0)
+        asked[block] = False
+    return middles
 
 
 def _periodic(poses: Poses, checks: OrientedPoints, surface: Surface) -> IntArray:
