@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, median
+from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
 from dqreg.solvers.quadratic import plane_rows
@@ -122,9 +123,9 @@ def waviness_of(residuals: FloatArray, normals: FloatArray) -> tuple[float, floa
     return shared, float(np.quantile(np.concatenate(apart), QUIET)) / QUIET_NORMAL
 
 
-# Points off the target that follow each other along the curve are a run where they are so many usual distances apart at
-# most; shorter runs, and fewer points in runs, are chance: outliers that meet come to four.
-BESIDE, SHORTEST_RUN, FEWEST_TOGETHER = 4.0, 4, 6
+# Points off the target are of one feature where so many others that are off stand as near to each as so many points of
+# the scan usually do, by this factor; fewer of them are chance.
+OTHERS, AS_NEAR, FEWEST_TOGETHER = 4, 2.0, 6
 
 
 def share_together(points: FloatArray, off: BoolArray, counted: BoolArray) -> float:
@@ -132,14 +133,14 @@ def share_together(points: FloatArray, off: BoolArray, counted: BoolArray) -> fl
 
     Shapes: points (n, 3) in the order of a space-filling curve, off and counted (n,).
     """
-    off = off & counted
-    if np.count_nonzero(off) < FEWEST_TOGETHER:
+    off, counted = points[off & counted], points[counted]
+    if len(off) <= max(OTHERS, FEWEST_TOGETHER):
         return 0.0
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    linked = off[1:] & off[:-1] & (apart <= BESIDE * median(apart))
-    lengths = np.bincount(np.cumsum(np.r_[True, ~linked])[off])
-    together = int(lengths[lengths >= SHORTEST_RUN].sum())
-    return together / int(np.count_nonzero(counted)) if together >= FEWEST_TOGETHER else 0.0
+    some = counted[sample_rows(len(counted), USUAL)]
+    usual = median(NeighbourTree(counted, in_order=True).nearest(some, OTHERS + 1)[1][:, -1])
+    together = NeighbourTree(off, in_order=True).nearest(off, OTHERS + 1)[1][:, -1] <= AS_NEAR * usual
+    count = int(np.count_nonzero(together))
+    return count / len(counted) if count >= FEWEST_TOGETHER else 0.0
 
 
 # F of six strains that chance reaches once in a million; good scans reach 3.

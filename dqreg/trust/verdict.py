@@ -54,8 +54,8 @@ def _remarks(evidence: Evidence) -> Iterator[Reason]:
         )
     if math.isfinite(evidence.ends_apart):
         yield Reason(
-            "the scans have three planes in common at most, which fit at any scale: whether one is scaled, or "
-            "stretched along an edge, cannot be told",
+            "the scans have three planes in common at most, which fit at any scale: whether one is scaled, mirrored, "
+            "or stretched along an edge, cannot be told",
             "scale_unobservable",
         )
 

@@ -176,7 +176,7 @@ def test_what_an_accepted_pose_leaves_open_is_remarked_and_is_no_doubt() -> None
     assert verdict.level == "accepted"
     assert verdict.codes == ("accepted", "local_difference", "scale_unobservable")
     assert "2.3 % of the points near the target lie beside each other off it" in verdict.reasons[1]
-    assert "whether one is scaled, or stretched along an edge, cannot be told" in verdict.reasons[2]
+    assert "whether one is scaled, mirrored, or stretched along an edge, cannot be told" in verdict.reasons[2]
     # A doubt is not watered down by remarks.
     assert judge(dataclasses.replace(GOOD, share_together=0.023, share_near=0.1)).codes == ("low_inlier_fraction",)
 
