@@ -28,6 +28,7 @@ from dqreg.trust import (
 )
 from dqreg.trust.common_planes import ends_apart
 from dqreg.trust.covariance import partial_information_of
+from dqreg.trust.neighbourhoods import is_flat
 from dqreg.trust.overlap import IndexedPoints, Overlap
 from dqreg.trust.patch_tests import ON
 from dqreg.trust.records import Alternative, Direction, Verdict
@@ -45,6 +46,8 @@ DRIFTING = 3_000
 LAST, TO_AND_FRO, ASKED = 10, 0.1, 100
 # Points of two clouds of which what is left between them is asked.
 COMPARED = 30_000
+# A scan whose inliers spread less than this share of the target's spread shows a detail of it; points that tell.
+PARTIAL, SPREAD = 0.6, 2_000
 # No direction, and no drift.
 STILL: Vector = (0.0, 0.0, 0.0)
 NO_DRIFT = (0.0, 0.0, STILL)
@@ -95,6 +98,8 @@ def evidence_of(
         sliding_loss=slide_of(fit).loss,
         alternatives=alternatives,
         search=search,
+        # Of a pose that was given, the second try asks whether a detail fits elsewhere.
+        is_detail=bool(search) and fit.once("partial", lambda: is_partial(fit)),
         mirror_gain=mirror_gain,
     )
 
@@ -153,6 +158,23 @@ def _indexed_target(fit: Fit, target: PointCloud) -> IndexedPoints:
         derived["compared"] = IndexedPoints.of(points[sample_rows(len(points), COMPARED)])
     found: IndexedPoints = derived["compared"]
     return found
+
+
+def is_partial(fit: Fit) -> bool:
+    """Whether the scan shows so little of the target that it may fit elsewhere, where no near symmetry leads to."""
+    if not fit.found:
+        return False
+    rows = sample_rows(len(fit.run.weights), SPREAD)
+    points, weights = fit.run.pairs.moved[rows], fit.run.weights[rows]
+    if not weights.any():
+        return False
+    arms = points - weights @ points / weights.sum()
+    spread = float(weights @ np.einsum("ij,ij->i", arms, arms) / weights.sum())
+    whole = float((fit.problem.target.spreads**2).sum())
+    return bool(
+        spread < PARTIAL**2 * whole
+        or (is_flat(points[weights > 0.0]) and not any(motion.is_free for motion in uncertainty_of(fit).directions))
+    )
 
 
 def status_of(fit: Fit) -> Status:

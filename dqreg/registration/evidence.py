@@ -124,7 +124,7 @@ def agreement_of(
         # A pose that is not accepted anyway is not compared with random ones.
         waviness=waviness,
         local_noise=local_noise,
-        share_together=_together(pairs, close, kept, noise, surface.diagonal) if is_part else 0.0,
+        share_together=_together(pairs, close, kept, noise, min(scan.diagonal, surface.diagonal)) if is_part else 0.0,
         random_ratio=0.0 if count < LOOKED_AT else _random_ratio(pairs, on, surface),
         share_on=around.share_on,
         share_other=around.share_other,

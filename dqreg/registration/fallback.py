@@ -8,8 +8,7 @@ import functools
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
-from dqreg.geometry.normals import sample_rows
-from dqreg.registration.assess import evidence_of, uncertainty_of, verdict_on
+from dqreg.registration.assess import evidence_of, is_partial, uncertainty_of, verdict_on
 from dqreg.registration.evidence import MISFIT
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose
@@ -19,7 +18,6 @@ from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.search.problem import SCENE
 from dqreg.solvers.status import INTERRUPTED
-from dqreg.trust.neighbourhoods import is_flat
 
 # Fraction of the points near a part that lie off it beyond which the same is done: right poses leave 0.002, and half
 # of the strays. Fewer than the verdict allows are evidence where they are no strays.
@@ -36,8 +34,6 @@ MEANT_RAD, MEANT = np.deg2rad(40.0), 0.25
 AS_WELL, ERRORS, ROUNDING = 0.02, 3.0, 5e-4
 # A pose this near to a symmetric copy of another one, in radians and sizes, is that copy.
 COPY = 2e-3
-# A scan whose inliers spread less than this share of the target's spread shows a detail of it; points that tell.
-PARTIAL, SPREAD = 0.6, 2_000
 # Poses of a search that are refined.
 TRIED = 8
 # Points that tell whether an initial pose is near.
@@ -87,23 +83,6 @@ def may_search(fit: Fit) -> bool:
     options = fit.problem.options
     return options.search == "always" or (
         options.search == "doubt" and options.method == "auto" and not fit.constraints.any
-    )
-
-
-def is_partial(fit: Fit) -> bool:
-    """Whether the scan shows so little of the target that it may fit elsewhere, where no near symmetry leads to."""
-    if not fit.found:
-        return False
-    rows = sample_rows(len(fit.run.weights), SPREAD)
-    points, weights = fit.run.pairs.moved[rows], fit.run.weights[rows]
-    if not weights.any():
-        return False
-    arms = points - weights @ points / weights.sum()
-    spread = float(weights @ np.einsum("ij,ij->i", arms, arms) / weights.sum())
-    whole = float((fit.problem.target.spreads**2).sum())
-    return bool(
-        spread < PARTIAL**2 * whole
-        or (is_flat(points[weights > 0.0]) and not any(motion.is_free for motion in uncertainty_of(fit).directions))
     )
 
 

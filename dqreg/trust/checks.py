@@ -129,6 +129,12 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         lambda e: (e.strays, limits.STRAYS),
     ),
     "large_residuals": ("Residuals against the noise of the scan", "at most", "times", _residuals),
+    "local_difference": (
+        "Points beside each other off the target, of a scan of a detail",
+        "at most",
+        "%",
+        lambda e: (e.share_together if e.is_detail else math.nan, 0.0),
+    ),
     "wavy": (
         "Residuals that neighbouring points have in common, of the size",
         "at most",

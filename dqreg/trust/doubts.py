@@ -48,8 +48,7 @@ def counted(evidence: Evidence) -> str:
     return "the points" if counts_all(evidence) else f"the points within {evidence.length(evidence.near)} of the target"
 
 
-# One function a test: it yields a sentence where the evidence is against the pose. Conditions are written as "not
-# enough" instead of "too little", because a number that is NaN must not pass.
+# One function a test: it yields a sentence where the evidence is against the pose. A number that is NaN must not pass.
 
 
 def _few_inliers(evidence: Evidence) -> Iterator[str]:
@@ -183,6 +182,14 @@ def _stretched(evidence: Evidence) -> Iterator[str]:
     yield f"the scan is {words}: {cause}, or a local minimum"
 
 
+def _local_difference(evidence: Evidence) -> Iterator[str]:
+    if evidence.is_detail and evidence.share_together:
+        yield (
+            f"the scan shows a detail of the target, and {100 * evidence.share_together:.2g} % of it lie beside each "
+            "other off the target: it may fit better elsewhere; give an initial pose, or scan more of the part"
+        )
+
+
 def _wavy(evidence: Evidence) -> Iterator[str]:
     if evidence.waviness > WAVY * evidence.size:
         yield (
@@ -279,6 +286,7 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("disagreeing_normals", _disagreeing_normals),
     ("outliers", _outliers),
     ("large_residuals", _large_residuals),
+    ("local_difference", _local_difference),
     ("wavy", _wavy),
     ("bent", _bent),
     ("drift", _drift),

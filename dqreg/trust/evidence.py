@@ -54,6 +54,8 @@ class Evidence:
         Significant part of the residuals that neighbouring points have in common, one standard deviation; a length.
     share_together : float
         Fraction of the points near the target that lie off it beside each other, as a displaced feature does.
+    is_detail : bool
+        Whether a search placed a scan that shows little of the target, and may fit elsewhere.
     local_noise : float
         The scan's noise from point to point, by what the residuals of neighbours differ; NaN where that is not known.
     usual : float
@@ -126,6 +128,7 @@ class Evidence:
     waviness: float = 0.0
     local_noise: float = math.nan
     share_together: float = 0.0
+    is_detail: bool = False
 
     def length(self, value: float) -> str:
         """A length in words, with its unit where that is known.

@@ -110,6 +110,11 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "the pose drifts by 1.7 and 0.8 degrees within the scan",
         "drift",
     ),
+    "a detail with another feature": (
+        {"share_together": 0.013, "is_detail": True},
+        "the scan shows a detail of the target, and 1.3 % of it lie beside each other off the target",
+        "local_difference",
+    ),
     "wavy": (
         {"waviness": 1.01 * limits.WAVY * 100.0, "size": 100.0},
         "neighbouring points deviate together, by 0.151 (0.15 % of the size, one sigma)",
