@@ -22,6 +22,8 @@ from dqreg.solvers.status import INTERRUPTED
 # Fraction of the points near a part that lie off it beyond which the same is done: right poses leave 0.002, and half
 # of the strays. Fewer than the verdict allows are evidence where they are no strays.
 OFF, OFF_PER_STRAY = 0.015, 0.7
+# The same of points that lie off it beside each other: outliers do not, and right poses leave none.
+TOGETHER = 5e-3
 # Fraction of all points off the target, of a scan that is no scene with the part in it, from which on the same is done.
 BESIDE = 0.15
 # Reasons of a verdict that another pose cannot mend.
@@ -91,7 +93,7 @@ def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
     if not fit.found:
         return _was_near(fit)
     found = fit.agreement
-    is_off = found.share_near < 1.0 - OFF - OFF_PER_STRAY * found.strays
+    is_off = found.share_near < 1.0 - OFF - OFF_PER_STRAY * found.strays or found.share_together > TOGETHER
     # Two scans of one scene always differ somewhere, and the noise between them is not known as well.
     is_rough = found.width > MISFIT * found.expected > 0.0
     if not fit.has_border and (is_off or is_rough):

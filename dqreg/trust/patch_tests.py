@@ -90,7 +90,7 @@ def is_background(patches: FloatArray, near: FloatArray, far: FloatArray, width:
 
 # Points after each other along the curve that are compared, and pairs of them without which nothing is said; normals of
 # one face are within this angle.
-LAGS, FEWEST_PAIRS, SAME_FACE_COS = (1, 2, 3, 4), 400, 0.95
+LAGS, FEWEST_PAIRS, SAME_FACE_COS = (1, 3), 200, 0.95
 # Share of the variance that neighbours have in common from which on it is no chance. Right poses of generated scans
 # came to 0.05, where clamps stand near by to 0.32.
 IN_COMMON = 0.3
