@@ -133,14 +133,14 @@ def share_together(points: FloatArray, off: BoolArray, counted: BoolArray) -> fl
 
     Shapes: points (n, 3) in the order of a space-filling curve, off and counted (n,).
     """
-    off, counted = points[off & counted], points[counted]
-    if len(off) <= max(OTHERS, FEWEST_TOGETHER):
+    apart, near = points[off & counted], points[counted]
+    if len(apart) <= max(OTHERS, FEWEST_TOGETHER):
         return 0.0
-    some = counted[sample_rows(len(counted), USUAL)]
-    usual = median(NeighbourTree(counted, in_order=True).nearest(some, OTHERS + 1)[1][:, -1])
-    together = NeighbourTree(off, in_order=True).nearest(off, OTHERS + 1)[1][:, -1] <= AS_NEAR * usual
+    some = near[sample_rows(len(near), USUAL)]
+    usual = median(NeighbourTree(near, in_order=True).nearest(some, OTHERS + 1)[1][:, -1])
+    together = NeighbourTree(apart, in_order=True).nearest(apart, OTHERS + 1)[1][:, -1] <= AS_NEAR * usual
     count = int(np.count_nonzero(together))
-    return count / len(counted) if count >= FEWEST_TOGETHER else 0.0
+    return count / len(near) if count >= FEWEST_TOGETHER else 0.0
 
 
 # F of six strains that chance reaches once in a million; good scans reach 3.
