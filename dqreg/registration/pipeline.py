@@ -11,7 +11,7 @@ import numpy as np
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.registration.assess import Uncertainty, evidence_of, status_of, uncertainty_of, verdict_on, without_drift
-from dqreg.registration.fallback import Known, best_known
+from dqreg.registration.fallback import Known, best_known, is_doubtful
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
 from dqreg.registration.problem import Problem, SourceAndTarget
@@ -35,6 +35,8 @@ from dqreg.trust.records import Alternative, Verdict
 # than to each other, and the mean of a cell hides something. Scans of one body came to 0.16 to 0.23, range scans from a
 # bench included, LiDAR and depth cameras to 0.7 and more, where all points gained nothing over their cells.
 WELL_BELOW = 0.4
+# Share of the inliers below which they may hold a motion at a wrong place, as a single wall on its other side does.
+FEW_HOLD = 0.1
 # Ways of a loop to end from which it is gone on: motions that little holds come to rest slowly. A limit of fewer
 # iterations than this is meant.
 UNSETTLED, MEANT = ("iteration limit", "stalled"), 50
@@ -85,6 +87,8 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
             fit = without_drift(fit, start.T_target_source)
             known = Known(fit, start.others)
         known = best_known(fit, start, search)
+        if is_doubtful(known.fit):
+            known = dataclasses.replace(known, fit=without_slide(known.fit, FEW_HOLD)[0])
         if is_given and known.fit is not fit:
             near = near_symmetric_poses(known.fit)
     if is_given:

@@ -62,10 +62,10 @@ def slide_of(fit: Fit) -> Slide:
     return fit.once("slide", lambda: _slide_of(fit))
 
 
-def _slide_of(fit: Fit) -> Slide:
+def _slide_of(fit: Fit, share: float = 0.0) -> Slide:
     if not fit.found or not isinstance(fit.prepared.surface, MeshSurface) or fit.problem.watch.is_over:
         return Slide()
-    motions, by_rims = _motions(fit)
+    motions, by_rims = _motions(fit, share)
     if not len(motions):
         return Slide()
     size = fit.prepared.surface.diagonal
@@ -92,11 +92,12 @@ def _slide_of(fit: Fit) -> Slide:
     return Slide(loss, better, reach)
 
 
-def _motions(fit: Fit) -> tuple[FloatArray, bool]:
+def _motions(fit: Fit, share: float) -> tuple[FloatArray, bool]:
     """Twists, (k, 6), of displacement one along which the pose is displaced; and whether some are free."""
     information = fit.information
     free, nothing = information.free, np.zeros((0, 6))
-    weak = ~free & (information.carriers < fewest_carriers(float(fit.run.weights.sum())))
+    inliers = float(fit.run.weights.sum())
+    weak = ~free & (information.carriers < max(fewest_carriers(inliers), share * inliers))
     # An open target ends where it was not measured, and its rim holds nothing.
     held_by_rims = bool(0 < np.count_nonzero(free) <= PLANE and not fit.has_border)
     if fit.constraints.any or not (weak.any() or held_by_rims):
@@ -118,9 +119,12 @@ def _mixtures(motions: FloatArray) -> FloatArray:
     return np.asarray(signs / np.linalg.norm(signs, axis=1, keepdims=True) @ motions.T)
 
 
-def without_slide(fit: Fit) -> tuple[Fit, Slide]:
-    """The fit, or that to a pose along a weakly constrained motion that explains the scan better."""
-    slide = slide_of(fit)
+def without_slide(fit: Fit, share: float = 0.0) -> tuple[Fit, Slide]:
+    """The fit, or that to a pose along a weakly constrained motion that explains the scan better.
+
+    Motions that less than a share of the inliers constrain are tried as well: a wall that lies on its other side does.
+    """
+    slide = slide_of(fit) if not share else _slide_of(fit, share)
     for _ in range(ROUNDS):
         if slide.best is None or fit.problem.options.method != "auto":
             break
@@ -128,7 +132,7 @@ def without_slide(fit: Fit) -> tuple[Fit, Slide]:
         there = fit.at(slide.best)
         other = fit.resumed(slide.best, NARROW * fit.prepared.surface.diagonal)
         fit = other if other.found and _gain(there, other) >= 0.0 else there
-        slide = slide_of(fit)
+        slide = slide_of(fit) if not share else _slide_of(fit, share)
     return fit, slide
 
 
