@@ -13,27 +13,28 @@ from contextvars import ContextVar
 
 from dqreg.trust.evidence import Evidence
 
-# Weight of each figure in the logarithm of the odds, and what is added to all of them.
-OFFSET = 0.9580
+# Weight of each figure in the logarithm of the odds, and what is added to all of them: fitted to 892 tasks, then
+# stretched by 1.13 and shifted by -0.88 for 424 of seeds 7600 to 7611 (calibration error 2.3 %, cross-validated).
+OFFSET = 0.2020
 WEIGHTS: dict[str, float] = {
-    "suspect": -1.5729,
-    "doubts": -0.4046,
+    "suspect": -1.7744,
+    "doubts": -0.4564,
     "inliers": 0.0000,
     "inliers_near": 0.0000,
-    "patches_off": -0.0174,
+    "patches_off": -0.0196,
     "normals_apart": 0.0000,
-    "width": -1.0057,
-    "random_ratio": -0.8096,
-    "sigma": -0.5445,
+    "width": -1.1345,
+    "random_ratio": -0.9133,
+    "sigma": -0.6142,
     "carriers": 0.0000,
-    "rivals": -1.8145,
-    "strays": -0.0475,
-    "contradicting": -1.6795,
-    "other_objects": 0.9229,
-    "strain": -1.2904,
-    "border": -0.0993,
-    "searched": -0.9530,
-    "unconverged": -0.7359,
+    "rivals": -2.0469,
+    "strays": -0.0536,
+    "contradicting": -1.8946,
+    "other_objects": 1.0411,
+    "strain": -1.4557,
+    "border": -0.1120,
+    "searched": -1.0751,
+    "unconverged": -0.8302,
 }
 
 NAMES = tuple(WEIGHTS)
