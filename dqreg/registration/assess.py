@@ -98,8 +98,7 @@ def evidence_of(
         sliding_loss=slide_of(fit).loss,
         alternatives=alternatives,
         search=search,
-        # Of a pose that was given, the second try asks whether a detail fits elsewhere.
-        is_detail=bool(search) and fit.once("partial", lambda: is_partial(fit)),
+        is_detail=measured.share_together > 0.0 and fit.once("partial", lambda: is_partial(fit)),
         mirror_gain=mirror_gain,
     )
 

@@ -186,7 +186,7 @@ def _local_difference(evidence: Evidence) -> Iterator[str]:
     if evidence.is_detail and evidence.share_together:
         yield (
             f"the scan shows a detail of the target, and {100 * evidence.share_together:.2g} % of it lie beside each "
-            "other off the target: it may fit better elsewhere; give an initial pose, or scan more of the part"
+            "other off the target: it may fit better elsewhere; scan more of the part"
         )
 
 

@@ -55,7 +55,7 @@ class Evidence:
     share_together : float
         Fraction of the points near the target that lie off it beside each other, as a displaced feature does.
     is_detail : bool
-        Whether a search placed a scan that shows little of the target, and may fit elsewhere.
+        Whether points lie off the target together, of a scan that shows little of it and may fit elsewhere.
     local_noise : float
         The scan's noise from point to point, by what the residuals of neighbours differ; NaN where that is not known.
     usual : float
