@@ -25,6 +25,8 @@ NEAR, THICK, FINE, FACING = 3.0, 4.0, 0.1, 0.9
 NEIGHBOURS = 4
 # Rotations of rivals that are one: radians, sizes; those that are none; used pairs that must name it, and share.
 SAME_RAD, SAME, LEAST_RAD, FEWEST, NAMING = np.deg2rad(8.0), 0.05, np.deg2rad(5.0), 2, 0.25
+# Turns that contradicting pairs name, and that are tried on the model.
+TRIED = 6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,36 +37,88 @@ class Turning:
     point: FloatArray  # (3,): On the axis
     angle_rad: float | None  # None where any angle will do
     telling: float  # Share of the points of a view that tell one angle from another, about; NaN if not measured
+    frame: int | None = None  # Scan in whose frame it is, where none is placed; None for the world frame
 
 
 def turnings(views: Sequence[View], T_world_scan: FloatArray, edges: Sequence[Edge]) -> tuple[Turning, ...]:
     """Rotations by which views can be turned: of a nearly round part, and those that several pairs name as rivals."""
     placed = [k for k, view in enumerate(views) if view.usable and np.isfinite(T_world_scan[k]).all()]
     if len(placed) < 2:
-        return ()
-    found = _round(views, T_world_scan, placed)
+        return tuple(_from_pairs(edges))
+    model = _Model.of(views, T_world_scan, placed)
+    found = _round(model)
     if found is not None:
         return (found,)
-    return tuple(_from_rivals(T_world_scan, edges, typical_size([views[k] for k in placed])))
+    turns = list(_from_rivals(T_world_scan, edges, typical_size([views[k] for k in placed])))
+    return tuple(turns or _from_contradictions(model, T_world_scan, edges))
 
 
-def _round(views: Sequence[View], T_world_scan: FloatArray, placed: Sequence[int]) -> Turning | None:
+def _from_pairs(edges: Sequence[Edge]) -> Iterator[Turning]:
+    """The rotation that is the least held motion of most pairs, in the frame of the first one's target."""
+    found = [edge for edge in edges if edge.found and edge.target != PART and edge.registration.observability]
+    loose = [
+        edge
+        for edge in found
+        if edge.registration.observability[0].kind == "rotation"
+        and {"weakly_constrained", "unconstrained"} & set(edge.registration.verdict.codes)
+    ]
+    if len(loose) >= FEWEST and len(loose) > 0.5 * len(found):
+        motion = loose[0].registration.observability[0]
+        yield Turning(np.array(motion.axis), np.array(motion.point), None, np.nan, loose[0].target)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Model:
+    """Points and normals of the placed scans in the world frame, some of each."""
+
+    clouds: tuple[tuple[FloatArray, FloatArray], ...]
+    spacing: float
+    thick: float  # Distance along the normal within which points are of one surface
+
+    @staticmethod
+    def of(views: Sequence[View], T_world_scan: FloatArray, placed: Sequence[int]) -> _Model:
+        spacing = float(np.median([views[k].scan.spacing * np.sqrt(_step(views[k])) for k in placed]))
+        noise = float(np.median([views[k].scan.noise for k in placed]))
+        clouds = tuple(_in_world(views[k], T_world_scan[k]) for k in placed)
+        return _Model(clouds, spacing, max(THICK * noise, FINE * spacing))
+
+    def kept(self, axis: FloatArray, point: FloatArray, angles: FloatArray) -> float:
+        """Share of a view, of what lies on the others, that does so too when it is turned: the median of some views."""
+        count, found = len(self.clouds), []
+        for k in range(0, count, max(1, count // VIEWS)):
+            rest = [np.concatenate([self.clouds[j][row] for j in range(count) if j != k]) for row in (0, 1)]
+            turned = _kept_when_turned(self.clouds[k], rest, (axis, point), self.spacing, self.thick, angles)
+            found.append(turned)
+        return float(np.median(found))
+
+
+def _round(model: _Model) -> Turning | None:
     """The axis of a part that is nearly a solid of revolution, if views can be turned about it."""
-    clouds = {k: _in_world(views[k], T_world_scan[k]) for k in placed}
-    points, normals = (np.concatenate([clouds[k][row] for k in placed]) for row in (0, 1))
-    size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    axis, point, share = axis_of_revolution(points, normals, size)
+    points, normals = (np.concatenate([cloud[row] for cloud in model.clouds]) for row in (0, 1))
+    axis, point, share = axis_of_revolution(points, normals, float(np.linalg.norm(np.ptp(points, axis=0))))
     if share < MOSTLY:
         return None
-    spacing = float(np.median([views[k].scan.spacing * np.sqrt(_step(views[k])) for k in placed]))
-    noise = float(np.median([views[k].scan.noise for k in placed]))
-    kept = []
-    for k in placed[:: max(1, len(placed) // VIEWS)]:
-        others = [j for j in placed if j != k]
-        rest = [np.concatenate([clouds[j][row] for j in others]) for row in (0, 1)]
-        kept.append(_kept_when_turned(clouds[k], rest, (axis, point), spacing, max(THICK * noise, FINE * spacing)))
-    typical = float(np.median(kept))
-    return Turning(axis, point, None, 1.0 - typical) if typical >= ALIKE else None
+    kept = model.kept(axis, point, TURNS_RAD)
+    return Turning(axis, point, None, 1.0 - kept) if kept >= ALIKE else None
+
+
+def _from_contradictions(model: _Model, T_world_scan: FloatArray, edges: Sequence[Edge]) -> list[Turning]:
+    """The least turn that an accepted pair names against all others, and by which the model comes to lie on itself."""
+    against = []
+    for edge in edges:
+        if edge.code != "contradicts" or edge.level != "accepted" or edge.target == PART:
+            continue
+        W = T_world_scan[edge.target]
+        D = W @ edge.registration.T_target_source @ pose.inverse(T_world_scan[edge.source])
+        twist = pose.log(D) if np.isfinite(D).all() else np.zeros(6)
+        if (angle := float(np.linalg.norm(twist[:3]))) > LEAST_RAD:
+            against.append((angle, twist[:3] / angle, D))
+    for angle, axis, D in sorted(against, key=lambda each: each[0])[:TRIED]:
+        point = _point_on_axis(D, axis)
+        kept = model.kept(axis, point, np.array([angle]))
+        if kept >= ALIKE:
+            return [Turning(axis, point, angle, 1.0 - kept)]
+    return []
 
 
 def axis_of_revolution(points: FloatArray, normals: FloatArray, size: float) -> tuple[FloatArray, FloatArray, float]:
@@ -93,6 +147,7 @@ def _kept_when_turned(
     about: tuple[FloatArray, FloatArray],
     spacing: float,
     thick: float,
+    angles: FloatArray,
 ) -> float:
     """Least share of a view, of what lies on the others, that does so too when the view is turned about an axis."""
     tree = NeighbourTree(rest[0])
@@ -107,7 +162,7 @@ def _kept_when_turned(
         return float(np.mean(there.any(axis=1)))
 
     # One way round or the other may leave what the rest shows.
-    turned = [max(share(angle), share(-angle)) for angle in TURNS_RAD]
+    turned = [max(share(angle), share(-angle)) for angle in angles.tolist()]
     return min(turned) / max(share(0.0), 1.0 / len(view[0]))
 
 

@@ -24,6 +24,8 @@ CONFIRMING = 2
 # Pairs that can tell whether the viewpoints are right, at least, and the share of them that may contradict these: where
 # they are right it came to 0.09 at most, with all of them on the far side to 0.6.
 TELLING, CONTRADICTING = 3, 1 / 3
+# A turn goes into a full one so many times, but for this share.
+WHOLE = 0.01
 # Scans named in one sentence.
 NAMED = 8
 
@@ -47,7 +49,7 @@ def judge_scans(
     doubts = [*_unplaced(views, belief, placed), *_weak(views, belief, placed), *_unconfirmed(views, belief, placed)]
     doubts += _uncertain(views, placed, covariances, size) if joined else ()
     doubts += _contradicted(views, against)
-    doubts += _turned(turns)
+    doubts += _turned(views, turns)
     doubts += _viewpoints(views, belief)
     if stopped:
         doubts.append(Reason(f"not all pairs were registered: {stopped} ended them", "search_time_limit"))
@@ -174,14 +176,23 @@ def _contradicted(views: Sequence[View], against: Sequence[Contradiction]) -> It
             yield Reason(f"{pairs_named(views, pairs)}: these scans {sentence}", code)
 
 
-def _turned(turns: Sequence[Turning]) -> Iterator[Reason]:
+def _turned(views: Sequence[View], turns: Sequence[Turning]) -> Iterator[Reason]:
     """Rotations by which views can be turned unseen."""
     for turn in turns:
         about = axis_words(turn.point, turn.axis)
+        if turn.frame is not None:
+            yield Reason(
+                f"in most pairs next to nothing holds the rotation about one axis (in {views[turn.frame].name}, "
+                f"{about}): the part looks round; put marks on it, or give starts",
+                "alternative_poses",
+            )
+            continue
         if turn.angle_rad is None:
             same = f"however it is turned about {about}, but for about {100.0 * max(turn.telling, 0.0):.0f} % of a view"
         else:
-            same = f"after a turn of {np.rad2deg(turn.angle_rad):.0f} degrees about {about}"
+            order = 2.0 * np.pi / turn.angle_rad
+            fold = f" (order {order:.0f})" if abs(order - round(order)) < WHOLE * order else ""
+            same = f"after a turn of {np.rad2deg(turn.angle_rad):.0f} degrees{fold} about {about}"
         yield Reason(
             f"the part looks the same {same}: views can be turned by it unseen; put marks on the part, or give starts",
             "alternative_poses",

@@ -10,8 +10,8 @@ from dqreg.multiway.scans import read_views
 from dqreg.multiway.turning import axis_of_revolution, turnings
 from dqreg.rigid import pose
 from dqreg.synth.many_views import turntable_views
-from dqreg.synth.parts import bracket, flange
-from dqreg.trust.records import Alternative
+from dqreg.synth.parts import bracket, flange, gear
+from dqreg.trust.records import Alternative, Direction, Reason, Verdict
 from tests.multiway.edges_of_truth import registration
 
 VIEWS = 6
@@ -58,3 +58,33 @@ def test_a_rotation_that_several_pairs_name_is_one() -> None:
     assert found.angle_rad == pytest.approx(np.pi)
     np.testing.assert_allclose(np.abs(found.axis), [0.0, 0.0, 1.0], atol=1e-9)
     np.testing.assert_allclose(found.point[:2], [5.0, 0.0], atol=1e-6)
+
+
+def test_a_turn_that_an_accepted_pair_names_against_the_others_is_one_where_the_model_says_so() -> None:
+    teeth = 12
+    for part, same in ((gear(teeth=teeth), True), (bracket(), False)):
+        made = turntable_views(part, VIEWS, pixels=60, rng=np.random.default_rng(4))
+        views, T = read_views(list(made.scans), 0), made.T_world_scan
+        turn = pose.exp(np.r_[0.0, 0.0, 2.0 * np.pi / teeth, 0.0, 0.0, 0.0])
+        known = registration(pose.inverse(T[0]) @ turn @ T[1], np.eye(6), np.zeros(3))
+        found = turnings(views, T, [Edge(0, 1, known, code="contradicts")])
+        assert bool(found) == same
+        if found:
+            # The gear's axis is its z axis.
+            assert found[0].angle_rad == pytest.approx(2.0 * np.pi / teeth, abs=1e-6)
+            np.testing.assert_allclose(np.abs(found[0].axis), [0.0, 0.0, 1.0], atol=1e-6)
+
+
+def test_pairs_that_hold_no_rotation_name_its_axis_where_nothing_is_placed() -> None:
+    rng = np.random.default_rng(5)
+    views = read_views([rng.normal(size=(50, 3)), rng.normal(size=(50, 3)), rng.normal(size=(50, 3))], 0)
+    loose = Direction(1e-3, 1.0, "a rotation", "rotation", (0.0, 0.0, 1.0), (1.0, 2.0, 0.0))
+    verdict = Verdict("suspect", (Reason("made by hand", "weakly_constrained"),))
+    known = registration(np.eye(4), np.eye(6), np.zeros(3))
+    round_pair = dataclasses.replace(known, observability=(loose,), verdict=verdict)
+    held = dataclasses.replace(round_pair, observability=(dataclasses.replace(loose, kind="translation"),))
+    nowhere = np.full((3, 4, 4), np.nan)
+    (found,) = turnings(views, nowhere, [Edge(0, 1, round_pair), Edge(1, 2, round_pair), Edge(0, 2, held)])
+    assert (found.frame, found.angle_rad) == (0, None)
+    np.testing.assert_array_equal(found.point, [1.0, 2.0, 0.0])
+    assert turnings(views, nowhere, [Edge(0, 1, round_pair), Edge(1, 2, held), Edge(0, 2, held)]) == ()
