@@ -86,21 +86,21 @@ def _unplaced(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> I
     for k, view in enumerate(views):
         if view.usable and k not in placed:
             islands.setdefault(int(belief.island[k]), []).append(k)
+    alone: dict[str, list[int]] = {}
     for group in islands.values():
-        words = named(views, group)
         if len(group) > 1:
+            words = named(views, group)
             yield Reason(f"{words} are joined to each other and not to the rest: scan the part between", "islands")
-        else:
-            why = "another object, or too little overlap"
-            if _has(belief, group[0], "looked_through"):
-                why = (
-                    "where its pairs put it, the scanners of other scans looked through: another object, or wrong pairs"
-                )
-            elif _has(belief, group[0], "misfit"):
-                why = (
-                    "where its pairs put it, it does not fit all others together: another object, moved, or wrong pairs"
-                )
-            yield Reason(f"{words} is joined to no other scan: {why}", "scan_left_out")
+            continue
+        why = "another object, or too little overlap"
+        if _has(belief, group[0], "looked_through"):
+            why = "where its pairs put it, the scanners of other scans looked through: another object, or wrong pairs"
+        elif _has(belief, group[0], "misfit"):
+            why = "where its pairs put it, it does not fit all others together: another object, moved, or wrong pairs"
+        alone.setdefault(why, []).append(group[0])
+    for why, scans in alone.items():
+        verb = "is" if len(scans) == 1 else "are each"
+        yield Reason(f"{named(views, scans)} {verb} joined to no other scan: {why}", "scan_left_out")
 
 
 def _has(belief: Belief, k: int, code: EdgeCode) -> bool:
