@@ -183,7 +183,8 @@ def _turned(views: Sequence[View], turns: Sequence[Turning]) -> Iterator[Reason]
         if turn.frame is not None:
             yield Reason(
                 f"in most pairs next to nothing holds the rotation about one axis (in {views[turn.frame].name}, "
-                f"{about}): the part looks round; put marks on it, or give starts",
+                f"{about}): the part looks round, or the overlaps show too little of it; scan more overlap, put "
+                "marks on it, or give starts",
                 "alternative_poses",
             )
             continue
