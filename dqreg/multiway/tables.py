@@ -58,7 +58,8 @@ def scans_table(result: ManyScans) -> Table:
         Column("sigma of rotation", "deg", spec=".2g", align="right"),
         Column("sigma of translation", "", spec=".2g", align="right"),
     )
-    note = "Sigmas: one standard deviation against the anchor, about the middle of all scans."
+    home = "part" if result.settings.get("anchor") == PART else "anchor"
+    note = f"Sigmas: one standard deviation against the {home}, about the middle of all scans."
     return Table("scans", "Scans", columns, tuple(rows), note)
 
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import dqreg
 from dqreg.errors import InputError
 from dqreg.files import write_cloud
 from dqreg.geometry import Mesh, sample_mesh
+from dqreg.multiway.edges import PART
+from dqreg.multiway.tables import scans_table
 from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
 
@@ -63,6 +66,14 @@ def test_the_answer_has_all_that_was_promised(turned: Turned) -> None:
     assert result.overlap.shape == (3, 3)
     assert all(edge.chi2 >= 0.0 for edge in result.edges if edge.used)
     assert result.loop_errors[0].used
+
+
+def test_what_the_sigmas_are_against_is_said(turned: Turned) -> None:
+    result = turned[2]
+    on_part = dataclasses.replace(result, settings={**result.settings, "anchor": PART})
+    assert "against the anchor" in scans_table(result).note
+    assert "against the part" in scans_table(on_part).note
+    assert "anchor" not in {row[1] for row in scans_table(on_part).rows}
 
 
 def test_a_saved_result_is_the_result(turned: Turned, tmp_path: Path) -> None:
