@@ -18,6 +18,7 @@ from dqreg.multiway.scans import View
 from dqreg.multiway.sides import Contradiction
 from dqreg.multiway.turning import Turning
 from dqreg.multiway.verdict import judge_scans
+from dqreg.trust.records import Reason
 
 
 def assembled(
@@ -30,8 +31,9 @@ def assembled(
     stopped: str,
     against: Sequence[Contradiction] = (),
     turns: Sequence[Turning] = (),
+    remarks: Sequence[Reason] = (),
 ) -> Multiway:
-    """The result of all stages; copies of a scan get its pose."""
+    """The result of all stages; copies of a scan get its pose, and remarks stand behind the verdict's reasons."""
     T, covariance = joint.T_world_scan.copy(), joint.covariance
     rows = np.array([k if view.copy_of is None else view.copy_of for k, view in enumerate(views)])
     T = T[rows]
@@ -57,7 +59,7 @@ def assembled(
     )
     return Multiway(
         T_world_scan=T,
-        verdict=verdict,
+        verdict=dataclasses.replace(verdict, reasons=(*verdict.reasons, *remarks)),
         edges=edges,
         loop_errors=loop_errors_of(belief, len(views)),
         overlap=overlap,

@@ -22,7 +22,7 @@ from dqreg.multiway.refine import refined
 from dqreg.multiway.result import Multiway
 from dqreg.multiway.scans import read_views, typical_size, typical_spacing
 from dqreg.multiway.sides import Sides
-from dqreg.multiway.starts import read_starts
+from dqreg.multiway.starts import contradicted_starts, read_starts
 from dqreg.multiway.turning import turnings
 from dqreg.registration.log import log_verdict
 from dqreg.registration.options import EFFORTS, Effort
@@ -151,7 +151,8 @@ def register_many(
     overlap = overlap_matrix(views, joint.T_world_scan, size)
     against = tuple(sides.contradictions(joint.T_world_scan, overlap))
     turns = turnings(views, joint.T_world_scan, belief.edges)
-    result = assembled(views, belief, joint, overlap, settings, seconds, runner.stopped, against, turns)
+    remarks = tuple(contradicted_starts(views, known, joint.T_world_scan, belief.edges, size))
+    result = assembled(views, belief, joint, overlap, settings, seconds, runner.stopped, against, turns, remarks)
     log_verdict(result.verdict, f"{len(views)} scans into one frame", time.monotonic() - began)
     return result
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,13 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.files.poses import read_json
-from dqreg.rigid import quaternion
+from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.scans import View
+from dqreg.rigid import pose, quaternion
+from dqreg.trust.records import Reason
+
+# A pose farther from an initial one than this rotation, and this share of a scan's size, is another one.
+FAR_RAD, FAR = np.deg2rad(15.0), 0.1
 
 
 def read_starts(starts: Any, count: int) -> list[FloatArray | None]:
@@ -34,6 +41,40 @@ def _is_empty(start: Any) -> bool:
     except (TypeError, ValueError):
         return False
     return numbers.shape == (4, 4) and bool(np.isnan(numbers).all())
+
+
+def contradicted_starts(
+    views: Sequence[View],
+    starts: Sequence[FloatArray | None],
+    T_world_scan: FloatArray,
+    edges: Sequence[Edge],
+    size: float,
+) -> Iterator[Reason]:
+    """Initial poses that are not those found, by the used edges of their scans: a drift along many is none."""
+    off: dict[int, list[tuple[int, int, float, float]]] = {}
+    for edge in edges:
+        target, source, cloud = edge.target, edge.source, views[edge.source].cloud
+        first, second = np.eye(4) if target == PART else starts[target], starts[source]
+        if not edge.used or first is None or second is None or cloud is None:
+            continue
+        home = np.eye(4) if target == PART else T_world_scan[target]
+        given, found = pose.inverse(first) @ second, pose.inverse(home) @ T_world_scan[source]
+        turned = float(pose.angle_between(given, found))
+        shift = float(pose.offset_between(given, found, at=cloud.points.mean(axis=0))) / size
+        if turned > FAR_RAD or shift > FAR:
+            for k in {target, source} - {PART}:
+                off.setdefault(k, []).append((target, source, turned, shift))
+    while off:
+        # The scan with most such edges explains them; of two scans alone the first is the one that is held.
+        wrong = max(off, key=lambda k: (len(off[k]), k))
+        turned, shift = np.median([row[2:] for row in off[wrong]], axis=0)
+        yield Reason(
+            f"the initial pose of {views[wrong].name} contradicts the pose found: next to the scans that it overlaps "
+            f"it is {np.rad2deg(turned):.0f} degrees and {100.0 * shift:.0f} % of a scan's size off",
+            "contradicted_start",
+        )
+        rest = {k: [row for row in rows if wrong not in row[:2]] for k, rows in off.items()}
+        off = {k: rows for k, rows in rest.items() if rows}
 
 
 def read_starts_file(path: Path) -> list[FloatArray]:

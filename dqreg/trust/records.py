@@ -65,6 +65,7 @@ Code = Literal[
     "contradicting_edge",
     "wrong_viewpoint",
     "opposite_sides",
+    "contradicted_start",
     # notes
     "local_difference",
     "dropped_points",

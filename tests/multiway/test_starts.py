@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from dqreg.geometry import PointCloud
+from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.scans import View
+from dqreg.multiway.starts import contradicted_starts
+from dqreg.rigid import pose
+from tests.multiway.edges_of_truth import edges_of, world
+
+COUNT, SIZE = 8, 2.0
+STEPS = np.diag([0.5, 0.0, 0.0, 0.0, 0.6, 0.0])[[0, 4]]
+
+
+def scene() -> tuple[list[View], np.ndarray, list[Edge]]:
+    """Scans, where they stand, and edges of each to the next two."""
+    rng, T = np.random.default_rng(4), world(COUNT, 0)
+    views = [View(f"view{k}", PointCloud(rng.uniform(-1.0, 1.0, (50, 3)))) for k in range(COUNT)]
+    edges = edges_of(T, [(k, k + step) for step in (1, 2) for k in range(COUNT - step)], 1e-3, 0)
+    return views, T, [dataclasses.replace(edge, used=True) for edge in edges]
+
+
+@pytest.mark.parametrize("wrong", [0, 3])
+@pytest.mark.parametrize("step", STEPS)
+def test_the_one_that_is_off_is_named_whichever_frame_all_are_in(wrong: int, step: np.ndarray) -> None:
+    views, T, edges = scene()
+    starts = [pose.exp(np.r_[1.0, 0.3, -2.0, 4.0, 5.0, 6.0]) @ each for each in T]
+    assert not list(contradicted_starts(views, starts, T, edges, SIZE))
+    starts[wrong] = starts[wrong] @ pose.exp(step)
+    (reason,) = contradicted_starts(views, starts, T, edges, SIZE)
+    assert reason.code == "contradicted_start"
+    assert f"of view{wrong} " in reason
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_on_a_part_it_is_the_initial_pose_itself_that_counts(step: np.ndarray) -> None:
+    views, T, edges = scene()
+    on_part = [dataclasses.replace(edges[0], target=PART, source=k) for k in range(COUNT)]
+    assert not list(contradicted_starts(views, list(T), T, on_part, SIZE))
+    starts = [T[0] @ pose.exp(step), *T[1:]]
+    (reason,) = contradicted_starts(views, starts, T, on_part, SIZE)
+    assert "of view0 " in reason
+
+
+def test_rough_drifting_and_missing_ones_contradict_nothing() -> None:
+    views, T, edges = scene()
+    drift = pose.exp(np.r_[0.0, 0.0, 0.08, 0.05, 0.0, 0.0])
+    drifted = [T[0]]
+    for k in range(1, COUNT):
+        drifted.append(drifted[-1] @ pose.inverse(T[k - 1]) @ T[k] @ drift)
+    assert pose.angle_between(T[-1], drifted[-1]) > 0.5
+    assert not list(contradicted_starts(views, drifted, T, edges, SIZE))
+    assert not list(contradicted_starts(views, [None] * COUNT, T, edges, SIZE))
+    unplaced = [dataclasses.replace(edge, used=False) for edge in edges]
+    assert not list(contradicted_starts(views, [np.eye(4)] * COUNT, np.full_like(T, np.nan), unplaced, SIZE))
