@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ import pytest
 
 import dqreg
 from dqreg._open3d import load_open3d
-from dqreg.geometry.opening import open_geometry
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
 from dqreg.synth.parts import bracket
@@ -28,7 +26,6 @@ VIEWS = [(1.0, 1.0, 1.0), (-1.0, 0.3, -0.8)]
 SEGMENTS = 256
 # Voxels and samples of the peers, as their users choose them.
 VOXEL, SAMPLES = 1 / 200, 500_000
-VOXEL_LIDAR = 0.25
 
 
 def in_turns(benchmark, ours: Callable[[], Any], peers: dict[str, Callable[[], Any]], rounds: int) -> dict[str, float]:
@@ -144,26 +141,3 @@ def test_a_scan_on_its_part_beside_peers(benchmark, capsys, part, case, effort):
     error = worst_vertex_displacement(run(), T, part.vertices) / part.diagonal
     report(benchmark, capsys, ms=1e3 * best, points=len(points), error_1e6=1e6 * error, **figures)
     assert error <= 3e-5
-
-
-@pytest.mark.real
-@pytest.mark.parametrize("effort", ["fast", "normal"])
-def test_a_lidar_pair_beside_small_gicp(benchmark, capsys, real_data: Path, effort):
-    folder = real_data / "small_gicp_kitti_pair"
-    source, target = (open_geometry(folder / f"{name}.ply", name).points for name in ("source", "target"))
-    expected = np.loadtxt(folder / "T_target_source.txt")
-
-    def run() -> np.ndarray:
-        return dqreg.register(source, target, "identity", effort=effort).T_target_source
-
-    def peer() -> np.ndarray:
-        return small_gicp(source, target, VOXEL_LIDAR, 1.0)
-
-    seconds = in_turns(benchmark, run, {"gicp": peer}, rounds=5)
-    figures = {}
-    for name, T in (("ours", run()), ("gicp", peer())):
-        figures[f"{name}_deg"] = np.rad2deg(pose.angle_between(T, expected))
-        figures[f"{name}_mm"] = 1e3 * pose.offset_between(T, expected, at=np.zeros(3))
-    best = benchmark.stats["min"]
-    report(benchmark, capsys, ms=1e3 * best, times_gicp=best / seconds["gicp"], **figures)
-    assert figures["ours_deg"] <= 0.5
