@@ -98,7 +98,7 @@ def evidence_of(
         sliding_loss=slide_of(fit).loss,
         alternatives=alternatives,
         search=search,
-        is_detail=measured.share_together > 0.0 and fit.once("partial", lambda: is_partial(fit)),
+        is_detail=measured.share_together > 0.0 and is_partial(fit),
         mirror_gain=mirror_gain,
     )
 
@@ -161,6 +161,10 @@ def _indexed_target(fit: Fit, target: PointCloud) -> IndexedPoints:
 
 def is_partial(fit: Fit) -> bool:
     """Whether the scan shows so little of the target that it may fit elsewhere, where no near symmetry leads to."""
+    return fit.once("partial", lambda: _is_partial(fit))
+
+
+def _is_partial(fit: Fit) -> bool:
     if not fit.found:
         return False
     rows = sample_rows(len(fit.run.weights), SPREAD)

@@ -74,15 +74,7 @@ def agreement_of(
     pairs = _pairs(run, scan, surface, mixture.scale, count)
     on = pairs.distances <= width
     aside = pairs.point_to_plane[on]
-    close = pairs.distances <= near
-    if has_border:
-        # What lies beyond the border of an open target was not measured there.
-        close &= on | ~at_boundary(pairs.closest, surface, mixture.scale)
-        close &= on | (np.abs(pairs.point_to_plane) > width)
-        around = Surroundings(np.zeros(len(on), dtype=bool), float(np.mean(on)), float(np.mean(~on)), 0.0)
-    else:
-        around = surroundings_of(pairs, width, near)
-        close &= on | ~around.elsewhere
+    close, around = _close(pairs, surface, mixture.scale, width, near, has_border=has_border)
     alone = isolated(pairs.scan, on, scan if len(scan) <= THINNED else None)
     kept = ~around.elsewhere & ~alone
     scale = mixture.scale if isinstance(surface, CloudSurface) else min(mixture.scale, _usual_scale(aside, surface))
@@ -121,15 +113,29 @@ def agreement_of(
         stretch=strain.value if strain.is_strained else 0.0,
         stretched_along=strain.along,
         bend=strain.bend if strain.is_bent else 0.0,
-        # A pose that is not accepted anyway is not compared with random ones.
         waviness=waviness,
         local_noise=local_noise,
         share_together=_together(pairs, close, kept, noise, min(scan.diagonal, surface.diagonal)) if is_part else 0.0,
+        # A pose that is not accepted anyway is not compared with random ones.
         random_ratio=0.0 if count < LOOKED_AT else _random_ratio(pairs, on, surface),
         share_on=around.share_on,
         share_other=around.share_other,
         share_contradicting=around.share_contradicting,
     )
+
+
+def _close(
+    pairs: Correspondences, surface: Surface, scale: float, width: float, near: float, *, has_border: bool
+) -> tuple[BoolArray, Surroundings]:
+    """Which points near the target count, (n,), and what those are that do not."""
+    on, close = pairs.distances <= width, pairs.distances <= near
+    if not has_border:
+        around = surroundings_of(pairs, width, near)
+        return close & (on | ~around.elsewhere), around
+    # What lies beyond the border of an open target was not measured there.
+    close &= on | ~at_boundary(pairs.closest, surface, scale)
+    close &= on | (np.abs(pairs.point_to_plane) > width)
+    return close, Surroundings(np.zeros(len(on), dtype=bool), float(np.mean(on)), float(np.mean(~on)), 0.0)
 
 
 def _together(pairs: Correspondences, close: BoolArray, kept: BoolArray, noise: float, size: float) -> float:
