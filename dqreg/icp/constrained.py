@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, dot
 from dqreg.errors import DegenerateGeometryError
 from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.estimators import Estimator, direction_weights, tangent_planes
@@ -51,4 +51,4 @@ def _points(pairs: Correspondences, weights: FloatArray, noise: float) -> Quadra
 
 def _variance(pairs: Correspondences, weights: FloatArray, noise: float) -> float:
     """Of one distance: from the scale of the stage, or from the distances where it has none."""
-    return float(noise**2 if np.isfinite(noise) else weights @ pairs.distances**2 / weights.sum())
+    return float(noise**2 if np.isfinite(noise) else dot(weights, pairs.distances**2) / weights.sum())

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray, product
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest, Surface
 from dqreg.rigid import pose
@@ -56,7 +56,7 @@ class Correspondences:
     def normal_cosines(self) -> FloatArray:
         """Cosine between the moved source normal and the target normal, (n,); 0 where either is unknown."""
         # One product with the rotated target normals instead of a turn of every source normal.
-        back = self.closest.normals @ self.T_target_source[:3, :3]
+        back = product(self.closest.normals, self.T_target_source[:3, :3])
         cosines: FloatArray = np.einsum("ij,ij->i", back, self.scan.normals)
         return cosines
 

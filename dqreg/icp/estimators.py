@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, dot, product
 from dqreg.geometry.normals import NEIGHBOURS
 from dqreg.icp.correspondences import Correspondences
 from dqreg.solvers import Fit, moments_of, solve_moments, svd
@@ -120,7 +120,7 @@ def surfaces_to_surfaces(pairs: Correspondences, weights: FloatArray, noise: flo
 def both_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm:
     """The plane-to-plane cost, in units in which the distance between two sure and parallel planes counts once."""
     scan, stands = pairs.scan, pairs.closest.variances
-    turned = scan.normals @ pairs.T_target_source[:3, :3].T
+    turned = product(scan.normals, pairs.T_target_source[:3, :3].T)
     with np.errstate(divide="ignore", invalid="ignore"):
         moves = scan.residuals**2 / (NEIGHBOURS * scan.levers)
     # A normal that was given and not fitted counts as exact.
@@ -137,8 +137,8 @@ def both_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm:
 
 def _bend(pairs: Correspondences, weights: FloatArray) -> float:
     """Variance of every normal beyond that of its fit, rad^2, as far as the pairs show it."""
-    aside = float(weights @ pairs.point_to_plane**2)
-    beside = 0.5 * (float(weights @ pairs.squares) - aside)
+    aside = dot(weights, pairs.point_to_plane**2)
+    beside = 0.5 * (dot(weights, pairs.squares) - aside)
     return float(np.clip(BEND_SHARE * 0.5 * aside / beside, LEAST_BEND, BEND)) if beside > 0.0 else BEND
 
 

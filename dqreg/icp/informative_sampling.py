@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray, product
 from dqreg.icp.correspondences import Correspondences
 from dqreg.solvers.quadratic import plane_rows
 
@@ -27,11 +27,11 @@ def information_gain(pairs: Correspondences, weights: FloatArray) -> FloatArray:
     centred = points - centre
     lever = float(np.sqrt(np.einsum("ij,ij->", centred, centred) / len(centred)))
     rows = plane_rows(points, normals, centre, lever)
-    values, vectors = np.linalg.eigh((rows * weights) @ rows.T)
+    values, vectors = np.linalg.eigh(product(rows * weights, rows.T))
     if not values[-1] > 0.0:
         return np.ones(len(weights))
     held = np.maximum(values, WEAKEST * values[-1])
-    gain = weights * ((vectors.T @ rows / held[:, None]) ** 2).sum(axis=0)
+    gain = weights * ((product(vectors.T, rows) / held[:, None]) ** 2).sum(axis=0)
     mean = float(gain.mean())
     return gain / mean if mean > 0.0 else np.ones(len(weights))
 

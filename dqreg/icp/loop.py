@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, dot, product
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
@@ -79,7 +79,7 @@ class Alignment(Run):
     def rms(self) -> float:
         """Root mean square distance of the inliers; NaN where no pose was found."""
         weights = self.weights
-        return float(np.sqrt(weights @ self.pairs.squares / weights.sum())) if self.found else np.nan
+        return float(np.sqrt(dot(weights, self.pairs.squares) / weights.sum())) if self.found else np.nan
 
     @property
     def inlier_fraction(self) -> float:
@@ -180,7 +180,7 @@ class Spread:
         columns = np.ascontiguousarray(points.T)
         mean = columns.mean(axis=1)
         centred = columns - mean[:, None]
-        return Spread(mean, centred @ centred.T / len(points))
+        return Spread(mean, product(centred, centred.T) / len(points))
 
     @property
     def size(self) -> float:

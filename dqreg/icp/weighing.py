@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, dot
 from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.rejectors import NormalAngle, Robust, Weight, WithinDistance, product
 from dqreg.solvers.robust import InlierMixture, Kernel
@@ -45,7 +45,7 @@ def weigh(pairs: Correspondences, kernel: Kernel, rejectors: Sequence[Weight]) -
     cap = min((float(r.limit) for r in rejectors if hasattr(r, "limit")), default=farthest)
     costs = kernel.cost(np.where(gate > 0.0, pairs.distances, cap))
     total = float(weights.sum())
-    square = float(weights @ pairs.squares) / total if total > 0.0 else math.nan
+    square = dot(weights, pairs.squares) / total if total > 0.0 else math.nan
     return Weighed(weights, float(np.average(costs, weights=counts)), total, square, int(np.count_nonzero(weights)))
 
 

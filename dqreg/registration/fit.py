@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, product
 from dqreg.geometry import CloudSurface, Mesh, Surface, prepare_scan
 from dqreg.icp import (
     ESTIMATORS,
@@ -193,4 +193,4 @@ def own_normals(surface: Surface, pairs: Correspondences) -> FloatArray | None:
     """Normals of the scan in the target's frame, (n, 3), where those of the target are estimates too."""
     if not isinstance(surface, CloudSurface) or not pairs.closest.normals.any():
         return None
-    return pairs.scan.normals @ pairs.T_target_source[:3, :3].T
+    return product(pairs.scan.normals, pairs.T_target_source[:3, :3].T)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, product
 from dqreg.rigid._operands import as_lines, as_planes, as_poses, as_triples, require_meeting
 
 
@@ -38,7 +38,8 @@ def apply(T_target_source: ArrayLike, points_source: ArrayLike) -> FloatArray:
         require_meeting(poses=T.shape[:-2], points=points.shape[:-1])
         return _times(T, points) + T[..., :3, 3]
     # A contiguous 3x3 and three column sums in place: twice as fast on a million points as `P @ R.T + t`.
-    moved: FloatArray = points @ np.ascontiguousarray(T[:3, :3].T)
+    turn = np.ascontiguousarray(T[:3, :3].T)
+    moved = product(points, turn) if points.ndim == 2 else points @ turn
     for axis in range(3):
         moved[..., axis] += T[axis, 3]
     return moved
@@ -71,7 +72,8 @@ def rotate(T_target_source: ArrayLike, directions_source: ArrayLike) -> FloatArr
     if T.ndim > 2:
         require_meeting(poses=T.shape[:-2], directions=directions.shape[:-1])
         return _times(T, directions)
-    turned: FloatArray = directions @ np.ascontiguousarray(T[:3, :3].T)
+    turn = np.ascontiguousarray(T[:3, :3].T)
+    turned: FloatArray = product(directions, turn) if directions.ndim == 2 else directions @ turn
     return turned
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray, product
 from dqreg.geometry import Mesh, Surface, sample_mesh
 from dqreg.rigid import pose
 from dqreg.search.features import rarity
@@ -70,7 +70,7 @@ def _crowded(points: FloatArray, normals: FloatArray, size: float) -> FloatArray
     """Middles of the cells where differences of points with equal normals crowd, (k, 3)."""
     # Either way: a period and its opposite are one, whichever side of a plane the first point is on. So the pairs are
     # taken one way, and what they fill is mirrored: a cell and its opposite change places in the grid.
-    rows = np.flatnonzero(normals @ normals.T > EQUAL_COS)
+    rows = np.flatnonzero(product(normals, normals.T) > EQUAL_COS)
     first, second = np.divmod(rows, len(normals))
     once = first < second
     differences = np.take(points, second[once], axis=0) - np.take(points, first[once], axis=0)

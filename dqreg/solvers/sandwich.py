@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray, product
 
 # Patches of neighbouring correspondences whose noise may be common; the fewest from which a scatter can be estimated.
 PATCHES, FEWEST_PATCHES = 200, 30
@@ -53,7 +53,7 @@ def scatter_of(
     starts = _starts(len(weights), min(PATCHES, len(weights) // 8), counts)
     if len(starts) < FEWEST_PATCHES:
         return None
-    information = (rows * weights) @ rows.T + known
+    information = product(rows * weights, rows.T) + known
     values = np.linalg.eigvalsh(information)
     if not values[0] > SINGULAR * values[-1]:
         return None
@@ -67,7 +67,7 @@ def scatter_of(
     if shared is None:
         return coarse
     pulls = np.stack([_sums(rows * (weights * along), starts) for along in normals.T])
-    between = sum(pull @ shared @ pull.T for pull in pulls)
+    between = sum(product(pull, shared) @ pull.T for pull in pulls)
     fine = _sandwich(bread, _sums(rows * (weights * residuals), starts), variance * known)
     return larger(coarse, fine + bread @ between @ bread)
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray, dot, product
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.solvers.sandwich import scatter_of
 
@@ -146,7 +146,7 @@ def information_of(
     3
     """
     total = float(weights.sum())
-    variance = float(weights @ (residuals**2 + scattered)) / max(total - 6.0, 1.0)
+    variance = dot(weights, residuals**2 + scattered) / max(total - 6.0, 1.0)
     scaling = np.r_[[lever] * 3, [1.0] * 3]
     basis = np.eye(6) if allowed is None else np.linalg.qr(allowed * scaling[:, None])[0]
     # What was known beforehand, in the units of the correspondences' own information.
@@ -157,15 +157,15 @@ def information_of(
     alike = smooth is None or np.array_equal(smooth, normals)
     shape = rows if alike or smooth is None else plane_rows(points, smooth, centre, lever)
     if allowed is not None:
-        rows, shape = basis.T @ rows, basis.T @ shape
-    values, vectors = np.linalg.eigh(((shape * weights) @ shape.T + known) / max(total, np.finfo(float).tiny))
-    along = vectors.T @ shape
+        rows, shape = product(basis.T, rows), product(basis.T, shape)
+    values, vectors = np.linalg.eigh((product(shape * weights, shape.T) + known) / max(total, np.finfo(float).tiny))
+    along = product(vectors.T, shape)
     if own is None:
         carriers = _effective(weights * along**2, counts)
     else:
         same = own * np.where(np.einsum("ij,ij->i", own, normals) < 0.0, -1.0, 1.0)[:, None]
         theirs = plane_rows(points, same, centre, lever)
-        shared = weights * along * (vectors.T @ (theirs if allowed is None else basis.T @ theirs))
+        shared = weights * along * product(vectors.T, theirs if allowed is None else product(basis.T, theirs))
         compared = weights * own.any(axis=1)
         confirmed = shared.sum(axis=1) > CONFIRMED * (compared * along**2).sum(axis=1)
         carriers = np.where(confirmed, _effective(shared, counts), 0.0)
@@ -176,7 +176,7 @@ def information_of(
         return held
     known = inner.T @ known @ inner
     scatter = scatter_of(
-        inner.T @ rows, points, normals, residuals, weights, known, variance, counts, overlap=own is not None
+        product(inner.T, rows), points, normals, residuals, weights, known, variance, counts, overlap=own is not None
     )
     outer = basis @ inner
     return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
