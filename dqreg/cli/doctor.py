@@ -97,9 +97,9 @@ def doctor(context: click.Context, as_json: bool, compiles: bool) -> None:
     Exit code 0 if all that is required works, 1 if not.
     """
     if compiles and _version("numba") is not None:
-        from dqreg.kernels.compile_all import compile_on_two_cores
+        from dqreg.kernels.compile_all import compile_for_all_users
 
-        compile_on_two_cores()
+        compile_for_all_users()
     checks = examine()
     if as_json:
         click.echo(json.dumps([dataclasses.asdict(check) for check in checks], indent=1))

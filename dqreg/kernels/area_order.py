@@ -76,7 +76,8 @@ def cut(spans: FloatArray, order: IntArray, first: int, last: int, slabs: FloatA
         return (first + last) // 2
     i, j = first, last - 1
     while i <= j:
-        if slab_of(spans, i, axis, start, scale) < place:
+        # The slab in which its middle is.
+        if np.int64((spans[i, axis] + spans[i, 3 + axis] - start) * scale) < place:
             i += 1
             continue
         order[i], order[j] = order[j], order[i]
@@ -84,12 +85,6 @@ def cut(spans: FloatArray, order: IntArray, first: int, last: int, slabs: FloatA
             spans[i, k], spans[j, k] = spans[j, k], spans[i, k]
         j -= 1
     return i
-
-
-@compiled
-def slab_of(spans: FloatArray, i: int, axis: int, start: float, scale: float) -> np.int64:
-    """Slab in which the middle of a box is."""
-    return np.int64((spans[i, axis] + spans[i, 3 + axis] - start) * scale)
 
 
 @compiled
@@ -110,7 +105,7 @@ def cheapest(
             slabs[j, k], slabs[j, 3 + k] = np.inf, -np.inf
         slabs[j, 6] = 0.0
     for i in range(first, last):
-        slab = slab_of(spans, i, axis, start, scale)
+        slab = np.int64((spans[i, axis] + spans[i, 3 + axis] - start) * scale)
         for k in range(3):
             slabs[slab, k] = min(slabs[slab, k], spans[i, k])
             slabs[slab, 3 + k] = max(slabs[slab, 3 + k], spans[i, 3 + k])

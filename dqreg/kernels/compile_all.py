@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import gc
 from collections.abc import Callable
 
 import numpy as np
 
+from dqreg.kernels import second_process
 from dqreg.kernels.cache import keep_beside_package
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.components import components
@@ -24,14 +24,10 @@ from dqreg.kernels.pose_steps import add_plane_steps, grid_planes
 from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_normals_at
 from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.rims import line_rows, one_sided_rows
-from dqreg.kernels.threads import thread_count
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import weigh_rows
 from dqreg.kernels.weighted_planes import COLUMNS, NUMBERS, mean_sums, orientation_precisions, plane_sums
-
-# What a second process does: the same from the other end, until both meet.
-OTHER = "from dqreg.kernels.compile_all import compile_all; compile_all(backwards=True)"
 
 FLAT, ONE, NOTHING = np.eye(3), np.zeros(3), np.zeros(0)
 CORNERS = np.eye(3)[None] + np.arange(2.0)[:, None, None]
@@ -41,25 +37,28 @@ SHAPE = np.ones(3, dtype=np.int64)
 
 
 def compile_all(*, backwards: bool = False) -> None:
-    """Compile every kernel for the arrays that it is called with, and keep the code for every user of the package."""
-    keep_beside_package()
-    for step in STEPS[::-1] if backwards else STEPS:
-        step()
+    """Compile every kernel for the arrays that it is called with, and keep the code."""
+    # A process that does nothing else: looking for garbage would be a tenth of its time.
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        for step in STEPS[::-1] if backwards else STEPS:
+            step()
+    finally:
+        if collects:
+            gc.enable()
 
 
-def compile_on_two_cores() -> None:
-    """The same with a second process, where there is a core for it; each reads what the other has compiled."""
-    if thread_count() < 2:
-        compile_all()
-        return
+def compile_for_all_users() -> None:
+    """The same with a second process, where there is a core for it; the code is kept for every user of the package."""
     keep_beside_package()
-    none = subprocess.DEVNULL
-    other = subprocess.Popen([sys.executable, "-c", OTHER], stdin=none, stdout=none, stderr=none)
+    other = second_process.start()
     try:
         compile_all()
     finally:
-        other.terminate()
-        other.wait()
+        if other is not None:
+            other.terminate()
+            other.wait()
 
 
 def _faces() -> None:

@@ -228,7 +228,7 @@ def test_compile_fills_the_folder_and_the_table_names_it(monkeypatch: pytest.Mon
     from dqreg.kernels import cache, compile_all
 
     compiled = []
-    monkeypatch.setattr(compile_all, "compile_on_two_cores", lambda: compiled.append(True))
+    monkeypatch.setattr(compile_all, "compile_for_all_users", lambda: compiled.append(True))
     for words in ([], ["--compile"]):
         result = CliRunner().invoke(doctor, words)
         assert result.exit_code == 0, result.output

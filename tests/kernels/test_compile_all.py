@@ -9,7 +9,7 @@ import pytest
 
 import dqreg
 from dqreg import kernels
-from dqreg.kernels import cache
+from dqreg.kernels import cache, second_process, threads
 from dqreg.kernels import compile_all as compile_all_module
 from dqreg.kernels.compile_all import compile_all
 from tests.icp.scenes import bracket_mesh, bracket_points
@@ -56,13 +56,30 @@ def test_two_processes_share_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
 
     done: list[int] = []
     monkeypatch.setattr(compile_all_module, "keep_beside_package", lambda: None)
-    monkeypatch.setattr(compile_all_module.subprocess, "Popen", Process)
+    monkeypatch.setattr(second_process.subprocess, "Popen", Process)
     monkeypatch.setattr(compile_all_module, "STEPS", (lambda: done.append(1), lambda: done.append(2)))
     for cores, expected in ((1, 0), (2, 3)):
-        monkeypatch.setattr(compile_all_module, "thread_count", lambda cores=cores: cores)
-        compile_all_module.compile_on_two_cores()
+        monkeypatch.setattr(threads, "thread_count", lambda cores=cores: cores)
+        compile_all_module.compile_for_all_users()
         assert len(started) == expected
     assert done == [1, 2, 1, 2]
     # What the other process is told runs here, and goes the other way.
-    exec(compile_all_module.OTHER)
+    exec(second_process.CODE)
     assert done[4:] == [2, 1]
+
+
+def test_only_the_process_that_asked_starts_a_second_one_and_only_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[int] = []
+    monkeypatch.setattr(second_process, "start", lambda: started.append(1))
+    monkeypatch.setattr(second_process, "_asking", None)
+    second_process.start_if_allowed()
+    assert not started
+    second_process.allow()
+    with monkeypatch.context() as fork:
+        fork.setattr(second_process.os, "getpid", lambda: -1)
+        second_process.start_if_allowed()
+    assert not started
+    second_process.allow()
+    second_process.start_if_allowed()
+    second_process.start_if_allowed()
+    assert started == [1]
