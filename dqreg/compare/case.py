@@ -15,7 +15,7 @@ from dqreg.compare.truth import TruePoses
 from dqreg.errors import InputError
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, Surface, sample_mesh
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.scan import measure_spacing
+from dqreg.geometry.spacing import measure_spacing
 from dqreg.rigid import pose
 
 # Scan points held out for the judge: this fraction, and at most so many.

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, median, one_line
+from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, one_line
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
@@ -15,9 +15,8 @@ from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import PlaneFits, fit_planes, orient_towards, sample_rows
 from dqreg.geometry.scan_noise import noise_of
+from dqreg.geometry.spacing import Spread, spacing_of
 
-# Enough for a median that is good to one per cent.
-SPACING_SAMPLE = 5_000
 FEWEST_POINTS = 3
 # Points among which neighbours are searched where normals are fitted at a few points only of more than these.
 THINNED = 50_000
@@ -157,6 +156,11 @@ class Scan:
         return NeighbourTree(self.points)
 
     @cached_property
+    def _spread(self) -> Spread:
+        """Mean and second moment of the points."""
+        return Spread.of(self.points)
+
+    @cached_property
     def diagonal(self) -> float:
         """Diagonal of the bounding box."""
         low, high = bounds(self.points)
@@ -237,7 +241,7 @@ def prepare_scan(
 
 def _fit_all(points: FloatArray, rows: IntArray, tree: NeighbourTree) -> tuple[PlaneFits, float, tuple[float, float]]:
     fits = fit_planes(tree, points, at := points if len(rows) == len(points) else points[rows])
-    return fits, (spacing := _spacing(fits, at)), noise_of(fits, points, at, tree, spacing)
+    return fits, (spacing := spacing_of(fits, at)), noise_of(fits, points, at, tree, spacing)
 
 
 def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, tuple[float, float]]:
@@ -250,7 +254,7 @@ def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, tup
     middles = points[(firsts[:, None] + (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)).ravel()]
     of_pieces = NeighbourTree(pieces, in_order=True)
     pieced = fit_planes(of_pieces, pieces, middles)
-    return fits, (spacing := _spacing(pieced, middles)), noise_of(pieced, pieces, middles, of_pieces, spacing)
+    return fits, (spacing := spacing_of(pieced, middles)), noise_of(pieced, pieces, middles, of_pieces, spacing)
 
 
 def _at_rows(rows: IntArray, fits: PlaneFits, total: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -270,30 +274,3 @@ def with_planes(scan: Scan, count: int) -> Scan:
     rows = sample_rows(len(scan), count)
     normals, levers, residuals = _at_rows(rows, fit_planes(scan.tree, scan.points, scan.points[rows]), len(scan))
     return dataclasses.replace(scan, normals=normals, levers=levers, residuals=residuals, fitted=rows)
-
-
-def measure_spacing(tree: NeighbourTree, points: FloatArray, sample: int = SPACING_SAMPLE) -> float:
-    """Median distance from a point to its nearest neighbour that is not a duplicate of it, of so many points.
-
-    >>> line = np.arange(12.0).reshape(-1, 1) * [2.0, 0.0, 0.0]
-    >>> measure_spacing(NeighbourTree(line), line)
-    2.0
-    """
-    _, distances = tree.nearest(points[sample_rows(len(points), sample)], 2)
-    return _usual_gap(distances[:, -1], points)
-
-
-def _spacing(fits: PlaneFits, points: FloatArray) -> float:
-    # The same from distances that are known already, of distinct points.
-    gaps = np.zeros(0) if fits.gaps is None else fits.gaps
-    return _usual_gap(gaps[sample_rows(len(gaps), SPACING_SAMPLE)], points)
-
-
-def _usual_gap(gaps: FloatArray, points: FloatArray) -> float:
-    if gaps.max(initial=0.0) > 0.0:
-        return median(gaps[gaps > 0.0])
-    # Every sampled point has a twin; only a cloud that is one single place has no spacing at all.
-    extent = float(np.linalg.norm(np.subtract(*bounds(points))))
-    if extent == 0.0:
-        raise InputError(f"all {len(points)} points coincide; a pose needs points at three places at least")
-    return extent / len(points)

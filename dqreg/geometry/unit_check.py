@@ -30,7 +30,7 @@ from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.sampling import sample_mesh
-from dqreg.geometry.scan import measure_spacing
+from dqreg.geometry.spacing import measure_spacing
 
 # A larger ratio of sizes has no other reading than a mistake.
 ABSURD = 150.0

@@ -12,6 +12,9 @@ from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest, Surface
 from dqreg.rigid import pose
 
+# Rows that are slid in one go.
+CHUNK = 16_384
+
 
 @dataclasses.dataclass(frozen=True)
 class Correspondences:
@@ -86,13 +89,14 @@ def propagate(pairs: Correspondences, T_target_source: FloatArray) -> Correspond
 
     On a face that is what it does, and between the points of a cloud it leaves the gaps as wide as they were.
     """
-    moved = pose.apply(T_target_source, pairs.scan.points)
-    motion = moved - pairs.moved
-    across = np.einsum("ij,ij->i", motion, pairs.closest.normals)
-    points = pairs.closest.points + motion - across[:, None] * pairs.closest.normals
-    gaps = moved - points
-    distances = np.sqrt(np.einsum("ij,ij->i", gaps, gaps))
-    found = dataclasses.replace(pairs.closest, points=points, distances=distances, others=None)
-    slid = Correspondences(pairs.scan, T_target_source, found, pairs.same_sign)
+    from dqreg.kernels.threads import as_plain, over_chunks
+    from dqreg.kernels.weighing import slide_rows
+
+    found, count = pairs.closest, len(pairs.scan)
+    moved, points, distances = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
+    columns = pairs.scan.points, T_target_source, pairs.moved, found.points, found.normals
+    over_chunks(slide_rows, count, *map(as_plain, columns), moved, points, distances, chunk=CHUNK)
+    closest = Closest(points, found.normals, distances, found.elements, None, found.variances)
+    slid = Correspondences(pairs.scan, T_target_source, closest, pairs.same_sign)
     vars(slid)["moved"] = moved
     return slid

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -10,7 +12,7 @@ from dqreg._arrays import FloatArray, dot, product
 from dqreg.geometry.normals import NEIGHBOURS
 from dqreg.icp.correspondences import Correspondences
 from dqreg.solvers import Fit, moments_of, solve_moments, svd
-from dqreg.solvers.newton import local_minimum
+from dqreg.solvers.newton import least_cost
 from dqreg.solvers.quadratic import QuadraticForm
 
 Estimator = Callable[[Correspondences, FloatArray, float], Fit]
@@ -24,11 +26,25 @@ BEND = 0.04
 # direction of the planes. Of those 23 pairs none came below 0.22, so that all keep 0.04; clouds of one body with little
 # noise come to 0.02, and to a third of the error.
 BEND_SHARE, LEAST_BEND = 0.2, 1e-3
-# Pairs that are summed in one go, and where (R p + t) by its rows stands among the 13 numbers of a pose.
-CHUNK = 2048
-# The same of pairs of a point and a plane, which take a tenth of the time each.
-PLANES = 16_384
-ROWS = np.array([[0, 1, 2, 9], [3, 4, 5, 10], [6, 7, 8, 11]])
+# Pairs that are summed in one go: of two planes, and of a point and a plane, which take a quarter of the time each.
+CHUNK, PLANES = 2048, 16_384
+
+
+@dataclasses.dataclass(frozen=True)
+class Precisions:
+    """Factors of the weights by the cell that a normal of the target lies in, see `relative_precisions`."""
+
+    of_cells: FloatArray  # (m,)
+    cells: int  # Along each axis of the cube that the normals lie in
+
+    def times(self, weights: FloatArray, normals: FloatArray) -> FloatArray:
+        """Weights, (n,), times the factor of each normal, (n, 3)."""
+        from dqreg.kernels.threads import as_plain, over_chunks
+        from dqreg.kernels.weighted_planes import times_precisions
+
+        found = weights.copy()
+        over_chunks(times_precisions, len(found), as_plain(normals), self.cells, self.of_cells, found, chunk=PLANES)
+        return found
 
 
 def points_and_normals(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
@@ -77,33 +93,36 @@ def svd_points(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit
     return svd(pairs.scan.points[kept], pairs.closest.points[kept], point_weights=weights[kept])
 
 
-def points_to_planes(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
+def points_to_planes(
+    pairs: Correspondences, weights: FloatArray, noise: float, precisions: Precisions | None = None
+) -> Fit:
     """Point-to-plane: the tangent planes of the target, by Newton's method from the last pose.
 
     Sliding along a face costs nothing, so the loop needs a handful of iterations where point steps need dozens. Far
     from the answer tangent planes mislead; the closed form goes there.
     """
-    form = tangent_planes(pairs, weights)
+    form = tangent_planes(pairs, weights, precisions)
     return points_only(pairs, weights, noise) if form is None else _newton_step(form, pairs, weights)
 
 
-def tangent_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm | None:
+def tangent_planes(
+    pairs: Correspondences, weights: FloatArray, precisions: Precisions | None = None
+) -> QuadraticForm | None:
     """The point-to-plane cost; None for too few normals."""
     from dqreg.kernels.threads import as_plain, over_chunks
-    from dqreg.kernels.weighted_planes import COLUMNS, NUMBERS, mean_sums, plane_sums
+    from dqreg.kernels.weighted_planes import COLUMNS, NOTHING, plane_sums
 
-    count = len(weights)
-    columns = [as_plain(x) for x in (pairs.scan.points, pairs.closest.points, pairs.closest.normals, weights)]
-    parts = np.zeros((-(-count // PLANES), COLUMNS))
-    over_chunks(mean_sums, count, *columns, PLANES, parts, chunk=PLANES)
-    sums = parts.sum(axis=0)
-    if sums[-1] < FEWEST_PLANES:
+    scan, found, count = pairs.scan, pairs.closest, len(weights)
+    columns = [as_plain(x) for x in (scan.points, found.points, found.normals, weights)]
+    by_cell = (NOTHING, 0) if precisions is None else (precisions.of_cells, precisions.cells)
+    # Any place among the points that count will do: the sums know their own means.
+    some = int(weights.argmax())
+    origins = np.stack([scan.points[some], found.points[some]])
+    sums = np.zeros((max(-(-count // PLANES), 1), COLUMNS))
+    over_chunks(plane_sums, count, *columns, *by_cell, origins, PLANES, sums, chunk=PLANES)
+    if sums[:, -1].sum() < FEWEST_PLANES:
         return None
-    origins = sums[1:7].reshape(2, 3) / sums[0]
-    forms = np.zeros((len(parts), NUMBERS, NUMBERS))
-    over_chunks(plane_sums, count, *columns, origins, PLANES, forms, chunk=PLANES)
-    upper = forms.sum(axis=0)
-    return QuadraticForm(upper + np.triu(upper, 1).T, *origins)
+    return QuadraticForm(_form_of(sums, origins), *origins)
 
 
 def surfaces_to_surfaces(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
@@ -167,35 +186,31 @@ def plane_to_plane_form(
     so that a correspondence is a point, a plane along u and a plane along m. Where both normals agree and are sure,
     the plane counts and the point hardly does; where they differ, the correspondence fades.
     """
-    from dqreg.kernels.disc_pairs import SUMS, disc_pair_sums
+    from dqreg.kernels.disc_pairs import disc_pair_sums
+    from dqreg.kernels.pose_forms import SUMS
     from dqreg.kernels.threads import as_plain, over_chunks
 
-    columns = (as_plain(column) for column in (p, q, *directions, *variances, weights, np.stack(origins)))
+    about = np.stack(origins)
+    columns = (as_plain(column) for column in (p, q, *directions, *variances, weights, about))
     # Added chunk by chunk, so that the bits are the same for any number of threads.
     sums = np.zeros((max(-(-len(p) // CHUNK), 1), SUMS))
     over_chunks(disc_pair_sums, len(p), *columns, CHUNK, sums, chunk=CHUNK)
-    return _form_of(sums.sum(axis=0))
+    return _form_of(sums, about)
 
 
-def _form_of(sums: FloatArray) -> FloatArray:
-    """Matrix (13, 13) from the sums of `disc_pair_sums`."""
-    upper, elements = np.triu_indices(4), sums[:60].reshape(10, 6)
-    matrix = np.zeros((13, 13))
-    for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
-        block = np.zeros((4, 4))
-        block[upper] = elements[:, k]
-        block.T[upper] = elements[:, k]
-        matrix[np.ix_(ROWS[i], ROWS[j])] = matrix[np.ix_(ROWS[j], ROWS[i])] = block
-    for i in range(3):
-        matrix[ROWS[i], 12] = matrix[12, ROWS[i]] = -sums[60 + 4 * i : 64 + 4 * i]
-    matrix[12, 12] = sums[72]
+def _form_of(sums: FloatArray, origins: FloatArray) -> FloatArray:
+    """Matrix (13, 13) from sums over pairs, and the origins, (2, 3), moved where it is about others."""
+    from dqreg.kernels.pose_forms import NUMBERS, form_of_sums
+
+    matrix = np.zeros((NUMBERS, NUMBERS))
+    form_of_sums(sums, origins, matrix)
     return matrix
 
 
 def _newton_step(form: QuadraticForm, pairs: Correspondences, weights: FloatArray) -> Fit:
-    T = local_minimum(form, pairs.T_target_source)
-    cost = max(form.value(T), 0.0)
-    return Fit(T, cost, float(np.sqrt(cost / weights.sum())), np.nan)
+    T, value = least_cost(form, pairs.T_target_source)
+    cost = max(value, 0.0)
+    return Fit(T, cost, math.sqrt(cost / float(weights.sum())), math.nan)
 
 
 ESTIMATORS: dict[str, Estimator] = {

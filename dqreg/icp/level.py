@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -149,13 +150,13 @@ class Level:
         plan = self.plan
         iterations = schedule.iterations or plan.stopping.iterations
         # Far from the answer normals say little; the angle closes as the width does.
-        angle = np.clip(np.pi * mixture.scale / plan.max_distance, plan.max_angle_rad, np.pi / 2)
+        angle = min(max(math.pi * mixture.scale / plan.max_distance, plan.max_angle_rad), math.pi / 2)
         icp = Icp(
             estimator=plan.estimator,
             kernel=mixture,
             rejectors=(
                 WithinDistance(plan.max_distance),
-                NormalAngle(float(angle)),
+                NormalAngle(angle),
                 *(boundary_rejectors(self.surface, mixture.scale) if self.near else ()),
             ),
             stopping=dataclasses.replace(

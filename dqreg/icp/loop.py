@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, dot, product
+from dqreg._arrays import FloatArray, dot
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
@@ -123,7 +123,7 @@ class Icp:
         T = start
         history: list[Iteration] = []
         motions: list[float] = []
-        spread = Spread.of(scan.points)
+        spread = scan._spread
         anderson = Anderson(start, spread.mean, spread.size) if self.accelerate else None
         while True:
             began = time.perf_counter()
@@ -165,30 +165,3 @@ class Icp:
             seconds=time.perf_counter() - began,
             T_target_source=T,
         )
-
-
-@dataclasses.dataclass(frozen=True)
-class Spread:
-    """Mean and second moment of the source points: all that the size of a motion depends on."""
-
-    mean: FloatArray  # (3,): Mean of the points
-    covariance: FloatArray  # (3, 3): Their covariance
-
-    @staticmethod
-    def of(points: FloatArray) -> Spread:
-        """Moments of points, (n, 3)."""
-        columns = np.ascontiguousarray(points.T)
-        mean = columns.mean(axis=1)
-        centred = columns - mean[:, None]
-        return Spread(mean, product(centred, centred.T) / len(points))
-
-    @property
-    def size(self) -> float:
-        """Root mean square distance of the points from their mean."""
-        return float(np.sqrt(np.trace(self.covariance)))
-
-    def motion(self, T_a: FloatArray, T_b: FloatArray) -> float:
-        """Root mean square distance that the points travel between two poses, without moving any of them."""
-        change = T_b - T_a
-        A, b = change[:3, :3], change[:3, 3]
-        return float(np.sqrt(np.trace(A @ self.covariance @ A.T) + np.sum((A @ self.mean + b) ** 2)))

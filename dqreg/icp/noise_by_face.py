@@ -13,7 +13,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.icp.correspondences import Correspondences
-from dqreg.icp.estimators import points_to_planes
+from dqreg.icp.estimators import PLANES, Precisions, points_to_planes
 from dqreg.solvers import Fit
 
 # Cells along each axis of the cube that the normals lie in: normals of one cell differ by six degrees or so.
@@ -26,28 +26,37 @@ MISFIT = 5.0
 LEAST = 0.03
 
 
-def relative_precisions(normals: FloatArray, squares: FloatArray, weights: FloatArray) -> FloatArray:
-    """One over the variance of the residuals on faces with the same orientation, from their squares, (n,).
+def relative_precisions(
+    moved: FloatArray, feet: FloatArray, normals: FloatArray, weights: FloatArray, scatter: FloatArray | float = 0.0
+) -> Precisions:
+    """One over the variance of the distances of points from their planes on faces with the same orientation.
 
-    The weighted mean is one.
+    The weighted mean is one. Scatter is added to the squares of the distances, (n,).
     """
-    from dqreg.kernels.threads import as_plain
-    from dqreg.kernels.weighted_planes import orientation_precisions
+    from dqreg.kernels.threads import as_plain, over_chunks
+    from dqreg.kernels.weighted_planes import NOTHING, orientation_precisions, orientation_sums
 
-    bins, precisions = np.zeros((2, (CELLS + 1) ** 3)), np.zeros(len(weights))
-    columns = as_plain(normals), as_plain(squares), as_plain(weights)
-    orientation_precisions(*columns, CELLS, BEFOREHAND, LEAST, bins, precisions)
-    return precisions
+    columns = [as_plain(x) for x in (moved, feet, normals, weights)]
+    spread = as_plain(scatter) if isinstance(scatter, np.ndarray) else NOTHING
+    bins, precisions = np.zeros((max(-(-len(weights) // PLANES), 1), 2, (CELLS + 1) ** 3)), np.zeros((CELLS + 1) ** 3)
+    over_chunks(orientation_sums, len(weights), *columns, spread, CELLS, PLANES, bins, chunk=PLANES)
+    orientation_precisions(bins, BEFOREHAND, LEAST, precisions)
+    return Precisions(precisions, CELLS)
+
+
+def _precisions(pairs: Correspondences, weights: FloatArray, noise: float) -> Precisions | None:
+    """Those of correspondences; none while the misfit is larger than the noise."""
+    if noise > MISFIT * pairs.scan.noise:
+        return None
+    return relative_precisions(pairs.moved, pairs.closest.points, pairs.closest.normals, weights, pairs.scan.scatter)
 
 
 def weights_by_face(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:
     """Weights times the precision of each orientation; unchanged while the misfit is larger than the noise."""
-    if noise > MISFIT * pairs.scan.noise:
-        return weights
-    squares = pairs.point_to_plane**2 + pairs.scan.scatter
-    return weights * relative_precisions(pairs.closest.normals, squares, weights)
+    precisions = _precisions(pairs, weights, noise)
+    return weights if precisions is None else precisions.times(weights, pairs.closest.normals)
 
 
 def points_to_weighted_planes(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
     """Point-to-plane, each orientation weighted by its own scatter; near the answer only."""
-    return points_to_planes(pairs, weights_by_face(pairs, weights, noise), noise)
+    return points_to_planes(pairs, weights, noise, _precisions(pairs, weights, noise))

@@ -16,7 +16,7 @@ from dqreg.geometry.mesh_normals import PseudoNormals
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.scan import measure_spacing
+from dqreg.geometry.spacing import measure_spacing
 from dqreg.geometry.surface import Surface
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.membership import EXCLUDED, Membership, by_reach, in_boxes, membership

@@ -11,28 +11,33 @@ from dqreg.kernels import second_process
 from dqreg.kernels.cache import keep_beside_package
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.components import components
-from dqreg.kernels.disc_pairs import SUMS, disc_pair_sums
+from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows
-from dqreg.kernels.newton_steps import newton_steps
 from dqreg.kernels.patch_pairs import binned_agreements, nearest_others, spherical_covariance
 from dqreg.kernels.plane_fits import fit_plane_rows
 from dqreg.kernels.point_tree import LEAF, PointTree
 from dqreg.kernels.points_on_faces import points_on_faces
+from dqreg.kernels.pose_forms import NUMBERS, SUMS, form_of_sums, least_cost_pose
 from dqreg.kernels.pose_steps import add_plane_steps, grid_planes
 from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_normals_at
 from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
-from dqreg.kernels.weighing import weigh_rows
-from dqreg.kernels.weighted_planes import COLUMNS, NUMBERS, mean_sums, orientation_precisions, plane_sums
+from dqreg.kernels.weighing import slide_rows, weigh_rows
+from dqreg.kernels.weighted_planes import (
+    COLUMNS,
+    orientation_precisions,
+    orientation_sums,
+    plane_sums,
+    times_precisions,
+)
 
 FLAT, ONE, NOTHING = np.eye(3), np.zeros(3), np.zeros(0)
 CORNERS = np.eye(3)[None] + np.arange(2.0)[:, None, None]
 FIRST = np.zeros(1, dtype=np.int64)
-POSE = np.r_[np.eye(3).ravel(), np.zeros(3), 1.0]
 SHAPE = np.ones(3, dtype=np.int64)
 
 
@@ -86,7 +91,8 @@ def _points() -> None:
 
 
 def _steps() -> None:
-    newton_steps(np.eye(13), POSE.copy(), 1.0, 1, 1.0, 1.0, 1.0, 1.0)
+    least_cost_pose(np.eye(NUMBERS), np.zeros((2, 3)), np.eye(4), 1, *(1.0,) * 4, np.eye(4))
+    form_of_sums(np.zeros((1, SUMS)), np.zeros((2, 3)), np.zeros((NUMBERS, NUMBERS)))
     disc_pair_sums(0, 0, *(FLAT,) * 4, *(ONE,) * 3, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
     largest_eigenvectors(0, 1, np.eye(3)[:, :, None].copy(), np.zeros((3, 1)), np.zeros((4, 1)))
 
@@ -95,9 +101,12 @@ def _weights() -> None:
     rows, ones = np.eye(3), np.ones(3)
     limits, weighed = np.ones(5), np.zeros((1, WEIGHED))
     weigh_rows(0, 3, ones, *(rows,) * 3, *(NOTHING,) * 3, limits, 3, np.zeros(3), weighed)
-    mean_sums(0, 3, rows, rows, rows, ones, 3, np.zeros((1, COLUMNS)))
-    plane_sums(0, 3, rows, rows, rows, ones, np.zeros((2, 3)), 3, np.zeros((1, NUMBERS, NUMBERS)))
-    orientation_precisions(rows, ones, ones, 1, 1.0, 1.0, np.zeros((2, 8)), np.zeros(3))
+    slide_rows(0, 3, rows, np.eye(4), *(rows,) * 3, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
+    about, cells = np.zeros((2, 3)), np.ones(8)
+    plane_sums(0, 3, rows, rows, rows, ones, NOTHING, 0, about, 3, np.zeros((1, COLUMNS)))
+    orientation_sums(0, 3, rows, rows, rows, ones, NOTHING, 1, 3, np.zeros((1, 2, 8)))
+    orientation_precisions(np.zeros((1, 2, 8)), 1.0, 1.0, cells)
+    times_precisions(0, 3, rows, 1, cells, ones)
     on = np.zeros((1, 3), dtype=bool)
     points_on_faces(0, 1, rows, 3, CORNERS, FIRST, rows, np.eye(4), 1.0, 1.0, 1.0, on, np.zeros((1, 3)), np.zeros(1))
 

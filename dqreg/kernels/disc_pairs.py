@@ -5,11 +5,6 @@ from __future__ import annotations
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
 
-# Sums: ten products of (p, 1) with itself times six elements of the inverse covariance (xx, yy, zz, xy, xz, yz), its
-# product with q times (p, 1), and the square of q under it.
-PRODUCTS, ELEMENTS, MIXED = 10, 6, 12
-SUMS = PRODUCTS * ELEMENTS + MIXED + 1
-
 
 @compiled
 def disc_pair_sums(
@@ -26,10 +21,10 @@ def disc_pair_sums(
     chunk: int,
     sums: FloatArray,
 ) -> None:
-    """Write the sums over pairs first to last in the row of their chunk; see `plane_to_plane_form`. O(1) a pair.
+    """Write the sums over pairs first to last in the row of their chunk, see `plane_to_plane_form`. O(1) a pair.
 
-    Shapes: points p, places q, their normals and the source's turned ones (n, 3); variances and weights (n,); origins
-    (2, 3); sums (chunks, 73).
+    What the sums are of says `form_of_sums`. Shapes: points p, places q, their normals and the source's turned ones
+    (n, 3); variances and weights (n,); origins (2, 3); sums (chunks, 73).
     """
     total = sums[first // chunk]
     for i in range(first, last):

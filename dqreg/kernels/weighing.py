@@ -1,4 +1,4 @@
-"""Gates, weights and energy of correspondences under the mixture of inliers and outliers, in one pass."""
+"""Correspondences slid to another pose; their gates, weights and energy under the mixture, in one pass."""
 
 from __future__ import annotations
 
@@ -75,3 +75,32 @@ def weigh_rows(
     sums[c, 2] += total
     sums[c, 3] += squares
     sums[c, 4] += used
+
+
+@compiled
+def slide_rows(
+    first: int,
+    last: int,
+    points: FloatArray,
+    T: FloatArray,
+    before: FloatArray,
+    feet: FloatArray,
+    normals: FloatArray,
+    moved: FloatArray,
+    slid: FloatArray,
+    distances: FloatArray,
+) -> None:
+    """Write the points at a pose, their feet slid along the tangent planes, (n, 3), and their distances, (n,). O(n).
+
+    Shapes: T (4, 4); before (n, 3), the points where the feet were found.
+    """
+    for i in range(first, last):
+        across, square = 0.0, 0.0
+        for k in range(3):
+            moved[i, k] = T[k, 0] * points[i, 0] + T[k, 1] * points[i, 1] + T[k, 2] * points[i, 2] + T[k, 3]
+            across += (moved[i, k] - before[i, k]) * normals[i, k]
+        for k in range(3):
+            slid[i, k] = feet[i, k] + (moved[i, k] - before[i, k]) - across * normals[i, k]
+            gap = moved[i, k] - slid[i, k]
+            square += gap * gap
+        distances[i] = math.sqrt(square)

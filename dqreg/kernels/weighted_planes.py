@@ -6,35 +6,12 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
+from dqreg.kernels.pose_forms import SUMS
 
-# Numbers of a pose, (vec R, t, 1), and columns of the sums of weights, of points and of their feet, and the count.
-NUMBERS, COLUMNS = 13, 8
-
-
-@compiled
-def mean_sums(
-    first: int,
-    last: int,
-    points: FloatArray,
-    feet: FloatArray,
-    normals: FloatArray,
-    weights: FloatArray,
-    chunk: int,
-    sums: FloatArray,
-) -> None:
-    """Write the sums of weights, points, feet and rows that count, (8,), of one chunk of correspondences. O(n).
-
-    A correspondence without weight or without a normal does not count.
-    """
-    c = first // chunk
-    for i in range(first, last):
-        w = weights[i]
-        if w > 0.0 and (normals[i, 0] != 0.0 or normals[i, 1] != 0.0 or normals[i, 2] != 0.0):
-            sums[c, 0] += w
-            sums[c, 7] += 1.0
-            for k in range(3):
-                sums[c, 1 + k] += w * points[i, k]
-                sums[c, 4 + k] += w * feet[i, k]
+# Columns of the sums: those of `form_of_sums`, and after them the sums of weights, of points and of their feet, and the
+# count.
+COLUMNS = SUMS + 8
+NOTHING = np.zeros(0)
 
 
 @compiled
@@ -45,30 +22,47 @@ def plane_sums(
     feet: FloatArray,
     normals: FloatArray,
     weights: FloatArray,
+    precisions: FloatArray,
+    cells: int,
     origins: FloatArray,
     chunk: int,
     sums: FloatArray,
 ) -> None:
-    """Add the cost of one chunk as a quadratic form of the numbers of a pose, its upper half, (13, 13). O(n).
+    """Add the point-to-plane cost of one chunk of correspondences, (81,), see `form_of_sums`. O(n).
 
-    Points count from the first of the origins, (2, 3), feet from the second.
+    Points count from the first of the origins, (2, 3), feet from the second. Precisions are of each cell of normals,
+    see `cell_of`, or none at all. A correspondence without weight or without a normal does not count.
     """
-    form, row = sums[first // chunk], np.zeros(NUMBERS)
+    total = sums[first // chunk]
     for i in range(first, last):
-        w = weights[i]
-        if not w > 0.0:
+        w, nx, ny, nz = weights[i], normals[i, 0], normals[i, 1], normals[i, 2]
+        if not w > 0.0 or (nx == 0.0 and ny == 0.0 and nz == 0.0):
             continue
-        row[12] = 0.0
-        for k in range(3):
-            n = normals[i, k]
-            row[9 + k] = n
-            row[12] += n * (origins[1, k] - feet[i, k])
-            for j in range(3):
-                row[3 * k + j] = n * (points[i, j] - origins[0, j])
-        for a in range(NUMBERS):
-            weighted = w * row[a]
-            for b in range(a, NUMBERS):
-                form[a, b] += weighted * row[b]
+        if len(precisions):
+            w *= precisions[cell_of(normals, i, cells)]
+        p, q, r = points[i, 0] - origins[0, 0], points[i, 1] - origins[0, 1], points[i, 2] - origins[0, 2]
+        x, y, z = feet[i, 0] - origins[1, 0], feet[i, 1] - origins[1, 1], feet[i, 2] - origins[1, 2]
+        xx, yy, zz, xy, xz, yz = w * nx * nx, w * ny * ny, w * nz * nz, w * nx * ny, w * nx * nz, w * ny * nz
+        at = 0
+        for product in (p * p, p * q, p * r, p, q * q, q * r, q, r * r, r, 1.0):
+            total[at] += product * xx
+            total[at + 1] += product * yy
+            total[at + 2] += product * zz
+            total[at + 3] += product * xy
+            total[at + 4] += product * xz
+            total[at + 5] += product * yz
+            at += 6
+        height = nx * x + ny * y + nz * z
+        for side in (w * height * nx, w * height * ny, w * height * nz):
+            total[at] += side * p
+            total[at + 1] += side * q
+            total[at + 2] += side * r
+            total[at + 3] += side
+            at += 4
+        total[at] += w * height * height
+        for value in (w, w * p, w * q, w * r, w * x, w * y, w * z, 1.0):
+            at += 1
+            total[at] += value
 
 
 @compiled
@@ -83,37 +77,66 @@ def cell_of(normals: FloatArray, i: int, cells: int) -> np.int64:
 
 
 @compiled
-def orientation_precisions(
+def orientation_sums(
+    first: int,
+    last: int,
+    moved: FloatArray,
+    feet: FloatArray,
     normals: FloatArray,
-    squares: FloatArray,
     weights: FloatArray,
+    scatter: FloatArray,
     cells: int,
-    beforehand: float,
-    least: float,
+    chunk: int,
     bins: FloatArray,
-    precisions: FloatArray,
 ) -> None:
-    """Write one over the variance of all rows with the same normal, (n,); the weighted mean is one. O(n).
+    """Add weighted squares of the distances along the normals, and weights, of each cell of normals. O(n).
 
-    Squares are the residuals', (n,); ``beforehand`` is the weight of the usual variance in each cell of normals, and
-    ``least`` the least variance, in usual ones. Rows without weight get one. Shapes: bins (2, m), zeros.
+    Scatter is added to the squares, (n,), or none at all. Shapes: moved (n, 3), the points beside their feet; bins
+    (chunks, 2, m).
+    """
+    own = bins[first // chunk]
+    for i in range(first, last):
+        w = weights[i]
+        if w > 0.0:
+            aside = 0.0
+            for k in range(3):
+                aside += (moved[i, k] - feet[i, k]) * normals[i, k]
+            cell = cell_of(normals, i, cells)
+            own[0, cell] += w * (aside * aside + (scatter[i] if len(scatter) else 0.0))
+            own[1, cell] += w
+
+
+@compiled
+def orientation_precisions(bins: FloatArray, beforehand: float, least: float, precisions: FloatArray) -> None:
+    """Write one over the variance of all rows of a cell, (m,); the weighted mean is one. O(m).
+
+    ``beforehand`` is the weight of the usual variance in each cell, and ``least`` the least variance, in usual ones.
+    Cells without weight get one.
     """
     total, weight, scale = 0.0, 0.0, 0.0
-    for i in range(len(weights)):
-        if weights[i] > 0.0:
-            mine = cell_of(normals, i, cells)
-            bins[0, mine] += weights[i] * squares[i]
-            bins[1, mine] += weights[i]
-    for cell in range(bins.shape[1]):
-        total, weight = total + bins[0, cell], weight + bins[1, cell]
+    for cell in range(bins.shape[2]):
+        for chunk in range(1, len(bins)):
+            bins[0, 0, cell] += bins[chunk, 0, cell]
+            bins[0, 1, cell] += bins[chunk, 1, cell]
+        total, weight = total + bins[0, 0, cell], weight + bins[0, 1, cell]
     usual = total / weight if weight > 0.0 else 0.0
-    for cell in range(bins.shape[1]):
-        held = bins[1, cell]
+    for cell in range(bins.shape[2]):
+        held = bins[0, 1, cell]
+        precisions[cell] = 1.0
         if held > 0.0 and usual > 0.0:
-            variance = (bins[0, cell] + beforehand * usual) / (held + beforehand)
-            bins[0, cell] = 1.0 / max(variance, least * usual)
-            scale += held * bins[0, cell]
-    for i in range(len(weights)):
-        precisions[i] = 1.0
-        if weights[i] > 0.0 and scale > 0.0:
-            precisions[i] = bins[0, cell_of(normals, i, cells)] * (weight / scale)
+            variance = (bins[0, 0, cell] + beforehand * usual) / (held + beforehand)
+            precisions[cell] = 1.0 / max(variance, least * usual)
+            scale += held * precisions[cell]
+    for cell in range(bins.shape[2]):
+        if scale > 0.0 and bins[0, 1, cell] > 0.0:
+            precisions[cell] *= weight / scale
+
+
+@compiled
+def times_precisions(
+    first: int, last: int, normals: FloatArray, cells: int, precisions: FloatArray, weights: FloatArray
+) -> None:
+    """Multiply weights, (n,), with the precision of the cell of their normal. O(n)."""
+    for i in range(first, last):
+        if weights[i] > 0.0:
+            weights[i] *= precisions[cell_of(normals, i, cells)]

@@ -17,7 +17,7 @@ from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes, sample_rows
 from dqreg.geometry.objects import recognise
-from dqreg.geometry.scan import measure_spacing
+from dqreg.geometry.spacing import measure_spacing
 from dqreg.odometry.kiss import thin
 from dqreg.trust.records import Reason
 

@@ -87,17 +87,18 @@ def local_minimum(form: QuadraticForm, start: FloatArray) -> FloatArray:
 
     Damped Newton steps that never raise the cost; unconstrained motions stay as they are.
     """
-    from dqreg.kernels.newton_steps import newton_steps
+    return least_cost(form, start)[0]
+
+
+def least_cost(form: QuadraticForm, start: FloatArray) -> tuple[FloatArray, float]:
+    """The same, and the cost there."""
+    from dqreg.kernels.pose_forms import least_cost_pose
     from dqreg.kernels.threads import as_plain
 
-    before = form.coordinates(start)
-    y = before.copy()
-    newton_steps(as_plain(form.matrix), y, form.scale, STEPS, NOTHING, NOISE, LONGEST_RAD, FLAT)
-    # Only the change is added: numbers about the origins of the form have lost the last digits of the pose.
-    T = start.copy()
-    T[:3, :3] = y[:9].reshape(3, 3)
-    T[:3, 3] += (y[9:12] - before[9:12]) - (T[:3, :3] - start[:3, :3]) @ form.origin_source
-    return T
+    origins, T = np.stack([form.origin_source, form.origin_target]), np.zeros((4, 4))
+    limits = STEPS, NOTHING, NOISE, LONGEST_RAD, FLAT
+    cost = least_cost_pose(as_plain(form.matrix), as_plain(origins), as_plain(start), *limits, T)
+    return T, cost
 
 
 def descend(form: QuadraticForm, chart: C, flat: float = FLAT) -> Descent[C]:

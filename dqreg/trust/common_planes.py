@@ -7,7 +7,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.scan import measure_spacing
+from dqreg.geometry.spacing import measure_spacing
 from dqreg.trust.overlap import Overlap
 
 # Planes that fix a pose and leave nothing to check it by; the share of the common places that they hold, and the share

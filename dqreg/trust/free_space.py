@@ -11,7 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray, bounds
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.scan import measure_spacing
+from dqreg.geometry.spacing import measure_spacing
 
 # Edge of a pixel in distances of neighbouring points, and pixels a side at most.
 PIXEL, LARGEST = 1.5, 1_000

@@ -87,3 +87,14 @@ def test_carried_pairs_of_a_cloud_keep_the_gaps_between_its_points() -> None:
     np.testing.assert_allclose(
         up.distances**2 - up.point_to_plane**2, pairs.distances**2 - pairs.point_to_plane**2, atol=1e-14
     )
+
+
+def test_carried_pairs_are_those_of_numpy() -> None:
+    pairs, T = made_pairs(), motion(0.1, 0.3)
+    moved = pose.apply(T, pairs.scan.points)
+    across = np.sum((moved - pairs.moved) * pairs.closest.normals, axis=1)
+    points = pairs.closest.points + moved - pairs.moved - across[:, None] * pairs.closest.normals
+    found = propagate(pairs, T)
+    np.testing.assert_allclose(found.moved, moved, atol=1e-14)
+    np.testing.assert_allclose(found.closest.points, points, atol=1e-14)
+    np.testing.assert_allclose(found.distances, np.linalg.norm(moved - points, axis=1), atol=1e-14)

@@ -7,9 +7,9 @@ import pytest
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, Scan, Surface, prepare_scan
+from dqreg.geometry.spacing import Spread
 from dqreg.icp import Huber, Icp, NormalAngle, Run, Stopping, Trimmed, WithinDistance, find_correspondences, points_only
 from dqreg.icp.history import Iteration
-from dqreg.icp.loop import Spread
 from dqreg.rigid import pose
 from tests.icp.scenes import bracket_mesh, bracket_points, bumpy_cloud, motion
 

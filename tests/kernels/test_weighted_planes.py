@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.icp.noise_by_face import BEFOREHAND, CELLS, LEAST, relative_precisions
+from dqreg.kernels.pose_forms import NUMBERS, form_of_sums
 from dqreg.kernels.threads import over_chunks
-from dqreg.kernels.weighted_planes import COLUMNS, NUMBERS, mean_sums, plane_sums
+from dqreg.kernels.weighted_planes import COLUMNS, NOTHING, plane_sums
 from dqreg.solvers.quadratic import plane_form
 
 
@@ -20,11 +21,12 @@ def correspondences(seed: int, count: int) -> tuple[np.ndarray, ...]:
     return points, feet, normals, weights
 
 
-def sums_of(kernel, columns: tuple, shape: tuple[int, ...], chunk: int, *more: np.ndarray) -> np.ndarray:
-    count = len(columns[0])
-    sums = np.zeros((-(-count // chunk), *shape))
-    over_chunks(kernel, count, *columns, *more, chunk, sums, chunk=chunk)
-    return sums.sum(axis=0)
+def form_of(columns: tuple, origins: np.ndarray, chunk: int) -> np.ndarray:
+    """The form of the sums of chunks, and the origins it is about, which are moved there."""
+    sums, form = np.zeros((-(-len(columns[0]) // chunk), COLUMNS)), np.zeros((NUMBERS, NUMBERS))
+    over_chunks(plane_sums, len(columns[0]), *columns, NOTHING, 0, origins, chunk, sums, chunk=chunk)
+    form_of_sums(sums, origins, form)
+    return form
 
 
 @settings(deadline=None, max_examples=30)
@@ -33,21 +35,20 @@ def test_sums_of_chunks_are_those_of_numpy(seed: int, count: int, chunk: int) ->
     points, feet, normals, weights = columns = correspondences(seed, count)
     used = (weights > 0.0) & normals.any(axis=1)
     p, q, n, w = points[used], feet[used], normals[used], weights[used]
-    expected = np.r_[w.sum(), w @ p, w @ q, len(w)]
-    np.testing.assert_allclose(sums_of(mean_sums, columns, (COLUMNS,), chunk), expected, rtol=1e-12, atol=1e-12)
     origins = np.random.default_rng(seed).normal(size=(2, 3))
-    form = sums_of(plane_sums, columns, (NUMBERS, NUMBERS), chunk, origins)
-    plain = plane_form(p, q, n, w, (origins[0], origins[1]))
-    np.testing.assert_allclose(form, np.triu(plain), rtol=1e-11, atol=1e-11)
+    form = form_of(columns, origins, chunk)
+    if used.any():
+        # Whatever the sums were taken from, the form is about the weighted means.
+        np.testing.assert_allclose(origins, [w @ p / w.sum(), w @ q / w.sum()], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(form, plane_form(p, q, n, w, (origins[0], origins[1])), rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.parametrize("threads", ["1", "2", "8"])
 def test_the_bits_are_the_same_for_any_number_of_threads(threads: str, monkeypatch: pytest.MonkeyPatch) -> None:
     columns = correspondences(0, 1_000)
-    alone = sums_of(plane_sums, columns, (NUMBERS, NUMBERS), 100, np.zeros((2, 3)))
+    alone = form_of(columns, np.zeros((2, 3)), 100)
     monkeypatch.setenv("OMP_NUM_THREADS", threads)
-    again = sums_of(plane_sums, columns, (NUMBERS, NUMBERS), 100, np.zeros((2, 3)))
-    np.testing.assert_array_equal(again, alone)
+    np.testing.assert_array_equal(form_of(columns, np.zeros((2, 3)), 100), alone)
 
 
 def plain_precisions(normals: np.ndarray, squares: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -61,13 +62,25 @@ def plain_precisions(normals: np.ndarray, squares: np.ndarray, weights: np.ndarr
 
 
 @settings(deadline=None, max_examples=20)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([1e-6, 1.0, 1e6]))
-def test_precisions_are_those_of_numpy(seed: int, unit: float) -> None:
-    _, _, normals, weights = correspondences(seed, 300)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1e-6, 1.0, 1e6]), st.booleans())
+def test_precisions_are_those_of_numpy(seed: int, unit: float, spread: bool) -> None:
+    moved, feet, normals, weights = correspondences(seed, 300)
     # On the rim of the cells, and beyond it by rounding.
     normals[:3], weights[:3] = np.eye(3) * (1.0 + 1e-15), 1.0
-    squares = np.random.default_rng(seed).random(300) * unit
-    found = relative_precisions(normals, squares, weights)
+    moved, feet, scatter = unit * moved, unit * feet, unit**2 * np.random.default_rng(seed).random(300) * spread
+    squares = np.einsum("ij,ij->i", moved - feet, normals) ** 2 + scatter
+    found = relative_precisions(moved, feet, normals, weights, scatter if spread else 0.0).times(weights, normals)
     used = weights > 0.0
-    np.testing.assert_allclose(found[used], plain_precisions(normals, squares, weights)[used], rtol=1e-10)
-    np.testing.assert_array_equal(found[~used], 1.0)
+    np.testing.assert_allclose(found[used], (weights * plain_precisions(normals, squares, weights))[used], rtol=1e-10)
+    np.testing.assert_array_equal(found[~used], 0.0)
+
+
+def test_a_form_of_faces_weighed_by_their_scatter_is_that_of_the_weights_times_it() -> None:
+    points, feet, normals, weights = correspondences(1, 500)
+    precisions = relative_precisions(points, feet, normals, weights)
+    sums, origins, form = np.zeros((1, COLUMNS)), np.zeros((2, 3)), np.zeros((NUMBERS, NUMBERS))
+    columns = points, feet, normals, weights, precisions.of_cells, precisions.cells
+    plane_sums(0, 500, *columns, origins, 500, sums)
+    form_of_sums(sums, origins, form)
+    expected = plane_form(points, feet, normals, precisions.times(weights, normals), (origins[0], origins[1]))
+    np.testing.assert_allclose(form, expected, rtol=1e-11, atol=1e-11)
