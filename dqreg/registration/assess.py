@@ -26,7 +26,7 @@ from dqreg.trust import (
     observe_directions,
     without_free_motion,
 )
-from dqreg.trust.common_planes import ends_apart
+from dqreg.trust.common_planes import CommonPlanes
 from dqreg.trust.covariance import partial_information_of
 from dqreg.trust.neighbourhoods import is_flat
 from dqreg.trust.overlap import IndexedPoints, Overlap
@@ -130,11 +130,14 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
     if overlap is None:
         return fit.agreement
     placed, fixed, size = pose.apply(fit.T_target_source, moves.points), stands.points, fit.prepared.surface.diagonal
-    strain = overlap.strain(size)
+    strain, planes = overlap.strain(size), CommonPlanes.of(overlap, placed, fixed, size)
     return dataclasses.replace(
         fit.agreement,
         faces_apart=overlap.apart(size, covariance),
-        ends_apart=ends_apart(overlap, placed, fixed, size),
+        ends_apart=planes.ends_apart() if planes else np.nan,
+        rims_shared=planes.rims_shared() if planes else np.nan,
+        largest_plane=planes.largest if planes else np.nan,
+        deformation=overlap.deformation(size),
         stretch=strain.value if strain.is_strained else 0.0,
         stretched_along=strain.along,
         bend=strain.bend if strain.is_bent else 0.0,

@@ -116,6 +116,18 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "%",
         lambda e: (e.ends_apart, limits.ENDS_APART),
     ),
+    "rims_apart": (
+        "Rims of faces in the only common planes that both scans show",
+        "at least",
+        "%",
+        lambda e: (e.rims_shared, limits.RIMS_SHARED),
+    ),
+    "one_plane": (
+        "Places that both scans show in one plane",
+        "at most",
+        "%",
+        lambda e: (e.largest_plane, limits.ONE_PLANE),
+    ),
     "disagreeing_normals": (
         "Inliers with another normal than the target",
         "at most",
@@ -142,6 +154,12 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         lambda e: (e.waviness / e.size, limits.WAVY),
     ),
     "bent": ("Significant bend, sagitta over length", "at most", "%", lambda e: (e.bend, 0.0)),
+    "deformed": (
+        "Significant smooth deformation of one scan against the other, of the size",
+        "at most",
+        "%",
+        lambda e: (e.deformation / e.size, 0.0),
+    ),
     "drift": ("Significant drift of the pose along the scan, of the size", "at most", "%", _drift),
     "random_fit": (
         "Residuals against those at random poses",

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.spacing import measure_spacing
+from dqreg.trust.face_rims import Plane, Points, rims_in, rows_in, shared_rims
 from dqreg.trust.overlap import Overlap
 
 # Planes that fix a pose and leave nothing to check it by; the share of the common places that they hold, and the share
@@ -15,34 +18,76 @@ from dqreg.trust.overlap import Overlap
 PLANES, ALL, LEAST_SHARE, TRIED = 3, 0.95, 0.02, 30
 # A plane: normals within this angle, and distances within this share of the size, or so many times the noise.
 SAME_COS, WITHIN, NOISY = np.cos(np.deg2rad(8.0)), 5e-3, 3.0
-# Neighbours of a point that lie in the plane with it, as a share of so many; distances, in spacings, beyond which a
-# point has none of the other cloud beside it; points in the planes without which nothing is said.
-NEIGHBOURS, FLAT, GAP, FEWEST = 8, 0.9, 4.0, 100
+# Share of the neighbours of a point that lie in the plane with it: faces that cross the plane are no part of it.
+# Distances, in spacings, beyond which a point has none of the other cloud beside it; points in the planes without which
+# nothing is said.
+FLAT, GAP, FEWEST = 0.9, 4.0, 100
 # Points of a cloud of which its spacing is measured.
 SAMPLE = 1_000
 
 
-def ends_apart(overlap: Overlap, placed: FloatArray, fixed: FloatArray, size: float) -> float:
-    """Share of the faces in the common planes that reach beyond the other cloud, of that of two which has less of it.
+@dataclasses.dataclass(frozen=True, eq=False)
+class CommonPlanes:
+    """The planes that hold all that two clouds have in common, and both clouds at the pose.
 
-    The corner of any part fits the corner of any other; where its faces end, parts differ. What one view alone shows of
-    a face may be hidden from the other; that each shows what the other does not is another part. NaN where the clouds
-    have more than three planes in common, or other shapes. Shapes: placed (n, 3), fixed (m, 3).
+    The corner of any part fits the corner of any other: three planes fix a pose and leave nothing to check it by but
+    where the faces in them end.
     """
-    within = max(WITHIN * size, NOISY * float(np.median(overlap.noise)))
-    planes = _planes(overlap, within)
-    if planes is None:
-        return np.nan
-    trees = NeighbourTree(placed), NeighbourTree(fixed)
-    gap = GAP * max(measure_spacing(tree, points, SAMPLE) for tree, points in zip(trees, (placed, fixed), strict=True))
-    one = _beyond(placed, trees[0], fixed, planes, within, gap)
-    return float(np.minimum(one, _beyond(fixed, trees[1], placed, planes, within, gap)))
+
+    planes: tuple[Plane, ...]
+    largest: float  # Share of the common places that the largest of them holds
+    within: float  # Distance from a plane within which a point lies in it
+    sides: tuple[Points, Points]  # The source at the pose, the target
+    spacing: float  # Of neighbouring points, of the sparser side
+
+    @staticmethod
+    def of(overlap: Overlap, placed: FloatArray, fixed: FloatArray, size: float) -> CommonPlanes | None:
+        """Of clouds of a size, placed (n, 3) and fixed (m, 3); None where they have more in common than that."""
+        within = max(WITHIN * size, NOISY * float(np.median(overlap.noise)))
+        found = _planes(overlap, within)
+        if found is None:
+            return None
+        sides = (placed, NeighbourTree(placed)), (fixed, NeighbourTree(fixed))
+        spacing = max(measure_spacing(tree, points, SAMPLE) for points, tree in sides)
+        return CommonPlanes(*found, within, sides, spacing)
+
+    def ends_apart(self) -> float:
+        """Share of the faces in the planes that reach beyond the other cloud, of that of two which has less of it.
+
+        What one view alone shows of a face may be hidden from the other; that each shows what the other does not is
+        another part. NaN for few points.
+        """
+        one, other = self.sides
+        return float(np.minimum(self._beyond(one, other[0]), self._beyond(other, one[0])))
+
+    def rims_shared(self) -> float:
+        """Share of the rims of faces that are where the other's faces have one, of the cloud that has more of them.
+
+        Where two planes meet their faces end together, whatever the part: those rims are left out. NaN for few rims.
+        """
+        one, other = (
+            [rims_in(points, tree, plane, self.planes, self.within) for plane in self.planes]
+            for points, tree in self.sides
+        )
+        return float(np.fmax(shared_rims(one, other), shared_rims(other, one)))
+
+    def _beyond(self, side: Points, others: FloatArray) -> float:
+        """Share of a cloud's faces in the planes that has no point of another one beside it; NaN for few points."""
+        (points, tree), inside, beyond = side, 0, 0
+        for plane in self.planes:
+            rows = rows_in(points, tree, plane, self.within, FLAT)
+            theirs = others[plane.holds(others, self.within)]
+            if not len(rows) or not len(theirs):
+                continue
+            apart = NeighbourTree(theirs).nearest(points[rows], 1)[1][:, 0]
+            inside, beyond = inside + len(rows), beyond + int(np.count_nonzero(apart > GAP * self.spacing))
+        return beyond / inside if inside >= FEWEST else np.nan
 
 
-def _planes(overlap: Overlap, within: float) -> list[tuple[FloatArray, FloatArray]] | None:
-    """Points and normals of the planes that hold all common places; None where those are more, or no planes."""
+def _planes(overlap: Overlap, within: float) -> tuple[tuple[Plane, ...], float] | None:
+    """The planes that hold all common places, and the share of the largest; None where those are more, or no planes."""
     left = np.ones(len(overlap.points), dtype=bool)
-    planes = []
+    planes, largest = [], 0.0
     for _ in range(PLANES):
         rows = np.flatnonzero(left)
         if len(rows) < LEAST_SHARE * len(left):
@@ -50,9 +95,10 @@ def _planes(overlap: Overlap, within: float) -> list[tuple[FloatArray, FloatArra
         held = max((_held(overlap, k, left, within) for k in rows[sample_rows(len(rows), TRIED)]), key=np.count_nonzero)
         points = overlap.points[held]
         middle = points.mean(axis=0)
-        planes.append((middle, np.linalg.eigh((points - middle).T @ (points - middle))[1][:, 0]))
+        planes.append(Plane(middle, np.linalg.eigh((points - middle).T @ (points - middle))[1][:, 0]))
+        largest = max(largest, float(np.mean(held)))
         left &= ~held
-    return planes if np.count_nonzero(left) <= (1.0 - ALL) * len(left) else None
+    return (tuple(planes), largest) if np.count_nonzero(left) <= (1.0 - ALL) * len(left) else None
 
 
 def _held(overlap: Overlap, k: int, left: BoolArray, within: float) -> BoolArray:
@@ -61,25 +107,3 @@ def _held(overlap: Overlap, k: int, left: BoolArray, within: float) -> BoolArray
     aside = np.abs((overlap.points - overlap.points[k]) @ normal)
     held: BoolArray = left & (aside < within) & (np.abs(overlap.normals @ normal) > SAME_COS)
     return held
-
-
-def _beyond(
-    points: FloatArray,
-    tree: NeighbourTree,
-    others: FloatArray,
-    planes: list[tuple[FloatArray, FloatArray]],
-    within: float,
-    gap: float,
-) -> float:
-    """Share of a cloud's faces in some planes that has no point of another one beside it; NaN for few points."""
-    inside = beyond = 0
-    for middle, normal in planes:
-        near, theirs = (np.abs((some - middle) @ normal) < within for some in (points, others))
-        rows = np.flatnonzero(near)
-        if not len(rows) or not theirs.any():
-            continue
-        # Faces that cross the plane are no part of it.
-        rows = rows[near[tree.nearest(points[rows], NEIGHBOURS)[0]].mean(axis=1) > FLAT]
-        apart = NeighbourTree(others[theirs]).nearest(points[rows], 1)[1][:, 0]
-        inside, beyond = inside + len(rows), beyond + int(np.count_nonzero(apart > gap))
-    return beyond / inside if inside >= FEWEST else np.nan

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 
-from dqreg.solvers.motion_words import direction_words
 from dqreg.solvers.status import Status
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import (
     CLUTTER,
     CONTRADICTING,
-    ENDS_APART,
-    FACES_APART,
     FALL,
     FEW_INLIERS,
     FEW_OF_ALL,
     FEWEST_INLIERS,
     HOLDS,
-    LOOKED_THROUGH,
     MIRRORED,
     NORMALS_APART,
     OFF_PER_STRAY,
@@ -28,13 +23,24 @@ from dqreg.trust.limits import (
     STRAYS,
     UNCERTAIN,
     UNCERTAIN_RAD,
-    WAVY,
     chance_limit,
     counts_all,
     fewest_carriers,
     own_noise,
 )
 from dqreg.trust.records import Code
+from dqreg.trust.shape_doubts import (
+    bent,
+    deformed,
+    drift,
+    ends_apart,
+    faces_apart,
+    looked_through,
+    one_plane,
+    rims_apart,
+    stretched,
+    wavy,
+)
 
 # What to do about a loop that ended so.
 ADVICE: dict[Status, str] = {
@@ -121,30 +127,6 @@ def _clutter(evidence: Evidence) -> Iterator[str]:
         )
 
 
-def _looked_through(evidence: Evidence) -> Iterator[str]:
-    if evidence.looked_through > LOOKED_THROUGH:
-        yield (
-            f"{100 * evidence.looked_through:.0f} % of the points compared stand where a scanner looked through: a "
-            "wrong pose, a wrong viewpoint, or things that moved between the scans"
-        )
-
-
-def _faces_apart(evidence: Evidence) -> Iterator[str]:
-    if evidence.faces_apart > FACES_APART:
-        yield (
-            f"{100 * evidence.faces_apart:.0f} % of the places that both scans show lie apart by more than their noise "
-            "and 0.2 % of the size: a wrong pose, or things that moved or differ between the scans"
-        )
-
-
-def _ends_apart(evidence: Evidence) -> Iterator[str]:
-    if evidence.ends_apart > ENDS_APART:
-        yield (
-            "the scans have three planes in common at most, which fit many corners, and their faces end at different "
-            f"places: {100 * evidence.ends_apart:.0f} % of each and more lie beyond the other's"
-        )
-
-
 def _disagreeing_normals(evidence: Evidence) -> Iterator[str]:
     if not evidence.normals_apart <= NORMALS_APART:
         yield (
@@ -171,46 +153,11 @@ def _large_residuals(evidence: Evidence) -> Iterator[str]:
         )
 
 
-def _stretched(evidence: Evidence) -> Iterator[str]:
-    if not evidence.stretch:
-        return
-    along = evidence.stretched_along if any(evidence.stretched_along) else None
-    how = ("short", "long")[evidence.stretch > 0.0] if along else ("small", "large")[evidence.stretch > 0.0]
-    words = f"{100 * abs(evidence.stretch):.2g} % too {how}" + (f" along {direction_words(along)}" if along else "")
-    scaled = 'a part that shrank or a scaled file (scale="solve" or --scale solve estimates it), another part'
-    cause = "another part" if along else scaled
-    yield f"the scan is {words}: {cause}, or a local minimum"
-
-
 def _local_difference(evidence: Evidence) -> Iterator[str]:
     if evidence.is_detail and evidence.share_together:
         yield (
             f"the scan shows a detail of the target, and {100 * evidence.share_together:.2g} % of it lie beside each "
             "other off the target: it may fit better elsewhere; scan more of the part"
-        )
-
-
-def _wavy(evidence: Evidence) -> Iterator[str]:
-    if evidence.waviness > WAVY * evidence.size:
-        yield (
-            f"neighbouring points deviate together, by {evidence.length(evidence.waviness)} "
-            f"({100 * evidence.waviness / evidence.size:.2g} % of the size, one sigma): waves or dents all over, as "
-            "of a scanner that shakes, another shape, or a wrong pose"
-        )
-
-
-def _bent(evidence: Evidence) -> Iterator[str]:
-    if evidence.bend:
-        yield f"the scan is bent or twisted by {100 * evidence.bend:.2g} % of its length against the target"
-
-
-def _drift(evidence: Evidence) -> Iterator[str]:
-    if evidence.drift:
-        along = f" along {direction_words(evidence.drift_along)}" if any(evidence.drift_along) else ""
-        yield (
-            f"the pose drifts by {evidence.length(evidence.drift)}{along} and "
-            f"{math.degrees(evidence.drift_rad):.2g} degrees within the scan: part or scanner moved during it or "
-            "between two exposures, or its views do not fit"
         )
 
 
@@ -275,21 +222,24 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("low_inlier_fraction", _low_inlier_fraction),
     ("falling_inlier_fraction", _falling_inlier_fraction),
     # Before the mirror image: a part that shrank feigns one.
-    ("stretched", _stretched),
+    ("stretched", stretched),
     ("mirrored", _mirrored),
     ("deviating_patches", _deviating_patches),
     ("contradicting_surface", _contradicting_surface),
     ("clutter", _clutter),
-    ("looked_through", _looked_through),
-    ("faces_apart", _faces_apart),
-    ("ends_apart", _ends_apart),
+    ("looked_through", looked_through),
+    ("faces_apart", faces_apart),
+    ("ends_apart", ends_apart),
+    ("rims_apart", rims_apart),
+    ("one_plane", one_plane),
     ("disagreeing_normals", _disagreeing_normals),
     ("outliers", _outliers),
     ("large_residuals", _large_residuals),
     ("local_difference", _local_difference),
-    ("wavy", _wavy),
-    ("bent", _bent),
-    ("drift", _drift),
+    ("wavy", wavy),
+    ("bent", bent),
+    ("deformed", deformed),
+    ("drift", drift),
     ("random_fit", _random_fit),
     ("unconstrained", _unconstrained),
     ("large_uncertainty", _large_uncertainty),

@@ -80,6 +80,14 @@ class Evidence:
     ends_apart : float
         Share of the faces of two scans that have three planes in common at most which reaches beyond the other's, of
         the one with less of it; NaN where they have more in common.
+    rims_shared : float
+        Share of the rims of faces in those planes that are rims of the other scan's faces too, of the scan with more of
+        it; NaN where that was not asked.
+    largest_plane : float
+        Share of the places that both scans show which the largest of those planes holds; NaN likewise.
+    deformation : float
+        Displacement of one scan's surface against the other's, along its normals, by a significant smooth deformation
+        that no motion explains, root mean square; else 0. A length.
     drift, drift_rad : float
         Significant displacement and rotation of the pose from the first point of the scan to the last; else 0.
     drift_along : tuple of 3 floats
@@ -129,6 +137,9 @@ class Evidence:
     local_noise: float = math.nan
     share_together: float = 0.0
     is_detail: bool = False
+    rims_shared: float = math.nan
+    largest_plane: float = math.nan
+    deformation: float = 0.0
 
     def length(self, value: float) -> str:
         """A length in words, with its unit where that is known.

@@ -18,6 +18,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import PlaneFits, fit_planes_among, sample_rows
 from dqreg.rigid import pose
 from dqreg.solvers.quadratic import plane_rows
+from dqreg.trust.deformation import deformation_of
 from dqreg.trust.strain import SIGNIFICANT_CLUTTER, Strain, robust_fit, strain_of, weights_of
 
 # Points that are compared, and neighbours of a plane; comparisons without which nothing is said.
@@ -122,6 +123,10 @@ class Overlap:
         found = strain_of(self.points, self.normals, self.residuals)
         found = dataclasses.replace(found, significant=SIGNIFICANT_CLUTTER)
         return found if found.shown >= SHOWN * size else Strain()
+
+    def deformation(self, size: float) -> float:
+        """Displacement of the surface of one cloud by a deformation, root mean square; 0 for none."""
+        return deformation_of(self.points, self.normals, self.residuals, size)
 
 
 def _is_flat(fits: PlaneFits) -> BoolArray:

@@ -112,11 +112,11 @@ def strain_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, *,
     sigmas = np.sqrt(np.diag(scatter)[12:]) * factor
     k = int(np.argmax(bends / sigmas)) if (sigmas > 0.0).all() else 0
     significant = SIGNIFICANT_CLUTTER if clutter else SIGNIFICANT
-    shown = _unexplained(fitted[6:] @ rows[6:], rows[:6], weights)
+    shown = unexplained(fitted[6:] @ rows[6:], rows[:6], weights)
     return Strain(value, sigma, along, float(bends[k]), float(sigmas[k]), significant, shown)
 
 
-def _unexplained(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> float:
+def unexplained(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> float:
     """Root mean square of displacements, (n,), without the motions, (6, n), nearest to them."""
     roots = np.sqrt(weights)
     left = roots * displaced - np.linalg.lstsq((roots * motions).T, roots * displaced)[0] @ (roots * motions)

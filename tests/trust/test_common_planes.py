@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
-from dqreg.trust.common_planes import ends_apart
-from dqreg.trust.limits import ENDS_APART
+from dqreg.trust.common_planes import CommonPlanes
+from dqreg.trust.limits import ENDS_APART, ONE_PLANE, RIMS_SHARED
 from dqreg.trust.overlap import IndexedPoints, Overlap
 from tests.strategies import FloatArray
 from tests.trust.shapes import sphere
@@ -26,10 +24,20 @@ def corner(edges: tuple[float, float, float], seed: int) -> FloatArray:
     return points + NOISE * rng.normal(size=points.shape)
 
 
-def said(one: FloatArray, other: FloatArray) -> float:
+def planes_of(one: FloatArray, other: FloatArray) -> CommonPlanes | None:
     overlap = Overlap.of(IndexedPoints.of(one), IndexedPoints.of(other), np.eye(4))
     assert overlap is not None
-    return ends_apart(overlap, one, other, SIZE)
+    return CommonPlanes.of(overlap, one, other, SIZE)
+
+
+def between(one: FloatArray, other: FloatArray) -> CommonPlanes:
+    found = planes_of(one, other)
+    assert found is not None
+    return found
+
+
+def said(one: FloatArray, other: FloatArray) -> float:
+    return between(one, other).ends_apart()
 
 
 def test_two_views_of_one_corner_end_together() -> None:
@@ -45,7 +53,27 @@ def test_what_one_view_alone_shows_may_be_hidden_from_the_other() -> None:
     assert said(whole, part[part[:, 2] < 35.0]) < 0.01
 
 
+def test_rims_of_one_corner_are_shared_and_those_of_another_part_are_not() -> None:
+    # The sides away from the corner, of which nothing is left out: half of each scan shows what the other does not.
+    one, other = corner((30.0, 40.0, 55.0), 1), corner((30.0, 40.0, 55.0), 2)
+    longer, wider = corner((45.0, 40.0, 30.0), 1), corner((30.0, 55.0, 42.0), 2)
+    assert between(one, other).rims_shared() > 0.9
+    assert between(longer, wider).rims_shared() < RIMS_SHARED
+    assert between(one, other).largest < ONE_PLANE
+
+
+def test_a_rim_hidden_from_one_view_leaves_those_that_both_show() -> None:
+    whole, part = corner((30.0, 40.0, 55.0), 1), corner((30.0, 40.0, 55.0), 2)
+    assert between(whole, part[part[:, 2] < 35.0]).rims_shared() > RIMS_SHARED
+
+
+def test_a_face_alone_is_one_plane() -> None:
+    flat = corner((30.0, 40.0, 55.0), 1)
+    top, again = (side[np.abs(side[:, 0]) < 0.1] for side in (flat, corner((30.0, 40.0, 55.0), 2)))
+    assert between(top, again).largest > ONE_PLANE
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_where_more_is_in_common_nothing_is_said(seed: int) -> None:
     one, other = (1.0 * sphere(np.random.default_rng(k), 3_000)[0] for k in (seed, seed + 10))
-    assert math.isnan(said(one, other))
+    assert planes_of(one, other) is None

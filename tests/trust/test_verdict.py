@@ -76,6 +76,21 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "5 % of each and more lie beyond the other's",
         "ends_apart",
     ),
+    "rims apart": (
+        {"rims_shared": limits.RIMS_SHARED - 0.01},
+        "59 % of the rims of one are rims of the other",
+        "rims_apart",
+    ),
+    "one plane": (
+        {"largest_plane": limits.ONE_PLANE + 0.005},
+        "99 % of what both scans show lie in one plane",
+        "one_plane",
+    ),
+    "deformed": (
+        {"deformation": 0.003, "size": 1.0},
+        "a deformation displaces the surface of one scan by 0.003 (0.3 % of the size, root mean square)",
+        "deformed",
+    ),
     "normals": (
         {"normals_apart": limits.NORMALS_APART + 0.01},
         "16 % of the inliers have normals that disagree with the target",

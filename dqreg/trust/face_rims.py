@@ -1,0 +1,108 @@
+"""Rims of the faces of a cloud in a plane: where they are, and whether another cloud's faces end there too."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median
+from dqreg.geometry.neighbours import NeighbourTree
+
+Points = tuple[FloatArray, NeighbourTree]
+
+# Neighbours of a point in space that tell whether its face lies in the plane, and the share of them that lie there.
+BESIDE, MOSTLY = 8, 0.6
+# Neighbours in the plane that leave so wide an angle without any about a point on a rim; a point that has them within
+# so many times the usual distance only is on no face.
+AROUND, SPARSE, OPEN_RAD = 20, 2.0, np.deg2rad(140.0)
+# Points of a plane without which it has no rims; rims within so many spacings of another plane end there in any case.
+FEWEST, MEETING = 30, 1.5
+# Rims are the same where their points are within so many spacings of each other and look the same way.
+SAME, NEAREST, SAME_COS = 1.2, 4, 0.7
+# Points on rims without which nothing is said.
+FEWEST_RIMS = 30
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Plane:
+    """A plane in space."""
+
+    middle: FloatArray  # (3,)
+    normal: FloatArray  # (3,)
+
+    def holds(self, points: FloatArray, within: float) -> BoolArray:
+        """Which points, (n, 3), lie in it."""
+        return np.asarray(np.abs((points - self.middle) @ self.normal) < within)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Rims:
+    """Points of a cloud in a plane at which its faces end."""
+
+    points: FloatArray  # (n, 3)
+    outward: FloatArray  # (n, 3): Directions in the plane to the side without points
+    counted: BoolArray  # (n,): Whether it is not the rim along which another common plane begins
+    spacing: float  # Edge of the square that a point has for itself
+
+
+def rows_in(points: FloatArray, tree: NeighbourTree, plane: Plane, within: float, share: float) -> IntArray:
+    """Points whose faces lie in a plane: those of which so large a share of the neighbours does too."""
+    near = plane.holds(points, within)
+    rows = np.flatnonzero(near)
+    if not len(rows):
+        return rows
+    found: IntArray = rows[near[tree.nearest(points[rows], BESIDE)[0]].mean(axis=1) > share]
+    return found
+
+
+def rims_in(
+    points: FloatArray, tree: NeighbourTree, plane: Plane, planes: Sequence[Plane], within: float
+) -> Rims | None:
+    """Rims of a cloud's faces in one of some planes; None where few of its points are."""
+    rows = rows_in(points, tree, plane, within, MOSTLY)
+    if len(rows) < FEWEST:
+        return None
+    points = points[rows]
+    across = np.linalg.svd(plane.normal[None])[2][1:]
+    flat = (points - plane.middle) @ across.T
+    open_rad, towards, spacing = _open_sides(flat)
+    is_rim = open_rad > OPEN_RAD
+    points = points[is_rim]
+    counted = np.ones(len(points), dtype=bool)
+    for other in planes:
+        if other is not plane:
+            counted &= ~other.holds(points, MEETING * spacing)
+    return Rims(points, np.column_stack([np.cos(towards), np.sin(towards)])[is_rim] @ across, counted, spacing)
+
+
+def shared_rims(rims: Sequence[Rims | None], others: Sequence[Rims | None]) -> float:
+    """Share of a cloud's rims that are rims of another one's faces in the same planes too; NaN for few."""
+    count = shared = 0
+    for one, other in zip(rims, others, strict=True):
+        if one is None or other is None:
+            continue
+        count += int(np.count_nonzero(one.counted))
+        if len(other.points) < NEAREST or not one.counted.any():
+            continue
+        rows, apart = NeighbourTree(other.points).nearest(one.points[one.counted], NEAREST)
+        alike = np.einsum("ijk,ik->ij", other.outward[rows], one.outward[one.counted]) > SAME_COS
+        shared += int(np.count_nonzero((alike & (apart < SAME * max(one.spacing, other.spacing))).any(axis=1)))
+    return shared / count if count >= FEWEST_RIMS else np.nan
+
+
+def _open_sides(flat: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Widest angle without a neighbour about each point of a plane, (n, 2), its direction, in radians; the spacing."""
+    in_space = np.column_stack([flat, np.zeros(len(flat))])
+    rows, apart = NeighbourTree(in_space).nearest(in_space, min(AROUND + 1, len(flat)))
+    farthest = apart[:, -1]
+    usual = median(farthest)
+    arms = flat[rows[:, 1:]] - flat[:, None]
+    angles = np.sort(np.arctan2(arms[..., 1], arms[..., 0]), axis=1)
+    # The first neighbour closes the round.
+    closed = np.concatenate([angles, angles[:, :1] + 2.0 * np.pi], axis=1)
+    gaps = np.diff(closed, axis=1)
+    each, widest = np.arange(len(flat)), gaps.argmax(axis=1)
+    open_rad = np.where(farthest <= SPARSE * usual, gaps[each, widest], 0.0)
+    return open_rad, closed[each, widest] + 0.5 * open_rad, usual * float(np.sqrt(np.pi / AROUND))

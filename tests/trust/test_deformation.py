@@ -1,0 +1,58 @@
+"""Deformations between two clouds of one corner: told all together where no single strain is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg.rigid import pose, twist
+from dqreg.trust.deformation import deformation_of
+from tests.strategies import FloatArray
+from tests.trust.shapes import sphere
+
+SIZE, NOISE = 3.0, 1e-3
+
+
+def corner(rng: np.random.Generator, count: int = 1_500) -> tuple[FloatArray, FloatArray]:
+    """Places on three faces that meet in the origin at 75 to 90 degrees, in the order of the faces, and normals."""
+    normals = np.array([[1.0, 0.0, 0.0], [0.17, 0.985, 0.0], [0.25, 0.1, 0.96]])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    edges = np.cross(np.roll(normals, -1, axis=0), np.roll(normals, 1, axis=0))
+    rows = np.sort(rng.integers(3, size=count))
+    across = rng.uniform(0.0, 1.5, (count, 2, 1))
+    points = across[:, 0] * edges[(rows + 1) % 3] + across[:, 1] * edges[(rows + 2) % 3]
+    return points, normals[rows]
+
+
+def residuals_of(points: FloatArray, normals: FloatArray, moved: FloatArray, rng: np.random.Generator) -> FloatArray:
+    return np.einsum("ij,ij->i", moved - points, normals) + NOISE * rng.normal(size=len(points))
+
+
+@pytest.mark.parametrize("shape", [corner, lambda rng: sphere(rng, 1_500)])
+def test_noise_and_motions_are_no_deformation(shape) -> None:
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        points, normals = shape(rng)
+        moved = pose.apply(twist.exp(0.004 * rng.normal(size=6)), points)
+        assert deformation_of(points, normals, residuals_of(points, normals, moved, rng), SIZE) == 0.0
+
+
+def test_a_shear_is_told_with_what_a_motion_leaves_of_it() -> None:
+    rng = np.random.default_rng(0)
+    points, normals = corner(rng)
+    shear = 0.03 * points[:, [1]] * np.array([1.0, 0.0, 0.0])
+    said = deformation_of(points, normals, residuals_of(points, normals, points + shear, rng), SIZE)
+    # Oracle: the least-squares remainder of the displacement along the normals, of all motions.
+    rows = np.hstack([np.cross(points, normals), normals])
+    along = np.einsum("ij,ij->i", shear, normals)
+    left = along - rows @ np.linalg.lstsq(rows, along)[0]
+    assert said == pytest.approx(np.sqrt(np.mean(left**2)), rel=0.1)
+
+
+def test_a_wave_is_told_by_the_quadratic_fields() -> None:
+    rng = np.random.default_rng(0)
+    points, normals = sphere(rng, 1_500)
+    order = np.lexsort(np.round(points * 4.0).T)
+    points, normals = points[order], normals[order]
+    wave = 0.01 * np.cos(2.5 * points[:, [0]]) * np.array([0.0, 1.0, 0.0])
+    assert deformation_of(points, normals, residuals_of(points, normals, points + wave, rng), SIZE) > 5e-4 * SIZE
