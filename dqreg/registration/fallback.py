@@ -11,9 +11,9 @@ from dqreg._arrays import BoolArray, FloatArray
 from dqreg.registration.assess import evidence_of, is_partial, uncertainty_of, verdict_on
 from dqreg.registration.evidence import MISFIT
 from dqreg.registration.fit import Fit
-from dqreg.registration.initial_pose import GlobalSearch, InitialPose
+from dqreg.registration.initial_pose import FOUND, GlobalSearch, InitialPose
 from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, down_to_noise, mirror_gain, scores_of
-from dqreg.rigid import pose
+from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.search.problem import SCENE
@@ -64,6 +64,7 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
     if not is_asked and ((not is_given and not len(beside)) or not is_doubtful(fit)):
         return known
     others = np.array([c.T_target_source for c in search.candidates()]).reshape(-1, 4, 4) if is_given else beside
+    others = but_slid(fit, others)
     is_copy = _is_copy(fit, others)
     fits, last = [fit], fit
     # A part that is nearly symmetric has copies that are wrong: the points decide, after the other poses.
@@ -135,6 +136,37 @@ def _is_copy(fit: Fit, others: FloatArray) -> BoolArray:
         shift = float(np.linalg.norm(pose.apply(motion, axis.point[None])[0] - axis.point))
         found[k] = max(abs(angle - step * round(angle / step)), shift / target.surface.diagonal) <= COPY
     return found
+
+
+def but_slid(fit: Fit, others: FloatArray) -> FloatArray:
+    """Poses, (k, 4, 4), without those that are the fit's or one another's after a motion that nothing constrains."""
+    free = fit.information.free if fit.found else np.zeros(0, dtype=bool)
+    if not len(others) or not free.any():
+        return others
+    scores = scores_of(fit, np.concatenate([fit.T_target_source[None], others]))
+    kept: list[int] = []
+    for k, T in enumerate(others, start=1):
+        if not any(_is_slid(fit, others[j - 1] if j else fit.T_target_source, T) for j in (0, *kept)):
+            kept.append(k)
+            continue
+        # Farther along something may hold the motion: a key in its way.
+        deficit, error = scores.deficit(0)
+        if -deficit[k] > max(BETTER, SIGNIFICANT * error[k]):
+            kept.append(k)
+    return others[np.array(kept, dtype=int) - 1]
+
+
+def _is_slid(fit: Fit, T: FloatArray, other: FloatArray) -> bool:
+    """Whether a motion that nothing constrains leads from one pose to another.
+
+    Such motions are a group: the logarithm of any of them is a mixture of the free ones, however far it goes.
+    """
+    information, scale = fit.information, np.r_[[fit.information.lever] * 3, [1.0] * 3]
+    free, motion = information.vectors[:, information.free], twist.log(other @ pose.inverse(T))
+    along = twist.exp(free @ (free.T @ (scale * motion)) / scale) @ T
+    points = fit.prepared.scan.thinned(FEW).points
+    away = np.linalg.norm(pose.apply(other, points) - pose.apply(along, points), axis=1).max(initial=0.0)
+    return bool(away <= FOUND * fit.prepared.surface.diagonal)
 
 
 def _copies(fit: Fit) -> FloatArray:

@@ -8,10 +8,10 @@ import pytest
 
 import dqreg
 from dqreg.geometry import sample_mesh
-from dqreg.registration.fallback import is_doubtful
+from dqreg.registration.fallback import but_slid, is_doubtful
 from dqreg.registration.fit import coarse_to_fine
 from dqreg.registration.rivals import best_seen
-from dqreg.rigid import pose
+from dqreg.rigid import pose, twist
 from dqreg.synth import Noise, Scanner, disturbance, load_case, random_pose, scan_mesh, worst_vertex_displacement
 from dqreg.synth.parts import box, bracket, flange
 from dqreg.synth.parts.blocks import cells
@@ -211,3 +211,18 @@ def test_a_part_is_found_among_objects_that_explain_more_of_the_scene(seed: int)
     result = dqreg.register(case.scan, case.part, seed=seed)
     assert result.verdict.level == "accepted"
     assert pose.angle_between(result.T_target_source, case.T_target_source) < np.deg2rad(0.05)
+
+
+def test_poses_that_an_unconstrained_motion_leads_to_are_one() -> None:
+    # A plane on a plane: shifts in it and rotations about its normal are free, however far; its other side is not.
+    rng = np.random.default_rng(0)
+    vertices, faces = np.array([[-3.0, -3, 0], [3, -3, 0], [3, 3, 0], [-3, 3, 0]]), np.array([[0, 1, 2], [0, 2, 3]])
+    scan = np.column_stack([rng.uniform(-1.0, 1.0, (500, 2)), 1e-3 * rng.normal(size=500)])
+    problem = problem_of(scan, dqreg.Mesh(vertices, faces), np.eye(4))
+    prepared, constraints = problem.prepare(), problem.constraints(np.eye(4))
+    settings = problem.options.icp_settings(problem.reach(prepared), constraints)
+    fit = coarse_to_fine(problem, prepared, problem.to_centred(np.eye(4)), settings, constraints)
+    free = [twist.exp([0, 0, 2.0, 0.5, -0.7, 0]), twist.exp([0, 0, -0.3, 0, 1.0, 0])]
+    over, above = twist.exp([np.pi, 0, 0, 0, 0, 0]), twist.exp([0, 0, 0, 0, 0, 0.2])
+    others = np.stack([free[0], over, free[1], free[0] @ over, above]) @ fit.T_target_source
+    np.testing.assert_array_equal(but_slid(fit, others), others[[1, 4]])
