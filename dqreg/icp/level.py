@@ -115,6 +115,10 @@ class Level:
                 break
             run = self._run(mixture, run.T_target_source, schedule, observe, first + len(history), run.pairs)
             history += run.history
+        else:
+            if schedule.iterations is not None and run.status == "iteration limit":
+                # Not a limit of the caller's: the steps at the last widths became no shorter.
+                run = dataclasses.replace(run, status="stalled")
         return Alignment.of(dataclasses.replace(run, history=history), mixture)
 
     def once(

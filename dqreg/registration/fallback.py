@@ -153,7 +153,7 @@ def but_slid(fit: Fit, others: FloatArray) -> FloatArray:
         deficit, error = scores.deficit(0)
         if -deficit[k] > max(BETTER, SIGNIFICANT * error[k]):
             kept.append(k)
-    return others[np.array(kept, dtype=int) - 1]
+    return np.asarray(others[np.array(kept, dtype=int) - 1])
 
 
 def _is_slid(fit: Fit, T: FloatArray, other: FloatArray) -> bool:
