@@ -14,6 +14,7 @@ from typing import Any, TypeVar, cast
 import numba
 from numba.core import serialize
 from numba.core.compiler import CompileResult
+from numba.core.runtime import rtsys
 
 from dqreg.kernels.cache import claim, folders
 from dqreg.kernels.file_locks import FileLocks
@@ -50,7 +51,9 @@ class KeptCode:
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """Code of a signature; None where it has to be compiled."""
-        target_context.refresh()
+        # All that code that was kept needs. Numba's own `refresh` would import what types are inferred with, a third of
+        # a second of each process; where a function has to be compiled, it is done then.
+        rtsys.initialize(target_context)
         file = self._file(signature, target_context.codegen())
         if (code := _kept(file, target_context)) is not None:
             return code

@@ -16,6 +16,8 @@ PRODUCTS, ELEMENTS, MIXED = 10, 6, 12
 SUMS = PRODUCTS * ELEMENTS + MIXED + 1
 # Rows and columns of those elements, and the first of the rows of (p, 1) in a triangle of products.
 ROW_OF, COLUMN_OF, FIRST_OF = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2), (0, 3, 5, 6)
+# A constant here, and not asked of NumPy by compiled code, which would import SciPy whenever it is loaded.
+TINY = float(np.finfo(np.float64).tiny)
 
 
 @compiled
@@ -94,7 +96,7 @@ def least_cost_pose(
     size = 0.0
     for k in range(9):
         size += matrix[k, k] / 3.0
-    size = max(matrix[12, 12], size, np.finfo(np.float64).tiny)
+    size = max(matrix[12, 12], size, TINY)
     cost = newton_steps(matrix, y, size, steps, nothing, noise, longest, flat)
     for i in range(3):
         # Only the change is added: numbers about the origins of the form have lost the last digits of the pose.

@@ -154,3 +154,20 @@ def test_the_first_compilation_is_announced_in_one_line_on_a_terminal(tmp_path: 
     assert said[0].count("compiling inner loops") == 1
     assert said[0].count("\n") == 2
     assert said[1] == "end\r\n"
+
+
+def test_code_that_is_kept_runs_without_what_types_are_inferred_with() -> None:
+    code = """
+import sys
+import numpy as np
+import dqreg
+box = np.array([[x, y, z] for x in range(3) for y in range(3) for z in range(3)], dtype=float)
+dqreg.register(box, box, "identity", effort="fast", search="never")
+print("numba.np.linalg" in sys.modules)
+"""
+    # Whatever has not been kept yet is compiled by the first process.
+    told = [
+        subprocess.run([sys.executable, "-c", code], env=environment(), capture_output=True, text=True, check=True)
+        for _ in range(2)
+    ]
+    assert told[1].stdout == "False\n", told[1].stderr
