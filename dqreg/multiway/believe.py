@@ -79,7 +79,7 @@ def _first_look(edge: Edge, size: float) -> EdgeCode:
     """Why an edge can be of no use, or "unconfirmed"."""
     if edge.level == "failed" or not edge.found:
         return "untried" if edge.code == "untried" else "no_pose"
-    if edge.code in ("opposite_sides", "looked_through", "misfit"):
+    if edge.code in ("opposite_sides", "looked_through", "misfit", "ambiguous", "contradicts"):
         return edge.code
     covariance = edge.registration.covariance
     free = any(motion.is_free for motion in edge.registration.observability)
@@ -215,9 +215,9 @@ def _islands(graph: PoseGraph, rows: IntArray) -> IntArray:
 
 
 def _anchored(island: IntArray, node: int, count: int) -> int:
-    """The node to hold: the one asked for, unless other scans hang together and it hangs on none of them."""
+    """The node to hold: the one asked for, unless more than twice as many scans hang together without it."""
     sizes = np.bincount(island[:count], minlength=int(island.max()) + 1)
-    if node == count or sizes[island[node]] > 1 or sizes.max() <= 1:
+    if node == count or 2 * sizes[island[node]] >= sizes.max():
         return node
     return int(np.flatnonzero(island[:count] == int(sizes.argmax()))[0])
 

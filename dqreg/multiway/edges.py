@@ -25,6 +25,7 @@ EdgeCode = Literal[
     "opposite_sides",
     "looked_through",
     "misfit",
+    "ambiguous",
     "elsewhere",
 ]
 WORDS: dict[EdgeCode, str] = {
@@ -38,6 +39,7 @@ WORDS: dict[EdgeCode, str] = {
     "opposite_sides": "not used: it lays one side of a sheet on the other",
     "looked_through": "not used: it puts a scan where the scanner of another one looked through",
     "misfit": "not used: its scan does not fit all others together",
+    "ambiguous": "not used: its scan fits all others together in several ways, or is held by too little",
     "elsewhere": "not used: it joins scans that are not placed",
 }
 # What a verdict may doubt of a right pose: how well its motions are known, and whether the search and the steps have
@@ -65,12 +67,13 @@ class Edge:
     target, source : int
         Numbers of the two scans; ``target`` is -1 for the part that `register_many` was given.
     registration : Registration
-        ``registration.T_target_source`` maps the source's coordinates to the target's.
+        ``registration.T_target_source`` maps the source's coordinates to the target's. Where its settings hold
+        ``against``, numbers of scans, the source was registered to all of these together.
     used : bool
         Whether the poses rest on it.
     code : str
         Why: "used", "confirmed", "no_pose", "uncertain", "unconfirmed", "contradicts", "opposite_sides",
-        "looked_through", "misfit" or "elsewhere".
+        "looked_through", "misfit", "ambiguous" or "elsewhere".
     chi2 : float
         Squared difference between this pose and the one of all scans together, in units of its covariance: about 6
         where the covariance tells all. NaN where one of the scans is not placed.

@@ -33,6 +33,9 @@ UNHELD = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty"})
 MOVED = 0.05
 
 
+Key = tuple[int, int, bytes]
+
+
 @dataclasses.dataclass(frozen=True)
 class Judge:
     """Judges edges by sides, free space, loops and the graph."""
@@ -44,14 +47,14 @@ class Judge:
     floor: float
     T_home: FloatArray
     # Edges that contradict scans besides their own two, and how
-    refuted: Mapping[Pair, EdgeCode] = dataclasses.field(default_factory=dict)
+    refuted: Mapping[Key, EdgeCode] = dataclasses.field(default_factory=dict)
 
     def __call__(self, edges: Sequence[Edge]) -> Belief:
         """What is to be believed of edges, whatever was believed of them before."""
         fresh = [dataclasses.replace(edge, code="unconfirmed") if edge.found else edge for edge in edges]
         checked = [
-            dataclasses.replace(edge, code=self.refuted[_ends_of(edge)])
-            if edge.found and _ends_of(edge) in self.refuted
+            dataclasses.replace(edge, code=self.refuted[key_of(edge)])
+            if edge.found and key_of(edge) in self.refuted
             else edge
             for edge in self.sides.checked(fresh)
         ]
@@ -59,7 +62,7 @@ class Judge:
 
     def without(self, edges: Iterable[Edge], code: EdgeCode) -> Judge:
         """The same judge, to whom some edges are refuted."""
-        return dataclasses.replace(self, refuted={**self.refuted, **{_ends_of(edge): code for edge in edges}})
+        return dataclasses.replace(self, refuted={**self.refuted, **{key_of(edge): code for edge in edges}})
 
     def contradictions(self, belief: Belief) -> FloatArray:
         """By how much free space speaks against each two scans, (n, n)."""
@@ -109,7 +112,7 @@ def _edges_at(belief: Belief, k: int) -> list[Edge]:
 
 def _left_out(judge: Judge, belief: Belief, k: int) -> tuple[Judge, Belief, FloatArray]:
     """Judge, belief and contradictions without the edges of a scan, but for those that nothing speaks against."""
-    own = [edge for edge in _edges_at(belief, k) if _ends_of(edge) not in judge.refuted]
+    own = [edge for edge in _edges_at(belief, k) if key_of(edge) not in judge.refuted]
     without = judge.without(own, "looked_through")
     rest = without(belief.edges)
     against = without.contradictions(rest)
@@ -133,6 +136,11 @@ def _fits(judge: Judge, rest: Belief, edge: Edge, k: int) -> bool:
     T_edge = edge.registration.T_target_source
     T[k] = T_other @ (pose.inverse(T_edge) if edge.target == k else T_edge)
     return not judge.sides.free.contradictions_of(k, T).any()
+
+
+def key_of(edge: Edge) -> Key:
+    """Target, source and pose of an edge: another pose of the same two scans is another edge."""
+    return edge.target, edge.source, edge.registration.T_target_source.tobytes()
 
 
 def _ends_of(edge: Edge) -> Pair:

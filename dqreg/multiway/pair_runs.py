@@ -80,8 +80,8 @@ class PairRunner:
         began = time.monotonic()
         with ThreadPoolExecutor(self.workers) as pool:
             running: dict[Future[Edge], int] = {}
-            while (waiting and not self._is_over()) or running:
-                while waiting and len(running) < self.workers and not self._is_over():
+            while (waiting and not self.is_over()) or running:
+                while waiting and len(running) < self.workers and not self.is_over():
                     row = waiting.pop(0)
                     running[pool.submit(self._edge, jobs[row])] = row
                 ended, _ = wait(running, return_when=FIRST_COMPLETED)
@@ -93,7 +93,8 @@ class PairRunner:
                     self._tell(found[row], left.seconds)
         return [found.get(row) or _untried(job, self.stopped) for row, job in enumerate(jobs)]
 
-    def _is_over(self) -> bool:
+    def is_over(self) -> bool:
+        """Whether no further pair is to be begun."""
         if not self.stopped and time.monotonic() >= self.deadline:
             self.stopped = "the time limit"
         return bool(self.stopped)
@@ -124,7 +125,7 @@ class PairRunner:
         except DqregError as error:
             return _failed(job, str(error), "unreadable")
         result = dataclasses.replace(result, history=())
-        if self.folder is not None and not self._is_over():
+        if self.folder is not None and not self.is_over():
             self._keep(job, result)
         return Edge(job.target, job.source, result)
 

@@ -12,6 +12,7 @@ import numpy as np
 from dqreg.errors import InputError
 from dqreg.multiway.assemble import assembled
 from dqreg.multiway.believe import Belief
+from dqreg.multiway.consensus import by_consensus
 from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.foreign import Judge, without_foreign, without_misfits
 from dqreg.multiway.overlap import overlap_matrix
@@ -159,7 +160,7 @@ def register_many(
 
 def _belief(runner: PairRunner, judge: Judge, found: Sequence[Edge], automatic: bool) -> Belief:
     """Which edges and scans are believed: what fits nowhere is left out."""
-    judge, belief = without_foreign(judge, judge(found))
+    judge, belief = without_foreign(*by_consensus(runner, judge, judge(found)))
     if automatic:
         judge, belief = without_foreign(judge, rescued(runner, belief, judge, judge.size))
     return without_misfits(runner.views, judge, belief, runner.effort, runner.seed)[1]

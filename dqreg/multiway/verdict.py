@@ -90,13 +90,18 @@ def _unplaced(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> I
     for group in islands.values():
         if len(group) > 1:
             words = named(views, group)
-            yield Reason(f"{words} are joined to each other and not to the rest: scan the part between", "islands")
+            why = ", or they show another object" if any(_has(belief, k, "misfit") for k in group) else ""
+            yield Reason(f"{words} are joined to each other and not to the rest: scan the part between{why}", "islands")
             continue
         why = "another object, or too little overlap"
         if _has(belief, group[0], "looked_through"):
             why = "where its pairs put it, the scanners of other scans looked through: another object, or wrong pairs"
         elif _has(belief, group[0], "misfit"):
             why = "where its pairs put it, it does not fit all others together: another object, moved, or wrong pairs"
+        elif _has(belief, group[0], "ambiguous"):
+            why = (
+                "it fits all others together in several ways, or too little holds it: scan more overlap, or give starts"
+            )
         alone.setdefault(why, []).append(group[0])
     for why, scans in alone.items():
         verb = "is" if len(scans) == 1 else "are each"

@@ -1,0 +1,246 @@
+"""Scans admitted one by one, each by the verdict on its registration to all scans admitted before it.
+
+All of them together show more than each of them: what two views of few faces cannot tell, their union can. The poses
+that pairs name are tried, and a search where none of them is accepted.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.errors import DqregError
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.merge import merged
+from dqreg.multiway.scans import View
+from dqreg.registration.options import Effort, Search
+from dqreg.registration.register import register
+from dqreg.registration.result import Registration
+from dqreg.registration.target import Target, prepare_target
+from dqreg.rigid import pose
+
+# Seeds that are grown, poses of a scan that are tried in a round, and rounds over the scans that are left.
+SEEDS, TRIED, ROUNDS = 3, 3, 4
+# Poses closer than this are one: rotation, and shift in sizes of a scan.
+SAME_RAD, SAME = np.deg2rad(6.0), 0.05
+# Points by which poses are compared before, and distance in spacings at which one lies on the others.
+POINTS, NEAR = 600, 2.0
+# What may be doubted of the only pose of a scan that fits all others: how well its motions are known.
+UNHELD = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty", "scale_unobservable"})
+# Least confidence of such a pose; that of the next best one, as a share of it, beyond which nobody can tell which of
+# them is right; and confidence below which a pose is not tried again when more scans are in.
+LIKELY, RIVAL, HOPELESS = 0.5, 0.6, 0.05
+# Accepted pairs that hold a scan at one pose without a registration to all.
+HOLDING = 2
+# What a pose that no pair names counts, in confidences of one that does.
+UNNAMED = 0.2
+
+
+@dataclasses.dataclass
+class Union:
+    """Scans that fit together, with their poses in the frame of the first one."""
+
+    views: Sequence[View]
+    edges: Sequence[Edge]
+    size: float
+    effort: Effort
+    seed: int
+    is_over: Callable[[], bool]
+    T: dict[int, FloatArray]
+    # Registrations of those that are not of the seed, and to which scans each was registered
+    admitted: dict[int, tuple[Registration, tuple[int, ...]]] = dataclasses.field(default_factory=dict)
+    ambiguous: set[int] = dataclasses.field(default_factory=set)  # Several poses of these fit alike
+    hopeless: dict[int, list[FloatArray]] = dataclasses.field(default_factory=dict)  # Poses that were refused
+    # How many were in when a scan was tried last by the pairs of a level
+    seen: dict[tuple[int, str], int] = dataclasses.field(default_factory=dict)
+    searched: set[int] = dataclasses.field(default_factory=set)
+    _target: Target | None = None
+    _tree: NeighbourTree | None = None
+
+    def grow(self) -> None:
+        """Admit what is accepted, then what a search finds, then what fits in one way only."""
+        # What surer pairs join comes first: it tells more about what they do not.
+        while self._rounds("accepted") or self._rounds() or self._searched():
+            pass
+        for k in self._left():
+            self._admit_loose(k)
+        for k in self._left():
+            self._admit_held(k)
+
+    def _left(self) -> list[int]:
+        """Scans that are not in, those with most edges to what is in first."""
+        left = [k for k, view in enumerate(self.views) if view.usable and k not in self.T]
+        support = {k: sum(sureness(edge) for edge, _ in self._named(k)) for k in left}
+        return sorted(left, key=lambda k: (-support[k], k))
+
+    def _rounds(self, level: str = "") -> bool:
+        """Admit by the poses that pairs (of a level) name; whether any scan was."""
+        before = len(self.T)
+        for _ in range(ROUNDS):
+            count = len(self.T)
+            for k in [k for k in self._left() if self.seen.get((k, level)) != len(self.T)]:
+                self.seen[k, level] = len(self.T)
+                found = self._best(k, self._candidates(k, level)[:TRIED])
+                if found is not None:
+                    self._admit(k, found)
+                    if not level:
+                        return True
+            if len(self.T) == count:
+                break
+        return len(self.T) > before
+
+    def _searched(self) -> bool:
+        """Admit the first scan that a search places; whether one was."""
+        for k in [k for k in self._left() if k not in self.searched]:
+            self.searched.add(k)
+            found = self._best(k, [*self._candidates(k)[:1], None])
+            if found is not None:
+                self._admit(k, found)
+                return True
+        return False
+
+    def _best(self, k: int, starts: Sequence[FloatArray | None]) -> Registration | None:
+        """The accepted registration, unless one that surer pairs name is doubted only; None without one."""
+        fits = self._fits(k, starts)
+        if not fits or fits[-1].verdict.level != "accepted":
+            return None
+        weighed = [fit.verdict.confidence * self._support(k, fit.T_target_source) for fit in fits]
+        return fits[-1] if weighed[-1] == max(weighed) else None
+
+    def _support(self, k: int, T: FloatArray) -> float:
+        """Confidence of the edges that put a scan at a pose, taken together; a little for a pose that none names."""
+        named = [sureness(edge) for edge, other in self._named(k) if self.close(k, T, other)]
+        return max(sum(named), UNNAMED)
+
+    def _admit_loose(self, k: int) -> None:
+        """Admit a scan of which only one pose fits, though some of its motions are held by little."""
+        found = [fit for fit in self._fits(k, self._candidates(k)[: 2 * TRIED]) if set(fit.verdict.codes) <= UNHELD]
+        found.sort(key=lambda fit: -fit.verdict.confidence)
+        if not found or found[0].verdict.confidence < LIKELY:
+            self.ambiguous |= {k} if found else set()
+            return
+        best, others = found[0], [fit for fit in found[1:] if not self._same(k, fit, found[0])]
+        if any(fit.verdict.confidence > RIVAL * best.verdict.confidence for fit in others):
+            self.ambiguous.add(k)
+        else:
+            self._admit(k, best)
+
+    def _admit_held(self, k: int) -> None:
+        """Admit a scan that several accepted pairs put to one pose, whatever a sparse union says."""
+        named = [T for edge, T in self._named(k) if edge.level == "accepted"]
+        if len(named) >= HOLDING and all(self.close(k, T, named[0]) for T in named):
+            self.T[k] = named[0]
+
+    def _admit(self, k: int, found: Registration) -> None:
+        self.admitted[k] = found, tuple(sorted(self.T))
+        self.T[k] = found.T_target_source
+        self._target = self._tree = None
+
+    def _named(self, k: int) -> list[tuple[Edge, FloatArray]]:
+        """Edges of a scan to what is in, and where they put it."""
+        found = []
+        for edge in self.edges:
+            other = edge.source if edge.target == k else edge.target
+            if k in (edge.target, edge.source) and edge.found and other in self.T and edge.target != PART:
+                T = edge.registration.T_target_source
+                found.append((edge, self.T[other] @ (pose.inverse(T) if edge.target == k else T)))
+        return found
+
+    def _candidates(self, k: int, level: str = "") -> list[FloatArray]:
+        """Poses that edges (of a level) name, each once; first those of sure edges, with most of it on the others."""
+        found: list[list[tuple[float, FloatArray]]] = []
+        for edge, T in sorted(self._named(k), key=lambda each: -sureness(each[0])):
+            if any(self.close(k, T, other) for other in self.hopeless.get(k, ())):
+                continue
+            if level and edge.level != level:
+                continue
+            named = sureness(edge), T
+            same = next((group for group in found if self.close(k, T, group[0][1])), None)
+            found.append([named]) if same is None else same.append(named)
+        found.sort(key=lambda group: -sum(sure for sure, _ in group) * self._lying(k, group[0][1]))
+        return [group[0][1] for group in found]
+
+    def _lying(self, k: int, T: FloatArray) -> float:
+        """Share of a scan that lies on the others at a pose."""
+        if self._tree is None:
+            clouds = [(self.T[j], self.views[j].cloud) for j in self.T]
+            self._tree = NeighbourTree(np.concatenate([pose.apply(W, c.points) for W, c in clouds if c is not None]))
+        points = pose.apply(T, self._some(k))
+        return float(np.mean(self._tree.nearest(points, 1)[1] <= NEAR * self.views[k].scan.spacing))
+
+    def _some(self, k: int) -> FloatArray:
+        cloud = self.views[k].cloud
+        assert cloud is not None
+        return cloud.points[:: max(1, len(cloud.points) // POINTS)]
+
+    def close(self, k: int, first: FloatArray, second: FloatArray) -> bool:
+        """Whether two poses of a scan are one."""
+        middle = self._some(k).mean(axis=0)
+        return bool(
+            pose.angle_between(first, second) <= SAME_RAD
+            and pose.offset_between(first, second, at=middle) <= SAME * self.size
+        )
+
+    def _same(self, k: int, first: Registration, second: Registration) -> bool:
+        return self.close(k, first.T_target_source, second.T_target_source)
+
+    def _fits(self, k: int, starts: Sequence[FloatArray | None]) -> Sequence[Registration]:
+        """Registrations of a scan to all that are in, from poses (None searches), up to the first accepted one."""
+        fits: list[Registration] = []
+        for start in starts:
+            if self.is_over():
+                break
+            if self._target is None:
+                poses = np.full((len(self.views), 4, 4), np.nan)
+                poses[list(self.T)] = list(self.T.values())
+                self._target = prepare_target(merged(self.views, poses, None))
+            search: Search = "doubt" if start is None else "never"
+            try:
+                found = register(
+                    self.views[k].cloud, self._target, start, effort=self.effort, seed=self.seed, search=search,
+                    keep_inputs=False, units="ignore",
+                )  # fmt: skip
+            except DqregError:
+                continue
+            fits.append(found)
+            if start is not None and not found.verdict.confidence > HOPELESS:
+                self.hopeless.setdefault(k, []).append(start)
+            if found.verdict.level == "accepted":
+                break
+        return fits
+
+
+def sureness(edge: Edge) -> float:
+    """Confidence of an edge; 0 where it is not known."""
+    return float(np.nan_to_num(edge.registration.verdict.confidence))
+
+
+def largest_union(
+    views: Sequence[View],
+    edges: Sequence[Edge],
+    size: float,
+    effort: Effort,
+    seed: int,
+    confirmed: frozenset[tuple[int, int]],
+    is_over: Callable[[], bool],
+) -> Union | None:
+    """The largest set of scans that fit together, grown from the surest pairs; None where no pair is accepted."""
+    sure = [edge for edge in edges if edge.level == "accepted" and edge.target != PART]
+    sure.sort(key=lambda e: (-((e.target, e.source) in confirmed), -sureness(e)))
+    usable = sum(view.usable for view in views)
+    best: Union | None = None
+    for _ in range(SEEDS):
+        # What is in already grows to the same again.
+        new = [edge for edge in sure if best is None or not {edge.target, edge.source} <= set(best.T)]
+        if not new or (best is not None and 2 * len(best.T) > usable):
+            break
+        sure = new[1:]
+        T = {new[0].target: np.eye(4), new[0].source: new[0].registration.T_target_source}
+        trial = Union(views, edges, size, effort, seed, is_over, T)
+        trial.grow()
+        best = trial if best is None or len(trial.T) > len(best.T) else best
+    return best

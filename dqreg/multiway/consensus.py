@@ -1,0 +1,121 @@
+"""Beliefs in doubt, judged anew: which scans fit together is asked of all of them, and no longer of pairs."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.multiway.admit import Union, largest_union
+from dqreg.multiway.believe import Belief
+from dqreg.multiway.edges import PART, Edge, EdgeCode
+from dqreg.multiway.foreign import Judge
+from dqreg.multiway.overlap import overlap_matrix
+from dqreg.multiway.pair_runs import PairJob, PairRunner
+from dqreg.registration.result import Registration
+from dqreg.rigid import pose
+from dqreg.solvers.motion_words import Motion
+
+# Scans that are asked, and those that make a set: of fewer, a pair says as much; of more, the cloud of all is large.
+FEWEST, MOST = 4, 40
+GROUP = 3
+# Pairs that a scan gets whose motions are held by little.
+NEIGHBOURS = 3
+
+
+def by_consensus(runner: PairRunner, judge: Judge, belief: Belief) -> tuple[Judge, Belief]:
+    """The belief, or where scans are not placed or rest on doubted pairs alone, that of the largest set that fits."""
+    usable = [k for k, view in enumerate(runner.views) if view.usable]
+    if not FEWEST <= len(usable) <= MOST or judge.home == PART or not _in_doubt(belief, usable):
+        return judge, belief
+    confirmed = frozenset((belief.edges[row].target, belief.edges[row].source) for row in belief.rows[belief.confirmed])
+    union = largest_union(runner.views, belief.edges, judge.size, runner.effort, runner.seed, confirmed, runner.is_over)
+    if union is None or len(union.T) < GROUP or runner.is_over():
+        return judge, belief
+    for code, edges in _refuted(union, belief):
+        judge = judge.without(edges, code)
+    return judge, judge(_with_admitted(runner, union, belief))
+
+
+def _in_doubt(belief: Belief, usable: list[int]) -> bool:
+    """Whether a scan is not placed, or no accepted pair that is used holds it."""
+    sure = {k for edge in belief.edges if edge.used and edge.level == "accepted" for k in (edge.target, edge.source)}
+    return not set(usable) <= sure
+
+
+def _refuted(union: Union, belief: Belief) -> Iterator[tuple[EdgeCode, list[Edge]]]:
+    """Edges that contradict the set, and those of scans that it does not admit."""
+    within = [edge for edge in belief.edges if edge.found and {edge.target, edge.source} <= set(union.T)]
+    yield "contradicts", [edge for edge in within if not _agrees(union, edge)]
+    across = [edge for edge in belief.edges if edge.found and (edge.target in union.T) != (edge.source in union.T)]
+    doubtful = [bool({edge.target, edge.source} & union.ambiguous) for edge in across]
+    yield "ambiguous", [edge for edge, both in zip(across, doubtful, strict=True) if both]
+    yield "misfit", [edge for edge, both in zip(across, doubtful, strict=True) if not both]
+
+
+def _agrees(union: Union, edge: Edge) -> bool:
+    return union.close(edge.source, _between(union, edge.target, edge.source), edge.registration.T_target_source)
+
+
+def _between(union: Union, i: int, j: int) -> FloatArray:
+    return np.asarray(pose.inverse(union.T[i]) @ union.T[j])
+
+
+def _with_admitted(runner: PairRunner, union: Union, belief: Belief) -> list[Edge]:
+    """The edges, with one for each scan that was admitted and that no accepted pair of the set holds."""
+    T = np.full((len(runner.views), 4, 4), np.nan)
+    T[list(union.T)] = list(union.T.values())
+    overlap = np.nan_to_num(overlap_matrix(runner.views, T, union.size))
+    np.fill_diagonal(overlap, 0.0)
+    found = {(edge.target, edge.source): edge for edge in belief.edges}
+    held = {
+        k
+        for edge in belief.edges
+        if edge.level == "accepted" and {edge.target, edge.source} <= set(union.T) and _agrees(union, edge)
+        for k in (edge.target, edge.source)
+    }
+    jobs = []
+    for k, (registration, against) in union.admitted.items():
+        if k in held:
+            continue
+        near = [int(j) for j in np.argsort(-overlap[k], kind="stable")[:NEIGHBOURS] if overlap[k, j] > 0.0]
+        if registration.verdict.level == "accepted" and near:
+            found.pop((k, near[0]), None)
+            found[near[0], k] = Edge(near[0], k, _in_frame(registration, union.T[near[0]], against))
+        else:
+            jobs += [PairJob(j, k, _between(union, j, k), near=True) for j in near]
+    for edge in runner.run(jobs):
+        if edge.found:
+            found.pop((edge.source, edge.target), None)
+            found[edge.target, edge.source] = edge
+    return list(found.values())
+
+
+def _in_frame(registration: Registration, T_set_scan: FloatArray, against: tuple[int, ...]) -> Registration:
+    """A registration to the whole set as one to a scan of it: the same motion, covariance and axes in its frame."""
+    T_j_set = pose.inverse(T_set_scan)
+    R = np.zeros((6, 6))
+    R[:3, :3] = R[3:, 3:] = T_j_set[:3, :3]
+    held = []
+    for motion in registration.observability:
+        axis, point = T_j_set[:3, :3] @ motion.axis, pose.apply(T_j_set, np.array([motion.point]))[0]
+        words = motion.words
+        if motion.kind is not None and np.isfinite(axis).all():
+            words = Motion(motion.kind, tuple(axis.tolist()), tuple(point.tolist())).words
+        held.append(dataclasses.replace(motion, axis=tuple(axis.tolist()), point=tuple(point.tolist()), words=words))
+    centre = np.asarray(registration.settings.get("centre", np.zeros(3)), dtype=np.float64)
+    return dataclasses.replace(
+        registration,
+        T_target_source=T_j_set @ registration.T_target_source,
+        covariance=R @ registration.covariance @ R.T,
+        observability=tuple(held),
+        alternatives=(),
+        history=(),
+        settings={
+            **registration.settings,
+            "centre": pose.apply(T_j_set, centre[None])[0].tolist(),
+            "against": list(against),
+        },
+    )
