@@ -61,6 +61,7 @@ def align(problem: Problem) -> Registration:
                 fit = on_all_points(fit)
         fit = best_seen(fit, start.T_target_source)
     with watch.stage("second try"):
+        problem.await_target()
         known = second_try(fit, start, search)
         fit, others, gain = settled(known.fit), known.others, -np.inf
         with suppress(TimeUpError), until(watch.deadline):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -23,7 +22,7 @@ from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.options import Options
 from dqreg.registration.source import CentredSource, centre_source
-from dqreg.registration.target_index import TargetIndex, index_for, index_target, require_one_place
+from dqreg.registration.target_index import Building, TargetIndex, index_for, index_target, require_one_place
 from dqreg.rigid import pose
 from dqreg.solvers.dof import Freedom
 
@@ -132,7 +131,7 @@ class Problem(SourceAndTarget):
     units: tuple[str | None, str | None]  # Length units of source and target, where they are known
     asked: dict[str, Any]  # What a result repeats of it
     watch: Stopwatch
-    _building: threading.Thread | None = dataclasses.field(default=None, repr=False, compare=False)
+    _building: Building | None = dataclasses.field(default=None, repr=False, compare=False)
 
     @staticmethod
     def of(source: Any, target: Any, start: Any, options: Options, watch: Stopwatch) -> Problem:
@@ -177,8 +176,13 @@ class Problem(SourceAndTarget):
         else:
             prepared = self.prepare_whole()
         if self._building is not None:
-            self._building.join()
+            self._building.surface_is_ready.wait()
         return prepared
+
+    def await_target(self) -> None:
+        """Wait for what is built of the target beside the loop."""
+        if self._building is not None:
+            self._building.join()
 
     def prepare_whole(self) -> Prepared:
         """The same with all points."""

@@ -87,25 +87,24 @@ class TargetIndex:
 
     def build(self) -> TargetIndex:
         """Itself, with all built that a registration from a given pose asks for."""
+        self._build_surface()
+        _ = self.near_rotations, self.near_periods
+        return self
+
+    def _build_surface(self) -> None:
+        """What the loop asks for: all but the near symmetries, which are for the answer."""
         found = self.surface.closest(self.surface.centre[None])
-        _ = self.spreads, self.smooth_normals(found), self.near_rotations, self.near_periods
+        _ = self.spreads, self.smooth_normals(found)
         if isinstance(self.geometry, Mesh):
             _ = self.geometry.face_neighbours, self.geometry.is_closed
         elif isinstance(self.surface, CloudSurface):
             _ = self.surface.normals
-        return self
 
-    def build_beside(self) -> threading.Thread:
+    def build_beside(self) -> Building:
         """A running thread that builds a mesh; to be joined before the rest is asked for."""
-        thread = threading.Thread(target=self._build_mesh, daemon=True)
-        thread.start()
-        return thread
-
-    def _build_mesh(self) -> None:
-        # What fails here fails again where it is asked for, in the caller's thread.
-        with contextlib.suppress(Exception):
-            if isinstance(self.geometry, Mesh):
-                self.build()
+        building = Building(self)
+        building.start()
+        return building
 
     def evened(self, count: int) -> VoxelCloud:
         """The cloud as the means of about so many cells, and their surface; built once and only read from then on."""
@@ -241,3 +240,22 @@ def cut_for(target: Path, source: Any, source_units: str | None) -> tuple[Mesh, 
         data = read_step(path, chord)
     # Surfaces that curve both ways may have been cut less finely than asked.
     return Mesh(data.vertices, data.faces, data.units, regions=data.regions), max(chord, data.chord or 0.0)
+
+
+class Building(threading.Thread):
+    """Builds a mesh; the surface is ready before all is."""
+
+    def __init__(self, index: TargetIndex) -> None:
+        super().__init__(daemon=True)
+        self._index = index
+        self.surface_is_ready = threading.Event()
+
+    def run(self) -> None:
+        """Build."""
+        # What fails here fails again where it is asked for, in the caller's thread.
+        with contextlib.suppress(Exception):
+            if isinstance(self._index.geometry, Mesh):
+                self._index._build_surface()
+                self.surface_is_ready.set()
+                self._index.build()
+        self.surface_is_ready.set()
