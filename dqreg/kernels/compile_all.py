@@ -17,6 +17,7 @@ from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows
 from dqreg.kernels.patch_pairs import binned_agreements, nearest_others, spherical_covariance
 from dqreg.kernels.plane_fits import fit_plane_rows
+from dqreg.kernels.plane_rows import plane_row_columns, strain_row_columns
 from dqreg.kernels.point_tree import LEAF, PointTree
 from dqreg.kernels.points_on_faces import points_on_faces
 from dqreg.kernels.pose_forms import NUMBERS, SUMS, form_of_sums, least_cost_pose
@@ -101,6 +102,8 @@ def _weights() -> None:
     rows, ones = np.eye(3), np.ones(3)
     limits, weighed = np.ones(5), np.zeros((1, WEIGHED))
     weigh_rows(0, 3, ones, *(rows,) * 3, *(NOTHING,) * 3, limits, 3, np.zeros(3), weighed)
+    plane_row_columns(0, 3, rows, rows, ones, 1.0, np.zeros((6, 3)))
+    strain_row_columns(0, 3, rows, rows, rows, 1.0, np.zeros((9, 3)))
     slide_rows(0, 3, rows, np.eye(4), *(rows,) * 3, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
     about, cells = np.zeros((2, 3)), np.ones(8)
     plane_sums(0, 3, rows, rows, rows, ones, NOTHING, 0, about, 3, np.zeros((1, COLUMNS)))

@@ -234,21 +234,24 @@ class _Local:
 
     @staticmethod
     def of(pairs: Correspondences, width: float) -> _Local:
-        scan = pairs.scan
-        on = pairs.distances <= width
+        scan, found = pairs.scan, pairs.closest
+        # Other points have no neighbourhood.
+        rows = slice(None) if scan.fitted is None else scan.fitted
+        residuals, normals, own = scan.residuals[rows], found.normals[rows], scan.normals[rows]
+        on, known = found.distances[rows] <= width, np.isfinite(residuals)
         with np.errstate(divide="ignore", invalid="ignore"):
             # How far the neighbours leave their plane, in their own extent: no length in it.
-            rough = np.nan_to_num(scan.residuals / np.sqrt(scan.levers), nan=np.inf)
-        compared = (rough < SMOOTH) & on & pairs.closest.normals.any(axis=1)
-        cosines = pairs.normal_cosines if pairs.same_sign else np.abs(pairs.normal_cosines)
+            rough = np.nan_to_num(residuals / np.sqrt(scan.levers[rows]), nan=np.inf)
+        compared = (rough < SMOOTH) & on & normals.any(axis=1)
+        cosines = np.einsum("ij,ij->i", normals @ pairs.T_target_source[:3, :3], own)
+        cosines = cosines if pairs.same_sign else np.abs(cosines)
         # Among strays many neighbourhoods hold one; the better part of them is the sensor's own.
         flat = rough[on & np.isfinite(rough)]
         usual = quantile(flat, 0.3) if len(flat) else 0.0
-        residuals = scan.residuals[on & np.isfinite(scan.residuals)]
         return _Local(
-            strays=_share((rough > max(ROUGH, MORE_THAN_USUAL * usual)) & ~on, np.isfinite(scan.residuals)),
+            strays=_share((rough > max(ROUGH, MORE_THAN_USUAL * usual)) & ~on, known),
             normals_apart=_share(cosines < np.cos(APART_RAD), compared),
-            noise=quantile(residuals, 0.3) if len(residuals) else np.inf,
+            noise=quantile(residuals[on & known], 0.3) if (on & known).any() else np.inf,
         )
 
 

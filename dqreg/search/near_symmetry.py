@@ -30,8 +30,9 @@ from dqreg.search.symmetry import MOST, NEARLY, SAME
 ALL, EXACT = 0.998, 1e-4
 # Points that check a motion, those of them that screen it, and the fraction that these may lack.
 CHECKED, SCREENED, SLACK = 2_000, 100, 0.2
-# Points that screen a flipped pose, reach of their gain in sizes, and the mean gain that it may lack.
-FEW, REACH, LACKS = 300, 0.02, 0.15
+# Points that screen a flipped pose, and the mean gain that it may lack by them: few first, which most flips fail.
+# Reach of their gain, in sizes.
+SCREENS, REACH = ((60, 0.3), (300, 0.15)), 0.02
 # Points that refine and points that score: few of all poses, and more of those that are not clearly worse by them.
 FIRST, LAST = (300, 1_000), (1_000, 5_000)
 # Standard errors of the mean log-likelihood beyond which a pose is clearly worse. Six motions fitted to so few points
@@ -241,10 +242,13 @@ def _not_clearly_worse(maps: FloatArray, scores: PoseScores, best: int) -> Float
 
 def _worth_refining(T_target_source: FloatArray, flips: FloatArray, scan: Scan, surface: Surface) -> FloatArray:
     # A flip that leaves one point in six off the part is nowhere near as likely, whatever its refinement mends.
-    few = scan.points[sample_rows(len(scan), FEW)]
-    moved = np.concatenate([pose.apply(T, few) for T in (T_target_source, *(flips @ T_target_source))])
-    gains = _gains(moved, surface, REACH, len(flips) + 1)
-    return np.asarray(flips[gains[1:] >= gains[0] - LACKS])
+    for count, lacks in SCREENS:
+        if len(flips):
+            few = scan.points[sample_rows(len(scan), count)]
+            moved = np.concatenate([pose.apply(T, few) for T in (T_target_source, *(flips @ T_target_source))])
+            gains = _gains(moved, surface, REACH, len(flips) + 1)
+            flips = flips[gains[1:] >= gains[0] - lacks]
+    return flips
 
 
 def _gains(points: FloatArray, surface: Surface, reach: float, count: int) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, bounds
 from dqreg.geometry import Surface
 
 # Points asked about, at so many random poses; and the quantile of those poses that the fit is compared with: an
@@ -21,7 +21,7 @@ def random_ratio(placed: FloatArray, inlying: float, rms: float, surface: Surfac
 
     Shapes: placed (n, 3), the scan at the pose. About 1 is what noise reaches.
     """
-    extent = float(np.linalg.norm(np.ptp(placed, axis=0))) if len(placed) else 0.0
+    extent = float(np.linalg.norm(np.subtract(*bounds(placed)))) if len(placed) else 0.0
     if not rms > OVERWHELMING * extent:
         return 0.0
     from scipy.spatial.transform import Rotation

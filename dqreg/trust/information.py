@@ -184,5 +184,5 @@ def information_of(
 
 def _effective(shares: FloatArray, counts: FloatArray | None) -> FloatArray:
     """How many equal shares would add up as well as those of some rows, (k, n), of so many points each: (k,)."""
-    squared = (shares**2 if counts is None else shares**2 / counts).sum(axis=1)
+    squared = np.einsum("ij,ij->i", shares, shares if counts is None else shares / counts)
     return np.asarray(np.maximum(shares.sum(axis=1), 0.0) ** 2 / np.where(squared > 0.0, squared, np.inf))

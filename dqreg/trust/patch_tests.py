@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, median
+from dqreg._arrays import BoolArray, FloatArray, median, quantile
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
@@ -59,7 +59,13 @@ def patches_off(
     whole = slice(count * PATCH)
     d, a = (x[whole].reshape(count, PATCH) for x in (apart, aside))
     close = near[whole].reshape(count, PATCH)
-    off = (np.abs(_medians(a)) > OFF * width) | (_medians(d) > ON * width)
+    # A median is off where half of its patch is at least: most patches need none.
+    some = np.flatnonzero(
+        (np.count_nonzero(np.abs(a) > OFF * width, axis=1) >= PATCH // 2)
+        | (np.count_nonzero(d > ON * width, axis=1) >= PATCH // 2)
+    )
+    off = np.zeros(count, dtype=bool)
+    off[some] = (np.abs(_medians(a[some])) > OFF * width) | (_medians(d[some]) > ON * width)
     counted = close.mean(axis=1) >= 0.5
     doubtful = np.flatnonzero(off & counted)
     if len(doubtful) and not near.all():
@@ -120,7 +126,7 @@ def waviness_of(residuals: FloatArray, normals: FloatArray) -> tuple[float, floa
     if count < FEWEST_PAIRS:
         return 0.0, np.nan
     shared = float(np.sqrt(together / count)) if together > IN_COMMON * alone else 0.0
-    return shared, float(np.quantile(np.concatenate(apart), QUIET)) / QUIET_NORMAL
+    return shared, quantile(np.concatenate(apart), QUIET) / QUIET_NORMAL
 
 
 # Points off the target are of one feature where so many others that are off stand as near to each as so many points of

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, median
+from dqreg._arrays import FloatArray, dot, median, product
 from dqreg.solvers.motion_words import Vector
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
@@ -85,7 +85,7 @@ def strain_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, *,
     lever = float(np.sqrt(np.einsum("ij,ij->", arms, arms) / len(arms)))
     if not lever > 0.0:
         return Strain()
-    rows = np.vstack([plane_rows(points, normals, middle, lever), _strain_rows(arms, normals, axes[:, ::-1]) / lever])
+    rows = np.vstack([plane_rows(points, normals, middle, lever), _strain_rows(arms, normals, axes[:, ::-1], lever)])
     length = float(np.ptp(arms @ axes[:, 2]))
     # The row is the square of the place along the axis over the lever; a sagitta is over the square of half the length.
     # Of a torsion, the displacement of the ends at the usual distance from the axis.
@@ -123,17 +123,14 @@ def unexplained(displaced: FloatArray, motions: FloatArray, weights: FloatArray)
     return float(np.sqrt(left @ left / weights.sum()))
 
 
-def _strain_rows(p: FloatArray, n: FloatArray, axes: FloatArray) -> FloatArray:
+def _strain_rows(arms: FloatArray, normals: FloatArray, axes: FloatArray, lever: float) -> FloatArray:
     """Displacements along the normals by unit strains, and by bends and a torsion of the first axis, (9, m)."""
-    by_axis, across = np.ascontiguousarray(p.T), np.ascontiguousarray(n.T)
-    strains = [across[i] * by_axis[j] + (across[j] * by_axis[i] if i != j else 0.0) for i, j in COMPONENTS]
-    lever = np.sqrt((p**2).sum(axis=1).mean())
-    x = p @ axes[:, 0]
-    # A bent beam: the axis moves across, and its sections turn with it.
-    bends = [((n @ b) * x**2 - 2.0 * (n @ axes[:, 0]) * x * (p @ b)) / lever for b in (axes[:, 1], axes[:, 2])]
-    # A twisted one: its sections turn about the axis.
-    torsion = x * (n @ axes[:, 1] * (p @ axes[:, 2]) - n @ axes[:, 2] * (p @ axes[:, 1])) / lever
-    rows: FloatArray = np.stack([*strains, *bends, torsion])
+    from dqreg.kernels.plane_rows import strain_row_columns
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    rows = np.zeros((9, len(arms)))
+    columns = as_plain(arms), as_plain(normals), as_plain(axes)
+    over_chunks(strain_row_columns, len(arms), *columns, lever, rows)
     return rows
 
 
@@ -149,18 +146,20 @@ def robust_fit(
     What is small after two rounds is not fitted to the last digit.
     """
     fitted: FloatArray = np.zeros(len(rows))
-    weights, was_small = first, False
+    weights, was_small, left = first, False, residuals
     for _ in range(ROUNDS):
-        variance = float(weights @ (residuals - fitted @ rows) ** 2 / weights.sum()) + np.finfo(float).tiny
-        information = (rows * weights) @ rows.T
+        variance = dot(weights, left**2) / float(weights.sum()) + np.finfo(float).tiny
+        weighed = rows * weights
+        information = product(weighed, rows.T)
         # Exact data on a plane leave nothing else to divide by.
         ridge = variance / (USUAL * lever) ** 2 + SINGULAR * float(np.trace(information))
-        solved = np.linalg.solve(information + ridge * np.eye(len(rows)), rows @ (weights * residuals))
+        solved = np.linalg.solve(information + ridge * np.eye(len(rows)), weighed @ residuals)
         step, fitted = solved - fitted, np.asarray(solved, dtype=np.float64)
         if was_small and is_small(fitted):
             break
         was_small = is_small(fitted)
-        weights = weights_of(residuals - fitted @ rows)
+        left = residuals - fitted @ rows
+        weights = weights_of(left)
         if step @ information @ step <= STILL**2 * variance:
             break
     return fitted, weights
