@@ -25,9 +25,18 @@ class NeighbourTree:
         # Points in Morton order that few queries are asked of need no other order.
         self._tree = PointTree.of(points, in_order=in_order)
 
+    @property
+    def order(self) -> IntArray:
+        """Rows of the points in the order of the tree, (n,): neighbours stand close to each other in it."""
+        return self._tree.rows
+
     def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
         """Nearest points of each query, closest first. Shapes: indices (m, k), distances (m, k)."""
         return self._tree.nearest(queries, count)
+
+    def capped_distances(self, queries: FloatArray, cap: float) -> FloatArray:
+        """Distance of each query to the nearest point, (m,), or the cap where that is less: little is looked at."""
+        return self._tree.nearest(queries, 1, cap)[1][:, 0]
 
     def around(self, rows: IntArray) -> tuple[NDArray[np.int32], FloatArray]:
         """Nearest points of points of the cloud itself, each found once.

@@ -21,10 +21,13 @@ def nearest_points(
     leaf: int,
     rows: IntArray,
     queries: FloatArray,
+    within: float,
     found: IntArray,
     distances: FloatArray,
 ) -> None:
     """Write the rows of the k nearest points, and how far they are, for queries first to last: (m, k) each.
+
+    Where fewer are nearer than ``within``, the row is n and the distance that.
 
     O(k + log n) a query near the points. The k points found for one query are no farther from the next than their
     distance and the way between the two, so that neighbouring queries hardly look around.
@@ -34,12 +37,12 @@ def nearest_points(
     kept, best = np.zeros(count, np.int64), np.zeros(count)
     for i in range(first, last):
         x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
-        reach = np.inf
+        reach = within * within
         if i > first:
             dx, dy, dz = x - queries[i - 1, 0], y - queries[i - 1, 1], z - queries[i - 1, 2]
             reach = (distances[i - 1, count - 1] + np.sqrt(dx * dx + dy * dy + dz * dz)) * WIDER
             # The next number above, so that what is at the bound is within it.
-            reach = reach * reach * WIDER + 1e-300
+            reach = min(reach * reach * WIDER + 1e-300, within * within)
         for j in range(count):
             best[j], kept[j] = reach, n
         node, waiting = 1, 0

@@ -41,10 +41,15 @@ class PointTree:
         places = np.take(points, rows, axis=0)
         return PointTree(heap_boxes(places, places, LEAF), places, rows)
 
-    def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
-        """Rows and distances of the nearest points, closest first. Shapes: (m, k), k at most the number of points."""
+    def nearest(self, queries: FloatArray, count: int, within: float = np.inf) -> tuple[IntArray, FloatArray]:
+        """Rows and distances of the nearest points, closest first; row n and that distance where none is within.
+
+        Shapes: (m, k), k at most the number of points.
+        """
         count = min(count, len(self.rows))
         found, distances = np.zeros((len(queries), count), dtype=np.int64), np.zeros((len(queries), count))
         tree = self.boxes, self.places, LEAF, self.rows
-        over_chunks(nearest_points, len(queries), *tree, as_plain(queries), found, distances, chunk=CHUNK)
+        over_chunks(
+            nearest_points, len(queries), *tree, as_plain(queries), float(within), found, distances, chunk=CHUNK
+        )
         return found, distances

@@ -27,6 +27,8 @@ DENSE, SPARSE = 0.5, 1.5
 MOST = 6_000
 # Points of a fit: rings of a LiDAR leave few neighbours across them.
 NEIGHBOURS = 12
+# Points whose distance to the nearest is asked: their median is good to two per cent.
+MEASURED = 1_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,7 +108,7 @@ def downsample_frame(points: FloatArray, voxel_size: float) -> DownsampledFrame 
         residuals=fits.residuals,
         fitted=np.arange(len(sparse)),
         oriented=False,
-        spacing=measure_spacing(tree, dense),
+        spacing=measure_spacing(tree, dense, MEASURED),
         noise=float(np.median(fits.residuals[known])) if known.any() else 0.0,
         total=len(dense),
     )

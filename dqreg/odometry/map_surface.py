@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray, bounds
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
 from dqreg.geometry.surface import Closest, Hint
@@ -28,12 +28,13 @@ class MapSurface:
     oriented = False
 
     def __init__(self, points: FloatArray) -> None:
-        self._points = points
-        self._tree = NeighbourTree(points)
+        # In the order of a tree: what is asked for one after the other lies close together then, and is soon found.
+        self._points = points = points[NeighbourTree(points).order]
+        self._tree = NeighbourTree(points, in_order=True)
         self._normals = np.zeros_like(points)
         self._variances = np.zeros(len(points))
         self._fitted = np.zeros(len(points), dtype=bool)
-        low, high = points.min(axis=0), points.max(axis=0)
+        low, high = bounds(points)
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))
 
@@ -46,24 +47,27 @@ class MapSurface:
         """Nearest map point for each query, (n, 3), with the normal there; zero where the neighbours fix none."""
         indices, distances = self._tree.nearest(points, 1)
         rows = indices[:, 0]
-        missing = np.unique(rows[~self._fitted[rows]])
+        missing = rows[~self._fitted[rows]]
         if len(missing):
-            fits = fit_planes(self._tree, self._points, self._points[missing], NEIGHBOURS)
-            self._normals[missing] = np.nan_to_num(fits.normals)
+            missing = np.flatnonzero(np.bincount(missing, minlength=len(self._points)))
+            fits = fit_planes(self._tree, self._points, np.take(self._points, missing, axis=0), NEIGHBOURS)
+            self._normals[missing] = np.where(fits.known[:, None], fits.normals, 0.0)
             self._variances[missing] = fits.variances
             self._fitted[missing] = True
-        return Closest(self._points[rows], self._normals[rows], distances[:, 0], rows)
+        found, normals = np.take(self._points, rows, axis=0), np.take(self._normals, rows, axis=0)
+        return Closest(found, normals, distances[:, 0], rows)
 
     def normal_variances(self, rows: IntArray) -> FloatArray:
         """Variance of the normals at map points that `closest` gave as elements, rad^2, (n,); infinite for none."""
         return self._variances[rows]
 
-    def distances(self, points: FloatArray) -> FloatArray:
-        """Distance of each query, (n, 3), to the nearest map point, (n,)."""
-        return self._tree.nearest(points, 1)[1][:, 0]
+    def distances(self, points: FloatArray, cap: float = np.inf) -> FloatArray:
+        """Distance of each query, (n, 3), to the nearest map point, or the cap where that is less, (n,)."""
+        return self._tree.capped_distances(points, cap)
 
 
 def surface_within(points: FloatArray, centre: FloatArray, reach: float) -> MapSurface:
     """The part of a map around a place, as a surface; all of it where nothing is near."""
-    near = np.linalg.norm(points - centre, axis=1) <= reach
-    return MapSurface(points[near] if near.any() else points)
+    away = points - centre
+    near = np.einsum("ij,ij->i", away, away) <= reach**2
+    return MapSurface(points if near.all() or not near.any() else points[near])

@@ -11,7 +11,7 @@ import dataclasses
 import numpy as np
 from scipy import fft, ndimage
 
-from dqreg._arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan
 from dqreg.rigid import pose
 from dqreg.trust.free_space import DepthImage
@@ -20,6 +20,8 @@ from dqreg.trust.free_space import DepthImage
 CELLS, STANDS = 256, 0.5
 # Least share of what stands that must meet known ground, and that must come to lie on what stands; shifts kept.
 COMMON, SIMILAR, KEPT = 0.3, 0.7, 12
+# Cells around a shift within which none is more similar.
+AROUND = 2
 
 
 # A face across a shift blocks the way where it holds this share of the points; cosine of its normal with the shift.
@@ -63,22 +65,36 @@ def self_similar_shifts(points: FloatArray, normals: FloatArray, cell: float, le
     low = flat.min(axis=0)
     cell = max(cell, float((flat.max(axis=0) - low).max()) / CELLS)
     cells = ((flat - low) / cell).astype(np.int64)
-    shape = tuple(2 * (cells.max(axis=0) + 1))
-    known, occupied = np.zeros(shape), np.zeros(shape)
+    shape = tuple(fft.next_fast_len(int(2 * count), real=True) for count in cells.max(axis=0) + 1)
+    known, occupied = np.zeros(shape, dtype=np.float32), np.zeros(shape, dtype=np.float32)
     known[tuple(cells.T)] = 1.0
     occupied[tuple(cells[stands].T)] = 1.0
     around = np.ones((3, 3), dtype=bool)
-    wide = [ndimage.binary_dilation(grid > 0.0, around).astype(np.float64) for grid in (known, occupied)]
+    wide = [ndimage.binary_dilation(grid > 0.0, around).astype(np.float32) for grid in (known, occupied)]
     spectrum = np.conj(fft.rfft2(occupied))
-    ground, met = (fft.irfft2(spectrum * fft.rfft2(grid), shape) for grid in wide)
-    share = np.where(ground >= COMMON * occupied.sum(), met / np.maximum(ground, 1.0), 0.0)
-    share = fft.fftshift(share)
-    middle = np.array(shape) // 2
-    away = np.hypot(*((np.indices(shape) - middle[:, None, None]) * cell))
-    peaks = (ndimage.maximum_filter(share, 5) == share) & (share >= SIMILAR) & (away > least)
-    found = np.argwhere(peaks)
-    found = found[np.argsort(-share[peaks], kind="stable")[:KEPT]]
-    return np.asarray((found - middle) * cell @ plane.T)
+    # Counts of cells: rounded, they are right to the last one.
+    ground, met = (np.rint(fft.irfft2(spectrum * fft.rfft2(grid), shape)) for grid in wide)
+    alike = (ground >= COMMON * occupied.sum()) & (met >= SIMILAR * ground)
+    share = fft.fftshift(np.divide(met, ground, out=np.zeros(shape), where=alike))
+    steps = np.argwhere(share > 0.0)
+    shifts = (steps - np.array(shape) // 2) * cell
+    kept = np.flatnonzero((np.hypot(*shifts.T) > least) & _is_peak(share, steps))
+    kept = kept[np.argsort(-share[tuple(steps[kept].T)], kind="stable")]
+    found: list[int] = []
+    while len(kept) and len(found) < KEPT:
+        # Of equal ones side by side one is enough.
+        found.append(int(kept[0]))
+        kept = kept[(np.abs(steps[kept] - steps[kept[0]]) > AROUND).any(axis=1)]
+    return np.asarray(shifts[found] @ plane.T)
+
+
+def _is_peak(share: FloatArray, cells: IntArray) -> BoolArray:
+    """Whether nothing around some cells of a grid, (n, 2), holds more than they do, (n,)."""
+    framed = np.pad(share, AROUND)
+    here, peak = share[tuple(cells.T)], np.ones(len(cells), dtype=bool)
+    for step in np.ndindex(2 * AROUND + 1, 2 * AROUND + 1):
+        peak &= here >= framed[tuple((cells + step).T)]
+    return peak
 
 
 @dataclasses.dataclass(frozen=True)

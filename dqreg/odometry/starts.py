@@ -44,7 +44,7 @@ def screen(surface: MapSurface, points: FloatArray, poses: FloatArray, cap: floa
     """The poses under which the points lie nearest to the map. Shapes: poses (m, 4, 4), returns (keep, m)."""
     judges = points[np.linspace(0, len(points) - 1, min(JUDGES, len(points))).round().astype(np.int64)]
     moved = np.matmul(judges, poses[:, :3, :3].transpose(0, 2, 1)) + poses[:, None, :3, 3]
-    away = np.minimum(surface.distances(moved.reshape(-1, 3)), cap).reshape(len(poses), -1)
+    away = surface.distances(moved.reshape(-1, 3), cap).reshape(len(poses), -1)
     return poses[np.argsort(away.mean(axis=1), kind="stable")[:keep]]
 
 

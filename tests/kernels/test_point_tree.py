@@ -35,6 +35,19 @@ def test_neighbours_are_those_of_brute_force(seed: int, size: int, count: int, p
     np.testing.assert_array_equal(distances, apart)
 
 
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 100), st.floats(1e-3, 3.0))
+def test_within_a_distance_the_nearer_ones_are_found_alone(seed: int, size: int, within: float) -> None:
+    rng = np.random.default_rng(seed)
+    points, queries = rng.normal(size=(size, 3)), rng.normal(size=(40, 3))
+    rows, distances = PointTree.of(points).nearest(queries, min(3, size), within)
+    expected, apart = brute_force(points, queries, min(3, size))
+    near = apart < within * (1.0 - 1e-15)
+    np.testing.assert_array_equal(rows[near], expected[near])
+    np.testing.assert_array_equal(rows[apart > within * (1.0 + 1e-15)], size)
+    np.testing.assert_allclose(distances, np.minimum(apart, within), rtol=1e-15)
+
+
 def test_any_number_of_threads_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
     points, queries = rng.normal(size=(3_000, 3)), rng.normal(size=(3 * CHUNK + 7, 3))
