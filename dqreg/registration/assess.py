@@ -138,6 +138,7 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
         rims_shared=planes.rims_shared() if planes else np.nan,
         largest_plane=planes.largest if planes else np.nan,
         deformation=overlap.deformation(size),
+        waviness=overlap.waviness(),
         stretch=strain.value if strain.is_strained else 0.0,
         stretched_along=strain.along,
         bend=strain.bend if strain.is_bent else 0.0,

@@ -151,7 +151,7 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "Residuals that neighbouring points have in common, of the size",
         "at most",
         "%",
-        lambda e: (e.waviness / e.size, limits.WAVY),
+        lambda e: (e.waviness / e.size, limits.wavy_limit(e)),
     ),
     "bent": ("Significant bend, sagitta over length", "at most", "%", lambda e: (e.bend, 0.0)),
     "deformed": (

@@ -19,10 +19,11 @@ from dqreg.geometry.normals import PlaneFits, fit_planes_among, sample_rows
 from dqreg.rigid import pose
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.trust.deformation import deformation_of
+from dqreg.trust.patch_tests import waviness_of
 from dqreg.trust.strain import SIGNIFICANT_CLUTTER, Strain, robust_fit, strain_of, weights_of
 
 # Points that are compared, and neighbours of a plane; comparisons without which nothing is said.
-ASKED, OF_A_PLANE, FEWEST = 2_000, 16, 200
+ASKED, OF_A_PLANE, FEWEST = 2_000, 16, 60
 # Planes of the two are of one face where their normals are within this angle, neighbours leave this share of their
 # extent at most, or so many times the usual noise, and the points are less than this share of it beside each other.
 SAME_COS, FLAT, NOISY, FLATTEST, BESIDE = np.cos(np.deg2rad(15.0)), 0.15, 2.0, 0.4, 0.7
@@ -34,6 +35,8 @@ PATCH, APART, LEAST, CLEARLY, LEAST_CLEARLY = 16, 1.0, 2e-3, 4.0, 7e-4
 FEWEST_APART = 4
 # The same at the pose itself, beyond what its covariance leaves.
 APART_THERE = 5.0
+# What neighbouring residuals have in common is no noise where it is so many times that from point to point.
+IN_COMMON = 1.6
 # A strain matters that displaces the surface by this share of the size, root mean square.
 SHOWN = 3e-4
 
@@ -116,6 +119,12 @@ class Overlap:
         off |= best > np.maximum(CLEARLY * noise, LEAST_CLEARLY * size)
         off |= here > np.maximum(APART_THERE * known, LEAST * size)
         return float(np.mean(off)) if np.count_nonzero(off) >= FEWEST_APART else 0.0
+
+    def waviness(self) -> float:
+        """What neighbouring residuals have in common after the best motion, one sigma; 0 where it is noise."""
+        kept = weights_of(self._moved) > 0.0
+        shared, noise = waviness_of(self._moved[kept], self.normals[kept])
+        return shared if shared > IN_COMMON * noise else 0.0
 
     def strain(self, size: float) -> Strain:
         """Strain of one cloud against the other that matters to a size; zeros else."""

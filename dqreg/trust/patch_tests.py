@@ -149,12 +149,12 @@ def share_together(points: FloatArray, off: BoolArray, counted: BoolArray) -> fl
     return count / len(near) if count >= FEWEST_TOGETHER else 0.0
 
 
-# F of six strains that chance reaches once in a million; good scans reach 3.
-CHANCE = 7.0
+# Chance that six strains explain as much of independent noise; F of good scans reaches 2.
+CHANCE = 1e-6
 # A smaller strain is no fault: parts shrink, and sensors are calibrated to one percent at worst.
 LEAST = 0.02
-# Fewer correspondences than these show no pattern: ten for each of the twelve unknowns.
-FEWEST = 10 * 12
+# Fewer correspondences than these show no pattern: three for each of the twelve unknowns.
+FEWEST = 3 * 12
 # Correspondences this many median distances from a first fit are left out.
 OUTSIDE = 4.5
 # Eigenvalues below this fraction of the largest: a strain that the faces do not show.
@@ -165,6 +165,8 @@ COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 def stretch_of(points: FloatArray, normals: FloatArray, residuals: FloatArray) -> tuple[float, FloatArray]:
     """Strain of the scan against the target, fitted with the remaining motion: ``r = n . (w x p + v + E p)``."""
+    from scipy.special import fdtri
+
     nothing = 0.0, np.zeros(3)
     if len(residuals) < FEWEST:
         return nothing
@@ -181,7 +183,8 @@ def stretch_of(points: FloatArray, normals: FloatArray, residuals: FloatArray) -
     rows, residuals = rows[:, kept], residuals[kept]
     rigid, both = (_least_squares(rows[:k], residuals) for k in (6, 12))
     left = [float(np.sum((residuals - x @ rows[: len(x)]) ** 2)) for x in (rigid, both)]
-    if not left[0] - left[1] > CHANCE * 6.0 * left[1] / (len(residuals) - 12.0):
+    spare = len(residuals) - 12
+    if spare <= 0 or not left[0] - left[1] > float(fdtri(6, spare, 1.0 - CHANCE)) * 6.0 * left[1] / spare:
         return nothing
     E = np.zeros((3, 3))
     for value, (i, j) in zip(both[6:] / lever, COMPONENTS, strict=True):

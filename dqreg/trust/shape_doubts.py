@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from dqreg.solvers.motion_words import direction_words
 from dqreg.trust.evidence import Evidence
-from dqreg.trust.limits import ENDS_APART, FACES_APART, LOOKED_THROUGH, ONE_PLANE, RIMS_SHARED, WAVY
+from dqreg.trust.limits import ENDS_APART, FACES_APART, LOOKED_THROUGH, ONE_PLANE, RIMS_SHARED, wavy_limit
 
 
 def looked_through(evidence: Evidence) -> Iterator[str]:
@@ -85,7 +85,7 @@ def bent(evidence: Evidence) -> Iterator[str]:
 
 def wavy(evidence: Evidence) -> Iterator[str]:
     """Neighbouring residuals have much in common."""
-    if evidence.waviness > WAVY * evidence.size:
+    if evidence.waviness > wavy_limit(evidence) * evidence.size:
         yield (
             f"neighbouring points deviate together, by {evidence.length(evidence.waviness)} "
             f"({100 * evidence.waviness / evidence.size:.2g} % of the size, one sigma): waves or dents all over, as "

@@ -38,6 +38,8 @@ def test_two_clouds_of_one_surface_differ_by_their_noise(make) -> None:
     found = between(cloud(1, make), cloud(2, make))
     assert np.sqrt(np.mean(found.residuals**2)) < 3.0 * NOISE
     assert found.apart(SIZE, SURE) == 0.0
+    assert found.waviness() == 0.0
+    assert found.deformation(SIZE) == 0.0
     assert not found.strain(SIZE).is_strained
     assert not found.strain(SIZE).is_bent
 
@@ -56,6 +58,8 @@ def test_a_ripple_is_no_strain_and_lies_apart(share: float, noise: float) -> Non
     ripple = share * SIZE * np.sin(6.0 * points[:, :1])
     found = between(points + ripple * [0.0, 1.0, 1.0], cloud(2, noise=noise))
     assert found.apart(SIZE, SURE) > FACES_APART
+    # Half of its surface looks along the wave, whose mean square is a half.
+    assert found.waviness() == pytest.approx(0.5 * share * SIZE, rel=0.5)
     assert not found.strain(SIZE).is_strained
 
 

@@ -264,11 +264,23 @@ def test_at_the_limit_there_is_no_doubt(changes: dict[str, Any]) -> None:
 
 def test_all_figures_together_may_speak_against_a_pose() -> None:
     # Each of them is within its limit.
-    weak = {"inliers": 40.0, "width": 0.03, "random_ratio": 0.2, "directions": (SHIFT,) * 6, "size": 51.0}
+    weak = {"inliers": 200.0, "width": 0.03, "random_ratio": 0.2, "directions": (SHIFT,) * 6, "size": 51.0}
     verdict = judge(dataclasses.replace(GOOD, **weak))
     assert verdict.codes == ("low_confidence",)
     assert verdict.confidence < UNLIKELY
     assert judge(dataclasses.replace(GOOD, **{**weak, "size": NAN})).level == "accepted"
+
+
+def test_fewer_inliers_are_compared_with_chance_more_strictly() -> None:
+    ratio = limits.CHANCE * 0.5
+    at = {count: judge(dataclasses.replace(GOOD, random_ratio=ratio, inliers=count)).codes for count in (99.0, 101.0)}
+    assert at == {99.0: ("random_fit",), 101.0: ("accepted",)}
+
+
+def test_waves_between_clouds_have_a_limit_of_their_own() -> None:
+    waves = {"size": 1.0, "waviness": 2.0 * limits.WAVY_BETWEEN}
+    assert judge(dataclasses.replace(GOOD, **waves)).codes == ("accepted",)
+    assert judge(dataclasses.replace(GOOD, faces_apart=0.0, **waves)).codes == ("wavy",)
 
 
 def test_all_doubts_stand_side_by_side_and_each_free_motion_for_itself() -> None:
