@@ -47,12 +47,13 @@ class SmoothNormals:
 
     def at(self, places: FloatArray, faces: IntArray) -> FloatArray:
         """Normals at places on the mesh."""
+        from dqreg.kernels.pseudo_normals import smooth_normals_at
+        from dqreg.kernels.threads import as_plain, over_chunks
+
         normals = np.take(self._mesh.face_normals, faces, axis=0)
         # Most of a machined part is flat, and there the face's own normal is the answer.
-        rows = np.flatnonzero(self._round[faces])
-        some = faces[rows]
-        shares = _clipped_barycentric(np.take(places, rows, axis=0), np.take(self._mesh.corners, some, axis=0))
-        normals[rows] = _unit(np.einsum("nk,nki->ni", shares, np.take(self._corner_normals, some, axis=0)))
+        asked = as_plain(places), as_whole(faces), self._round, as_plain(self._mesh.corners), self._corner_normals
+        over_chunks(smooth_normals_at, len(faces), *asked, normals, chunk=CHUNK)
         return normals
 
 
@@ -86,18 +87,6 @@ def _sums(rows: FloatArray, scales: FloatArray, places: IntArray) -> FloatArray:
     every = len(scales.ravel()) // len(rows)
     add_scaled_rows(as_plain(rows), every, as_plain(scales.ravel()), as_whole(places.ravel()), sums)
     return sums
-
-
-def _clipped_barycentric(places: FloatArray, corners: FloatArray) -> FloatArray:
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    offset = places - corners[:, 0]
-    aa, ab, bb = (np.einsum("ni,ni->n", x, y) for x, y in ((a, a), (a, b), (b, b)))
-    ao, bo = (np.einsum("ni,ni->n", x, offset) for x in (a, b))
-    area = aa * bb - ab**2
-    second, third = (bb * ao - ab * bo) / area, (aa * bo - ab * ao) / area
-    # Rounding may leave the triangle.
-    shares: FloatArray = np.clip(np.column_stack([1.0 - second - third, second, third]), 0.0, 1.0)
-    return shares
 
 
 def as_whole(values: IntArray) -> IntArray:

@@ -22,7 +22,7 @@ from dqreg.kernels.point_tree import LEAF, PointTree
 from dqreg.kernels.points_on_faces import points_on_faces
 from dqreg.kernels.pose_forms import NUMBERS, SUMS, form_of_sums, least_cost_pose
 from dqreg.kernels.pose_steps import add_plane_steps, grid_planes
-from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_normals_at
+from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_normals_at, smooth_normals_at
 from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.triangle_tree import TriangleTree
@@ -142,6 +142,7 @@ def _normals() -> None:
     flat = np.eye(3)
     corner_angles(0, 0, CORNERS, flat)
     add_scaled_rows(flat, 1, NOTHING, FIRST[:0], flat)
+    smooth_normals_at(0, 0, flat, FIRST, np.zeros(1, dtype=np.bool_), CORNERS, CORNERS, flat)
     pseudo_normals_at(0, 0, flat, flat, FIRST, CORNERS, CORNERS, FIRST[None], flat, 1e-6, flat)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.kernels.compiled import compiled
 
 
@@ -100,3 +100,41 @@ def _least_share(feet: FloatArray, i: int, corners: FloatArray, f: int, normals:
     w = ((ay * pz - az * py) * nx + (az * px - ax * pz) * ny + (ax * py - ay * px) * nz) / area
     least: float = min(1.0 - v - w, v, w)
     return least
+
+
+@compiled
+def smooth_normals_at(
+    first: int,
+    last: int,
+    places: FloatArray,
+    faces: IntArray,
+    is_round: BoolArray,
+    corners: FloatArray,
+    corner_normals: FloatArray,
+    normals: FloatArray,
+) -> None:
+    """Write the normals of corners, interpolated at places of round faces, (n, 3); those of others stay. O(n).
+
+    Shapes: places (n, 3), faces (n,), is_round (f,), corners and their normals (f, 3, 3).
+    """
+    for i in range(first, last):
+        f = faces[i]
+        if not is_round[f]:
+            continue
+        aa, ab, bb, ao, bo = 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(3):
+            a, b = corners[f, 1, k] - corners[f, 0, k], corners[f, 2, k] - corners[f, 0, k]
+            o = places[i, k] - corners[f, 0, k]
+            aa, ab, bb, ao, bo = aa + a * a, ab + a * b, bb + b * b, ao + a * o, bo + b * o
+        area = aa * bb - ab * ab
+        second, third = (bb * ao - ab * bo) / area, (aa * bo - ab * ao) / area
+        # Rounding may leave the triangle.
+        one, two = min(max(1.0 - second - third, 0.0), 1.0), min(max(second, 0.0), 1.0)
+        three = min(max(third, 0.0), 1.0)
+        square = 0.0
+        for k in range(3):
+            mixed = one * corner_normals[f, 0, k] + two * corner_normals[f, 1, k] + three * corner_normals[f, 2, k]
+            normals[i, k], square = mixed, square + mixed * mixed
+        length = np.sqrt(square)
+        for k in range(3):
+            normals[i, k] /= length if length > 0.0 else 1.0

@@ -38,6 +38,8 @@ def scatter_of(
     counts: FloatArray | None = None,
     *,
     overlap: bool = False,
+    motions: FloatArray | None = None,
+    information: FloatArray | None = None,
 ) -> FloatArray | None:
     """Covariance of a weighted least-squares fit with residuals of one patch taken as dependent.
 
@@ -46,19 +48,23 @@ def scatter_of(
     explains, their covariance is added: a vector field of noise whose correlation falls with the distance by the
     spherical model of geostatistics, its size and range estimated from the products of the patches' means.
 
-    Of two scans that overlap in part, patches without weight are left out of that.
+    Of two scans that overlap in part, patches without weight are left out of that. Where the rows are combined to
+    motions, (k, m), one a column, known and returned are of those; the information of the rows, (k, k), may be known.
 
-    Shapes: rows (k, n), known (k, k), returns (k, k).
+    Shapes: rows (k, n), known (m, m), returns (m, m).
     """
     starts = _starts(len(weights), min(PATCHES, len(weights) // 8), counts)
     if len(starts) < FEWEST_PATCHES:
         return None
-    information = product(rows * weights, rows.T) + known
+    mix = np.eye(len(rows)) if motions is None else motions
+    information = product(rows * weights, rows.T) if information is None else information
+    information = mix.T @ information @ mix + known
     values = np.linalg.eigvalsh(information)
     if not values[0] > SINGULAR * values[-1]:
         return None
     bread = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    coarse = _sandwich(bread, _sums(rows * (weights * residuals), starts), variance * known)
+    scores = rows * (weights * residuals)
+    coarse = _sandwich(bread, mix.T @ _sums(scores, starts), variance * known)
     starts = _starts(len(weights), min(SMALL, len(weights) // 8), counts)
     patches = _Patches.of(points, normals, residuals, weights, starts, LIGHT if overlap else 0.0)
     if patches.neighbour_agreement() < NEIGHBOURS_AGREE:
@@ -66,9 +72,9 @@ def scatter_of(
     shared = patches.shared_noise()
     if shared is None:
         return coarse
-    pulls = np.stack([_sums(rows * (weights * along), starts) for along in normals.T])
+    pulls = [mix.T @ _sums(rows * (weights * along), starts) for along in normals.T]
     between = sum(product(pull, shared) @ pull.T for pull in pulls)
-    fine = _sandwich(bread, _sums(rows * (weights * residuals), starts), variance * known)
+    fine = _sandwich(bread, mix.T @ _sums(scores, starts), variance * known)
     return larger(coarse, fine + bread @ between @ bread)
 
 

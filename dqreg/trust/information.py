@@ -158,27 +158,29 @@ def information_of(
     shape = rows if alike or smooth is None else plane_rows(points, smooth, centre, lever)
     if allowed is not None:
         rows, shape = product(basis.T, rows), product(basis.T, shape)
-    values, vectors = np.linalg.eigh((product(shape * weights, shape.T) + known) / max(total, np.finfo(float).tiny))
+    inner = product(shape * weights, shape.T)
+    values, vectors = np.linalg.eigh((inner + known) / max(total, np.finfo(float).tiny))
     along = product(vectors.T, shape)
     if own is None:
         carriers = _effective(weights * along**2, counts)
     else:
-        same = own * np.where(np.einsum("ij,ij->i", own, normals) < 0.0, -1.0, 1.0)[:, None]
-        theirs = plane_rows(points, same, centre, lever)
+        signed = own * np.where(np.einsum("ij,ij->i", own, normals) < 0.0, -1.0, 1.0)[:, None]
+        theirs = plane_rows(points, signed, centre, lever)
         shared = weights * along * product(vectors.T, theirs if allowed is None else product(basis.T, theirs))
         compared = weights * own.any(axis=1)
         confirmed = shared.sum(axis=1) > CONFIRMED * (compared * along**2).sum(axis=1)
         carriers = np.where(confirmed, _effective(shared, counts), 0.0)
     sigma = float(np.sqrt(variance))
     held = Information(np.maximum(values, 0.0), basis @ vectors, total, sigma, lever, centre, carriers)
-    inner = vectors[:, ~held.free]
-    if not patchwise or not inner.shape[1]:
+    motions = vectors[:, ~held.free]
+    if not patchwise or not motions.shape[1]:
         return held
-    known = inner.T @ known @ inner
-    scatter = scatter_of(
-        product(inner.T, rows), points, normals, residuals, weights, known, variance, counts, overlap=own is not None
-    )
-    outer = basis @ inner
+    known = motions.T @ known @ motions
+    # Facets have an information of their own.
+    same = inner if alike else None
+    columns = points, normals, residuals, weights, known, variance, counts
+    scatter = scatter_of(rows, *columns, overlap=own is not None, motions=motions, information=same)
+    outer = basis @ motions
     return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
 
 
