@@ -16,7 +16,9 @@ from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows
 from dqreg.kernels.patch_pairs import binned_agreements, nearest_others, spherical_covariance
+from dqreg.kernels.plane_elimination import eliminate_planes
 from dqreg.kernels.plane_fits import fit_plane_rows
+from dqreg.kernels.plane_growth import measure_pieces, take_pieces
 from dqreg.kernels.plane_rows import plane_row_columns, strain_row_columns
 from dqreg.kernels.point_tree import LEAF, PointTree
 from dqreg.kernels.points_on_faces import points_on_faces
@@ -120,6 +122,14 @@ def _patches() -> None:
     spherical_covariance(FLAT, 1.0, 1.0, np.zeros((3, 3)))
 
 
+def _common_planes() -> None:
+    near, none, sizes = np.zeros((0, 3), dtype=np.int64), FIRST[:0].copy(), np.zeros(0, dtype=np.int64)
+    measure_pieces(0, 0, FLAT, FLAT, none, near, 1.0, True, sizes, np.zeros(0))
+    take_pieces(FLAT, FLAT, none, none, near, 1.0, True, none, sizes)
+    table, blocks = np.zeros((1, 1), dtype=np.int64), np.zeros((1, 6, 6))
+    eliminate_planes(FIRST.copy(), none, np.zeros((0, 4, 4)), 1.0, table, blocks, np.zeros((0, 6)))
+
+
 def _rims() -> None:
     few, none = np.zeros((0, 2), dtype=np.int32), np.zeros(0, dtype=np.bool_)
     one_sided_rows(0, 0, FLAT, FIRST[:0], few, NOTHING, FLAT, 0.25, 0.15, none)
@@ -146,4 +156,15 @@ def _normals() -> None:
     pseudo_normals_at(0, 0, flat, flat, FIRST, CORNERS, CORNERS, FIRST[None], flat, 1e-6, flat)
 
 
-STEPS: tuple[Callable[[], None], ...] = (_steps, _faces, _rims, _order, _points, _weights, _patches, _search, _normals)
+STEPS: tuple[Callable[[], None], ...] = (
+    _steps,
+    _faces,
+    _rims,
+    _order,
+    _points,
+    _weights,
+    _patches,
+    _search,
+    _normals,
+    _common_planes,
+)

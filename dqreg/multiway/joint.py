@@ -63,11 +63,13 @@ def refine_jointly(
     observe: Callable[[int, float], object] | None = None,
     is_over: Callable[[], bool] = lambda: False,
     strict: bool = False,
+    most: int = 0,
 ) -> Joint:
     """Poses of the bodies with the least cost over all pairs (target, source), by Gauss-Newton steps.
 
     The part, a body without points, is the target only. Strict asks for half of the reach and for normals that agree
-    closely: what that changes in poses that are refined already hangs on doubtful correspondences.
+    closely: what that changes in poses that are refined already hangs on doubtful correspondences. Most is the number
+    of rounds, where it is not the usual one.
 
     Shapes: T_world_body (n, 4, 4).
     """
@@ -81,7 +83,7 @@ def refine_jointly(
     matchings = _matchings(bodies, ways, few if coarse else budget)
     faster = JointAnderson(free, np.array([0.5 * body.surface.diagonal for body in bodies]))
     motions: list[float] = []
-    most = STRICT_ROUNDS if strict else ROUNDS
+    most = most or (STRICT_ROUNDS if strict else ROUNDS)
     while rounds < most and (coarse or soft > 0.0 or not _ended(motions)) and not is_over():
         rounds, new = rounds + 1, rounds == 0
         if coarse and (moved < COARSE_STILL or rounds >= COARSE_ROUNDS):

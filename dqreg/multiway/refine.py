@@ -7,9 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.multiway.believe import Belief
 from dqreg.multiway.bodies import Body
+from dqreg.multiway.common_planes import Placed, refine_on_planes
 from dqreg.multiway.edges import PART
 from dqreg.multiway.joint import refine_jointly
 from dqreg.multiway.overlap import CELL, overlap_matrix
@@ -23,6 +24,8 @@ from dqreg.rigid import pose
 OVERLAP = 0.08
 # Points of a scan in the joint cost.
 POINTS: dict[str, int] = {"fast": 5_000, "normal": 20_000, "best": 10**9}
+# Points and rounds of pairs alone, before faces are planes in common.
+ROUGH_POINTS, ROUGH_ROUNDS = 2_000, 20
 # Edge of the cells whose residuals are independent of the next one's: in spacings, and in sizes of a scan.
 PATCH_SPACINGS, PATCH = 8.0, 0.02
 
@@ -64,26 +67,43 @@ def refined(
     covariance = np.full((6 * count, 6 * count), np.nan)
     if not pairs or len(placed) < 1:
         return Refined(T, covariance, np.zeros(3), converged=False, rounds=0)
-    joint = refine_jointly(bodies, np.array(poses), pairs, free, POINTS[effort])
     spacing = typical_spacing([views[k] for k in placed])
+    T_begun = np.array(poses)
+    rough = refine_jointly(bodies, T_begun, pairs, free, ROUGH_POINTS, most=ROUGH_ROUNDS)
+    found_by = refine_on_planes(bodies, rough.T_world_body, free, spacing, size)
+    if found_by is None:
+        cell = max(PATCH_SPACINGS * spacing, PATCH * size)
+        found_by = _by_pairs(bodies, T_begun, pairs, free, len(placed), POINTS[effort], cell, size)
     found = np.full((count, 4, 4), np.nan)
-    for k, body, T_world_body in zip(placed, bodies, joint.T_world_body, strict=False):
+    for k, body, T_world_body in zip(placed, bodies, found_by.T_world_body, strict=False):
         found[k] = T_world_body @ _shift(-body.origin)
-    centre = np.mean(joint.T_world_body[: len(placed), :3, 3], axis=0)
-    cell = max(PATCH_SPACINGS * spacing, PATCH * size)
-    about = _shift(-centre) @ joint.T_world_body
-    spread = joint_covariance(about, joint.planes, free, cell, size)
-    # Doubtful correspondences (blends of two faces, places that only one of two scans sees) bias motions that little
-    # else holds. What the poses change by without them is an error that no scatter shows.
-    strict = refine_jointly(bodies, joint.T_world_body, pairs, free, POINTS[effort], strict=True)
-    change = pose.log(_shift(-centre) @ strict.T_world_body @ pose.inverse(about))[free].ravel()
-    spread = spread + np.outer(change, change)
     rows = np.concatenate([6 * placed[k] + np.arange(6) for k in free if k < len(placed)] or [np.zeros(0, int)])
     kept = np.concatenate([6 * n + np.arange(6) for n, k in enumerate(free) if k < len(placed)] or [np.zeros(0, int)])
     for k in placed:
         covariance[6 * k : 6 * k + 6, [c for p in placed for c in range(6 * p, 6 * p + 6)]] = 0.0
-    covariance[np.ix_(rows, rows)] = spread[np.ix_(kept, kept)]
-    return Refined(found, covariance, centre, joint.converged, joint.rounds)
+    covariance[np.ix_(rows, rows)] = found_by.covariance[np.ix_(kept, kept)]
+    return Refined(found, covariance, found_by.centre, found_by.converged, found_by.rounds)
+
+
+def _by_pairs(
+    bodies: Sequence[Body],
+    T: FloatArray,
+    pairs: Sequence[tuple[int, int]],
+    free: IntArray,
+    scans: int,
+    points: int,
+    cell: float,
+    size: float,
+) -> Placed:
+    joint = refine_jointly(bodies, T, pairs, free, points)
+    centre = np.mean(joint.T_world_body[:scans, :3, 3], axis=0)
+    about = _shift(-centre) @ joint.T_world_body
+    spread = joint_covariance(about, joint.planes, free, cell, size)
+    # Doubtful correspondences (blends of two faces, places that only one of two scans sees) bias motions that little
+    # else holds. What the poses change by without them is an error that no scatter shows.
+    strict = refine_jointly(bodies, joint.T_world_body, pairs, free, points, strict=True)
+    change = pose.log(_shift(-centre) @ strict.T_world_body @ pose.inverse(about))[free].ravel()
+    return Placed(joint.T_world_body, spread + np.outer(change, change), centre, joint.rounds, joint.converged)
 
 
 def _pairs(views: Sequence[View], placed: Sequence[int], T: FloatArray, size: float) -> list[tuple[int, int]]:

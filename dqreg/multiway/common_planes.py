@@ -1,0 +1,193 @@
+"""The last rounds of the joint refinement: faces that several scans see are planes that nobody knows, fitted with all.
+
+Pairs compare a point with a plane through the few points around its match, which at the rim of a face is a blend of two
+faces. Here the points of all scans on one piece of a face share its plane, and the pose of each scan follows from all
+pieces that it sees: bundle adjustment of planes (Liu and Zhang, "BALM", 2021), in time linear in the number of points.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse as sparse
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.multiway import dual_poses
+from dqreg.multiway.bodies import Body
+from dqreg.multiway.graph import factorised
+from dqreg.multiway.pooled import Pieces, Pooled, centred
+from dqreg.rigid import pose
+
+# The scale of the first round, in spacings, and its least factor a round: it ends at the residuals of typical points.
+SOFT, HARDER, TYPICAL = 0.4, 0.5, 1.5
+# Rounds, those that follow once the scale has settled, and steps of each.
+ROUNDS, SETTLED_ROUNDS, STEPS = 14, 4, 2
+# The scale has settled when it falls by less than this.
+SETTLED = 0.9
+# Neighbours are looked for anew when a point has moved by so many spacings; the rounds end below the second number.
+NEAR, STILL = 0.5, 2e-3
+# Faces have to be flat: residuals in spacings at most, and the share of the points on them at least.
+FLAT, SHARE = 0.1, 0.5
+# Standard deviation of the corners of a scan about where pairs put it, in spacings, for what no face holds.
+HELD = 0.5
+# Points that face a motion of a scan, without which faces do not hold it.
+FACING = 2.0
+# A scan that moves by more spacings than this from where pairs put it is none that they put right.
+FAR = 3.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Placed:
+    """Poses of all bodies at once, and how sure they are."""
+
+    T_world_body: FloatArray  # (n, 4, 4)
+    covariance: FloatArray  # (6 k, 6 k): Of left increments of the free bodies about the centre
+    centre: FloatArray  # (3,)
+    rounds: int
+    converged: bool
+
+
+def refine_on_planes(
+    bodies: Sequence[Body], T_world_body: FloatArray, free: IntArray, spacing: float, size: float
+) -> Placed | None:
+    """Poses of least squares with all planes of common faces unknown; None where faces do not suffice for it.
+
+    Shapes: T_world_body (n, 4, 4), of the centred frames.
+    """
+    if any(body.scan is None for body in bodies) or not len(free):
+        return None
+    pooled = Pooled(bodies, size)
+    T, middle = centred(T_world_body, size)
+    begun, places = T, _Places.of(bodies, T, spacing / size, size)
+    scale, settled, rounds, moved = SOFT * spacing / size, 0, 0, np.inf
+    while rounds < ROUNDS and settled < SETTLED_ROUNDS and not (settled and moved < STILL * spacing / size):
+        pieces, rounds, before = pooled.pieces(T, scale, NEAR * spacing / size), rounds + 1, T
+        lower = max(HARDER * scale, min(scale, TYPICAL * pieces.residual))
+        settled = settled + 1 if lower > SETTLED * scale else 0
+        rough = pieces.residual * size > FLAT * spacing or pieces.points < SHARE * len(pooled.points)
+        if not pieces.points or (settled and rough):
+            return None
+        for _ in range(STEPS):
+            T = _stepped(pieces, T, places, free, least=FACING if settled else 0.0)
+        moved, scale = _motion(bodies, before, T, size), lower
+    if rough or _motion(bodies, begun, T, size) > FAR * spacing / size:
+        return None
+    covariance = _covariance(pieces, T, places, free, size)
+    found = T.copy()
+    found[:, :3, 3] = size * T[:, :3, 3] + middle
+    return Placed(found, covariance, middle, rounds, moved < 0.02 * spacing / size)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Places:
+    """Where pairs put the scans: what holds them where no face does."""
+
+    T: FloatArray  # (n, 4, 4)
+    precisions: FloatArray  # (n, 6): Of rotations about the scan's origin and of translations
+
+    @staticmethod
+    def of(bodies: Sequence[Body], T: FloatArray, spacing: float, unit: float) -> _Places:
+        held = HELD * spacing
+        radii = np.array([0.5 * body.surface.diagonal / unit for body in bodies])
+        turns, shifts = np.repeat(radii[:, None] ** 2, 3, axis=1), np.ones((len(T), 3))
+        return _Places(T, np.hstack([turns, shifts]) / held**2)
+
+    def lengths(self, T: FloatArray) -> FloatArray:
+        """From increments in the world to motions of the scans' corners and origins, (n, 6, 6)."""
+        units = np.sqrt(self.precisions / self.precisions[:, 5:])
+        return np.asarray(units[:, :, None] * pose.adjoint(pose.from_parts(np.eye(3), -T[:, :3, 3])))
+
+    def about(self, T: FloatArray, free: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Slopes and curvatures of their cost by increments of the free scans in the world, (k, 6) and (k, 6, 6)."""
+        there = pose.from_parts(np.eye(3), -T[free, :3, 3])
+        off = pose.log(there @ T[free] @ pose.inverse(there @ self.T[free]))
+        turned = pose.adjoint(there)
+        weighted = turned.transpose(0, 2, 1) * self.precisions[free][:, None]
+        return np.einsum("kij,kj->ki", weighted, off), weighted @ turned
+
+
+def _stepped(pieces: Pieces, T: FloatArray, places: _Places, free: IntArray, least: float) -> FloatArray:
+    matrix, counts, slopes = _normal(pieces, T, places, least)
+    gradient = np.zeros((len(T), 6))
+    np.add.at(gradient, pieces.scans, slopes)
+    pull, held = places.about(T, free)
+    faced = (counts.T @ gradient.ravel()).reshape(-1, 6)
+    whole = (counts.T @ matrix @ counts).tocsc() + _placed(held, free, free, len(T))
+    step = factorised(whole, free).solve(-(faced[free] + pull).ravel())
+    moved = T.copy()
+    turned = dual_poses.multiply(dual_poses.exp(step.reshape(-1, 6)), dual_poses.from_matrices(T[free]))
+    moved[free] = dual_poses.to_matrices(turned)
+    return moved
+
+
+def _normal(
+    pieces: Pieces, T: FloatArray, places: _Places, least: float
+) -> tuple[sparse.csc_matrix, sparse.csc_matrix, FloatArray]:
+    """The matrix of the normal equations of all increments in the world, what of it counts, and the groups' slopes.
+
+    What counts turns increments into those that faces hold, (6 n, 6 n); slopes (g, 6). Where fewer than so many points
+    face a motion of a scan, it rests on tilts of planes that nearly hold it, which follow the pose they were found at.
+    """
+    from dqreg.kernels.plane_elimination import eliminate_planes
+
+    table, slopes = _table(pieces, len(T)), np.zeros((len(pieces.scans), 6))
+    blocks = np.zeros((int(table.max()) + 1, 6, 6))
+    eliminate_planes(pieces.starts, pieces.scans, pieces.moved(T), pieces.residual**2, table, blocks, slopes)
+    row, column = np.nonzero(np.triu(table >= 0))
+    upper = _placed(blocks[table[row, column]], row, column, len(T))
+    matrix = (sparse.triu(upper) + sparse.triu(upper, 1).T).tocsc()
+    each = np.arange(len(T))
+    own = blocks[table[each, each]]
+    own = np.triu(own) + np.triu(own, 1).transpose(0, 2, 1)
+    to_length = places.lengths(T)
+    back = np.linalg.inv(to_length)
+    points, motions = np.linalg.eigh(back.transpose(0, 2, 1) @ own @ back * pieces.residual**2)
+    kept = (motions * (points >= least)[:, None]) @ motions.transpose(0, 2, 1)
+    return matrix, _placed(back @ kept @ to_length, each, each, len(T)), slopes
+
+
+def _table(pieces: Pieces, count: int) -> IntArray:
+    """Number of the block of each pair of scans that share a piece, and of each scan itself; -1 for the others."""
+    number = np.repeat(np.arange(len(pieces.starts) - 1), np.diff(pieces.starts))
+    seen = sparse.csr_matrix((np.ones(len(number)), (pieces.scans, number)), shape=(count, len(pieces.starts) - 1))
+    shared = (seen @ seen.T).toarray() > 0.0
+    np.fill_diagonal(shared, True)
+    upper = np.triu(shared)
+    table = np.full((count, count), -1, dtype=np.int64)
+    table[upper] = np.arange(int(upper.sum()))
+    return np.asarray(np.maximum(table, table.T))
+
+
+def _placed(blocks: FloatArray, rows: IntArray, columns: IntArray, count: int) -> sparse.csc_matrix:
+    inner = np.arange(6)
+    r = np.broadcast_to(6 * rows[:, None, None] + inner[:, None], blocks.shape).ravel()
+    c = np.broadcast_to(6 * columns[:, None, None] + inner, blocks.shape).ravel()
+    return sparse.csc_matrix((blocks.ravel(), (r, c)), shape=(6 * count, 6 * count))
+
+
+def _covariance(pieces: Pieces, T: FloatArray, places: _Places, free: IntArray, unit: float) -> FloatArray:
+    """Covariance of the increments of the free scans about the world's origin, in lengths, (6 k, 6 k).
+
+    A sandwich: pieces are independent of each other, whatever the scatter of each. Three numbers of a plane are fitted
+    to its points, which makes their distances smaller than they are (HC3 of MacKinnon and White 1985).
+    """
+    matrix, counts, slopes = _normal(pieces, T, places, FACING)
+    _, held = places.about(T, free)
+    prior = _placed(held, free, free, len(T))
+    solve = factorised((counts.T @ matrix @ counts).tocsc() + prior, free).solve
+    scores = counts.T @ pieces.scores(slopes, len(T))
+    kept = (6 * free[:, None] + np.arange(6)).ravel()
+    middle = ((scores @ scores.T).tocsr() + prior)[kept][:, kept].toarray()
+    covariance = solve(solve(middle).T).T
+    units = np.tile(np.r_[[1.0] * 3, [unit] * 3], len(free))
+    return np.asarray(0.5 * (covariance + covariance.T) * np.outer(units, units))
+
+
+def _motion(bodies: Sequence[Body], before: FloatArray, after: FloatArray, unit: float) -> float:
+    """Largest motion of the corners of a scan, in units."""
+    change = after - before
+    turned = np.linalg.norm(change[:, :3, :3], 2, axis=(1, 2))
+    half = np.array([0.5 * body.surface.diagonal / unit for body in bodies])
+    return float((np.linalg.norm(change[:, :3, 3], axis=1) + half * turned).max())
