@@ -15,6 +15,7 @@ from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows
+from dqreg.kernels.pair_differences import pair_differences
 from dqreg.kernels.patch_pairs import binned_agreements, nearest_others, spherical_covariance
 from dqreg.kernels.plane_elimination import eliminate_planes
 from dqreg.kernels.plane_fits import fit_plane_rows
@@ -139,6 +140,8 @@ def _rims() -> None:
 
 def _search() -> None:
     rotations, places = np.eye(3)[None], np.zeros((1, 3))
+    counts, none = np.zeros(1, dtype=np.int32), np.zeros(0, dtype=np.bool_)
+    pair_differences(places, places, np.ones(4), 1, counts, none, places, FIRST[:0])
     mean_gains(0, 1, rotations, places, places, SHAPE, np.zeros(2, dtype=np.float32), np.zeros(1))
     planes = np.zeros((1, 6), dtype=np.float32)
     grid_planes(0, 0, FLAT, ONE, 1.0, SHAPE, planes, FLAT, FLAT, np.zeros(0), FIRST[:0])

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import FloatArray, IntArray, product
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh, Surface, sample_mesh
 from dqreg.rigid import pose
 from dqreg.search.features import rarity
@@ -68,22 +68,27 @@ def near_periods(mesh: Mesh, surface: Surface) -> FloatArray:
 
 def _crowded(points: FloatArray, normals: FloatArray, size: float) -> FloatArray:
     """Middles of the cells where differences of points with equal normals crowd, (k, 3)."""
+    from dqreg.kernels.pair_differences import pair_differences
+    from dqreg.kernels.threads import as_plain
+
     # Either way: a period and its opposite are one, whichever side of a plane the first point is on. So the pairs are
     # taken one way, and what they fill is mirrored: a cell and its opposite change places in the grid.
-    rows = np.flatnonzero(product(normals, normals.T) > EQUAL_COS)
-    first, second = np.divmod(rows, len(normals))
-    once = first < second
-    differences = np.take(points, second[once], axis=0) - np.take(points, first[once], axis=0)
-    squared = np.einsum("ij,ij->i", differences, differences)
-    differences = differences[(squared > (SHORTEST * size) ** 2) & (squared < (LONGEST * size) ** 2)]
-    cells = np.rint(differences / (CELL * size)).astype(np.int64) @ PLACES + HERE
-    counts = np.bincount(cells, minlength=SIDE**3).astype(np.int32)
+    limits = np.array([EQUAL_COS, (SHORTEST * size) ** 2, (LONGEST * size) ** 2, CELL * size])
+    pairs, counts = (as_plain(points), as_plain(normals), limits, SIDE), np.zeros(SIDE**3, dtype=np.int32)
+    pair_differences(*pairs, counts, np.zeros(0, dtype=bool), np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
     near = _box_sums(counts + counts[::-1], 1)
     # A box of nine cells a side is three of three.
     around = (_box_sums(near, 3) - near)[HERE + 1 :] * (27.0 / 702.0)
     found = HERE + 1 + np.flatnonzero(near[HERE + 1 :] - around > STANDS_OUT * np.sqrt(np.maximum(around, 1.0)))
     found = found[near[found] == near[found[:, None] + _cube(2)].max(axis=1, initial=0)]
     found = found[np.argsort(-near[found], kind="stable")][:CROWDS]
+    if not len(found):
+        return np.zeros((0, 3))
+    asked = np.zeros(SIDE**3, dtype=bool)
+    asked[found[:, None] + _cube(1)] = True
+    most = int(counts[asked | asked[::-1]].sum())
+    differences, cells = np.zeros((most, 3)), np.zeros(most, dtype=np.int64)
+    pair_differences(*pairs, counts, asked, differences, cells)
     return _middles(differences, cells, found)
 
 
