@@ -34,6 +34,10 @@ class PlaneFits:
     gaps: FloatArray | None = None
     neighbours: IntArray | None = None  # (n, k): Rows of the neighbours, where the planes were fitted in one go
 
+    def taken(self, rows: IntArray) -> PlaneFits:
+        """Those at some of the points."""
+        return PlaneFits(np.take(self.normals, rows, axis=0), self.residuals[rows], self.lever[rows], self.count)
+
     @property
     def known(self) -> BoolArray:
         """Where there is a plane, (n,)."""

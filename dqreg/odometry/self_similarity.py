@@ -119,6 +119,10 @@ class View:
         # Of the points that the step takes out of their face, and farther than lines of sight are apart there.
         blur = self.margin + PIXELS * self.image.pixel * np.linalg.norm(scan.points, axis=1)
         points = scan.points[(np.abs(scan.normals @ step[:3, 3]) > FACING * length) & (blur < BLUR * length)]
-        nearer, alike = np.transpose([self.compared(points, T) for T in (step, pose.inverse(step))])
-        seen = bool(alike.min() >= max(ALIKE * len(points), FEWEST_ALIKE))
-        return seen and bool(nearer.sum() <= most * (nearer + alike).sum())
+        through = whole = 0
+        for T in (step, pose.inverse(step)):
+            nearer, alike = self.compared(points, T)
+            if alike < max(ALIKE * len(points), FEWEST_ALIKE):
+                return False
+            through, whole = through + nearer, whole + nearer + alike
+        return through <= most * whole

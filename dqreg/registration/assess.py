@@ -9,7 +9,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, MeshSurface, PointCloud
 from dqreg.geometry.morton import distinct_in_order
-from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, sample_rows
 from dqreg.icp import find_correspondences
 from dqreg.registration.exposures import second_pose
 from dqreg.registration.fit import Fit, own_normals
@@ -148,14 +148,17 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
 def _indexed_source(fit: Fit) -> IndexedPoints:
     points, scan = fit.problem.source.cloud.points, fit.prepared.scan
     if len(points) <= COMPARED and not fit.prepared.cell_size:
-        return IndexedPoints(scan.points, scan.tree)
+        # Planes of all points are there, unless normals were given in their place.
+        is_fitted = scan.fitted is None and fit.problem.source.cloud.normals is None
+        planes = PlaneFits(scan.normals, scan.residuals, scan.levers, NEIGHBOURS) if is_fitted else None
+        return IndexedPoints(scan.points, scan.tree, planes)
     return IndexedPoints.of(points[sample_rows(len(points), COMPARED)])
 
 
 def _indexed_target(fit: Fit, target: PointCloud) -> IndexedPoints:
     surface, derived, points = fit.prepared.surface, fit.target.derived, target.points
     if len(points) <= COMPARED and isinstance(surface, CloudSurface) and surface._rows == len(points):
-        return IndexedPoints(surface._points, surface._tree)
+        return IndexedPoints(surface._points, surface._tree, is_remembered=True)
     # The same for every scan that is registered to it.
     if "compared" not in derived:
         derived["compared"] = IndexedPoints.of(points[sample_rows(len(points), COMPARED)])

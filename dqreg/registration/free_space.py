@@ -84,5 +84,6 @@ def _some(points: FloatArray, count: int) -> FloatArray:
     if len(points) <= count:
         return points
     # One at random of each stretch: every tenth point of a scanner's own order may be on one of its lines.
-    places = (np.arange(count) + np.random.default_rng(0).random(count)) * (len(points) / count)
-    return points[np.unique(places.astype(np.int64))]
+    places = ((np.arange(count) + np.random.default_rng(0).random(count)) * (len(points) / count)).astype(np.int64)
+    # They ascend; `np.unique` sorts them all the same, and takes ten times as long.
+    return np.take(points, places[np.diff(places, prepend=-1) > 0], axis=0)

@@ -15,15 +15,15 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import PlaneFits, fit_planes_among, sample_rows
+from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, fit_planes_among, fit_planes_around, sample_rows
 from dqreg.rigid import pose
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.trust.deformation import deformation_of
 from dqreg.trust.patch_tests import waviness_of
 from dqreg.trust.strain import SIGNIFICANT_CLUTTER, Strain, robust_fit, strain_of, weights_of
 
-# Points that are compared, and neighbours of a plane; comparisons without which nothing is said.
-ASKED, OF_A_PLANE, FEWEST = 2_000, 16, 60
+# Points that are compared; comparisons without which nothing is said.
+ASKED, FEWEST = 2_000, 60
 # Planes of the two are of one face where their normals are within this angle, neighbours leave this share of their
 # extent at most, or so many times the usual noise, and the points are less than this share of it beside each other.
 SAME_COS, FLAT, NOISY, FLATTEST, BESIDE = np.cos(np.deg2rad(15.0)), 0.15, 2.0, 0.4, 0.7
@@ -47,6 +47,8 @@ class IndexedPoints:
 
     points: FloatArray
     tree: NeighbourTree
+    planes: PlaneFits | None = None  # At all of the points, where they were fitted before
+    is_remembered: bool = False  # Whether the tree was asked for neighbours of its own points before
 
     @staticmethod
     def of(points: FloatArray) -> IndexedPoints:
@@ -56,7 +58,11 @@ class IndexedPoints:
 
     def planes_at(self, rows: IntArray) -> PlaneFits:
         """Planes through the neighbours of some of the points."""
-        return fit_planes_among(self.points, self.tree.nearest(self.points[rows], OF_A_PLANE)[0])
+        if self.planes is not None:
+            return self.planes.taken(rows)
+        if self.is_remembered:
+            return fit_planes_around(self.tree, self.points, rows, NEIGHBOURS)
+        return fit_planes_among(self.points, self.tree.nearest(self.points[rows], NEIGHBOURS)[0])
 
 
 @dataclasses.dataclass(frozen=True)
