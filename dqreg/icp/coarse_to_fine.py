@@ -20,7 +20,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, median
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.scan import Scan, with_planes
 from dqreg.geometry.surface import Surface
@@ -135,7 +135,7 @@ def _judged_by_inliers(scan: Scan, run: Run) -> Scan:
     residuals = scan.residuals[(run.weights > 0.5) & np.isfinite(scan.residuals)]
     if not len(residuals):
         return scan
-    usual = float(np.median(residuals))
+    usual = median(residuals)
     return dataclasses.replace(
         scan, noise=min(usual, scan.noise), quiet=min(usual, scan.noise if scan.quiet is None else scan.quiet)
     )

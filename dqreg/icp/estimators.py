@@ -53,16 +53,11 @@ def points_and_normals(pairs: Correspondences, weights: FloatArray, noise: float
     used = (alpha > 0.0) & pairs.closest.normals.any(axis=1)
     if not used.any():
         return points_only(pairs, weights, noise)
-    kept = weights > 0.0
-    moments = moments_of(
-        pairs.scan.points[kept],
-        pairs.closest.points[kept],
-        weights[kept],
-        pairs.source_directions[used],
-        pairs.closest.normals[used],
-        alpha[used],
-    )
-    return solve_moments(moments)
+    kept, directed = np.flatnonzero(weights > 0.0), np.flatnonzero(used)
+    points = pairs.scan.points, pairs.closest.points, weights
+    directions = pairs.source_directions, pairs.closest.normals, alpha
+    some = [np.take(x, rows, axis=0) for rows, side in ((kept, points), (directed, directions)) for x in side]
+    return solve_moments(moments_of(*some))
 
 
 def direction_weights(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:
