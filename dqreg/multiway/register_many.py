@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,6 +22,7 @@ from dqreg.multiway.pairs import asked_pairs
 from dqreg.multiway.plan import first_edges, rescued
 from dqreg.multiway.refine import refined
 from dqreg.multiway.result import Multiway
+from dqreg.multiway.round_part import RoundPart, laid_by_angles
 from dqreg.multiway.scans import read_views, typical_size, typical_spacing
 from dqreg.multiway.sides import Sides
 from dqreg.multiway.starts import contradicted_starts, read_starts
@@ -127,14 +129,18 @@ def register_many(
     seconds = {"read": time.monotonic() - began}
     automatic = isinstance(edges, str) and edges == "auto"
     found = first_edges(runner, pairs, known, order, automatic=automatic)
+    found, turned = laid_by_angles(runner, found, known, order)
     sides = Sides.of(views, order, found)
     size, floor = typical_size(views), FLOOR * typical_spacing(views)
     home = PART if part is not None else anchor
     T_home = np.eye(4) if part is not None or known[anchor] is None else known[anchor]
     judge = Judge(sides, len(views), home, size, floor, np.asarray(T_home))
-    belief = _belief(runner, judge, found, automatic)
+    belief = _belief(runner, judge, found, turned, automatic=automatic)
     seconds["pairs"] = time.monotonic() - began - sum(seconds.values())
     joint = refined(views, sides.bodies, part, belief, size, effort)
+    if turned is not None and np.isfinite(joint.T_world_scan).any():
+        joint = turned.widened(joint, belief.anchor)
+        belief = dataclasses.replace(belief, edges=tuple(turned.freed(belief.edges)))
     seconds["joint"] = time.monotonic() - began - sum(seconds.values())
     settings = {
         "order": order,
@@ -151,16 +157,22 @@ def register_many(
     views = sides.signed(views)
     overlap = overlap_matrix(views, joint.T_world_scan, size)
     against = tuple(sides.contradictions(joint.T_world_scan, overlap))
-    turns = turnings(views, joint.T_world_scan, belief.edges)
+    turns = turnings(views, joint.T_world_scan, belief.edges, turned)
     remarks = tuple(contradicted_starts(views, known, joint.T_world_scan, belief.edges, size))
     result = assembled(views, belief, joint, overlap, settings, seconds, runner.stopped, against, turns, remarks)
     log_verdict(result.verdict, f"{len(views)} scans into one frame", time.monotonic() - began)
     return result
 
 
-def _belief(runner: PairRunner, judge: Judge, found: Sequence[Edge], automatic: bool) -> Belief:
+def _belief(
+    runner: PairRunner, judge: Judge, found: Sequence[Edge], turned: RoundPart | None, *, automatic: bool
+) -> Belief:
     """Which edges and scans are believed: what fits nowhere is left out."""
-    judge, belief = without_foreign(*by_consensus(runner, judge, judge(found)))
+    belief = judge(found)
+    if turned is not None:
+        # The others refuse what is laid by angles that nobody knows.
+        return without_foreign(judge, belief)[1]
+    judge, belief = without_foreign(*by_consensus(runner, judge, belief))
     if automatic:
         judge, belief = without_foreign(judge, rescued(runner, belief, judge, judge.size))
     return without_misfits(runner.views, judge, belief, runner.effort, runner.seed)[1]

@@ -10,6 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.round_part import RoundPart
 from dqreg.multiway.scans import View, typical_size
 from dqreg.rigid import pose
 
@@ -38,14 +39,22 @@ class Turning:
     angle_rad: float | None  # None where any angle will do
     telling: float  # Share of the points of a view that tell one angle from another, about; NaN if not measured
     frame: int | None = None  # Scan in whose frame it is, where none is placed; None for the world frame
+    agreed: str = ""  # Where the angles of a round part come from: "starts", "step" or "pairs"
+    step_rad: float = 0.0  # Of a turntable, where it was assumed
 
 
-def turnings(views: Sequence[View], T_world_scan: FloatArray, edges: Sequence[Edge]) -> tuple[Turning, ...]:
-    """Rotations by which views can be turned: of a nearly round part, and those that several pairs name as rivals."""
+def turnings(
+    views: Sequence[View], T_world_scan: FloatArray, edges: Sequence[Edge], known: RoundPart | None = None
+) -> tuple[Turning, ...]:
+    """Rotations by which views can be turned: of a round part, and those that several pairs name as rivals."""
     placed = [k for k, view in enumerate(views) if view.usable and np.isfinite(T_world_scan[k]).all()]
     if len(placed) < 2:
         return tuple(_from_pairs(edges))
     model = _Model.of(views, T_world_scan, placed)
+    if known is not None:
+        axis, point = known.axis(T_world_scan)
+        telling = 1.0 - model.kept(axis, point, TURNS_RAD)
+        return (Turning(axis, point, None, telling, agreed=known.agreed, step_rad=known.step_rad),)
     found = _round(model)
     if found is not None:
         return (found,)

@@ -199,10 +199,15 @@ def _turned(views: Sequence[View], turns: Sequence[Turning]) -> Iterator[Reason]
             order = 2.0 * np.pi / turn.angle_rad
             fold = f" (order {order:.0f})" if abs(order - round(order)) < WHOLE * order else ""
             same = f"after a turn of {np.rad2deg(turn.angle_rad):.0f} degrees{fold} about {about}"
-        yield Reason(
-            f"the part looks the same {same}: views can be turned by it unseen; put marks on the part, or give starts",
-            "alternative_poses",
-        )
+        words = {
+            "step": "the angles are assumed: equal steps of a full turn, "
+            f"{abs(np.rad2deg(turn.step_rad)):.4g} degrees, either way",
+            "starts": "the angles are those of the starts",
+            "wobble": "the angles follow from how its axis wobbles on the table, in equal steps",
+            "pairs": "the angles are those at which pairs overlap most, and mean nothing",
+        }
+        advice = f"{words.get(turn.agreed, 'views can be turned by it unseen')}; put marks on the part, or give starts"
+        yield Reason(f"the part looks the same {same}: {advice}", "alternative_poses")
 
 
 def has_alternatives(edge: Edge) -> bool:
