@@ -33,13 +33,14 @@ CHECKED, SCREENED, SLACK = 2_000, 100, 0.2
 # Points that screen a flipped pose, and the mean gain that it may lack by them: few first, which most flips fail.
 # Reach of their gain, in sizes.
 SCREENS, REACH = ((60, 0.3), (300, 0.15)), 0.02
-# Points that refine and points that score: few of all poses, and more of those that are not clearly worse by them.
-FIRST, LAST = (300, 1_000), (1_000, 5_000)
+# Points that refine, points that score and steps of the refinement: few of all poses, and more of those that are not
+# clearly worse by them. After four steps scores differ from those after six by a third of their standard error at most.
+FIRST, LAST = (300, 1_000, 4), (1_000, 5_000, 6)
 # Standard errors of the mean log-likelihood beyond which a pose is clearly worse. Six motions fitted to so few points
 # cost the others three log-likelihoods in the mean, over that number; twice of it in one case of sixteen.
 CLEARLY, FITTED = 2.5, 6.0 / FIRST[0]
-# First and last kernel scale of the refinement, in sizes; steps.
-WIDE, NARROW, STEPS = 6e-3, 1e-3, 6
+# First and last kernel scale of the refinement, in sizes.
+WIDE, NARROW = 6e-3, 1e-3
 # Flips within so much mean log-likelihood are equally likely: half of what the notch of a block costs that is 0.7 % of
 # its surface. What only a smaller fraction of the points favours is no decision.
 EQUALLY_LIKELY = 0.015
@@ -225,11 +226,11 @@ def _refined(
     surface: Surface,
     limit: float,
     floor: float,
-    points: tuple[int, int] = LAST,
+    points: tuple[int, int, int] = LAST,
 ) -> tuple[Poses, PoseScores]:
     """A pose, then the pose followed by each of some motions, (k, 4, 4), and refined; and the scores of all."""
     sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), points[0])])
-    widths = np.geomspace(WIDE, NARROW, STEPS) * surface.diagonal
+    widths = np.geomspace(WIDE, NARROW, points[2]) * surface.diagonal
     poses = Poses.of(T_target_source[None]) + refine(Poses.of(maps @ T_target_source), sample, surface, widths)
     return poses, score_poses(poses, scan.points[sample_rows(len(scan), points[1])], surface, limit, floor)
 
