@@ -30,6 +30,8 @@ ReachFrom = Literal["given", "size", "noise", "spacing", "deviations"]
 OFF, OFF_SPACINGS = 6.0, 1.0
 # ... and lies beside another surface, not on the part, from that many sigmas on.
 BESIDE = 3.0
+# Less than this share of the spacing is no noise: files in single precision round there.
+ROUNDED = 1e-6
 # Cells in which points off the surface are neighbours, in spacings: a surface fills them, outliers do not.
 CELL = 3.0
 # A point is a spike where, of so many neighbours on the part, fewer than these leave their median on its side by half
@@ -114,7 +116,8 @@ def membership(
     Points are about the target's origin, where cells keep their digits.
     """
     distances = np.abs(values)
-    noisy, spaced = OFF * noise, OFF_SPACINGS * spacing
+    # What is left of exact data is rounding, of which neighbours know nothing.
+    noisy, spaced = OFF * max(noise, ROUNDED * spacing), OFF_SPACINGS * spacing
     begins = max(noisy, spaced)
     flags = by_reach(values, limit)
     off = np.flatnonzero(distances > begins)

@@ -18,6 +18,7 @@ from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.search.problem import SCENE
 from dqreg.solvers.status import INTERRUPTED
+from dqreg.trust.limits import own_noise
 
 # Fraction of the points near a part that lie off it beyond which the same is done: right poses leave 0.002, and half
 # of the strays. Fewer than the verdict allows are evidence where they are no strays.
@@ -96,7 +97,7 @@ def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
     found = fit.agreement
     is_off = found.share_near < 1.0 - OFF - OFF_PER_STRAY * found.strays or found.share_together > TOGETHER
     # Two scans of one scene always differ somewhere, and the noise between them is not known as well.
-    is_rough = found.width > MISFIT * found.expected > 0.0
+    is_rough = found.width > MISFIT * own_noise(found) > 0.0
     if not fit.has_border and (is_off or is_rough):
         return True
     return _is_beside(fit) or not is_sound(fit, ask_mirror=ask_mirror)

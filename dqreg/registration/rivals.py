@@ -41,6 +41,8 @@ PERIOD = 0.05
 # A free motion is a screw where its rotation moves the part by more than this share of the whole, and its shift by more
 # than that share of the rotation's.
 SCREWS, PITCH = 0.3, 3e-3
+# Motions that less than this share of the inliers constrains may be screws.
+HELD = 0.1
 # The same where the time is up, and poses of the loop that are compared then.
 FEW_JUDGES, SEEN = 500, 4
 # Points apart from the target by so many standard deviations of most, and at least so many of that share of the size;
@@ -145,9 +147,11 @@ def _as_likely(fit: Fit) -> FloatArray:
 
 
 def _half_screws(fit: Fit) -> FloatArray:
-    """Half-turns, either way, along unconstrained screws such as that of a thread, (k, 4, 4)."""
+    """Half-turns, either way, along screws that little constrains, such as that of a thread, (k, 4, 4)."""
     information = fit.information
-    twists = information.vectors[:, information.free].T / np.r_[[information.lever] * 3, [1.0] * 3]
+    # The facets of a thread, and the ends of its turns, hold it a little.
+    weak = information.free | (information.carriers < HELD * float(fit.run.weights.sum()))
+    twists = information.vectors[:, weak].T / np.r_[[information.lever] * 3, [1.0] * 3]
     found = []
     for motion in twists:
         rate = float(np.linalg.norm(motion[:3]))

@@ -61,13 +61,16 @@ def test_alternatives_are_saved_and_read(tmp_path) -> None:
     ]
 
 
-def test_half_a_turn_along_the_screw_of_a_thread_is_named() -> None:
-    # The middle of a threaded rod, made by the sweep's generator: any turn with its part of the pitch fits as well.
+@pytest.mark.parametrize("noise", [0.0, 3e-4])
+def test_half_a_turn_along_the_screw_of_a_thread_is_named(noise: float) -> None:
+    # The middle of a threaded rod, made by the sweep's generator: any turn with its part of the pitch fits as well, but
+    # for what its facets hold: 12 to 28 points of 400 to 850, measured.
     part = thread(np.random.default_rng(0))
     points = sample_mesh(part.mesh, 6_000, np.random.default_rng(1)).points
     points = points[np.abs(points[:, 2] - part.middle[2]) < 1.2 * part.cell]
+    points += noise * part.mesh.diagonal * np.random.default_rng(2).normal(size=points.shape)
     result = dqreg.register(points, part.mesh, np.eye(4), effort="fast", search="never")
-    assert "unconstrained" in result.verdict.codes
+    assert result.verdict.level == "suspect"
     off = [worst_vertex_displacement(a.T_target_source, part.period, part.mesh.vertices) for a in result.alternatives]
     assert min(off) <= 0.01 * part.mesh.diagonal
     assert "and shifted by" in result.alternatives[int(np.argmin(off))].words
