@@ -143,7 +143,7 @@ class PairRunner:
 
     def _file(self, job: PairJob) -> Path:
         assert self.folder is not None
-        kind = "search" if job.start is None else "start"
+        kind = "search" if job.start is None else "near" if job.near else "start"
         return self.folder / f"{job.target}-{job.source}-{kind}.json"
 
     def _kept(self, job: PairJob) -> Registration | None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.multiway.believe import Belief
-from dqreg.multiway.edges import PART, Edge, better, is_weak
+from dqreg.multiway.edges import PART, Edge, better, is_refused, is_weak
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairJob, PairRunner
 from dqreg.multiway.pairs import Pair, alike_pairs
+from dqreg.multiway.scans import typical_size
+from dqreg.multiway.starts import FAR, FAR_RAD
 from dqreg.multiway.turntable import on_turntable
 from dqreg.rigid import pose
 
@@ -38,9 +41,42 @@ def first_edges(
     searched = runner.run([PairJob(jobs[k].target, jobs[k].source) for k in again])
     for k, edge in zip(again, searched, strict=True):
         edges[k] = better(edges[k], edge)
-    if order == "turntable":
+    edges = _held_by_starts(runner, jobs, edges, known)
+    # Given poses say where each scan is, and a table cannot say it better.
+    if order == "turntable" and any(known[k] is None for k in usable):
         edges = on_turntable(runner, edges, usable)
     return edges
+
+
+def _held_by_starts(
+    runner: PairRunner, jobs: Sequence[PairJob], edges: list[Edge], known: Sequence[FloatArray | None]
+) -> list[Edge]:
+    """The edges; where a search led far from given poses, those near by if nothing speaks against these.
+
+    A part that looks nearly the same elsewhere is accepted there too: of the two, the one that was given is meant.
+    """
+    far = [
+        k
+        for k, (job, edge) in enumerate(zip(jobs, edges, strict=True))
+        if edge.found and job.start is not None and _given(known, job) and _is_far(runner, edge, job.start)
+    ]
+    near = runner.run([dataclasses.replace(jobs[k], near=True) for k in far])
+    for k, edge in zip(far, near, strict=True):
+        start = jobs[k].start
+        if edge.found and not is_refused(edge) and start is not None and not _is_far(runner, edge, start):
+            edges[k] = edge
+    return edges
+
+
+def _given(known: Sequence[FloatArray | None], job: PairJob) -> bool:
+    return known[job.source] is not None and (job.target == PART or known[job.target] is not None)
+
+
+def _is_far(runner: PairRunner, edge: Edge, start: FloatArray) -> bool:
+    cloud, T = runner.views[edge.source].cloud, edge.registration.T_target_source
+    assert cloud is not None
+    shift = float(pose.offset_between(start, T, at=cloud.points.mean(axis=0)))
+    return float(pose.angle_between(start, T)) > FAR_RAD or shift > FAR * typical_size(runner.views)
 
 
 def _between(known: Sequence[FloatArray | None], i: int, j: int, order: str) -> FloatArray | None:

@@ -80,10 +80,12 @@ def laid_by_angles(
     own += [(e.source, _moved(pose.inverse(e.registration.T_target_source), line)) for e, line in lines]
     if _agreement(own, size) < AGREEING:
         return edges, None
-    pairs = [(edge.target, edge.source) for edge, _ in lines]
+    pairs = [(edge.target, edge.source) for edge in edges if edge.target != PART]
     usable = [k for k, view in enumerate(runner.views) if view.usable]
     if all(known[k] is not None for k in usable):
         starts = {k: T for k in usable if (T := known[k]) is not None}
+        # Loops need pairs two places apart too, where neighbours alone were asked for.
+        pairs = list(dict.fromkeys(pairs if order == "any" else [*pairs, *_neighbours(usable)]))
         return _laid(runner, pairs, starts, own), RoundPart(tuple(own), "starts")
     if order == "turntable":
         place = {scan: k for k, scan in enumerate(usable)}

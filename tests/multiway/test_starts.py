@@ -7,9 +7,12 @@ import pytest
 
 from dqreg.geometry import PointCloud
 from dqreg.multiway.edges import PART, Edge
-from dqreg.multiway.scans import View
+from dqreg.multiway.pair_runs import PairJob, PairRunner
+from dqreg.multiway.plan import _held_by_starts
+from dqreg.multiway.scans import View, read_views
 from dqreg.multiway.starts import contradicted_starts
 from dqreg.rigid import pose
+from dqreg.trust.records import Code, Reason, Verdict
 from tests.multiway.edges_of_truth import edges_of, world
 
 COUNT, SIZE = 8, 2.0
@@ -57,3 +60,19 @@ def test_rough_drifting_and_missing_ones_contradict_nothing() -> None:
     assert not list(contradicted_starts(views, [None] * COUNT, T, edges, SIZE))
     unplaced = [dataclasses.replace(edge, used=False) for edge in edges]
     assert not list(contradicted_starts(views, [np.eye(4)] * COUNT, np.full_like(T, np.nan), unplaced, SIZE))
+
+
+@pytest.mark.parametrize(("code", "meant"), [("weakly_constrained", True), ("faces_apart", False)])
+def test_of_two_poses_that_fit_the_one_that_was_given_is_meant(
+    monkeypatch: pytest.MonkeyPatch, code: Code, meant: bool
+) -> None:
+    cloud = np.random.default_rng(0).normal(size=(60, 3))
+    runner = PairRunner(read_views([cloud, cloud + 1.0], 0), None, "fast", 0, 1, np.inf, None, None)
+    turned = pose.from_parts(pose.exp(np.r_[0.0, 0.0, 1.0, 0.0, 0.0, 0.0])[:3, :3], np.zeros(3))
+    far = edges_of(np.stack([np.eye(4), turned]), [(0, 1)], 1e-3, 0)
+    near = edges_of(np.tile(np.eye(4), (2, 1, 1)), [(0, 1)], 1e-3, 0)
+    doubted = Verdict("suspect", (Reason("made by hand", code),))
+    near = [dataclasses.replace(near[0], registration=dataclasses.replace(near[0].registration, verdict=doubted))]
+    monkeypatch.setattr(PairRunner, "run", lambda *_: near)
+    found = _held_by_starts(runner, [PairJob(0, 1, np.eye(4))], far, [np.eye(4)] * 2)
+    assert (found[0] is near[0]) == meant
