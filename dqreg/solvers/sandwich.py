@@ -100,13 +100,15 @@ def _sandwich(bread: FloatArray, scores: FloatArray, known: FloatArray) -> Float
 
 def larger(one: FloatArray, other: FloatArray) -> FloatArray:
     """In every direction the larger of two covariances: in axes where one is the identity, and the other diagonal."""
-    spreads, axes_one = np.linalg.eigh(one)
+    # Singular values and vectors of a covariance are its eigenvalues and axes. `eigh` wakes the threads of BLAS from 26
+    # unknowns on, `svd` does not.
+    axes_one, spreads, _ = np.linalg.svd(one)
     # Exact data leave directions without any scatter.
-    roots = np.sqrt(np.maximum(spreads, SINGULAR * spreads[-1]))
+    roots = np.sqrt(np.maximum(spreads, SINGULAR * spreads[0]))
     if not roots.all():
         return other
     inverse = axes_one / roots
-    values, vectors = np.linalg.eigh(inverse.T @ other @ inverse)
+    vectors, values, _ = np.linalg.svd(inverse.T @ other @ inverse)
     axes = (axes_one * roots) @ vectors
     both: FloatArray = (axes * np.maximum(values, 1.0)) @ axes.T
     return both

@@ -14,7 +14,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.solvers.sandwich import scatter_of
-from dqreg.trust.strain import COMPONENTS, USUAL, robust_fit, unexplained, weights_of
+from dqreg.trust.strain import COMPONENTS, USUAL, best_motion, robust_fit, unexplained, weights_of
 
 
 class Limit(NamedTuple):
@@ -98,8 +98,7 @@ def _explained(
     covariance = covariance + np.eye(len(modes)) * 1e-12 * np.trace(covariance)
     by_scatter = float(of_modes @ np.linalg.solve(covariance, of_modes))
     # What they gain over the best motion, in the variance that is left: few patches underestimate the scatter.
-    roots = np.sqrt(weights)
-    rigid = np.linalg.lstsq((roots * motions).T, roots * residuals)[0]
+    rigid = best_motion(residuals, motions, weights)
     gained = float(weights @ ((residuals - rigid @ motions) ** 2 - left**2)) / variance
     sigmas = math.sqrt(max(min(by_scatter, gained), 0.0))
     displaced = np.einsum("k,kni->ni", of_modes, fields)
