@@ -34,6 +34,8 @@ UNHELD = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty", 
 # Least confidence of such a pose; that of the next best one, as a share of it, beyond which nobody can tell which of
 # them is right; and confidence below which a pose is not tried again when more scans are in.
 LIKELY, RIVAL, HOPELESS = 0.5, 0.6, 0.05
+# Confidence below which no pose of a scan is one, even for a set that is small.
+REFUSED = 0.1
 # Accepted pairs that hold a scan at one pose without a registration to all.
 HOLDING = 2
 # What a pose that no pair names counts, in confidences of one that does.
@@ -57,6 +59,7 @@ class Union:
     hopeless: dict[int, list[FloatArray]] = dataclasses.field(default_factory=dict)  # Poses that were refused
     # How many were in when a scan was tried last by the pairs of a level
     seen: dict[tuple[int, str], int] = dataclasses.field(default_factory=dict)
+    surest: dict[int, float] = dataclasses.field(default_factory=dict)  # Best confidence of any pose of a scan
     searched: set[int] = dataclasses.field(default_factory=set)
     _target: Target | None = None
     _tree: NeighbourTree | None = None
@@ -128,6 +131,11 @@ class Union:
             self.ambiguous.add(k)
         else:
             self._admit(k, best)
+
+    @property
+    def refused(self) -> frozenset[int]:
+        """Scans that fit nowhere."""
+        return frozenset(k for k, sure in self.surest.items() if k not in self.T and sure < REFUSED)
 
     def _admit_held(self, k: int) -> None:
         """Admit a scan that several accepted pairs put to one pose, whatever a sparse union says."""
@@ -207,6 +215,7 @@ class Union:
             except DqregError:
                 continue
             fits.append(found)
+            self.surest[k] = max(self.surest.get(k, 0.0), float(np.nan_to_num(found.verdict.confidence)))
             if start is not None and not found.verdict.confidence > HOPELESS:
                 self.hopeless.setdefault(k, []).append(start)
             if found.verdict.level == "accepted":

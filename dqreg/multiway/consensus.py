@@ -28,15 +28,27 @@ NEIGHBOURS = 3
 def by_consensus(runner: PairRunner, judge: Judge, belief: Belief) -> tuple[Judge, Belief]:
     """The belief, or where scans are not placed or rest on doubted pairs alone, that of the largest set that fits."""
     usable = [k for k, view in enumerate(runner.views) if view.usable]
-    if not FEWEST <= len(usable) <= MOST or judge.home == PART or not _in_doubt(belief, usable):
+    few_or_many = not FEWEST <= len(usable) <= MOST
+    if few_or_many or judge.home == PART or _seen(runner, usable) or not _in_doubt(belief, usable):
         return judge, belief
     confirmed = frozenset((belief.edges[row].target, belief.edges[row].source) for row in belief.rows[belief.confirmed])
     union = largest_union(runner.views, belief.edges, judge.size, runner.effort, runner.seed, confirmed, runner.is_over)
     if union is None or len(union.T) < GROUP or runner.is_over():
         return judge, belief
+    if len(union.T) <= 0.5 * len(usable):
+        # What did not grow to most of them can tell what is foreign to it, and no more.
+        foreign = [edge for edge in belief.edges if edge.found and {edge.target, edge.source} & union.refused]
+        judge = judge.without(foreign, "misfit")
+        return judge, judge(belief.edges)
     for code, edges in _refuted(union, belief):
         judge = judge.without(edges, code)
     return judge, judge(_with_admitted(runner, union, belief))
+
+
+def _seen(runner: PairRunner, usable: list[int]) -> bool:
+    """Whether it is known from where all scans were taken: lines of sight tell then what stands where."""
+    clouds = [runner.views[k].cloud for k in usable]
+    return all(cloud is not None and cloud.viewpoint is not None for cloud in clouds)
 
 
 def _in_doubt(belief: Belief, usable: list[int]) -> bool:
