@@ -34,10 +34,10 @@ def grow(
     Members are within three scales of the plane, whose residuals are 1.5 scales at most. Shapes: points and normals
     (n, 3), neighbours and members (k,); frame (7,) normal, place and residual; moments (6,) and axes (3, 3) are room.
     """
-    count = np.int64(0)
+    count = 0
     for fit in range(FITS):
         # Of one type from the first fit on: a literal would be compiled for by itself.
-        count = np.int64(0)
+        count = int(np.int64(0))
         for j in range(BEGIN if fit == 0 else (2 * BEGIN if fit == 1 else len(neighbours))):
             t = neighbours[j]
             if fit > 0:

@@ -32,8 +32,10 @@ NEAR, STILL = 0.5, 2e-3
 FLAT, SHARE = 0.1, 0.5
 # Standard deviation of the corners of a scan about where pairs put it, in spacings, for what no face holds.
 HELD = 0.5
-# Points that face a motion of a scan, without which faces do not hold it.
-FACING = 2.0
+# Points that face a motion of a scan, without which faces do not hold it, and without which covariances take it so.
+FACING, SURE = 2.0, 4.0
+# The rounds have converged where the last one moved no corner by more, in spacings.
+CONVERGED = 0.1
 # A scan that moves by more spacings than this from where pairs put it is none that they put right.
 FAR = 3.0
 
@@ -54,6 +56,7 @@ def refine_on_planes(
 ) -> Placed | None:
     """Poses of least squares with all planes of common faces unknown; None where faces do not suffice for it.
 
+    All bodies move, so that what holds the one that is not free counts as well; then they are put back together.
     Shapes: T_world_body (n, 4, 4), of the centred frames.
     """
     if any(body.scan is None for body in bodies) or not len(free):
@@ -63,21 +66,39 @@ def refine_on_planes(
     begun, places = T, _Places.of(bodies, T, spacing / size, size)
     scale, settled, rounds, moved = SOFT * spacing / size, 0, 0, np.inf
     while rounds < ROUNDS and settled < SETTLED_ROUNDS and not (settled and moved < STILL * spacing / size):
-        pieces, rounds, before = pooled.pieces(T, scale, NEAR * spacing / size), rounds + 1, T
+        pieces, rounds = pooled.pieces(T, scale, NEAR * spacing / size), rounds + 1
         lower = max(HARDER * scale, min(scale, TYPICAL * pieces.residual))
         settled = settled + 1 if lower > SETTLED * scale else 0
         rough = pieces.residual * size > FLAT * spacing or pieces.points < SHARE * len(pooled.points)
         if not pieces.points or (settled and rough):
             return None
+        moved, scale = 0.0, lower
         for _ in range(STEPS):
-            T = _stepped(pieces, T, places, free, least=FACING if settled else 0.0)
-        moved, scale = _motion(bodies, before, T, size), lower
+            T, motion = _stepped(pieces, T, places, least=FACING if settled else 0.0)
+            moved = max(moved, motion)
     if rough or _motion(bodies, begun, T, size) > FAR * spacing / size:
         return None
-    covariance = _covariance(pieces, T, places, free, size)
-    found = T.copy()
-    found[:, :3, 3] = size * T[:, :3, 3] + middle
-    return Placed(found, covariance, middle, rounds, moved < 0.02 * spacing / size)
+    covariance = _covariance(pieces, T, places, size)
+    found = _anchored(begun, T, free)
+    found[:, :3, 3] = size * found[:, :3, 3] + middle
+    relative = _relative(covariance, free)
+    return Placed(found, relative, middle, rounds, moved < CONVERGED * spacing / size)
+
+
+def _anchored(begun: FloatArray, T: FloatArray, free: IntArray) -> FloatArray:
+    """All bodies together moved so that the one that is not free is where it was."""
+    held = np.setdiff1d(np.arange(len(T)), free)
+    return T.copy() if not len(held) else np.asarray(begun[held[0]] @ pose.inverse(T[held[0]]) @ T)
+
+
+def _relative(covariance: FloatArray, free: IntArray) -> FloatArray:
+    """The covariance of the increments of the free bodies against the one that is not, (6 k, 6 k)."""
+    count = len(covariance) // 6
+    held = np.setdiff1d(np.arange(count), free)
+    turn = np.eye(count)[free]
+    turn[:, held] = -1.0
+    J = np.kron(turn, np.eye(6))
+    return np.asarray(J @ covariance @ J.T)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,27 +120,27 @@ class _Places:
         units = np.sqrt(self.precisions / self.precisions[:, 5:])
         return np.asarray(units[:, :, None] * pose.adjoint(pose.from_parts(np.eye(3), -T[:, :3, 3])))
 
-    def about(self, T: FloatArray, free: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Slopes and curvatures of their cost by increments of the free scans in the world, (k, 6) and (k, 6, 6)."""
-        there = pose.from_parts(np.eye(3), -T[free, :3, 3])
-        off = pose.log(there @ T[free] @ pose.inverse(there @ self.T[free]))
+    def about(self, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Slopes and curvatures of their cost by increments in the world, (n, 6) and (n, 6, 6)."""
+        there = pose.from_parts(np.eye(3), -T[:, :3, 3])
+        off = pose.log(there @ T @ pose.inverse(there @ self.T))
         turned = pose.adjoint(there)
-        weighted = turned.transpose(0, 2, 1) * self.precisions[free][:, None]
+        weighted = turned.transpose(0, 2, 1) * self.precisions[:, None]
         return np.einsum("kij,kj->ki", weighted, off), weighted @ turned
 
 
-def _stepped(pieces: Pieces, T: FloatArray, places: _Places, free: IntArray, least: float) -> FloatArray:
+def _stepped(pieces: Pieces, T: FloatArray, places: _Places, least: float) -> tuple[FloatArray, float]:
+    """The next poses, and the largest motion of a scan's corners that faces hold."""
     matrix, counts, slopes = _normal(pieces, T, places, least)
-    gradient = np.zeros((len(T), 6))
+    gradient, each = np.zeros((len(T), 6)), np.arange(len(T))
     np.add.at(gradient, pieces.scans, slopes)
-    pull, held = places.about(T, free)
-    faced = (counts.T @ gradient.ravel()).reshape(-1, 6)
-    whole = (counts.T @ matrix @ counts).tocsc() + _placed(held, free, free, len(T))
-    step = factorised(whole, free).solve(-(faced[free] + pull).ravel())
-    moved = T.copy()
-    turned = dual_poses.multiply(dual_poses.exp(step.reshape(-1, 6)), dual_poses.from_matrices(T[free]))
-    moved[free] = dual_poses.to_matrices(turned)
-    return moved
+    pull, held = places.about(T)
+    whole = (counts.T @ matrix @ counts).tocsc() + _placed(held, each, each, len(T))
+    step = factorised(whole, each).solve(-(counts.T @ gradient.ravel() + pull.ravel()))
+    turned = dual_poses.multiply(dual_poses.exp(step.reshape(-1, 6)), dual_poses.from_matrices(T))
+    held_by_faces = (places.lengths(T) @ (counts @ step).reshape(-1, 6, 1))[:, :, 0]
+    motions = np.linalg.norm(held_by_faces[:, :3], axis=1) + np.linalg.norm(held_by_faces[:, 3:], axis=1)
+    return np.asarray(dual_poses.to_matrices(turned)), float(motions.max())
 
 
 def _normal(
@@ -167,21 +188,19 @@ def _placed(blocks: FloatArray, rows: IntArray, columns: IntArray, count: int) -
     return sparse.csc_matrix((blocks.ravel(), (r, c)), shape=(6 * count, 6 * count))
 
 
-def _covariance(pieces: Pieces, T: FloatArray, places: _Places, free: IntArray, unit: float) -> FloatArray:
-    """Covariance of the increments of the free scans about the world's origin, in lengths, (6 k, 6 k).
+def _covariance(pieces: Pieces, T: FloatArray, places: _Places, unit: float) -> FloatArray:
+    """Covariance of the increments about the world's origin, in lengths, (6 n, 6 n).
 
     A sandwich: pieces are independent of each other, whatever the scatter of each. Three numbers of a plane are fitted
     to its points, which makes their distances smaller than they are (HC3 of MacKinnon and White 1985).
     """
-    matrix, counts, slopes = _normal(pieces, T, places, FACING)
-    _, held = places.about(T, free)
-    prior = _placed(held, free, free, len(T))
-    solve = factorised((counts.T @ matrix @ counts).tocsc() + prior, free).solve
+    matrix, counts, slopes = _normal(pieces, T, places, SURE)
+    each = np.arange(len(T))
+    prior = _placed(places.about(T)[1], each, each, len(T))
+    solve = factorised((counts.T @ matrix @ counts).tocsc() + prior, each).solve
     scores = counts.T @ pieces.scores(slopes, len(T))
-    kept = (6 * free[:, None] + np.arange(6)).ravel()
-    middle = ((scores @ scores.T).tocsr() + prior)[kept][:, kept].toarray()
-    covariance = solve(solve(middle).T).T
-    units = np.tile(np.r_[[1.0] * 3, [unit] * 3], len(free))
+    covariance = solve(solve(((scores @ scores.T) + prior).toarray()).T).T
+    units = np.tile(np.r_[[1.0] * 3, [unit] * 3], len(T))
     return np.asarray(0.5 * (covariance + covariance.T) * np.outer(units, units))
 
 

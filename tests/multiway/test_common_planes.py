@@ -57,7 +57,8 @@ def test_what_no_face_holds_stays_and_is_told() -> None:
     assert np.abs(off[:, 2]).max() < NOISE
     assert np.abs(off[1:, :2]).min() > 0.9 * OFF
     for k in FREE:
-        np.testing.assert_allclose(np.sqrt(np.diag(_of(found, k))[:2]), HELD * spacing, rtol=0.05)
+        # Against the anchor, of which faces hold as little.
+        np.testing.assert_allclose(np.sqrt(np.diag(_of(found, k))[:2]), np.sqrt(2.0) * HELD * spacing, rtol=0.1)
 
 
 def test_noise_as_large_as_the_spacing_is_left_to_pairs() -> None:
