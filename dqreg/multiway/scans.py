@@ -121,8 +121,9 @@ def _places(viewpoints: Any, count: int) -> list[FloatArray | None]:
 def _read(given: Any, number: int, seed: int, place: FloatArray | None) -> View:
     name = f"scan {number}"
     if isinstance(given, (str, os.PathLike)):
-        # A name that is not there is a mistake of the call, not of the scan.
-        require_readable(Path(given))
+        # A name that is not there is a mistake of the call; a file without anything in it is one of the scan.
+        if not Path(given).is_file():
+            require_readable(Path(given))
         name = Path(given).stem
     try:
         geometry = open_geometry(given, f"scans[{number}]")

@@ -1,10 +1,12 @@
 """Scans as they are read: viewpoints that cannot be right, and what is said of them."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
 from dqreg.multiway.believe import believe
 from dqreg.multiway.scans import View, read_views
@@ -99,3 +101,14 @@ def test_normals_of_the_merged_cloud_have_a_sign_or_are_not_there(made: ManyView
     # Each normal looks towards the scanner that saw its point.
     towards = np.einsum("ij,ij->i", cloud.normals, places - cloud.points)
     assert (towards > 0.0).mean() > 0.99
+
+
+def test_an_empty_file_is_named_and_left_out_and_a_missing_one_refused(tmp_path: Path) -> None:
+    cloud = np.random.default_rng(0).normal(size=(60, 3))
+    empty = tmp_path / "empty.xyz"
+    empty.touch()
+    views = read_views([cloud, empty, cloud + 1.0], 0)
+    assert [view.usable for view in views] == [True, False, True]
+    assert "empty file" in views[1].problem
+    with pytest.raises(InputError, match=r"missing\.ply"):
+        read_views([cloud, tmp_path / "missing.ply", cloud + 1.0], 0)
