@@ -208,15 +208,14 @@ def _line_of(edge: Edge) -> Line | None:
 
 
 def _freed(edge: Edge) -> Edge:
-    """The edge with the rotation about its axis free, as a registration says it."""
+    """The edge with any angle about its axis in its covariance: its inverse holds the five other motions as before."""
     said = edge.registration
     motion = said.observability[0]
     centre = np.asarray(said.settings.get("centre", np.zeros(3)), dtype=np.float64)
     along = np.r_[motion.axis, np.cross(motion.axis, centre - np.array(motion.point))]
-    covariance = said.covariance.copy()
-    covariance[along != 0.0] = np.nan
-    covariance[:, along != 0.0] = np.nan
-    held = (dataclasses.replace(motion, strength=0.0, sigma=np.nan), *said.observability[1:])
+    covariance = said.covariance + ANY_ANGLE * np.outer(along, along)
+    sigma = float(np.sqrt(ANY_ANGLE)) * 0.5 * float(said.settings["diagonal"])
+    held = (dataclasses.replace(motion, strength=0.0, sigma=sigma), *said.observability[1:])
     return dataclasses.replace(edge, registration=dataclasses.replace(said, covariance=covariance, observability=held))
 
 
