@@ -138,7 +138,7 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "Points of the whole scan amid no smooth surface",
         "at most",
         "%",
-        lambda e: (e.strays, limits.STRAYS),
+        limits.outlier_share,
     ),
     "large_residuals": ("Residuals against the noise of the scan", "at most", "times", _residuals),
     "local_difference": (

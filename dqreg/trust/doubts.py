@@ -20,12 +20,12 @@ from dqreg.trust.limits import (
     PATCHES_OFF,
     PATCHES_OFF_BORDER,
     ROUGH,
-    STRAYS,
     UNCERTAIN,
     UNCERTAIN_RAD,
     chance_limit,
     counts_all,
     fewest_carriers,
+    outlier_share,
     own_noise,
 )
 from dqreg.trust.records import Code
@@ -136,9 +136,10 @@ def _disagreeing_normals(evidence: Evidence) -> Iterator[str]:
 
 
 def _outliers(evidence: Evidence) -> Iterator[str]:
-    if not evidence.strays <= STRAYS:
+    share, limit = outlier_share(evidence)
+    if not share <= limit:
         yield (
-            f"{100 * evidence.strays:.0f} % of all points are outliers amid no smooth surface, and only "
+            f"{100 * share:.0f} % of all points are outliers amid no smooth surface, and only "
             f"{evidence.inliers:.0f} are inliers: clean the scan, or check the pose"
         )
 

@@ -141,6 +141,11 @@ class Evidence:
     largest_plane: float = math.nan
     deformation: float = 0.0
 
+    @property
+    def share_nowhere(self) -> float:
+        """Fraction of the scan neither on the target nor on any surface off it."""
+        return 1.0 - self.share_on - self.share_other - self.share_contradicting
+
     def length(self, value: float) -> str:
         """A length in words, with its unit where that is known.
 

@@ -150,6 +150,9 @@ SOURCES: dict[str, Entry] = {
     "a lattice": (lambda: np.stack(np.meshgrid(*[np.arange(8.0)] * 3), -1).reshape(-1, 3), DOUBTED, 0),
     "the mirror image": (lambda: SCAN * [-1.0, 1.0, 1.0], DOUBTED, 0),
     "twice as large": (lambda: 2.0 * SCAN, DOUBTED, 0),
+    # Its corner fits the part's to the last digit; the rest of it hangs beside the part.
+    "2.2 times as large": (lambda: 2.2 * SCAN, DOUBTED, 0),
+    "3 times as large": (lambda: 3.0 * SCAN, DOUBTED, 0),
     "stretched along x": (lambda: SCAN * [1.5, 1.0, 1.0], DOUBTED, 0),
     "turned inside out": (lambda: -SCAN, DOUBTED, 0),
     "in metres": (lambda: 1e-3 * SCAN, UnitsError, "times smaller than"),

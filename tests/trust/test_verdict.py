@@ -97,6 +97,7 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "disagreeing_normals",
     ),
     "strays": ({"strays": limits.STRAYS + 0.01}, "51 % of all points are outliers", "outliers"),
+    "on no surface": ({"share_on": 0.13, "share_other": 0.01}, "86 % of all points are outliers", "outliers"),
     "no time": (
         {"search": "refined"},
         'the time limit ended the global search after its stage "refined"',
@@ -148,7 +149,7 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
     ),
     "chance": ({"random_ratio": limits.CHANCE + 0.01}, "the residuals are 26 % of those at random poses", "random_fit"),
     "chance with a quarter on": (
-        {"random_ratio": 0.5 * limits.CHANCE + 0.01, "share_on": 0.25},
+        {"random_ratio": 0.5 * limits.CHANCE + 0.01, "share_on": 0.25, "share_other": 0.75},
         "the residuals are 14 % of those at random poses",
         "random_fit",
     ),
@@ -241,11 +242,12 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
         {"alternatives": (Alternative(np.eye(4), 0.1, "the part looks the same after a half-turn"),)},
         {"width": 0.0},
         {"random_ratio": limits.CHANCE},
-        {"random_ratio": 0.5 * limits.CHANCE, "share_on": 0.25},
-        {"random_ratio": limits.CHANCE, "share_on": 0.25, "has_border": True},
+        {"random_ratio": 0.5 * limits.CHANCE, "share_on": 0.25, "share_other": 0.75},
+        {"random_ratio": limits.CHANCE, "share_on": 0.25, "share_other": 0.75, "has_border": True},
         # A table beside the part, and a scan of the part alone.
         {"share_on": 0.1, "share_other": 0.9},
         {"share_on": 0.92, "share_contradicting": 0.08},
+        {"share_on": 0.3},
         {"share_on": 0.95, "clutter": "none"},
         {"looked_through": 0.05},
         {"directions": (ROTATION,) * 6, "size": 2.01 / math.radians(2.0)},
