@@ -77,7 +77,7 @@ def _low_inlier_fraction(evidence: Evidence) -> Iterator[str]:
 def fraction_fits(fraction: float, usual: float) -> bool:
     """Whether neither test of the fraction of inliers speaks against a frame.
 
-    >>> fraction_fits(0.6, 0.7), fraction_fits(0.6, 0.9), fraction_fits(0.4, math.nan)
+    >>> fraction_fits(0.6, 0.7), fraction_fits(0.6, 0.9), fraction_fits(0.4, float("nan"))
     (True, False, False)
     """
     return fraction >= FEW_OF_ALL and not fraction < FALL * usual
