@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
+from dqreg.kernels.pose_forms import add_pair
 
 
 @compiled
@@ -48,20 +49,6 @@ def disc_pair_sums(
         xy, xz, yz = k * ux * uy + g * mx * my, k * ux * uz + g * mx * mz, k * uy * uz + g * my * mz
         p, q, r = points[i, 0] - origins[0, 0], points[i, 1] - origins[0, 1], points[i, 2] - origins[0, 2]
         x, y, z = places[i, 0] - origins[1, 0], places[i, 1] - origins[1, 1], places[i, 2] - origins[1, 2]
-        at = 0
-        for product in (p * p, p * q, p * r, p, q * q, q * r, q, r * r, r, 1.0):
-            total[at] += product * xx
-            total[at + 1] += product * yy
-            total[at + 2] += product * zz
-            total[at + 3] += product * xy
-            total[at + 4] += product * xz
-            total[at + 5] += product * yz
-            at += 6
-        e, f, h = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
-        for side in (e, f, h):
-            total[at] += side * p
-            total[at + 1] += side * q
-            total[at + 2] += side * r
-            total[at + 3] += side
-            at += 4
-        total[at] += x * e + y * f + z * h
+        sides = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+        at = add_pair((p, q, r), (xx, yy, zz, xy, xz, yz), sides, total)
+        total[at] += x * sides[0] + y * sides[1] + z * sides[2]

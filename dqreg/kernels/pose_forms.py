@@ -21,6 +21,34 @@ TINY = float(np.finfo(np.float64).tiny)
 
 
 @compiled
+def add_pair(
+    point: tuple[float, float, float],
+    elements: tuple[float, float, float, float, float, float],
+    sides: tuple[float, float, float],
+    total: FloatArray,
+) -> int:
+    """Add a correspondence, given the elements of E and E q, to the sums; returns the place of ``q^T E q``."""
+    p, q, r = point
+    xx, yy, zz, xy, xz, yz = elements
+    at = 0
+    for product in (p * p, p * q, p * r, p, q * q, q * r, q, r * r, r, 1.0):
+        total[at] += product * xx
+        total[at + 1] += product * yy
+        total[at + 2] += product * zz
+        total[at + 3] += product * xy
+        total[at + 4] += product * xz
+        total[at + 5] += product * yz
+        at += 6
+    for side in sides:
+        total[at] += side * p
+        total[at + 1] += side * q
+        total[at + 2] += side * r
+        total[at + 3] += side
+        at += 4
+    return at
+
+
+@compiled
 def place_of(row: int, k: int) -> int:
     """Where number k of ``R p + t`` by one row, factors of (p, 1), stands among the numbers of a pose."""
     return 3 * row + k if k < 3 else 9 + row

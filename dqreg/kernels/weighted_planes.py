@@ -6,7 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
-from dqreg.kernels.pose_forms import SUMS
+from dqreg.kernels.pose_forms import SUMS, add_pair
 
 # Columns of the sums: those of `form_of_sums`, and after them the sums of weights, of points and of their feet, and the
 # count.
@@ -43,22 +43,9 @@ def plane_sums(
         p, q, r = points[i, 0] - origins[0, 0], points[i, 1] - origins[0, 1], points[i, 2] - origins[0, 2]
         x, y, z = feet[i, 0] - origins[1, 0], feet[i, 1] - origins[1, 1], feet[i, 2] - origins[1, 2]
         xx, yy, zz, xy, xz, yz = w * nx * nx, w * ny * ny, w * nz * nz, w * nx * ny, w * nx * nz, w * ny * nz
-        at = 0
-        for product in (p * p, p * q, p * r, p, q * q, q * r, q, r * r, r, 1.0):
-            total[at] += product * xx
-            total[at + 1] += product * yy
-            total[at + 2] += product * zz
-            total[at + 3] += product * xy
-            total[at + 4] += product * xz
-            total[at + 5] += product * yz
-            at += 6
         height = nx * x + ny * y + nz * z
-        for side in (w * height * nx, w * height * ny, w * height * nz):
-            total[at] += side * p
-            total[at + 1] += side * q
-            total[at + 2] += side * r
-            total[at + 3] += side
-            at += 4
+        sides = w * height * nx, w * height * ny, w * height * nz
+        at = add_pair((p, q, r), (xx, yy, zz, xy, xz, yz), sides, total)
         total[at] += w * height * height
         for value in (w, w * p, w * q, w * r, w * x, w * y, w * z, 1.0):
             at += 1
