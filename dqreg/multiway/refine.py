@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.multiway.believe import Belief
 from dqreg.multiway.bodies import Body
 from dqreg.multiway.common_planes import Placed, refine_on_planes
 from dqreg.multiway.edges import PART
@@ -45,19 +44,22 @@ def refined(
     views: Sequence[View],
     known: Sequence[Body | None],
     part: Target | None,
-    belief: Belief,
+    T_world_scan: FloatArray,
+    anchor: int,
     size: float,
     effort: Effort,
 ) -> Refined:
-    """Refine all placed scans, and whatever else overlaps, at once; there is a body for each usable scan."""
-    count = len(views)
-    T = belief.T_world_scan[:count]
+    """Refine all placed scans, and whatever else overlaps, at once; there is a body for each usable scan.
+
+    The pose of the anchor, a scan or -1 for the part, is kept. Shapes: T_world_scan (n, 4, 4), NaN where not placed.
+    """
+    count, T = len(views), T_world_scan
     placed = [k for k in range(count) if views[k].usable and np.isfinite(T[k]).all()]
     bodies = [body for k in placed if (body := known[k]) is not None]
     poses = [T[k] @ _shift(body.origin) for k, body in zip(placed, bodies, strict=True)]
     pairs = _pairs(views, placed, T, size)
-    held = placed.index(belief.anchor) if belief.anchor in placed else -1
-    if part is not None and belief.anchor == PART:
+    held = placed.index(anchor) if anchor in placed else -1
+    if part is not None and anchor == PART:
         index = part.indexed
         bodies.append(Body(None, index.surface, index.origin))
         poses.append(_shift(index.origin))

@@ -137,7 +137,7 @@ def register_many(
     judge = Judge(sides, len(views), home, size, floor, np.asarray(T_home))
     belief = _belief(runner, judge, found, turned, automatic=automatic)
     seconds["pairs"] = time.monotonic() - began - sum(seconds.values())
-    joint = refined(views, sides.bodies, part, belief, size, effort)
+    joint = refined(views, sides.bodies, part, belief.T_world_scan[: len(views)], belief.anchor, size, effort)
     if turned is not None and np.isfinite(joint.T_world_scan).any():
         joint = turned.widened(joint, belief.anchor)
         belief = dataclasses.replace(belief, edges=tuple(turned.freed(belief.edges)))

@@ -18,6 +18,8 @@ from dqreg.solvers import solve
 
 # Points of a scan that an error is measured on, and errors of a scan that is right: in sizes of a scan.
 POINTS, RIGHT = 1_000, 0.01
+# From the increments of two poses to that between them.
+DIFFERENCE = np.hstack([-np.eye(6), np.eye(6)])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,3 +104,44 @@ def many_table(scores: Sequence[ManyScore], count: int) -> Table:
         "scan's size. Peers without a search of their own start at the pairs that dqreg found; their time is without."
     )
     return Table("many", f"{count} scans in one frame", columns, rows, note)
+
+
+def worst_vertices(T: FloatArray, truth: FloatArray, vertices: FloatArray) -> FloatArray:
+    """Largest displacement of a part's vertices by each pose after the best common motion, (n,); NaN where not placed.
+
+    Shapes: T and truth (n, 4, 4), both T_world_scan, truth's world the part's frame; vertices (v, 3).
+    """
+    found = np.full(len(T), np.nan)
+    placed = np.flatnonzero(np.isfinite(T).all(axis=(1, 2)))
+    if not len(placed):
+        return found
+    there = [pose.apply(T[k] @ pose.inverse(truth[k]), vertices) for k in placed]
+    common = solve(np.concatenate(there), np.tile(vertices, (len(placed), 1))).T_target_source
+    for k, moved in zip(placed, there, strict=True):
+        found[k] = np.linalg.norm(pose.apply(common, moved) - vertices, axis=1).max()
+    return found
+
+
+def squared_errors(
+    T: FloatArray,
+    joint: FloatArray,
+    centre: FloatArray,
+    truth: FloatArray,
+    pairs: Sequence[tuple[int, int]],
+    unit: float,
+) -> FloatArray:
+    """Squared error of each relative pose in units of its covariance (NEES): 6 in the mean where that is right.
+
+    NaN where a scan is not placed or a motion is free. Shapes: T and truth (n, 4, 4), T_world_scan; joint (6 n, 6 n),
+    of left increments in the world frame about the centre. The unit, a length as of the part, only scales numbers.
+    """
+    found, scale = np.full(len(pairs), np.nan), np.r_[np.ones(3), np.full(3, 1.0 / unit)]
+    there = pose.from_parts(np.eye(3), -centre)
+    for row, (i, j) in enumerate(pairs):
+        both = np.r_[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
+        covariance = DIFFERENCE @ joint[np.ix_(both, both)] @ DIFFERENCE.T * np.outer(scale, scale)
+        if np.isfinite(covariance).all() and np.isfinite(T[[i, j]]).all():
+            change = there @ T[i] @ pose.inverse(truth[i]) @ truth[j] @ pose.inverse(there @ T[j])
+            error = pose.log(change) * scale
+            found[row] = error @ np.linalg.solve(covariance, error)
+    return found

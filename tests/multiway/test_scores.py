@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import PointCloud
-from dqreg.multiway.scores import compare_many, many_table, score
+from dqreg.multiway.scores import compare_many, many_table, score, squared_errors, worst_vertices
 from dqreg.rigid import pose
 from dqreg.synth.many_views import room_stops, turntable_views
 from dqreg.synth.parts import bracket
@@ -59,3 +59,31 @@ def test_all_engines_are_scored_on_the_same_scans() -> None:
     assert scores[0].right == 2
     assert scores[0].remark == "accepted"
     assert len(many_table(scores, 2).rows) == 4
+
+
+def test_worst_vertex_is_after_the_best_common_motion() -> None:
+    rng, vertices = np.random.default_rng(3), np.random.default_rng(4).normal(size=(40, 3))
+    truth = np.stack([pose.random(rng, reach=3.0) for _ in range(4)])
+    common = pose.random(rng, reach=5.0)
+    T = common @ truth
+    np.testing.assert_allclose(worst_vertices(T, truth, vertices), 0.0, atol=1e-12)
+    T[3] = np.nan
+    off = np.array([1e-3, -1e-3, 0.0])
+    # Two scans shifted to either side of the third: the best common motion leaves them there.
+    for k, shift in enumerate(off):
+        T[k] = common @ pose.from_parts(np.eye(3), [shift, 0.0, 0.0]) @ truth[k]
+    np.testing.assert_allclose(worst_vertices(T, truth, vertices), [1e-3, 1e-3, 0.0, np.nan], atol=1e-9)
+
+
+def test_squared_errors_are_those_of_draws_from_the_covariance() -> None:
+    rng, count, unit = np.random.default_rng(1), 80, 7.0
+    truth = np.stack([pose.random(rng, reach=3.0) for _ in range(count)])
+    spread = rng.normal(size=(6 * count, 6 * count)) * 1e-5
+    increments = (spread @ rng.normal(size=6 * count)).reshape(count, 6)
+    centre, home = np.array([1.0, 2.0, 3.0]), pose.random(rng, reach=2.0)
+    T = np.stack([pose.about(pose.exp(-each), centre) @ home @ t for each, t in zip(increments, truth, strict=True)])
+    pairs = [(k, k + 1) for k in range(count - 1)]
+    found = squared_errors(T, spread @ spread.T, centre, truth, pairs, unit)
+    assert found.mean() == pytest.approx(6.0, abs=4.0 * np.sqrt(12.0 / len(pairs)))
+    T[5] = np.nan
+    assert np.flatnonzero(np.isnan(squared_errors(T, spread @ spread.T, centre, truth, pairs, unit))).tolist() == [4, 5]
