@@ -186,11 +186,13 @@ class Level:
         return (WITHIN if planes and mixture.inlier_fraction >= EXPLAINED else STAGE_TOLERANCE) * width
 
     def _learned(self, mixture: InlierMixture, run: Run, schedule: AnnealingSchedule) -> InlierMixture:
+        kept, pairs = np.flatnonzero(run.weights), run.pairs
+        rows = kept[sample_rows(len(kept), LEARNED_FROM)]
+        # Of many points few need be slid.
+        few, some = (pairs.taken(rows), slice(None)) if len(kept) > LEARNED_FROM else (pairs, rows)
         # Near the answer the last step is all that is wrong with the distances.
-        pairs = propagate(run.pairs, run.T_target_source) if self.near else run.pairs
-        distances = pairs.distances[run.weights > 0.0]
-        some = distances[sample_rows(len(distances), LEARNED_FROM)]
-        return mixture.fit(some, floor=self.floor, rounds=schedule.rounds)
+        slid = propagate(few, run.T_target_source) if self.near else few
+        return mixture.fit(slid.distances[some], floor=self.floor, rounds=schedule.rounds)
 
     def _contraction(self, run: Run) -> float:
         # Two steps from a start that is near show how fast they shrink.

@@ -71,7 +71,7 @@ def agreement_of(
     mixture = run.mixture
     near = NEAR * max_distance
     width = min(ON * mixture.scale, near)
-    pairs = _pairs(run, scan, surface, mixture.scale, count)
+    pairs = evenly_asked(run, scan, surface, mixture.scale, count)
     on = pairs.distances <= width
     aside = pairs.point_to_plane[on]
     close, around = _close(pairs, surface, mixture.scale, width, near, has_border=has_border)
@@ -188,7 +188,8 @@ def _random_ratio(pairs: Correspondences, on: BoolArray, surface: Surface) -> fl
     return random_ratio(pairs.moved, float(np.mean(on)), rms, surface)
 
 
-def _pairs(run: Run, scan: Scan, surface: Surface, width: float, count: int) -> Correspondences:
+def evenly_asked(run: Run, scan: Scan, surface: Surface, width: float, count: int = LOOKED_AT) -> Correspondences:
+    """Pairs at the end of a run of points that were drawn evenly, each of one point: of all that it has, or of some."""
     enough = ENOUGH if count == LOOKED_AT else ENOUGH_LATE
     for asked in (run.pairs, *run.earlier[::-1]):
         drawn_evenly = asked.scan.counts is None and (len(asked.scan) == len(scan) or asked is not run.pairs)

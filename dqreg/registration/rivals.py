@@ -8,7 +8,7 @@ from dqreg._arrays import FloatArray, IntArray, median
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp.coarse_to_fine import noise_on
-from dqreg.registration.evidence import NEAR
+from dqreg.registration.evidence import NEAR, evenly_asked
 from dqreg.registration.fit import Fit
 from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of, axis_of
@@ -212,7 +212,9 @@ def mirror_gain(fit: Fit, *, always: bool = False) -> float:
 
 def _some_apart(fit: Fit) -> bool:
     """Whether some points near the target are far from it, measured by most: what a sparse scan shows of a mirror."""
-    pairs, size = fit.run.pairs, fit.prepared.surface.diagonal
+    surface, scan = fit.prepared.surface, fit.prepared.scan
+    # Rows that stand for many points scatter less than those of one: beside them each of these would seem far.
+    pairs, size = evenly_asked(fit.run, scan, surface, fit.run.mixture.scale), surface.diagonal
     near = pairs.distances <= NEAR * fit.problem.reach(fit.prepared)
     aside = np.abs(pairs.point_to_plane[near])
     usual = max(GAUSSIAN_MEDIAN * median(aside), LEAST * size) if len(aside) else np.inf

@@ -23,6 +23,8 @@ LIGHT = 0.1
 NEAREST, STEPS, FACTOR, FARTHEST = 1.5, 16, 2.0**0.5, 0.5
 # Information below this fraction of the largest is none: the smooth surface may constrain what the facets leave free.
 SINGULAR = 1e-9
+# Patches that one thread sums in one go.
+TOGETHER = 50
 # Bins of the distances, up to the farthest range.
 BINS = 256
 
@@ -63,10 +65,11 @@ def scatter_of(
     if not values[0] > SINGULAR * values[-1]:
         return None
     bread = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    scores = rows * (weights * residuals)
-    coarse = _sandwich(bread, mix.T @ _sums(scores, starts), variance * known)
+    columns = points, normals, residuals, weights
+    coarse = _sandwich(bread, mix.T @ _patch_sums(rows, *columns, starts)[: len(rows)], variance * known)
     starts = _starts(len(weights), min(SMALL, len(weights) // 8), counts)
-    patches = _Patches.of(points, normals, residuals, weights, starts, LIGHT if overlap else 0.0)
+    sums = _patch_sums(rows, *columns, starts)
+    patches = _Patches.of(sums[len(rows) :], LIGHT if overlap else 0.0)
     if patches.neighbour_agreement() < NEIGHBOURS_AGREE:
         return coarse
     shared = patches.shared_noise()
@@ -74,7 +77,7 @@ def scatter_of(
         return coarse
     pulls = [mix.T @ _sums(rows * (weights * along), starts) for along in normals.T]
     between = sum(product(pull, shared) @ pull.T for pull in pulls)
-    fine = _sandwich(bread, mix.T @ _sums(scores, starts), variance * known)
+    fine = _sandwich(bread, mix.T @ sums[: len(rows)], variance * known)
     return larger(coarse, fine + bread @ between @ bread)
 
 
@@ -84,6 +87,24 @@ def _starts(total: int, patches: int, counts: FloatArray | None) -> IntArray:
         return np.linspace(0, total, patches, endpoint=False).astype(np.int64)
     passed = np.cumsum(counts)
     return np.unique(np.searchsorted(passed, np.linspace(0.0, passed[-1], patches, endpoint=False), side="right"))
+
+
+def _patch_sums(
+    rows: FloatArray,
+    points: FloatArray,
+    normals: FloatArray,
+    residuals: FloatArray,
+    weights: FloatArray,
+    starts: IntArray,
+) -> FloatArray:
+    """Scores, weights, and weighted points, normals and residuals of each patch, (k + 8, m)."""
+    from dqreg.kernels.patch_sums import BESIDE, patch_sums
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    sums = np.zeros((len(starts), len(rows) + BESIDE))
+    columns = [as_plain(x) for x in (rows, points, normals, residuals, weights)]
+    over_chunks(patch_sums, len(starts), *columns, starts, sums, chunk=TOGETHER)
+    return sums.T
 
 
 def _sums(values: FloatArray, starts: IntArray) -> FloatArray:
@@ -124,17 +145,10 @@ class _Patches:
     variance: float  # Mean square of the residuals of the others
 
     @staticmethod
-    def of(
-        points: FloatArray,
-        normals: FloatArray,
-        residuals: FloatArray,
-        weights: FloatArray,
-        starts: IntArray,
-        least: float,
-    ) -> _Patches:
-        total = np.maximum(_sums(weights, starts), np.finfo(float).tiny)
-        points, normals = ((_sums(weights * x.T, starts) / total).T for x in (points, normals))
-        means = _sums(weights * residuals, starts) / total
+    def of(sums: FloatArray, least: float) -> _Patches:
+        """From weights, and weighted points, normals and residuals, (8, m)."""
+        total = np.maximum(sums[0], np.finfo(float).tiny)
+        points, normals, means = (sums[1:4] / total).T, (sums[4:7] / total).T, sums[7] / total
         light = total < least * total.max()
         if light.any():
             normals, means = np.where(light[:, None], 0.0, normals), np.where(light, 0.0, means)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, dot, product
-from dqreg.solvers.quadratic import plane_rows
+from dqreg.solvers.quadratic import ROWS, plane_rows
 from dqreg.solvers.sandwich import scatter_of
 
 # Information below this fraction of what all correspondences could give with the longest lever is rounding or facets,
@@ -160,10 +160,10 @@ def information_of(
         rows, shape = product(basis.T, rows), product(basis.T, shape)
     inner = product(shape * weights, shape.T)
     values, vectors = np.linalg.eigh((inner + known) / max(total, np.finfo(float).tiny))
-    along = product(vectors.T, shape)
     if own is None:
-        carriers = _effective(weights * along**2, counts)
+        carriers = _carriers(shape, vectors, weights, counts)
     else:
+        along = product(vectors.T, shape)
         signed = own * np.where(np.einsum("ij,ij->i", own, normals) < 0.0, -1.0, 1.0)[:, None]
         theirs = plane_rows(points, signed, centre, lever)
         shared = weights * along * product(vectors.T, theirs if allowed is None else product(basis.T, theirs))
@@ -182,6 +182,18 @@ def information_of(
     scatter = scatter_of(rows, *columns, overlap=own is not None, motions=motions, information=same)
     outer = basis @ motions
     return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
+
+
+def _carriers(rows: FloatArray, vectors: FloatArray, weights: FloatArray, counts: FloatArray | None) -> FloatArray:
+    """The same of the shares ``w (v . J)^2`` in each motion, (k, m) one a column, without keeping them: (m,)."""
+    from dqreg.kernels.patch_sums import carrier_sums
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    sums = np.zeros((max(-(-len(weights) // ROWS), 1), 2, vectors.shape[1]))
+    columns = [as_plain(x) for x in (rows, vectors, weights, np.zeros(0) if counts is None else counts)]
+    over_chunks(carrier_sums, len(weights), *columns, ROWS, sums, chunk=ROWS)
+    shares, squared = sums.sum(axis=0)
+    return np.asarray(shares**2 / np.where(squared > 0.0, squared, np.inf))
 
 
 def _effective(shares: FloatArray, counts: FloatArray | None) -> FloatArray:

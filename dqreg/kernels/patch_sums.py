@@ -1,0 +1,67 @@
+"""Sums of a least-squares fit over patches of neighbouring rows, and of what each motion's rows weigh."""
+
+from __future__ import annotations
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.compiled import compiled
+
+# Columns after the scores: weight, and weighted points, normals and residuals.
+BESIDE = 8
+
+
+@compiled
+def patch_sums(
+    first: int,
+    last: int,
+    rows: FloatArray,
+    points: FloatArray,
+    normals: FloatArray,
+    residuals: FloatArray,
+    weights: FloatArray,
+    starts: IntArray,
+    sums: FloatArray,
+) -> None:
+    """Add what patches first to last hold: scores ``w J r``, then weights, points, normals and residuals. O(n k).
+
+    Patches reach from their start to the next. Shapes: rows (k, n), points and normals (n, 3), sums (m, k + 8), zeros.
+    """
+    many = len(rows)
+    for g in range(first, last):
+        end = starts[g + 1] if g + 1 < len(starts) else len(weights)
+        for i in range(starts[g], end):
+            w = weights[i]
+            pull = w * residuals[i]
+            for k in range(many):
+                sums[g, k] += rows[k, i] * pull
+            sums[g, many] += w
+            sums[g, many + 7] += pull
+            for k in range(3):
+                sums[g, many + 1 + k] += w * points[i, k]
+                sums[g, many + 4 + k] += w * normals[i, k]
+
+
+@compiled
+def carrier_sums(
+    first: int,
+    last: int,
+    rows: FloatArray,
+    vectors: FloatArray,
+    weights: FloatArray,
+    counts: FloatArray,
+    chunk: int,
+    sums: FloatArray,
+) -> None:
+    """Add the shares ``w (v . J)^2`` of rows first to last in each motion, and their squares over the points of a row.
+
+    O(n k m). Each row is a point where there are no counts. Shapes: rows (k, n), vectors (k, m) one a column, sums
+    (chunks, 2, m), zeros.
+    """
+    c = first // chunk
+    for i in range(first, last):
+        for m in range(vectors.shape[1]):
+            along = 0.0
+            for k in range(len(rows)):
+                along += vectors[k, m] * rows[k, i]
+            share = weights[i] * along * along
+            sums[c, 0, m] += share
+            sums[c, 1, m] += share * share / (counts[i] if len(counts) else 1.0)
