@@ -56,9 +56,10 @@ def scatter_of(
     Shapes: rows (k, n), known (m, m), returns (m, m).
     """
     starts = _starts(len(weights), min(PATCHES, len(weights) // 8), counts)
-    if len(starts) < FEWEST_PATCHES:
-        return None
     mix = np.eye(len(rows)) if motions is None else motions
+    # Patches tell the scatter of fewer unknowns than there are of them.
+    if len(starts) < FEWEST_PATCHES or len(starts) <= mix.shape[1] + 1:
+        return None
     information = product(rows * weights, rows.T) if information is None else information
     information = mix.T @ information @ mix + known
     values = np.linalg.eigvalsh(information)

@@ -22,7 +22,7 @@ from dqreg.icp.history import Iteration
 from dqreg.rigid import pose
 from dqreg.synth import disturbance, worst_vertex_displacement
 from dqreg.synth.parts import cylinder
-from tests.icp.scenes import bracket_mesh, bracket_points
+from tests.icp.scenes import bracket_mesh, bracket_points, bumpy_cloud
 
 PART = bracket_mesh()
 SIZE = PART.diagonal
@@ -146,6 +146,16 @@ def test_the_last_level_takes_as_many_points_as_the_plan_says() -> None:
     cloud = CloudSurface(sample_mesh(PART, 20_000, np.random.default_rng(0)))
     run = align_coarse_to_fine(scan, cloud, start_of(0), dataclasses.replace(PLAN, finest=25_000))
     assert run.history[-1].points == pytest.approx(25_000, rel=0.03)
+
+
+def test_clouds_of_two_shapes_are_asked_for_no_more_points_than_their_distances_tell_apart() -> None:
+    target = CloudSurface(PointCloud(bumpy_cloud(20_000)))
+    points = bumpy_cloud(20_000, seed=1)
+    same, other = (prepare_scan(PointCloud(points * [1.0, 1.0, height])) for height in (1.0, 3.0))
+    plan = dataclasses.replace(PLAN, max_distance=1.0, first_kernel_scale=0.1)
+    kept, thinned = (align_coarse_to_fine(scan, target, np.eye(4), plan) for scan in (same, other))
+    assert len(kept.pairs.scan) == 20_000
+    assert len(thinned.pairs.scan) == pytest.approx(2_000, rel=0.5)
 
 
 @pytest.mark.parametrize("finest", [15_000, 25_000, 60_000])

@@ -92,6 +92,13 @@ def test_too_few_pairs_and_pairs_at_one_place() -> None:
     assert np.isfinite(found).all()
 
 
+def test_as_many_unknowns_as_patches_have_no_scatter() -> None:
+    rng, count = np.random.default_rng(4), 8 * 31
+    points, known = rng.normal(size=(count, 3)), np.eye(30)
+    rows, weights = rng.normal(size=(30, count)), np.ones(count)
+    assert scatter_of(rows, points, points, rng.normal(size=count), weights, known, 1.0) is None
+
+
 def test_free_motions_are_taken_back_and_the_others_kept() -> None:
     points, normals = plane(np.random.default_rng(0))
     held: Information = judged(points, normals)
