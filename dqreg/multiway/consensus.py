@@ -118,10 +118,12 @@ def _in_frame(registration: Registration, T_set_scan: FloatArray, against: tuple
             words = Motion(motion.kind, tuple(axis.tolist()), tuple(point.tolist())).words
         held.append(dataclasses.replace(motion, axis=tuple(axis.tolist()), point=tuple(point.tolist()), words=words))
     centre = np.asarray(registration.settings.get("centre", np.zeros(3)), dtype=np.float64)
+    known = registration.partial_information
     return dataclasses.replace(
         registration,
         T_target_source=T_j_set @ registration.T_target_source,
         covariance=R @ registration.covariance @ R.T,
+        partial_information=None if known is None else R @ known @ R.T,
         observability=tuple(held),
         alternatives=(),
         history=(),

@@ -119,20 +119,31 @@ def information_of_edge(result: Registration) -> FloatArray:
         values, vectors = np.linalg.eigh(covariance / scale / scale[:, None])
         held = vectors / np.sqrt(np.maximum(values, 1e-12)) / scale[:, None]
         return np.asarray(held @ held.T)
-    # Free motions have made NaN of their rows: what is held is said motion by motion.
+    # Free motions have made NaN of their rows.
+    if result.partial_information is not None:
+        return result.partial_information
+    return _by_motions(result)
+
+
+def _by_motions(result: Registration) -> FloatArray:
+    """What a file of old says motion by motion, each a displacement at half of the diagonal, of which none is free."""
     lever, centre = 0.5 * float(result.settings["diagonal"]), centre_of(result)
-    information = np.zeros((6, 6))
+    information, scale = np.zeros((6, 6)), np.r_[[lever] * 3, [1.0] * 3]
+    free = [np.zeros(6)]
     for motion in result.observability:
         axis, point = np.array(motion.axis), np.array(motion.point)
-        if motion.is_free or motion.kind is None or not np.isfinite(axis).all():
+        if motion.kind is None or not np.isfinite(axis).all():
             continue
-        along = np.zeros(6)
-        if motion.kind == "rotation":
-            along[:3], along[3:] = axis * lever, np.cross(axis, centre - point)
+        turn, shift = (axis, np.cross(axis, centre - point)) if motion.kind == "rotation" else (np.zeros(3), axis)
+        along = scale * np.r_[turn, shift]
+        along /= np.linalg.norm(along)
+        if motion.is_free:
+            free.append(along)
         else:
-            along[3:] = axis
-        information += np.outer(along, along) / max(motion.sigma, np.finfo(float).tiny) ** 2
-    return information
+            information += np.outer(along, along) / max(motion.sigma, np.finfo(float).tiny) ** 2
+    # A motion's shift along its own axis is not on file.
+    held = np.eye(6) - np.linalg.pinv(np.array(free)) @ np.array(free)
+    return np.asarray((held @ information @ held) * scale[:, None] * scale)
 
 
 def is_weak(edge: Edge) -> bool:
