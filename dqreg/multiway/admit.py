@@ -15,12 +15,12 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.multiway.edges import PART, Edge
-from dqreg.multiway.merge import merged
+from dqreg.multiway.merge import merged_target
 from dqreg.multiway.scans import View
 from dqreg.registration.options import Effort, Search
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
-from dqreg.registration.target import Target, prepare_target
+from dqreg.registration.target import Target
 from dqreg.rigid import pose
 
 # Seeds that are grown, poses of a scan that are tried in a round, and rounds over the scans that are left.
@@ -205,7 +205,7 @@ class Union:
             if self._target is None:
                 poses = np.full((len(self.views), 4, 4), np.nan)
                 poses[list(self.T)] = list(self.T.values())
-                self._target = prepare_target(merged(self.views, poses, None))
+                self._target = merged_target(self.views, poses)
             search: Search = "doubt" if start is None else "never"
             try:
                 found = register(

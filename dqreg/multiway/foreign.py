@@ -14,7 +14,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError
 from dqreg.multiway.believe import Belief, believe
 from dqreg.multiway.edges import Edge, EdgeCode
-from dqreg.multiway.merge import merged
+from dqreg.multiway.merge import merged_target
 from dqreg.multiway.pairs import Pair
 from dqreg.multiway.scans import View
 from dqreg.multiway.sides import Sides
@@ -191,7 +191,7 @@ def _fits_all(
     """Whether nothing in all other scans together speaks against the pose of one, or one near by."""
     T, cloud = belief.T_world_scan[k], views[k].cloud
     assert cloud is not None
-    others = merged(views, rest.T_world_scan[: len(views)], None)
+    others = merged_target(views, rest.T_world_scan[: len(views)])
     try:
         found = register(cloud, others, T, effort=effort, seed=seed, search="never", keep_inputs=False, units="ignore")
     except DqregError:

@@ -13,6 +13,8 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
 from dqreg.multiway.overlap import cell_numbers
 from dqreg.multiway.scans import View, typical_spacing
+from dqreg.registration.free_space import take_as_merged
+from dqreg.registration.target import Target, prepare_target
 from dqreg.rigid import pose
 
 # Noise of a point, at least, as a fraction of the typical noise: none is exact.
@@ -42,6 +44,13 @@ def merged(views: Sequence[View], T_world_scan: FloatArray, voxel: float | None)
     # Normals of a cloud have a sign, which says where the outside is: arbitrary ones would claim what nobody knows.
     signed = all(views[k].scan.oriented for k in placed)
     return PointCloud(points, normals if signed else None, units=None if first is None else first.units)
+
+
+def merged_target(views: Sequence[View], T_world_scan: FloatArray) -> Target:
+    """All placed scans together, to register others to."""
+    target = prepare_target(merged(views, T_world_scan, None))
+    take_as_merged(target.indexed)
+    return target
 
 
 def _world(view: View, T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from dqreg._arrays import FloatArray
@@ -46,6 +48,14 @@ def _seen_target(index: TargetIndex, target: PointCloud) -> Seen:
         index.derived["seen"] = _seen(target.points, target.viewpoint, -index.origin)
     found: Seen = index.derived["seen"]
     return found
+
+
+def take_as_merged(index: TargetIndex) -> None:
+    """Take a cloud for scans from several places: nobody looked through anything from its origin."""
+    geometry = index.geometry
+    if isinstance(geometry, PointCloud):
+        seen = _seen(geometry.points, None, -index.origin)
+        index.derived["seen"] = dataclasses.replace(seen, one_place=False)
 
 
 def _through_mesh(fit: Fit, part: Mesh) -> float:

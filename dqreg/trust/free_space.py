@@ -81,6 +81,7 @@ class Seen:
     points: FloatArray
     viewpoint: FloatArray | None
     origin: FloatArray
+    one_place: bool = True  # Whether a scanner saw all of it from one place: the origin is none of several
 
     @cached_property
     def spacing(self) -> float:
@@ -92,6 +93,8 @@ class Seen:
         """What the scanner saw; None where its place is neither known nor likely."""
         if self.viewpoint is not None:
             return DepthImage.of(self.points, self.viewpoint)
+        if not self.one_place:
+            return None
         low, high = bounds(self.points)
         outside = np.linalg.norm(np.maximum(np.maximum(low - self.origin, self.origin - high), 0.0))
         ranges = np.linalg.norm(self.points - self.origin, axis=1)

@@ -64,6 +64,16 @@ def test_a_place_that_is_no_viewpoint_is_not_asked() -> None:
     assert share(TRUTH, HERE.mean(axis=0), target=np.zeros(3)) <= 0.2 * LOOKED_THROUGH
 
 
+def test_scans_of_several_places_have_no_viewpoint_at_their_origin() -> None:
+    gaps, seen = 0.02, Seen(THERE, None, np.zeros(3))
+    wrong = turned(20.0)
+    for one_place, told in ((True, True), (False, False)):
+        merged = Seen(HERE, None, np.zeros(3), one_place=one_place)
+        assert np.isfinite(looked_through(seen, merged, wrong, gaps)) == told
+        # Where the scanner of the other side stood is known, and what it looked through.
+        assert looked_through(Seen(THERE, np.zeros(3), np.zeros(3)), merged, wrong, gaps) > LOOKED_THROUGH
+
+
 def test_it_has_no_unit() -> None:
     far = pose.from_parts(np.eye(3), 1e3 * (EYE + np.array([0.0, 0.0, -0.5])))
     sides = Seen(1e3 * THERE, None, np.zeros(3)), Seen(1e3 * HERE, None, np.zeros(3))
