@@ -166,7 +166,9 @@ def _told(bar: WorkBar, console: Console, files: list[Path]) -> Callable[[Progre
 
     def tell(progress: Progress) -> None:
         edge = progress.edge
-        first = "part" if edge.target < 0 else files[edge.target].stem
+        together = len(edge.registration.settings.get("against", ()))
+        one = "part" if edge.target < 0 else files[edge.target].stem
+        first = f"{together} scans together" if together else one
         words = f"{first} - {files[edge.source].stem}: {edge.level}"
         if not bar.show(progress.done, progress.total, progress.seconds_left, words):
             rest = left_words(progress.seconds_left) if progress.done < progress.total else ""

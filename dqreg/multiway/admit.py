@@ -7,7 +7,7 @@ that pairs name are tried, and a search where none of them is accepted.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -52,6 +52,7 @@ class Union:
     effort: Effort
     seed: int
     is_over: Callable[[], bool]
+    tell: Callable[[Edge], None]  # Called with each registration to all that are in
     T: dict[int, FloatArray]
     # Registrations of those that are not of the seed, and to which scans each was registered
     admitted: dict[int, tuple[Registration, tuple[int, ...]]] = dataclasses.field(default_factory=dict)
@@ -215,12 +216,18 @@ class Union:
             except DqregError:
                 continue
             fits.append(found)
+            self.tell(Edge(next(iter(self.T)), k, against(found, self.T)))
             self.surest[k] = max(self.surest.get(k, 0.0), float(np.nan_to_num(found.verdict.confidence)))
             if start is not None and not found.verdict.confidence > HOPELESS:
                 self.hopeless.setdefault(k, []).append(start)
             if found.verdict.level == "accepted":
                 break
         return fits
+
+
+def against(registration: Registration, scans: Iterable[int]) -> Registration:
+    """A registration that says to which scans together it was made."""
+    return dataclasses.replace(registration, settings={**registration.settings, "against": sorted(scans)})
 
 
 def sureness(edge: Edge) -> float:
@@ -236,6 +243,7 @@ def largest_union(
     seed: int,
     confirmed: frozenset[tuple[int, int]],
     is_over: Callable[[], bool],
+    tell: Callable[[Edge], None] = lambda _: None,
 ) -> Union | None:
     """The largest set of scans that fit together, grown from the surest pairs; None where no pair is accepted."""
     sure = [edge for edge in edges if edge.level == "accepted" and edge.target != PART]
@@ -249,7 +257,7 @@ def largest_union(
             break
         sure = new[1:]
         T = {new[0].target: np.eye(4), new[0].source: new[0].registration.T_target_source}
-        trial = Union(views, edges, size, effort, seed, is_over, T)
+        trial = Union(views, edges, size, effort, seed, is_over, tell, T)
         trial.grow()
         best = trial if best is None or len(trial.T) > len(best.T) else best
     return best

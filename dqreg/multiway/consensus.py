@@ -32,7 +32,8 @@ def by_consensus(runner: PairRunner, judge: Judge, belief: Belief) -> tuple[Judg
     if few_or_many or judge.home == PART or _seen(runner, usable) or not _in_doubt(belief, usable):
         return judge, belief
     confirmed = frozenset((belief.edges[row].target, belief.edges[row].source) for row in belief.rows[belief.confirmed])
-    union = largest_union(runner.views, belief.edges, judge.size, runner.effort, runner.seed, confirmed, runner.is_over)
+    asked = runner.views, belief.edges, judge.size, runner.effort, runner.seed
+    union = largest_union(*asked, confirmed, runner.is_over, runner.count)
     if union is None or len(union.T) < GROUP or runner.is_over():
         return judge, belief
     if len(union.T) <= 0.5 * len(usable):

@@ -46,7 +46,8 @@ class Progress:
     seconds_left : float
         Estimate for the remaining ones; NaN before the first is done.
     edge : Edge
-        The pair that ended last.
+        The pair that ended last; of a scan that was registered to several at once, the settings of the registration
+        hold their numbers as ``against``.
     """
 
     done: int
@@ -92,6 +93,12 @@ class PairRunner:
                     left.done("", 1.0, (time.monotonic() - began) / len(found))
                     self._tell(found[row], left.seconds)
         return [found.get(row) or _untried(job, self.stopped) for row, job in enumerate(jobs)]
+
+    def count(self, edge: Edge) -> None:
+        """Count and tell a registration that was made elsewhere, as one to several scans at once."""
+        self.total += 1
+        self.done += 1
+        self._tell(edge, np.nan)
 
     def is_over(self) -> bool:
         """Whether no further pair is to be begun."""

@@ -10,7 +10,7 @@ from dqreg.multiway import admit
 from dqreg.multiway.consensus import _in_frame, by_consensus
 from dqreg.multiway.edges import Edge
 from dqreg.multiway.foreign import Judge
-from dqreg.multiway.pair_runs import PairRunner
+from dqreg.multiway.pair_runs import PairRunner, Progress
 from dqreg.multiway.scans import View, read_views, typical_size
 from dqreg.multiway.sides import Sides
 from dqreg.registration.register import register
@@ -65,10 +65,15 @@ def test_a_scan_of_something_else_goes_though_its_pairs_confirm_each_other(
         return said(edges_of(T, [(0, 1)], 1e-3, 0)[0], sure=cloud is not feeder_scan, T=start).registration
 
     monkeypatch.setattr(admit, "register", registered)
-    runner = PairRunner(views, None, "fast", 0, 1, np.inf, None, None)
+    told: list[Progress] = []
+    runner = PairRunner(views, None, "fast", 0, 1, np.inf, told.append, None)
     _, after = by_consensus(runner, judge, before)
     assert np.isnan(after.T_world_scan[VIEWS]).all()
     assert {edge.code for edge in after.edges if edge.source == VIEWS} == {"misfit"}
+    # Each registration to several scans is told: it takes as long as one of a pair.
+    assert [progress.done for progress in told] == list(range(1, len(told) + 1))
+    assert {progress.edge.source for progress in told} >= set(range(2, VIEWS + 1))
+    assert all(len(progress.edge.registration.settings["against"]) >= 2 for progress in told)
     # The others stand where their pairs have them: these were moved by a thousandth of their size.
     np.testing.assert_allclose(after.T_world_scan[:VIEWS], T[:VIEWS], atol=0.01 * size)
 
