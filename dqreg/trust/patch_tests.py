@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, median, quantile
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
@@ -107,19 +107,22 @@ IN_COMMON = 0.3
 QUIET, QUIET_NORMAL = 0.3, 0.545
 
 
-def waviness_of(residuals: FloatArray, normals: FloatArray) -> tuple[float, float]:
+def waviness_of(residuals: FloatArray, normals: FloatArray, beside: IntArray | None = None) -> tuple[float, float]:
     """What neighbouring residuals have in common, 0 where that is little of them, and their noise from point to point.
 
     Noise differs from point to point, and a wave, a dent or a face laid beside its place does not: neither is measured
     by how well the whole scan fits. One standard deviation each; the noise is NaN for few points.
 
-    Shapes: residuals (n,), normals (n, 3), both in the order of a space-filling curve.
+    Shapes: residuals (n,), normals (n, 3), both in the order of a space-filling curve; beside (n, k): the neighbours of
+    each point, those on the curve where none are given.
     """
+    rows = np.arange(len(residuals))
+    pairs = [(rows[lag:], rows[:-lag]) for lag in LAGS] if beside is None else [(rows, each) for each in beside.T]
     together = alone = 0.0
     apart = []
-    for lag in LAGS:
-        same = np.einsum("ij,ij->i", normals[lag:], normals[:-lag]) > SAME_FACE_COS
-        one, two = residuals[lag:][same], residuals[:-lag][same]
+    for first, second in pairs:
+        same = np.einsum("ij,ij->i", normals[first], normals[second]) > SAME_FACE_COS
+        one, two = residuals[first][same], residuals[second][same]
         together, alone = together + float(one @ two), alone + 0.5 * float(one @ one + two @ two)
         apart.append(np.abs(one - two))
     count = sum(map(len, apart))

@@ -63,6 +63,14 @@ def test_a_ripple_is_no_strain_and_lies_apart(share: float, noise: float) -> Non
     assert not found.strain(SIZE).is_strained
 
 
+def test_a_wave_of_few_spacings_is_in_common_to_nearest_neighbours() -> None:
+    # Six noises high and twenty spacings long: points next to each other on a curve through all stand up to five apart.
+    points = cloud(1)
+    ripple = 6.0 * NOISE * np.sin(6.0 * points[:, :1])
+    found = between(points + ripple * [0.0, 1.0, 1.0], cloud(2)).waviness()
+    assert found == pytest.approx(3.0 * NOISE, rel=0.2)
+
+
 def test_a_motion_that_the_covariance_leaves_does_not_count() -> None:
     here, there = cloud(1) + np.array([0.02, 0.0, 0.0]), cloud(2)
     # No motion brings it nearer, where none is left by the pose: a quarter of the faces look along x.
