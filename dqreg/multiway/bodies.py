@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 # Residuals of a fitted plane beyond which it goes across an edge: in typical ones of its scan, and in spacings, which
 # allows for what a round surface bends by between neighbours.
 FIRM, SMOOTH = 2.0, 0.1
+# Neighbours of a point that is looked at, and how far they reach, at least, in what they do along one row; the nearest
+# of them, and their largest width in lengths, of bends and noise.
+ROW, SINGLE, CLOSEST, THIN = 12, 0.9, 4, 0.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,6 +76,23 @@ class Body:
         with np.errstate(divide="ignore", invalid="ignore"):
             moves = self.scan.residuals**2 / (NEIGHBOURS * self.scan.levers)
         return np.asarray(np.nan_to_num(moves, nan=0.0, posinf=1.0))
+
+    @cached_property
+    def single(self) -> BoolArray:
+        """Points whose neighbours are one row, (n,).
+
+        Their normal is that of the bend of the row, as where rays hit a wall once on its way round, not of a face.
+        """
+        points, alone = self.planed.points, np.zeros(len(self.planed.points), dtype=bool)
+        near, distances = self.planed.tree.nearest(points, ROW + 1)
+        if distances.shape[1] <= ROW:
+            return alone
+        far = np.flatnonzero(distances[:, ROW] > SINGLE * 0.25 * ROW * (distances[:, 1] + distances[:, 2]))
+        # Without a width: a strip of a face has rows that neighbours tell apart, or points anywhere.
+        nearest = points[near[far, : CLOSEST + 1]]
+        extents = np.linalg.svd(nearest - nearest.mean(axis=1, keepdims=True), compute_uv=False)
+        alone[far] = extents[:, 1] < THIN * extents[:, 0]
+        return alone
 
     def rows(self, count: int) -> IntArray:
         """Rows of so many points of the scan at most, evenly taken."""

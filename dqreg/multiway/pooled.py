@@ -57,6 +57,7 @@ class Pooled:
 
     def __init__(self, bodies: Sequence[Body], unit: float) -> None:
         rows = [body.rows(ALL_POINTS // len(bodies)) for body in bodies]
+        rows = [r[~body.single[r]] for r, body in zip(rows, bodies, strict=True)]
         self.points = np.concatenate([body.planed.points[r] for body, r in zip(bodies, rows, strict=True)]) / unit
         self.normals = np.concatenate([body.planed.normals[r] for body, r in zip(bodies, rows, strict=True)])
         self.scans = np.repeat(np.arange(len(bodies)), [len(r) for r in rows])

@@ -61,6 +61,30 @@ def test_what_no_face_holds_stays_and_is_told() -> None:
         np.testing.assert_allclose(np.sqrt(np.diag(_of(found, k))[:2]), np.sqrt(2.0) * HELD * spacing, rtol=0.1)
 
 
+def test_one_row_along_a_rim_holds_nothing() -> None:
+    # The last scan sees two walls, and the wall of a hole in the floor by one row of points below its rim. What bends
+    # in its own plane has the normal of a floor, next to one.
+    rng, depth, radius, count = np.random.default_rng(2), 0.01, 0.2, 5
+    angles = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    row = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(60, -depth)])
+    scans = []
+    for k in range(count):
+        a, b = rng.uniform([-0.5, 0.0], [0.5, 0.5], (2, 300, 2))
+        walls = [np.insert(a, 0, 0.5, axis=1), np.insert(b, 1, 0.5, axis=1)]
+        floor = np.column_stack([rng.uniform(-0.5, 0.5, (POINTS, 2)), np.zeros(POINTS)])
+        below = row if k == count - 1 else floor[np.linalg.norm(floor, axis=1) > radius]
+        points = np.concatenate([*walls, below])
+        scans.append(points + NOISE * rng.normal(size=points.shape))
+    views = read_views(scans, 0)
+    truth = np.stack([pose.from_parts(np.eye(3), view.origin) for view in views])
+    found = refine_on_planes([body_of(v, None) for v in views], truth, FREE[: count - 1], typical_spacing(views), 1.0)
+    assert found is not None
+    off = (found.T_world_body - truth)[-1, :3, 3]
+    assert np.abs(off[:2]).max() < 3.0 * NOISE
+    # Nothing but where it began tells its height.
+    assert abs(off[2]) < np.sqrt(_of(found, count - 1)[2, 2])
+
+
 def test_noise_as_large_as_the_spacing_is_left_to_pairs() -> None:
     assert refined(walls=True, noise=0.02)[0] is None
 
