@@ -250,12 +250,16 @@ spent = lambda: sum(int(open(name).read().split()[0]) for name in others)
 mine = f"/proc/self/task/{os.getpid()}/schedstat"
 others = [name for name in glob.glob("/proc/self/task/*/schedstat") if name != mine]
 rng = np.random.default_rng(0)
-before = spent()
-for m, k, n in ((200_000, 3, 3), (6, 6, 200_000), (6, 200_000, 6), (6, 500, 500), (1_000, 3, 1_000)):
-    product(rng.normal(size=(m, k)), rng.normal(size=(k, n)))
-dot(rng.normal(size=200_000), rng.normal(size=200_000))
-time.sleep(0.05)
-print(spent() - before)
+rounds = []
+for _ in range(4):
+    time.sleep(0.05)
+    before = spent()
+    for m, k, n in ((200_000, 3, 3), (6, 6, 200_000), (6, 200_000, 6), (6, 500, 500), (1_000, 3, 1_000)):
+        product(rng.normal(size=(m, k)), rng.normal(size=(k, n)))
+    dot(rng.normal(size=200_000), rng.normal(size=200_000))
+    time.sleep(0.05)
+    rounds.append(spent() - before)
+print(min(rounds))
 """
 
 
@@ -263,7 +267,8 @@ print(spent() - before)
     not Path("/proc/self/schedstat").exists(), reason="the system does not tell the CPU time of threads"
 )
 def test_products_wake_no_threads_of_blas() -> None:
-    # Each that is woken spins for some 30 ms. Red with `@` in place of `product`.
+    # Each that is woken spins for some 30 ms in every round; one left over from the start, once.
+    # Red with `@` in place of `product`.
     free = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     found = subprocess.run(
         [sys.executable, "-c", THREADS_OF_BLAS], env=free, capture_output=True, text=True, check=True
