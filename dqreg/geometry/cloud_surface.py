@@ -12,7 +12,7 @@ from dqreg.geometry.boundary import CloudBoundary
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import KdTree, NeighbourTree
-from dqreg.geometry.normals import fit_planes_around, orient_towards
+from dqreg.geometry.normals import PlaneFits, fit_planes_around, orient_towards
 from dqreg.geometry.surface import Closest, Hint
 
 # Two distances that differ by less may be equal: then the tree decides.
@@ -43,7 +43,7 @@ class CloudSurface:
 
     def __init__(self, cloud: PointCloud, fitted: FloatArray | None = None, *, derived: bool = False) -> None:
         # Morton order keeps the answers to neighbouring queries close in memory; `elements` count in that order.
-        self.order = distinct_in_order(cloud.points)
+        self.order = self._ordered(cloud.points)
         self._points = cloud.points[self.order]
         self._rows = len(cloud.points)
         size = len(self._points)
@@ -87,7 +87,7 @@ class CloudSurface:
         missing = rows[~self._known[rows]]
         if len(missing):
             missing = np.flatnonzero(np.bincount(missing, minlength=len(self._known)))
-            fits = fit_planes_around(self._tree, self._points, missing)
+            fits = self._fitted_around(missing)
             # A point whose neighbours lie on a line has no normal: zero gives no direction and passes no angle test.
             known = np.isfinite(fits.normals[:, :1])
             variances = np.where(known, np.minimum(fits.variances[:, None], 1.0), 1.0)
@@ -97,6 +97,17 @@ class CloudSurface:
             self._fits[missing] = np.hstack([normals, variances])
             self._known[missing] = True
         return np.take(self._fits, rows, axis=0)
+
+    def _ordered(self, points: FloatArray) -> IntArray:
+        return distinct_in_order(points)
+
+    def _fitted_around(self, rows: IntArray) -> PlaneFits:
+        """Planes at some of the points."""
+        return fit_planes_around(self._tree, self._points, rows)
+
+    def _all_planes(self) -> PlaneFits | None:
+        """Planes at all points, where they cost less than a search for the neighbours of each."""
+        return None
 
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Nearest cloud point for each query.

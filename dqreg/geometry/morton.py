@@ -70,3 +70,13 @@ def morton_codes(points: FloatArray, size: float = 0.0) -> CodeArray:
     codes = np.zeros(len(points), dtype=np.uint64)
     over_chunks(morton_cells, len(points), as_plain(points), as_plain(low), float(cells), codes, chunk=CHUNK)
     return codes
+
+
+def edge_of_cells(points: FloatArray, size: float = 0.0) -> float:
+    """Edge of the cells of `morton_codes`: it is the least that codes have numbers for, where a smaller one is asked.
+
+    >>> edge_of_cells(np.array([[0.0, 0, 0], [0.4, 0, 1.2]]), 1.0)
+    1.0
+    """
+    low, high = bounds(points)
+    return max(size, float((high - low).max() / (2**BITS - 1)))

@@ -36,7 +36,14 @@ class PlaneFits:
 
     def taken(self, rows: IntArray) -> PlaneFits:
         """Those at some of the points."""
-        return PlaneFits(np.take(self.normals, rows, axis=0), self.residuals[rows], self.lever[rows], self.count)
+        gaps = None if self.gaps is None else self.gaps[rows]
+        return PlaneFits(np.take(self.normals, rows, axis=0), self.residuals[rows], self.lever[rows], self.count, gaps)
+
+    def replace(self, rows: IntArray, others: PlaneFits) -> None:
+        """Put others at some of the points."""
+        self.normals[rows], self.residuals[rows], self.lever[rows] = others.normals, others.residuals, others.lever
+        if self.gaps is not None and others.gaps is not None:
+            self.gaps[rows] = others.gaps
 
     @property
     def known(self) -> BoolArray:

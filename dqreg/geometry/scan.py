@@ -216,7 +216,8 @@ def prepare_scan(
         # Points in Morton order need no other order for few queries.
         few = FEW_QUERIES * len(rows) <= len(points)
         tree = NeighbourTree(points, in_order=few) if surface is None else surface._tree
-    fits, spacing, (noise, quiet) = _fit_some(points, rows) if tree is None else _fit_all(points, rows, tree)
+    of_cells = None if surface is None else surface._all_planes()
+    fits, spacing, (noise, quiet) = _fit_some(points, rows) if tree is None else _fit_all(points, rows, tree, of_cells)
     normals, levers, residuals = _at_rows(rows, fits, len(points))
     if cloud.normals is not None:
         normals = np.take(cloud.normals, order, axis=0)
@@ -239,8 +240,11 @@ def prepare_scan(
     return scan
 
 
-def _fit_all(points: FloatArray, rows: IntArray, tree: NeighbourTree) -> tuple[PlaneFits, float, tuple[float, float]]:
-    fits = fit_planes(tree, points, at := points if len(rows) == len(points) else points[rows])
+def _fit_all(
+    points: FloatArray, rows: IntArray, tree: NeighbourTree, fits: PlaneFits | None
+) -> tuple[PlaneFits, float, tuple[float, float]]:
+    at = points if len(rows) == len(points) else points[rows]
+    fits = fit_planes(tree, points, at) if fits is None else fits
     return fits, (spacing := spacing_of(fits, at)), noise_of(fits, points, at, tree, spacing)
 
 

@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg._arrays import FloatArray, bounds
+from dqreg.geometry.cells import Cells, CellSurface
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import BITS, morton_codes, sorted_rows
@@ -30,8 +31,7 @@ def voxel_size(points: FloatArray, count: int) -> float:
 
 def unevenness(points: FloatArray, size: float) -> float:
     """How many others the points have in their voxel, over what points strewn at random would have; about 1 or less."""
-    order, firsts = _runs(points, size)
-    counts = np.diff(firsts, append=len(order)).astype(np.float64)
+    counts = Cells.of(points, size).counts
     return float((counts**2).mean() / counts.mean() / (counts.mean() + 1.0))
 
 
@@ -47,8 +47,11 @@ class VoxelCloud:
     @staticmethod
     def of(cloud: PointCloud, size: float) -> VoxelCloud:
         """Downsample a cloud."""
-        even = voxel_downsample(cloud, size)
-        return VoxelCloud(size, even, None if even is cloud else CloudSurface(even, derived=True))
+        cells = Cells.of(cloud.points, size) if size > 0.0 else None
+        if cells is None or len(cells.counts) >= WHOLE * len(cloud):
+            return VoxelCloud(size, cloud, None)
+        even = _means(cloud, cells)
+        return VoxelCloud(size, even, CellSurface(even, cells))
 
     @staticmethod
     def across_lines(cloud: PointCloud, size: float) -> VoxelCloud:
@@ -76,12 +79,6 @@ class VoxelCloud:
         return VoxelCloud(0.0, cloud, None)
 
 
-def voxel_downsample(cloud: PointCloud, size: float) -> PointCloud:
-    """Means of the voxels of a cloud, or the cloud itself where it has hardly more points than these."""
-    even = voxel_means(cloud, size)
-    return even if len(even) < WHOLE * len(cloud) else cloud
-
-
 def cell_size(points: FloatArray, count: int) -> float:
     """Edge of the cubic cells of which the points fill about so many."""
     from dqreg.kernels.morton import count_cells
@@ -103,25 +100,14 @@ def cell_size(points: FloatArray, count: int) -> float:
 
 def voxel_means(cloud: PointCloud, size: float) -> PointCloud:
     """One point for each cell that holds some: their mean, with the mean of their normals."""
-    if not size > 0.0:
-        return cloud
-    order, firsts = _runs(cloud.points, size)
-    counts = np.diff(firsts, append=len(order))
-    points = _sums(cloud.points, order, firsts) / counts[:, None]
+    return _means(cloud, Cells.of(cloud.points, size)) if size > 0.0 else cloud
+
+
+def _means(cloud: PointCloud, cells: Cells) -> PointCloud:
     normals = None
     if cloud.normals is not None:
-        normals = _sums(cloud.normals, order, firsts)
-        cancelled = np.abs(normals).max(axis=1) <= 1e-6 * counts
-        normals[cancelled] = cloud.normals[order[firsts[cancelled]]]
-    return dataclasses.replace(cloud, points=points, normals=normals)
-
-
-def _runs(points: FloatArray, size: float) -> tuple[IntArray, IntArray]:
-    codes = morton_codes(points, size)
-    order = sorted_rows(codes)
-    walked = codes[order]
-    return order, np.flatnonzero(np.r_[True, walked[1:] != walked[:-1]])
-
-
-def _sums(rows: FloatArray, order: IntArray, firsts: IntArray) -> FloatArray:
-    return np.column_stack([np.add.reduceat(column[order], firsts) for column in np.ascontiguousarray(rows.T)])
+        columns = [np.add.reduceat(column[cells.order], cells.starts) for column in cloud.normals.T]
+        normals = np.column_stack(columns)
+        cancelled = np.abs(normals).max(axis=1) <= 1e-6 * cells.counts
+        normals[cancelled] = cloud.normals[cells.order[cells.starts[cancelled]]]
+    return dataclasses.replace(cloud, points=cells.points, normals=normals)

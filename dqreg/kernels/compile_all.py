@@ -9,6 +9,8 @@ import numpy as np
 
 from dqreg.kernels import second_process
 from dqreg.kernels.cache import keep_beside_package
+from dqreg.kernels.cell_moments import cell_moments, table_of
+from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.components import components
 from dqreg.kernels.disc_pairs import disc_pair_sums
@@ -82,6 +84,9 @@ def _order() -> None:
     morton_cells(0, 2, CORNERS[0], np.zeros(3), 1.0, codes)
     new_places(CORNERS[0], codes, sorted_rows(codes))
     count_cells(codes)
+    cell_moments(CORNERS[0], codes, FIRST)
+    table, edges = table_of(codes[:1]), (1.0,) * 5
+    cell_planes(0, 0, FIRST, codes, table, FLAT, ONE, np.zeros((0, 6)), *edges, np.zeros((0, 6)), np.zeros(0, np.bool_))
 
 
 def _points() -> None:

@@ -1,0 +1,117 @@
+"""Cells of a cloud: the mean of each stands for its points, and planes come from the moments of neighbouring ones."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.geometry.boundary import LINE as LINED
+from dqreg.geometry.boundary import ONE_SIDED
+from dqreg.geometry.cloud import PointCloud
+from dqreg.geometry.cloud_surface import CloudSurface
+from dqreg.geometry.morton import CHUNK, CodeArray, edge_of_cells, morton_codes, sorted_rows
+from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, fit_planes, fit_planes_around
+from dqreg.geometry.surface import Closest
+
+# Cells count as neighbours whose means are within so many edges, in their block of eight or those around it: about
+# twenty of a surface.
+REACH = 2.5
+# Points of a cell that count at most: near a sensor, or where a thousand returns are copies, one cell has most of them.
+MOST = 8.0
+# Points without which neighbouring cells make no plane, and the same of the ratio of their smaller to their larger
+# variance: rings of a LiDAR that stand apart. Their nearest cells are searched for.
+FEWEST, LINE = 8.0, 0.02
+# Blocks of eight cells that one thread goes over at a time.
+BLOCKS = 256
+
+
+@dataclasses.dataclass(frozen=True)
+class Cells:
+    """The cells that hold points of a cloud, in Morton order."""
+
+    size: float  # Edge
+    codes: CodeArray  # (m,): Numbers along the Z-order curve
+    order: IntArray  # (n,): Rows of the cloud, cell by cell
+    starts: IntArray  # (m,): Where each cell begins among these
+    counts: FloatArray  # (m,): Points in each
+    points: FloatArray  # (m, 3): Their means
+    scatters: FloatArray  # (m, 6): Sums of products of their offsets from the mean: xx, yy, zz, xy, xz, yz
+
+    @staticmethod
+    def of(points: FloatArray, size: float) -> Cells:
+        """Cells of points, (n, 3), of an edge: wider where the extent has too many of them."""
+        from dqreg.kernels.cell_moments import cell_moments
+        from dqreg.kernels.threads import as_plain, aside
+
+        codes = morton_codes(points, size)
+        order = sorted_rows(codes)
+        given = as_plain(points), codes, order
+        starts, sums = aside(cell_moments, *given) if len(points) > CHUNK else cell_moments(*given)
+        firsts, counts, (x, y, z) = order[starts], sums[:, 0], (sums[:, 1:4] / sums[:, :1]).T
+        scatters = sums[:, 4:] - counts[:, None] * np.column_stack([x * x, y * y, z * z, x * y, x * z, y * z])
+        means = np.take(points, firsts, axis=0) + np.column_stack([x, y, z])
+        edge = edge_of_cells(points, size)
+        return Cells(edge, codes[firsts], order, starts, counts, means, scatters)
+
+    def planes(self) -> tuple[PlaneFits, BoolArray]:
+        """Planes at the means where neighbouring cells make one, and which of these means lie on a rim, (m,)."""
+        from dqreg.kernels.cell_moments import table_of
+        from dqreg.kernels.cell_planes import cell_planes
+        from dqreg.kernels.threads import over_chunks
+
+        blocks = self.codes >> np.uint64(3)
+        starts = np.flatnonzero(np.r_[True, blocks[1:] != blocks[:-1]])
+        blocks, starts = blocks[starts], np.r_[starts, len(self.codes)]
+        weights = np.minimum(self.counts, MOST)
+        scatters = self.scatters * (weights / self.counts)[:, None]
+        found, rims = np.zeros((len(self.codes), 6)), np.zeros(len(self.codes), dtype=bool)
+        given = starts, blocks, table_of(blocks), self.points, weights, scatters
+        limits = REACH * self.size, FEWEST, LINE, ONE_SIDED, LINED
+        over_chunks(cell_planes, len(blocks), *given, *limits, found, rims, chunk=BLOCKS)
+        return PlaneFits(found[:, :3].copy(), found[:, 3], found[:, 4], NEIGHBOURS, found[:, 5]), rims
+
+
+class CellSurface(CloudSurface):
+    """Means of cells, in the order of these, as a surface."""
+
+    def __init__(self, means: PointCloud, cells: Cells) -> None:
+        self._cells = cells
+        super().__init__(means, derived=True)
+
+    def _ordered(self, points: FloatArray) -> IntArray:
+        # Cells are in Morton order, and each has one mean.
+        return np.arange(len(points))
+
+    @cached_property
+    def _of_cells(self) -> tuple[PlaneFits, BoolArray]:
+        """Planes where neighbouring cells make one, and which of these lie on a rim."""
+        return self._cells.planes()
+
+    def _fitted_around(self, rows: IntArray) -> PlaneFits:
+        fits = self._of_cells[0].taken(rows)
+        return _completed(fits, lambda missing: fit_planes_around(self._tree, self._points, rows[missing]))
+
+    def _all_planes(self) -> PlaneFits | None:
+        fits = self._of_cells[0].taken(np.arange(len(self._points)))
+        return _completed(fits, lambda rows: fit_planes(self._tree, self._points, np.take(self._points, rows, axis=0)))
+
+    def on_rim(self, closest: Closest) -> BoolArray:
+        """Whether the matches of some queries are boundary points: where cells make a plane, by these."""
+        if self._in_lines:
+            return super().on_rim(closest)
+        fits, rims = self._of_cells
+        found, searched = rims[closest.elements], np.flatnonzero(~fits.known[closest.elements])
+        found[searched] = self._boundary.at(closest.elements[searched], closest.normals[searched])
+        return found
+
+
+def _completed(fits: PlaneFits, fitted: Callable[[IntArray], PlaneFits]) -> PlaneFits:
+    """Planes with those that are missing fitted."""
+    missing = np.flatnonzero(~fits.known)
+    if len(missing):
+        fits.replace(missing, fitted(missing))
+    return fits

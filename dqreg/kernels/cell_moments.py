@@ -1,0 +1,73 @@
+"""Moments of the points of each cell of a grid, and a table that finds cells by their codes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.compiled import compiled
+
+Codes = NDArray[np.uint64]
+
+# Sums of a cell: its points, their offsets from the first of them, and products xx, yy, zz, xy, xz, yz of these.
+SUMS = 10
+# A factor that scatters neighbouring codes over a table, and the bits of the product that are taken from.
+FACTOR, UPPER = 0x9E3779B97F4A7C15, 32
+
+
+@compiled
+def cell_moments(points: FloatArray, codes: Codes, order: IntArray) -> tuple[IntArray, FloatArray]:
+    """Places in an order by codes at which cells begin, and the sums of each cell. O(n).
+
+    Shapes: points (n, 3), codes (n,), order (n,); returns (m,), (m, 10).
+    """
+    n, count = len(order), 0
+    for i in range(n):
+        count += i == 0 or codes[order[i]] != codes[order[i - 1]]
+    starts, sums, cell = np.zeros(count, np.int64), np.zeros((count, SUMS)), -1
+    for i in range(n):
+        row = order[i]
+        if i == 0 or codes[row] != codes[order[i - 1]]:
+            cell, first = cell + 1, row
+            starts[cell] = i
+        x, y, z = (
+            points[row, 0] - points[first, 0],
+            points[row, 1] - points[first, 1],
+            points[row, 2] - points[first, 2],
+        )
+        sums[cell, 0] += 1.0
+        sums[cell, 1], sums[cell, 2], sums[cell, 3] = sums[cell, 1] + x, sums[cell, 2] + y, sums[cell, 3] + z
+        sums[cell, 4], sums[cell, 5], sums[cell, 6] = (
+            sums[cell, 4] + x * x,
+            sums[cell, 5] + y * y,
+            sums[cell, 6] + z * z,
+        )
+        sums[cell, 7], sums[cell, 8], sums[cell, 9] = (
+            sums[cell, 7] + x * y,
+            sums[cell, 8] + x * z,
+            sums[cell, 9] + y * z,
+        )
+    return starts, sums
+
+
+@compiled
+def table_of(codes: Codes) -> IntArray:
+    """Table of codes that all differ: their rows, and -1 where a slot is free, as half of them are at least. O(n)."""
+    slots = 2
+    while slots < 2 * len(codes):
+        slots *= 2
+    table = np.full(slots, -1, np.int64)
+    for row in range(len(codes)):
+        table[slot_of(codes[row], codes, table)] = row
+    return table
+
+
+@compiled
+def slot_of(code: np.uint64, codes: Codes, table: IntArray) -> np.int64:
+    """Slot of a code in a table of rows of codes, or the free one that it belongs in. O(1)."""
+    mask = len(table) - 1
+    slot = np.int64((code * np.uint64(FACTOR)) >> np.uint64(UPPER)) & mask
+    while table[slot] >= 0 and codes[table[slot]] != code:
+        slot = (slot + 1) & mask
+    return np.int64(slot)

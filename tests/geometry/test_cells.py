@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import hypothesis.strategies as st
+import numpy as np
+from hypothesis import given, settings
+
+from dqreg.geometry import CloudSurface, PointCloud
+from dqreg.geometry.cells import MOST, REACH, Cells
+from dqreg.geometry.voxels import VoxelCloud
+
+
+def sheet(seed: int, count: int) -> np.ndarray:
+    """Points strewn over a bowl, more of them in the middle."""
+    rng = np.random.default_rng(seed)
+    x, y = rng.normal(size=(2, count))
+    return np.column_stack([x, y, 0.1 * (x**2 + y**2) + rng.normal(scale=0.01, size=count)])
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 10_000), st.integers(1, 400), st.floats(0.05, 20.0))
+def test_cells_hold_the_moments_of_their_points(seed: int, count: int, size: float) -> None:
+    points = sheet(seed, count)
+    cells = Cells.of(points, size)
+    assert np.all(np.diff(cells.codes.astype(np.int64)) > 0)
+    for k, rows in enumerate(np.split(cells.order, cells.starts[1:])):
+        off = points[rows] - points[rows].mean(axis=0)
+        assert cells.counts[k] == len(rows)
+        assert np.allclose(cells.points[k], points[rows].mean(axis=0), rtol=0.0, atol=1e-12)
+        expected = (off.T @ off)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        assert np.allclose(cells.scatters[k], expected, rtol=0.0, atol=1e-10 * size**2 * len(rows))
+
+
+def test_planes_are_those_of_all_cells_within_reach_in_the_blocks_around() -> None:
+    points = sheet(0, 20_000)
+    cells = Cells.of(points, 0.15)
+    fits, _ = cells.planes()
+    blocks = np.floor((points[cells.order[cells.starts]] - points.min(axis=0)) / cells.size).astype(int) // 2
+    weights = np.minimum(cells.counts, MOST)
+    assert 0.5 < fits.known.mean() < 1.0
+    for k in np.flatnonzero(fits.known)[::37]:
+        near = np.linalg.norm(cells.points - cells.points[k], axis=1) <= REACH * cells.size
+        near &= np.abs(blocks - blocks[k]).max(axis=1) <= 1
+        w, middles = weights[near], cells.points[near]
+        mean = w @ middles / w.sum()
+        off = middles - mean
+        inner = cells.scatters[near] * (w / cells.counts[near])[:, None]
+        scatter = np.einsum("i,ij,ik->jk", w, off, off) + inner.sum(axis=0)[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+        values, vectors = np.linalg.eigh(scatter)
+        assert abs(vectors[:, 0] @ fits.normals[k]) > 1.0 - 1e-9
+        assert np.isclose(fits.residuals[k], np.sqrt(values[0] / (w.sum() - 3.0)), rtol=1e-6)
+        assert np.isclose(fits.lever[k], 1.0 / (w.sum() / values[1:]).sum(), rtol=1e-6)
+
+
+def test_a_cell_of_a_thousand_copies_turns_no_plane() -> None:
+    flat = np.random.default_rng(0).uniform(-1.0, 1.0, size=(4_000, 3)) * [1.0, 1.0, 0.0]
+    stray = np.tile([0.05, 0.05, 0.12], (1_000, 1))
+    fits, _ = Cells.of(np.vstack([flat, stray]), 0.1).planes()
+    assert np.abs(fits.normals[fits.known, 2]).min() > 0.9
+
+
+def test_rims_lie_round_a_sheet_and_not_within_it() -> None:
+    flat = np.random.default_rng(0).uniform(-1.0, 1.0, size=(40_000, 3)) * [1.0, 1.0, 0.0]
+    cells = Cells.of(flat, 0.05)
+    rims = cells.planes()[1]
+    inside = np.abs(cells.points).max(axis=1)
+    assert rims[inside > 0.97].mean() > 0.9
+    assert rims[inside < 0.85].mean() < 0.02
+
+
+def test_where_cells_make_no_plane_their_nearest_ones_do() -> None:
+    # One ring of a LiDAR beside a wall that is dense: cells of the ring see the ring alone.
+    rng = np.random.default_rng(0)
+    wall = rng.uniform(-1.0, 1.0, size=(20_000, 3)) * [1.0, 1.0, 0.0]
+    ring = np.column_stack([np.repeat([2.0, 2.4, 2.8], 300), np.tile(np.linspace(-1.0, 1.0, 300), 3), np.zeros(900)])
+    even = VoxelCloud.of(PointCloud(np.vstack([wall, ring])), 0.1)
+    assert even.surface is not None
+    by_cells = Cells.of(np.vstack([wall, ring]), 0.1).planes()[0].known
+    beside = even.cloud.points[:, 0] > 1.5
+    assert by_cells[~beside].mean() > 0.98
+    assert not by_cells[beside].any()
+    searched = CloudSurface(even.cloud).normals[beside]
+    assert np.allclose(np.abs(even.surface.normals[beside]), np.abs(searched), atol=1e-9)
+    assert np.abs(even.surface.normals[~beside, 2]).min() > 1.0 - 1e-9
