@@ -17,6 +17,7 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.multiway import dual_poses
 from dqreg.multiway.bodies import Body
 from dqreg.multiway.graph import factorised
+from dqreg.multiway.joint import SETTLED as CONVERGED
 from dqreg.multiway.pooled import Pieces, Pooled, centred
 from dqreg.rigid import pose
 
@@ -34,8 +35,6 @@ FLAT, SHARE = 0.1, 0.5
 HELD = 0.5
 # Points that face a motion of a scan, without which faces do not hold it, and without which covariances take it so.
 FACING, SURE = 2.0, 4.0
-# The rounds have converged where the last one moved no corner by more, in spacings.
-CONVERGED = 0.1
 # A scan that moves by more spacings than this from where pairs put it is none that they put right.
 FAR = 3.0
 
@@ -82,7 +81,7 @@ def refine_on_planes(
     found = _anchored(begun, T, free)
     found[:, :3, 3] = size * found[:, :3, 3] + middle
     relative = _relative(covariance, free)
-    return Placed(found, relative, middle, rounds, moved < CONVERGED * spacing / size)
+    return Placed(found, relative, middle, rounds, motion < CONVERGED * spacing / size)
 
 
 def _anchored(begun: FloatArray, T: FloatArray, free: IntArray) -> FloatArray:
