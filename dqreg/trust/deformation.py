@@ -29,6 +29,10 @@ class Limit(NamedTuple):
 # views came to 15.1 and 32 standard deviations, of measured pairs to 15.3 and 35; most strains of 1.5 to 6 % came to 19
 # and more. Sweeps of a moving LiDAR came to 48 and 70 where they displace less than this.
 FEW_MODES, MANY_MODES = Limit(18.0, 1.2e-4, 1.5e-3), Limit(40.0, 2e-4, 9e-4)
+# Numbers of a motion.
+MOTIONS = 6
+# Places for each number that is fitted: with fewer, all that neighbours have in common looks like some deformation.
+PLACES_EACH = 16
 
 
 def deformation_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, size: float) -> float:
@@ -48,6 +52,8 @@ def deformation_of(points: FloatArray, normals: FloatArray, residuals: FloatArra
     strains = _strains(p)
     few, many = np.concatenate([strains, _bends(p)]), np.concatenate([strains, _quadratics(p)])
     for fields, limit in ((few, FEW_MODES), (many, MANY_MODES)):
+        if len(points) < PLACES_EACH * (MOTIONS + len(fields)):
+            continue
         found = _explained(fields, p * lever, n, residuals, lever)
         matters = found.shown >= limit.shown * size and found.displaced >= limit.displaced * size
         if found.sigmas >= limit.sigmas and matters:

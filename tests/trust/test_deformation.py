@@ -56,3 +56,16 @@ def test_a_wave_is_told_by_the_quadratic_fields() -> None:
     points, normals = points[order], normals[order]
     wave = 0.01 * np.cos(2.5 * points[:, [0]]) * np.array([0.0, 1.0, 0.0])
     assert deformation_of(points, normals, residuals_of(points, normals, points + wave, rng), SIZE) > 5e-4 * SIZE
+
+
+def test_few_places_show_no_deformation_of_many_numbers() -> None:
+    """A wave that 500 places show is none on 400: all that neighbours have in common would look like one."""
+    said = []
+    for count in (400, 500):
+        rng = np.random.default_rng(0)
+        points, normals = sphere(rng, count)
+        order = np.lexsort(np.round(points * 4.0).T)
+        points, normals = points[order], normals[order]
+        wave = 0.05 * np.cos(2.5 * points[:, [0]]) * np.array([0.0, 1.0, 0.0])
+        said.append(deformation_of(points, normals, residuals_of(points, normals, points + wave, rng), SIZE))
+    assert said[0] == 0.0 < said[1]
