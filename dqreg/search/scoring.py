@@ -25,6 +25,9 @@ GATE_RAD = np.deg2rad(50.0)
 # A point favours one of two poses clearly with this log-likelihood ratio; so many such points are enough to tell the
 # poses apart if their sum is so many times that of the points that favour the other one.
 CLEAR, CLEAR_POINTS, CLEAR_RATIO = 2.0, 30, 10.0
+# Few are enough that lie on the target at the pose they favour, within so many widths, and off it at the other one:
+# outliers hardly do. Their ratios together are such as chance reaches once in 10^8.
+FEW_POINTS, ON_TARGET, BY_CHANCE = 3, 3.0, 20.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +74,15 @@ class PoseScores:
         clearly: BoolArray = (np.count_nonzero(against, axis=1) >= CLEAR_POINTS) & (
             weights[0] > CLEAR_RATIO * weights[1]
         )
-        return clearly
+        return clearly | self._told_by_few(best, gaps, clear)
+
+    def _told_by_few(self, best: int, gaps: FloatArray, clear: BoolArray) -> BoolArray:
+        """The same by points that lie on the target at one pose and off it at the other: one hole is seen by few."""
+        on = self.distances <= ON_TARGET * self.width
+        against, in_favour = clear & (gaps > 0.0) & on[best] & ~on, clear & (gaps < 0.0) & on & ~on[best]
+        ratio, other = np.where(against, gaps, 0.0).sum(axis=1), np.where(in_favour, -gaps, 0.0).sum(axis=1)
+        is_enough = (np.count_nonzero(against, axis=1) >= FEW_POINTS) & (ratio >= BY_CHANCE)
+        return np.asarray(is_enough & (ratio > CLEAR_RATIO * other))
 
 
 def symmetric_scores(there: PoseScores, back: PoseScores) -> PoseScores:

@@ -37,6 +37,28 @@ def test_few_points_that_all_favour_one_pose_decide(changes, clearly):
     assert found.tolist() == [False, clearly]
 
 
+@pytest.mark.parametrize(
+    ("on_the_first", "gaps", "told"),
+    [
+        # One hole, seen by three points, none of which is explained at the other pose.
+        (True, (11.0, 11.0, 11.0), True),
+        # Less than chance may give; two points; outliers, on the target at neither pose; one that says the opposite.
+        (True, (6.0, 6.0, 6.0), False),
+        (True, (11.0, 11.0), False),
+        (False, (11.0, 11.0, 11.0), False),
+        (True, (11.0, 11.0, 11.0, -11.0), False),
+    ],
+)
+def test_few_points_decide_that_lie_on_the_target_at_one_pose_alone(on_the_first, gaps, told):
+    likelihoods, distances = np.zeros((2, 2_000)), np.zeros((2, 2_000))
+    for k, gap in enumerate(gaps):
+        worse = int(gap > 0.0)
+        likelihoods[worse, k] = -abs(gap)
+        distances[worse, k], distances[1 - worse, k] = 20.0, 0.0 if on_the_first else 20.0
+    scores = PoseScores(likelihoods, distances, 1.0)
+    assert list(scores.distinguishable(0)) == [False, told]
+
+
 def test_every_point_of_both_sides_has_the_same_weight():
     rng = np.random.default_rng(0)
     sides = [PoseScores(rng.normal(size=(3, n)), rng.random((3, n)), width) for n, width in ((400, 1.0), (100, 2.0))]
