@@ -43,7 +43,7 @@ class NormalAngle:
 
     def __call__(self, pairs: Correspondences) -> FloatArray:
         """1 within the limit or without normals, else 0."""
-        rows = np.flatnonzero(pairs.scan.directed)
+        rows = np.flatnonzero(pairs.scan._gating.any(axis=1))
         factors = np.ones(len(pairs.distances))
         cosines = pairs.normal_cosines[rows] if pairs.same_sign else np.abs(pairs.normal_cosines[rows])
         known = pairs.closest.normals[rows].any(axis=1)

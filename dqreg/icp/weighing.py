@@ -63,7 +63,7 @@ def _in_one_pass(
     weights, sums = np.zeros(len(scan)), np.zeros((max(-(-len(scan) // CHUNK), 1), SUMS))
     spread = nothing if scan.counts is None or scan.within is None else np.asarray(scan.scatter)
     limits = [within.limit, math.cos(angle.limit_rad), float(pairs.same_sign), kernel.scale, odds]
-    columns = pairs.distances, pairs.closest.normals, scan.normals, pairs.T_target_source[:3, :3]
+    columns = pairs.distances, pairs.closest.normals, scan._gating, pairs.T_target_source[:3, :3]
     more = nothing if scan.counts is None else scan.counts, spread, product(others, pairs) if others else nothing
     given = [as_plain(column) for column in (*columns, *more)]
     over_chunks(weigh_rows, len(scan), *given, np.array(limits), CHUNK, weights, sums, chunk=CHUNK)
