@@ -37,6 +37,8 @@ from dqreg.synth.parts import bracket
 # Standard deviation of a near start, in radians about each axis of the part and in sizes along it.
 OFF = 2e-3, 1e-3
 FOREIGN = 2
+# Scans that stand together within this share of the size are right: among wrong ones a best common motion says nothing.
+RIGHT = 0.01
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +61,7 @@ class Run:
     seed: int
     views: int
     placed: int
+    right: int  # Of these, the largest set that stands together as it truly does
     level: str
     codes: tuple[str, ...]
     worst: float
@@ -101,6 +104,7 @@ def _run(name: str, mesh: dqreg.Mesh, seed: int, options: argparse.Namespace) ->
         seed=seed,
         views=own,
         placed=int(np.isfinite(off).sum()),
+        right=_right(answer.T[:own], truth, mesh),
         level=answer.level,
         codes=answer.codes,
         worst=float(np.nanmax(off, initial=0.0)),
@@ -150,6 +154,15 @@ def _foreign(other: dqreg.Mesh, size: float, pixels: int, rng: np.random.Generat
     return list(turntable_views(shape, 12, pixels=pixels, rng=rng).scans[:FOREIGN])
 
 
+def _right(T: np.ndarray, truth: np.ndarray, mesh: dqreg.Mesh) -> int:
+    """How many views stand together within a share of the size, seen from that one with which most do."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
+    moved = np.stack([pose.apply(E, corners) for E in T @ pose.inverse(truth)])
+    off = np.linalg.norm(moved[:, None] - moved[None], axis=3).max(axis=2)
+    return int((off <= RIGHT * mesh.diagonal).sum(axis=1).max())
+
+
 def _chained(edges: Sequence[Edge], truth: np.ndarray, vertices: np.ndarray) -> float:
     """Worst vertex of the poses that neighbours give one after the other; NaN where a pair has none."""
     steps = {(edge.target, edge.source): edge.registration.T_target_source for edge in edges if edge.found}
@@ -177,7 +190,7 @@ def _interval(values: np.ndarray | list[float]) -> str:
 
 def _line(run: Run) -> str:
     return (
-        f"{run.part} seed {run.seed}: {run.placed} of {run.views} placed, {run.level}"
+        f"{run.part} seed {run.seed}: {run.placed} of {run.views} placed, {run.right} right, {run.level}"
         f"{' (' + ', '.join(run.codes) + ')' if run.codes else ''}, worst vertex {1e4 * run.worst:.2f}e-4, "
         f"median {1e4 * run.median:.2f}e-4, chained {1e4 * run.chained:.1f}e-4, NEES {_interval(run.squared)}, "
         f"{run.foreign} foreign placed, {run.cpu_seconds:.1f} s of CPU"
@@ -185,12 +198,15 @@ def _line(run: Run) -> str:
 
 
 def _show(runs: list[Run]) -> None:
-    table = Table("part", "seed", "placed", "verdict", "worst vertex", "median", "chained", "NEES", "foreign", "CPU s")
+    table = Table(
+        "part", "seed", "placed", "right", "verdict", "worst vertex", "median", "chained", "NEES", "foreign", "CPU s"
+    )
     for run in runs:
         table.add_row(
             run.part,
             str(run.seed),
             f"{run.placed}/{run.views}",
+            str(run.right),
             run.level,
             *(f"{1e4 * value:.2f}e-4" for value in (run.worst, run.median, run.chained)),
             _interval(run.squared),

@@ -213,4 +213,4 @@ def test_turntables_are_held_against_the_truth(capsys):
     (run,) = main_of("turntables")(["--views", "6", "--pixels", "40", "--start", "joint"])
     assert (run.placed, run.views, run.squared.shape) == (6, 6, (6,))
     assert run.median <= run.worst < 0.02
-    assert "6 of 6 placed" in capsys.readouterr().out
+    assert "6 of 6 placed, 6 right" in capsys.readouterr().out
