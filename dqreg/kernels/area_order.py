@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 
 # Slabs along an axis between which a cut is tried.
 SLABS = 8
@@ -122,7 +122,7 @@ def cheapest(
     return least, place
 
 
-@compiled
+@inside_kernels
 def join(one: FloatArray, j: int, other: FloatArray, i: int, both: FloatArray) -> None:
     """Write box and rows of two slabs together to that of the first."""
     for k in range(3):
@@ -131,7 +131,7 @@ def join(one: FloatArray, j: int, other: FloatArray, i: int, both: FloatArray) -
     both[j, 6] = one[j, 6] + other[i, 6]
 
 
-@compiled
+@inside_kernels
 def cost_of(slabs: FloatArray, j: int) -> float:
     """Half of the area of a box times its rows."""
     x, y, z = slabs[j, 3] - slabs[j, 0], slabs[j, 4] - slabs[j, 1], slabs[j, 5] - slabs[j, 2]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.triangle import closest_on, height_square
 
 DEEPEST = 96  # no tree of boxes that fits into memory is deeper
@@ -18,7 +18,7 @@ EQUALS = 64
 WIDER = 1.0 + 1e-9
 
 
-@compiled
+@inside_kernels
 def box_distance(box: FloatArray, j: int, x: float, y: float, z: float) -> float:
     """Squared distance from a point to box j; 0 inside."""
     dx = max(box[j, 0] - x, x - box[j, 3], 0.0)
@@ -28,7 +28,7 @@ def box_distance(box: FloatArray, j: int, x: float, y: float, z: float) -> float
     return square
 
 
-@compiled
+@inside_kernels
 def descend(
     nodes: FloatArray,
     links: IntArray,
@@ -86,7 +86,7 @@ def descend(
         node = stack[waiting]
 
 
-@compiled
+@inside_kernels
 def is_before(
     packed: FloatArray, faces: IntArray, t: int, other: int, x: float, y: float, z: float, floor: float
 ) -> bool:

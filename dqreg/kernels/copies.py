@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 
 # Multipliers of the finaliser of MurmurHash3: each bit of a word changes half of the hash.
 FIRST, SECOND = 0xFF51AFD7ED558CCD, 0xC4CEB9FE1A85EC53
@@ -45,7 +45,7 @@ def _first_copies(words: Words) -> IntArray:
     return first
 
 
-@compiled
+@inside_kernels
 def _key(words: Words, i: int) -> np.uint64:
     # A sum over the corners, so that their order does not matter.
     total = np.uint64(0)
@@ -59,7 +59,7 @@ def _key(words: Words, i: int) -> np.uint64:
     return total
 
 
-@compiled
+@inside_kernels
 def _same_corners(words: Words, i: int, j: int) -> bool:
     for a in range(3):
         found = False

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 
 # Multiplier and increment of a linear congruential generator (Knuth): pivots that no input was made against.
 FACTOR, STEP = 6364136223846793005, 1442695040888963407
@@ -50,7 +50,7 @@ def kd_order(places: FloatArray, leaf: int) -> IntArray:
     return order
 
 
-@compiled
+@inside_kernels
 def _widest_side(places: FloatArray, order: IntArray, low: int, high: int) -> int:
     widest, axis = -1.0, 0
     for k in range(3):
@@ -63,7 +63,7 @@ def _widest_side(places: FloatArray, order: IntArray, low: int, high: int) -> in
     return axis
 
 
-@compiled
+@inside_kernels
 def _part(keys: FloatArray, order: IntArray, left: int, right: int, middle: int) -> None:
     # Hoare's selection: afterwards no key before the middle is greater than one from there on.
     state = np.uint64(left + 1)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 
 # Forms side by side: their numbers stay in the nearest cache.
 LANES = 64
@@ -24,7 +24,7 @@ MOST_STEPS = 60
 DIAGONAL = (0, 4, 7, 9)
 
 
-@compiled
+@inside_kernels
 def turn(p: float, q: float, pq: float) -> tuple[float, float, float]:
     """Cosine, sine and tangent of the smaller angle that makes the entry pq of a symmetric matrix zero."""
     double, apart = 2.0 * pq, q - p
@@ -35,7 +35,7 @@ def turn(p: float, q: float, pq: float) -> tuple[float, float, float]:
     return c, t * c, t
 
 
-@compiled
+@inside_kernels
 def write_forms(H: FloatArray, first: int, count: int, A: FloatArray) -> None:
     """Entries 00, 01, 02, 03, 11, 12, 13, 22, 23, 33 of each form in units of the largest entry of H, and that unit."""
     for k in range(count):
@@ -53,7 +53,7 @@ def write_forms(H: FloatArray, first: int, count: int, A: FloatArray) -> None:
         A[10, k] = unit
 
 
-@compiled
+@inside_kernels
 def is_done(A: FloatArray, count: int) -> bool:
     """Whether no lane has an entry left to turn."""
     for j in (1, 2, 3, 5, 6, 8):
@@ -63,7 +63,7 @@ def is_done(A: FloatArray, count: int) -> bool:
     return True
 
 
-@compiled
+@inside_kernels
 def read_largest(A: FloatArray, V: FloatArray, first: int, count: int, values: FloatArray, vectors: FloatArray) -> None:
     """Write the three largest entries of each diagonal, falling, and the unit column of V that the first belongs to."""
     for k in range(count):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 
 
 @compiled
@@ -45,7 +45,7 @@ def majority_plane_rows(
         found[i] = best if best < math.inf else math.nan
 
 
-@compiled
+@inside_kernels
 def _reach(local: FloatArray, triple: IntArray, most: int, least: float, best: float, nearest: FloatArray) -> float:
     """Distance from the plane of three points within which so many lie; infinite where that is not below the best."""
     p, q, r = triple[0], triple[1], triple[2]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 
 Codes = NDArray[np.uint64]
 
@@ -32,7 +32,7 @@ def morton_cells(first: int, last: int, points: FloatArray, low: FloatArray, cel
         codes[i] = code
 
 
-@compiled
+@inside_kernels
 def _spread(cell: np.uint64) -> np.uint64:
     cell = cell & np.uint64((1 << BITS) - 1)
     cell = (cell | (cell << np.uint64(SHIFT_A))) & np.uint64(KEEP_A)
@@ -62,7 +62,7 @@ def sorted_rows(codes: Codes) -> IntArray:
     return rows
 
 
-@compiled
+@inside_kernels
 def _by_digits(codes: Codes, lowest: int) -> tuple[IntArray, Codes]:
     n, counts = len(codes), np.zeros(DIGITS * BUCKETS, np.int64)
     for i in range(n):
@@ -91,12 +91,12 @@ def _by_digits(codes: Codes, lowest: int) -> tuple[IntArray, Codes]:
     return rows, keys
 
 
-@compiled
+@inside_kernels
 def _digit(key: np.uint64, digit: int) -> np.int64:
     return np.int64((key >> np.uint64(DIGIT * digit)) & np.uint64(BUCKETS - 1))
 
 
-@compiled
+@inside_kernels
 def _settled(rows: IntArray, keys: Codes) -> bool:
     # Insertion; given up where more than a few stand in the wrong order, as of points that crowd in one cell.
     left = MOVES * len(keys)
@@ -144,7 +144,7 @@ def count_cells(codes: Codes) -> IntArray:
     return filled
 
 
-@compiled
+@inside_kernels
 def _last_bit(number: np.uint64) -> int:
     last, step = 0, 32
     while step > 0:

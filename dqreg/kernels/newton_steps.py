@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 
 # Of the six motions, the first: rotations about the origin; translations follow.
 TURNS = 3
@@ -55,7 +55,7 @@ def symmetric_axes(a: FloatArray, v: FloatArray) -> None:
             return
 
 
-@compiled
+@inside_kernels
 def newton_steps(
     M: FloatArray, y: FloatArray, scale: float, steps: int, nothing: float, noise: float, longest: float, flat: float
 ) -> float:
@@ -106,7 +106,7 @@ def newton_steps(
     return value
 
 
-@compiled
+@inside_kernels
 def value_of(M: FloatArray, y: FloatArray) -> float:
     """Value of the form."""
     total, numbers = 0.0, len(y)
@@ -118,7 +118,7 @@ def value_of(M: FloatArray, y: FloatArray) -> float:
     return total
 
 
-@compiled
+@inside_kernels
 def derive(M: FloatArray, y: FloatArray, slope: FloatArray, H: FloatArray, S: FloatArray) -> None:
     """Write gradient, Hessian and its part from squares, for a rotation about the origin and a translation after it."""
     numbers, many = len(y), len(slope)
@@ -155,7 +155,7 @@ def derive(M: FloatArray, y: FloatArray, slope: FloatArray, H: FloatArray, S: Fl
                 H[k, m] += 0.5 * (pull[k, m] + pull[m, k]) - (trace if k == m else 0.0)
 
 
-@compiled
+@inside_kernels
 def independent(
     slope: FloatArray,
     H: FloatArray,
@@ -206,7 +206,7 @@ def independent(
     return count
 
 
-@compiled
+@inside_kernels
 def inner(one: FloatArray, k: int, H: FloatArray, other: FloatArray, m: int) -> float:
     """Product of column k, a matrix, and column l."""
     total, many = 0.0, len(H)
@@ -216,7 +216,7 @@ def inner(one: FloatArray, k: int, H: FloatArray, other: FloatArray, m: int) -> 
     return total
 
 
-@compiled
+@inside_kernels
 def move(y: FloatArray, step: FloatArray, moved: FloatArray) -> None:
     """Write the numbers of the pose after a step: ``exp(w) - 1`` of R and t is added, and the translation."""
     w0, w1, w2 = step[0], step[1], step[2]

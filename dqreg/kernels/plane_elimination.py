@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.plane_fits import ELEMENTS, diagonalise
 
 # Weight of the usual variance in that of each plane, in points.
@@ -53,7 +53,7 @@ def eliminate_planes(
         add_curvature(first, last, scans, moments, rows, weight, numbers, table, blocks, held, crossed)
 
 
-@compiled
+@inside_kernels
 def fit_plane(total: FloatArray, a: FloatArray, v: FloatArray, numbers: FloatArray, plane: FloatArray) -> int:
     """Write the plane of some moments, ``plane . (x, 1) = 0``, and what its three numbers do to a distance, (3, 4).
 
@@ -81,7 +81,7 @@ def fit_plane(total: FloatArray, a: FloatArray, v: FloatArray, numbers: FloatArr
     return least
 
 
-@compiled
+@inside_kernels
 def write_rows(v: FloatArray, axis: int, rows: FloatArray) -> None:
     """Write what an increment of a pose does to ``n . x``, for a column of v: ``(x cross n, n)`` of (x, 1), (6, 4)."""
     p, q, r = v[0, axis], v[1, axis], v[2, axis]
@@ -89,7 +89,7 @@ def write_rows(v: FloatArray, axis: int, rows: FloatArray) -> None:
     rows[3, 3], rows[4, 3], rows[5, 3] = p, q, r
 
 
-@compiled
+@inside_kernels
 def add_curvature(
     first: int,
     last: int,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.plane_fits import ELEMENTS, diagonalise
 
 # Points that a plane is begun with, those that a piece has at least, and fits from the first one to the last.
@@ -16,7 +16,7 @@ SIDE = 0.3
 SPREAD = 3.0
 
 
-@compiled
+@inside_kernels
 def grow(
     points: FloatArray,
     normals: FloatArray,
@@ -69,7 +69,7 @@ def grow(
     return count
 
 
-@compiled
+@inside_kernels
 def fit_members(
     points: FloatArray, members: IntArray, count: int, frame: FloatArray, moments: FloatArray, axes: FloatArray
 ) -> None:

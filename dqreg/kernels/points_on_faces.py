@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 
 
 @compiled
@@ -65,7 +65,7 @@ def height(planes: FloatArray, k: int, points: FloatArray, i: int) -> float:
     return found
 
 
-@compiled
+@inside_kernels
 def face_planes(corners: FloatArray, face: int, normals: FloatArray, r: int, T: FloatArray, planes: FloatArray) -> None:
     """Write the plane of a face and those square to it through its sides, by their height over untouched points.
 

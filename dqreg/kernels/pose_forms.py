@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.newton_steps import newton_steps
 
 # Numbers of a pose: (vec R, t, 1), R row by row.
@@ -20,7 +20,7 @@ ROW_OF, COLUMN_OF, FIRST_OF = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2), (0, 3, 5, 
 TINY = float(np.finfo(np.float64).tiny)
 
 
-@compiled
+@inside_kernels
 def add_pair(
     point: tuple[float, float, float],
     elements: tuple[float, float, float, float, float, float],
@@ -48,7 +48,7 @@ def add_pair(
     return at
 
 
-@compiled
+@inside_kernels
 def place_of(row: int, k: int) -> int:
     """Where number k of ``R p + t`` by one row, factors of (p, 1), stands among the numbers of a pose."""
     return 3 * row + k if k < 3 else 9 + row
@@ -81,7 +81,7 @@ def form_of_sums(sums: FloatArray, origins: FloatArray, matrix: FloatArray) -> N
         move_origins(matrix, total[SUMS + 1 : SUMS + 7] / total[SUMS], origins)
 
 
-@compiled
+@inside_kernels
 def move_origins(matrix: FloatArray, steps: FloatArray, origins: FloatArray) -> None:
     """Bring a form, (13, 13), about other origins, which are so far from the old ones, (6,)."""
     # The old translation is ``t' - R steps_source + steps_target``, linear in the numbers of the pose.

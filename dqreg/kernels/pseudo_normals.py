@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 
 
 @compiled
@@ -87,7 +87,7 @@ def pseudo_normals_at(
             normals[i, k] = vertices[vertex, k] if at_end else sides[f, side, k]
 
 
-@compiled
+@inside_kernels
 def _least_share(feet: FloatArray, i: int, corners: FloatArray, f: int, normals: FloatArray) -> float:
     """Least barycentric coordinate of foot i on face f."""
     x, y, z = corners[f, 0, 0], corners[f, 0, 1], corners[f, 0, 2]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 
 # Coefficients of a height over two coordinates, up to squares.
 COEFFICIENTS = 6
@@ -62,7 +62,7 @@ def quadric_residual_rows(
         residuals[i] = math.sqrt(left / (count - COEFFICIENTS))
 
 
-@compiled
+@inside_kernels
 def place(
     points: FloatArray, neighbours: IntArray, i: int, normals: FloatArray, local: FloatArray
 ) -> tuple[float, float]:
@@ -93,7 +93,7 @@ def place(
     return uu + vv, uu * vv - uv * uv
 
 
-@compiled
+@inside_kernels
 def write_terms(local: FloatArray, j: int, size: float, terms: FloatArray) -> None:
     """Write what each coefficient of a quadric counts for at a point."""
     u, v = local[j, 0] / size, local[j, 1] / size

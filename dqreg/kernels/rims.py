@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.plane_fits import ELEMENTS, diagonalise
 
 Rows = NDArray[np.int32]
@@ -54,7 +54,7 @@ def line_rows(first: int, last: int, points: FloatArray, neighbours: Rows, line:
         found[i] = is_line(points, neighbours, i, line, a, v)
 
 
-@compiled
+@inside_kernels
 def is_line(points: FloatArray, neighbours: Rows, i: int, line: float, a: FloatArray, v: FloatArray) -> bool:
     """Whether the second variance of neighbours i is at most a share of the first; a and v are room to work in."""
     count = neighbours.shape[1] - 1

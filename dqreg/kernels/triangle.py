@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 
 # Columns of a packed triangle: first corner, the sides from it to the second and third, and their products.
 COLUMNS = 12
@@ -33,7 +33,7 @@ def pack(corners: FloatArray, order: IntArray, packed: FloatArray) -> None:
             packed[i, 11] += packed[i, 6 + k] * packed[i, 6 + k]
 
 
-@compiled
+@inside_kernels
 def closest_on(packed: FloatArray, t: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Squared distance from a point and the place ``a + u (b - a) + v (c - a)``: Ericson 2005, section 5.1.5."""
     ax, ay, az = x - packed[t, 0], y - packed[t, 1], z - packed[t, 2]
@@ -64,7 +64,7 @@ def closest_on(packed: FloatArray, t: int, x: float, y: float, z: float) -> tupl
     return gx * gx + gy * gy + gz * gz, u, v
 
 
-@compiled
+@inside_kernels
 def height_square(packed: FloatArray, t: int, x: float, y: float, z: float) -> float:
     """Square of the height of a point above the plane of a triangle; 0 for one without area."""
     bx, by, bz = packed[t, 3], packed[t, 4], packed[t, 5]

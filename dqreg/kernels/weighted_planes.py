@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.pose_forms import SUMS, add_pair
 
 # Columns of the sums: those of `form_of_sums`, and after them the sums of weights, of points and of their feet, and the
@@ -52,7 +52,7 @@ def plane_sums(
             total[at] += value
 
 
-@compiled
+@inside_kernels
 def cell_of(normals: FloatArray, i: int, cells: int) -> np.int64:
     """Cell of a unit normal in the cube around it, so many along each axis and one more."""
     cell = np.int64(0)

@@ -9,7 +9,7 @@ import pytest
 
 import dqreg
 from dqreg import kernels
-from dqreg.kernels import cache, second_process, threads
+from dqreg.kernels import cache, closest_triangles, second_process, threads
 from dqreg.kernels import compile_all as compile_all_module
 from dqreg.kernels.compile_all import compile_all
 from tests.icp.scenes import bracket_mesh, bracket_points
@@ -21,7 +21,7 @@ def dispatchers() -> dict[str, Any]:
         f"{name}.{key}": value
         for name in names
         for key, value in vars(importlib.import_module(name)).items()
-        if hasattr(value, "nopython_signatures") and value.__module__ == name
+        if hasattr(value, "nopython_signatures") and not isinstance(value, type) and value.__module__ == name
     }
 
 
@@ -39,6 +39,13 @@ def test_all_that_register_uses_is_compiled_beforehand_and_once(monkeypatch: pyt
     assert after == before
     # Each costs a second on its first use: one form of the arrays, and one of the plain numbers, is enough.
     assert max(before.values()) == 1, before
+
+
+def test_a_function_of_kernels_alone_refuses_to_be_called() -> None:
+    # There is no code for it, and Numba would jump to where none is.
+    with pytest.raises(TypeError, match="py_func"):
+        closest_triangles.box_distance(np.zeros((1, 6)), 0, 0.0, 0.0, 1.0)
+    assert closest_triangles.box_distance.py_func(np.zeros((1, 6)), 0, 0.0, 0.0, 2.0) == 4.0
 
 
 def test_two_processes_share_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
