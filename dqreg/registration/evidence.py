@@ -130,7 +130,7 @@ def _close(
     """Which points near the target count, (n,), and what those are that do not."""
     on, close = pairs.distances <= width, pairs.distances <= near
     if not has_border:
-        around = surroundings_of(pairs, width, near)
+        around = surroundings_of(pairs, width, near, surface.diagonal)
         return close & (on | ~around.elsewhere), around
     # What lies beyond the border of an open target was not measured there.
     close &= on | ~at_boundary(pairs.closest, surface, scale)
@@ -266,8 +266,8 @@ class Surroundings:
     share_contradicting: float  # On surface of the part itself, off the target
 
 
-def surroundings_of(pairs: Correspondences, width: float, near: float) -> Surroundings:
-    """What the points lie on, where the target is closed; within a width they are on it.
+def surroundings_of(pairs: Correspondences, width: float, near: float, size: float) -> Surroundings:
+    """What the points lie on, where the target is closed, of a size; within a width they are on it.
 
     Objects that reach farther than ``near`` with most of their points are no part of it.
     """
@@ -277,7 +277,7 @@ def surroundings_of(pairs: Correspondences, width: float, near: float) -> Surrou
         return Surroundings(nowhere, float(np.mean(on)), 0.0, 0.0)
     rows = sample_rows(len(on), SEGMENTED)
     points, distances = pairs.moved[rows], pairs.distances[rows]
-    segments = segments_of(points, pairs.closest.normals[rows], distances, width)
+    segments = segments_of(points, pairs.closest.normals[rows], distances, width, size)
     far = _far_objects(segments, distances > near)
     # Points between two segments go with the nearest one.
     known = np.flatnonzero(segments.labels >= 0)

@@ -144,7 +144,7 @@ def _of_the_part(fit: Fit, rows: IntArray) -> BoolArray:
     pairs = find_correspondences(scan.taken(rows), fit.prepared.surface, fit.T_target_source)
     width = min(ON * fit.run.mixture.scale, near)
     on, far = pairs.distances <= width, pairs.distances > near
-    of_the_part = ~surroundings_of(pairs, width, near).elsewhere
+    of_the_part = ~surroundings_of(pairs, width, near, fit.prepared.surface.diagonal).elsewhere
     off = np.flatnonzero(~on & of_the_part)
     if len(off) and far.any():
         around = pairs.moved[NeighbourTree(pairs.moved).nearest(pairs.moved[off], AROUND)[0]]

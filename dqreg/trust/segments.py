@@ -52,15 +52,17 @@ class Segments:
     other: BoolArray  # (n,): Other objects
 
 
-def segments_of(points: FloatArray, normals: FloatArray, distances: FloatArray, width: float) -> Segments:
+def segments_of(
+    points: FloatArray, normals: FloatArray, distances: FloatArray, width: float, size: float = np.inf
+) -> Segments:
     """What placed points lie on, given the outward normal and the distance of a closed target at each of them.
 
-    Points within the width are on the target.
+    Points within the width are on the target; what reaches farther than its size, the diagonal, is no face of it.
 
     Shapes: points (n, 3), normals (n, 3), distances (n,).
     """
     sides = _Sides.of(points, normals, distances, width)
-    guilty = np.append(sides.continuing() | sides.beyond_convex_edges(), False)
+    guilty = np.append(sides.continuing() | (sides.beyond_convex_edges() & ~sides.larger_than(size)), False)
     contradicting = sides.off & guilty[sides.labels]
     return Segments(sides.labels, distances <= width, contradicting, sides.off & ~contradicting)
 
@@ -102,6 +104,18 @@ class _Sides:
             clear = apart > CLEAR * (self.width + self.spacing[on])
             found[segment] = np.count_nonzero(clear) >= FEWEST
         return found
+
+    def larger_than(self, size: float) -> BoolArray:
+        """Segments with two points farther apart than a length, (segments,): along one of the axes, at least."""
+        known = np.flatnonzero(self.labels >= 0)
+        known = known[np.argsort(self.labels[known], kind="stable")]
+        found, starts = np.unique(self.labels[known], return_index=True)
+        large = np.zeros(self.labels.max(initial=-1) + 1, dtype=bool)
+        if len(found):
+            points = self.points[known]
+            extents = np.maximum.reduceat(points, starts) - np.minimum.reduceat(points, starts)
+            large[found] = extents.max(axis=1) > size
+        return large
 
     def beyond_convex_edges(self) -> BoolArray:
         """Segments off the target that meet segments on it in a convex edge, (segments,)."""

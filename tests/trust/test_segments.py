@@ -33,9 +33,9 @@ def table(seed: int, count: int = 4_000) -> np.ndarray:
     return points + NOISE * rng.normal(size=points.shape)
 
 
-def seen(points: np.ndarray) -> Segments:
+def seen(points: np.ndarray, size: float = PART.diagonal) -> Segments:
     closest = MeshSurface(PART).closest(points)
-    return segments_of(points, closest.normals, closest.distances, 4.0 * NOISE)
+    return segments_of(points, closest.normals, closest.distances, 4.0 * NOISE, size)
 
 
 def test_the_part_itself_is_on_the_target() -> None:
@@ -74,6 +74,8 @@ def test_a_face_that_meets_the_part_in_a_convex_edge_is_not_another_object() -> 
     # Points along its edges belong to no segment.
     assert found.contradicting[end].mean() >= 0.5
     assert not found.contradicting[~end].any()
+    # It is 60 wide: no face of a part with a diagonal of 50, whatever edge it meets that in.
+    assert seen(lean, 50.0).other[end].mean() >= 0.5
 
 
 def test_the_end_of_a_block_that_is_a_little_longer_is_of_the_same_body() -> None:
