@@ -22,9 +22,9 @@ from dqreg.multiway.pooled import Pieces, Pooled, centred
 from dqreg.rigid import pose
 
 # The scale of the first round, in spacings, and its least factor a round: it ends at the residuals of typical points.
-SOFT, HARDER, TYPICAL = 0.4, 0.5, 1.5
+SOFT, HARDER, TYPICAL = 0.4, 0.7, 1.5
 # Rounds, those that follow once the scale has settled, and steps of each.
-ROUNDS, SETTLED_ROUNDS, STEPS = 14, 4, 2
+ROUNDS, SETTLED_ROUNDS, STEPS = 22, 4, 2
 # The scale has settled when it falls by less than this.
 SETTLED = 0.9
 # Neighbours are looked for anew when a point has moved by so many spacings; the rounds end below the second number.
@@ -34,7 +34,7 @@ FLAT, SHARE = 0.1, 0.5
 # Standard deviation of the corners of a scan about where pairs put it, in spacings, for what no face holds.
 HELD = 0.5
 # Points that face a motion of a scan, without which faces do not hold it, and without which covariances take it so.
-FACING, SURE = 2.0, 4.0
+FACING, SURE = 2.0, 10.0
 # A scan that moves by more spacings than this from where pairs put it is none that they put right.
 FAR = 3.0
 
