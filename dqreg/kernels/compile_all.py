@@ -106,7 +106,6 @@ def _steps() -> None:
     least_cost_pose(np.eye(NUMBERS), np.zeros((2, 3)), np.eye(4), 1, *(1.0,) * 4, np.eye(4))
     form_of_sums(np.zeros((1, SUMS)), np.zeros((2, 3)), np.zeros((NUMBERS, NUMBERS)))
     disc_pair_sums(0, 0, *(FLAT,) * 4, *(ONE,) * 3, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
-    largest_eigenvectors(0, 1, np.eye(3)[:, :, None].copy(), np.zeros((3, 1)), np.zeros((4, 1)))
 
 
 def _weights() -> None:
@@ -169,15 +168,22 @@ def _normals() -> None:
     pseudo_normals_at(0, 0, flat, flat, FIRST, CORNERS, CORNERS, FIRST[None], flat, 1e-6, flat)
 
 
+def _many_problems() -> None:
+    largest_eigenvectors(0, 1, np.eye(3)[:, :, None].copy(), np.zeros((3, 1)), np.zeros((4, 1)))
+
+
+# A second process begins at the end: there is what a first registration to a part needs last, before that what it does
+# not need, and first what it needs at once and compiles itself.
 STEPS: tuple[Callable[[], None], ...] = (
-    _steps,
-    _faces,
-    _rims,
     _order,
+    _faces,
     _points,
-    _weights,
-    _patches,
+    _common_planes,
+    _many_problems,
+    _rims,
     _search,
     _normals,
-    _common_planes,
+    _patches,
+    _weights,
+    _steps,
 )
