@@ -31,6 +31,7 @@ class Task:
     rivals: FloatArray = dataclasses.field(
         default_factory=lambda: NONE_RIGHT
     )  # (m, 4, 4): from the truth to its equals
+    equals: FloatArray = dataclasses.field(default_factory=lambda: NONE_RIGHT)  # (m + 1, 4, 4): Poses that fit as well
     options: dict[str, Any] = dataclasses.field(default_factory=dict)  # Of `dqreg.register`
 
 
@@ -75,6 +76,7 @@ def on_part(
     start: tuple[float, float] | None = (8.0, 0.03),
     right: bool = True,
     T_off: FloatArray | None = None,
+    rivals: FloatArray = NONE_RIGHT,
     **more: Any,
 ) -> Task:
     """Task from a scan in the part's frame.
@@ -95,5 +97,7 @@ def on_part(
         mesh.vertices,
         size,
         noise * size,
+        rivals,
+        np.concatenate([T[None], rivals @ T]),
         **more,
     )

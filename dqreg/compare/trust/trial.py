@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.rigid import pose
 from dqreg.synth.truth import closest_truth, displacements
 from dqreg.trust.confidence import figures_taken
+
+if TYPE_CHECKING:
+    from dqreg.registration.result import Registration
 
 # A pose is right if no point of the part is displaced by more than this share of its diagonal.
 RIGHT = 0.02
@@ -104,15 +108,21 @@ def _onto_itself(motion: FloatArray, task: Task) -> bool:
     return bool(np.quantile(away, SAME_SHARE) <= SAME_SIGMAS * task.noise)
 
 
-def _names_rivals(result: object, task: Task) -> bool:
-    """Whether an alternative lies at one of the poses that fit as well, seen from the answer."""
-    T, others = result.T_target_source, result.alternatives  # type: ignore[attr-defined]
+def _names_rivals(result: Registration, task: Task) -> bool:
+    """Whether an alternative lies at a pose that fits as well and is another one than the answer.
+
+    Such poses are those of the task, and those that its motions lead to from the answer: a period farther on. Where
+    they form no group, as corners of a block, the answer may be any of them.
+    """
+    T, limit = result.T_target_source, RIGHT * task.size
     if not np.isfinite(T).all():
         return False
+    equals = np.concatenate([task.equals, task.rivals @ T])
     return any(
-        displacements(other.T_target_source, rival @ T, task.probes).max() <= RIGHT * task.size
-        for other in others
-        for rival in task.rivals
+        displacements(other.T_target_source, equal, task.probes).max() <= limit
+        for other in result.alternatives
+        if displacements(other.T_target_source, T, task.probes).max() > limit
+        for equal in equals
     )
 
 

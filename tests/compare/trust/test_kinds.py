@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from dqreg.compare.trust import shapes
 from dqreg.compare.trust.kinds import KINDS, kinds_named
 from dqreg.compare.trust.task import Drive, Task
-from dqreg.compare.trust.trial import is_right
+from dqreg.compare.trust.trial import _names_rivals, is_right
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, sample_mesh
 from dqreg.rigid import pose
@@ -107,3 +109,20 @@ def test_a_pose_is_right_where_the_part_lies_on_itself():
     assert not is_right(np.full((4, 4), np.nan), box)[0]
     cloud = Task(task.source, PointCloud(task.probes), None, np.eye(4)[None], task.probes, task.size, task.noise)
     assert not is_right(half_turn, cloud)[0]
+
+
+def test_any_other_corner_of_a_block_is_a_rival_of_the_one_that_is_answered():
+    # Corners of a block with three edges are no group: what leads from one to the next leads from most others astray.
+    task = KINDS["corner-of-box"].task(3)
+    assert len(task.equals) == 24
+
+    def names(answer, other):
+        alternatives = [SimpleNamespace(T_target_source=other)]
+        return _names_rivals(SimpleNamespace(T_target_source=answer, alternatives=alternatives), task)
+
+    assert all(names(task.equals[1], other) for other in task.equals[2:])
+    assert names(task.equals[1], task.equals[0])
+    # The answer itself, and a pose that does not fit, are none.
+    assert not names(task.equals[1], task.equals[1])
+    away = pose.from_parts(np.eye(3), [0.3 * task.size, 0.0, 0.0])
+    assert not names(task.equals[1], away @ task.equals[2])
