@@ -212,9 +212,11 @@ def mirror_gain(fit: Fit, *, always: bool = False) -> float:
 
 def _some_apart(fit: Fit) -> bool:
     """Whether some points near the target are far from it, measured by most: what a sparse scan shows of a mirror."""
-    surface, scan = fit.prepared.surface, fit.prepared.scan
-    # Rows that stand for many points scatter less than those of one: beside them each of these would seem far.
-    pairs, size = evenly_asked(fit.run, scan, surface, fit.run.mixture.scale), surface.diagonal
+    pairs, surface, scan = fit.run.pairs, fit.prepared.surface, fit.prepared.scan
+    if pairs.scan.counts is not None or len(pairs.scan) > JUDGES:
+        # Rows that stand for many points scatter less than those of one: beside them each of these would seem far.
+        pairs = evenly_asked(fit.run, scan, surface, fit.run.mixture.scale)
+    size = surface.diagonal
     near = pairs.distances <= NEAR * fit.problem.reach(fit.prepared)
     aside = np.abs(pairs.point_to_plane[near])
     usual = max(GAUSSIAN_MEDIAN * median(aside), LEAST * size) if len(aside) else np.inf
