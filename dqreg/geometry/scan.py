@@ -20,7 +20,7 @@ from dqreg.geometry.spacing import Spread, spacing_of
 FEWEST_POINTS = 3
 # Where the residuals of all planes but for this share are more than that share of their levers' lengths, neighbours
 # stand on different faces: some scans of 20 to 120 points came to 1.05, denser ones of all kinds to 0.64 at most.
-PLANES, NO_PLANES = 0.1, 0.65
+FLAT, NOT_FLAT = 0.1, 0.65
 # Points among which neighbours are searched where normals are fitted at a few points only of more than these.
 THINNED = 50_000
 # Points for each of the queries, from which on building a tree costs more than asking it.
@@ -159,8 +159,9 @@ class Scan:
         known = self.levers > 0.0
         if self.oriented or not known.any():
             return self.normals
-        rough = np.quantile(self.residuals[known] / np.sqrt(self.levers[known]), PLANES)
-        return np.zeros_like(self.normals) if rough > NO_PLANES else self.normals
+        # Counted: a quantile of all points would cost each stage of the loop more than its pose step.
+        flat = np.count_nonzero(known & (self.residuals <= NOT_FLAT * np.sqrt(self.levers)))
+        return self.normals if flat >= FLAT * np.count_nonzero(known) else np.zeros_like(self.normals)
 
     @cached_property
     def tree(self) -> NeighbourTree:
