@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, median
-from dqreg.geometry import Mesh, MeshSurface
+from dqreg.geometry import MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.evidence import NEAR, evenly_asked
 from dqreg.registration.fit import Fit
-from dqreg.rigid import pose, twist
+from dqreg.registration.near_places import is_same_place, near_maps
+from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of, axis_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.search import symmetry_words
-from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror, is_symmetry
+from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
@@ -38,11 +39,6 @@ STEPS = 12
 WORSE = 0.05
 # A shift is a period within this share of it.
 PERIOD = 0.05
-# A free motion is a screw where its rotation moves the part by more than this share of the whole, and its shift by more
-# than that share of the rotation's.
-SCREWS, PITCH = 0.3, 3e-3
-# Motions that less than this share of the inliers constrains may be screws.
-HELD = 0.1
 # The same where the time is up, and poses of the loop that are compared then.
 FEW_JUDGES, SEEN = 500, 4
 # Points apart from the target by so many standard deviations of most, and at least so many of that share of the size;
@@ -124,19 +120,17 @@ def near_symmetric_poses(fit: Fit) -> FloatArray:
 
 
 def _but_symmetric(fit: Fit, others: FloatArray) -> FloatArray:
-    mesh, surface = fit.problem.target.geometry, fit.prepared.surface
-    if not len(others) or not isinstance(mesh, Mesh):
+    if not len(others):
         return others
     back = pose.inverse(fit.T_target_source)
-    return others[[not is_symmetry(T @ back, mesh, surface) for T in others]]
+    return others[[not is_same_place(fit, T @ back) for T in others]]
 
 
 def _as_likely(fit: Fit) -> FloatArray:
     if not fit.found or fit.problem.watch.is_over:
         return NO_POSES
-    target, scan, surface = fit.problem.target, fit.prepared.scan, fit.prepared.surface
-    maps = np.concatenate([target.near_rotations, target.near_periods, _half_screws(fit)])
-    found = flipped_poses(fit.T_target_source, maps, scan, surface, limit_of(fit), fit.floor)
+    scan, surface = fit.prepared.scan, fit.prepared.surface
+    found = flipped_poses(fit.T_target_source, near_maps(fit), scan, surface, limit_of(fit), fit.floor)
     others = np.array([T for T, _ in found]).reshape(-1, 4, 4)
     if not len(others):
         return others
@@ -144,22 +138,6 @@ def _as_likely(fit: Fit) -> FloatArray:
     scores = scores_of(fit, np.concatenate([fit.T_target_source[None], others]))
     worse = scores.distinguishable(0) | (scores.deficit(0)[0] > BETTER)
     return others[~worse[1:]]
-
-
-def _half_screws(fit: Fit) -> FloatArray:
-    """Half-turns, either way, along screws that little constrains, such as that of a thread, (k, 4, 4)."""
-    information = fit.information
-    # The facets of a thread, and the ends of its turns, hold it a little.
-    weak = information.free | (information.carriers < HELD * float(fit.run.weights.sum()))
-    twists = information.vectors[:, weak].T / np.r_[[information.lever] * 3, [1.0] * 3]
-    found = []
-    for motion in twists:
-        rate = float(np.linalg.norm(motion[:3]))
-        shift = abs(float(motion[:3] @ motion[3:])) / max(rate, np.finfo(float).tiny)
-        # Rotations of a round part, and shifts along a bar, are no screws.
-        if shift > PITCH * information.lever * rate > PITCH * SCREWS:
-            found += [twist.exp(sign * np.pi / rate * motion) for sign in (1.0, -1.0)]
-    return np.array(found).reshape(-1, 4, 4)
 
 
 def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]:

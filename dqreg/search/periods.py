@@ -42,13 +42,16 @@ PLACES = np.array([SIDE**2, SIDE, 1])
 HERE = SIDE**3 // 2
 
 
-def near_periods(mesh: Mesh, surface: Surface) -> FloatArray:
-    """Periods of a part, either way: near translations that put most of what it has of them onto itself, (k, 4, 4)."""
+def near_periods(mesh: Mesh, surface: Surface, counted: int = COUNTED) -> FloatArray:
+    """Periods of a part, either way: near translations that put most of what it has of them onto itself, (k, 4, 4).
+
+    The differences of so many points are counted.
+    """
     rng = np.random.default_rng(0)
     sample = sample_mesh(mesh, DRAWN, rng)
     points, normals = sample.points, np.asarray(sample.normals)
     weights = rarity(normals)
-    rows = rng.choice(len(points), COUNTED, replace=False, p=weights / weights.sum())
+    rows = rng.choice(len(points), counted, replace=False, p=weights / weights.sum())
     shifts = _crowded(points[rows], normals[rows], surface.diagonal)
     if not len(shifts):
         return np.zeros((0, 4, 4))
@@ -77,9 +80,11 @@ def _crowded(points: FloatArray, normals: FloatArray, size: float) -> FloatArray
     pairs, counts = (as_plain(points), as_plain(normals), limits, SIDE), np.zeros(SIDE**3, dtype=np.int32)
     pair_differences(*pairs, counts, np.zeros(0, dtype=bool), np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
     near = _box_sums(counts + counts[::-1], 1)
+    # What stands out holds so many at least; of few cells is asked what is around them.
+    found = HERE + 1 + np.flatnonzero(near[HERE + 1 :] > STANDS_OUT)
     # A box of nine cells a side is three of three.
-    around = (_box_sums(near, 3) - near)[HERE + 1 :] * (27.0 / 702.0)
-    found = HERE + 1 + np.flatnonzero(near[HERE + 1 :] - around > STANDS_OUT * np.sqrt(np.maximum(around, 1.0)))
+    around = (_box_sums(near, 3)[found] - near[found]) * (27.0 / 702.0)
+    found = found[near[found] - around > STANDS_OUT * np.sqrt(np.maximum(around, 1.0))]
     found = found[near[found] == near[found[:, None] + _cube(2)].max(axis=1, initial=0)]
     found = found[np.argsort(-near[found], kind="stable")][:CROWDS]
     if not len(found):

@@ -1,0 +1,128 @@
+"""Motions that may lead from a pose to others that explain the scan as well: of parts, and of clouds alike."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry import CloudSurface, Mesh, Surface, sample_mesh
+from dqreg.geometry.normals import sample_rows
+from dqreg.registration.fit import Fit
+from dqreg.rigid import twist
+from dqreg.search.near_symmetry import is_symmetry, near_flips
+from dqreg.search.periods import near_periods
+from dqreg.search.plane_maps import FLAT, LOOKED_AT, LOST, Planes, plane_maps
+from dqreg.search.tangent_planes import TangentPlanes
+from dqreg.trust.patch_tests import ON
+
+# Points of a cloud whose differences tell its periods: it is asked for one scan.
+OF_CLOUD = 600
+# A free motion is a screw where its rotation moves the part by more than this share of the whole, and its shift by more
+# than that share of the rotation's.
+SCREWS, PITCH = 0.3, 3e-3
+# Motions that less than this share of the inliers constrains may be screws.
+HELD = 0.1
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Places:
+    """What is asked of a target, found once."""
+
+    maps: FloatArray  # (k, 4, 4): Rotations and periods that leave most of it in place
+    planes: Planes
+
+
+def near_maps(fit: Fit) -> FloatArray:
+    """Those that leave most of the target in place, and that put the scan's planes into others of its, (k, 4, 4).
+
+    A cloud is asked where the scan shows hardly more than planes: only these are found again so easily elsewhere that
+    it is worth a tenth of a registration.
+    """
+    surface = fit.prepared.surface
+    if isinstance(surface, CloudSurface) and _planes_of_scan(fit).flat < FLAT:
+        return _half_screws(fit)
+    found = _places(fit)
+    maps = [found.maps, _half_screws(fit)]
+    # All of a part fits in its own place, or after what leaves the part in place.
+    if isinstance(surface, CloudSurface) or not _reaches_over(fit, found.planes.points):
+        maps.append(plane_maps(_planes_of_scan(fit), found.planes, surface.diagonal))
+    return np.concatenate(maps)
+
+
+def _planes_of_scan(fit: Fit) -> Planes:
+    pairs = fit.run.pairs
+    near = pairs.distances <= ON * fit.run.mixture.scale
+    normals = np.where(near[:, None], pairs.closest.normals, 0.0)
+    return Planes.of(pairs.moved, normals, fit.prepared.surface.diagonal)
+
+
+def _reaches_over(fit: Fit, target: FloatArray) -> bool:
+    """Whether the scan reaches from end to end of the target along all axes, up to what a motion may lose."""
+    pairs = fit.run.pairs
+    near = pairs.moved[pairs.distances <= ON * fit.run.mixture.scale]
+    reach, whole = (np.ptp(points, axis=0) if len(points) else np.zeros(3) for points in (near, target))
+    return bool((reach >= (1.0 - LOST) * whole).all())
+
+
+def is_same_place(fit: Fit, T: FloatArray) -> bool:
+    """Whether a motion leaves all of the target about in place: the pose after it is the same to whoever asks."""
+    target, surface = fit.problem.target.geometry, fit.prepared.surface
+    if isinstance(target, Mesh):
+        return is_symmetry(T, target, surface)
+    return isinstance(surface, CloudSurface) and _tangent(fit, surface).is_symmetry(T)
+
+
+def _half_screws(fit: Fit) -> FloatArray:
+    """Half-turns, either way, along screws that little constrains, such as that of a thread, (k, 4, 4)."""
+    information = fit.information
+    # The facets of a thread, and the ends of its turns, hold it a little.
+    weak = information.free | (information.carriers < HELD * float(fit.run.weights.sum()))
+    twists = information.vectors[:, weak].T / np.r_[[information.lever] * 3, [1.0] * 3]
+    found = []
+    for motion in twists:
+        rate = float(np.linalg.norm(motion[:3]))
+        shift = abs(float(motion[:3] @ motion[3:])) / max(rate, np.finfo(float).tiny)
+        # Rotations of a round part, and shifts along a bar, are no screws.
+        if shift > PITCH * information.lever * rate > PITCH * SCREWS:
+            found += [twist.exp(sign * np.pi / rate * motion) for sign in (1.0, -1.0)]
+    return np.array(found).reshape(-1, 4, 4)
+
+
+def _places(fit: Fit) -> _Places:
+    target, surface = fit.problem.target, fit.prepared.surface
+    name = f"near places {_counted(surface)}"
+    if name not in target.derived:
+        target.derived[name] = _of_cloud(fit, surface) if isinstance(surface, CloudSurface) else _of_mesh(fit)
+    found: _Places = target.derived[name]
+    return found
+
+
+def _of_mesh(fit: Fit) -> _Places:
+    target = fit.problem.target
+    assert isinstance(target.geometry, Mesh)
+    sample = sample_mesh(target.geometry, LOOKED_AT, np.random.default_rng(0))
+    planes = Planes.of(sample.points, np.asarray(sample.normals), fit.prepared.surface.diagonal)
+    return _Places(np.concatenate([target.near_rotations, target.near_periods]), planes)
+
+
+def _of_cloud(fit: Fit, surface: CloudSurface) -> _Places:
+    rows = sample_rows(len(surface._points), LOOKED_AT)
+    planes = Planes.of(surface._points[rows], surface._fits_at(rows)[:, :3], surface.diagonal)
+    tangent = _tangent(fit, surface)
+    facets = tangent.facets()
+    return _Places(np.concatenate([near_flips(facets, tangent), near_periods(facets, tangent, OF_CLOUD)]), planes)
+
+
+def _tangent(fit: Fit, surface: CloudSurface) -> TangentPlanes:
+    target, name = fit.problem.target, f"tangent planes {_counted(surface)}"
+    if name not in target.derived:
+        target.derived[name] = TangentPlanes(surface)
+    found: TangentPlanes = target.derived[name]
+    return found
+
+
+def _counted(surface: Surface) -> int:
+    """Points of a cloud, zero of a mesh: of a large cloud the loop asks cells, of a size that the scan decides."""
+    return len(surface._points) if isinstance(surface, CloudSurface) else 0

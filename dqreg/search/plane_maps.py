@@ -1,0 +1,193 @@
+"""Motions that put the planes of a scan into other planes of its target: steps of stairs, corners of a block.
+
+Three planes fix a pose. Where a scan shows hardly more than planes, each pose that puts them into planes of the target
+may explain it as well; the heights of the planes tell which, before any point is asked.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray
+from dqreg.geometry.normals import sample_rows
+
+# Points that are looked at; directions and planes along each that are kept, with this share of the points.
+LOOKED_AT, DIRECTIONS, PLANES, LEAST_SHARE = 800, 5, 16, 0.015
+# Normals of one direction, and those that are tried as it; heights of one plane, and of planes that are laid in each
+# other, in sizes.
+SAME_COS, TRIED, THICK, WITHIN = np.cos(np.deg2rad(10.0)), 100, 0.01, 0.012
+# Share of the points that the planes hold, below which they say nothing of the rest; share of them that a motion may
+# put into no plane, or beyond the ends of the target.
+FLAT, LOST = 0.7, 0.15
+# Shifts along a direction that are combined, and motions that are kept; what moves the scan by less is none. Axes whose
+# smallest singular value is less fix no shift.
+SHIFTS, MOST, HERE, ACROSS = 5, 60, 0.02, 0.3
+# Points beyond the ends of the heights.
+BEYOND = 0.01
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Planes:
+    """Planes of a shape by their directions, of which the first holds most points."""
+
+    directions: FloatArray  # (k, 3): Unit normals of either sign
+    heights: tuple[FloatArray, ...]  # Of the planes along each direction
+    shares: tuple[FloatArray, ...]  # Of all points that each plane holds
+    points: FloatArray  # (n, 3)
+
+    @staticmethod
+    def of(points: FloatArray, normals: FloatArray, size: float) -> Planes:
+        """Planes of points on a shape of a size, with normals of either sign, zero where unknown, (n, 3)."""
+        rows = sample_rows(len(points), LOOKED_AT)
+        points, normals = points[rows], np.nan_to_num(normals[rows])
+        least = LEAST_SHARE * len(points)
+        left: BoolArray = np.asarray(normals.any(axis=1))
+        directions, heights, shares = [], [], []
+        for _ in range(DIRECTIONS):
+            few = np.flatnonzero(left)
+            if len(few) <= least:
+                break
+            alike = np.abs(normals[few] @ normals[few[sample_rows(len(few), TRIED)]].T) > SAME_COS
+            held = few[alike[:, int(alike.sum(axis=0).argmax())]]
+            left[held] = False
+            # The mean of either sign.
+            direction = np.linalg.eigh(normals[held].T @ normals[held])[1][:, 2]
+            found = _clusters(points[held] @ direction, THICK * size, least)
+            if found:
+                directions.append(direction)
+                heights.append(np.array([height for height, _ in found]))
+                shares.append(np.array([count for _, count in found]) / len(points))
+        return Planes(np.array(directions).reshape(-1, 3), tuple(heights), tuple(shares), points)
+
+    @property
+    def flat(self) -> float:
+        """Share of the points that lie in the planes."""
+        return float(sum(share.sum() for share in self.shares))
+
+
+def plane_maps(scan: Planes, target: Planes, size: float, *, mirrored: bool = False) -> FloatArray:
+    """Motions, or improper ones, that put the planes of a scan at its pose into others of a target, (k, 4, 4)."""
+    if scan.flat < FLAT or min(len(scan.directions), len(target.directions)) < 2:
+        return np.zeros((0, 4, 4))
+    ends = [_ends(target.points @ axis, WITHIN * size) for axis in target.directions]
+    found = [
+        lost_and_map
+        for R in _rotations(scan, target, mirrored=mirrored)
+        for lost_and_map in _shifted(R, scan, target, ends, WITHIN * size)
+    ]
+    middle = scan.points.mean(axis=0)
+    found.sort(key=lambda pair: pair[0])
+    maps = np.array([T for _, T in found]).reshape(-1, 4, 4)
+    turned = np.trace(maps[:, :3, :3], axis1=1, axis2=2) < 1.0 + 2.0 * SAME_COS
+    shifted = np.linalg.norm(maps[:, :3, :3] @ middle + maps[:, :3, 3] - middle, axis=1) > HERE * size
+    return np.asarray(maps[turned | shifted][:MOST])
+
+
+def _clusters(heights: FloatArray, thick: float, least: float) -> list[tuple[float, int]]:
+    """Middle and count of points of the planes, the fullest first."""
+    heights = np.sort(heights)
+    found: list[tuple[float, int]] = []
+    while len(found) < PLANES and len(heights):
+        counts = np.searchsorted(heights, heights + thick) - np.arange(len(heights))
+        best = int(counts.argmax())
+        if counts[best] < least:
+            break
+        held = slice(best, best + int(counts[best]))
+        found.append((float(heights[held].mean()), int(counts[best])))
+        heights = np.delete(heights, held)
+    return found
+
+
+def _ends(heights: FloatArray, within: float) -> tuple[float, float]:
+    """Heights between which a target reaches, and what lies about in them."""
+    heights = np.sort(heights)
+    beyond = int(BEYOND * len(heights))
+    return float(heights[beyond]) - within, float(heights[-1 - beyond]) + within
+
+
+def _rotations(scan: Planes, target: Planes, *, mirrored: bool) -> list[FloatArray]:
+    """Orthogonal matrices that lay the two largest directions of one shape along two of another."""
+    one = scan.directions[0]
+    across = np.linalg.norm(np.cross(scan.directions, one), axis=1)
+    other = scan.directions[int((across * [share.sum() for share in scan.shares]).argmax())]
+    back, third = _frame(one, other).T, -1.0 if mirrored else 1.0
+    found = []
+    for first, second in itertools.permutations(target.directions, 2):
+        for near in (second, -second):
+            angles = np.arccos(np.clip([first @ near, one @ other], -1.0, 1.0))
+            if abs(angles[0] - angles[1]) > np.arccos(SAME_COS):
+                continue
+            found += [_frame(sign * first, sign * near) * [1.0, 1.0, third] @ back for sign in (1.0, -1.0)]
+    return found
+
+
+def _frame(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Orthonormal axes, the columns: a direction, what is across it of another one, and what is across both."""
+    other = other - (other @ one) * one
+    other = other / np.linalg.norm(other)
+    return np.column_stack([one, other, np.cross(one, other)])
+
+
+def _shifted(
+    R: FloatArray, scan: Planes, target: Planes, ends: Sequence[tuple[float, float]], within: float
+) -> list[tuple[float, FloatArray]]:
+    """A rotation with each shift that loses few points of the scan, after the share of those."""
+    axes: list[FloatArray] = []
+    choices: list[list[tuple[float, float]]] = []
+    missing, turned, points = 0.0, scan.directions @ R.T, scan.points @ R.T
+    cosines = turned @ target.directions.T
+    for k, m in enumerate(np.abs(cosines).argmax(axis=1)):
+        if abs(cosines[k, m]) < SAME_COS:
+            missing += float(scan.shares[k].sum())
+            continue
+        axis = target.directions[m]
+        if axes and np.linalg.svd(np.array([*axes, axis]))[1][-1] < ACROSS:
+            continue
+        heights = np.sign(cosines[k, m]) * scan.heights[k]
+        choices.append(_shifts(heights, scan.shares[k], target.heights[m], points @ axis, ends[m], within))
+        axes.append(axis)
+        if len(axes) == 3 or not choices[-1] or missing > LOST:
+            break
+    is_fixed = len(axes) == 3 or (len(axes) == 2 and np.trace(R) > 1.0 + 2.0 * SAME_COS)
+    return _combined(R, axes, choices, missing) if is_fixed else []
+
+
+def _shifts(
+    heights: FloatArray,
+    shares: FloatArray,
+    theirs: FloatArray,
+    along: FloatArray,
+    ends: tuple[float, float],
+    within: float,
+) -> list[tuple[float, float]]:
+    """Share of the points that each shift along a direction loses, and the shift; the best ones."""
+    shifts = (theirs[:, None] - heights).ravel()
+    apart = np.abs(heights[:, None] + shifts[:, None, None] - theirs).min(axis=2) > within
+    along = np.sort(along)
+    beyond = 1.0 - np.diff(np.searchsorted(along, np.array(ends)[:, None] - shifts), axis=0)[0] / len(along)
+    lost = np.maximum(apart @ shares, beyond)
+    kept: list[tuple[float, float]] = []
+    for k in np.argsort(lost, kind="stable"):
+        if lost[k] > LOST or len(kept) == SHIFTS:
+            break
+        if all(abs(shifts[k] - shift) > within for _, shift in kept):
+            kept.append((float(lost[k]), float(shifts[k])))
+    return kept
+
+
+def _combined(
+    R: FloatArray, axes: Sequence[FloatArray], choices: Sequence[list[tuple[float, float]]], missing: float
+) -> list[tuple[float, FloatArray]]:
+    """All combinations of shifts along the axes that lose few points together."""
+    found, back = [], np.linalg.pinv(np.array(axes))
+    for some in itertools.product(*choices):
+        lost = missing + sum(share for share, _ in some)
+        if lost <= LOST:
+            T = np.eye(4)
+            T[:3, :3], T[:3, 3] = R, back @ [shift for _, shift in some]
+            found.append((lost, T))
+    return found

@@ -1,0 +1,37 @@
+"""Clouds that look the same elsewhere: the other places are named, but for symmetries."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg.geometry import Mesh, PointCloud, sample_mesh
+from dqreg.registration.register import register
+from dqreg.rigid import pose
+from dqreg.synth.parts import box
+
+BLOCK = Mesh(*box((40.0, 40.6, 39.5)))
+
+
+def sampled(mesh: Mesh, count: int, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    points = sample_mesh(mesh, count, rng).points
+    return points + 3e-4 * mesh.diagonal * rng.normal(size=points.shape)
+
+
+def test_a_corner_of_a_cloud_of_nearly_a_cube_fits_the_others() -> None:
+    scan, corner = sampled(BLOCK, 8_000, 0), BLOCK.vertices.max(axis=0)
+    scan = scan[np.linalg.norm(scan - corner, axis=1) < 25.0]
+    result = register(scan, PointCloud(sampled(BLOCK, 8_000, 1)), "identity", search="never")
+    assert "alternative_poses" in result.verdict.codes
+    placed = np.array([pose.apply(other.T_target_source, corner[None])[0] for other in result.alternatives])
+    away = np.linalg.norm(placed[:, None] - BLOCK.vertices, axis=2)
+    assert away.min(axis=1).max() <= 0.02 * BLOCK.diagonal
+    assert len(set(away.argmin(axis=1).tolist())) >= 4
+
+
+def test_a_whole_cloud_of_a_symmetric_part_has_no_rivals() -> None:
+    part = Mesh(*box((90.0, 60.0, 40.0)))
+    start = pose.from_parts(np.eye(3), [2.0, -1.0, 1.0])
+    result = register(sampled(part, 2_500, 0), PointCloud(sampled(part, 6_000, 1)), start, search="never")
+    assert result.verdict.level == "accepted"
+    assert not result.alternatives

@@ -1,0 +1,43 @@
+"""Planes of a scan in other planes of its target: corners of a block."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg.geometry import Mesh, sample_mesh
+from dqreg.rigid import pose
+from dqreg.search.plane_maps import WITHIN, Planes, plane_maps
+from dqreg.synth.parts import box, cylinder
+
+BLOCK = Mesh(*box((90.0, 60.0, 40.0)))
+
+
+def planes_of(mesh: Mesh, seed: int, near: np.ndarray | None = None, reach: float = np.inf) -> Planes:
+    """Planes of a mesh, or of the piece about a place, in the size of the whole; either sign of the normals."""
+    rng = np.random.default_rng(seed)
+    sample = sample_mesh(mesh, 20_000, rng)
+    kept = np.linalg.norm(sample.points - (0.0 if near is None else near), axis=1) < reach
+    normals = np.asarray(sample.normals)[kept] * rng.choice([-1.0, 1.0], (kept.sum(), 1))
+    return Planes.of(sample.points[kept], normals, mesh.diagonal)
+
+
+def test_a_corner_fits_all_corners_of_a_block_three_ways_round() -> None:
+    corners = BLOCK.vertices
+    scan, size = planes_of(BLOCK, 0, corners.max(axis=0), 30.0), BLOCK.diagonal
+    maps = plane_maps(scan, planes_of(BLOCK, 1), size)
+    placed = np.array([pose.apply(T, corners.max(axis=0)[None])[0] for T in maps])
+    away = np.linalg.norm(placed[:, None] - corners, axis=2)
+    assert len(maps) == 23
+    assert away.min(axis=1).max() <= 3.0 * WITHIN * size
+    # Three at each corner, and two beside the identity at its own.
+    assert sorted(np.bincount(away.argmin(axis=1), minlength=8).tolist()) == [2, *[3] * 7]
+    assert np.linalg.det(maps[:, :3, :3]) == pytest.approx(np.ones(23))
+    mirrors = plane_maps(scan, planes_of(BLOCK, 1), size, mirrored=True)
+    assert np.linalg.det(mirrors[:, :3, :3]) == pytest.approx(-np.ones(24))
+
+
+def test_a_whole_block_fits_its_half_turns_and_a_round_part_nothing() -> None:
+    assert len(plane_maps(planes_of(BLOCK, 0), planes_of(BLOCK, 1), BLOCK.diagonal)) == 3
+    shaft = Mesh(*cylinder(diameter=30.0, height=80.0))
+    assert len(plane_maps(planes_of(shaft, 0), planes_of(shaft, 1), shaft.diagonal)) == 0
