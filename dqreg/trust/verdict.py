@@ -13,8 +13,8 @@ from dqreg.trust.limits import FEWEST_OF_ALL
 from dqreg.trust.records import Check, Level, Reason, Verdict
 
 # Confidence below which a pose is not accepted though no figure alone speaks against it: of 186 such poses of the
-# tuning seeds two wrong ones came to 0.44 at most, and right ones, but for one among 60 % strays, to 0.69 and more.
-UNLIKELY = 0.6
+# tuning seeds two wrong ones came to 0.30 at most, and right ones, but for one among 60 % strays, to 0.64 and more.
+UNLIKELY = 0.52
 
 
 def judge(evidence: Evidence) -> Verdict:
