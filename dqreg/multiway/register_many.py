@@ -132,9 +132,8 @@ def register_many(
     found, turned = laid_by_angles(runner, found, known, order)
     sides = Sides.of(views, order, found)
     size, floor = typical_size(views), FLOOR * typical_spacing(views)
-    home = PART if part is not None else anchor
-    T_home = np.eye(4) if part is not None or known[anchor] is None else known[anchor]
-    judge = Judge(sides, len(views), home, size, floor, np.asarray(T_home))
+    home, T_home = (PART, np.eye(4)) if part is not None else (anchor, known[anchor])
+    judge = Judge(sides, len(views), home, size, floor, np.eye(4) if T_home is None else np.asarray(T_home))
     belief = _belief(runner, judge, found, turned, automatic=automatic)
     seconds["pairs"] = time.monotonic() - began - sum(seconds.values())
     joint = refined(views, sides.bodies, part, belief.T_world_scan[: len(views)], belief.anchor, size, effort)
@@ -142,26 +141,28 @@ def register_many(
         joint = turned.widened(joint, belief.anchor)
         belief = dataclasses.replace(belief, edges=tuple(turned.freed(belief.edges)))
     seconds["joint"] = time.monotonic() - began - sum(seconds.values())
-    settings = {
-        "order": order,
-        "edges": edges if isinstance(edges, str) else "given",
-        "anchor": anchor,
-        "effort": effort,
-        "seed": seed,
-        "time_limit": time_limit,
-        "target": None if part is None else part.indexed.name,
-        "size": size,
-        "floor": floor,
-        "viewpoints": [None if image is None else image.eye.tolist() for image in sides.free.images],
-    }
     views = sides.signed(views)
     overlap = overlap_matrix(views, joint.T_world_scan, size)
     against = tuple(sides.contradictions(joint.T_world_scan, overlap))
     turns = turnings(views, joint.T_world_scan, belief.edges, turned)
     remarks = tuple(contradicted_starts(views, known, joint.T_world_scan, belief.edges, size))
+    asked = {"order": order, "edges": edges, "anchor": anchor, "effort": effort, "seed": seed, "time_limit": time_limit}
+    settings = _settings(asked, part, judge)
     result = assembled(views, belief, joint, overlap, settings, seconds, runner.stopped, against, turns, remarks)
     log_verdict(result.verdict, f"{len(views)} scans into one frame", time.monotonic() - began)
     return result
+
+
+def _settings(asked: dict[str, Any], part: Target | None, judge: Judge) -> dict[str, Any]:
+    """What was asked for, and what came of it before any pose: for the result's file."""
+    return {
+        **asked,
+        "edges": asked["edges"] if isinstance(asked["edges"], str) else "given",
+        "target": None if part is None else part.indexed.name,
+        "size": judge.size,
+        "floor": judge.floor,
+        "viewpoints": [None if image is None else image.eye.tolist() for image in judge.sides.free.images],
+    }
 
 
 def _belief(

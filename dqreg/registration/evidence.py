@@ -8,12 +8,12 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
 from dqreg.geometry import CloudSurface, Scan, Surface
-from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import THINNED
 from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import at_boundary
+from dqreg.registration.surroundings import Surroundings, surroundings_of
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.chance import random_ratio
@@ -21,7 +21,6 @@ from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import LEAST_NOISE, NORMALS_APART
 from dqreg.trust.neighbourhoods import Neighbourhoods
 from dqreg.trust.patch_tests import ON, isolated, patches_off, share_together, stretch_of, waviness_of
-from dqreg.trust.segments import Segments, segments_of
 from dqreg.trust.strain import Strain, strain_of
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
@@ -45,8 +44,6 @@ MISFIT = 2.0
 SMOOTH, ROUGH = 0.4, 0.4
 # A scan whose noise is large against its spacing is rough everywhere: strays are rougher by this factor.
 MORE_THAN_USUAL = 2.5
-# Points of which segments are made, and the share of points off the target from which it is asked what they are.
-SEGMENTED, SOME_OFF = 5_000, 0.02
 # Points from which the strain is fitted.
 STRAINED = 3_000
 # Patches that deviate are measured by so many standard deviations of most inliers at most, and by this share of the
@@ -78,18 +75,14 @@ def agreement_of(
     alone = isolated(pairs.scan, on, scan if len(scan) <= THINNED else None)
     kept = ~around.elsewhere & ~alone
     scale = mixture.scale if isinstance(surface, CloudSurface) else min(mixture.scale, _usual_scale(aside, surface))
-    patches, off = patches_off(
-        pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept], scale
-    )
-    # From cloud to cloud the tangent planes are guesses between points that stand apart.
-    floor = scan.spacing if has_border else smallest_kernel_scale(scan, surface)
-    local = _local(run, scan, surface, pairs, width, floor)
-    clutter = has_border or bool(around.elsewhere.any())
+    asked = pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept]
+    patches, off = patches_off(*asked, scale)
+    local = _local(run, scan, surface, pairs, width, has_border=has_border)
     strain, is_part = Strain(), not isinstance(surface, CloudSurface)
     # Between the points of two clouds, tangent planes are guesses; where the time is up, no pose is accepted anyway.
     if is_part and count >= LOOKED_AT:
-        sparse = len(scan) < SPARSE and not has_border
-        strain = _strain(pairs, on if has_border else close & ~alone, clutter=clutter, sparse=sparse)
+        counted, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
+        strain = _strain(pairs, counted, clutter=has_border or bool(around.elsewhere.any()), sparse=sparse)
     # Against a part, what differs from point to point is noise: the curvature of its faces is known.
     waviness, local_noise = waviness_of(aside, pairs.closest.normals[on]) if is_part else (0.0, np.nan)
     noise = local_noise if np.isfinite(local_noise) else mixture.scale
@@ -163,8 +156,12 @@ def _strain(pairs: Correspondences, counted: BoolArray, *, clutter: bool, sparse
     return dataclasses.replace(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
 
 
-def _local(run: Alignment, scan: Scan, surface: Surface, pairs: Correspondences, width: float, floor: float) -> _Local:
+def _local(
+    run: Alignment, scan: Scan, surface: Surface, pairs: Correspondences, width: float, *, has_border: bool
+) -> _Local:
     """What the neighbourhoods say: where that is against the pose, asked of what they would be on the target."""
+    # From cloud to cloud the tangent planes are guesses between points that stand apart.
+    floor = scan.spacing if has_border else smallest_kernel_scale(scan, surface)
     fitted = pairs
     if scan.fitted is not None and len(pairs.scan) < len(scan):
         fitted = _fitted_pairs(run, scan, scan.fitted, surface, run.mixture.scale)
@@ -254,46 +251,3 @@ class _Local:
             normals_apart=_share(cosines < np.cos(APART_RAD), compared),
             noise=quantile(residuals[on & known], 0.3) if (on & known).any() else np.inf,
         )
-
-
-@dataclasses.dataclass(frozen=True)
-class Surroundings:
-    """What the points of a scan lie on, as shares of all; the rest is on edges, on no surface or hardly off."""
-
-    elsewhere: BoolArray  # (n,): Points of objects that reach far from the target
-    share_on: float  # On the target
-    share_other: float  # On other objects
-    share_contradicting: float  # On surface of the part itself, off the target
-
-
-def surroundings_of(pairs: Correspondences, width: float, near: float, size: float) -> Surroundings:
-    """What the points lie on, where the target is closed, of a size; within a width they are on it.
-
-    Objects that reach farther than ``near`` with most of their points are no part of it.
-    """
-    on = pairs.distances <= width
-    nowhere = np.zeros(len(on), dtype=bool)
-    if np.mean(on) >= 1.0 - SOME_OFF:
-        return Surroundings(nowhere, float(np.mean(on)), 0.0, 0.0)
-    rows = sample_rows(len(on), SEGMENTED)
-    points, distances = pairs.moved[rows], pairs.distances[rows]
-    segments = segments_of(points, pairs.closest.normals[rows], distances, width, size)
-    far = _far_objects(segments, distances > near)
-    # Points between two segments go with the nearest one.
-    known = np.flatnonzero(segments.labels >= 0)
-    elsewhere = nowhere
-    if far.any():
-        elsewhere = ~on & far[known][NeighbourTree(points[known]).nearest(pairs.moved, 1)[0][:, 0]]
-    shares = (float(np.mean(side)) for side in (segments.on, segments.other, segments.contradicting))
-    return Surroundings(elsewhere, *shares)
-
-
-def _far_objects(segments: Segments, far: BoolArray) -> BoolArray:
-    """Points of other objects of which most points are far, (n,)."""
-    known = segments.labels >= 0
-    count, of_far, wrong = (
-        np.bincount(segments.labels[known], side[known].astype(float))
-        for side in (np.ones_like(far), far, segments.contradicting)
-    )
-    objects = (of_far > 0.5 * count) & (wrong == 0.0)
-    return np.asarray(known & np.append(objects, False)[segments.labels])

@@ -17,9 +17,9 @@ from dqreg.geometry import MeshSurface
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import find_correspondences
-from dqreg.registration.evidence import surroundings_of
 from dqreg.registration.fit import Fit
 from dqreg.registration.rivals import scores_and_rows, scores_of
+from dqreg.registration.surroundings import surroundings_of
 from dqreg.rigid import pose, twist
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses

@@ -1,0 +1,59 @@
+"""What the points of a scan lie on that are not on the target: other objects, or surface of the part itself."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg._arrays import BoolArray
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import sample_rows
+from dqreg.icp import Correspondences
+from dqreg.trust.segments import Segments, segments_of
+
+# Points of which segments are made, and the share of points off the target from which it is asked what they are.
+SEGMENTED, SOME_OFF = 5_000, 0.02
+
+
+@dataclasses.dataclass(frozen=True)
+class Surroundings:
+    """What the points of a scan lie on, as shares of all; the rest is on edges, on no surface or hardly off."""
+
+    elsewhere: BoolArray  # (n,): Points of objects that reach far from the target
+    share_on: float  # On the target
+    share_other: float  # On other objects
+    share_contradicting: float  # On surface of the part itself, off the target
+
+
+def surroundings_of(pairs: Correspondences, width: float, near: float, size: float) -> Surroundings:
+    """What the points lie on, where the target is closed, of a size; within a width they are on it.
+
+    Objects that reach farther than ``near`` with most of their points are no part of it.
+    """
+    on = pairs.distances <= width
+    nowhere = np.zeros(len(on), dtype=bool)
+    if np.mean(on) >= 1.0 - SOME_OFF:
+        return Surroundings(nowhere, float(np.mean(on)), 0.0, 0.0)
+    rows = sample_rows(len(on), SEGMENTED)
+    points, distances = pairs.moved[rows], pairs.distances[rows]
+    segments = segments_of(points, pairs.closest.normals[rows], distances, width, size)
+    far = _far_objects(segments, distances > near)
+    # Points between two segments go with the nearest one.
+    known = np.flatnonzero(segments.labels >= 0)
+    elsewhere = nowhere
+    if far.any():
+        elsewhere = ~on & far[known][NeighbourTree(points[known]).nearest(pairs.moved, 1)[0][:, 0]]
+    shares = (float(np.mean(side)) for side in (segments.on, segments.other, segments.contradicting))
+    return Surroundings(elsewhere, *shares)
+
+
+def _far_objects(segments: Segments, far: BoolArray) -> BoolArray:
+    """Points of other objects of which most points are far, (n,)."""
+    known = segments.labels >= 0
+    count, of_far, wrong = (
+        np.bincount(segments.labels[known], side[known].astype(float))
+        for side in (np.ones_like(far), far, segments.contradicting)
+    )
+    objects = (of_far > 0.5 * count) & (wrong == 0.0)
+    return np.asarray(known & np.append(objects, False)[segments.labels])
