@@ -41,14 +41,15 @@ def near_maps(fit: Fit) -> FloatArray:
     it is worth a tenth of a registration.
     """
     surface = fit.prepared.surface
-    if isinstance(surface, CloudSurface) and _planes_of_scan(fit).flat < FLAT:
+    scan = _planes_of_scan(fit) if isinstance(surface, CloudSurface) else None
+    if scan is not None and scan.flat < FLAT:
         return _half_screws(fit)
     found = _places(fit)
-    maps = [found.maps, _half_screws(fit)]
     # All of a part fits in its own place, or after what leaves the part in place.
-    if isinstance(surface, CloudSurface) or not _reaches_over(fit, found.planes.points):
-        maps.append(plane_maps(_planes_of_scan(fit), found.planes, surface.diagonal))
-    return np.concatenate(maps)
+    if scan is None and not _reaches_over(fit, found.planes.points):
+        scan = _planes_of_scan(fit)
+    others = [] if scan is None else [plane_maps(scan, found.planes, surface.diagonal)]
+    return np.concatenate([found.maps, _half_screws(fit), *others])
 
 
 def _planes_of_scan(fit: Fit) -> Planes:
