@@ -33,6 +33,15 @@ class Belief:
     rows: IntArray  # (m,): Numbers of those edges, in the order that the loops count them
     confirmed: BoolArray  # (m,): Whether a closing loop, of three or more, confirms them
 
+    @property
+    def is_unanimous(self) -> bool:
+        """Whether all pairs that tell anything are used, and no loop of them fails to close.
+
+        Scans of something else, and views that look alike elsewhere, always left pairs that contradict the others.
+        """
+        told = (edge for edge in self.edges if edge.found and edge.code != "uncertain")
+        return all(edge.used for edge in told) and not self.loops.fails.any()
+
 
 def believe(edges: Sequence[Edge], count: int, anchor: int, size: float, floor: float, T_anchor: FloatArray) -> Belief:
     """Judge all edges that were tried, and place what they hold together.

@@ -10,7 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.multiway.admit import Union, largest_union
 from dqreg.multiway.believe import Belief
-from dqreg.multiway.edges import PART, Edge, EdgeCode
+from dqreg.multiway.edges import HELD_BY_LOOPS, PART, Edge, EdgeCode
 from dqreg.multiway.foreign import Judge
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairJob, PairRunner
@@ -53,8 +53,16 @@ def _seen(runner: PairRunner, usable: list[int]) -> bool:
 
 
 def _in_doubt(belief: Belief, usable: list[int]) -> bool:
-    """Whether a scan is not placed, or no accepted pair that is used holds it."""
-    sure = {k for edge in belief.edges if edge.used and edge.level == "accepted" for k in (edge.target, edge.source)}
+    """Whether a scan is not placed, or held by no accepted pair that is used and by no loops of pairs that all agree.
+
+    A union of poses that were never refined together refuses right scans too: it is not asked where nobody disagrees.
+    """
+    used = [edge for edge in belief.edges if edge.used]
+    sure = {k for edge in used if edge.level == "accepted" for k in (edge.target, edge.source)}
+    if belief.is_unanimous:
+        looped = set(belief.loops.nodes[belief.loops.closes].ravel().tolist())
+        loose = [edge for edge in used if set(edge.registration.verdict.codes) <= HELD_BY_LOOPS]
+        sure |= looped & {k for edge in loose for k in (edge.target, edge.source)}
     return not set(usable) <= sure
 
 

@@ -54,6 +54,8 @@ LOOSE = frozenset(
         "search_time_limit",
     }
 )
+# May be doubted of pairs that all agree, since loops tell it: how well motions are held, and whether beyond one plane.
+HELD_BY_LOOPS = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty", "one_plane"})
 # Node of a part in whose frame all scans are placed.
 PART = -1
 

@@ -13,7 +13,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError
 from dqreg.multiway.believe import Belief, believe
-from dqreg.multiway.edges import Edge, EdgeCode
+from dqreg.multiway.edges import HELD_BY_LOOPS, Edge, EdgeCode
 from dqreg.multiway.merge import merged_target
 from dqreg.multiway.pairs import Pair
 from dqreg.multiway.scans import View
@@ -196,7 +196,8 @@ def _fits_all(
         found = register(cloud, others, T, effort=effort, seed=seed, search="never", keep_inputs=False, units="ignore")
     except DqregError:
         return False
-    if found.verdict.level != "accepted" and not set(found.verdict.codes) <= UNHELD:
+    unheld = HELD_BY_LOOPS if belief.is_unanimous else UNHELD
+    if found.verdict.level != "accepted" and not set(found.verdict.codes) <= unheld:
         return False
     middle = cloud.points.mean(axis=0)[None]
     moved = np.linalg.norm(pose.apply(found.T_target_source, middle) - pose.apply(T, middle))

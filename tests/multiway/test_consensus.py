@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import PointCloud
-from dqreg.multiway import admit
+from dqreg.multiway import admit, consensus
 from dqreg.multiway.consensus import _in_frame, by_consensus
 from dqreg.multiway.edges import Edge
 from dqreg.multiway.foreign import Judge
@@ -18,7 +18,7 @@ from dqreg.registration.result import Registration
 from dqreg.rigid import pose
 from dqreg.synth.many_views import turntable_views
 from dqreg.synth.parts import bracket, feeder
-from dqreg.trust.records import Reason, Verdict
+from dqreg.trust.records import Code, Reason, Verdict
 from tests.multiway.edges_of_truth import edges_of
 
 VIEWS = 5
@@ -76,6 +76,51 @@ def test_a_scan_of_something_else_goes_though_its_pairs_confirm_each_other(
     assert all(len(progress.edge.registration.settings["against"]) >= 2 for progress in told)
     # The others stand where their pairs have them: these were moved by a thousandth of their size.
     np.testing.assert_allclose(after.T_world_scan[:VIEWS], T[:VIEWS], atol=0.01 * size)
+
+
+def doubted(edges: list[Edge], code: Code) -> list[Edge]:
+    """The edges, those of the last view of the bracket suspect for one reason."""
+    verdict = Verdict("suspect", (Reason("made by hand", code),), confidence=0.4)
+    return [
+        dataclasses.replace(edge, registration=dataclasses.replace(edge.registration, verdict=verdict))
+        if VIEWS - 1 in (edge.target, edge.source)
+        else edge
+        for edge in edges
+    ]
+
+
+@pytest.mark.parametrize(
+    ("code", "turned", "asked"),
+    [
+        ("weakly_constrained", False, False),
+        ("one_plane", False, False),
+        ("faces_apart", False, True),
+        ("weakly_constrained", True, True),
+    ],
+)
+def test_where_all_pairs_agree_loops_hold_what_is_weakly_held(
+    mixed: tuple[tuple[View, ...], np.ndarray, list[Edge]],
+    monkeypatch: pytest.MonkeyPatch,
+    code: Code,
+    turned: bool,
+    asked: bool,
+) -> None:
+    """All scans together are asked where a pair speaks against a pose, or one pair against the others."""
+    views, T, edges = mixed
+    views, size = views[:VIEWS], typical_size(views)
+    edges = doubted([edge for edge in edges if edge.source < VIEWS], code)
+    if turned:
+        flipped = edges_of(T, [(0, 3)], 1e-3, 0)[0]
+        T_flipped = flipped.registration.T_target_source @ pose.exp(np.r_[np.pi, 0.0, 0.0, 0.0, 0.0, 0.0])
+        edges.append(said(flipped, sure=True, T=T_flipped))
+    judge = Judge(Sides.of(views, "any"), VIEWS, 0, size, 1e-3 * size, np.eye(4))
+    before = judge(edges)
+    assert np.isfinite(before.T_world_scan[:VIEWS]).all()
+    calls: list[int] = []
+    monkeypatch.setattr(consensus, "largest_union", lambda *_: calls.append(1))
+    _, after = by_consensus(PairRunner(views, None, "fast", 0, 1, np.inf, None, None), judge, before)
+    assert bool(calls) == asked
+    assert after is before
 
 
 def test_a_registration_to_all_others_is_the_same_in_the_frame_of_one_of_them() -> None:
