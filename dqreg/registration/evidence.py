@@ -16,7 +16,7 @@ from dqreg.icp.rejectors import at_boundary
 from dqreg.registration.surroundings import Surroundings, surroundings_of
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
-from dqreg.trust.chance import random_ratio
+from dqreg.trust.chance import places_of, random_ratio
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import LEAST_NOISE, NORMALS_APART
 from dqreg.trust.neighbourhoods import Neighbourhoods
@@ -110,6 +110,7 @@ def agreement_of(
         local_noise=local_noise,
         share_together=_together(pairs, close, kept, noise, min(scan.diagonal, surface.diagonal)) if is_part else 0.0,
         # A pose that is not accepted anyway is not compared with random ones.
+        places=places_of(pairs.moved[on]),
         random_ratio=0.0 if count < LOOKED_AT else _random_ratio(pairs, on, surface),
         share_on=around.share_on,
         share_other=around.share_other,

@@ -14,6 +14,18 @@ POINTS, POSES, QUANTILE = 400, 24, 0.1
 LEAST_RAD, SHIFT = np.deg2rad(30.0), 0.15
 # Residuals below this share of the extent of the points are never reached by chance.
 OVERWHELMING = 0.004
+# Points within one cell of this share of their extent lie at one place; of so many points the places are counted.
+CELL, COUNTED = 0.01, 400
+
+
+def places_of(points: FloatArray) -> int:
+    """At how many distinct places points (n, 3) lie, of some of them: a place measured a hundred times fits once."""
+    if not len(points):
+        return 0
+    some = points[np.linspace(0, len(points) - 1, min(COUNTED, len(points))).round().astype(np.int64)]
+    low, high = bounds(some)
+    cells = np.floor((some - low) / max(CELL * float(np.linalg.norm(high - low)), np.finfo(float).tiny))
+    return len(np.unique(cells @ (1.0, 2.0 / CELL, (2.0 / CELL) ** 2)))
 
 
 def random_ratio(placed: FloatArray, inlying: float, rms: float, surface: Surface) -> float:

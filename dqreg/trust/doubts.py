@@ -60,6 +60,8 @@ def counted(evidence: Evidence) -> str:
 def _few_inliers(evidence: Evidence) -> Iterator[str]:
     if not evidence.inliers >= FEWEST_INLIERS:
         yield f"only {evidence.inliers:.0f} inliers: too few to check the pose"
+    elif not evidence.places >= FEWEST_INLIERS:
+        yield f"the inliers lie at {evidence.places:.0f} distinct places only: too few to check the pose"
 
 
 def _low_inlier_fraction(evidence: Evidence) -> Iterator[str]:

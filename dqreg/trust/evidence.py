@@ -21,6 +21,8 @@ class Evidence:
         Whether there is a pose at all.
     inliers : float
         Sum of the inlier probabilities.
+    places : float
+        Distinct places at which inliers lie, of some hundreds of them; infinite where that was not counted.
     share_near, near : float
         Fraction of inliers among the points within the distance ``near`` of the target; infinite counts all points.
     patches, patches_off : int, float
@@ -119,6 +121,7 @@ class Evidence:
     usual: float = math.nan
     random_ratio: float = 0.0
     size: float = math.nan
+    places: float = math.inf
     carriers: tuple[float, ...] = ()
     carriers_of_both: bool = False
     bend: float = 0.0
@@ -140,6 +143,11 @@ class Evidence:
     rims_shared: float = math.nan
     largest_plane: float = math.nan
     deformation: float = 0.0
+
+    @property
+    def distinct_inliers(self) -> float:
+        """The inliers, each place counted once."""
+        return min(self.inliers, self.places)
 
     @property
     def share_nowhere(self) -> float:

@@ -91,7 +91,7 @@ def chance_limit(evidence: Evidence) -> float:
     It is smaller for few inliers: among so many poses as a search sees, one fits few points by chance.
     """
     of_the_part = 1.0 if evidence.has_border else min(1.0, evidence.share_on / MOSTLY_ON)
-    return CHANCE * of_the_part * min(1.0, evidence.inliers / MANY_INLIERS)
+    return CHANCE * of_the_part * min(1.0, evidence.distinct_inliers / MANY_INLIERS)
 
 
 def wavy_limit(evidence: Evidence) -> float:

@@ -6,8 +6,8 @@ import pytest
 import dqreg
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.synth.parts import box, bracket
-from dqreg.trust.chance import random_ratio
-from dqreg.trust.limits import CHANCE
+from dqreg.trust.chance import places_of, random_ratio
+from dqreg.trust.limits import CHANCE, FEWEST_INLIERS
 
 PART = Mesh(*box((100.0, 60.0, 40.0)))
 SURFACE = MeshSurface(PART)
@@ -34,6 +34,32 @@ def test_it_is_the_same_in_any_unit_and_every_time() -> None:
     points = sample_mesh(PART, 300, np.random.default_rng(1)).points + 0.5
     again = random_ratio(1e3 * points, 1.0, 1e3 * 0.5, MeshSurface(Mesh(1e3 * PART.vertices, PART.faces)))
     assert random_ratio(points, 1.0, 0.5, SURFACE) == pytest.approx(again, rel=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e6])
+@pytest.mark.parametrize("shift", [0.0, 5e6])
+def test_places_are_counted_once_however_often_they_were_measured(scale: float, shift: float) -> None:
+    rng = np.random.default_rng(2)
+    grid = scale * (np.stack(np.meshgrid(*[np.arange(3.0)] * 3), axis=-1).reshape(-1, 3) + shift)
+    assert places_of(np.empty((0, 3))) == 0
+    assert places_of(grid) == len(grid)
+    # A cluster may lie across the borders of cells.
+    often = np.repeat(grid, 30, axis=0) + 1e-4 * scale * rng.normal(size=(30 * len(grid), 3))
+    assert len(grid) <= places_of(rng.permutation(often)) <= 8 * len(grid)
+
+
+def test_points_all_over_a_part_are_as_many_places() -> None:
+    points = sample_mesh(PART, 20_000, np.random.default_rng(3)).points
+    assert places_of(points) >= 5 * FEWEST_INLIERS
+
+
+def test_a_dozen_places_that_fit_by_chance_are_not_enough_however_many_points() -> None:
+    """Twelve points of the part, of which each was measured 40 times, from the truth (identity): nothing checks it."""
+    rng = np.random.default_rng(4)
+    points = np.repeat(sample_mesh(PART, 12, rng).points, 40, axis=0) + 0.02 * rng.normal(size=(480, 3))
+    found = dqreg.register(points, PART, "identity", effort="fast", units="ignore")
+    assert found.verdict.level != "accepted"
+    assert "few_inliers" in found.verdict.codes
 
 
 @pytest.mark.parametrize("kind", ["gauss", pytest.param("ball", marks=pytest.mark.soak), "shell"])
