@@ -20,7 +20,7 @@ from dqreg.geometry.normals import NEIGHBOURS, fit_planes_among, sample_rows
 LOOKED_AT, SMOOTH = 1_500, 0.4
 # Normals farther apart than this are of different faces; one that noise alone tilts by this much over the spread of its
 # feet is no witness.
-APART_COS, TILT_RAD = np.cos(np.deg2rad(35.0)), np.deg2rad(10.0)
+APART_COS, TILT_RAD = np.cos(np.deg2rad(35.0)), np.deg2rad(7.0)
 # Neighbours that are of several profiles: what they leave of their planes is an upper estimate of the noise.
 MANY = 3 * NEIGHBOURS
 # Fewer of a single profile are those at rims.
