@@ -55,8 +55,10 @@ FLIPS, FINER = 72, 7
 # Teeth of a ring that are tried, and points that score a rotation by one.
 TEETH, RING_POINTS = range(5, 41), 500
 # A step of a ring fits where so much of what half a step moves out of place comes back into it: else it is the whole of
-# a disc that fits, at any angle, and ICP itself rotates it.
-COMES_BACK = 0.5
+# a disc that fits, at any angle, and ICP itself rotates it. What breaks the ring stays out of place: of five bolts
+# beside a block in the flange 0.28 to 0.4 come back, of orders that are none 0.13 at most. Orders that bring back less
+# than so much of what the best one does are none beside it: three teeth and a tenth are no step.
+COMES_BACK, OF_BEST = 0.2, 0.5
 # Numbers of teeth that are kept, the best ones.
 ORDERS_KEPT = 4
 
@@ -136,7 +138,8 @@ def ring_steps(mesh: Mesh, surface: Surface) -> list[FloatArray]:
     whole, half = (ring.in_place([about_axis(ring.axis, angle) for angle in angles]) for angles in (steps, 0.5 * steps))
     # An order beside the right one fits as well, a little worse.
     beside = np.maximum(np.r_[0.0, whole[:-1]], np.r_[whole[1:], 0.0])
-    fits = np.flatnonzero((whole > beside) & (whole - half > COMES_BACK * (1.0 - half)))
+    back = np.where(whole > beside, whole - half, 0.0) / np.maximum(1.0 - half, np.finfo(float).eps)
+    fits = np.flatnonzero(back > max(COMES_BACK, OF_BEST * float(back.max())))
     fits = fits[np.argsort(-whole[fits], kind="stable")][:ORDERS_KEPT]
     return [about_axis(ring.axis, sign * steps[k]) for k in fits for sign in (1.0, -1.0)]
 

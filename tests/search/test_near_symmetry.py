@@ -18,7 +18,7 @@ from dqreg.search.near_symmetry import (
     near_mirrors,
     ring_steps,
 )
-from dqreg.synth.parts import block, box, bracket, cylinder, gear
+from dqreg.synth.parts import block, box, bracket, cylinder, flange, gear
 from dqreg.synth.parts.blocks import cells
 from dqreg.synth.parts.patches import weld
 from dqreg.trust.limits import MIRRORED
@@ -181,6 +181,26 @@ def test_the_step_of_a_gear_is_one_tooth(teeth: int) -> None:
     # Either way, and nothing but whole teeth.
     np.testing.assert_allclose(angles[::2], angles[1::2], atol=1e-9)
     np.testing.assert_allclose(angles * teeth / (2.0 * np.pi), np.rint(angles * teeth / (2.0 * np.pi)), atol=1e-6)
+
+
+def spoilt(part: tuple, diameter: float) -> Mesh:
+    """The part with a cube inside it, near its rim."""
+    vertices, faces = part
+    cube, sides = box((0.06 * diameter,) * 3)
+    inside = cube - cube.mean(axis=0) + [0.2 * diameter, 0.1 * diameter, 0.3 * np.ptp(vertices[:, 2])]
+    return Mesh(np.concatenate([vertices, inside]), np.concatenate([faces, sides + len(vertices)]))
+
+
+def test_the_step_of_a_few_bolts_is_found_beside_what_breaks_their_ring() -> None:
+    """Bolts are some hundredths of the surface, and a cube out of place nearly as much."""
+    mesh = spoilt(flange(diameter=120.0, bolts=5), 120.0)
+    steps = ring_steps(mesh, MeshSurface(mesh))
+    assert np.abs(np.array([angle_of(R) for R in steps]) - np.deg2rad(72.0)).min() <= 1e-9
+
+
+def test_a_disc_that_one_thing_breaks_has_no_step() -> None:
+    mesh = spoilt(cylinder(diameter=120.0, height=20.0, segments=96), 120.0)
+    assert ring_steps(mesh, MeshSurface(mesh)) == []
 
 
 @pytest.mark.parametrize("part", [bracket(), block()], ids=["plain", "block"])
