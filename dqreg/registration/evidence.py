@@ -44,8 +44,9 @@ MISFIT = 2.0
 SMOOTH, ROUGH = 0.4, 0.4
 # A scan whose noise is large against its spacing is rough everywhere: strays are rougher by this factor.
 MORE_THAN_USUAL = 2.5
-# Points from which the strain is fitted.
-STRAINED = 3_000
+# Points from which the strain is fitted; share of strays from which on they may draw the fit: scans with 10 % of them
+# come to 0.09 and more, scans without, of other parts too, to 0.011.
+STRAINED, SOME_STRAYS = 3_000, 0.05
 # Patches that deviate are measured by so many standard deviations of most inliers at most, and by this share of the
 # size at least.
 USUAL, LEAST = 3.0, 3e-4
@@ -82,7 +83,13 @@ def agreement_of(
     # Between the points of two clouds, tangent planes are guesses; where the time is up, no pose is accepted anyway.
     if is_part and count >= LOOKED_AT:
         counted, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
-        strain = _strain(pairs, counted, clutter=has_border or bool(around.elsewhere.any()), sparse=sparse)
+        strain = _strain(
+            pairs,
+            counted,
+            clutter=has_border or bool(around.elsewhere.any()),
+            sparse=sparse,
+            strays=float(np.mean(alone)) > SOME_STRAYS,
+        )
     # Against a part, what differs from point to point is noise: the curvature of its faces is known.
     waviness, local_noise = waviness_of(aside, pairs.closest.normals[on]) if is_part else (0.0, np.nan)
     noise = local_noise if np.isfinite(local_noise) else mixture.scale
@@ -144,13 +151,13 @@ def _usual_scale(aside: FloatArray, surface: Surface) -> float:
     return max(USUAL * usual, LEAST * surface.diagonal)
 
 
-def _strain(pairs: Correspondences, counted: BoolArray, *, clutter: bool, sparse: bool) -> Strain:
+def _strain(pairs: Correspondences, counted: BoolArray, *, clutter: bool, sparse: bool, strays: bool) -> Strain:
     """Strain of a scan against a part; a pattern of one in a sparse scan, which knows no covariance."""
     counted = counted & pairs.closest.normals.any(axis=1)
     rows = np.flatnonzero(counted)[sample_rows(int(np.count_nonzero(counted)), STRAINED)]
     # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
     columns = pairs.closest.points[rows], pairs.closest.normals[rows], pairs.point_to_plane[rows]
-    strain = strain_of(*columns, clutter=clutter)
+    strain = strain_of(*columns, clutter=clutter, strays=strays)
     if strain.is_strained or not sparse:
         return strain
     value, along = stretch_of(*columns)

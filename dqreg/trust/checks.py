@@ -80,7 +80,12 @@ def _others(evidence: Evidence) -> tuple[float, float]:
 
 # What is asked, how the figure stands to its limit, and in which unit; a figure of NaN was not asked for.
 QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
-    "few_inliers": ("Inliers at distinct places", "at least", "points", lambda e: (e.distinct_inliers, limits.FEWEST_INLIERS)),
+    "few_inliers": (
+        "Inliers at distinct places",
+        "at least",
+        "points",
+        lambda e: (e.distinct_inliers, limits.FEWEST_INLIERS),
+    ),
     "low_inlier_fraction": ("Inliers among the points near the target", "at least", "%", _inlier_share),
     "falling_inlier_fraction": (
         "Inliers against the frames before",

@@ -69,11 +69,13 @@ class Strain:
         return self.bend >= LEAST_BEND and self.bend >= self.significant * self.bend_sigma
 
 
-def strain_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, *, clutter: bool = False) -> Strain:
+def strain_of(
+    points: FloatArray, normals: FloatArray, residuals: FloatArray, *, clutter: bool = False, strays: bool = False
+) -> Strain:
     """Strain from distances along the target's normals, fitted together with the motion and the bend that remain.
 
-    Without clutter, all points have a say to begin with: a face that is off may be what a strain explains. With it, the
-    points on the target have.
+    Without clutter, all points have a say to begin with: a face that is off may be what a strain explains. With it, and
+    beside strays where the fit to them explains more points, those on the target have.
 
     Shapes: points (n, 3) in the order of a space-filling curve, normals (n, 3), residuals (n,).
     """
@@ -99,6 +101,11 @@ def strain_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, *,
 
     first = weights_of(residuals) if clutter else np.ones(len(residuals))
     fitted, weights = robust_fit(rows, residuals, lever, first, is_small)
+    if strays and not clutter and not is_small(fitted):
+        # Strays beside two faces stretch the fit to all; of a scan without them, they are the faces of another part.
+        others = robust_fit(rows, residuals, lever, weights_of(residuals), is_small)
+        fits = (fitted, weights), others
+        fitted, weights = min(fits, key=lambda fit: median(np.abs(residuals - fit[0] @ rows)))
     if is_small(fitted):
         return Strain()
     left = residuals - fitted @ rows

@@ -37,6 +37,21 @@ def test_a_stretch_along_any_axis_is_found_within_its_sigma(value: float, seed: 
     assert not found.is_bent
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("value", [0.0, 0.02])
+def test_strays_beside_two_faces_are_no_strain_and_hide_none(value: float, seed: int) -> None:
+    """Half the points above two opposite faces stand up to a tenth of the extent off: together they look longer."""
+    points, normals, residuals = scanned(box, seed=seed)
+    rng = np.random.default_rng(100 + seed)
+    off = (rng.random(len(points)) < 0.5) & (np.abs(normals[:, 2]) > 0.9)
+    residuals = residuals + value * points[:, 0] * normals[:, 0] ** 2 * np.sign(normals[:, 0])
+    found = strain_of(points, normals, np.where(off, rng.uniform(0.0, 0.3, len(points)), residuals), strays=True)
+    assert found.is_strained == (value > 0.0)
+    if value:
+        assert found.value == pytest.approx(value, rel=0.05)
+        assert abs(found.along[0]) > 0.99
+
+
 @pytest.mark.parametrize("make", [box, sphere])
 def test_a_scale_has_no_axis(make) -> None:
     found = strained(0.01 * np.eye(3), make)
