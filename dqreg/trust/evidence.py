@@ -21,8 +21,6 @@ class Evidence:
         Whether there is a pose at all.
     inliers : float
         Sum of the inlier probabilities.
-    places : float
-        Distinct places at which inliers lie, of some hundreds of them; infinite where that was not counted.
     share_near, near : float
         Fraction of inliers among the points within the distance ``near`` of the target; infinite counts all points.
     patches, patches_off : int, float
@@ -94,6 +92,8 @@ class Evidence:
         Significant displacement and rotation of the pose from the first point of the scan to the last; else 0.
     drift_along : tuple of 3 floats
         Direction of that displacement, target frame; zeros where it is a rotation about the middle, or is not known.
+    places : float
+        Distinct places at which inliers lie, of some hundreds of them; infinite where that was not counted.
     clutter : str
         "allowed", or "none" where the scan is of the part alone.
     """
@@ -121,7 +121,6 @@ class Evidence:
     usual: float = math.nan
     random_ratio: float = 0.0
     size: float = math.nan
-    places: float = math.inf
     carriers: tuple[float, ...] = ()
     carriers_of_both: bool = False
     bend: float = 0.0
@@ -143,6 +142,7 @@ class Evidence:
     rims_shared: float = math.nan
     largest_plane: float = math.nan
     deformation: float = 0.0
+    places: float = math.inf
 
     @property
     def distinct_inliers(self) -> float:
