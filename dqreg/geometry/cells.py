@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import cached_property
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from dqreg.geometry.boundary import LINE as LINED
 from dqreg.geometry.boundary import ONE_SIDED
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
-from dqreg.geometry.morton import CHUNK, CodeArray, edge_of_cells, morton_codes, sorted_rows
+from dqreg.geometry.morton import LONG, CodeArray, edge_of_cells, morton_codes, sorted_rows
 from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, fit_planes, fit_planes_around
 from dqreg.geometry.surface import Closest
 
@@ -50,7 +49,7 @@ class Cells:
         codes = morton_codes(points, size)
         order = sorted_rows(codes)
         given = as_plain(points), codes, order
-        starts, sums = aside(cell_moments, *given) if len(points) > CHUNK else cell_moments(*given)
+        starts, sums = aside(cell_moments, *given) if len(points) > LONG else cell_moments(*given)
         firsts, counts, (x, y, z) = order[starts], sums[:, 0], (sums[:, 1:4] / sums[:, :1]).T
         scatters = sums[:, 4:] - counts[:, None] * np.column_stack([x * x, y * y, z * z, x * y, x * z, y * z])
         means = np.take(points, firsts, axis=0) + np.column_stack([x, y, z])
@@ -80,16 +79,24 @@ class CellSurface(CloudSurface):
 
     def __init__(self, means: PointCloud, cells: Cells) -> None:
         self._cells = cells
+        self._found: tuple[PlaneFits, BoolArray] | None = None
         super().__init__(means, derived=True)
 
     def _ordered(self, points: FloatArray) -> IntArray:
         # Cells are in Morton order, and each has one mean.
         return np.arange(len(points))
 
-    @cached_property
+    @property
     def _of_cells(self) -> tuple[PlaneFits, BoolArray]:
         """Planes where neighbouring cells make one, and which of these lie on a rim."""
-        return self._cells.planes()
+        # No `cached_property`: in Python 3.11 that holds one lock for the cells of all clouds.
+        if self._found is None:
+            self._found = self._cells.planes()
+        return self._found
+
+    def fit_cells(self) -> None:
+        """Fit the planes of the cells, which whoever asks for matches needs."""
+        _ = self._of_cells
 
     def _fitted_around(self, rows: IntArray) -> PlaneFits:
         fits = self._of_cells[0].taken(rows)

@@ -12,6 +12,8 @@ CodeArray = NDArray[np.uint64]
 BITS = 21
 # Points coded in one go: some milliseconds.
 CHUNK = 65_536
+# Points from which on a kernel that goes over all of them runs aside, so that an interrupt is seen at once.
+LONG = 500_000
 
 
 def morton_order(points: FloatArray) -> IntArray:
@@ -50,7 +52,7 @@ def sorted_rows(codes: CodeArray) -> IntArray:
     from dqreg.kernels import morton
     from dqreg.kernels.threads import aside
 
-    order: IntArray = aside(morton.sorted_rows, codes) if len(codes) > CHUNK else morton.sorted_rows(codes)
+    order: IntArray = aside(morton.sorted_rows, codes) if len(codes) > LONG else morton.sorted_rows(codes)
     return order
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from dqreg._arrays import FloatArray, bounds
 from dqreg.geometry.cells import Cells, CellSurface
 from dqreg.geometry.cloud import PointCloud
-from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import BITS, morton_codes, sorted_rows
 
 # A cloud is downsampled from so many times the wanted points on: below, it costs accuracy and saves little.
@@ -42,7 +41,7 @@ class VoxelCloud:
     size: float  # Edge of a voxel; 0 where the cloud was not to be downsampled
     cloud: PointCloud  # Means of the voxels; the cloud itself where it has hardly more points than they
     # The same as a surface; None where the cloud is whole, for whoever has it has its surface
-    surface: CloudSurface | None
+    surface: CellSurface | None
 
     @staticmethod
     def of(cloud: PointCloud, size: float) -> VoxelCloud:
@@ -67,16 +66,23 @@ class VoxelCloud:
         return found
 
     @staticmethod
-    def evened(cloud: PointCloud, count: int) -> VoxelCloud:
-        """A dense cloud with about so many points, an uneven one or one in lines with fewer; others as they are."""
-        points = cloud.points
+    def evened(cloud: PointCloud, count: int, size: float | None = None) -> VoxelCloud:
+        """A dense cloud with about so many points, an uneven one or one in lines with fewer; others as they are.
+
+        It begins with the size of `first_size`, where that is known already.
+        """
+        points, size = cloud.points, first_size(cloud.points, count) if size is None else size
         if len(points) > DENSE * count:
-            return VoxelCloud.across_lines(cloud, cell_size(points, count))
-        size = cell_size(points, int(len(points) / DENSE))
+            return VoxelCloud.across_lines(cloud, size)
         found = VoxelCloud.across_lines(cloud, size) if size > 0.0 else None
         if found is not None and (found.size > size or unevenness(points, size) > UNEVEN):
             return found
         return VoxelCloud(0.0, cloud, None)
+
+
+def first_size(points: FloatArray, count: int) -> float:
+    """Edge of the voxels that evening a cloud to about so many points begins with."""
+    return cell_size(points, min(count, int(len(points) / DENSE)))
 
 
 def cell_size(points: FloatArray, count: int) -> float:

@@ -14,7 +14,7 @@ from dqreg.kernels.threads import as_plain, aside, over_chunks
 # Points a leaf: 4 to 16 are about as fast.
 LEAF = 8
 # Points from which on a tree is built on another thread, so that an interrupt is seen at once.
-MANY = 50_000
+MANY = 200_000
 # Queries that one thread answers in one go.
 CHUNK = 512
 

@@ -14,12 +14,14 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextvars import ContextVar
-from typing import Any
+from contextvars import ContextVar, copy_context
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
+
+T = TypeVar("T")
 
 # Rows a range: some milliseconds at most, and far more than handing it over costs.
 CHUNK = 2048
@@ -28,7 +30,10 @@ CHUNK = 2048
 _deadline: ContextVar[float] = ContextVar("deadline", default=np.inf)
 
 _lock = threading.Lock()
-_pools: dict[int, ThreadPoolExecutor] = {}
+# By process, and by whether they are for stages: a stage may wait for ranges, and ranges wait for nothing.
+_pools: dict[tuple[int, bool], ThreadPoolExecutor] = {}
+# Stages that run beside their callers: each has a core.
+_running: list[None] = []
 
 
 class TimeUpError(Exception):
@@ -76,7 +81,7 @@ def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: 
             ask_clock()
             kernel(first, min(first + chunk, total), *arguments)
 
-    asked = [_submit(work) for _ in range(min(thread_count(), len(starts)) - 1)]
+    asked = [_submit(work) for _ in range(min(thread_count() - len(_running), len(starts)) - 1)]
     helpers = [helper for helper in asked if helper is not None]
     try:
         work()
@@ -98,24 +103,62 @@ def as_plain(values: FloatArray) -> FloatArray:
 
 def aside(kernel: Callable[..., Any], *arguments: Any) -> Any:
     """Result of a kernel that takes long, computed on another thread: an interrupt of this one is seen at once."""
-    future = _submit(kernel, *arguments)
+    # Others than the main thread see none.
+    future = _submit(kernel, *arguments) if threading.current_thread() is threading.main_thread() else None
     return kernel(*arguments) if future is None else future.result()
 
 
-def _submit(call: Callable[..., Any], *arguments: Any) -> Future[Any] | None:
+class Later(Generic[T]):
+    """What is computed beside the caller where a core is idle, or by the caller when it asks; the same either way.
+
+    It knows the deadline that the caller had when it was begun. It may wait for one that was begun before it, and for
+    none that was begun after.
+    """
+
+    def __init__(self, call: Callable[[], T], *, beside: bool = True) -> None:
+        self._call = call
+        beside = beside and thread_count() > 1
+        self._future = _submit(copy_context().run, self._beside, stage=True) if beside else None
+
+    @property
+    def is_beside(self) -> bool:
+        """Whether another thread may be at it."""
+        return self._future is not None
+
+    def result(self) -> T:
+        """The result; what the call raises is raised here."""
+        if self._future is None or self._future.cancel():
+            # Not here alone: an error, the deadline say, is not the result of another call.
+            found = self._call()
+            self._future = Future()
+            self._future.set_result(found)
+        known: T = self._future.result()
+        return known
+
+    def _beside(self) -> T:
+        _running.append(None)
+        try:
+            return self._call()
+        finally:
+            _running.pop()
+
+
+def _submit(call: Callable[..., Any], *arguments: Any, stage: bool = False) -> Future[Any] | None:
     # At the end of the interpreter pools take nothing any more; what runs there, in atexit say, does without.
     try:
-        return _pool().submit(call, *arguments)
+        return _pool(stage).submit(call, *arguments)
     except RuntimeError:
         return None
 
 
-def _pool() -> ThreadPoolExecutor:
-    process = os.getpid()
+def _pool(stage: bool) -> ThreadPoolExecutor:
+    key = os.getpid(), stage
     with _lock:
-        if process not in _pools:
-            _pools[process] = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="dqreg")
-        return _pools[process]
+        if key not in _pools:
+            # One core is the caller's, who works as well.
+            threads = max((os.cpu_count() or 1) - stage, 1)
+            _pools[key] = ThreadPoolExecutor(threads, thread_name_prefix="dqreg")
+        return _pools[key]
 
 
 def _after_fork() -> None:
@@ -123,6 +166,7 @@ def _after_fork() -> None:
     global _lock  # noqa: PLW0603
     _lock = threading.Lock()
     _pools.clear()
+    _running.clear()
 
 
 if hasattr(os, "register_at_fork"):

@@ -7,14 +7,16 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import CloudSurface, MeshSurface, PointCloud
+from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, Surface
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, sample_rows
 from dqreg.icp import find_correspondences
 from dqreg.registration.exposures import second_pose
 from dqreg.registration.fit import Fit, own_normals
-from dqreg.registration.free_space import looked_through_at
+from dqreg.registration.free_space import begin_free_space, looked_through_at
+from dqreg.registration.problem import Prepared, Problem
 from dqreg.registration.slides import slide_of
+from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
 from dqreg.solvers.motion_words import Vector
 from dqreg.solvers.status import Status
@@ -125,8 +127,7 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
     target = fit.target.geometry
     if not fit.found or fit.is_late or not isinstance(target, PointCloud):
         return fit.agreement
-    moves, stands = _indexed_source(fit), _indexed_target(fit, target)
-    overlap = Overlap.of(moves, stands, fit.T_target_source)
+    moves, stands, overlap = fit.once("overlap", lambda: _overlap(fit, target))
     if overlap is None:
         return fit.agreement
     placed, fixed, size = pose.apply(fit.T_target_source, moves.points), stands.points, fit.prepared.surface.diagonal
@@ -145,18 +146,62 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
     )
 
 
-def _indexed_source(fit: Fit) -> IndexedPoints:
-    points, scan = fit.problem.source.cloud.points, fit.prepared.scan
-    if len(points) <= COMPARED and not fit.prepared.cell_size:
-        # Planes of all points are there, unless normals were given in their place.
-        is_fitted = scan.fitted is None and fit.problem.source.cloud.normals is None
-        planes = PlaneFits(scan.normals, scan.residuals, scan.levers, NEIGHBOURS) if is_fitted else None
-        return IndexedPoints(scan.points, scan.tree, planes)
-    return IndexedPoints.of(points[sample_rows(len(points), COMPARED)])
+def begin_evidence(problem: Problem, prepared: Prepared) -> None:
+    """Make what the evidence on a pose between two clouds will ask of them, whatever the pose, beside the loop."""
+    target = problem.target.geometry
+    if not _is_worth_it(prepared) or not isinstance(target, PointCloud):
+        return
+
+    def sampled() -> IndexedPoints:
+        _indexed_target(problem.target, prepared.surface, target)
+        return _sampled_source(problem)
+
+    problem.begin("compared", sampled)
+    begin_free_space(problem, target)
 
 
-def _indexed_target(fit: Fit, target: PointCloud) -> IndexedPoints:
-    surface, derived, points = fit.prepared.surface, fit.target.derived, target.points
+def begin_judging(fit: Fit) -> None:
+    """Make what the evidence on a fit will ask first, beside what else is asked of it."""
+    target = fit.target.geometry
+    if fit.found and _is_worth_it(fit.prepared) and isinstance(target, PointCloud):
+        fit.begin_agreement()
+        fit.begin("overlap", lambda: _overlap(fit, target))
+
+
+def _is_worth_it(prepared: Prepared) -> bool:
+    """Whether it pays to use another thread: of two dense clouds. Below, handing over costs more than it saves."""
+    return prepared.cell_size > 0.0
+
+
+def _overlap(fit: Fit, target: PointCloud) -> tuple[IndexedPoints, IndexedPoints, Overlap | None]:
+    moves = _indexed_source(fit.problem, fit.prepared)
+    stands = _indexed_target(fit.target, fit.prepared.surface, target)
+    return moves, stands, Overlap.of(moves, stands, fit.T_target_source)
+
+
+def _indexed_source(problem: Problem, prepared: Prepared) -> IndexedPoints:
+    scan = prepared.scan
+    if _is_sampled(problem.source.cloud, prepared):
+        return problem.once("compared", lambda: _sampled_source(problem))
+    # Planes of all points are there, unless normals were given in their place.
+    is_fitted = scan.fitted is None and problem.source.cloud.normals is None
+    planes = PlaneFits(scan.normals, scan.residuals, scan.levers, NEIGHBOURS) if is_fitted else None
+    return IndexedPoints(scan.points, scan.tree, planes)
+
+
+def _is_sampled(cloud: PointCloud, prepared: Prepared) -> bool:
+    return len(cloud) > COMPARED or prepared.cell_size > 0.0
+
+
+def _sampled_source(problem: Problem) -> IndexedPoints:
+    points = problem.source.cloud.points
+    found = IndexedPoints.of(points[sample_rows(len(points), COMPARED)])
+    _ = found.some
+    return found
+
+
+def _indexed_target(index: TargetIndex, surface: Surface, target: PointCloud) -> IndexedPoints:
+    derived, points = index.derived, target.points
     if len(points) <= COMPARED and isinstance(surface, CloudSurface) and surface._rows == len(points):
         return IndexedPoints(surface._points, surface._tree, is_remembered=True)
     # The same for every scan that is registered to it.

@@ -25,6 +25,7 @@ from dqreg.icp import (
 )
 from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import weights_by_face
+from dqreg.kernels.threads import Later
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.evidence import LOOKED_AT, LOOKED_AT_LATE, agreement_of
 from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
@@ -54,8 +55,13 @@ class Fit:
         """What follows from the fit and is asked for again, made once."""
         if name not in self._known:
             self._known[name] = make()
-        found: T = self._known[name]
-        return found
+        found: T | Later[T] = self._known[name]
+        return found.result() if isinstance(found, Later) else found
+
+    def begin(self, name: Hashable, make: Callable[[], Any]) -> None:
+        """Make beside the caller what `once` will be asked for by that name; under a time limit nothing is."""
+        if self.problem.options.time_limit is None and name not in self._known:
+            self._known[name] = Later(make)
 
     @property
     def T_target_source(self) -> FloatArray:
@@ -83,9 +89,16 @@ class Fit:
         geometry = self.target.geometry
         return not (isinstance(geometry, Mesh) and geometry.is_closed)
 
-    @cached_property
+    @property
     def agreement(self) -> Evidence:
         """How well scan and target agree at the pose: what the verdict is made of, as far as the run tells it."""
+        return self.once("agreement", self._agreement)
+
+    def begin_agreement(self) -> None:
+        """Make it beside the caller."""
+        self.begin("agreement", self._agreement)
+
+    def _agreement(self) -> Evidence:
         prepared, reach = self.prepared, self.settings.max_distance
         if self.problem.options.max_distance is not None:
             # A shorter one hides the points that speak against a pose.

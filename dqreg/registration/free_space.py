@@ -11,9 +11,10 @@ from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.visibility import blocked
 from dqreg.registration.fit import Fit
+from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
-from dqreg.trust.free_space import Seen, looked_through
+from dqreg.trust.free_space import Seen, can_look_through, looked_through
 
 # Points of each side that are compared, and rays that are cast at a part.
 COMPARED, RAYS = 6_000, 3_000
@@ -36,10 +37,21 @@ def looked_through_at(fit: Fit) -> float:
 
 
 def _between_clouds(fit: Fit, target: PointCloud) -> float:
-    problem = fit.problem
+    source, seen = fit.problem.once("seen", lambda: _seen_both(fit.problem, target))
+    return looked_through(source, seen, fit.T_target_source, GAPS)
+
+
+def begin_free_space(problem: Problem, target: PointCloud) -> None:
+    """Make what `looked_through_at` asks of two clouds, beside the caller."""
+    problem.begin("seen", lambda: _seen_both(problem, target))
+
+
+def _seen_both(problem: Problem, target: PointCloud) -> tuple[Seen, Seen]:
     origin = problem.source.centred(np.zeros((1, 3)))[0]
-    source = _seen(problem.source.cloud.points, _viewpoint(fit), origin)
-    return looked_through(source, _seen_target(problem.target, target), fit.T_target_source, GAPS)
+    source = _seen(problem.source.cloud.points, _viewpoint(problem), origin)
+    found = source, _seen_target(problem.target, target)
+    _ = can_look_through(*found)
+    return found
 
 
 def _seen_target(index: TargetIndex, target: PointCloud) -> Seen:
@@ -60,7 +72,7 @@ def take_as_merged(index: TargetIndex) -> None:
 
 def _through_mesh(fit: Fit, part: Mesh) -> float:
     """Share of the lines of sight to the points that pass through the part."""
-    eyes = _viewpoints(fit)
+    eyes = _viewpoints(fit.problem)
     if eyes is None:
         return np.nan
     points = pose.apply(fit.T_target_source, _some(fit.prepared.scan.points, RAYS))
@@ -68,16 +80,16 @@ def _through_mesh(fit: Fit, part: Mesh) -> float:
     return float(np.mean(blocked(part, points, pose.apply(fit.T_target_source, eyes), margin)))
 
 
-def _viewpoints(fit: Fit) -> FloatArray | None:
+def _viewpoints(problem: Problem) -> FloatArray | None:
     """Where the scanner stood, (k, 3), as the caller or the file says."""
-    if fit.problem.viewpoints is not None:
-        return fit.problem.source.centred(fit.problem.viewpoints)
-    place = fit.problem.source.cloud.viewpoint
+    if problem.viewpoints is not None:
+        return problem.source.centred(problem.viewpoints)
+    place = problem.source.cloud.viewpoint
     return None if place is None else place[None]
 
 
-def _viewpoint(fit: Fit) -> FloatArray | None:
-    places = _viewpoints(fit)
+def _viewpoint(problem: Problem) -> FloatArray | None:
+    places = _viewpoints(problem)
     return None if places is None or len(places) > 1 else places[0]
 
 

@@ -10,7 +10,16 @@ import numpy as np
 
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
-from dqreg.registration.assess import Uncertainty, evidence_of, status_of, uncertainty_of, verdict_on, without_drift
+from dqreg.registration.assess import (
+    Uncertainty,
+    begin_evidence,
+    begin_judging,
+    evidence_of,
+    status_of,
+    uncertainty_of,
+    verdict_on,
+    without_drift,
+)
 from dqreg.registration.fallback import Known, best_known, is_doubtful
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
@@ -47,6 +56,7 @@ def align(problem: Problem) -> Registration:
     watch, options = problem.watch, problem.options
     with watch.stage("prepare"):
         prepared = problem.prepare()
+        begin_evidence(problem, prepared)
     search = GlobalSearch.of(problem, prepared)
     with watch.stage("start"):
         start = initial_pose(problem, search)
@@ -83,6 +93,7 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
         fit, _ = without_slide(down_to_noise(fit))
         known = Known(fit, start.others)
         if is_given:
+            begin_judging(fit)
             fit, near = best_near_symmetric(fit, search.kernel_scale)
             # What is asked of a pose is asked of the answer, with its unconstrained motions as they were given.
             fit = without_drift(fit, start.T_target_source)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,12 +19,15 @@ from dqreg.geometry.voxels import WHOLE, VoxelCloud, cell_size, voxel_size
 from dqreg.icp.coarse_to_fine import COARSE, NEAR
 from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Stopwatch
+from dqreg.kernels.threads import Later
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.options import Options
 from dqreg.registration.source import CentredSource, centre_source
 from dqreg.registration.target_index import Building, TargetIndex, index_for, index_target, require_one_place
 from dqreg.rigid import pose
 from dqreg.solvers.dof import Freedom
+
+T = TypeVar("T")
 
 # Largest distance of a correspondence, in diagonals of the smaller of source and target.
 REACH = 0.2
@@ -105,11 +108,15 @@ class Prepared:
         LiDARs crowd their points near the sensor, where they constrain a rotation least, and depth cameras give many
         times what noise lets them tell apart. Cells are equal on both sides, so that neither is finer than the other.
         """
-        stands, geometry = target.evened(count), target.geometry
+        evened, edge = target.begin_evened(count)
+        # Meanwhile, with the cells that the target will have unless its points stay in lines.
+        meanwhile = VoxelCloud.across_lines(cloud, edge) if edge and evened.is_beside else None
+        stands, geometry = evened.result(), target.geometry
         if not stands.size or not isinstance(geometry, PointCloud):
             moves = VoxelCloud.of(cloud, voxel_size(cloud.points, count))
         else:
-            moves = VoxelCloud.across_lines(cloud, stands.size)
+            is_there = meanwhile is not None and stands.size == edge
+            moves = meanwhile if meanwhile and is_there else VoxelCloud.across_lines(cloud, stands.size)
             size, wanted = moves.size, min(count, len(stands.cloud))
             if len(moves.cloud) < SMALL * wanted:
                 size = min(size, cell_size(cloud.points, min(count, int(WHOLE * len(cloud.points)))))
@@ -117,7 +124,10 @@ class Prepared:
             if size != stands.size:
                 stands = VoxelCloud.of(geometry, size)
         thinned = stands.surface is not None or moves.surface is not None
+        planes = Later(stands.surface.fit_cells, beside=moves.surface is not None) if stands.surface else None
         scan = prepare_scan(moves.cloud, surface=moves.surface, total=len(cloud))
+        if planes is not None:
+            planes.result()
         return Prepared(scan, stands.surface or target.surface, moves.size if thinned else 0.0, even=True)
 
 
@@ -132,6 +142,7 @@ class Problem(SourceAndTarget):
     asked: dict[str, Any]  # What a result repeats of it
     watch: Stopwatch
     _building: Building | None = dataclasses.field(default=None, repr=False, compare=False)
+    _ahead: dict[str, Later[Any]] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
 
     @staticmethod
     def of(source: Any, target: Any, start: Any, options: Options, watch: Stopwatch) -> Problem:
@@ -178,6 +189,18 @@ class Problem(SourceAndTarget):
         if self._building is not None:
             self._building.surface_is_ready.wait()
         return prepared
+
+    def begin(self, name: str, make: Callable[[], T]) -> None:
+        """Make ahead what `once` will be asked for, beside the caller; under a time limit nothing is."""
+        if self.options.time_limit is None and name not in self._ahead:
+            self._ahead[name] = Later(make)
+
+    def once(self, name: str, make: Callable[[], T]) -> T:
+        """What follows from source and target alone, made once."""
+        if name not in self._ahead:
+            self._ahead[name] = Later(make, beside=False)
+        found: T = self._ahead[name].result()
+        return found
 
     def await_target(self) -> None:
         """Wait for what is built of the target beside the loop."""

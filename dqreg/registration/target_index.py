@@ -22,7 +22,8 @@ from dqreg.geometry.mesh_normals import SmoothNormals
 from dqreg.geometry.opening import describe, open_geometry
 from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.visibility import VisibleSurface, visible_faces
-from dqreg.geometry.voxels import VoxelCloud
+from dqreg.geometry.voxels import DENSE, VoxelCloud, first_size
+from dqreg.kernels.threads import Later
 from dqreg.registration.source import moved, require_spread
 from dqreg.search import PairTable
 from dqreg.search.near_symmetry import near_flips, near_mirrors
@@ -106,13 +107,25 @@ class TargetIndex:
         building.start()
         return building
 
-    def evened(self, count: int) -> VoxelCloud:
-        """The cloud as the means of about so many cells, and their surface; built once and only read from then on."""
+    def begin_evened(self, count: int) -> tuple[Later[VoxelCloud], float]:
+        """`evened`, made beside the caller, and the edge of its cells, unless they turn out wider; 0 if it has none."""
+        geometry, known = self.geometry, self._evened.get(count)
+        if known is not None or not isinstance(geometry, PointCloud):
+            return Later(lambda: self.evened(count), beside=False), 0.0 if known is None else known.size
+        size = first_size(geometry.points, count)
+        edge = size if len(geometry.points) > DENSE * count else 0.0
+        return Later(lambda: self.evened(count, size), beside=edge > 0.0), edge
+
+    def evened(self, count: int, size: float | None = None) -> VoxelCloud:
+        """The cloud as the means of about so many cells, and their surface; built once and only read from then on.
+
+        The size is that of `first_size`, where it is known.
+        """
         if not isinstance(self.geometry, PointCloud):
             raise InputError("only a cloud has cells; the target is a mesh")
         with self._lock:
             if count not in self._evened:
-                self._evened[count] = VoxelCloud.evened(self.geometry, count)
+                self._evened[count] = VoxelCloud.evened(self.geometry, count, size)
             return self._evened[count]
 
     def visible_from(self, viewpoints: FloatArray) -> TargetIndex:

@@ -111,8 +111,7 @@ def looked_through(source: Seen, target: Seen, T_target_source: FloatArray, gaps
     Nearer than so many spacings is as far. NaN where no scanner's place is known: both origins must be likely ones, or
     one viewpoint given.
     """
-    is_known = source.viewpoint is not None or target.viewpoint is not None
-    if not is_known and (source.image is None or target.image is None):
+    if not can_look_through(source, target):
         return np.nan
     images, margin = (source.image, target.image), gaps * max(source.spacing, target.spacing)
     R, t = T_target_source[:3, :3], T_target_source[:3, 3]
@@ -122,6 +121,15 @@ def looked_through(source: Seen, target: Seen, T_target_source: FloatArray, gaps
             counts = image.compared(points, margin)
             nearer, alike = nearer + counts[0], alike + counts[1]
     return nearer / (nearer + alike) if nearer + alike >= FEWEST else np.nan
+
+
+def can_look_through(source: Seen, target: Seen) -> bool:
+    """Whether a scanner's place is known; what is asked at every pose is made then."""
+    is_known = source.viewpoint is not None or target.viewpoint is not None
+    if not is_known and (source.image is None or target.image is None):
+        return False
+    _ = source.image, target.image, source.spacing, target.spacing
+    return True
 
 
 def hidden_share(points: FloatArray, viewpoint: FloatArray) -> float:

@@ -58,6 +58,12 @@ class IndexedPoints:
         points = points[distinct_in_order(points)]
         return IndexedPoints(points, NeighbourTree(points, in_order=True))
 
+    @cached_property
+    def some(self) -> tuple[IntArray, PlaneFits]:
+        """Rows of the points that are compared, and planes there."""
+        rows = sample_rows(len(self.points), ASKED)
+        return rows, self.planes_at(rows)
+
     def planes_at(self, rows: IntArray) -> PlaneFits:
         """Planes through the neighbours of some of the points."""
         if self.planes is not None:
@@ -81,10 +87,10 @@ class Overlap:
         """Of two clouds at a pose, (4, 4); None where they have hardly any such place."""
         if min(len(moves.points), len(stands.points)) < FEWEST:
             return None
-        rows = sample_rows(len(moves.points), ASKED)
+        rows, one = moves.some
         placed = pose.apply(T_target_source, moves.points[rows])
         found = stands.tree.nearest(placed, 1)[0][:, 0]
-        fixed, one, other = stands.points[found], moves.planes_at(rows), stands.planes_at(found)
+        fixed, other = stands.points[found], stands.planes_at(found)
         normals, theirs = np.nan_to_num(one.normals) @ T_target_source[:3, :3].T, np.nan_to_num(other.normals)
         cosines = np.einsum("ij,ij->i", normals, theirs)
         normals = theirs + np.where(cosines < 0.0, -1.0, 1.0)[:, None] * normals

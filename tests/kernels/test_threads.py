@@ -143,3 +143,47 @@ def test_a_deadline_is_seen_between_two_ranges() -> None:
         threads.over_chunks(lambda first, last: done.append(first), 10, chunk=1)
     assert sorted(done) == list(range(10))
     threads.ask_clock()
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_what_is_begun_is_made_once_with_the_deadline_of_its_beginning(
+    monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    monkeypatch.setattr(threads, "thread_count", lambda: count)
+    made = []
+    begun = threads.Later(lambda: made.append(1) or "found")
+    assert [begun.result(), begun.result(), made] == ["found", "found", [1]]
+    with pytest.raises(ZeroDivisionError):
+        threads.Later(lambda: 1 // 0).result()
+    began = threading.Event()
+    with threads.until(time.perf_counter() - 1.0):
+        late = threads.Later(lambda: (began.set(), threads.ask_clock()))
+    if count > 1:
+        assert began.wait(30.0)
+        with pytest.raises(threads.TimeUpError):
+            late.result()
+
+
+def test_callers_that_all_have_stages_beside_them_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "thread_count", lambda: 3)
+    rows = np.zeros((8, 2, 3_000), dtype=int)
+
+    def stage(row: np.ndarray) -> int:
+        threads.over_chunks(mark, 3_000, row, chunk=50)
+        return threads.aside(abs, -1)
+
+    def caller(pair: np.ndarray) -> None:
+        for _ in range(5):
+            first = threads.Later(lambda: stage(pair[0]))
+            second = threads.Later(lambda first=first: first.result() + stage(pair[1]))
+            assert second.result() == 2
+
+    callers = [threading.Thread(target=caller, args=(pair,), daemon=True) for pair in rows]
+    for each in callers:
+        each.start()
+    ends = time.perf_counter() + 30.0
+    for each in callers:
+        each.join(max(ends - time.perf_counter(), 0.0))
+    assert not any(each.is_alive() for each in callers)
+    assert (rows >= 5).all()
+    assert not threads._running

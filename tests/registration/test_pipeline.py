@@ -9,6 +9,7 @@ import dqreg
 from dqreg.compare.trust.kinds import KINDS
 from dqreg.geometry import sample_mesh
 from dqreg.icp.history import Iteration
+from dqreg.kernels import threads
 from dqreg.registration.fit import coarse_to_fine
 from dqreg.registration.pipeline import all_points_say_more, settled
 from dqreg.registration.problem import Prepared
@@ -121,3 +122,14 @@ def test_a_single_view_from_nothing_leaves_the_wall_on_whose_other_side_it_settl
     result = dqreg.register(task.source, task.target, task.start)
     assert result.verdict.level == "accepted"
     assert worst_vertex_displacement(result.T_target_source, task.truths[0], task.probes) < 3e-4 * task.size
+
+
+def test_dense_clouds_come_to_the_same_bits_by_one_thread_and_by_several(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, found = np.random.default_rng(1), []
+    scan, stands = (DENSE + rng.normal(scale=0.003, size=DENSE.shape) for _ in range(2))
+    for count in (1, 2, 4):
+        monkeypatch.setattr(threads, "thread_count", lambda count=count: count)
+        result = dqreg.register(moved_back(scan), stands, "identity", effort="fast")
+        assert result.settings["cell_size"] > 0.0
+        found.append((result.T_target_source.tobytes(), result.covariance.tobytes(), repr(result.verdict)))
+    assert found == found[:1] * 3
