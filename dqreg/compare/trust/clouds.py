@@ -19,6 +19,8 @@ from dqreg.synth import disturbance, random_pose
 # so many spacings of the other, on the same face; the weakest motion is constrained by so many, and by this share of
 # what all could give with the longest lever.
 DRAWN, BOTH, SAME_COS, CARRIERS, STRENGTH = 30, 1.5, 0.9, 60.0, 2e-3
+# Noise that neighbours share, in that from point to point: measured pairs have several times as much.
+SHARED = (0.3, 1.0)
 
 
 def cloud_task(
@@ -51,10 +53,12 @@ def views_apart(
     far: tuple[float, float] | None = None,
     *,
     determined: bool = False,
+    shared: tuple[float, float] | None = None,
 ) -> Make:
     """Two views so many degrees apart, or a start between two bounds of degrees off.
 
-    Those of a good task determine the pose: what both show constrains all motions, by the part's own normals.
+    Those of a good task determine the pose: what both show constrains all motions, by the part's own normals. Some have
+    noise that neighbours share beside their own, between two shares of it.
     """
 
     def make(rng: np.random.Generator) -> Task:
@@ -69,6 +73,10 @@ def views_apart(
             source, target = scans.dense_view(mesh, rng, one), scans.dense_view(mesh, rng, other)
             if not determined or _is_determined(source, target, mesh):
                 break
+        if shared is not None:
+            sigmas = scans.NOISE * mesh.diagonal * rng.uniform(*shared, 2)
+            source = scans.shared_noise(source, one, sigmas[0], rng)
+            target = scans.shared_noise(target, other, sigmas[1], rng)
         return cloud_task(source, target, mesh, rng, begun)
 
     return make
@@ -162,6 +170,10 @@ KINDS: tuple[Kind, ...] = (
         ("clouds-30-50", "views 30 to 50 degrees apart, start 5 degrees off",
          views_apart(30, 50, (5.0, 0.02), determined=True)),
         ("clouds-nothing", "views 10 to 40 degrees apart, no initial pose", views_apart(10, 40, None, determined=True)),
+        ("clouds-shared", "views 10 to 40 degrees apart, start 5 degrees off, noise shared by 100 to 500 neighbours",
+         views_apart(10, 40, (5.0, 0.02), determined=True, shared=SHARED)),
+        ("clouds-nothing-shared", "the same with no initial pose",
+         views_apart(10, 40, None, determined=True, shared=SHARED)),
     ),
     *kinds_of(
         "clouds",

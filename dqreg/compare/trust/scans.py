@@ -12,6 +12,8 @@ from dqreg.synth.parts import box
 # Range noise of a usual scanner, in diagonals of the part.
 NOISE = 3e-4
 PIXELS = 120
+# Neighbours that share noise; bells about the points in reach of each other, that make it.
+SHARING, BELLS = (100, 500), 8
 
 
 def directions(count: int, rng: np.random.Generator) -> FloatArray:
@@ -85,6 +87,22 @@ def rings(mesh: Mesh, rng: np.random.Generator) -> FloatArray:
     scanner = Lidar(rows_of(towards, -towards), rings=24, azimuths=200)
     error = Noise(range_sigma=1e-3 * mesh.diagonal)
     return thinned(scan_mesh(mesh.vertices, mesh.faces, scanner, error, rng=rng).points, rng)
+
+
+def shared_noise(points: FloatArray, along: FloatArray, sigma: float, rng: np.random.Generator) -> FloatArray:
+    """The points moved along a direction by noise with a standard deviation that 100 to 500 neighbours share.
+
+    Lenses, the flatness of a mirror, warmth and surfaces that shine err by as much for neighbours. The noise is that of
+    a random field: a sum of bells with random heights about random points.
+    """
+    count = min(int(rng.integers(*SHARING)), len(points) // 2)
+    tops = points[rng.choice(len(points), min(BELLS * len(points) // count, len(points)), replace=False)]
+    apart = np.linalg.norm(points[:, None] - tops, axis=2)
+    width = 0.5 * float(np.median(np.partition(apart, count, axis=0)[count]))
+    bells = np.exp(-0.5 * (apart / width) ** 2)
+    field = bells @ rng.normal(size=len(tops)) / np.linalg.norm(bells, axis=1)
+    moved: FloatArray = points + sigma * field[:, None] * along / np.linalg.norm(along)
+    return moved
 
 
 def sampled(mesh: Mesh, count: int, rng: np.random.Generator, noise: float = NOISE) -> FloatArray:

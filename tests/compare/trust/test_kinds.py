@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dqreg.compare.trust import shapes
+from dqreg.compare.trust import scans, shapes
 from dqreg.compare.trust.kinds import KINDS, kinds_named
 from dqreg.compare.trust.task import Drive, Task
 from dqreg.compare.trust.trial import _names_rivals, is_right
@@ -126,3 +126,17 @@ def test_any_other_corner_of_a_block_is_a_rival_of_the_one_that_is_answered():
     assert not names(task.equals[1], task.equals[1])
     away = pose.from_parts(np.eye(3), [0.3 * task.size, 0.0, 0.0])
     assert not names(task.equals[1], away @ task.equals[2])
+
+
+def test_shared_noise_is_common_to_neighbours_and_to_no_others():
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(0.0, 40.0, (2_000, 2)), np.zeros(2_000)])
+    moved = [scans.shared_noise(points, np.array([0.0, 3.0, 4.0]), 0.1, rng) - points for _ in range(20)]
+    along = np.array([field @ [0.0, 0.6, 0.8] for field in moved])
+    np.testing.assert_allclose(moved[0], along[0][:, None] * [0.0, 0.6, 0.8], atol=1e-12)
+    # Each field has some ten independent values: the mean square of twenty of them is good to a tenth.
+    assert np.mean(along**2) == pytest.approx(0.01, rel=0.25)
+    near, far = (np.argsort(np.linalg.norm(points - points[0], axis=1))[k] for k in (50, 1_999))
+    agree = [np.mean(along[:, 0] * along[:, k]) / np.mean(along[:, 0] ** 2) for k in (near, far)]
+    assert agree[0] > 0.6
+    assert abs(agree[1]) < 0.6
