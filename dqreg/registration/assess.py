@@ -131,7 +131,7 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
     if overlap is None:
         return fit.agreement
     placed, fixed, size = pose.apply(fit.T_target_source, moves.points), stands.points, fit.prepared.surface.diagonal
-    strain, planes = overlap.strain(size), CommonPlanes.of(overlap, placed, fixed, size)
+    strain, planes = overlap.strain(size), CommonPlanes.of(overlap.on_no_edge, placed, fixed, size)
     return dataclasses.replace(
         fit.agreement,
         faces_apart=overlap.apart(size, covariance),

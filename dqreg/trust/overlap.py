@@ -12,10 +12,17 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median, product
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, fit_planes_among, fit_planes_around, sample_rows
+from dqreg.geometry.normals import (
+    NEIGHBOURS,
+    PlaneFits,
+    fit_edge_planes,
+    fit_planes_among,
+    fit_planes_around,
+    sample_rows,
+)
 from dqreg.rigid import pose
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.trust.deformation import deformation_of
@@ -27,6 +34,12 @@ ASKED, FEWEST = 2_000, 60
 # Planes of the two are of one face where their normals are within this angle, neighbours leave this share of their
 # extent at most, or so many times the usual noise, and the points are less than this share of it beside each other.
 SAME_COS, FLAT, NOISY, FLATTEST, BESIDE = np.cos(np.deg2rad(15.0)), 0.15, 2.0, 0.4, 0.7
+# Of so many neighbours of a point by an edge those are of its face that lie in one plane with it, within so many times
+# the usual noise of a plane: on a step two points wide eight do. Asked where both clouds have a point within so many
+# extents, and of so many points at most: of more, faces that matter hold places on no edge.
+BY_EDGES, IN_PLANE, NEAR, DENSE = 24, 3.0, 2.0, 10_000
+# Places by an edge of which fewer others are on the same plane, within this angle and this slope, are on no face.
+OTHERS, FACE_COS, SLOPE = 4, np.cos(np.deg2rad(8.0)), 0.03
 # Comparisons of a patch; patches lie apart whose median is this many times the noise, and this share of the size: what
 # is many times the noise from a smaller share on. Fragments of a room that drifted come to 2 and 0.0015, streets to 6
 # and 0.0003.
@@ -72,6 +85,22 @@ class IndexedPoints:
             return fit_planes_around(self.tree, self.points, rows, NEIGHBOURS)
         return fit_planes_among(self.points, self.tree.nearest(self.points[rows], NEIGHBOURS)[0])
 
+    def faces_among(self, fits: PlaneFits, rows: IntArray, asked: BoolArray) -> tuple[PlaneFits, BoolArray]:
+        """Planes of the faces that some points are on, from those of all neighbours, and which are on no edge, (n,).
+
+        By an edge it is the plane that most of the neighbours lie in with the point, where asked; residuals are inf for
+        no face. Levers stay those of all neighbours: how far these are apart.
+        """
+        flat = _is_flat(fits)
+        normals, residuals = fits.normals.copy(), np.where(flat, fits.residuals, np.inf)
+        steep = np.flatnonzero(asked & ~flat)
+        if len(steep) and flat.any() and len(self.points) <= DENSE:
+            neighbours = self.tree.nearest(self.points[rows[steep]], min(BY_EDGES, len(self.points)))[0]
+            planes, left, found = fit_edge_planes(self.points, neighbours, IN_PLANE * _usual_noise(fits))
+            at = steep[found]
+            normals[at], residuals[at] = planes[found], left[found]
+        return dataclasses.replace(fits, normals=normals, residuals=residuals), flat
+
 
 @dataclasses.dataclass(frozen=True)
 class Overlap:
@@ -81,6 +110,7 @@ class Overlap:
     normals: FloatArray  # (n, 3)
     residuals: FloatArray  # (n,): Distances along the normals
     noise: FloatArray  # (n,): Standard deviations of those, from how far neighbours leave their planes
+    inner: BoolArray  # (n,): Those on no edge of either
 
     @staticmethod
     def of(moves: IndexedPoints, stands: IndexedPoints, T_target_source: FloatArray) -> Overlap | None:
@@ -91,20 +121,47 @@ class Overlap:
         placed = pose.apply(T_target_source, moves.points[rows])
         found = stands.tree.nearest(placed, 1)[0][:, 0]
         fixed, other = stands.points[found], stands.planes_at(found)
+        gaps, reach = placed - fixed, np.sqrt(np.fmax(one.lever, other.lever))
+        near = np.linalg.norm(gaps, axis=1) < NEAR * reach
+        one, is_inner = moves.faces_among(one, rows, near)
+        other, are_inner = stands.faces_among(other, found, near & np.isfinite(one.residuals))
         normals, theirs = np.nan_to_num(one.normals) @ T_target_source[:3, :3].T, np.nan_to_num(other.normals)
         cosines = np.einsum("ij,ij->i", normals, theirs)
         normals = theirs + np.where(cosines < 0.0, -1.0, 1.0)[:, None] * normals
         normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
-        gaps = placed - fixed
         residuals = np.einsum("ij,ij->i", gaps, normals)
-        beside = np.linalg.norm(gaps - residuals[:, None] * normals, axis=1)
-        kept = _is_flat(one) & _is_flat(other) & (np.abs(cosines) > SAME_COS)
-        kept &= beside < BESIDE * np.sqrt(np.fmax(one.lever, other.lever))
-        if np.count_nonzero(kept) < FEWEST:
+        kept = np.linalg.norm(gaps - residuals[:, None] * normals, axis=1) < BESIDE * reach
+        kept &= np.isfinite(one.residuals + other.residuals) & (np.abs(cosines) > SAME_COS)
+        inner = is_inner & are_inner
+        if np.count_nonzero(kept & inner) < FEWEST:
             return None
-        noise = np.hypot(one.residuals, other.residuals)[kept]
-        middles = 0.5 * (placed + fixed)[kept]
-        return Overlap(middles, normals[kept], residuals[kept], noise)
+        noise = np.hypot(one.residuals, other.residuals)
+        middles = 0.5 * (placed + fixed)
+        both = Overlap(middles[kept], normals[kept], residuals[kept], noise[kept], inner[kept])
+        return both._at(both.inner | both._with_others())
+
+    @cached_property
+    def on_no_edge(self) -> Overlap:
+        """The places on no edge of either cloud: sensors err along edges, patches over an edge are of several faces."""
+        return self._at(self.inner)
+
+    def _at(self, k: BoolArray) -> Overlap:
+        return Overlap(self.points[k], self.normals[k], self.residuals[k], self.noise[k], self.inner[k])
+
+    def _with_others(self) -> BoolArray:
+        """Which places on an edge, (n,), have others on their face; a plane of single ones lies across an edge.
+
+        Their normals are those of no face, so that the few of them would determine a number of a deformation.
+        """
+        edge, with_others = np.flatnonzero(~self.inner), np.zeros(len(self.points), dtype=bool)
+        arms, normals = self.points - self.points.mean(axis=0), self.normals[edge]
+        squares = np.einsum("ni,ni->n", arms, arms)
+        apart = squares[edge, None] + squares - 2.0 * product(arms[edge], arms.T)
+        aside = product(normals, arms.T) - np.einsum("ei,ei->e", normals, arms[edge])[:, None]
+        within = IN_PLANE * median(self.noise[self.inner]) + SLOPE * np.sqrt(np.maximum(apart, 0.0))
+        together = (np.abs(aside) < within) & (np.abs(product(normals, self.normals.T)) > FACE_COS)
+        with_others[edge] = np.count_nonzero(together, axis=1) > OTHERS
+        return with_others
 
     @cached_property
     def _moved(self) -> FloatArray:
@@ -122,11 +179,12 @@ class Overlap:
 
         Those that lie apart at the pose by more than it leaves count, and those that no motion brings together.
         """
-        count = len(self.points) // PATCH
+        flat = self.on_no_edge
+        count = len(flat.points) // PATCH
         whole = slice(count * PATCH)
-        noise = np.sqrt((self.noise[whole].reshape(count, PATCH) ** 2).mean(axis=1))
-        here, best = (np.abs(np.median(r[whole].reshape(count, PATCH), axis=1)) for r in (self.residuals, self._moved))
-        arms = plane_rows(self.points[whole], self.normals[whole], np.zeros(3), 1.0)
+        noise = np.sqrt((flat.noise[whole].reshape(count, PATCH) ** 2).mean(axis=1))
+        here, best = (np.abs(np.median(r[whole].reshape(count, PATCH), axis=1)) for r in (flat.residuals, flat._moved))
+        arms = plane_rows(flat.points[whole], flat.normals[whole], np.zeros(3), 1.0)
         arms = arms.reshape(6, count, PATCH).mean(axis=2)
         known = np.hypot(noise, np.linalg.norm(_root(covariance).T @ arms, axis=0))
         off = best > np.maximum(APART * noise, LEAST * size)
@@ -147,7 +205,8 @@ class Overlap:
     def strain(self, size: float) -> Strain:
         """Strain of one cloud against the other that matters to a size; zeros else."""
         # Places on both are no clutter, a whole face that is off may be what a strain explains; but they are chosen.
-        found = strain_of(self.points, self.normals, self.residuals)
+        flat = self.on_no_edge
+        found = strain_of(flat.points, flat.normals, flat.residuals)
         found = dataclasses.replace(found, significant=SIGNIFICANT_CLUTTER)
         return found if found.shown >= SHOWN * size else Strain()
 
@@ -159,10 +218,14 @@ class Overlap:
 def _is_flat(fits: PlaneFits) -> BoolArray:
     """Which neighbourhoods, (n,), are flat for their extent, or but for noise."""
     extents = np.sqrt(fits.lever)
-    known = fits.residuals[np.isfinite(fits.residuals)]
-    usual = float(np.quantile(known, 0.3)) if len(known) else 0.0
-    limits = np.minimum(np.maximum(FLAT * extents, NOISY * usual), FLATTEST * extents)
+    limits = np.minimum(np.maximum(FLAT * extents, NOISY * _usual_noise(fits)), FLATTEST * extents)
     return np.asarray(np.nan_to_num(fits.residuals, nan=np.inf) < limits)
+
+
+def _usual_noise(fits: PlaneFits) -> float:
+    """What the quieter neighbourhoods leave of their planes."""
+    known = fits.residuals[np.isfinite(fits.residuals)]
+    return float(np.quantile(known, 0.3)) if len(known) else 0.0
 
 
 def _root(covariance: FloatArray) -> FloatArray:

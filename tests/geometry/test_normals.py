@@ -11,6 +11,7 @@ from dqreg.geometry.normals import (
     CHUNK,
     NEIGHBOURS,
     PlaneFits,
+    fit_edge_planes,
     fit_planes,
     fit_planes_around,
     orient_towards,
@@ -176,3 +177,41 @@ def test_a_tree_of_few_points_remembers_all_of_them() -> None:
 def test_sampled_rows_are_those_of_linspace_to_the_last_one(total: int, wanted: int) -> None:
     expected = np.linspace(0, total - 1, wanted).round() if wanted < total else np.arange(total)
     assert np.array_equal(sample_rows(total, wanted), expected)
+
+
+# Of a step, whose points are 1 apart.
+STEP_NOISE, BY_EDGES = 0.01, 24
+
+
+def step(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """A stair of one tread wide, one point to a unit of area: its riser is two points high; and the exact normals."""
+    xs, ys = rng.uniform(-8.0, 8.0, (2, 160))
+    lower = np.column_stack([xs, -np.abs(ys), np.zeros(160)])
+    upper = np.column_stack([xs, np.abs(ys[::-1]), np.full(160, 2.0)])
+    riser = np.column_stack([rng.uniform(-8.0, 8.0, 32), np.zeros(32), rng.uniform(0.0, 2.0, 32)])
+    normals = np.repeat(np.eye(3)[[2, 2, 1]], [160, 160, 32], axis=0)
+    points = np.concatenate([lower, upper, riser])
+    return points + STEP_NOISE * rng.normal(size=(352, 1)) * normals, normals
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_points_of_a_narrow_face_have_its_normal(seed: int) -> None:
+    points, normals = step(np.random.default_rng(seed))
+    tree, riser = NeighbourTree(points), np.flatnonzero(normals[:, 1])
+    riser = riser[np.abs(points[riser, 0]) < 6.0]
+    across = fit_planes(tree, points, points[riser])
+    planes, residuals, found = fit_edge_planes(points, tree.nearest(points[riser], BY_EDGES)[0], 3.0 * STEP_NOISE)
+    right = np.abs(np.einsum("ij,ij->i", planes, normals[riser])) > np.cos(np.deg2rad(8.0))
+    # Points at the very edges are as well on the tread.
+    assert np.mean(found) > 0.7
+    assert np.mean(right[found]) > 0.8
+    assert np.all(residuals[found] < 3.0 * STEP_NOISE)
+    assert np.mean(np.abs(across.normals[:, 1]) > np.cos(np.deg2rad(8.0))) < 0.3
+
+
+def test_points_on_a_line_and_in_a_ball_have_none() -> None:
+    rng = np.random.default_rng(0)
+    line = np.column_stack([np.arange(40.0), np.zeros(40), np.zeros(40)])
+    # Neighbours are 0.3 apart: six of 24 in one plane are no chance within a hundredth of that.
+    for points in (line, rng.normal(size=(300, 3))):
+        assert np.mean(fit_edge_planes(points, NeighbourTree(points).nearest(points, BY_EDGES)[0], 0.003)[2]) < 0.02

@@ -97,6 +97,30 @@ def test_a_cloud_and_its_pose_are_the_cloud_at_the_pose() -> None:
     np.testing.assert_allclose(back.noise[same], there.noise[order], atol=1e-12)
 
 
+def trough(seed: int, upper: float) -> FloatArray:
+    """Two faces of 30 x 30 that meet along z, one point to a unit of area, and two ledges of 30 x 2 across one."""
+    rng = np.random.default_rng(seed)
+    faces = [rng.uniform(0.0, 30.0, (count, 3)) for count in (900, 900, 60, 60)]
+    faces[0][:, 1], faces[1][:, 0] = 0.0, 0.0
+    for ledge, height in zip(faces[2:], (8.0, upper), strict=True):
+        ledge[:, 1:] = ledge[:, 1:] * [2.0 / 30.0, 0.0] + [0.0, height]
+    noises = (
+        0.02 * rng.normal(size=(len(face), 1)) * np.eye(3)[k] for face, k in zip(faces, (1, 0, 2, 2), strict=True)
+    )
+    return np.vstack([face + noise for face, noise in zip(faces, noises, strict=True)])
+
+
+def test_a_ledge_two_points_wide_is_compared() -> None:
+    # Its points all stand by an edge, and the wide faces show no height: a ledge 15 noises off is all there is.
+    same, moved = between(trough(1, 22.0), trough(2, 22.0)), between(trough(1, 22.3), trough(2, 22.0))
+    for found in (same, moved):
+        on_ledges = np.abs(found.normals[:, 2]) > np.cos(np.deg2rad(8.0))
+        assert np.count_nonzero(on_ledges) > 20
+        assert not np.any(on_ledges & found.inner)
+    assert same.deformation(50.0) == 0.0 < moved.deformation(50.0)
+    assert moved.on_no_edge.deformation(50.0) == 0.0
+
+
 def test_a_wall_laid_on_its_other_side_lies_apart() -> None:
     # Two views of a ribbed plate: half of the ribs' sides are 1 apart, less than the points, and 20 times the noise.
     rng = np.random.default_rng(0)
