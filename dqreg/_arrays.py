@@ -223,8 +223,7 @@ def pose_of(value: Any) -> Any:
 
 def require_finite(array: FloatArray, name: str) -> None:
     """Raise unless every number is finite."""
-    # One sum is three times faster than looking at each number, and finite unless something is wrong or huge.
-    # Infinities of both signs, or a sum beyond float64, are no news here: the look at each number decides.
+    # One sum is three times faster than a look at each number, which decides where that sum is not finite.
     with np.errstate(over="ignore", invalid="ignore"):
         if np.isfinite(array.sum()):
             return
@@ -234,8 +233,8 @@ def require_finite(array: FloatArray, name: str) -> None:
         raise InputError(f"{name} holds {int(bad.sum())} numbers that are NaN or infinite, the first at {first}")
 
 
-def require_workable(points: FloatArray, name: str) -> None:
-    """Raise if lengths are so large or so small that float64 cannot square them.
+def require_workable(points: FloatArray, name: str) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest coordinates; raise if lengths are so large or so small that float64 cannot square them.
 
     >>> require_workable(np.array([[1e300, 0.0, 0.0]]), "points")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -252,6 +251,7 @@ def require_workable(points: FloatArray, name: str) -> None:
     extent = float((high - low).max())
     if 0.0 < extent < 1.0 / LARGEST:
         raise InputError(f"{name} differ by {extent:.3g} at most, too little to work with; give them in a finer unit")
+    return low, high
 
 
 def renamed(old: str, old_value: Any, new: str, new_value: Any, default: Any) -> Any:

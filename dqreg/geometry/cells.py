@@ -12,7 +12,7 @@ from dqreg.geometry.boundary import LINE as LINED
 from dqreg.geometry.boundary import ONE_SIDED
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
-from dqreg.geometry.morton import LONG, CodeArray, edge_of_cells, morton_codes, sorted_rows
+from dqreg.geometry.morton import LONG, CodeArray, Ends, edge_of_cells, morton_codes, sorted_codes
 from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, fit_planes, fit_planes_around
 from dqreg.geometry.surface import Closest
 
@@ -41,20 +41,19 @@ class Cells:
     scatters: FloatArray  # (m, 6): Sums of products of their offsets from the mean: xx, yy, zz, xy, xz, yz
 
     @staticmethod
-    def of(points: FloatArray, size: float) -> Cells:
+    def of(points: FloatArray, size: float, ends: Ends | None = None) -> Cells:
         """Cells of points, (n, 3), of an edge: wider where the extent has too many of them."""
         from dqreg.kernels.cell_moments import cell_moments
         from dqreg.kernels.threads import as_plain, aside
 
-        codes = morton_codes(points, size)
-        order = sorted_rows(codes)
-        given = as_plain(points), codes, order
+        order, keys = sorted_codes(morton_codes(points, size, ends))
+        given = as_plain(points), keys, order
         starts, sums = aside(cell_moments, *given) if len(points) > LONG else cell_moments(*given)
         firsts, counts, (x, y, z) = order[starts], sums[:, 0], (sums[:, 1:4] / sums[:, :1]).T
         scatters = sums[:, 4:] - counts[:, None] * np.column_stack([x * x, y * y, z * z, x * y, x * z, y * z])
         means = np.take(points, firsts, axis=0) + np.column_stack([x, y, z])
-        edge = edge_of_cells(points, size)
-        return Cells(edge, codes[firsts], order, starts, counts, means, scatters)
+        edge = edge_of_cells(points, size, ends)
+        return Cells(edge, keys[starts], order, starts, counts, means, scatters)
 
     def planes(self) -> tuple[PlaneFits, BoolArray]:
         """Planes at the means where neighbouring cells make one, and which of these means lie on a rim, (m,)."""

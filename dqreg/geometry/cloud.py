@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, one_line, require_workable
+from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, bounds, one_line, require_workable
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.depth import depth_points
@@ -75,12 +75,19 @@ class PointCloud:
         if lost:
             points, normals = points[keep], None if normals is None else normals[keep]
             times = None if times is None else times[keep]
-        require_workable(points, "points")
+        self.__dict__["_known_ends"] = require_workable(points, "points")
         place = _viewpoint(self.viewpoint)
         _freeze(self, points=points, normals=normals, dropped=self.dropped + lost, viewpoint=place, times=times)
 
     def __len__(self) -> int:
         return len(self.points)
+
+    @property
+    def _ends(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest coordinates, each (3,): known since the points were checked."""
+        # A copy made of the fields alone does not know them.
+        known = self.__dict__.get("_known_ends")
+        return bounds(self.points) if known is None else known
 
     @classmethod
     def from_depth(

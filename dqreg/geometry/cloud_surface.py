@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.errors import InputError
 from dqreg.geometry.boundary import CloudBoundary
 from dqreg.geometry.cloud import PointCloud
@@ -60,7 +60,7 @@ class CloudSurface:
         self._fits = np.zeros((size, 4)) if given is None else given
         self._known = np.full(size, given is not None)
         self._search: KdTree | NeighbourTree = self._tree if derived else KdTree(self._points)
-        low, high = bounds(self._points)
+        low, high = cloud._ends
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))
         self._viewpoint = cloud.viewpoint

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from dqreg._arrays import FloatArray, IntArray, bounds
 
 CodeArray = NDArray[np.uint64]
+# Lowest and highest coordinates of points.
+Ends = tuple[FloatArray, FloatArray]
 
 BITS = 21
 # Points coded in one go: some milliseconds.
@@ -21,8 +23,8 @@ def morton_order(points: FloatArray) -> IntArray:
     return sorted_rows(morton_codes(points))
 
 
-def distinct_in_order(points: FloatArray) -> IntArray:
-    """Rows in Morton order, each place once.
+def distinct_in_order(points: FloatArray, ends: Ends | None = None) -> IntArray:
+    """Rows in Morton order, each place once; the ends are what `bounds` gives, where they are known.
 
     Sensors write missing returns as copies of one point, often the origin: a thousand duplicates would bias the pose.
 
@@ -32,32 +34,36 @@ def distinct_in_order(points: FloatArray) -> IntArray:
     from dqreg.kernels.threads import as_plain
 
     points = as_plain(points)
-    codes = morton_codes(points)
-    order = sorted_rows(codes)
-    new, mixed = new_places(points, codes, order)
+    order, keys = sorted_codes(morton_codes(points, ends=ends))
+    new, mixed = new_places(points, keys, order)
     if mixed:
         # Different points share a cell and may stand between copies: there, coordinates are sorted too.
-        walked = codes[order]
         shared = np.zeros(len(order), dtype=bool)
-        shared[1:] = walked[1:] == walked[:-1]
+        shared[1:] = keys[1:] == keys[:-1]
         shared[:-1] |= shared[1:]
         rows = order[shared]
-        order[shared] = rows[np.lexsort((*points[rows].T, walked[shared]))]
-        new, _ = new_places(points, codes, order)
+        order[shared] = rows[np.lexsort((*points[rows].T, keys[shared]))]
+        new, _ = new_places(points, keys, order)
     return order[new]
 
 
 def sorted_rows(codes: CodeArray) -> IntArray:
     """Stable order of codes."""
+    return sorted_codes(codes)[0]
+
+
+def sorted_codes(codes: CodeArray) -> tuple[IntArray, CodeArray]:
+    """Stable order of codes, and the codes in it."""
     from dqreg.kernels import morton
     from dqreg.kernels.threads import aside
 
-    order: IntArray = aside(morton.sorted_rows, codes) if len(codes) > LONG else morton.sorted_rows(codes)
-    return order
+    found: tuple[IntArray, CodeArray]
+    found = aside(morton.sorted_rows, codes) if len(codes) > LONG else morton.sorted_rows(codes)
+    return found
 
 
-def morton_codes(points: FloatArray, size: float = 0.0) -> CodeArray:
-    """Place of each point along the Z-order curve: the number of its cell.
+def morton_codes(points: FloatArray, size: float = 0.0, ends: Ends | None = None) -> CodeArray:
+    """Place of each point along the Z-order curve: the number of its cell; the ends as in `distinct_in_order`.
 
     >>> morton_codes(np.array([[0.0, 0, 0], [0.4, 0, 0], [0, 0, 1.2]]), 1.0).tolist()
     [0, 0, 1]
@@ -65,7 +71,7 @@ def morton_codes(points: FloatArray, size: float = 0.0) -> CodeArray:
     from dqreg.kernels.morton import morton_cells
     from dqreg.kernels.threads import as_plain, over_chunks
 
-    low, high = bounds(points)
+    low, high = bounds(points) if ends is None else ends
     extent = float((high - low).max())
     cells = 0.0 if extent == 0.0 else (2**BITS - 1) / extent
     cells = min(cells, 1.0 / size) if size > 0.0 else cells
@@ -74,11 +80,11 @@ def morton_codes(points: FloatArray, size: float = 0.0) -> CodeArray:
     return codes
 
 
-def edge_of_cells(points: FloatArray, size: float = 0.0) -> float:
+def edge_of_cells(points: FloatArray, size: float = 0.0, ends: Ends | None = None) -> float:
     """Edge of the cells of `morton_codes`: it is the least that codes have numbers for, where a smaller one is asked.
 
     >>> edge_of_cells(np.array([[0.0, 0, 0], [0.4, 0, 1.2]]), 1.0)
     1.0
     """
-    low, high = bounds(points)
+    low, high = bounds(points) if ends is None else ends
     return max(size, float((high - low).max() / (2**BITS - 1)))

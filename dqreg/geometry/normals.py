@@ -54,7 +54,8 @@ class PlaneFits:
     @property
     def known(self) -> BoolArray:
         """Where there is a plane, (n,)."""
-        return np.asarray(np.isfinite(self.normals).all(axis=1))
+        x, y, z = np.isfinite(self.normals.T)
+        return np.asarray(x & y & z)
 
     @property
     def variances(self) -> FloatArray:

@@ -215,7 +215,7 @@ def prepare_scan(
     >>> len(scan), int(scan.directed.sum()), scan.spacing, scan.noise
     (100, 50, 1.0, 0.0)
     """
-    order = distinct_in_order(cloud.points) if surface is None else surface.order
+    order = distinct_in_order(cloud.points, cloud._ends) if surface is None else surface.order
     points = np.take(cloud.points, order, axis=0)
     if len(points) < FEWEST_POINTS:
         raise InputError(
@@ -248,6 +248,7 @@ def prepare_scan(
         total=len(points) if total is None else total,
         fitted=None if len(rows) == len(points) else rows,
     )
+    vars(scan)["diagonal"] = float(np.linalg.norm(np.subtract(*cloud._ends)))
     if tree is not None:
         vars(scan)["tree"] = tree
     return scan

@@ -9,7 +9,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, bounds
 from dqreg.geometry.cells import Cells, CellSurface
 from dqreg.geometry.cloud import PointCloud
-from dqreg.geometry.morton import BITS, morton_codes, sorted_rows
+from dqreg.geometry.morton import BITS, Ends, morton_codes, sorted_codes
 
 # A cloud is downsampled from so many times the wanted points on: below, it costs accuracy and saves little.
 DENSE = 3.0
@@ -46,7 +46,7 @@ class VoxelCloud:
     @staticmethod
     def of(cloud: PointCloud, size: float) -> VoxelCloud:
         """Downsample a cloud."""
-        cells = Cells.of(cloud.points, size) if size > 0.0 else None
+        cells = Cells.of(cloud.points, size, cloud._ends) if size > 0.0 else None
         if cells is None or len(cells.counts) >= WHOLE * len(cloud):
             return VoxelCloud(size, cloud, None)
         even = _means(cloud, cells)
@@ -71,7 +71,7 @@ class VoxelCloud:
 
         It begins with the size of `first_size`, where that is known already.
         """
-        points, size = cloud.points, first_size(cloud.points, count) if size is None else size
+        points, size = cloud.points, first_size(cloud.points, count, cloud._ends) if size is None else size
         if len(points) > DENSE * count:
             return VoxelCloud.across_lines(cloud, size)
         found = VoxelCloud.across_lines(cloud, size) if size > 0.0 else None
@@ -80,27 +80,27 @@ class VoxelCloud:
         return VoxelCloud(0.0, cloud, None)
 
 
-def first_size(points: FloatArray, count: int) -> float:
+def first_size(points: FloatArray, count: int, ends: Ends | None = None) -> float:
     """Edge of the voxels that evening a cloud to about so many points begins with."""
-    return cell_size(points, min(count, int(len(points) / DENSE)))
+    return cell_size(points, min(count, int(len(points) / DENSE)), ends)
 
 
-def cell_size(points: FloatArray, count: int) -> float:
+def cell_size(points: FloatArray, count: int, ends: Ends | None = None) -> float:
     """Edge of the cubic cells of which the points fill about so many."""
     from dqreg.kernels.morton import count_cells
 
     if len(points) <= count:
         return 0.0
     # Dropping three bits of a Morton code doubles the edge: one sort counts the cells of every such size.
-    codes = morton_codes(points)
-    filled = count_cells(codes[sorted_rows(codes)])
+    ends = bounds(points) if ends is None else ends
+    filled = count_cells(sorted_codes(morton_codes(points, ends=ends))[1])
     level = int(np.searchsorted(-filled, -count))
     if level == 0:
         return 0.0
     # Between two sizes the logarithm of the number is nearly a line.
     finer, coarser = np.log(filled[level - 1 : level + 1])
     part = (finer - np.log(count)) / (finer - coarser)
-    extent = float(np.subtract(*bounds(points)[::-1]).max())
+    extent = float(np.subtract(*ends[::-1]).max())
     return float(extent / (2**BITS - 1) * 2.0 ** (level - 1 + part))
 
 

@@ -17,18 +17,18 @@ FACTOR, UPPER = 0x9E3779B97F4A7C15, 32
 
 
 @compiled
-def cell_moments(points: FloatArray, codes: Codes, order: IntArray) -> tuple[IntArray, FloatArray]:
+def cell_moments(points: FloatArray, keys: Codes, order: IntArray) -> tuple[IntArray, FloatArray]:
     """Places in an order by codes at which cells begin, and the sums of each cell. O(n).
 
-    Shapes: points (n, 3), codes (n,), order (n,); returns (m,), (m, 10).
+    The keys are the codes in that order. Shapes: points (n, 3), keys (n,), order (n,); returns (m,), (m, 10).
     """
     n, count = len(order), 0
     for i in range(n):
-        count += i == 0 or codes[order[i]] != codes[order[i - 1]]
+        count += i == 0 or keys[i] != keys[i - 1]
     starts, sums, cell = np.zeros(count, np.int64), np.zeros((count, SUMS)), -1
     for i in range(n):
         row = order[i]
-        if i == 0 or codes[row] != codes[order[i - 1]]:
+        if i == 0 or keys[i] != keys[i - 1]:
             cell, first = cell + 1, row
             starts[cell] = i
         x, y, z = (

@@ -82,7 +82,7 @@ def _faces() -> None:
 def _order() -> None:
     codes = np.zeros(2, dtype=np.uint64)
     morton_cells(0, 2, CORNERS[0], np.zeros(3), 1.0, codes)
-    new_places(CORNERS[0], codes, sorted_rows(codes))
+    new_places(CORNERS[0], codes, sorted_rows(codes)[0])
     count_cells(codes)
     cell_moments(CORNERS[0], codes, FIRST)
     table, edges = table_of(codes[:1]), (1.0,) * 5

@@ -43,8 +43,8 @@ def _spread(cell: np.uint64) -> np.uint64:
 
 
 @compiled
-def sorted_rows(codes: Codes) -> IntArray:
-    """Stable order of codes below 2^63, as of ``np.argsort``: a radix sort, O(n).
+def sorted_rows(codes: Codes) -> tuple[IntArray, Codes]:
+    """Stable order of codes below 2^63, as of ``np.argsort``, and the codes in it: a radix sort, O(n).
 
     The upper half of the digits puts points of a surface in order but for a few neighbours, which then change places.
     """
@@ -59,7 +59,7 @@ def sorted_rows(codes: Codes) -> IntArray:
         rows, keys = _by_digits(codes, lowest)
         if lowest == 0 or _settled(rows, keys):
             break
-    return rows
+    return rows, keys
 
 
 @inside_kernels
@@ -113,15 +113,18 @@ def _settled(rows: IntArray, keys: Codes) -> bool:
 
 
 @compiled
-def new_places(points: FloatArray, codes: Codes, order: IntArray) -> tuple[BoolArray, bool]:
-    """Which points differ from the one before them in an order by codes, and whether two such share a cell. O(n)."""
+def new_places(points: FloatArray, keys: Codes, order: IntArray) -> tuple[BoolArray, bool]:
+    """Which points differ from the one before them in an order by codes, and whether two such share a cell. O(n).
+
+    The keys are the codes in that order: they are walked along, not looked up.
+    """
     new, mixed = np.zeros(len(order), np.bool_), False
     for i in range(len(order)):
         new[i] = True
         if i == 0:
             continue
-        a, b = order[i - 1], order[i]
-        if codes[a] == codes[b]:
+        if keys[i - 1] == keys[i]:
+            a, b = order[i - 1], order[i]
             same = points[a, 0] == points[b, 0] and points[a, 1] == points[b, 1] and points[a, 2] == points[b, 2]
             new[i] = not same
             mixed = mixed or not same

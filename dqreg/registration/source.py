@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, bounds, shifted
+from dqreg._arrays import FloatArray, shifted
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
@@ -65,7 +65,7 @@ def centre_source(
         geometry = sample_mesh(geometry, MESH_SAMPLES, rng)
     scale = scale * factor(source_units or geometry.units, target_units)
     require_spread(geometry.points, "source")
-    origin = 0.5 * scale * np.add(*bounds(geometry.points))
+    origin = 0.5 * scale * np.add(*geometry._ends)
     return CentredSource(moved(geometry, -origin, scale), origin, scale, mesh)
 
 

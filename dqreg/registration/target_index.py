@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, bounds
+from dqreg._arrays import BoolArray, FloatArray
 from dqreg.errors import InputError
 from dqreg.files.step import CHORD, file_unit, read_step
 from dqreg.files.units import factor
@@ -112,7 +112,7 @@ class TargetIndex:
         geometry, known = self.geometry, self._evened.get(count)
         if known is not None or not isinstance(geometry, PointCloud):
             return Later(lambda: self.evened(count), beside=False), 0.0 if known is None else known.size
-        size = first_size(geometry.points, count)
+        size = first_size(geometry.points, count, geometry._ends)
         edge = size if len(geometry.points) > DENSE * count else 0.0
         return Later(lambda: self.evened(count, size), beside=edge > 0.0), edge
 
@@ -181,7 +181,7 @@ class TargetIndex:
         """Diagonal of the bounding box: that of its surface."""
         if isinstance(self.geometry, Mesh):
             return self.geometry.diagonal
-        return float(np.linalg.norm(np.subtract(*bounds(self.geometry.points))))
+        return float(np.linalg.norm(np.subtract(*self.geometry._ends)))
 
     @property
     def units(self) -> str | None:
@@ -221,7 +221,7 @@ def index_target(target: Any) -> TargetIndex:
         origin = geometry.centre
         return TargetIndex(geometry._shifted(-origin), origin, describe(target))
     require_spread(geometry.points, "target")
-    origin = 0.5 * np.add(*bounds(geometry.points))
+    origin = 0.5 * np.add(*geometry._ends)
     return TargetIndex(moved(geometry, -origin, 1.0), origin, describe(target))
 
 
