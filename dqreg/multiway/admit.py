@@ -14,7 +14,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.edges import PART, Edge, sureness
 from dqreg.multiway.merge import merged_target
 from dqreg.multiway.scans import View
 from dqreg.registration.options import Effort, Search
@@ -228,11 +228,6 @@ class Union:
 def against(registration: Registration, scans: Iterable[int]) -> Registration:
     """A registration that says to which scans together it was made."""
     return dataclasses.replace(registration, settings={**registration.settings, "against": sorted(scans)})
-
-
-def sureness(edge: Edge) -> float:
-    """Confidence of an edge; 0 where it is not known."""
-    return float(np.nan_to_num(edge.registration.verdict.confidence))
 
 
 def largest_union(

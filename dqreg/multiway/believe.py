@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import scipy.sparse as sparse
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.multiway.confirm import Confirmation, confirm, joined_by
-from dqreg.multiway.edges import PART, Edge, EdgeCode, graph_of
+from dqreg.multiway.confirm import Confirmation, confirm, islands, joined_by
+from dqreg.multiway.edges import HELD_BY_LOOPS, PART, Edge, EdgeCode, graph_of, sureness
 from dqreg.multiway.graph import PoseGraph, solve_graph
 from dqreg.multiway.loops import BLUNT, BLUNT_RAD, LIMIT, Loops, covariances_of, find_loops
 from dqreg.rigid import pose
@@ -19,6 +19,8 @@ from dqreg.rigid import pose
 ROUNDS, FACTOR = 40, 1.4
 # Trust of an edge, in that of a single thread which it contradicts, from which nobody can tell which of them is wrong.
 RIVAL = 0.8
+# Confidence of a doubted edge, as a share of that of all edges used at either of its scans, which tells nothing there.
+OUTWEIGHED = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,14 +35,24 @@ class Belief:
     rows: IntArray  # (m,): Numbers of those edges, in the order that the loops count them
     confirmed: BoolArray  # (m,): Whether a closing loop, of three or more, confirms them
 
-    @property
+    @functools.cached_property
     def is_unanimous(self) -> bool:
-        """Whether all pairs that tell anything are used, and no loop of them fails to close.
+        """Whether all pairs that tell anything are used but for doubted ones that surer pairs of both scans outweigh.
 
-        Scans of something else, and views that look alike elsewhere, always left pairs that contradict the others.
+        Scans of something else, and views that look alike elsewhere, always left pairs that contradict the others. A
+        loop of used pairs alone that does not close is such a contradiction too.
         """
-        told = (edge for edge in self.edges if edge.found and edge.code != "uncertain")
-        return all(edge.used for edge in told) and not self.loops.fails.any()
+        used = np.array([edge.used for edge in self.edges], dtype=bool)
+        if self.loops.fails.any() and used[self.rows[self.loops.edges[self.loops.fails]]].all(axis=1).any():
+            return False
+        weight = np.zeros(len(self.T_world_scan))
+        for edge in self.edges:
+            weight[[edge.target, edge.source]] += edge.used * sureness(edge)
+        left_out = [edge for edge in self.edges if edge.found and not edge.used and edge.code != "uncertain"]
+        return all(
+            edge.level != "accepted" and sureness(edge) <= OUTWEIGHED * weight[[edge.target, edge.source]].min()
+            for edge in left_out
+        )
 
 
 def believe(edges: Sequence[Edge], count: int, anchor: int, size: float, floor: float, T_anchor: FloatArray) -> Belief:
@@ -55,7 +67,9 @@ def believe(edges: Sequence[Edge], count: int, anchor: int, size: float, floor: 
     loops = find_loops(graph, size, floor)
     accepted = np.array([edges[k].level == "accepted" for k in rows], dtype=bool)
     covariances = covariances_of(graph, size, floor)
-    told = confirm(graph, covariances, loops, accepted, size)
+    sure = np.array([sureness(edges[k]) for k in rows])
+    held = np.array([set(edges[k].registration.verdict.codes) <= HELD_BY_LOOPS for k in rows], dtype=bool)
+    told = confirm(graph, covariances, loops, accepted, size, sure, held)
     candidate = accepted | told.confirmed | (loops.counts(loops.closes, len(rows)) > 0)
     gated = dataclasses.replace(graph, information=np.asarray(np.linalg.inv(covariances), dtype=np.float64))
     order = np.lexsort((-np.linalg.slogdet(gated.information)[1], -told.trust, told.refuted, ~told.confirmed))
@@ -65,7 +79,7 @@ def believe(edges: Sequence[Edge], count: int, anchor: int, size: float, floor: 
         if not candidate[row]:
             continue
         codes[k] = ("used" if accepted[row] else "confirmed") if kept[row] else "contradicts"
-    island = _islands(graph, np.flatnonzero(kept))
+    island = islands(graph, np.flatnonzero(kept))
     node = count if anchor == PART else anchor
     node = _anchored(island, node, count)
     placed = island == island[node]
@@ -146,7 +160,7 @@ def _disputed(graph: PoseGraph, kept: BoolArray, left_out: BoolArray, told: Conf
     No loop tells which of the two is wrong. Without the thread the groups are islands, which the verdict names; a wrong
     thread would put all that lies beyond it to a wrong place.
     """
-    group = _islands(graph, np.flatnonzero(kept & told.confirmed))
+    group = islands(graph, np.flatnonzero(kept & told.confirmed))
     ends = group[graph.targets], group[graph.sources]
     threads = np.flatnonzero(kept & (ends[0] != ends[1]))
     found = np.zeros(len(kept), dtype=bool)
@@ -211,16 +225,9 @@ def _along_tree(graph: PoseGraph, tree: IntArray) -> FloatArray:
 
 def _without_roots(graph: PoseGraph, nodes: IntArray) -> IntArray:
     """Nodes without the first of each connected part, which stays."""
-    island = _islands(graph, np.arange(len(graph.targets)))
+    island = islands(graph, np.arange(len(graph.targets)))
     _, firsts = np.unique(island[nodes], return_index=True)
     return np.delete(nodes, firsts)
-
-
-def _islands(graph: PoseGraph, rows: IntArray) -> IntArray:
-    shape = (graph.count, graph.count)
-    links = sparse.coo_matrix((np.ones(len(rows)), (graph.targets[rows], graph.sources[rows])), shape=shape)
-    _, labels = sparse.csgraph.connected_components(links, directed=False)
-    return np.asarray(labels, dtype=np.int64)
 
 
 def _anchored(island: IntArray, node: int, count: int) -> int:

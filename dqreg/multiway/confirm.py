@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import scipy.sparse as sparse
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway.graph import PoseGraph
@@ -26,6 +27,9 @@ TRUST_ROUNDS = 10
 DETOUR = 30.0
 # Paths tried for an edge: at first, and at most where nothing else is left to confirm.
 PATHS = 8, 32
+# Scans of an island that doubted edges may join to another one, and such edges; confidence of all other edges between
+# the two, as a share of theirs, beyond which nobody can tell.
+ISLAND, BRIDGES, RIVALS = 3, 2, 0.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,8 +56,19 @@ def trust_of(loops: Loops, accepted: BoolArray, on_part: BoolArray) -> FloatArra
     return np.asarray(trust)
 
 
-def confirm(graph: PoseGraph, covariances: FloatArray, loops: Loops, accepted: BoolArray, size: float) -> Confirmation:
-    """Confirm edges by loops of three, then by ever longer ones; size is a typical diagonal of a scan."""
+def confirm(
+    graph: PoseGraph,
+    covariances: FloatArray,
+    loops: Loops,
+    accepted: BoolArray,
+    size: float,
+    sure: FloatArray,
+    held: BoolArray,
+) -> Confirmation:
+    """Confirm edges by loops of three, then by ever longer ones; size is a typical diagonal of a scan.
+
+    Shapes: sure (m,), the confidence of the edges; held (m,), whether only how well they are held is doubted.
+    """
     # The part is the last node, and always a target.
     trust = trust_of(loops, accepted, graph.targets == graph.count - 1)
     confirmed, refuted = np.zeros(len(trust), dtype=bool), np.zeros(len(trust), dtype=bool)
@@ -61,6 +76,18 @@ def confirm(graph: PoseGraph, covariances: FloatArray, loops: Loops, accepted: B
         good = loops.closes & (trust[loops.edges] >= 0.5).all(axis=1)
         confirmed[loops.edges[good].ravel()] = True
     paths = _Paths(graph, covariances, size)
+    _by_longer_loops(paths, trust, accepted, confirmed, refuted)
+    while (bridges := _bridges(paths, confirmed, sure, held & ~accepted)).any():
+        confirmed |= bridges
+        refuted[:] = False
+        _by_longer_loops(paths, trust, accepted, confirmed, refuted)
+    return Confirmation(trust, confirmed, refuted & ~confirmed)
+
+
+def _by_longer_loops(
+    paths: _Paths, trust: FloatArray, accepted: BoolArray, confirmed: BoolArray, refuted: BoolArray
+) -> None:
+    """Mark in place what loops along the trusted edges confirm or refute."""
     order = np.argsort(-trust, kind="stable")
     most = PATHS[0]
     while most <= PATHS[1]:
@@ -74,7 +101,47 @@ def confirm(graph: PoseGraph, covariances: FloatArray, loops: Loops, accepted: B
                     confirmed[[row, *open_edges]] = True
         if confirmed.sum() == before:
             most *= 4
-    return Confirmation(trust, confirmed, refuted & ~confirmed)
+
+
+def _bridges(paths: _Paths, confirmed: BoolArray, sure: FloatArray, held: BoolArray) -> BoolArray:
+    """Doubted edges that put two islands of confirmed scans to one pose of each other, (m,).
+
+    Six numbers do not agree by chance. Edges between the two that say something else are weighed against them.
+    """
+    graph = paths.graph
+    island = islands(graph, np.flatnonzero(confirmed))
+    large = np.bincount(island) >= ISLAND
+    ends = np.sort(np.column_stack([island[graph.targets], island[graph.sources]]), axis=1)
+    across = ~confirmed & (ends[:, 0] != ends[:, 1]) & large[ends].all(axis=1)
+    found = np.zeros(len(confirmed), dtype=bool)
+    for pair in np.unique(ends[across], axis=0):
+        rows = np.flatnonzero(across & (ends == pair).all(axis=1))
+        best = max((_agreeing(paths, row, rows[held[rows]], confirmed) for row in rows[held[rows]]), default=rows[:0],
+                   key=lambda group: float(sure[group].sum()))  # fmt: skip
+        if len(best) >= BRIDGES and sure[np.setdiff1d(rows, best)].sum() <= RIVALS * sure[best].sum():
+            found[best] = True
+    return found
+
+
+def _agreeing(paths: _Paths, row: int, others: IntArray, confirmed: BoolArray) -> IntArray:
+    """An edge, and those of others that close a loop with it along confirmed ones, (k,)."""
+    group = [int(row)]
+    for other in others[others != row].tolist():
+        extra = np.where(confirmed, 0.0, np.inf)
+        extra[other] = 0.0
+        path = paths.shortest(row, extra, frozenset((row,)))
+        chi2, sharp = paths.loop(row, path) if path else (np.inf, False)
+        if chi2 <= LIMIT and sharp:
+            group.append(other)
+    return np.array(group, dtype=np.int64)
+
+
+def islands(graph: PoseGraph, rows: IntArray) -> IntArray:
+    """Number of the connected part that some edges, by their rows, leave each node in, (n,)."""
+    shape = (graph.count, graph.count)
+    links = sparse.coo_matrix((np.ones(len(rows)), (graph.targets[rows], graph.sources[rows])), shape=shape)
+    _, labels = sparse.csgraph.connected_components(links, directed=False)
+    return np.asarray(labels, dtype=np.int64)
 
 
 def _search(paths: _Paths, row: int, extra: FloatArray, trust: FloatArray, most: int) -> tuple[list[int] | None, bool]:

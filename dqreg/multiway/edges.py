@@ -107,6 +107,11 @@ class Edge:
         return bool(np.isfinite(self.registration.T_target_source).all())
 
 
+def sureness(edge: Edge) -> float:
+    """Confidence of an edge; 0 where it is not known."""
+    return float(np.nan_to_num(edge.registration.verdict.confidence))
+
+
 def centre_of(result: Registration) -> FloatArray:
     """Point of the target frame about which the covariance of a result is."""
     return np.asarray(result.settings.get("centre", np.zeros(3)), dtype=np.float64)

@@ -29,6 +29,9 @@ TRIED, MOST = 6, 0.5
 TESTED, FEWEST = 8, 3
 # What may be doubted of a scan that fits: how well its motions are known.
 UNHELD = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty"})
+# What may be doubted of such a scan where all pairs agree: how well it is held, also by one plane; and its normals,
+# which are guesses for a plate seen from its edge.
+AGREED = HELD_BY_LOOPS | {"disagreeing_normals"}
 # Motion, in sizes of a scan, by which a pose may differ from that of its pairs.
 MOVED = 0.05
 
@@ -196,7 +199,7 @@ def _fits_all(
         found = register(cloud, others, T, effort=effort, seed=seed, search="never", keep_inputs=False, units="ignore")
     except DqregError:
         return False
-    unheld = HELD_BY_LOOPS if belief.is_unanimous else UNHELD
+    unheld = AGREED if belief.is_unanimous else UNHELD
     if found.verdict.level != "accepted" and not set(found.verdict.codes) <= unheld:
         return False
     middle = cloud.points.mean(axis=0)[None]

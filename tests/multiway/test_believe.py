@@ -1,3 +1,4 @@
+import dataclasses
 from itertools import combinations
 
 import numpy as np
@@ -9,7 +10,7 @@ from dqreg.multiway.loops import LIMIT
 from dqreg.multiway.scans import View
 from dqreg.multiway.verdict import judge_scans
 from dqreg.rigid import pose
-from dqreg.trust.records import Verdict
+from dqreg.trust.records import Code, Reason, Verdict
 from tests.multiway.edges_of_truth import edges_of, registration, world
 
 SIGMA = 1e-3
@@ -70,6 +71,74 @@ def test_islands_are_told_apart_and_the_anchors_is_placed() -> None:
     assert np.flatnonzero(np.isfinite(belief.T_world_scan[:7, 0, 0])).tolist() == [3, 4, 5]
     assert [edge.code for edge in belief.edges] == ["elsewhere"] * 3 + ["used"] * 3
     assert len(set(belief.island.tolist())) == 3
+
+
+def doubted(edge: Edge, confidence: float, code: Code = "weakly_constrained", *, wrong: bool = False) -> Edge:
+    """The edge, suspect with a confidence for one reason; a wrong one puts its scan upside down."""
+    old = edge.registration
+    upside_down = pose.exp(np.r_[np.pi, 0.0, 0.0, 0.0, 0.0, 0.0])
+    T = old.T_target_source @ upside_down if wrong else old.T_target_source
+    verdict = Verdict("suspect", (Reason("made by hand", code),), confidence=confidence)
+    return dataclasses.replace(edge, registration=dataclasses.replace(old, T_target_source=T, verdict=verdict))
+
+
+# Both sides of a plate, four views each, and pairs across its edge.
+SIDE_BY_SIDE = [*combinations(range(4), 2), *combinations(range(4, 8), 2)]
+
+
+@pytest.mark.parametrize(
+    ("code", "right", "wrong", "joined"),
+    [
+        ("weakly_constrained", (0.5, 0.5), (), True),
+        ("weakly_constrained", (0.5,), (), False),  # Nothing agrees with it
+        ("weakly_constrained", (0.5, 0.5), (0.2, 0.2), True),
+        ("weakly_constrained", (0.5, 0.5), (0.4, 0.4), False),  # Nobody can tell
+        ("faces_apart", (0.5, 0.5), (), False),  # Something speaks against where the scans stand
+    ],
+)
+def test_doubted_edges_that_agree_join_islands(
+    code: Code, right: tuple[float, ...], wrong: tuple[float, ...], joined: bool
+) -> None:
+    T = world(8, seed=9)
+    edges = edges_of(T, [*SIDE_BY_SIDE, (3, 4), (0, 7), (2, 4), (1, 7)], SIGMA, seed=10)
+    sure, across = edges[: len(SIDE_BY_SIDE)], edges[len(SIDE_BY_SIDE) :]
+    bridges = [doubted(edge, sureness, code) for edge, sureness in zip(across[:2], right, strict=False)]
+    rivals = [doubted(edge, sureness, code, wrong=True) for edge, sureness in zip(across[2:], wrong, strict=False)]
+    belief = judged([*sure, *bridges, *rivals], 8)
+    assert np.isfinite(belief.T_world_scan[:8]).all() == joined
+    assert not any(edge.used for edge in belief.edges[len(sure) + len(bridges) :])
+    if joined:
+        np.testing.assert_allclose(belief.T_world_scan[:8], T, atol=20 * SIGMA)
+
+
+@pytest.mark.parametrize(
+    ("confidence", "level", "unanimous"),
+    [(0.3, "suspect", True), (0.9, "suspect", False), (0.3, "accepted", False), (None, "", True)],
+)
+def test_pairs_agree_where_surer_ones_outweigh_what_is_left_out(
+    confidence: float | None, level: str, unanimous: bool
+) -> None:
+    edges = edges_of(world(4, seed=3), combinations(range(4), 2), SIGMA, seed=4)
+    edges = [
+        dataclasses.replace(
+            edge, registration=dataclasses.replace(edge.registration, verdict=verdict_of("accepted", 0.5))
+        )
+        for edge in edges
+    ]
+    if confidence is not None:
+        edges[-1] = doubted(edges[-1], confidence, wrong=True)
+        verdict = verdict_of(level, confidence)
+        edges[-1] = dataclasses.replace(
+            edges[-1], registration=dataclasses.replace(edges[-1].registration, verdict=verdict)
+        )
+    belief = judged(edges, 4)
+    assert belief.edges[-1].used == (confidence is None)
+    assert belief.is_unanimous == unanimous
+
+
+def verdict_of(level: str, confidence: float) -> Verdict:
+    code: Code = "accepted" if level == "accepted" else "weakly_constrained"
+    return Verdict(level, (Reason("made by hand", code),), confidence=confidence)
 
 
 def test_an_anchor_that_hangs_on_nothing_is_replaced() -> None:
