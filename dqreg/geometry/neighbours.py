@@ -21,7 +21,7 @@ class NeighbourTree:
         from dqreg.kernels.point_tree import PointTree
 
         self.size = len(points)
-        self._points = points
+        self._points, self._in_order = points, in_order
         # Points in Morton order that few queries are asked of need no other order.
         self._tree = PointTree.of(points, in_order=in_order)
 
@@ -33,6 +33,11 @@ class NeighbourTree:
     def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
         """Nearest points of each query, closest first. Shapes: indices (m, k), distances (m, k)."""
         return self._tree.nearest(queries, count)
+
+    def nearest_to(self, rows: IntArray, count: int) -> tuple[IntArray, FloatArray]:
+        """The same of some of the points, (m,) rows: in Morton order those beside each are a bound to begin with."""
+        queries = np.take(self._points, rows, axis=0)
+        return self._tree.nearest(queries, count, at=rows) if self._in_order else self._tree.nearest(queries, count)
 
     def capped_distances(self, queries: FloatArray, cap: float) -> FloatArray:
         """Distance of each query to the nearest point, (m,), or the cap where that is less: little is looked at."""

@@ -23,7 +23,7 @@ def measure_spacing(tree: NeighbourTree, points: FloatArray, sample: int = SPACI
     >>> measure_spacing(NeighbourTree(line), line)
     2.0
     """
-    _, distances = tree.nearest(points[sample_rows(len(points), sample)], 2)
+    _, distances = tree.nearest_to(sample_rows(len(points), sample), 2)
     return _usual_gap(distances[:, -1], points)
 
 

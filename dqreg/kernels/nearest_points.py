@@ -24,13 +24,15 @@ def nearest_points(
     within: float,
     found: IntArray,
     distances: FloatArray,
+    at: IntArray,
 ) -> None:
     """Write the rows of the k nearest points, and how far they are, for queries first to last: (m, k) each.
 
     Where fewer are nearer than ``within``, the row is n and the distance that.
 
     O(k + log n) a query near the points. The k points found for one query are no farther from the next than their
-    distance and the way between the two, so that neighbouring queries hardly look around.
+    distance and the way between the two, so that neighbouring queries hardly look around; nor are they farther than the
+    k around a place of the tree, (m,) where one near each query is known, (0,) else.
     """
     n, half, count = len(places), len(boxes) // 2, found.shape[1]
     stack, away = np.zeros(DEEPEST, np.int64), np.zeros(DEEPEST)
@@ -43,6 +45,12 @@ def nearest_points(
             reach = (distances[i - 1, count - 1] + np.sqrt(dx * dx + dy * dy + dz * dz)) * WIDER
             # The next number above, so that what is at the bound is within it.
             reach = min(reach * reach * WIDER + 1e-300, within * within)
+        if len(at) > 0:
+            low, farthest = max(min(at[i] - count // 2, n - count), 0), 0.0
+            for t in range(low, low + count):
+                dx, dy, dz = places[t, 0] - x, places[t, 1] - y, places[t, 2] - z
+                farthest = max(farthest, dx * dx + dy * dy + dz * dz)
+            reach = min(reach, farthest)
         for j in range(count):
             best[j], kept[j] = reach, n
         node, waiting = 1, 0

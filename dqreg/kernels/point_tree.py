@@ -18,6 +18,9 @@ MANY = 200_000
 # Queries that one thread answers in one go.
 CHUNK = 512
 
+# No places.
+NOWHERE = np.zeros(0, dtype=np.int64)
+
 
 @dataclasses.dataclass(frozen=True)
 class PointTree:
@@ -41,8 +44,12 @@ class PointTree:
         places = np.take(points, rows, axis=0)
         return PointTree(heap_boxes(places, places, LEAF), places, rows)
 
-    def nearest(self, queries: FloatArray, count: int, within: float = np.inf) -> tuple[IntArray, FloatArray]:
+    def nearest(
+        self, queries: FloatArray, count: int, within: float = np.inf, at: IntArray = NOWHERE
+    ) -> tuple[IntArray, FloatArray]:
         """Rows and distances of the nearest points, closest first; row n and that distance where none is within.
+
+        Few queries are answered sooner where a place of the tree near each is known, (m,).
 
         Shapes: (m, k), k at most the number of points.
         """
@@ -50,6 +57,6 @@ class PointTree:
         found, distances = np.zeros((len(queries), count), dtype=np.int64), np.zeros((len(queries), count))
         tree = self.boxes, self.places, LEAF, self.rows
         over_chunks(
-            nearest_points, len(queries), *tree, as_plain(queries), float(within), found, distances, chunk=CHUNK
+            nearest_points, len(queries), *tree, as_plain(queries), float(within), found, distances, at, chunk=CHUNK
         )
         return found, distances

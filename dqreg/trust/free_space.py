@@ -152,9 +152,7 @@ def _project(points: FloatArray, axes: FloatArray, eye: FloatArray) -> tuple[Flo
 def _spacing(places: FloatArray) -> float:
     flat = np.column_stack([places, np.zeros(len(places))])
     flat = flat[morton_order(flat)]
-    return float(
-        np.median(NeighbourTree(flat, in_order=True).nearest(flat[sample_rows(len(flat), SAMPLE)], 4)[1][:, -1])
-    )
+    return float(np.median(NeighbourTree(flat, in_order=True).nearest_to(sample_rows(len(flat), SAMPLE), 4)[1][:, -1]))
 
 
 def _looking(sight: FloatArray) -> FloatArray:

@@ -83,7 +83,7 @@ class IndexedPoints:
             return self.planes.taken(rows)
         if self.is_remembered:
             return fit_planes_around(self.tree, self.points, rows, NEIGHBOURS)
-        return fit_planes_among(self.points, self.tree.nearest(self.points[rows], NEIGHBOURS)[0])
+        return fit_planes_among(self.points, self.tree.nearest_to(rows, NEIGHBOURS)[0])
 
     def faces_among(self, fits: PlaneFits, rows: IntArray, asked: BoolArray) -> tuple[PlaneFits, BoolArray]:
         """Planes of the faces that some points are on, from those of all neighbours, and which are on no edge, (n,).

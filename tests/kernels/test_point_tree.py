@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.kernels import threads
-from dqreg.kernels.point_tree import CHUNK, PointTree
+from dqreg.kernels.point_tree import CHUNK, NOWHERE, PointTree
 
 
 def brute_force(points: np.ndarray, queries: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -29,10 +29,11 @@ def test_neighbours_are_those_of_brute_force(seed: int, size: int, count: int, p
     expected, apart = brute_force(points, queries, count)
     np.testing.assert_array_equal(rows, expected)
     np.testing.assert_array_equal(distances, apart)
-    # Any order of the points is a tree; in Morton order a good one.
-    rows, distances = PointTree.of(points, in_order=True).nearest(queries, count)
-    np.testing.assert_array_equal(rows, expected)
-    np.testing.assert_array_equal(distances, apart)
+    # Any order of the points is a tree; in Morton order a good one. Any place of it is a bound to begin with.
+    for at in (NOWHERE, rng.integers(0, size, len(queries))):
+        rows, distances = PointTree.of(points, in_order=True).nearest(queries, count, at=at)
+        np.testing.assert_array_equal(rows, expected)
+        np.testing.assert_array_equal(distances, apart)
 
 
 @settings(deadline=None, max_examples=30)
