@@ -46,7 +46,8 @@ def test_unconstrained_motions_are_left_alone(free: int) -> None:
     found = local_minimum(form, start)
     expected = descend(form, FreeChart(start, form.origin_target)).chart.pose
     np.testing.assert_allclose(found, expected, atol=1e-8)
-    assert form.value(found) <= form.value(expected) + 1e-18
+    # Both costs are zero but for the rounding of the sums that they are the differences of.
+    assert form.value(found) <= form.value(expected) + 16.0 * np.finfo(float).eps * form.scale
 
 
 def test_at_the_minimum_nothing_moves() -> None:
