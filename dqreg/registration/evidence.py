@@ -83,13 +83,7 @@ def agreement_of(
     # Between the points of two clouds, tangent planes are guesses; where the time is up, no pose is accepted anyway.
     if is_part and count >= LOOKED_AT:
         counted, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
-        strain = _strain(
-            pairs,
-            counted,
-            clutter=has_border or bool(around.elsewhere.any()),
-            sparse=sparse,
-            strays=float(np.mean(alone)) > SOME_STRAYS,
-        )
+        strain = _strain(pairs, counted, alone, clutter=has_border or bool(around.elsewhere.any()), sparse=sparse)
     # Against a part, what differs from point to point is noise: the curvature of its faces is known.
     waviness, local_noise = waviness_of(aside, pairs.closest.normals[on]) if is_part else (0.0, np.nan)
     noise = local_noise if np.isfinite(local_noise) else mixture.scale
@@ -116,8 +110,8 @@ def agreement_of(
         waviness=waviness,
         local_noise=local_noise,
         share_together=_together(pairs, close, kept, noise, min(scan.diagonal, surface.diagonal)) if is_part else 0.0,
-        # A pose that is not accepted anyway is not compared with random ones.
         places=places_of(pairs.moved[on]),
+        # A pose that is not accepted anyway is not compared with random ones.
         random_ratio=0.0 if count < LOOKED_AT else _random_ratio(pairs, on, surface),
         share_on=around.share_on,
         share_other=around.share_other,
@@ -151,13 +145,13 @@ def _usual_scale(aside: FloatArray, surface: Surface) -> float:
     return max(USUAL * usual, LEAST * surface.diagonal)
 
 
-def _strain(pairs: Correspondences, counted: BoolArray, *, clutter: bool, sparse: bool, strays: bool) -> Strain:
+def _strain(pairs: Correspondences, counted: BoolArray, alone: BoolArray, *, clutter: bool, sparse: bool) -> Strain:
     """Strain of a scan against a part; a pattern of one in a sparse scan, which knows no covariance."""
     counted = counted & pairs.closest.normals.any(axis=1)
     rows = np.flatnonzero(counted)[sample_rows(int(np.count_nonzero(counted)), STRAINED)]
     # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
     columns = pairs.closest.points[rows], pairs.closest.normals[rows], pairs.point_to_plane[rows]
-    strain = strain_of(*columns, clutter=clutter, strays=strays)
+    strain = strain_of(*columns, clutter=clutter, strays=float(np.mean(alone)) > SOME_STRAYS)
     if strain.is_strained or not sparse:
         return strain
     value, along = stretch_of(*columns)
