@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -150,6 +151,13 @@ class Browser:
             slice(int(left * ratio), int((left + width) * ratio)),
         )
         return seen[rows, columns]
+
+    def image_once(self, holds: Callable[[np.ndarray], bool], selector: str, seconds: float = 20.0) -> np.ndarray:
+        """The first image for which something holds, or the last one: a frame within the page draws in its own time."""
+        end = time.monotonic() + seconds
+        while not holds(image := self.image(selector)) and time.monotonic() < end:
+            time.sleep(0.05)
+        return image
 
     def whole(self) -> bytes:
         """The whole page as a PNG."""

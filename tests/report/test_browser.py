@@ -131,14 +131,13 @@ def test_a_cell_of_a_notebook_shows_the_live_view(browser, tmp_path):
     page = tmp_path / "notebook.html"
     page.write_text(f"<!DOCTYPE html><body>{cell._repr_html_()}</body>", encoding="utf-8")
     browser.open(page, *DESK)
-    browser.settle()
+    first = browser.image_once(lambda image: colours_in(image[250:550]) > 20, "iframe")
+    assert colours_in(first[250:550]) > 20
     assert browser.complaints() == []
     assert browser.fetched() == []
-    first = browser.image("iframe")
-    assert colours_in(first[250:550]) > 20
     browser.drag("iframe", 120, 40)
-    browser.settle()
-    assert changed(first, browser.image("iframe")) > 0.02
+    dragged = browser.image_once(lambda image: changed(first, image) > 0.02, "iframe")
+    assert changed(first, dragged) > 0.02
 
 
 def test_a_cell_is_refused_without_its_sides_and_is_no_report():
