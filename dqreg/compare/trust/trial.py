@@ -24,6 +24,8 @@ RIGHT = 0.02
 # Another pose is as right if nearly all of the part comes to lie on itself: within so many standard deviations of the
 # noise, but for so small a share.
 SAME_SIGMAS, SAME_SHARE, SAME_POINTS = 3.0, 0.995, 3000
+# Points that lie on faces turned the same way: at edges the nearest face is either.
+SAME_SIDES = 0.9
 # Frames of a good drive that must be accepted.
 MOST_FRAMES = 0.9
 
@@ -112,18 +114,33 @@ def _names_rivals(result: Registration, task: Task) -> bool:
     """Whether an alternative lies at a pose that fits as well and is another one than the answer.
 
     Such poses are those of the task, and those that its motions lead to from the answer: a period farther on. Where
-    they form no group, as corners of a block, the answer may be any of them.
+    they form no group, as corners of a block, the answer may be any of them. A pose is one as well where the scan lies
+    on the part as it does at a right one: two periods farther on, or on another wall, where it shows walls only.
     """
     T, limit = result.T_target_source, RIGHT * task.size
     if not np.isfinite(T).all():
         return False
     equals = np.concatenate([task.equals, task.rivals @ T])
-    return any(
-        displacements(other.T_target_source, equal, task.probes).max() <= limit
+    others = [
+        other.T_target_source
         for other in result.alternatives
         if displacements(other.T_target_source, T, task.probes).max() > limit
-        for equal in equals
+    ]
+    return any(displacements(other, equal, task.probes).max() <= limit for other in others for equal in equals) or any(
+        _lies_alike(other, task) for other in others
     )
+
+
+def _lies_alike(T: FloatArray, task: Task) -> bool:
+    """Whether the scan lies on the part at a pose as at a right one, outer side out, as far as its noise can tell."""
+    if not isinstance(task.target, Mesh):
+        return False
+    surface = MeshSurface(task.target)
+    here, there = (surface.closest(pose.apply(each, task.source)) for each in (T, task.equals[0]))
+    on = [np.mean(each.distances <= SAME_SIGMAS * task.noise) for each in (here, there)]
+    turned = there.normals @ (T @ pose.inverse(task.equals[0]))[:3, :3].T
+    outward = np.mean(np.einsum("ij,ij->i", turned, here.normals) > 0.0)
+    return bool(on[0] >= on[1] - (1.0 - SAME_SHARE) and outward >= SAME_SIDES)
 
 
 def _driven(kind: Kind, seed: int, task: Drive) -> Trial:

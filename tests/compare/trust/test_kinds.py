@@ -12,6 +12,7 @@ from dqreg.compare.trust.trial import _names_rivals, is_right
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, sample_mesh
 from dqreg.rigid import pose
+from dqreg.synth.parts.plain import box
 
 
 def distances(task: Task, T: np.ndarray) -> np.ndarray:
@@ -126,6 +127,30 @@ def test_any_other_corner_of_a_block_is_a_rival_of_the_one_that_is_answered():
     assert not names(task.equals[1], task.equals[1])
     away = pose.from_parts(np.eye(3), [0.3 * task.size, 0.0, 0.0])
     assert not names(task.equals[1], away @ task.equals[2])
+
+
+def test_a_pose_at_which_the_scan_lies_on_the_part_alike_is_a_rival_too():
+    # Points of one face of a cube: shifted along it they lie as well, beyond its end or from within they do not.
+    rng = np.random.default_rng(0)
+    cube = Mesh(*box((1.0, 1.0, 1.0)))
+    middle, top = cube.centre, cube.vertices[:, 2].max()
+    scan = np.column_stack([middle[:2] + rng.uniform(-0.2, 0.2, (500, 2)), np.full(500, top)])
+    scan += rng.normal(0.0, 1e-3, scan.shape)
+    task = Task(scan, cube, "identity", np.zeros((0, 4, 4)), cube.vertices, 1.0, 1e-3, equals=np.eye(4)[None])
+
+    def names(other):
+        result = SimpleNamespace(T_target_source=np.eye(4), alternatives=[SimpleNamespace(T_target_source=other)])
+        return _names_rivals(result, task)
+
+    along, away = (pose.from_parts(np.eye(3), [shift, 0.0, 0.0]) for shift in (0.2, 0.4))
+    assert names(along)
+    assert not names(away)
+    half_turn = pose.about(pose.exp(np.array([np.pi, 0.0, 0.0, 0.0, 0.0, 0.0])), middle)
+    assert names(half_turn)
+    from_within = pose.exp(np.array([np.pi, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    assert not names(pose.about(from_within, [*middle[:2], top]))
+    raised = pose.from_parts(np.eye(3), [0.2, 0.0, 3e-3])
+    assert not names(raised)
 
 
 def test_shared_noise_is_common_to_neighbours_and_to_no_others():
