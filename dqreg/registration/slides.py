@@ -100,10 +100,13 @@ def _motions(fit: Fit, share: float) -> tuple[FloatArray, bool]:
     weak = ~free & (information.carriers < max(fewest_carriers(inliers), share * inliers))
     # An open target ends where it was not measured, and its rim holds nothing.
     held_by_rims = bool(0 < np.count_nonzero(free) <= PLANE and not fit.has_border)
-    if fit.constraints.any or not (weak.any() or held_by_rims):
+    # One riser on its neighbour's place, and all others off, look like a strain across them.
+    along = fit.agreement.stretched_along
+    strained = np.array([[0.0, 0.0, 0.0, *along]] if share and any(along) else nothing)
+    if fit.constraints.any or not (weak.any() or held_by_rims or len(strained)):
         return nothing, False
     unit = information.vectors / np.r_[[information.lever] * 3, [1.0] * 3][:, None]
-    motions = [_mixtures(unit[:, weak])]
+    motions = [_mixtures(unit[:, weak]), strained]
     if held_by_rims:
         motions.append(_mixtures(unit[:, free]))
     return np.concatenate(motions).astype(np.float64), held_by_rims
@@ -123,6 +126,7 @@ def without_slide(fit: Fit, share: float = 0.0) -> tuple[Fit, Slide]:
     """The fit, or that to a pose along a weakly constrained motion that explains the scan better.
 
     Motions that less than a share of the inliers constrain are tried as well: a wall that lies on its other side does.
+    So is the axis of a strain, which has to vanish there: a part that moved during the scan fits in part anywhere.
     """
     slide = slide_of(fit) if not share else _slide_of(fit, share)
     for _ in range(ROUNDS):
@@ -131,7 +135,10 @@ def without_slide(fit: Fit, share: float = 0.0) -> tuple[Fit, Slide]:
         # The loop may lead back to where it was: then the pose of the refinement stays.
         there = fit.at(slide.best)
         other = fit.resumed(slide.best, NARROW * fit.prepared.surface.diagonal)
-        fit = other if other.found and _gain(there, other) >= 0.0 else there
+        better = other if other.found and _gain(there, other) >= 0.0 else there
+        if share and fit.agreement.stretch and better.agreement.stretch:
+            break
+        fit = better
         slide = slide_of(fit) if not share else _slide_of(fit, share)
     return fit, slide
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ from dqreg.trust.confidence import figures_taken
 
 if TYPE_CHECKING:
     from dqreg.registration.result import Registration
+    from dqreg.trust.records import Direction
 
 # A pose is right if no point of the part is displaced by more than this share of its diagonal.
 RIGHT = 0.02
@@ -111,16 +113,20 @@ def _onto_itself(motion: FloatArray, task: Task) -> bool:
 
 
 def _names_rivals(result: Registration, task: Task) -> bool:
-    """Whether an alternative lies at a pose that fits as well and is another one than the answer.
+    """Whether a pose that fits as well and is another one than the answer is named.
 
     Such poses are those of the task, and those that its motions lead to from the answer: a period farther on. Where
     they form no group, as corners of a block, the answer may be any of them. A pose is one as well where the scan lies
-    on the part as it does at a right one: two periods farther on, or on another wall, where it shows walls only.
+    on the part as it does at a right one: two periods farther on, or on another wall, where it shows walls only. One is
+    named as an alternative, or with all others along motions that are said to be unconstrained: of a scan of one wall
+    of stairs, a step is one of them.
     """
     T, limit = result.T_target_source, RIGHT * task.size
     if not np.isfinite(T).all():
         return False
     equals = np.concatenate([task.equals, task.rivals @ T])
+    if any(_along_free_motions(T, equal, result.observability, task.probes, limit) for equal in equals):
+        return True
     others = [
         other.T_target_source
         for other in result.alternatives
@@ -141,6 +147,25 @@ def _lies_alike(T: FloatArray, task: Task) -> bool:
     turned = there.normals @ (T @ pose.inverse(task.equals[0]))[:3, :3].T
     outward = np.mean(np.einsum("ij,ij->i", turned, here.normals) > 0.0)
     return bool(on[0] >= on[1] - (1.0 - SAME_SHARE) and outward >= SAME_SIDES)
+
+
+def _along_free_motions(
+    T: FloatArray, other: FloatArray, motions: Sequence[Direction], probes: FloatArray, limit: float
+) -> bool:
+    """Whether motions that are named as free lead from one pose to another, by displacements of the probes (n, 3)."""
+    free = [motion for motion in motions if motion.is_free]
+    displaced = pose.apply(other @ pose.inverse(T), probes) - probes
+    if not free or np.linalg.norm(displaced, axis=1).max() <= limit:
+        return False
+    along = [
+        np.cross(motion.axis, probes - motion.point)
+        if motion.kind == "rotation"
+        else np.tile(motion.axis, (len(probes), 1))
+        for motion in free
+    ]
+    fields = np.stack(along).reshape(len(free), -1)
+    left = displaced.ravel() - np.linalg.lstsq(fields.T, displaced.ravel(), rcond=None)[0] @ fields
+    return bool(np.linalg.norm(left.reshape(-1, 3), axis=1).max() <= limit)
 
 
 def _driven(kind: Kind, seed: int, task: Drive) -> Trial:

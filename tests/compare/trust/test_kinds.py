@@ -13,6 +13,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, sample_mesh
 from dqreg.rigid import pose
 from dqreg.synth.parts.plain import box
+from dqreg.trust.records import Direction
 
 
 def distances(task: Task, T: np.ndarray) -> np.ndarray:
@@ -112,6 +113,20 @@ def test_a_pose_is_right_where_the_part_lies_on_itself():
     assert not is_right(half_turn, cloud)[0]
 
 
+@pytest.mark.parametrize(
+    ("free", "named"), [((0,), False), ((0, 2), True), ((1,), False), ((0, 1, 2), True), ((), False)]
+)
+def test_a_step_along_motions_that_are_said_to_be_free_is_named(free, named):
+    """Steps rise along z and lead along x: one wall of them leaves both free, and the rotation about y."""
+    task = KINDS["stairs-middle"].task(0)
+    assert (np.abs(task.rivals[:, [0, 2], 3]) > 0.02 * task.size).all()
+    assert not task.rivals[:, 1, 3].any()
+    motions = [Direction(0.0, np.nan if k in free else 0.1, "", "translation", tuple(np.eye(3)[k])) for k in range(3)]
+    motions.append(Direction(0.0, np.nan, "", "rotation", (0.0, 1.0, 0.0), tuple(task.target.centre)))
+    answer = SimpleNamespace(T_target_source=task.equals[0], alternatives=[], observability=motions)
+    assert _names_rivals(answer, task) == named
+
+
 def test_any_other_corner_of_a_block_is_a_rival_of_the_one_that_is_answered():
     # Corners of a block with three edges are no group: what leads from one to the next leads from most others astray.
     task = KINDS["corner-of-box"].task(3)
@@ -119,7 +134,7 @@ def test_any_other_corner_of_a_block_is_a_rival_of_the_one_that_is_answered():
 
     def names(answer, other):
         alternatives = [SimpleNamespace(T_target_source=other)]
-        return _names_rivals(SimpleNamespace(T_target_source=answer, alternatives=alternatives), task)
+        return _names_rivals(SimpleNamespace(T_target_source=answer, alternatives=alternatives, observability=()), task)
 
     assert all(names(task.equals[1], other) for other in task.equals[2:])
     assert names(task.equals[1], task.equals[0])
@@ -139,7 +154,8 @@ def test_a_pose_at_which_the_scan_lies_on_the_part_alike_is_a_rival_too():
     task = Task(scan, cube, "identity", np.zeros((0, 4, 4)), cube.vertices, 1.0, 1e-3, equals=np.eye(4)[None])
 
     def names(other):
-        result = SimpleNamespace(T_target_source=np.eye(4), alternatives=[SimpleNamespace(T_target_source=other)])
+        others = [SimpleNamespace(T_target_source=other)]
+        result = SimpleNamespace(T_target_source=np.eye(4), alternatives=others, observability=())
         return _names_rivals(result, task)
 
     along, away = (pose.from_parts(np.eye(3), [shift, 0.0, 0.0]) for shift in (0.2, 0.4))
