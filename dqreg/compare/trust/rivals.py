@@ -86,10 +86,12 @@ def _notch_unseen(rng: np.random.Generator) -> Task:
     corner = np.linalg.norm((scan - high) / (high - low), axis=1)
     half_turns = [pose.about(pose.from_parts(np.diag(s), np.zeros(3)), mesh.centre)
                   for s in ([1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0])]  # fmt: skip
-    # What a half-turn would bring to the notch must be unseen as well.
-    seen = corner > 0.45
+    # What a half-turn would bring to the notch, or off the part, must be unseen as well.
+    seen, surface = corner > 0.45, MeshSurface(mesh)
     for turn in half_turns:
-        seen &= np.linalg.norm((pose.apply(turn, scan) - high) / (high - low), axis=1) > 0.45
+        turned = pose.apply(turn, scan)
+        seen &= np.linalg.norm((turned - high) / (high - low), axis=1) > 0.45
+        seen &= surface.closest(turned).distances <= 4.0 * scans.NOISE * mesh.diagonal
     return on_part(scan[seen], mesh, rng, noise=scans.NOISE, right=False, rivals=np.stack(half_turns))
 
 
