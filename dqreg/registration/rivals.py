@@ -19,7 +19,7 @@ from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
-from dqreg.search.scoring import PoseScores, score_poses
+from dqreg.search.scoring import WORSE, PoseScores, score_poses
 from dqreg.search.stages import FINE_APART
 from dqreg.solvers.motion_words import axis_words, direction_words
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
@@ -35,8 +35,6 @@ JUDGES, NARROWEST = 10_000, 1e-4
 HELD_WIDE, NARROWING, NARROW_STEPS = 1.5, 2_000, 10
 # Better near-symmetric poses that follow one another.
 STEPS = 12
-# A pose that explains the scan worse by so much mean log-likelihood is no alternative.
-WORSE = 0.05
 # A shift is a period within this share of it.
 PERIOD = 0.05
 # The same where the time is up, and poses of the loop that are compared then.
@@ -136,8 +134,8 @@ def _as_likely(fit: Fit) -> FloatArray:
         return others
     # Few points may tell them apart where their mean does not.
     scores = scores_of(fit, np.concatenate([fit.T_target_source[None], others]))
-    worse = scores.distinguishable(0) | (scores.deficit(0)[0] > BETTER)
-    return others[~worse[1:]]
+    likely = scores.as_likely(0, BETTER) & ~scores.distinguishable(0)
+    return others[likely[1:]]
 
 
 def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]:

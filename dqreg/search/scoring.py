@@ -28,6 +28,9 @@ CLEAR, CLEAR_POINTS, CLEAR_RATIO = 2.0, 30, 10.0
 # Few are enough that lie on the target at the pose they favour, within so many widths, and off it at the other one:
 # outliers hardly do. Their ratios together are such as chance reaches once in 10^8.
 FEW_POINTS, ON_TARGET, BY_CHANCE = 3, 3.0, 20.0
+# A pose within so many standard errors of another one's mean log-likelihood is as likely, but never one farther behind
+# than the last number.
+ERRORS, WORSE = 2.0, 0.05
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,6 +63,11 @@ class PoseScores:
         means = np.add.reduceat(gaps, edges, axis=1) / counts
         error = means.std(axis=1, ddof=1) / np.sqrt(len(edges)) if len(edges) > 1 else np.zeros(len(gaps))
         return gaps.mean(axis=1), error
+
+    def as_likely(self, best: int, least: float) -> BoolArray:
+        """Which poses, (n,), are as likely as one of them by their means: all that lack so much of it at most, too."""
+        deficit, error = self.deficit(best)
+        return np.asarray(deficit <= np.clip(ERRORS * error, least, WORSE))
 
     def distinguishable(self, best: int) -> BoolArray:
         """Which poses are clearly worse than one of them at some points, and better at next to none, (n,).

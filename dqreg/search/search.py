@@ -36,9 +36,8 @@ from dqreg.search.stages import (
 GLANCED, AXES = 4_000, 48
 # Points that score at the end, where poses are compared.
 LAST_SCORED = 20_000
-# A pose this close to the best in mean log-likelihood is equally likely; so is one within so many standard errors, but
-# never one farther behind than the last number.
-EQUALLY_LIKELY, ERRORS, WORSE = 0.02, 2.0, 0.05
+# A pose this close to the best in mean log-likelihood is equally likely, whatever its standard error.
+EQUALLY_LIKELY = 0.02
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,8 +131,7 @@ def _equally_likely(problem: SearchProblem, poses: Poses) -> tuple[Candidate, ..
         return ()
     scores = problem.scores(poses, LAST_SCORED if len(poses) > 1 else FINE_SCORED, problem.last_width)
     order = np.argsort(-scores.means, kind="stable")
-    deficit, error = scores.deficit(int(order[0]))
-    likely = deficit <= np.clip(ERRORS * error, EQUALLY_LIKELY, WORSE)
+    likely = scores.as_likely(int(order[0]), EQUALLY_LIKELY)
     if problem.other_way is None:
         likely &= ~scores.distinguishable(int(order[0]))
     # The faces of a part may explain more of a table than of the part: the others are asked about too.
