@@ -12,11 +12,10 @@ from dqreg.registration.assess import evidence_of, is_partial, uncertainty_of, v
 from dqreg.registration.evidence import MISFIT
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import FOUND, GlobalSearch, InitialPose
-from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, down_to_noise, mirror_gain, scores_of
+from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, down_to_noise, is_scene, mirror_gain, scores_of
 from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
-from dqreg.search.problem import SCENE
 from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust.limits import own_noise
 
@@ -105,12 +104,7 @@ def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
 
 def _is_beside(fit: Fit) -> bool:
     """Whether much of a scan no larger than a closed target lies off it: a part upside down leaves its hub so."""
-    return not fit.has_border and fit.agreement.share_on < 1.0 - BESIDE and not _is_scene(fit)
-
-
-def _is_scene(fit: Fit) -> bool:
-    """Whether the scan is so large that it shows more than the target, which is closed."""
-    return not fit.has_border and fit.prepared.scan.diagonal > SCENE * fit.prepared.surface.diagonal
+    return not fit.has_border and fit.agreement.share_on < 1.0 - BESIDE and not is_scene(fit)
 
 
 def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
@@ -231,7 +225,7 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
         gains = [float(means[k] - means[0]) for k in range(len(found))]
         errors = [float(scores.deficit(k)[1][0]) for k in range(len(found))]
         best = next((k for k in likely if gains[k] > max(BETTER, ERRORS * errors[k]) and sound(k)), None)
-    if best is None and _is_scene(fits[0]):
+    if best is None and is_scene(fits[0]):
         # A face of the part on the table explains more of a scene than the part does; the verdict is not deceived.
         best = next((int(k) for k in order if sound(int(k))), None)
     if best is None:

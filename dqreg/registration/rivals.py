@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, median
-from dqreg.geometry import MeshSurface
+from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.evidence import NEAR, evenly_asked
@@ -15,9 +15,10 @@ from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of, axis_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.search import symmetry_words
-from dqreg.search.near_symmetry import flipped_poses, gain_of_mirror
+from dqreg.search.near_symmetry import far_mirrors, flipped_poses, gain_of_mirror, mirrors_about
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
+from dqreg.search.problem import SCENE
 from dqreg.search.refine import refine
 from dqreg.search.scoring import WORSE, PoseScores, score_poses
 from dqreg.search.stages import FINE_APART
@@ -42,6 +43,8 @@ FEW_JUDGES, SEEN = 500, 4
 # Points apart from the target by so many standard deviations of most, and at least so many of that share of the size;
 # the share of them from which on the mirror image is asked for.
 APART, LEAST, SOME = 5.0, 1e-4, 0.005
+# Share of a scan off the part from which on any mirror image may hide.
+HIDES = 0.05
 NO_POSES: FloatArray = np.zeros((0, 4, 4))
 
 
@@ -168,22 +171,41 @@ def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]
 def mirror_gain(fit: Fit, *, always: bool = False) -> float:
     """Mean log-likelihood that the scan gains when it is mirrored.
 
-    Asked only where some of it lies off a part, or always of a pose that a search has put where it fits.
+    Asked only where some of it lies off a part, or always of a pose that a search has put where it fits; where much
+    lies off it, of mirrors too that leave little of the part in place.
     """
     target = fit.problem.target
     if (
         target.kind == "cloud"
         or not fit.found
         or fit.problem.watch.is_over
-        or not (always or fit.agreement.patches_off > 0.0 or fit.once("apart", lambda: _some_apart(fit)))
+        or not (
+            always
+            or fit.agreement.patches_off > 0.0
+            or _much_is_off(fit)
+            or fit.once("apart", lambda: _some_apart(fit))
+        )
     ):
         return -np.inf
 
     def gain() -> float:
-        scan, surface, mirrors = fit.prepared.scan, target.surface, target.near_reflections
-        return gain_of_mirror(fit.T_target_source, mirrors, scan, surface, limit_of(fit), fit.floor)
+        mirrors, asked = target.near_reflections, (fit.prepared.scan, target.surface, limit_of(fit), fit.floor)
+        if _much_is_off(fit) and isinstance(target.geometry, Mesh):
+            far = far_mirrors(fit.T_target_source, mirrors_about(target.geometry), *asked)
+            mirrors = np.concatenate([mirrors, far])
+        return gain_of_mirror(fit.T_target_source, mirrors, *asked)
 
     return fit.once("mirror gain", gain)
+
+
+def _much_is_off(fit: Fit) -> bool:
+    """Whether more of a scan that is no scene lies off the part than a near mirror image leaves."""
+    return fit.agreement.share_on < 1.0 - HIDES and not is_scene(fit)
+
+
+def is_scene(fit: Fit) -> bool:
+    """Whether the scan is so large that it shows more than the target, which is closed."""
+    return not fit.has_border and fit.prepared.scan.diagonal > SCENE * fit.prepared.surface.diagonal
 
 
 def _some_apart(fit: Fit) -> bool:

@@ -42,6 +42,8 @@ FIRST, LAST, MIRRORED = (300, 1_000, 4), (1_000, 5_000, 6), (1_000, 5_000, 12)
 CLEARLY, FITTED = 2.5, 6.0 / FIRST[0]
 # First and last kernel scale of the refinement, in sizes.
 WIDE, NARROW = 6e-3, 1e-3
+# Points, steps and first kernel scale of mirrors that may leave little of a part in place.
+FAR = (300, 1_000, 10), 5e-2
 # Flips within so much mean log-likelihood are equally likely: half of what the notch of a block costs that is 0.7 % of
 # its surface. What only a smaller fraction of the points favours is no decision.
 EQUALLY_LIKELY = 0.015
@@ -79,6 +81,12 @@ def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
     Shapes: returns (k, 4, 4).
     """
     return _near_maps(mesh, surface, _about(mesh, [-R for R in cube_rotations()]), SAME)
+
+
+def mirrors_about(mesh: Mesh) -> FloatArray:
+    """All improper rotations about the centre of a part by its principal axes and its faces', (k, 4, 4)."""
+    centre = moments(mesh)[0]
+    return np.array([pose.from_parts(R, centre - R @ centre) for R in _about(mesh, [-R for R in cube_rotations()])])
 
 
 def is_symmetry(T: FloatArray, mesh: Mesh, surface: Surface) -> bool:
@@ -198,6 +206,19 @@ def gain_of_mirror(
     return float(means[1:].max() - means[0])
 
 
+def far_mirrors(
+    T_target_source: FloatArray, mirrors: FloatArray, scan: Scan, surface: Surface, limit: float, floor: float
+) -> FloatArray:
+    """Mirrors that explain the scan clearly better than its pose, once the scan has been refined under each, (k, 4, 4).
+
+    What is no mirror image of itself is drawn aside in its mirror, so they are refined from farther off.
+    """
+    poses, scores = _refined(T_target_source, mirrors, scan, surface, limit, floor, FAR[0], FAR[1])
+    deficit, error = scores.deficit(0)
+    rows = np.flatnonzero(-deficit > EQUALLY_LIKELY + CLEARLY * error)
+    return np.asarray(poses.matrices[rows] @ pose.inverse(T_target_source))
+
+
 def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray], same: float) -> FloatArray:
     """Those of some orthogonal matrices that, about the centre, leave most of a part in place, but not all exactly."""
     centre = moments(mesh)[0]
@@ -230,10 +251,11 @@ def _refined(
     limit: float,
     floor: float,
     points: tuple[int, int, int] = LAST,
+    wide: float = WIDE,
 ) -> tuple[Poses, PoseScores]:
     """A pose, then the pose followed by each of some motions, (k, 4, 4), and refined; and the scores of all."""
     sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), points[0])])
-    widths = np.geomspace(WIDE, NARROW, points[2]) * surface.diagonal
+    widths = np.geomspace(wide, NARROW, points[2]) * surface.diagonal
     poses = Poses.of(T_target_source[None]) + refine(Poses.of(maps @ T_target_source), sample, surface, widths)
     return poses, score_poses(poses, scan.points[sample_rows(len(scan), points[1])], surface, limit, floor)
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import dqreg
+from dqreg.compare.trust.kinds import KINDS
 from dqreg.compare.trust.periodic import thread
+from dqreg.compare.trust.task import Task
 from dqreg.geometry import sample_mesh
 from dqreg.geometry.opening import open_geometry
 from dqreg.registration import rivals
@@ -116,3 +118,11 @@ def test_a_step_below_what_counts_as_symmetric_decides_where_the_noise_is_less(f
     found = dqreg.register(points, part, start, effort="fast")
     assert worst_vertex_displacement(found.T_target_source, np.eye(4), part.vertices) < 1e-3 * part.diagonal
     assert found.alternatives == ()
+
+
+@pytest.mark.parametrize("seed", [8069, 8086])
+def test_the_mirror_image_of_a_part_that_is_far_from_its_own_is_named(seed: int) -> None:
+    """Random parts of the trust sweep, scanned mirrored: two thirds of the points lie on the part at the best pose."""
+    task = KINDS["mirrored"].task(seed)
+    assert isinstance(task, Task)
+    assert "mirrored" in dqreg.register(task.source, task.target, task.start, **task.options).verdict.codes
