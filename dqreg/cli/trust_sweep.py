@@ -69,7 +69,7 @@ def _fit_confidence(console: Console, found: TrustSweep) -> None:
     """Show the map fitted anew, with its calibration error on seeds that it was not fitted to, where there are two."""
     from dqreg.compare.trust.calibration import as_code, cross_validated, fit_confidence, rescale_confidence
 
-    for words, fit in (("all weights", fit_confidence), ("stretched and shifted alone", rescale_confidence)):
+    for words, fit in (("all weights", fit_confidence), ("shifted alone", rescale_confidence)):
         say(console, as_code(*fit(found.trials)))
         if found.seeds[1] > 1:
             error = cross_validated(found.trials, fit)

@@ -33,9 +33,9 @@ POINTS, NEAR = 600, 2.0
 UNHELD = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty", "scale_unobservable"})
 # Least confidence of such a pose; that of the next best one, as a share of it, beyond which nobody can tell which of
 # them is right; and confidence below which a pose is not tried again when more scans are in.
-LIKELY, RIVAL, HOPELESS = 0.38, 0.6, 0.01
+LIKELY, RIVAL, HOPELESS = 0.5, 0.65, 0.016
 # Confidence below which no pose of a scan is one, even for a set that is small.
-REFUSED = 0.03
+REFUSED = 0.048
 # Accepted pairs that hold a scan at one pose without a registration to all.
 HOLDING = 2
 # What a pose that no pair names counts, in confidences of one that does.

@@ -20,7 +20,7 @@ ROUNDS, FACTOR = 40, 1.4
 # Trust of an edge, in that of a single thread which it contradicts, from which nobody can tell which of them is wrong.
 RIVAL = 0.8
 # Confidence of a doubted edge, as a share of that of all edges used at either of its scans, which tells nothing there.
-OUTWEIGHED = 0.5
+OUTWEIGHED = 0.6
 
 
 @dataclasses.dataclass(frozen=True)

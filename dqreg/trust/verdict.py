@@ -13,8 +13,8 @@ from dqreg.trust.limits import FEWEST_OF_ALL
 from dqreg.trust.records import Check, Level, Reason, Verdict
 
 # Confidence below which a pose is not accepted though no figure alone speaks against it: of 186 such poses of the
-# tuning seeds two wrong ones came to 0.30 at most, and right ones, but for one among 60 % strays, to 0.64 and more.
-UNLIKELY = 0.52
+# tuning seeds two wrong ones came to 0.87 at most, and right ones, but for one among 60 % strays, to 0.965 and more.
+UNLIKELY = 0.9447
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -63,7 +63,7 @@ def _remarks(evidence: Evidence) -> Iterator[Reason]:
 def _unlikely(confidence: float) -> str:
     return (
         f"no figure alone speaks against the pose, but all together make it right with a probability of "
-        f"{100 * confidence:.0f} % only: few or noisy points, or a weak fit"
+        f"{100 * confidence:.0f} % only, less than {100 * UNLIKELY:.0f}: few or noisy points, or a weak fit"
     )
 
 

@@ -109,23 +109,29 @@ def fit_confidence(trials: Sequence[Trial]) -> tuple[float, dict[str, float]]:
 
 
 def rescale_confidence(trials: Sequence[Trial]) -> tuple[float, dict[str, float]]:
-    """Offset and weights of the present map after its logarithm of the odds is stretched and shifted (Platt).
+    """Offset and weights of the present map after its logarithm of the odds is shifted, that of doubted poses apart.
 
-    Two numbers, for a set that is too small for all weights; the order of the confidences stays.
+    Two numbers, for a set that is too small for all weights: among poses that something speaks against, and among all
+    others, the order of the confidences stays, and so does what a limit on them refuses once it is shifted along.
     """
     known = [one for one in trials if len(one.figures) == len(NAMES)]
     if len(known) < FEWEST:
         raise InputError(f"{FEWEST} tasks are needed to fit the confidence; got {len(known)}: ask for more --seeds")
     X, right = np.array([one.figures for one in known]), np.array([one.right for one in known], dtype=np.float64)
     logit = OFFSET + X @ np.array([WEIGHTS[name] for name in NAMES])
+    doubted = X[:, NAMES.index("suspect")]
+    # One wrong pose more of either sort than there were (the rule of succession): no map is certain.
+    sorts = [sort for sort in (0.0, 1.0) if np.any((doubted > 0.5) == sort)]
+    typical = [np.median(logit[(doubted > 0.5) == sort]) for sort in sorts]
+    logit, doubted = np.r_[logit, typical], np.r_[doubted, sorts]
+    right = np.r_[right, np.zeros(len(sorts))]
 
     def cost(numbers: FloatArray) -> float:
-        found = numbers[0] + numbers[1] * logit
+        found = logit + numbers[0] + numbers[1] * doubted
         return float(np.logaddexp(0.0, found).sum() - right @ found)
 
-    shift, stretch = minimize(cost, np.array([0.0, 1.0])).x
-    weights = {name: float(stretch * weight) for name, weight in WEIGHTS.items()}
-    return float(shift + stretch * OFFSET), weights
+    shift, of_doubted = minimize(cost, np.zeros(2)).x
+    return float(OFFSET + shift), {**WEIGHTS, "suspect": WEIGHTS["suspect"] + float(of_doubted)}
 
 
 def cross_validated(trials: Sequence[Trial], fit: Fit) -> Calibration:
