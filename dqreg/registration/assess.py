@@ -15,6 +15,7 @@ from dqreg.registration.exposures import second_pose
 from dqreg.registration.fit import Fit, own_normals
 from dqreg.registration.free_space import begin_free_space, looked_through_at
 from dqreg.registration.problem import Prepared, Problem
+from dqreg.registration.rivals import is_scene
 from dqreg.registration.slides import slide_of
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
@@ -115,6 +116,7 @@ def _measured(fit: Fit, covariance: FloatArray) -> Evidence:
         units=fit.problem.units[1],
         carriers_of_both=own_normals(fit.prepared.surface, fit.run.pairs) is not None,
         clutter=fit.problem.options.clutter,
+        is_scene=fit.has_border or is_scene(fit),
         looked_through=looked_through_at(fit),
         drift=drift,
         drift_rad=drift_rad,

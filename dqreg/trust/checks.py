@@ -45,7 +45,8 @@ def _contradicting(evidence: Evidence) -> tuple[float, float]:
 
 
 def _clutter(evidence: Evidence) -> tuple[float, float]:
-    return 1.0 - evidence.share_on if evidence.clutter == "none" else math.nan, limits.CLUTTER
+    limit = limits.most_clutter(evidence)
+    return (math.nan, limits.CLUTTER) if math.isnan(limit) else (1.0 - evidence.share_on, limit)
 
 
 def _residuals(evidence: Evidence) -> tuple[float, float]:
@@ -102,7 +103,7 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
     ),
     "deviating_patches": ("Patches that deviate as a whole", "at most", "%", _patches),
     "contradicting_surface": ("Surface of the part itself off the target", "at most", "%", _contradicting),
-    "clutter": ("Points off the target, of a scan of the part alone", "at most", "%", _clutter),
+    "clutter": ("Points off the target, of a scan no larger than the part", "at most", "%", _clutter),
     "looked_through": (
         "Points where a scanner looked through",
         "at most",

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 
 from dqreg.solvers.status import Status
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import (
-    CLUTTER,
     CONTRADICTING,
     FALL,
     FEW_INLIERS,
@@ -25,6 +25,7 @@ from dqreg.trust.limits import (
     chance_limit,
     counts_all,
     fewest_carriers,
+    most_clutter,
     outlier_share,
     own_noise,
 )
@@ -122,11 +123,11 @@ def _contradicting_surface(evidence: Evidence) -> Iterator[str]:
 
 
 def _clutter(evidence: Evidence) -> Iterator[str]:
-    if evidence.clutter == "none" and not evidence.share_on >= 1.0 - CLUTTER:
-        yield (
-            f"{100 * (1.0 - evidence.share_on):.0f} % of the scan are off the target, which it is said to show alone "
-            '(clutter="none"): a wrong pose, another part, or other objects'
-        )
+    limit, is_alone = most_clutter(evidence), evidence.clutter == "none"
+    if not (evidence.share_on >= 1.0 - limit or math.isnan(limit)):
+        why = 'it is said to show alone (clutter="none")' if is_alone else "is no smaller than the scan"
+        off = f"{100 * (1.0 - evidence.share_on):.0f} % of the scan are off the target"
+        yield f"{off}, which {why}: a wrong pose, another part, or other objects"
 
 
 def _disagreeing_normals(evidence: Evidence) -> Iterator[str]:

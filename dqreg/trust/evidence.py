@@ -96,6 +96,8 @@ class Evidence:
         Distinct places at which inliers lie, of some hundreds of them; infinite where that was not counted.
     clutter : str
         "allowed", or "none" where the scan is of the part alone.
+    is_scene : bool
+        Whether the scan is so large that it shows more than a closed target; True where that is not known.
     """
 
     status: Status
@@ -128,6 +130,7 @@ class Evidence:
     share_other: float = 0.0
     share_contradicting: float = 0.0
     clutter: str = "allowed"
+    is_scene: bool = True
     looked_through: float = math.nan
     faces_apart: float = math.nan
     ends_apart: float = math.nan
