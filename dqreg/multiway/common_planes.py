@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sparse
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway import dual_poses
 from dqreg.multiway.bodies import Body
 from dqreg.multiway.graph import factorised
@@ -35,6 +35,8 @@ FLAT, SHARE = 0.1, 0.5
 HELD = 0.5
 # Points that face a motion of a scan, without which faces do not hold it, and without which covariances take it so.
 FACING, SURE = 2.0, 10.0
+# Share of the held motions of one scan that is none: nothing around holds what all scans together hold less.
+SLIGHT = 1e-6
 # A scan that moves by more spacings than this from where pairs put it is none that they put right.
 FAR = 3.0
 
@@ -164,8 +166,23 @@ def _normal(
     to_length = places.lengths(T)
     back = np.linalg.inv(to_length)
     points, motions = np.linalg.eigh(back.transpose(0, 2, 1) @ own @ back * pieces.residual**2)
-    kept = (motions * (points >= least)[:, None]) @ motions.transpose(0, 2, 1)
-    return matrix, _placed(back @ kept @ to_length, each, each, len(T)), slopes
+    kept = back @ (motions * (points >= least)[:, None]) @ motions.transpose(0, 2, 1) @ to_length
+    return matrix, _counted(kept, table >= 0), slopes
+
+
+def _counted(kept: FloatArray, shared: BoolArray) -> sparse.csc_matrix:
+    """From increments to those that count, (6 n, 6 n): what no face holds moves with the scans around that faces hold.
+
+    Were it left out, the others would feel what the scan does to them and not the scan what they do to it: all of them
+    together would drift away from it. Shapes: kept (n, 6, 6), shared (n, n): Scans that see a face in common.
+    """
+    count = len(kept)
+    rows, columns = np.nonzero(shared & ~np.eye(count, dtype=bool))
+    total = np.tile(SLIGHT * np.eye(6), (count, 1, 1))
+    np.add.at(total, rows, kept[columns])
+    around = ((np.eye(6) - kept) @ np.linalg.inv(total))[rows] @ kept[columns]
+    each = np.arange(count)
+    return sparse.csc_matrix(_placed(kept, each, each, count) + _placed(around, rows, columns, count))
 
 
 def _table(pieces: Pieces, count: int) -> IntArray:
