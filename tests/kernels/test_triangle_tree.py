@@ -120,6 +120,23 @@ def test_the_bits_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.Mon
         np.testing.assert_array_equal(found, expected)
 
 
+@pytest.mark.parametrize("bound", [np.inf, 0.02])
+def test_many_queries_of_few_faces_are_answered_as_each_alone(bound: float) -> None:
+    # Each of many looks around for those after it; one alone is searched for. Edges, plates and a fan are among them.
+    rng = np.random.default_rng(6)
+    mesh = Mesh(*bracket(segments=64))
+    tree = tree_of(mesh.corners)
+    rows, shares = np.sort(rng.integers(len(mesh.corners), size=4_000)), rng.dirichlet(np.ones(3), size=4_000)
+    shares[::9, 0], shares[::27, 1] = 0.0, 0.0
+    queries = np.einsum("nk,nkj->nj", shares, mesh.corners[rows]) + 1e-3 * mesh.diagonal * rng.normal(size=(4_000, 3))
+    queries = np.concatenate([queries[np.lexsort((queries[:, 0] // 5.0, queries[:, 2] // 5.0))], queries[:9]])
+    queries[100::500] = np.nan
+    bound *= mesh.diagonal
+    alone = zip(*(tree.closest(query[None], bound=bound) for query in queries), strict=True)
+    for found, expected in zip(tree.closest(queries, bound=bound), alone, strict=True):
+        np.testing.assert_array_equal(found, np.concatenate(expected))
+
+
 def test_a_query_that_is_no_number_has_no_answer() -> None:
     tree = tree_of(triangles(np.random.default_rng(4), 9))
     points, _, distances, faces = tree.closest(np.array([[np.nan, 0.0, 0.0], [0.0, 0.0, 0.0]]))
