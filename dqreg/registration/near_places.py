@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, bounds
 from dqreg.geometry import CloudSurface, Mesh, Surface, sample_mesh
 from dqreg.geometry.normals import sample_rows
 from dqreg.registration.fit import Fit
@@ -63,7 +63,7 @@ def _reaches_over(fit: Fit, target: FloatArray) -> bool:
     """Whether the scan reaches from end to end of the target along all axes, up to what a motion may lose."""
     pairs = fit.run.pairs
     near = pairs.moved[pairs.distances <= ON * fit.run.mixture.scale]
-    reach, whole = (np.ptp(points, axis=0) if len(points) else np.zeros(3) for points in (near, target))
+    reach, whole = (np.subtract(*bounds(points)[::-1]) if len(points) else np.zeros(3) for points in (near, target))
     return bool((reach >= (1.0 - LOST) * whole).all())
 
 

@@ -6,6 +6,8 @@ them can be found all the same.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
@@ -37,12 +39,18 @@ def isolated(scan: Scan, on: BoolArray, whole: Scan | None = None) -> BoolArray:
     off, points = np.flatnonzero(~on), scan.points
     alone = np.zeros(len(points), dtype=bool)
     if len(off) and len(points) - len(off) > NEIGHBOURS:
-        neighbours = (whole or scan).tree
-        # The point itself is the first.
         some = np.flatnonzero(on)[sample_rows(len(points) - len(off), USUAL)]
-        usual = median(neighbours.nearest(points[some], NEIGHBOURS + 1)[1][:, -1])
-        alone[off] = neighbours.nearest(points[off], NEIGHBOURS + 1)[1][:, -1] > SCATTERED * usual
+        usual, gaps = (_gaps(scan, rows, whole or scan) for rows in (some, off))
+        alone[off] = gaps > SCATTERED * median(usual)
     return alone
+
+
+def _gaps(scan: Scan, rows: IntArray, whole: Scan) -> FloatArray:
+    """Distance of some points of a scan to their neighbour of the last rank in a whole one, (m,)."""
+    # The point itself is the first.
+    count, tree = NEIGHBOURS + 1, whole.tree
+    found = tree.nearest_to(rows, count) if whole is scan else tree.nearest(scan.points[rows], count)
+    return found[1][:, -1]
 
 
 def patches_off(
@@ -116,8 +124,11 @@ def waviness_of(residuals: FloatArray, normals: FloatArray, beside: IntArray | N
     Shapes: residuals (n,), normals (n, 3), both in the order of a space-filling curve; beside (n, k): the neighbours of
     each point, those on the curve where none are given.
     """
-    rows = np.arange(len(residuals))
-    pairs = [(rows[lag:], rows[:-lag]) for lag in LAGS] if beside is None else [(rows, each) for each in beside.T]
+    pairs: Sequence[tuple[slice, slice | IntArray]]
+    # Along the curve, views: nothing is copied.
+    pairs = [(slice(lag, None), slice(None, -lag)) for lag in LAGS]
+    if beside is not None:
+        pairs = [(slice(None), each) for each in beside.T]
     together = alone = 0.0
     apart = []
     for first, second in pairs:
