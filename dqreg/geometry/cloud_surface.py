@@ -59,6 +59,9 @@ class CloudSurface:
         given = fitted if given is None else given
         self._fits = np.zeros((size, 4)) if given is None else given
         self._known = np.full(size, given is not None)
+        if derived:
+            # Two clouds are prepared beside each other, and `cached_property` of Python 3.11 has one lock for all.
+            vars(self)["_tree"] = NeighbourTree(self._points)
         self._search: KdTree | NeighbourTree = self._tree if derived else KdTree(self._points)
         low, high = cloud._ends
         self.centre: FloatArray = 0.5 * (low + high)
