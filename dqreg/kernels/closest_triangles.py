@@ -18,8 +18,11 @@ EQUALS = 64
 WIDER = 1.0 + 1e-9
 # Of so many queries a face, and more, neighbours mostly share a face: one of them looks around itself by so many of its
 # steps, and those within the room that it finds up to the next face need no search. Where fewer than so many did, so
-# many queries do without. The last is the widest look in spacings of evenly spread queries: it finds few faces.
-DENSE, STEPS, SERVED, WITHOUT, WIDEST, MANY = 2.0, 2.5, 2, 16, 7.0, 256
+# many queries do without, twice as many each time up to the longest. The widest look, in spacings of evenly spread
+# queries, finds few faces, and so many end it: at the tip of a fan there are thousands.
+DENSE, STEPS, SERVED, WITHOUT, LONGEST, WIDEST, MANY = 2.0, 2.5, 2, 4, 128, 7.0, 256
+# A face is nearer than the next by more than rounding on a needle.
+CLEAR = 1.0 - 1e-6
 
 
 @inside_kernels
@@ -62,13 +65,15 @@ def descend(
     node, waiting, u, v = 0, 0, 0.0, 0.0
     slot = waiting - 1  # a literal -1 would be a type of its own, and what takes it compiled twice
     reach, equals = best, 0
-    wide, other, others = farther(best, around), np.inf, 0
+    wide, other, others, here = farther(best, around), np.inf, 0, 0.0
     while True:
         near = links[node, 0]
         if links[node, 1] > 0:
+            # On a needle rounding may bring a face nearer than its box, which alone would not be looked at.
+            is_beyond = here >= reach
             for t in range(near, near + links[node, 1]):
                 d, a, b = closest_on(packed, t, x, y, z)
-                if d >= reach:
+                if d >= reach or is_beyond:
                     others += 1
                     other = min(other, d) if others < MANY else 0.0
                     continue
@@ -95,14 +100,14 @@ def descend(
                 if d1 < wide:
                     stack[waiting], away[waiting] = far, d1
                     waiting += 1
-                node = near
+                node, here = near, d0
                 continue
         while waiting > 0 and away[waiting - 1] >= wide:
             waiting -= 1
         if waiting == 0:
             return best, slot, u, v, min(other, wide)
         waiting -= 1
-        node = stack[waiting]
+        node, here = stack[waiting], away[waiting]
 
 
 @inside_kernels
@@ -152,6 +157,7 @@ def closest_places(
     widest = WIDEST * size / np.sqrt(len(queries)) if len(queries) >= DENSE * len(faces) else 0.0
     # The query that looked around, and how far the next face is from it; what it served, and how many go without.
     ax, ay, az, room, served, without = 0.0, 0.0, 0.0, -1.0, 0, 1
+    pause = WITHOUT
     slot = served - 1  # see `descend`
     for i in range(first, last):
         x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
@@ -161,9 +167,11 @@ def closest_places(
             best, u, v = closest_on(packed, slot, x, y, z)
             served += 1
         # No number is not within it.
-        if not (left > 0.0 and best < min(left * left, most)):
-            if room >= 0.0 and served <= SERVED:
-                without = WITHOUT
+        if not (left > 0.0 and best < min(left * left * CLEAR, most)):
+            if room >= 0.0:
+                is_worth = served > SERVED
+                pause = WITHOUT if is_worth else min(2 * pause, LONGEST)
+                without = 0 if is_worth else pause
             around = 0.0
             if widest > 0.0 and without == 0:
                 step = length(x - queries[i - 1, 0], y - queries[i - 1, 1], z - queries[i - 1, 2])
