@@ -29,6 +29,8 @@ from dqreg.trust.records import Reason
 FEWEST_POINTS = 30
 # Frames over which the usual fraction of inliers is taken.
 MEMORY = 10
+# The first motion may be so many times what one frame is usually off its prediction: that stands still.
+FIRST_STEP = 3.0
 
 
 class Tracker:
@@ -100,8 +102,9 @@ class Tracker:
             deskewed = Deskewed(kiss, raw, lengths.voxel_size, frame, aligned, self._motion)
             deskewed = deskewed.repeated(search, self._T_last, ratio)
             frame, aligned, notes = deskewed.frame, deskewed.aligned, notes + deskewed.notes
-        # After a frame that was not trusted constant velocity is worth nothing.
-        deviation = np.inf if self._timeline.missed else kiss.deviation
+        # After a frame that was not trusted constant velocity is worth nothing, and before any motion is known, little.
+        is_first = expected is None and not self._usual
+        deviation = np.inf if self._timeline.missed else kiss.deviation * (FIRST_STEP if is_first else 1.0)
         measured = expected is not None and expected.information is not None
         spread = expected.spread if expected is not None and measured else deviation
         place = placed(search, frame, aligned, T_predicted, spread, measured=measured, timed=self._timeline.is_timed)

@@ -72,3 +72,14 @@ def test_what_hangs_on_a_frame_that_was_not_accepted_says_so():
     results, _ = driven(0.9, depth=0.0)
     assert "untrusted_map" not in results[1].verdict.codes
     assert results[2].verdict.codes[0] == "untrusted_map"
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("drive-bare", 8203), ("drive-pilasters", 8138)])
+def test_a_first_step_that_stuck_at_the_start_is_not_accepted(kind, seed):
+    """Truth: the poses that the frames were made at, a metre apart. Nothing is known of the motion yet."""
+    drive = KINDS[kind].task(seed)
+    odometry = Odometry()
+    result = [odometry.register_frame(points) for points in drive.frames[:2]][1]
+    right = np.linalg.norm(result.T_target_source[:3, 3] - drive.poses[1][:3, 3]) < drive.allowed
+    assert right or result.verdict.level != "accepted"
+    assert right or result.alternatives
