@@ -34,6 +34,8 @@ OFF = 2.0
 # A segment continues where its points on the target are so many widths and distances of points from those off it: the
 # rim of a table that passes under the part is not.
 CLEAR = 3.0
+# Most points of a level lie within so many widths of each other.
+LEVEL = 2.0
 # The points at an edge belong to no segment: links over it are this many usual distances long at most.
 OVER = 5.0
 # Points on the target, and off it, that say something; links over an edge, and the share of them that must be convex.
@@ -102,8 +104,20 @@ class _Sides:
             on, off = (np.flatnonzero(side & (self.labels == segment)) for side in (self.on, self.off))
             apart = NeighbourTree(self.points[off]).nearest(self.points[on], 1)[1][:, 0]
             clear = apart > CLEAR * (self.width + self.spacing[on])
-            found[segment] = np.count_nonzero(clear) >= FEWEST
+            found[segment] = np.count_nonzero(clear) >= FEWEST and not self._is_step(on, off)
         return found
+
+    def _is_step(self, on: IntArray, off: IntArray) -> bool:
+        """Whether points on and off the target lie in two parallel planes: a table under a part that is thin.
+
+        Where points stand farther apart than the planes, links go from one to the other.
+        """
+        points = self.points[off]
+        normal = np.linalg.eigh(np.cov(points.T))[1][:, 0]
+        heights = [self.points[rows] @ normal - np.median(points @ normal) for rows in (on, off)]
+        low, middle, high = np.quantile(heights[0], (0.1, 0.5, 0.9))
+        is_flat = max(high - low, 2.0 * np.quantile(np.abs(heights[1]), 0.9)) <= LEVEL * self.width
+        return bool(is_flat and abs(middle) > CLEAR * self.width)
 
     def larger_than(self, size: float) -> BoolArray:
         """Segments with two points farther apart than a length, (segments,): along one of the axes, at least."""

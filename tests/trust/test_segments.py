@@ -56,6 +56,24 @@ def test_a_table_and_a_clamp_that_touch_the_part_are_other_objects(high: float) 
     assert found.other[len(part) :].mean() >= 0.8
 
 
+def test_a_table_under_a_plate_thinner_than_the_points_stand_apart_is_another_object() -> None:
+    """Links between the points then lead down from the plate; a face that goes on beyond it is of the same body."""
+    plate = Mesh(*box((100.0, 60.0, 1.0)))
+    low, high = plate.bounds
+    rng = np.random.default_rng(5)
+    flat = rng.uniform(low[:2] - 80.0, high[:2] + 80.0, (2_000, 2))
+    above = ((flat > low[:2]) & (flat < high[:2])).all(axis=1)
+    points = np.column_stack([flat, np.where(above, high[2], low[2])])
+    points += NOISE * rng.normal(size=points.shape)
+    goes_on = points.copy()
+    goes_on[:, 2] = high[2] + NOISE * rng.normal(size=len(points))
+    for scan, contradicts in ((points, False), (goes_on, True)):
+        closest = MeshSurface(plate).closest(scan)
+        found = segments_of(scan, closest.normals, closest.distances, 4.0 * NOISE, plate.diagonal)
+        assert (found.contradicting[~above].mean() > 0.8) == contradicts
+        assert (found.other[~above].mean() > 0.8) != contradicts
+
+
 def test_a_larger_block_on_a_corner_continues_beyond_the_part() -> None:
     found = seen(faces((180.0, 60.0, 40.0), LOW, 5_000, 4))
     beyond = 0.5 * np.mean(found.on)
