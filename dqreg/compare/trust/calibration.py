@@ -20,7 +20,7 @@ from dqreg.trust.confidence import NAMES, OFFSET, WEIGHTS
 BINS, FEWEST, PENALTY = 10, 150, 1.0
 # Figures that never speak against a pose, and those that may speak either way; all others never speak for it. Without
 # signs a fit to few tasks lets chance decide them, which tells beyond the tasks: on real scans.
-FOR, EITHER = {"inliers", "inliers_near", "carriers"}, {"other_objects", "border", "searched"}
+FOR, EITHER = {"inliers", "inliers_near", "carriers", "many_planes"}, {"other_objects", "border", "searched"}
 
 Fit = Callable[[Sequence[Trial]], tuple[float, dict[str, float]]]
 
