@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,11 +18,12 @@ from dqreg.registration.surroundings import Surroundings, surroundings_of
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.chance import places_of, random_ratio
+from dqreg.trust.deformation import ON_A_PART, deformation_of, may_be_deformed
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import LEAST_NOISE, NORMALS_APART
 from dqreg.trust.neighbourhoods import Neighbourhoods
 from dqreg.trust.patch_tests import ON, isolated, patches_off, share_together, stretch_of, waviness_of
-from dqreg.trust.strain import Strain, strain_of
+from dqreg.trust.strain import strain_of
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
 # has a say there; on denser scans clutter makes patterns of its own, and the noise is known.
@@ -44,12 +46,12 @@ MISFIT = 2.0
 SMOOTH, ROUGH = 0.4, 0.4
 # A scan whose noise is large against its spacing is rough everywhere: strays are rougher by this factor.
 MORE_THAN_USUAL = 2.5
-# Points from which the strain is fitted; share of strays from which on they may draw the fit: scans with 10 % of them
-# come to 0.09 and more, scans without, of other parts too, to 0.011.
-STRAINED, SOME_STRAYS = 3_000, 0.05
 # Patches that deviate are measured by so many standard deviations of most inliers at most, and by this share of the
 # size at least.
 USUAL, LEAST = 3.0, 3e-4
+# Points from which the strain is fitted; share of strays from which on they may draw the fit: scans with 10 % of them
+# come to 0.09 and more, scans without, of other parts too, to 0.011.
+STRAINED, SOME_STRAYS = 3_000, 0.05
 # Points are off the target together beyond so many standard deviations of the noise.
 TOGETHER = 5.0
 # Normals farther apart than this are of different faces.
@@ -79,14 +81,16 @@ def agreement_of(
     asked = pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept]
     patches, off = patches_off(*asked, scale)
     local = _local(run, scan, surface, pairs, width, has_border=has_border)
-    strain, is_part = Strain(), not isinstance(surface, CloudSurface)
-    # Between the points of two clouds, tangent planes are guesses; where the time is up, no pose is accepted anyway.
-    if is_part and count >= LOOKED_AT:
-        counted, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
-        strain = _strain(pairs, counted, alone, clutter=has_border or bool(around.elsewhere.any()), sparse=sparse)
+    is_part, size = not isinstance(surface, CloudSurface), surface.diagonal
     # Against a part, what differs from point to point is noise: the curvature of its faces is known.
     waviness, local_noise = waviness_of(aside, pairs.closest.normals[on]) if is_part else (0.0, np.nan)
     noise = local_noise if np.isfinite(local_noise) else mixture.scale
+    shape = _Shape()
+    # Between the points of two clouds, tangent planes are guesses; where the time is up, no pose is accepted anyway.
+    if is_part and count >= LOOKED_AT:
+        counted, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
+        clutter, strays = has_border or bool(around.elsewhere.any()), float(np.mean(alone))
+        shape = _shape_of(pairs, counted, noise, size, clutter=clutter, sparse=sparse, strays=strays)
     return Evidence(
         status=run.status,
         found=run.found,
@@ -95,7 +99,7 @@ def agreement_of(
         directions=(),
         alternatives=(),
         has_border=has_border,
-        size=surface.diagonal,
+        size=size,
         share_near=_share(on, close),
         near=near,
         patches=patches,
@@ -104,9 +108,10 @@ def agreement_of(
         normals_apart=local.normals_apart,
         width=float(np.sqrt(np.mean(aside**2))) if len(aside) else mixture.scale,
         expected=local.noise,
-        stretch=strain.value if strain.is_strained else 0.0,
-        stretched_along=strain.along,
-        bend=strain.bend if strain.is_bent else 0.0,
+        stretch=shape.stretch,
+        stretched_along=shape.stretched_along,
+        bend=shape.bend,
+        deformation=shape.deformation,
         waviness=waviness,
         local_noise=local_noise,
         share_together=_together(pairs, close, kept, noise, min(scan.diagonal, surface.diagonal)) if is_part else 0.0,
@@ -133,6 +138,45 @@ def _close(
     return close, Surroundings(np.zeros(len(on), dtype=bool), float(np.mean(on)), float(np.mean(~on)), 0.0)
 
 
+class _Shape(NamedTuple):
+    """What differs; zeros where nothing was fitted."""
+
+    stretch: float = 0.0  # Significant strain; below zero where the scan is shorter
+    stretched_along: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Its axis; zeros for a scale
+    bend: float = 0.0  # Significant bend, sagitta over length
+    deformation: float = 0.0  # Displacement of the surface by a significant deformation; a length
+
+
+def _shape_of(
+    pairs: Correspondences,
+    counted: BoolArray,
+    noise: float,
+    size: float,
+    *,
+    clutter: bool,
+    sparse: bool,
+    strays: float,
+) -> _Shape:
+    """How the counted points, (n,), differ from a part, of a noise and size; beside clutter without deformations.
+
+    In a sparse scan, which knows no covariance, a strain is a pattern of one.
+    """
+    rows = np.flatnonzero(counted & pairs.closest.normals.any(axis=1))
+    rows = rows[sample_rows(len(rows), STRAINED)]
+    # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
+    columns = pairs.closest.points[rows], pairs.closest.normals[rows], pairs.point_to_plane[rows]
+    strain = strain_of(*columns, clutter=clutter, strays=strays > SOME_STRAYS)
+    if sparse and not strain.is_strained:
+        value, along = stretch_of(*columns)
+        strain = dataclasses.replace(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
+    width = float(np.sqrt(np.mean(columns[2] ** 2))) if len(rows) else 0.0
+    deformation = 0.0
+    if not clutter and may_be_deformed(width, noise, size):
+        deformation = deformation_of(*columns, size, ON_A_PART)
+    stretch, bend = (strain.value if strain.is_strained else 0.0), (strain.bend if strain.is_bent else 0.0)
+    return _Shape(stretch, strain.along, bend, deformation)
+
+
 def _together(pairs: Correspondences, close: BoolArray, kept: BoolArray, noise: float, size: float) -> float:
     """Share of the points near a part that lie off it together, beyond the noise."""
     off = pairs.distances[kept] > TOGETHER * max(noise, LEAST_NOISE * size)
@@ -143,19 +187,6 @@ def _usual_scale(aside: FloatArray, surface: Surface) -> float:
     """Scale of the distances along the normals of most inliers: a sparse scan has a kernel as wide as its spacing."""
     usual = GAUSSIAN_MEDIAN * median(np.abs(aside)) if len(aside) else np.inf
     return max(USUAL * usual, LEAST * surface.diagonal)
-
-
-def _strain(pairs: Correspondences, counted: BoolArray, alone: BoolArray, *, clutter: bool, sparse: bool) -> Strain:
-    """Strain of a scan against a part; a pattern of one in a sparse scan, which knows no covariance."""
-    counted = counted & pairs.closest.normals.any(axis=1)
-    rows = np.flatnonzero(counted)[sample_rows(int(np.count_nonzero(counted)), STRAINED)]
-    # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
-    columns = pairs.closest.points[rows], pairs.closest.normals[rows], pairs.point_to_plane[rows]
-    strain = strain_of(*columns, clutter=clutter, strays=float(np.mean(alone)) > SOME_STRAYS)
-    if strain.is_strained or not sparse:
-        return strain
-    value, along = stretch_of(*columns)
-    return dataclasses.replace(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
 
 
 def _local(

@@ -161,7 +161,7 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
     ),
     "bent": ("Significant bend, sagitta over length", "at most", "%", lambda e: (e.bend, 0.0)),
     "deformed": (
-        "Significant smooth deformation of one scan against the other, of the size",
+        "Significant smooth deformation of the scan against the target, of the size",
         "at most",
         "%",
         lambda e: (e.deformation / e.size, 0.0),

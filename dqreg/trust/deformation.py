@@ -1,4 +1,4 @@
-"""Whether two clouds differ by more than a motion: all smooth deformations tested together.
+"""Whether two clouds, or a scan and a part, differ by more than a motion: all smooth deformations tested together.
 
 Each single strain may be known badly, because a motion nearly undoes it: of three faces about a corner a stretch shows
 only in the angles between them. All of them together are significant long before one is.
@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, product
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.solvers.sandwich import scatter_of
-from dqreg.trust.strain import COMPONENTS, USUAL, best_motion, robust_fit, unexplained, weights_of
+from dqreg.trust.strain import COMPONENTS, best_motion, known_before, robust_fit, unexplained, weights_of
 
 
 class Limit(NamedTuple):
@@ -25,19 +25,34 @@ class Limit(NamedTuple):
     displaced: float  # The same of the points in all directions: smaller deformations are no fault
 
 
-# Strains, bends and a torsion, large ones and small ones; strains and all other fields that are quadratic in the place.
-# Right poses of generated views came to 21.8 standard deviations at 2.0e-4 and to 33, where two in five had noise that
-# neighbours share, of measured pairs to 15.3 and 35; most strains of 1.5 to 6 % came to 30 and more. Sweeps of a moving
-# LiDAR came to 48 and 70 where they displace less than this.
-FEW_MODES = Limit(18.0, 2.5e-4, 1.5e-3), Limit(24.0, 1.2e-4, 1.5e-3)
-MANY_MODES = (Limit(40.0, 2e-4, 9e-4),)
+class Limits(NamedTuple):
+    """From where on a deformation is told: by any of each."""
+
+    few: tuple[Limit, ...]  # Of strains, bends and a torsion
+    many: tuple[Limit, ...]  # Of strains and all other fields that are quadratic in the place
+
+
+# Large ones and small ones. Right poses of generated views came to 21.8 standard deviations at 2.0e-4 and to 33, where
+# two in five had noise that neighbours share, of measured pairs to 15.3 and 35; most strains of 1.5 to 6 % came to 30
+# and more. Sweeps of a moving LiDAR came to 48 and 70 where they displace less than this.
+BETWEEN_CLOUDS = Limits(
+    (Limit(18.0, 2.5e-4, 1.5e-3), Limit(24.0, 1.2e-4, 1.5e-3)),
+    (Limit(40.0, 2e-4, 9e-4),),
+)
+# Of a scan of a part: made parts warp a little, and a bend of 0.2 % (`dqreg.trust.strain.LEAST_BEND`) shows so much.
+# Right poses of generated scans came to 10 standard deviations at 5e-4, those on bent parts to 85 and more at 6.4e-4.
+ON_A_PART = Limits((Limit(40.0, 5e-4, 9e-4),), (Limit(40.0, 5e-4, 9e-4),))
+# Share of what is shown that residuals have beyond the noise at least.
+LEFT = 0.7
 # Numbers of a motion.
 MOTIONS = 6
 # Places for each number that is fitted: with fewer, all that neighbours have in common looks like some deformation.
 PLACES_EACH = 16
 
 
-def deformation_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, size: float) -> float:
+def deformation_of(
+    points: FloatArray, normals: FloatArray, residuals: FloatArray, size: float, limits: Limits = BETWEEN_CLOUDS
+) -> float:
     """Displacement of the surface by a significant deformation that no motion explains, root mean square; 0 for none.
 
     It is along the normals: what slides within the surface is known badly.
@@ -53,11 +68,11 @@ def deformation_of(points: FloatArray, normals: FloatArray, residuals: FloatArra
     p, n = arms @ axes / lever, normals @ axes
     strains = _strains(p)
     few, many = np.concatenate([strains, _bends(p)]), np.concatenate([strains, _quadratics(p)])
-    for fields, limits in ((few, FEW_MODES), (many, MANY_MODES)):
+    for fields, told in ((few, limits.few), (many, limits.many)):
         if len(points) < PLACES_EACH * (MOTIONS + len(fields)):
             continue
         found = _explained(fields, p * lever, n, residuals, lever)
-        if any(found.exceeds(limit, size) for limit in limits):
+        if any(found.exceeds(limit, size) for limit in told):
             return found.shown
     return 0.0
 
@@ -102,7 +117,7 @@ def _explained(
     fitted, weights = robust_fit(rows, residuals, lever, weights_of(residuals))
     left = residuals - fitted @ rows
     variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
-    known = np.eye(len(rows)) * variance / (USUAL * lever) ** 2
+    known = known_before(product(rows * weights, rows.T), variance, lever)
     scatter = scatter_of(rows, points, normals, left, weights, known, variance)
     if scatter is None or not variance > 0.0:
         return _Found(0.0, 0.0, 0.0)
@@ -117,3 +132,13 @@ def _explained(
     each = np.stack([plane_rows(points, np.broadcast_to(axis, points.shape), np.zeros(3), lever) for axis in np.eye(3)])
     by_points = unexplained(displaced.T.ravel(), np.concatenate([*each], axis=1), np.ones(3 * len(points)))
     return _Found(sigmas, unexplained(of_modes @ modes, motions, weights), math.sqrt(3.0) * by_points)
+
+
+def may_be_deformed(width: float, noise: float, size: float) -> bool:
+    """Whether residuals, one standard deviation, leave room beside their noise for a deformation on a part.
+
+    >>> may_be_deformed(0.01, 0.01, 100.0), may_be_deformed(0.1, 0.01, 100.0)
+    (False, True)
+    """
+    least = LEFT * ON_A_PART.few[0].shown * size
+    return width > math.hypot(noise, least)

@@ -86,7 +86,7 @@ class Evidence:
     largest_plane : float
         Share of the places that both scans show which the largest of those planes holds; NaN likewise.
     deformation : float
-        Displacement of one scan's surface against the other's, along its normals, by a significant smooth deformation
+        Displacement of the scan's surface against the target's, along its normals, by a significant smooth deformation
         that no motion explains, root mean square; else 0. A length.
     drift, drift_rad : float
         Significant displacement and rotation of the pose from the first point of the scan to the last; else 0.

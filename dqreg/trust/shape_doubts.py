@@ -59,7 +59,7 @@ def deformed(evidence: Evidence) -> Iterator[str]:
     """A smooth deformation explains what no motion does."""
     if evidence.deformation:
         yield (
-            f"a deformation displaces the surface of one scan by {evidence.length(evidence.deformation)} "
+            f"a deformation displaces the surface of the scan by {evidence.length(evidence.deformation)} "
             f"({100 * evidence.deformation / evidence.size:.2g} % of the size, root mean square), which no motion "
             "explains: stretched, bent or distorted, other parts, or moved during a scan"
         )

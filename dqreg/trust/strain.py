@@ -24,8 +24,8 @@ ROUNDS, TUKEY = 8, 4.685
 STILL = 0.02
 # Share of a drift that is the shift of the middle, where it has a direction.
 MOSTLY = 0.5
-# Information below this share of the whole is none.
-SINGULAR = 1e-10
+# Information below this share of the whole is none: of fifteen unknowns, some times what `scatter_of` takes for none.
+SINGULAR = 3e-9
 # Strains and motions expected beforehand, in extents of the scan: what the faces do not show stays at zero.
 USUAL = 0.2
 # Smaller strains are no fault: parts shrink, and sensors are calibrated to as much.
@@ -110,7 +110,7 @@ def strain_of(
         return Strain()
     left = residuals - fitted @ rows
     variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
-    known = np.eye(len(rows)) * variance / (USUAL * lever) ** 2
+    known = known_before(product(rows * weights, rows.T), variance, lever)
     scatter = scatter_of(rows, points, normals, left, weights, known, variance)
     if scatter is None:
         return Strain()
@@ -167,9 +167,7 @@ def robust_fit(
         variance = dot(weights, left**2) / float(weights.sum()) + np.finfo(float).tiny
         weighed = rows * weights
         information = product(weighed, rows.T)
-        # Exact data on a plane leave nothing else to divide by.
-        ridge = variance / (USUAL * lever) ** 2 + SINGULAR * float(np.trace(information))
-        solved = np.linalg.solve(information + ridge * np.eye(len(rows)), weighed @ residuals)
+        solved = np.linalg.solve(information + known_before(information, variance, lever), weighed @ residuals)
         step, fitted = solved - fitted, np.asarray(solved, dtype=np.float64)
         if was_small and is_small(fitted):
             break
@@ -179,6 +177,14 @@ def robust_fit(
         if step @ information @ step <= STILL**2 * variance:
             break
     return fitted, weights
+
+
+def known_before(information: FloatArray, variance: float, lever: float) -> FloatArray:
+    """What is known of strains and motions before a fit, in the units of its information, both (k, k).
+
+    Nearly exact data tell next to nothing of what their faces do not show: that has to be told from rounding.
+    """
+    return np.eye(len(information)) * (variance / (USUAL * lever) ** 2 + SINGULAR * float(np.trace(information)))
 
 
 def weights_of(residuals: FloatArray) -> FloatArray:
@@ -238,7 +244,7 @@ def drift_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, tim
     fitted, weights = robust_fit(rows, residuals, lever, weights_of(residuals))
     left = residuals - fitted @ rows
     variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
-    known = np.eye(len(rows)) * variance / (USUAL * lever) ** 2
+    known = known_before(product(rows * weights, rows.T), variance, lever)
     scatter = scatter_of(rows, points, normals, left, weights, known, variance)
     if scatter is None:
         return Drift()

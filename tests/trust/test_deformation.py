@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg.rigid import pose, twist
-from dqreg.trust.deformation import deformation_of
+from dqreg.trust.deformation import ON_A_PART, deformation_of, may_be_deformed
 from tests.strategies import FloatArray
 from tests.trust.shapes import sphere
 
@@ -49,6 +49,18 @@ def test_a_shear_is_told_with_what_a_motion_leaves_of_it() -> None:
     assert said == pytest.approx(np.sqrt(np.mean(left**2)), rel=0.1)
 
 
+@pytest.mark.parametrize("noise", [1e-6, 1e-5, 1e-4])
+def test_what_no_face_shows_does_not_hide_a_shear_from_nearly_exact_clouds(noise) -> None:
+    """Law: the significance falls as one over the noise. Three faces about a corner leave some strains free."""
+    rng = np.random.default_rng(0)
+    points, normals = corner(rng)
+    along = np.einsum("ij,ij->i", 0.03 * points[:, [1]] * np.array([1.0, 0.0, 0.0]), normals)
+    said = [deformation_of(points, normals, along + 1e-3 * rng.normal(size=len(points)), SIZE)]
+    said.append(deformation_of(points, normals, along + noise * rng.normal(size=len(points)), SIZE))
+    assert said[1] == pytest.approx(said[0], rel=0.02)
+    assert deformation_of(points, normals, noise * rng.normal(size=len(points)), SIZE) == 0.0
+
+
 def test_a_wave_is_told_by_the_quadratic_fields() -> None:
     rng = np.random.default_rng(0)
     points, normals = sphere(rng, 1_500)
@@ -69,3 +81,28 @@ def test_few_places_show_no_deformation_of_many_numbers() -> None:
         wave = 0.05 * np.cos(2.5 * points[:, [0]]) * np.array([0.0, 1.0, 0.0])
         said.append(deformation_of(points, normals, residuals_of(points, normals, points + wave, rng), SIZE))
     assert said[0] == 0.0 < said[1]
+
+
+def test_a_deformation_on_a_part_has_to_show_more_than_one_between_clouds() -> None:
+    """Made parts warp a little: a shear that shows 4.7e-4 of the size is told between clouds only."""
+    said = []
+    for shear in (0.0088, 0.016):
+        rng = np.random.default_rng(0)
+        points, normals = corner(rng)
+        moved = points + shear * points[:, [1]] * np.array([1.0, 0.0, 0.0])
+        residuals = np.einsum("ij,ij->i", moved - points, normals) + 1e-4 * rng.normal(size=len(points))
+        said.append([deformation_of(points, normals, residuals, SIZE, *limits) for limits in ((), (ON_A_PART,))])
+    assert said[0][1] == 0.0 < said[0][0] < 5e-4 * SIZE
+    assert said[1][0] == said[1][1] > 5e-4 * SIZE
+
+
+def test_residuals_that_leave_no_room_for_a_deformation_are_not_asked() -> None:
+    """Law: whatever is told on a part has residuals that are asked."""
+    rng = np.random.default_rng(0)
+    points, normals = corner(rng)
+    for shear in np.geomspace(1e-3, 0.1, 8):
+        moved = points + shear * points[:, [1]] * np.array([1.0, 0.0, 0.0])
+        residuals = residuals_of(points, normals, moved, rng)
+        if deformation_of(points, normals, residuals, SIZE, ON_A_PART):
+            assert may_be_deformed(float(np.sqrt(np.mean(residuals**2))), NOISE, SIZE)
+    assert not may_be_deformed(NOISE, NOISE, SIZE)

@@ -94,7 +94,7 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
     ),
     "deformed": (
         {"deformation": 0.003, "size": 1.0},
-        "a deformation displaces the surface of one scan by 0.003 (0.3 % of the size, root mean square)",
+        "a deformation displaces the surface of the scan by 0.003 (0.3 % of the size, root mean square)",
         "deformed",
     ),
     "normals": (
