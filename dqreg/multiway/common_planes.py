@@ -63,6 +63,25 @@ def refine_on_planes(
     if any(body.scan is None for body in bodies) or not len(free):
         return None
     pooled = Pooled(bodies, size)
+    found = _refined(pooled, bodies, T_world_body, free, spacing, size, carried=False)
+    if found is not None and found.converged:
+        return found
+    # With what no face holds left behind, all scans may drift away from it; carried along, that errs more where it can.
+    carried = _refined(pooled, bodies, T_world_body, free, spacing, size, carried=True)
+    return found if carried is None else carried
+
+
+def _refined(
+    pooled: Pooled,
+    bodies: Sequence[Body],
+    T_world_body: FloatArray,
+    free: IntArray,
+    spacing: float,
+    size: float,
+    *,
+    carried: bool,
+) -> Placed | None:
+    """The same, with what no face holds of a scan left where pairs put it, or carried along by the scans around it."""
     T, middle = centred(T_world_body, size)
     begun, places = T, _Places.of(bodies, T, spacing / size, size)
     scale, settled, rounds, moved = SOFT * spacing / size, 0, 0, np.inf
@@ -75,11 +94,11 @@ def refine_on_planes(
             return None
         moved, scale = 0.0, lower
         for _ in range(STEPS):
-            T, motion = _stepped(pieces, T, places, least=FACING if settled else 0.0)
+            T, motion = _stepped(pieces, T, places, FACING if settled else 0.0, carried=carried)
             moved = max(moved, motion)
     if rough or _motion(bodies, begun, T, size) > FAR * spacing / size:
         return None
-    covariance = _covariance(pieces, T, places, size)
+    covariance = _covariance(pieces, T, places, size, carried=carried)
     found = _anchored(begun, T, free)
     found[:, :3, 3] = size * found[:, :3, 3] + middle
     relative = _relative(covariance, free)
@@ -130,9 +149,11 @@ class _Places:
         return np.einsum("kij,kj->ki", weighted, off), weighted @ turned
 
 
-def _stepped(pieces: Pieces, T: FloatArray, places: _Places, least: float) -> tuple[FloatArray, float]:
+def _stepped(
+    pieces: Pieces, T: FloatArray, places: _Places, least: float, *, carried: bool
+) -> tuple[FloatArray, float]:
     """The next poses, and the largest motion of a scan's corners that faces hold."""
-    matrix, counts, slopes = _normal(pieces, T, places, least)
+    matrix, counts, slopes = _normal(pieces, T, places, least, carried=carried)
     gradient, each = np.zeros((len(T), 6)), np.arange(len(T))
     np.add.at(gradient, pieces.scans, slopes)
     pull, held = places.about(T)
@@ -145,7 +166,7 @@ def _stepped(pieces: Pieces, T: FloatArray, places: _Places, least: float) -> tu
 
 
 def _normal(
-    pieces: Pieces, T: FloatArray, places: _Places, least: float
+    pieces: Pieces, T: FloatArray, places: _Places, least: float, *, carried: bool
 ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, FloatArray]:
     """The matrix of the normal equations of all increments in the world, what of it counts, and the groups' slopes.
 
@@ -167,7 +188,7 @@ def _normal(
     back = np.linalg.inv(to_length)
     points, motions = np.linalg.eigh(back.transpose(0, 2, 1) @ own @ back * pieces.residual**2)
     kept = back @ (motions * (points >= least)[:, None]) @ motions.transpose(0, 2, 1) @ to_length
-    return matrix, _counted(kept, table >= 0), slopes
+    return matrix, _counted(kept, table >= 0) if carried else _placed(kept, each, each, len(T)), slopes
 
 
 def _counted(kept: FloatArray, shared: BoolArray) -> sparse.csc_matrix:
@@ -204,13 +225,13 @@ def _placed(blocks: FloatArray, rows: IntArray, columns: IntArray, count: int) -
     return sparse.csc_matrix((blocks.ravel(), (r, c)), shape=(6 * count, 6 * count))
 
 
-def _covariance(pieces: Pieces, T: FloatArray, places: _Places, unit: float) -> FloatArray:
+def _covariance(pieces: Pieces, T: FloatArray, places: _Places, unit: float, *, carried: bool) -> FloatArray:
     """Covariance of the increments about the world's origin, in lengths, (6 n, 6 n).
 
     A sandwich: pieces are independent of each other, whatever the scatter of each. Three numbers of a plane are fitted
     to its points, which makes their distances smaller than they are (HC3 of MacKinnon and White 1985).
     """
-    matrix, counts, slopes = _normal(pieces, T, places, SURE)
+    matrix, counts, slopes = _normal(pieces, T, places, SURE, carried=carried)
     each = np.arange(len(T))
     prior = _placed(places.about(T)[1], each, each, len(T))
     solve = factorised((counts.T @ matrix @ counts).tocsc() + prior, each).solve
