@@ -11,6 +11,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway.confirm import Confirmation, confirm, islands, joined_by
 from dqreg.multiway.edges import HELD_BY_LOOPS, PART, Edge, EdgeCode, graph_of, sureness
+from dqreg.multiway.equal_steps import EqualSteps
 from dqreg.multiway.graph import PoseGraph, solve_graph
 from dqreg.multiway.loops import BLUNT, BLUNT_RAD, LIMIT, Loops, covariances_of, find_loops
 from dqreg.rigid import pose
@@ -33,7 +34,14 @@ class Belief:
     anchor: int  # Node whose pose was held
     loops: Loops  # Among the edges that have a pose
     rows: IntArray  # (m,): Numbers of those edges, in the order that the loops count them
-    confirmed: BoolArray  # (m,): Whether a closing loop, of three or more, confirms them
+    confirmed: BoolArray  # (m,): Whether a closing loop, of three or more, or the steps of a table confirm them
+    by_steps: BoolArray  # (m,): Whether those steps do
+
+    @functools.cached_property
+    def on_steps(self) -> frozenset[int]:
+        """Scans of used edges that steps of a table confirm."""
+        used = [edge for row in self.rows[self.by_steps] if (edge := self.edges[row]).used]
+        return frozenset(k for edge in used for k in (edge.target, edge.source))
 
     @functools.cached_property
     def is_unanimous(self) -> bool:
@@ -55,11 +63,19 @@ class Belief:
         )
 
 
-def believe(edges: Sequence[Edge], count: int, anchor: int, size: float, floor: float, T_anchor: FloatArray) -> Belief:
+def believe(
+    edges: Sequence[Edge],
+    count: int,
+    anchor: int,
+    size: float,
+    floor: float,
+    T_anchor: FloatArray,
+    steps: EqualSteps | None = None,
+) -> Belief:
     """Judge all edges that were tried, and place what they hold together.
 
     The anchor, a scan or -1 for the part, gets the pose given. Poses of pairs need not agree to better than the floor,
-    a length; size is a typical diagonal of a scan.
+    a length; size is a typical diagonal of a scan. Steps of a turntable confirm edges, and hold what these do not.
     """
     codes: list[EdgeCode] = [_first_look(edge, size) for edge in edges]
     rows = np.array([k for k, code in enumerate(codes) if code == "unconfirmed"], dtype=np.int64)
@@ -70,10 +86,13 @@ def believe(edges: Sequence[Edge], count: int, anchor: int, size: float, floor: 
     sure = np.array([sureness(edges[k]) for k in rows])
     held = np.array([set(edges[k].registration.verdict.codes) <= HELD_BY_LOOPS for k in rows], dtype=bool)
     told = confirm(graph, covariances, loops, accepted, size, sure, held)
+    by_steps = np.zeros(len(rows), dtype=bool) if steps is None else steps.agree(graph, [edges[k] for k in rows])
+    told = told.also(by_steps)
     candidate = accepted | told.confirmed | (loops.counts(loops.closes, len(rows)) > 0)
     gated = dataclasses.replace(graph, information=np.asarray(np.linalg.inv(covariances), dtype=np.float64))
     order = np.lexsort((-np.linalg.slogdet(gated.information)[1], -told.trust, told.refuted, ~told.confirmed))
-    T, kept = _inliers(gated, order[candidate[order]], told)
+    prior = None if steps is None else steps.graph(count + 1)
+    T, kept = _inliers(gated, order[candidate[order]], told, prior)
     kept &= ~_disputed(graph, kept, accepted & ~kept, told)
     for row, k in enumerate(rows):
         if not candidate[row]:
@@ -83,7 +102,8 @@ def believe(edges: Sequence[Edge], count: int, anchor: int, size: float, floor: 
     node = count if anchor == PART else anchor
     node = _anchored(island, node, count)
     placed = island == island[node]
-    final = solve_graph(graph.part(np.flatnonzero(kept & placed[graph.sources])), T, _free(placed, node))
+    held_together = graph.part(np.flatnonzero(kept & placed[graph.sources])).joined(_inside(prior, T, placed))
+    final = solve_graph(held_together, T, _free(placed, node))
     home = T_anchor if node in (anchor, count) else np.eye(4)
     final = home @ pose.inverse(final[node]) @ final
     final[~placed] = np.nan
@@ -95,7 +115,8 @@ def believe(edges: Sequence[Edge], count: int, anchor: int, size: float, floor: 
         if code in ("used", "confirmed") and not placed[edge.source]:
             code = "elsewhere"
         judged.append(dataclasses.replace(edge, code=code, used=code in ("used", "confirmed"), chi2=float(chi2[k])))
-    return Belief(tuple(judged), final, island[:count], PART if node == count else node, loops, rows, told.confirmed)
+    home_node = PART if node == count else node
+    return Belief(tuple(judged), final, island[:count], home_node, loops, rows, told.confirmed, by_steps)
 
 
 def _first_look(edge: Edge, size: float) -> EdgeCode:
@@ -113,10 +134,21 @@ def _first_look(edge: Edge, size: float) -> EdgeCode:
     return "unconfirmed"
 
 
-def _inliers(graph: PoseGraph, order: IntArray, told: Confirmation) -> tuple[FloatArray, BoolArray]:
+def _inside(prior: PoseGraph | None, T: FloatArray, placed: BoolArray) -> PoseGraph | None:
+    """The steps between placed scans that poses agree with."""
+    if prior is None:
+        return None
+    there = placed[prior.targets] & placed[prior.sources]
+    return prior.part(np.flatnonzero(there & (prior.chi2(T) <= LIMIT)))
+
+
+def _inliers(
+    graph: PoseGraph, order: IntArray, told: Confirmation, prior: PoseGraph | None
+) -> tuple[FloatArray, BoolArray]:
     """Poses and edges that agree with them: from the tree of the most trusted edges by graduated non-convexity.
 
-    Refuted edges shape the poses only where nothing else joins the scans.
+    Refuted edges shape the poses only where nothing else joins the scans. The steps of a table, edges like others that
+    may be wrong, take part between the scans of a tree.
     """
     tree = joined_by(graph, order)
     T = _along_tree(graph, tree)
@@ -126,13 +158,18 @@ def _inliers(graph: PoseGraph, order: IntArray, told: Confirmation) -> tuple[Flo
     part = graph.part(order)
     free = _without_roots(part, np.unique(np.r_[part.targets, part.sources]))
     asked = ~told.refuted[order] | np.isin(order, tree)
-    T = _graduated(graph.part(order[asked]), T, free)
+    if prior is not None:
+        island = islands(graph, tree)
+        prior = prior.part(np.flatnonzero(island[prior.targets] == island[prior.sources]))
+    T = _graduated(graph.part(order[asked]).joined(prior), T, free)
     inside = part.chi2(T) <= LIMIT
-    T = solve_graph(part, T, free, np.where(inside, 1.0, 1e-9))
+    whole = part.joined(prior)
+    steps = np.zeros(0) if prior is None else np.where(prior.chi2(T) <= LIMIT, 1.0, 1e-9)
+    T = solve_graph(whole, T, free, np.r_[np.where(inside, 1.0, 1e-9), steps])
     # An edge much sharper than its neighbours lies outside until it takes part: loops have confirmed it.
     more = inside | told.confirmed[order]
     if (more & ~inside).any():
-        trial = solve_graph(part, T, free, np.where(more, 1.0, 1e-9))
+        trial = solve_graph(whole, T, free, np.r_[np.where(more, 1.0, 1e-9), steps])
         T = trial if (part.chi2(trial)[more] <= LIMIT).all() else T
     kept[order[part.chi2(T) <= LIMIT]] = True
     return T, kept

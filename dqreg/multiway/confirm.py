@@ -40,6 +40,11 @@ class Confirmation:
     confirmed: BoolArray  # (m,): Part of a closing loop of trusted edges
     refuted: BoolArray  # (m,): At odds with a path of confirmed edges
 
+    def also(self, more: BoolArray) -> Confirmation:
+        """The same with more edges confirmed."""
+        trust = np.maximum(self.trust, np.where(more, ACCEPTED, 0.0))
+        return Confirmation(trust, self.confirmed | more, self.refuted & ~more)
+
 
 def trust_of(loops: Loops, accepted: BoolArray, on_part: BoolArray) -> FloatArray:
     """Trust of edges from closing and failing loops, each weighed by the trust of its other edges. Returns (m,)."""

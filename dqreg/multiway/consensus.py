@@ -53,12 +53,12 @@ def _seen(runner: PairRunner, usable: list[int]) -> bool:
 
 
 def _in_doubt(belief: Belief, usable: list[int]) -> bool:
-    """Whether a scan is not placed, or held by no accepted pair that is used and by no loops of pairs that all agree.
+    """Whether a scan is not placed, or held by no accepted pair, no loops of pairs that all agree, and no table.
 
     A union of poses that were never refined together refuses right scans too: it is not asked where nobody disagrees.
     """
     used = [edge for edge in belief.edges if edge.used]
-    sure = {k for edge in used if edge.level == "accepted" for k in (edge.target, edge.source)}
+    sure = {k for edge in used if edge.level == "accepted" for k in (edge.target, edge.source)} | belief.on_steps
     if belief.is_unanimous:
         looped = set(belief.loops.nodes[belief.loops.closes].ravel().tolist())
         loose = [edge for edge in used if set(edge.registration.verdict.codes) <= HELD_BY_LOOPS]

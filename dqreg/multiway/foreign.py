@@ -14,6 +14,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError
 from dqreg.multiway.believe import Belief, believe
 from dqreg.multiway.edges import HELD_BY_LOOPS, Edge, EdgeCode
+from dqreg.multiway.equal_steps import EqualSteps
 from dqreg.multiway.merge import merged_target
 from dqreg.multiway.pairs import Pair
 from dqreg.multiway.scans import View
@@ -32,6 +33,8 @@ UNHELD = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty"})
 # What may be doubted of such a scan where all pairs agree: how well it is held, also by one plane; and its normals,
 # which are guesses for a plate seen from its edge.
 AGREED = HELD_BY_LOOPS | {"disagreeing_normals"}
+# The same where the steps of a table confirm its pairs: they tell which of several poses it is.
+ON_TABLE = AGREED | {"alternative_poses"}
 # Motion, in sizes of a scan, by which a pose may differ from that of its pairs.
 MOVED = 0.05
 
@@ -49,6 +52,7 @@ class Judge:
     size: float
     floor: float
     T_home: FloatArray
+    steps: EqualSteps | None = None  # Of a turntable
     # Edges that contradict scans besides their own two, and how
     refuted: Mapping[Key, EdgeCode] = dataclasses.field(default_factory=dict)
 
@@ -61,7 +65,7 @@ class Judge:
             else edge
             for edge in self.sides.checked(fresh)
         ]
-        return believe(checked, self.count, self.home, self.size, self.floor, self.T_home)
+        return believe(checked, self.count, self.home, self.size, self.floor, self.T_home, self.steps)
 
     def without(self, edges: Iterable[Edge], code: EdgeCode) -> Judge:
         """The same judge, to whom some edges are refuted."""
@@ -199,7 +203,7 @@ def _fits_all(
         found = register(cloud, others, T, effort=effort, seed=seed, search="never", keep_inputs=False, units="ignore")
     except DqregError:
         return False
-    unheld = AGREED if belief.is_unanimous else UNHELD
+    unheld = ON_TABLE if k in belief.on_steps else AGREED if belief.is_unanimous else UNHELD
     if found.verdict.level != "accepted" and not set(found.verdict.codes) <= unheld:
         return False
     middle = cloud.points.mean(axis=0)[None]

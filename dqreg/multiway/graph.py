@@ -47,6 +47,19 @@ class PoseGraph:
             self.centres[rows],
         )
 
+    def joined(self, other: PoseGraph | None) -> PoseGraph:
+        """The same nodes with the edges of another graph behind the own ones."""
+        if other is None:
+            return self
+        return PoseGraph(
+            self.count,
+            np.concatenate([self.targets, other.targets]),
+            np.concatenate([self.sources, other.sources]),
+            np.concatenate([self.measured, other.measured]),
+            np.concatenate([self.information, other.information]),
+            np.concatenate([self.centres, other.centres]),
+        )
+
     def errors(self, T: FloatArray) -> FloatArray:
         """Twists from the measured poses to those of the graph, about the centres. Shapes: T (n, 4, 4), (m, 6)."""
         there = dual_poses.from_matrices(T)

@@ -15,6 +15,7 @@ from dqreg.multiway.assemble import assembled
 from dqreg.multiway.believe import Belief
 from dqreg.multiway.consensus import by_consensus
 from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.equal_steps import EqualSteps
 from dqreg.multiway.foreign import Judge, without_foreign, without_misfits
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairRunner, Progress, workers_of
@@ -133,7 +134,10 @@ def register_many(
     sides = Sides.of(views, order, found)
     size, floor = typical_size(views), FLOOR * typical_spacing(views)
     home, T_home = (PART, np.eye(4)) if part is not None else (anchor, known[anchor])
-    judge = Judge(sides, len(views), home, size, floor, np.eye(4) if T_home is None else np.asarray(T_home))
+    # Given poses, and angles that nobody knows, say where scans are: a table does not.
+    on_table = order == "turntable" and turned is None and any(known[k] is None for k in usable)
+    steps = EqualSteps.of(found, views, size, floor) if on_table else None
+    judge = Judge(sides, len(views), home, size, floor, np.eye(4) if T_home is None else np.asarray(T_home), steps)
     belief = _belief(runner, judge, found, turned, automatic=automatic)
     seconds["pairs"] = time.monotonic() - began - sum(seconds.values())
     joint = refined(views, sides.bodies, part, belief.T_world_scan[: len(views)], belief.anchor, size, effort)

@@ -122,6 +122,14 @@ def _weak(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> Itera
         if edge.used and (edge.level == "accepted" or confirmed.get(row, 0) >= CONFIRMING):
             sure |= {edge.source, edge.target}
     weak = [k for k in placed if k not in sure]
+    assumed = [k for k in weak if k in belief.on_steps]
+    if assumed:
+        yield Reason(
+            f"{named(views, assumed)}: no pair is accepted by itself, and that they stand where equal steps of the "
+            "table put them confirms the pose: what their pairs do not hold is assumed; scan more overlap there",
+            "unconfirmed_scan",
+        )
+    weak = [k for k in weak if k not in assumed]
     if weak and len(placed) > 1:
         yield Reason(
             f"{named(views, weak)}: no pair is accepted by itself and fewer than {CONFIRMING} loops confirm the pose",
