@@ -139,6 +139,7 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
         faces_apart=overlap.apart(size, covariance),
         ends_apart=planes.ends_apart() if planes else np.nan,
         rims_shared=planes.rims_shared() if planes else np.nan,
+        rims_elsewhere=planes.rims_elsewhere(size) if planes else (np.nan, 0.0),
         largest_plane=planes.largest if planes else np.nan,
         deformation=overlap.deformation(size),
         waviness=overlap.waviness(),

@@ -128,6 +128,12 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "%",
         lambda e: (e.rims_shared, limits.RIMS_SHARED),
     ),
+    "rims_elsewhere": (
+        "Rims of those faces that both scans show after a slide, more than at the pose",
+        "at most",
+        "%",
+        lambda e: (e.rims_elsewhere[0], limits.RIMS_GAINED),
+    ),
     "one_plane": (
         "Places that both scans show in one plane",
         "at most",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.spacing import measure_spacing
-from dqreg.trust.face_rims import Plane, Points, rims_in, rows_in, shared_rims
+from dqreg.trust.face_rims import Plane, Points, Rims, rims_in, rows_in, shared_along, shared_rims
 from dqreg.trust.overlap import Overlap
 
 # Planes that fix a pose and leave nothing to check it by; the share of the common places that they hold, and the share
@@ -24,6 +25,8 @@ SAME_COS, WITHIN, NOISY = np.cos(np.deg2rad(8.0)), 5e-3, 3.0
 FLAT, GAP, FEWEST = 0.9, 4.0, 100
 # Points of a cloud of which its spacing is measured.
 SAMPLE = 1_000
+# Slides that are tried, in sizes; a plane that leans on the others by more of its normal than this is slid along none.
+REACH, LEANING = 0.06, 0.2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,11 +68,37 @@ class CommonPlanes:
 
         Where two planes meet their faces end together, whatever the part: those rims are left out. NaN for few rims.
         """
+        one, other = self._rims
+        return float(np.fmax(shared_rims(one, other), shared_rims(other, one)))
+
+    def rims_elsewhere(self, size: float) -> tuple[float, float]:
+        """What more of the rims would be shared after a slide of clouds of a size, and how far that is; zeros for none.
+
+        The slide is the one that a plane forbids, by the rims in the other planes: both sides of a thin wall laid on
+        each other are one plane, and the rims of the faces beside it tell that it is not one face.
+        """
+        found = (0.0, 0.0)
+        normals = np.array([plane.normal for plane in self.planes])
+        for k, normal in enumerate(normals):
+            rest = np.delete(normals, k, axis=0)
+            axis = normal - np.linalg.pinv(rest) @ (rest @ normal) if len(rest) else normal
+            if not len(rest) or np.linalg.norm(axis) < LEANING:
+                continue
+            kept = [[rims for j, rims in enumerate(side) if j != k] for side in self._rims]
+            slides, shares = shared_along(kept[0], kept[1], axis / np.linalg.norm(axis), REACH * size)
+            gained = np.nan_to_num(shares - shares[len(shares) // 2])
+            best = int(gained.argmax())
+            found = max(found, (float(gained[best]), abs(float(slides[best]))))
+        return found
+
+    @cached_property
+    def _rims(self) -> tuple[list[Rims | None], list[Rims | None]]:
+        """Rims of either cloud's faces in each of the planes."""
         one, other = (
             [rims_in(points, tree, plane, self.planes, self.within) for plane in self.planes]
             for points, tree in self.sides
         )
-        return float(np.fmax(shared_rims(one, other), shared_rims(other, one)))
+        return one, other
 
     def _beyond(self, side: Points, others: FloatArray) -> float:
         """Share of a cloud's faces in the planes that has no point of another one beside it; NaN for few points."""

@@ -39,6 +39,7 @@ from dqreg.trust.shape_doubts import (
     looked_through,
     one_plane,
     rims_apart,
+    rims_elsewhere,
     stretched,
     wavy,
 )
@@ -235,6 +236,7 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("faces_apart", faces_apart),
     ("ends_apart", ends_apart),
     ("rims_apart", rims_apart),
+    ("rims_elsewhere", rims_elsewhere),
     ("one_plane", one_plane),
     ("disagreeing_normals", _disagreeing_normals),
     ("outliers", _outliers),

@@ -83,6 +83,9 @@ class Evidence:
     rims_shared : float
         Share of the rims of faces in those planes that are rims of the other scan's faces too, of the scan with more of
         it; NaN where that was not asked.
+    rims_elsewhere : tuple of 2 floats
+        Share of those rims that both would have more after a slide along a plane's normal, NaN likewise, and the length
+        of that slide, 0 where nothing is gained.
     largest_plane : float
         Share of the places that both scans show which the largest of those planes holds; NaN likewise.
     deformation : float
@@ -146,6 +149,7 @@ class Evidence:
     largest_plane: float = math.nan
     deformation: float = 0.0
     places: float = math.inf
+    rims_elsewhere: tuple[float, float] = (math.nan, 0.0)
 
     @property
     def distinct_inliers(self) -> float:

@@ -92,6 +92,35 @@ def shared_rims(rims: Sequence[Rims | None], others: Sequence[Rims | None]) -> f
     return shared / count if count >= FEWEST_RIMS else np.nan
 
 
+def shared_along(
+    rims: Sequence[Rims | None], others: Sequence[Rims | None], axis: FloatArray, reach: float
+) -> tuple[FloatArray, FloatArray]:
+    """The share of the rims that both clouds have, of the cloud with more of it, where one is slid along an axis.
+
+    Returns slides (k,), in steps in which rims are the same, zero in the middle, and shares (k,), NaN for few rims.
+    """
+    both = [(one, other) for one, other in zip(rims, others, strict=True) if one is not None and other is not None]
+    step = SAME * max((max(one.spacing, other.spacing) for one, other in both), default=np.inf)
+    count = int(np.ceil(reach / step))
+    slides, shared, total = np.arange(-count, count + 1.0), np.zeros((2, 2 * count + 1)), np.zeros(2)
+    for one, other in both:
+        gaps = other.points - one.points[:, None]
+        along = gaps @ axis
+        aside = np.sqrt(np.maximum(np.einsum("ijk,ijk->ij", gaps, gaps) - along**2, 0.0))
+        alike = (aside < step) & (one.outward @ other.outward.T > SAME_COS) & (np.abs(along) < reach)
+        pair = np.nonzero(alike)
+        for side, cloud in enumerate((one, other)):
+            counted = cloud.counted[pair[side]]
+            rows, at = pair[side][counted], along[pair][counted] / step
+            # Slides on either side of the distance bring the two within a step of each other; each point counts once.
+            reached = np.concatenate([np.floor(at), np.ceil(at)]).astype(np.intp) + count
+            each = np.unique(np.concatenate([rows, rows]) * len(slides) + reached)
+            shared[side] += np.bincount(each % len(slides), minlength=len(slides))
+            total[side] += np.count_nonzero(cloud.counted)
+    shares = np.where(total < FEWEST_RIMS, np.nan, shared.T / np.maximum(total, 1.0))
+    return slides * step, np.fmax(shares[:, 0], shares[:, 1])
+
+
 def _open_sides(flat: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Widest angle without a neighbour about each point of a plane, (n, 2), its direction, in radians; the spacing."""
     in_space = np.column_stack([flat, np.zeros(len(flat))])

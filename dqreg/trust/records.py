@@ -36,6 +36,7 @@ Code = Literal[
     "faces_apart",
     "ends_apart",
     "rims_apart",
+    "rims_elsewhere",
     "one_plane",
     "disagreeing_normals",
     "outliers",

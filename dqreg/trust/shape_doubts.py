@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from dqreg.solvers.motion_words import direction_words
 from dqreg.trust.evidence import Evidence
-from dqreg.trust.limits import ENDS_APART, FACES_APART, LOOKED_THROUGH, ONE_PLANE, RIMS_SHARED, wavy_limit
+from dqreg.trust.limits import ENDS_APART, FACES_APART, LOOKED_THROUGH, ONE_PLANE, RIMS_GAINED, RIMS_SHARED, wavy_limit
 
 
 def looked_through(evidence: Evidence) -> Iterator[str]:
@@ -43,6 +43,17 @@ def rims_apart(evidence: Evidence) -> Iterator[str]:
         yield (
             "the scans have three planes in common at most, which fit many corners, and their faces end at different "
             f"places: {100 * evidence.rims_shared:.0f} % of the rims of one are rims of the other"
+        )
+
+
+def rims_elsewhere(evidence: Evidence) -> Iterator[str]:
+    """The faces of both scans in the planes that they share would end together at another place."""
+    gained, slide = evidence.rims_elsewhere
+    if gained > RIMS_GAINED:
+        yield (
+            "the scans have three planes in common at most, and their faces would end together elsewhere: after a "
+            f"slide by {evidence.length(slide)} {100 * gained:.0f} % more of the rims of "
+            "one are rims of the other; two sides of a thin wall may have been laid on each other"
         )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg.trust.common_planes import CommonPlanes
-from dqreg.trust.limits import ENDS_APART, ONE_PLANE, RIMS_SHARED
+from dqreg.trust.limits import ENDS_APART, ONE_PLANE, RIMS_GAINED, RIMS_SHARED
 from dqreg.trust.overlap import IndexedPoints, Overlap
 from tests.strategies import FloatArray
 from tests.trust.shapes import sphere
@@ -60,6 +60,17 @@ def test_rims_of_one_corner_are_shared_and_those_of_another_part_are_not() -> No
     assert between(one, other).rims_shared() > 0.9
     assert between(longer, wider).rims_shared() < RIMS_SHARED
     assert between(one, other).largest < ONE_PLANE
+
+
+def test_both_sides_of_a_thin_wall_laid_on_each_other_are_told_by_the_rims_beside_it() -> None:
+    # One scan shows the wall's inner side, 4 away from the outer one, and is slid so that the two are one plane.
+    one, other = corner((30.0, 40.0, 55.0), 1), corner((30.0, 40.0, 55.0), 2)
+    slid = other.copy()
+    slid[np.abs(other[:, 0]) > 0.1, 0] += 4.0
+    gained, slide = between(one, slid).rims_elsewhere(SIZE)
+    assert gained > 2.0 * RIMS_GAINED
+    assert slide == pytest.approx(4.0, abs=2.0)  # In steps in which rims are the same
+    assert between(one, other).rims_elsewhere(SIZE)[0] < 0.5 * RIMS_GAINED
 
 
 def test_a_rim_hidden_from_one_view_leaves_those_that_both_show() -> None:
