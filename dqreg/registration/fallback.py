@@ -61,15 +61,16 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
         return known
     is_asked = is_given and (problem.options.search == "always" or is_partial(fit))
     beside = np.concatenate([start.others, start.unlikely])
+    kernel_scale = search.kernel_scale if problem.options.method == "auto" else None
     if not is_asked and ((not is_given and not len(beside)) or not is_doubtful(fit)):
-        return known
+        return Known(fit, but_on_the_way(fit, start.others, kernel_scale))
     others = np.array([c.T_target_source for c in search.candidates()]).reshape(-1, 4, 4) if is_given else beside
     others = but_slid(fit, others)
     is_copy = _is_copy(fit, others)
     fits, last = [fit], fit
     # A part that is nearly symmetric has copies that are wrong: the points decide, after the other poses.
     for T in others[np.argsort(is_copy, kind="stable")][:TRIED]:
-        last = last.resumed(T, search.kernel_scale if problem.options.method == "auto" else None)
+        last = last.resumed(T, kernel_scale)
         if last.problem.watch.is_over:
             break
         # What stands beside the part may hold the kernel wide here too.
@@ -151,6 +152,24 @@ def but_slid(fit: Fit, others: FloatArray) -> FloatArray:
     return np.asarray(others[np.array(kept, dtype=int) - 1])
 
 
+def but_on_the_way(fit: Fit, others: FloatArray, kernel_scale: float | None) -> FloatArray:
+    """Poses, (k, 4, 4), without those from which the loop arrives at the fit: a search refines on a sample alone."""
+    kept, last = [], fit
+    for T in others[:TRIED]:
+        last = last.resumed(T, kernel_scale)
+        if last.problem.watch.is_over:
+            return others
+        kept.append(not last.found or _away(fit, last.T_target_source, fit.T_target_source) > FOUND)
+    return np.asarray(others[np.flatnonzero(kept)])
+
+
+def _away(fit: Fit, T: FloatArray, other: FloatArray) -> float:
+    """How far two poses place a point of the scan apart at most, in sizes of the target."""
+    points = fit.prepared.scan.thinned(FEW).points
+    away = np.linalg.norm(pose.apply(other, points) - pose.apply(T, points), axis=1).max(initial=0.0)
+    return float(away / fit.prepared.surface.diagonal)
+
+
 def _is_slid(fit: Fit, T: FloatArray, other: FloatArray) -> bool:
     """Whether a motion that nothing constrains leads from one pose to another.
 
@@ -159,9 +178,7 @@ def _is_slid(fit: Fit, T: FloatArray, other: FloatArray) -> bool:
     information, scale = fit.information, np.r_[[fit.information.lever] * 3, [1.0] * 3]
     free, motion = information.vectors[:, information.free], twist.log(other @ pose.inverse(T))
     along = twist.exp(free @ (free.T @ (scale * motion)) / scale) @ T
-    points = fit.prepared.scan.thinned(FEW).points
-    away = np.linalg.norm(pose.apply(other, points) - pose.apply(along, points), axis=1).max(initial=0.0)
-    return bool(away <= FOUND * fit.prepared.surface.diagonal)
+    return _away(fit, along, other) <= FOUND
 
 
 def _copies(fit: Fit) -> FloatArray:

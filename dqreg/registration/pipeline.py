@@ -20,7 +20,7 @@ from dqreg.registration.assess import (
     verdict_on,
     without_drift,
 )
-from dqreg.registration.fallback import Known, best_known, is_doubtful
+from dqreg.registration.fallback import Known, best_known, but_on_the_way, is_doubtful
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
 from dqreg.registration.problem import Problem, SourceAndTarget
@@ -45,7 +45,7 @@ from dqreg.trust.records import Alternative, Verdict
 # bench included, LiDAR and depth cameras to 0.7 and more, where all points gained nothing over their cells.
 WELL_BELOW = 0.4
 # Share of the inliers below which they may hold a motion at a wrong place, as a single wall on its other side does.
-FEW_HOLD = 0.1
+FEW_HOLD = 1.0
 # Ways of a loop to end from which it is gone on: motions that little holds come to rest slowly. A limit of fewer
 # iterations than this is meant.
 UNSETTLED, MEANT = ("iteration limit", "stalled"), 50
@@ -103,6 +103,7 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
             known = dataclasses.replace(known, fit=without_slide(known.fit, FEW_HOLD)[0])
         if is_given and known.fit is not fit:
             near = near_symmetric_poses(known.fit)
+        near = but_on_the_way(known.fit, near, search.kernel_scale if fit.problem.options.method == "auto" else None)
     if is_given:
         known = dataclasses.replace(known, fit=without_drift(known.fit, start.T_target_source))
     return dataclasses.replace(known, others=np.concatenate([known.others, near]))
