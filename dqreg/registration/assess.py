@@ -7,17 +7,17 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, Surface
+from dqreg.geometry import MeshSurface, PointCloud
 from dqreg.geometry.morton import distinct_in_order
-from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, sample_rows
+from dqreg.geometry.normals import sample_rows
 from dqreg.icp import find_correspondences
+from dqreg.registration.common_faces import indexed_target, overlap_at, overlap_of, sampled_source
 from dqreg.registration.exposures import second_pose
 from dqreg.registration.fit import Fit, own_normals
 from dqreg.registration.free_space import begin_free_space, looked_through_at
 from dqreg.registration.problem import Prepared, Problem
 from dqreg.registration.rivals import is_scene
 from dqreg.registration.slides import slide_of
-from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
 from dqreg.solvers.motion_words import Vector
 from dqreg.solvers.status import Status
@@ -32,7 +32,7 @@ from dqreg.trust import (
 from dqreg.trust.common_planes import CommonPlanes
 from dqreg.trust.covariance import partial_information_of
 from dqreg.trust.neighbourhoods import is_flat
-from dqreg.trust.overlap import IndexedPoints, Overlap
+from dqreg.trust.overlap import IndexedPoints
 from dqreg.trust.patch_tests import ON
 from dqreg.trust.records import Alternative, Direction, Verdict
 from dqreg.trust.segments import OFF
@@ -47,8 +47,6 @@ DRIFTING = 3_000
 # Iterations at the end of a run that stalled, and the share of the width of the inliers within which they stay where it
 # goes to and fro over a point that is an inlier in one of two poses: it has converged as far as the noise can tell.
 LAST, TO_AND_FRO, ASKED = 10, 0.1, 100
-# Points of two clouds of which what is left between them is asked.
-COMPARED = 30_000
 # A scan whose inliers spread less than this share of the target's spread shows a detail of it; points that tell.
 PARTIAL, SPREAD = 0.6, 2_000
 # No direction, and no drift.
@@ -129,7 +127,7 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
     target = fit.target.geometry
     if not fit.found or fit.is_late or not isinstance(target, PointCloud):
         return fit.agreement
-    moves, stands, overlap = fit.once("overlap", lambda: _overlap(fit, target))
+    moves, stands, overlap = overlap_of(fit)
     if overlap is None:
         return fit.agreement
     placed, fixed, size = pose.apply(fit.T_target_source, moves.points), stands.points, fit.prepared.surface.diagonal
@@ -156,8 +154,8 @@ def begin_evidence(problem: Problem, prepared: Prepared) -> None:
         return
 
     def sampled() -> IndexedPoints:
-        _indexed_target(problem.target, prepared.surface, target)
-        return _sampled_source(problem)
+        indexed_target(problem.target, prepared.surface, target)
+        return sampled_source(problem)
 
     problem.begin("compared", sampled)
     begin_free_space(problem, target)
@@ -168,50 +166,12 @@ def begin_judging(fit: Fit) -> None:
     target = fit.target.geometry
     if fit.found and _is_worth_it(fit.prepared) and isinstance(target, PointCloud):
         fit.begin_agreement()
-        fit.begin("overlap", lambda: _overlap(fit, target))
+        fit.begin("overlap", lambda: overlap_at(fit))
 
 
 def _is_worth_it(prepared: Prepared) -> bool:
     """Whether it pays to use another thread: of two dense clouds. Below, handing over costs more than it saves."""
     return prepared.cell_size > 0.0
-
-
-def _overlap(fit: Fit, target: PointCloud) -> tuple[IndexedPoints, IndexedPoints, Overlap | None]:
-    moves = _indexed_source(fit.problem, fit.prepared)
-    stands = _indexed_target(fit.target, fit.prepared.surface, target)
-    return moves, stands, Overlap.of(moves, stands, fit.T_target_source)
-
-
-def _indexed_source(problem: Problem, prepared: Prepared) -> IndexedPoints:
-    scan = prepared.scan
-    if _is_sampled(problem.source.cloud, prepared):
-        return problem.once("compared", lambda: _sampled_source(problem))
-    # Planes of all points are there, unless normals were given in their place.
-    is_fitted = scan.fitted is None and problem.source.cloud.normals is None
-    planes = PlaneFits(scan.normals, scan.residuals, scan.levers, NEIGHBOURS) if is_fitted else None
-    return IndexedPoints(scan.points, scan.tree, planes)
-
-
-def _is_sampled(cloud: PointCloud, prepared: Prepared) -> bool:
-    return len(cloud) > COMPARED or prepared.cell_size > 0.0
-
-
-def _sampled_source(problem: Problem) -> IndexedPoints:
-    points = problem.source.cloud.points
-    found = IndexedPoints.of(points[sample_rows(len(points), COMPARED)])
-    _ = found.some
-    return found
-
-
-def _indexed_target(index: TargetIndex, surface: Surface, target: PointCloud) -> IndexedPoints:
-    derived, points = index.derived, target.points
-    if len(points) <= COMPARED and isinstance(surface, CloudSurface) and surface._rows == len(points):
-        return IndexedPoints(surface._points, surface._tree, is_remembered=True)
-    # The same for every scan that is registered to it.
-    if "compared" not in derived:
-        derived["compared"] = IndexedPoints.of(points[sample_rows(len(points), COMPARED)])
-    found: IndexedPoints = derived["compared"]
-    return found
 
 
 def is_partial(fit: Fit) -> bool:

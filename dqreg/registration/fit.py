@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, product
+from dqreg._arrays import BoolArray, FloatArray, product
 from dqreg.geometry import CloudSurface, Mesh, Surface, prepare_scan
 from dqreg.icp import (
     ESTIMATORS,
@@ -31,6 +31,7 @@ from dqreg.registration.evidence import LOOKED_AT, LOOKED_AT_LATE, agreement_of
 from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
+from dqreg.solvers.robust import InlierMixture
 from dqreg.trust import Evidence, Information, information_of
 
 T = TypeVar("T")
@@ -137,10 +138,20 @@ class Fit:
         pairs = find_correspondences(self.run.pairs.scan, self.prepared.surface, T)
         within = pairs.distances <= self.run.mixture.limit
         mixture = self.run.mixture.fit(pairs.distances[within], floor=self.floor, rounds=EM_ROUNDS)
-        weights = np.where(within, mixture.weight(pairs.distances), 0.0)
+        return self._ended(pairs, mixture, within)
+
+    def beside(self, T: FloatArray) -> Fit:
+        """The same, ended at a pose near by: its mixture, and what its rejectors left."""
+        pairs, mixture = find_correspondences(self.run.pairs.scan, self.prepared.surface, T), self.run.mixture
+        return self._ended(pairs, mixture, (pairs.distances <= mixture.limit) & (self.run.weights > 0.0))
+
+    def _ended(self, pairs: Correspondences, mixture: InlierMixture, kept: BoolArray) -> Fit:
+        weights = np.where(kept, mixture.weight(pairs.distances), 0.0)
         if pairs.scan.counts is not None:
             weights *= pairs.scan.counts
-        run = dataclasses.replace(self.run, T_target_source=T, pairs=pairs, weights=weights, mixture=mixture)
+        run = dataclasses.replace(
+            self.run, T_target_source=pairs.T_target_source, pairs=pairs, weights=weights, mixture=mixture
+        )
         return dataclasses.replace(self, run=run)
 
     def resumed(

@@ -20,6 +20,7 @@ from dqreg.registration.assess import (
     verdict_on,
     without_drift,
 )
+from dqreg.registration.common_faces import on_common_faces
 from dqreg.registration.fallback import Known, best_known, but_on_the_way, is_doubtful
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
@@ -44,8 +45,9 @@ from dqreg.trust.records import Alternative, Verdict
 # than to each other, and the mean of a cell hides something. Scans of one body came to 0.16 to 0.23, range scans from a
 # bench included, LiDAR and depth cameras to 0.7 and more, where all points gained nothing over their cells.
 WELL_BELOW = 0.4
-# Share of the inliers below which they may hold a motion at a wrong place, as a single wall on its other side does.
-FEW_HOLD = 1.0
+# Share of the inliers below which they may hold a motion at a wrong place. In doubt all motions are asked: a step on
+# its neighbour's place holds the others there too.
+MAY_HOLD = 1.0
 # Ways of a loop to end from which it is gone on: motions that little holds come to rest slowly. A limit of fewer
 # iterations than this is meant.
 UNSETTLED, MEANT = ("iteration limit", "stalled"), 50
@@ -70,11 +72,15 @@ def align(problem: Problem) -> Registration:
             with suppress(TimeUpError), until(watch.deadline):
                 fit = on_all_points(fit)
         fit = best_seen(fit, start.T_target_source)
+        begin_judging(fit)
+        with suppress(TimeUpError), until(watch.deadline):
+            fit = on_common_faces(fit)
     with watch.stage("second try"):
         problem.await_target()
         known = second_try(fit, start, search)
         fit, others, gain = settled(known.fit), known.others, -np.inf
         with suppress(TimeUpError), until(watch.deadline):
+            fit = on_common_faces(fit)
             gain = mirror_gain(fit, always=known.searched)
     if problem.viewpoints is not None:
         with watch.stage("viewpoint"):
@@ -100,7 +106,7 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
             known = Known(fit, start.others)
         known = best_known(fit, start, search)
         if is_doubtful(known.fit):
-            known = dataclasses.replace(known, fit=without_slide(known.fit, FEW_HOLD)[0])
+            known = dataclasses.replace(known, fit=without_slide(known.fit, MAY_HOLD)[0])
         if is_given and known.fit is not fit:
             near = near_symmetric_poses(known.fit)
         near = but_on_the_way(known.fit, near, search.kernel_scale if fit.problem.options.method == "auto" else None)

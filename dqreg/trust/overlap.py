@@ -23,7 +23,7 @@ from dqreg.geometry.normals import (
     fit_planes_around,
     sample_rows,
 )
-from dqreg.rigid import pose
+from dqreg.rigid import pose, twist
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.trust.deformation import deformation_of
 from dqreg.trust.patch_tests import waviness_of
@@ -31,6 +31,8 @@ from dqreg.trust.strain import SIGNIFICANT_CLUTTER, Strain, robust_fit, strain_o
 
 # Points that are compared; comparisons without which nothing is said.
 ASKED, FEWEST = 2_000, 60
+# Of clouds of so many times as many about as much is known by those.
+SPARE = 2
 # Planes of the two are of one face where their normals are within this angle, neighbours leave this share of their
 # extent at most, or so many times the usual noise, and the points are less than this share of it beside each other.
 SAME_COS, FLAT, NOISY, FLATTEST, BESIDE = np.cos(np.deg2rad(15.0)), 0.15, 2.0, 0.4, 0.7
@@ -70,6 +72,11 @@ class IndexedPoints:
         """Of points in any order, for few queries."""
         points = points[distinct_in_order(points)]
         return IndexedPoints(points, NeighbourTree(points, in_order=True))
+
+    @property
+    def is_sampled(self) -> bool:
+        """Whether some of the points are compared alone."""
+        return len(self.points) > SPARE * ASKED
 
     @cached_property
     def some(self) -> tuple[IntArray, PlaneFits]:
@@ -164,15 +171,31 @@ class Overlap:
         return with_others
 
     @cached_property
-    def _moved(self) -> FloatArray:
-        """Residuals after the motion that leaves the least of them, (n,)."""
+    def _best(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The twist about the middle, (6,), that leaves the least residuals, these, (n,), and their weights, (n,)."""
         middle = self.points.mean(axis=0)
         lever = float(np.sqrt(((self.points - middle) ** 2).sum(axis=1).mean()))
         if not lever > 0.0:
-            return self.residuals
+            return np.zeros(6), self.residuals, np.ones(len(self.residuals))
         rows = plane_rows(self.points, self.normals, middle, lever)
-        fitted, _ = robust_fit(rows, self.residuals, lever, weights_of(self.residuals))
-        return np.asarray(self.residuals - fitted @ rows)
+        fitted, weights = robust_fit(rows, self.residuals, lever, weights_of(self.residuals))
+        return -fitted / np.r_[[lever] * 3, [1.0] * 3], np.asarray(self.residuals - fitted @ rows), weights
+
+    @property
+    def _moved(self) -> FloatArray:
+        """Residuals after the motion that leaves the least of them, (n,)."""
+        return self._best[1]
+
+    def best_step(self) -> tuple[FloatArray, float]:
+        """That motion of the placed cloud, (4, 4), and the log-likelihood that it gains."""
+        motion, left, weights = self._best
+        before, after = (float(weights @ residuals**2) for residuals in (self.residuals, left))
+        if not before > after > 0.0:
+            return np.eye(4), 0.0
+        middle = self.points.mean(axis=0)
+        T = twist.exp(motion)
+        T[:3, 3] += middle - T[:3, :3] @ middle
+        return T, 0.5 * float(weights.sum()) * float(np.log(before / after))
 
     def apart(self, size: float, covariance: FloatArray) -> float:
         """Share of the patches that lie apart, of clouds of a size, whatever motion the pose's covariance leaves.

@@ -44,6 +44,17 @@ def test_two_clouds_of_one_surface_differ_by_their_noise(make) -> None:
     assert not found.strain(SIZE).is_bent
 
 
+def test_the_best_step_takes_a_displacement_back() -> None:
+    displaced = twist.exp(np.array([0.004, -0.003, 0.005, 0.004, 0.006, -0.005]))
+    T, gain = between(pose.apply(displaced, cloud(1)), cloud(2)).best_step()
+    # A third of 2,000 places with the noise of both constrains each rotation with a lever of about a half: four
+    # standard deviations of 1.4 / (0.5 sqrt(700)) noises each.
+    np.testing.assert_allclose(T @ displaced, np.eye(4), atol=0.4 * NOISE)
+    assert gain > 1_000.0
+    # At the pose itself what six numbers gain by chance: about three.
+    assert between(cloud(1), cloud(2)).best_step()[1] < 15.0
+
+
 def test_a_cloud_that_is_longer_is_told_with_its_axis() -> None:
     found = between(cloud(1) * [1.02, 1.0, 1.0], cloud(2)).strain(SIZE)
     assert found.is_strained

@@ -1,0 +1,94 @@
+"""What two clouds show of one surface at a pose: asked by the verdict, and the last step to the pose."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg.geometry import CloudSurface, PointCloud, Surface
+from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, sample_rows
+from dqreg.registration.fit import Fit
+from dqreg.registration.problem import Prepared, Problem
+from dqreg.registration.target_index import TargetIndex
+from dqreg.trust.overlap import IndexedPoints, Overlap
+
+# Points of two clouds of which what is left between them is asked.
+COMPARED = 30_000
+# Steps to the pose at most. One is taken where what both show becomes more likely by so much; where only some points of
+# the clouds are asked, the loop that saw all of them is believed rather, and it takes more. So it is where a smaller
+# share of the points asked stands on what both show: the rings of a LiDAR on few faces (0.15; range scans 0.4 to 0.6).
+STEPS, LIKELIER, CLEARLY, SHARE = 2, 2.0, 15.0, 0.3
+
+
+Compared = tuple[IndexedPoints, IndexedPoints, Overlap | None]
+
+
+def overlap_of(fit: Fit) -> Compared:
+    """Both clouds of a fit, and where they show one smooth surface; None where that is hardly anywhere."""
+    return fit.once("overlap", lambda: overlap_at(fit))
+
+
+def overlap_at(fit: Fit) -> Compared:
+    """The same, found anew."""
+    target = fit.target.geometry
+    assert isinstance(target, PointCloud)
+    moves = _indexed_source(fit.problem, fit.prepared)
+    stands = indexed_target(fit.target, fit.prepared.surface, target)
+    return moves, stands, Overlap.of(moves, stands, fit.T_target_source)
+
+
+def on_common_faces(fit: Fit) -> Fit:
+    """The fit to two clouds, or that after motions which bring together what both show, where that is more likely.
+
+    The loop compares points with their neighbours in the other cloud, which stand elsewhere on the surface, or on
+    another face beside an edge. Distances along the mean of both normals, at places on one face of both, are free of
+    that.
+    """
+    options = fit.problem.options
+    if not isinstance(fit.target.geometry, PointCloud) or options.method != "auto" or fit.constraints.any:
+        return fit
+    for _ in range(STEPS):
+        if not fit.found or fit.is_late or fit.problem.watch.is_over:
+            break
+        moves, _, overlap = overlap_of(fit)
+        if overlap is None or len(overlap.points) < SHARE * len(moves.some[0]):
+            break
+        T, gain = overlap.best_step()
+        if gain <= (CLEARLY if moves.is_sampled else LIKELIER):
+            break
+        other = fit.beside(T @ fit.T_target_source)
+        # A step that leaves less in common has left the place.
+        after = overlap_of(other)[2] if other.found else None
+        if after is None or len(after.points) < len(overlap.points) - np.sqrt(len(overlap.points)):
+            break
+        fit = other
+    return fit
+
+
+def sampled_source(problem: Problem) -> IndexedPoints:
+    """Some points of the source, and planes at those that are compared."""
+    points = problem.source.cloud.points
+    found = IndexedPoints.of(points[sample_rows(len(points), COMPARED)])
+    _ = found.some
+    return found
+
+
+def indexed_target(index: TargetIndex, surface: Surface, target: PointCloud) -> IndexedPoints:
+    """Some points of the target, or all where they are few."""
+    derived, points = index.derived, target.points
+    if len(points) <= COMPARED and isinstance(surface, CloudSurface) and surface._rows == len(points):
+        return IndexedPoints(surface._points, surface._tree, is_remembered=True)
+    # The same for every scan that is registered to it.
+    if "compared" not in derived:
+        derived["compared"] = IndexedPoints.of(points[sample_rows(len(points), COMPARED)])
+    found: IndexedPoints = derived["compared"]
+    return found
+
+
+def _indexed_source(problem: Problem, prepared: Prepared) -> IndexedPoints:
+    scan = prepared.scan
+    if len(problem.source.cloud) > COMPARED or prepared.cell_size > 0.0:
+        return problem.once("compared", lambda: sampled_source(problem))
+    # Planes of all points are there, unless normals were given in their place.
+    is_fitted = scan.fitted is None and problem.source.cloud.normals is None
+    planes = PlaneFits(scan.normals, scan.residuals, scan.levers, NEIGHBOURS) if is_fitted else None
+    return IndexedPoints(scan.points, scan.tree, planes)

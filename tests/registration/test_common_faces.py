@@ -1,0 +1,72 @@
+"""The last step to a pose between two clouds: on the faces that both show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import dqreg
+from dqreg.geometry import PointCloud
+from dqreg.registration.common_faces import on_common_faces, overlap_of
+from dqreg.registration.fit import Fit, coarse_to_fine
+from dqreg.rigid import pose, twist
+from tests.registration.scenes import problem_of
+from tests.strategies import FloatArray
+from tests.trust.shapes import box
+
+NOISE = 0.001
+# Exact: both clouds are drawn from one box. A third of 2,000 places with the noise of both constrains each rotation
+# with a lever of about a half: four standard deviations of 1.4 / (0.5 sqrt(700)) noises each.
+T_TRUE, KNOWN = twist.exp(np.array([0.02, -0.03, 0.01, 0.03, 0.02, -0.04])), 0.4 * NOISE
+
+
+def clouds(count: int = 3_000) -> tuple[FloatArray, FloatArray]:
+    one, other = (
+        box(rng := np.random.default_rng(seed), count)[0] + NOISE * rng.normal(size=(count, 3)) for seed in (1, 2)
+    )
+    return pose.apply(pose.inverse(T_TRUE), one), other
+
+
+def fit_at(T: FloatArray, **options: object) -> Fit:
+    source, target = clouds()
+    problem = problem_of(PointCloud(source), PointCloud(target), np.eye(4), **options)
+    prepared, start = problem.prepare(), problem.to_centred(np.eye(4))
+    constraints = problem.constraints(start)
+    settings = problem.options.icp_settings(problem.max_distance(prepared), constraints)
+    return coarse_to_fine(problem, prepared, start, settings, constraints).at(problem.to_centred(T))
+
+
+def test_a_pose_that_stopped_beside_the_truth_is_led_to_it() -> None:
+    aside = twist.exp(np.array([0.004, -0.003, 0.005, 0.004, 0.006, -0.005])) @ T_TRUE
+    fit = fit_at(aside)
+    stepped = on_common_faces(fit)
+    np.testing.assert_allclose(fit.problem.to_caller(stepped.T_target_source), T_TRUE, atol=KNOWN)
+    # The correspondences are those of the new pose, and nothing is left to gain.
+    np.testing.assert_array_equal(on_common_faces(stepped).T_target_source, stepped.T_target_source)
+    assert np.median(stepped.run.pairs.distances) < np.median(fit.run.pairs.distances)
+
+
+def test_a_loop_by_another_method_stays_where_it_ended() -> None:
+    aside = twist.exp(np.array([0.004, -0.003, 0.005, 0.004, 0.006, -0.005])) @ T_TRUE
+    fit = fit_at(aside, method="plane")
+    assert on_common_faces(fit) is fit
+
+
+@pytest.mark.parametrize("count", [3_000, 12_000])
+def test_registration_ends_where_the_common_faces_fit_best(count: int) -> None:
+    source, target = clouds(count)
+    result = dqreg.register(source, target, "identity")
+    np.testing.assert_allclose(result.T_target_source, T_TRUE, atol=KNOWN)
+    assert result.verdict.level == "accepted"
+
+
+def test_clouds_without_common_faces_keep_their_pose() -> None:
+    rng = np.random.default_rng(0)
+    blob, other = rng.normal(size=(300, 3)), rng.normal(size=(300, 3))
+    problem = problem_of(PointCloud(blob), PointCloud(other), np.eye(4))
+    prepared, start = problem.prepare(), problem.to_centred(np.eye(4))
+    constraints = problem.constraints(start)
+    settings = problem.options.icp_settings(problem.max_distance(prepared), constraints)
+    fit = coarse_to_fine(problem, prepared, start, settings, constraints)
+    assert overlap_of(fit)[2] is None
+    assert on_common_faces(fit) is fit
