@@ -132,7 +132,7 @@ def _jointly(scans: list[np.ndarray], starts: list[np.ndarray]) -> Answer:
     """The joint refinement of all scans from where they are: no pairs, no verdict."""
     views = read_views(scans, 0)
     bodies, T = Sides.of(views, "turntable").bodies, np.stack(starts)
-    found = refined(views, bodies, None, T, 0, typical_size(views), "normal")
+    found = refined(views, bodies, None, T, 0, typical_size(views), "normal", on_table=True)
     return Answer(found.T_world_scan, found.covariance, found.centre, "-" if found.converged else "not converged")
 
 

@@ -66,7 +66,7 @@ def assembled(
         centre=joint.centre,
         joint=covariance,
         names=tuple(view.name for view in views),
-        settings={**settings, "anchor": belief.anchor, "rounds": joint.rounds},
+        settings={**settings, "anchor": belief.anchor, "rounds": joint.rounds, "by_steps": joint.by_steps},
         timings={**seconds, "total": sum(seconds.values())},
         views=views,
     )

@@ -16,9 +16,10 @@ import scipy.sparse as sparse
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway import dual_poses
 from dqreg.multiway.bodies import Body
-from dqreg.multiway.graph import factorised
+from dqreg.multiway.graph import PoseGraph, factorised, normal_matrix
 from dqreg.multiway.joint import SETTLED as CONVERGED
 from dqreg.multiway.pooled import Pieces, Pooled, centred
+from dqreg.multiway.step_prior import step_prior
 from dqreg.rigid import pose
 
 # The scale of the first round, in spacings, and its least factor a round: it ends at the residuals of typical points.
@@ -40,6 +41,9 @@ SLIGHT = 1e-6
 # A scan that moves by more spacings than this from where pairs put it is none that they put right.
 FAR = 3.0
 
+# Places of the bodies on a table, and how many there are all the way round.
+OnTable = tuple[Sequence[int], int]
+
 
 @dataclasses.dataclass(frozen=True)
 class Placed:
@@ -50,25 +54,46 @@ class Placed:
     centre: FloatArray  # (3,)
     rounds: int
     converged: bool
+    by_steps: bool = False  # Whether equal steps of a table hold what faces do not
 
 
 def refine_on_planes(
-    bodies: Sequence[Body], T_world_body: FloatArray, free: IntArray, spacing: float, size: float
+    bodies: Sequence[Body],
+    T_world_body: FloatArray,
+    free: IntArray,
+    spacing: float,
+    size: float,
+    on_table: OnTable | None = None,
 ) -> Placed | None:
     """Poses of least squares with all planes of common faces unknown; None where faces do not suffice for it.
 
-    All bodies move, so that what holds the one that is not free counts as well; then they are put back together.
+    All bodies move, so that what holds the one that is not free counts as well; then they are put back together. Equal
+    steps of a table hold what faces do not, as closely as the poses without them say.
     Shapes: T_world_body (n, 4, 4), of the centred frames.
     """
     if any(body.scan is None for body in bodies) or not len(free):
         return None
     pooled = Pooled(bodies, size)
     found = _refined(pooled, bodies, T_world_body, free, spacing, size, carried=False)
-    if found is not None and found.converged:
+    if found is None or not found.converged:
+        # With what no face holds left behind, all scans may drift away from it; carried along, that errs more where it
+        # can.
+        carried = _refined(pooled, bodies, T_world_body, free, spacing, size, carried=True)
+        found = found if carried is None else carried
+    steps = None if found is None or on_table is None else _steps(found, bodies, free, size, on_table)
+    if found is None or steps is None:
         return found
-    # With what no face holds left behind, all scans may drift away from it; carried along, that errs more where it can.
-    carried = _refined(pooled, bodies, T_world_body, free, spacing, size, carried=True)
-    return found if carried is None else carried
+    held = _refined(pooled, bodies, found.T_world_body, free, spacing, size, carried=False, steps=steps)
+    return found if held is None or not held.converged else dataclasses.replace(held, by_steps=True)
+
+
+def _steps(found: Placed, bodies: Sequence[Body], free: IntArray, size: float, on_table: OnTable) -> PoseGraph | None:
+    """The steps of the table that poses without them agree on, in sizes."""
+    T = pose.from_parts(np.eye(3), -found.centre) @ found.T_world_body
+    T[:, :3, 3] /= size
+    scale = np.tile(np.r_[np.ones(3), np.full(3, 1.0 / size)], len(free))
+    origins = np.array([body.origin for body in bodies]) / size
+    return step_prior(T, found.covariance * np.outer(scale, scale), free, origins, *on_table)
 
 
 def _refined(
@@ -80,10 +105,11 @@ def _refined(
     size: float,
     *,
     carried: bool,
+    steps: PoseGraph | None = None,
 ) -> Placed | None:
     """The same, with what no face holds of a scan left where pairs put it, or carried along by the scans around it."""
     T, middle = centred(T_world_body, size)
-    begun, places = T, _Places.of(bodies, T, spacing / size, size)
+    begun, places = T, _Places.of(bodies, T, spacing / size, size, steps)
     scale, settled, rounds, moved = SOFT * spacing / size, 0, 0, np.inf
     while rounds < ROUNDS and settled < SETTLED_ROUNDS and not (settled and moved < STILL * spacing / size):
         pieces, rounds = pooled.pieces(T, scale, NEAR * spacing / size), rounds + 1
@@ -94,7 +120,7 @@ def _refined(
             return None
         moved, scale = 0.0, lower
         for _ in range(STEPS):
-            T, motion = _stepped(pieces, T, places, FACING if settled else 0.0, carried=carried)
+            T, motion = _stepped(pieces, T, places, FACING if settled and steps is None else 0.0, carried=carried)
             moved = max(moved, motion)
     if rough or _motion(bodies, begun, T, size) > FAR * spacing / size:
         return None
@@ -123,30 +149,38 @@ def _relative(covariance: FloatArray, free: IntArray) -> FloatArray:
 
 @dataclasses.dataclass(frozen=True)
 class _Places:
-    """Where pairs put the scans: what holds them where no face does."""
+    """Where pairs, and the steps of a table, put the scans: what holds them where no face does."""
 
     T: FloatArray  # (n, 4, 4)
     precisions: FloatArray  # (n, 6): Of rotations about the scan's origin and of translations
+    steps: PoseGraph | None
 
     @staticmethod
-    def of(bodies: Sequence[Body], T: FloatArray, spacing: float, unit: float) -> _Places:
+    def of(bodies: Sequence[Body], T: FloatArray, spacing: float, unit: float, steps: PoseGraph | None) -> _Places:
         held = HELD * spacing
         radii = np.array([0.5 * body.surface.diagonal / unit for body in bodies])
         turns, shifts = np.repeat(radii[:, None] ** 2, 3, axis=1), np.ones((len(T), 3))
-        return _Places(T, np.hstack([turns, shifts]) / held**2)
+        return _Places(T, np.hstack([turns, shifts]) / held**2, steps)
 
     def lengths(self, T: FloatArray) -> FloatArray:
         """From increments in the world to motions of the scans' corners and origins, (n, 6, 6)."""
         units = np.sqrt(self.precisions / self.precisions[:, 5:])
         return np.asarray(units[:, :, None] * pose.adjoint(pose.from_parts(np.eye(3), -T[:, :3, 3])))
 
-    def about(self, T: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Slopes and curvatures of their cost by increments in the world, (n, 6) and (n, 6, 6)."""
-        there = pose.from_parts(np.eye(3), -T[:, :3, 3])
+    def about(self, T: FloatArray) -> tuple[FloatArray, sparse.csc_matrix]:
+        """Slopes and curvatures of their cost by increments in the world, (n, 6) and (6 n, 6 n)."""
+        each, there = np.arange(len(T)), pose.from_parts(np.eye(3), -T[:, :3, 3])
         off = pose.log(there @ T @ pose.inverse(there @ self.T))
         turned = pose.adjoint(there)
         weighted = turned.transpose(0, 2, 1) * self.precisions[:, None]
-        return np.einsum("kij,kj->ki", weighted, off), weighted @ turned
+        pull, held = np.einsum("kij,kj->ki", weighted, off), _placed(weighted @ turned, each, each, len(T))
+        if self.steps is None:
+            return pull, held
+        graph, B = self.steps, self.steps.jacobians(T)
+        slopes = np.einsum("mji,mjk,mk->mi", B, graph.information, graph.errors(T))
+        np.add.at(pull, graph.sources, slopes)
+        np.add.at(pull, graph.targets, -slopes)
+        return pull, (held + normal_matrix(graph, graph.blocks(T))).tocsc()
 
 
 def _stepped(
@@ -157,7 +191,7 @@ def _stepped(
     gradient, each = np.zeros((len(T), 6)), np.arange(len(T))
     np.add.at(gradient, pieces.scans, slopes)
     pull, held = places.about(T)
-    whole = (counts.T @ matrix @ counts).tocsc() + _placed(held, each, each, len(T))
+    whole = (counts.T @ matrix @ counts).tocsc() + held
     step = factorised(whole, each).solve(-(counts.T @ gradient.ravel() + pull.ravel()))
     turned = dual_poses.multiply(dual_poses.exp(step.reshape(-1, 6)), dual_poses.from_matrices(T))
     held_by_faces = (places.lengths(T) @ (counts @ step).reshape(-1, 6, 1))[:, :, 0]
@@ -233,7 +267,7 @@ def _covariance(pieces: Pieces, T: FloatArray, places: _Places, unit: float, *, 
     """
     matrix, counts, slopes = _normal(pieces, T, places, SURE, carried=carried)
     each = np.arange(len(T))
-    prior = _placed(places.about(T)[1], each, each, len(T))
+    prior = places.about(T)[1]
     solve = factorised((counts.T @ matrix @ counts).tocsc() + prior, each).solve
     scores = counts.T @ pieces.scores(slopes, len(T))
     covariance = solve(solve(((scores @ scores.T) + prior).toarray()).T).T

@@ -38,6 +38,7 @@ class Refined:
     centre: FloatArray  # (3,): Middle of the placed scans
     converged: bool
     rounds: int
+    by_steps: bool = False  # Whether equal steps of a table hold what faces do not
 
 
 def refined(
@@ -48,10 +49,13 @@ def refined(
     anchor: int,
     size: float,
     effort: Effort,
+    *,
+    on_table: bool = False,
 ) -> Refined:
     """Refine all placed scans, and whatever else overlaps, at once; there is a body for each usable scan.
 
-    The pose of the anchor, a scan or -1 for the part, is kept. Shapes: T_world_scan (n, 4, 4), NaN where not placed.
+    The pose of the anchor, a scan or -1 for the part, is kept. Steps of a table hold what faces do not. Shapes:
+    T_world_scan (n, 4, 4), NaN where not placed.
     """
     count, T = len(views), T_world_scan
     placed = [k for k in range(count) if views[k].usable and np.isfinite(T[k]).all()]
@@ -72,7 +76,9 @@ def refined(
     spacing = typical_spacing([views[k] for k in placed])
     T_begun = np.array(poses)
     rough = refine_jointly(bodies, T_begun, pairs, free, ROUGH_POINTS, most=ROUGH_ROUNDS)
-    found_by = refine_on_planes(bodies, rough.T_world_body, free, spacing, size)
+    usable = [k for k in range(count) if views[k].usable]
+    table = ([usable.index(k) for k in placed], len(usable)) if on_table else None
+    found_by = refine_on_planes(bodies, rough.T_world_body, free, spacing, size, table)
     if found_by is None:
         cell = max(PATCH_SPACINGS * spacing, PATCH * size)
         found_by = _by_pairs(bodies, T_begun, pairs, free, len(placed), POINTS[effort], cell, size)
@@ -84,7 +90,7 @@ def refined(
     for k in placed:
         covariance[6 * k : 6 * k + 6, [c for p in placed for c in range(6 * p, 6 * p + 6)]] = 0.0
     covariance[np.ix_(rows, rows)] = found_by.covariance[np.ix_(kept, kept)]
-    return Refined(found, covariance, found_by.centre, found_by.converged, found_by.rounds)
+    return Refined(found, covariance, found_by.centre, found_by.converged, found_by.rounds, found_by.by_steps)
 
 
 def _by_pairs(

@@ -73,7 +73,8 @@ def register_many(
         the neighbours of an ordered sequence, then loops between scans that turn out to overlap.
     order : {"any", "sequence", "turntable"}
         What is known of the order of the scans. A sequence begins each pair at the identity; the pairs of a turntable
-        share one axis and one step, which are estimated and used as a start where a pair fails, never as a constraint.
+        share one axis and one step, which are estimated: a start where a pair fails, and as sure as the pairs and poses
+        agree on it, a prior that confirms pairs and holds what faces do not (``settings["by_steps"]``); no constraint.
     anchor : int
         Scan whose frame is "world" (or that keeps its pose of ``starts``), where no target is given.
     effort : {"fast", "normal", "best"}
@@ -140,7 +141,8 @@ def register_many(
     judge = Judge(sides, len(views), home, size, floor, np.eye(4) if T_home is None else np.asarray(T_home), steps)
     belief = _belief(runner, judge, found, turned, automatic=automatic)
     seconds["pairs"] = time.monotonic() - began - sum(seconds.values())
-    joint = refined(views, sides.bodies, part, belief.T_world_scan[: len(views)], belief.anchor, size, effort)
+    T = belief.T_world_scan[: len(views)]
+    joint = refined(views, sides.bodies, part, T, belief.anchor, size, effort, on_table=steps is not None)
     if turned is not None and np.isfinite(joint.T_world_scan).any():
         joint = turned.widened(joint, belief.anchor)
         belief = dataclasses.replace(belief, edges=tuple(turned.freed(belief.edges)))
