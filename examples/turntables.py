@@ -122,8 +122,7 @@ def _registered(scans: list[np.ndarray], starts: list[np.ndarray] | None, option
     """What a user gets."""
     if starts is not None:
         starts = [*starts, *([None] * (len(scans) - len(starts)))]
-    order = "any" if options.foreign is not None else "turntable"
-    result = dqreg.register_many(scans, starts=starts, edges=options.edges, order=order, effort=options.effort)
+    result = dqreg.register_many(scans, starts=starts, edges=options.edges, order="turntable", effort=options.effort)
     verdict = result.verdict
     return Answer(result.T_world_scan, result.joint, result.centre, verdict.level, verdict.codes, result.edges)
 

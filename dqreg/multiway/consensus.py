@@ -31,6 +31,9 @@ def by_consensus(runner: PairRunner, judge: Judge, belief: Belief) -> tuple[Judg
     few_or_many = not FEWEST <= len(usable) <= MOST
     if few_or_many or judge.home == PART or _seen(runner, usable) or not _in_doubt(belief, usable):
         return judge, belief
+    if judge.steps is not None:
+        # What stands in equal steps is no other object; a union of the two sides of a plate tells less.
+        return judge, belief
     confirmed = frozenset((belief.edges[row].target, belief.edges[row].source) for row in belief.rows[belief.confirmed])
     asked = runner.views, belief.edges, judge.size, runner.effort, runner.seed
     union = largest_union(*asked, confirmed, runner.is_over, runner.count)

@@ -17,8 +17,8 @@ from dqreg.multiway.graph import PoseGraph
 from dqreg.multiway.loops import LIMIT
 from dqreg.rigid import pose
 
-# Rounds of the mean step; steps, at least, that the better held half of them has; share of them that must agree.
-ROUNDS, FEWEST, SHARE = 5, 6, 0.5
+# Rounds of the mean step; steps, at least, in all and in the better held half; share of them that must agree.
+ROUNDS, FEWEST, FIRM, SHARE = 5, 8, 6, 0.5
 # Medians of the sums of one, two and three squares of unit variance; and the scatter of a variance that follows from
 # one, in that of the mean of squares.
 MEDIANS, BY_MEDIAN = (0.455, 1.386, 2.366), 1.6
@@ -40,7 +40,7 @@ def step_prior(
     ends = [(i, j) for i, j in pairwise(order.tolist()) if places[j] - places[i] == 1]
     if places[order[-1]] - places[order[0]] == count - 1 > 1:
         ends.append((int(order[-1]), int(order[0])))
-    if len(ends) < 2 * FEWEST:
+    if len(ends) < FEWEST:
         return None
     targets, sources = np.array(ends).T
     # All scans are in one frame, the scanner's: about one middle of all of them.
@@ -74,7 +74,7 @@ def _mean_step(motions: FloatArray, spread: FloatArray) -> tuple[FloatArray, Flo
     apart = np.array([np.median(_lengths(pose.log(motions @ pose.inverse(motion)))) for motion in motions])
     step, kept, errs = motions[int(apart.argmin())], np.arange(len(motions)), np.eye(6)
     traces = np.trace(spread, axis1=1, axis2=2)
-    firm = np.argsort(traces, kind="stable")[: max(FEWEST, len(motions) // 2)]
+    firm = np.argsort(traces, kind="stable")[: max(FIRM, len(motions) // 2)]
     for _ in range(ROUNDS):
         twists = pose.log(motions @ pose.inverse(step))
         errs = _errors(twists[firm], spread[firm], pose.log(step))

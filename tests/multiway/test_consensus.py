@@ -1,6 +1,7 @@
 """Which scans fit together, asked of all of them: a scan of something else goes, whatever its pairs say."""
 
 import dataclasses
+from typing import cast
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from dqreg.geometry import PointCloud
 from dqreg.multiway import admit, consensus
 from dqreg.multiway.consensus import _in_frame, by_consensus
 from dqreg.multiway.edges import Edge
+from dqreg.multiway.equal_steps import EqualSteps
 from dqreg.multiway.foreign import Judge
 from dqreg.multiway.pair_runs import PairRunner, Progress
 from dqreg.multiway.scans import View, read_views, typical_size
@@ -121,6 +123,13 @@ def test_where_all_pairs_agree_loops_hold_what_is_weakly_held(
     _, after = by_consensus(PairRunner(views, None, "fast", 0, 1, np.inf, None, None), judge, before)
     assert bool(calls) == asked
     assert after is before
+    # Equal steps of a turntable tell more than a union, which once took the wrong side of a plate.
+    calls.clear()
+    steps = cast("EqualSteps", object())
+    by_consensus(
+        PairRunner(views, None, "fast", 0, 1, np.inf, None, None), dataclasses.replace(judge, steps=steps), before
+    )
+    assert not calls
 
 
 def test_a_registration_to_all_others_is_the_same_in_the_frame_of_one_of_them() -> None:

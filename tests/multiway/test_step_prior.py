@@ -59,7 +59,7 @@ def test_a_step_that_is_another_is_left_out_and_steps_without_a_rule_say_nothing
     assert len(pairs) == COUNT - 2
     anywhere = np.stack([pose.random(rng, reach=1.0) for _ in range(COUNT)])
     assert prior(anywhere, origins) is None
-    assert step_prior(T[:8], SIGMA**2 * np.eye(42), np.arange(1, 8), origins[:8], range(8), 8) is None
+    assert step_prior(T[:7], SIGMA**2 * np.eye(36), np.arange(1, 7), origins[:7], range(7), 7) is None
 
 
 def test_steps_hold_what_no_face_of_a_scan_does() -> None:
