@@ -13,6 +13,7 @@ from dqreg.registration.evidence import MISFIT
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import FOUND, GlobalSearch, InitialPose
 from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, down_to_noise, is_scene, mirror_gain, scores_of
+from dqreg.registration.slides import without_slide
 from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
@@ -74,7 +75,7 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
         if last.problem.watch.is_over:
             break
         # What stands beside the part may hold the kernel wide here too.
-        fits.append(down_to_noise(last))
+        fits.append(without_slide(down_to_noise(last))[0])
     fits, copies = _without_equal_copies(fits)
     known = _best(fits, start.T_target_source if is_given else None)
     if is_partial(fit):

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dqreg.geometry import MeshSurface
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.registration.assess import (
@@ -34,7 +35,6 @@ from dqreg.registration.rivals import (
     down_to_noise,
     limit_of,
     mirror_gain,
-    near_symmetric_poses,
 )
 from dqreg.registration.slides import without_slide
 from dqreg.registration.visibility import on_visible_faces, viewpoint_seen
@@ -107,8 +107,10 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
         known = best_known(fit, start, search)
         if is_doubtful(known.fit):
             known = dataclasses.replace(known, fit=without_slide(known.fit, MAY_HOLD)[0])
-        if is_given and known.fit is not fit:
-            near = near_symmetric_poses(known.fit)
+        if known.fit is not fit or (not is_given and isinstance(fit.prepared.surface, MeshSurface)):
+            # A search sees a sample: few points may tell its pose from a nearly symmetric one that it missed.
+            best, near = best_near_symmetric(known.fit, search.kernel_scale)
+            known = dataclasses.replace(known, fit=best)
         near = but_on_the_way(known.fit, near, search.kernel_scale if fit.problem.options.method == "auto" else None)
     if is_given:
         known = dataclasses.replace(known, fit=without_drift(known.fit, start.T_target_source))

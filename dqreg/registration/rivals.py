@@ -112,14 +112,6 @@ def down_to_noise(fit: Fit) -> Fit:
     return fit.at(refined[0]) if gain > max(BETTER, SIGNIFICANT * error) else fit
 
 
-def near_symmetric_poses(fit: Fit) -> FloatArray:
-    """The pose after motions that leave most of the part in place, where they explain the scan about as well.
-
-    Those that leave all of it about in place are the same pose to whoever asks, so they are left out.
-    """
-    return _but_symmetric(fit, _as_likely(fit))
-
-
 def _but_symmetric(fit: Fit, others: FloatArray) -> FloatArray:
     if not len(others):
         return others

@@ -135,12 +135,14 @@ def test_nothing_is_asked_where_enough_points_constrain_every_motion() -> None:
     assert np.isnan(slide_of(fit_of(sides(400), np.eye(4))).loss)
 
 
-def test_a_riser_on_its_neighbours_place_is_no_strain() -> None:
-    """One view of a town of blocks, truth from its generator: the loop ends 1.2 % of the size off, along one axis.
+@pytest.mark.parametrize("seed", [8131, 8202, 8245])
+def test_a_riser_on_its_neighbours_place_is_no_strain(seed: int) -> None:
+    """One view of a stepped part, truth from its generator: the loop ends 1.2 to 1.9 % of the size off.
 
-    Three faces in four fit there, and the others look like a strain along the axis. The noise of the view is 3e-4.
+    Three faces in four fit there, and the others look like a strain along the same axis, or across it. The noise of the
+    view is 3e-4.
     """
-    task = KINDS["one-view"].task(8131)
+    task = KINDS["one-view"].task(seed)
     assert isinstance(task, Task)
     found = dqreg.register(task.source, task.target, task.start, **task.options)
     assert found.verdict.level == "accepted"
