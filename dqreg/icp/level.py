@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
@@ -33,6 +34,8 @@ FEW = 2_000
 PLACED = 0.6
 # Fraction of the points beyond which a scan counts as explained.
 EXPLAINED = 0.9
+# On the last level matches slide on a part's faces until they are this share of the width from where they were asked.
+SLID = 0.3
 # Distances from which scale and inlier fraction are learned: good to one per cent.
 LEARNED_FROM = 5_000
 # Stages that may end without having converged; after that, more of them only cost time.
@@ -171,6 +174,7 @@ class Level:
             ),
             accelerate=plan.accelerate and iterations > 1,
             stage=schedule.name,
+            slides=self._slides(mixture),
         )
         return icp.run(self.scan, self.surface, start, observe, first, before)
 
@@ -184,6 +188,12 @@ class Level:
             return PLACED * placed
         planes = self.near and self.plan.fine is not None
         return (WITHIN if planes and mixture.inlier_fraction >= EXPLAINED else STAGE_TOLERANCE) * width
+
+    def _slides(self, mixture: InlierMixture) -> float:
+        # The level before has seen to the faces: after the first step on all points of a part, what is left is small
+        # against the noise, and only matches within that of an edge would change.
+        is_last = self.last and self.near and len(self.scan) > FEW and isinstance(self.surface, MeshSurface)
+        return SLID * mixture.scale / self.surface.diagonal if is_last and self.plan.fine is not None else 0.0
 
     def _learned(self, mixture: InlierMixture, run: Run, schedule: AnnealingSchedule) -> InlierMixture:
         kept, pairs = np.flatnonzero(run.weights), run.pairs

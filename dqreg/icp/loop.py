@@ -15,7 +15,7 @@ from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
 from dqreg.icp.acceleration import Anderson
-from dqreg.icp.correspondences import Correspondences, find_correspondences
+from dqreg.icp.correspondences import Correspondences, find_correspondences, propagate
 from dqreg.icp.estimators import Estimator, points_and_normals
 from dqreg.icp.history import Iteration
 from dqreg.icp.rejectors import Weight
@@ -109,6 +109,8 @@ class Icp:
     accelerate: bool = True  # Whether Anderson acceleration extrapolates the steps
     stage: str = "loop"  # Name of this run in the records
     fewest: int = FEWEST_PAIRS  # Correspondences without which there is no pose
+    # Way from where they were searched, in diagonals of the surface, on which matches slide on their tangent planes
+    slides: float = 0.0
 
     def run(
         self,
@@ -123,6 +125,7 @@ class Icp:
         T = start
         history: list[Iteration] = []
         motions: list[float] = []
+        slid = 0.0
         spread = scan._spread
         anderson = Anderson(start, spread.mean, spread.size) if self.accelerate else None
         while True:
@@ -146,7 +149,11 @@ class Icp:
                 return Run(T_next, "stopped by observer", tuple(history), pairs, weights)
             if status := self.stopping.status(motions):
                 return Run(T_next, status, tuple(history), pairs, weights)
-            T = T_new
+            T, slid = T_new, slid + motions[-1]
+            if slid <= self.slides:
+                before = propagate(pairs, T)
+            else:
+                slid = 0.0
 
     def _record(
         self, number: int, pairs: Correspondences, weighed: Weighed, T: FloatArray, motion: float, began: float

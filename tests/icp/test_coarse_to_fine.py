@@ -1,18 +1,20 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, Scan, prepare_scan, sample_mesh
+from dqreg.geometry import Closest, CloudSurface, Mesh, MeshSurface, PointCloud, Scan, prepare_scan, sample_mesh
 from dqreg.icp import (
     ESTIMATORS,
     IcpSettings,
     Run,
     Stopping,
     align_coarse_to_fine,
+    level,
     points_and_normals,
     points_to_planes,
     smallest_kernel_scale,
@@ -229,3 +231,28 @@ def test_between_clouds_the_noise_of_most_faces_decides() -> None:
     assert scan.quiet < scan.noise
     assert noise_on(scan, CloudSurface(PointCloud(other))) == scan.noise
     assert noise_on(scan, MeshSurface(part)) == scan.quiet
+
+
+def test_a_last_step_within_the_noise_searches_no_face_anew_and_moves_the_pose_by_less_than_a_tenth_of_it(
+    surface: MeshSurface, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scan = prepare_scan(PointCloud(bracket_points(130, seed=0)))
+    start = disturbance(np.random.default_rng(0), np.deg2rad(1.0), 0.005 * SIZE, PART.centre)
+    asked: list[int] = []
+
+    def closest(self: MeshSurface, points: FloatArray, *hint: Any) -> Closest:
+        asked.append(len(points))
+        return searched(self, points, *hint)
+
+    searched = MeshSurface.closest
+    monkeypatch.setattr(MeshSurface, "closest", closest)
+    run = align_coarse_to_fine(scan, surface, start, PLAN)
+    steps = [record.points for record in run.history].count(len(scan))
+    assert steps > 1
+    assert asked.count(len(scan)) == 1
+    monkeypatch.setattr(level, "SLID", 0.0)
+    other = align_coarse_to_fine(scan, surface, start, PLAN)
+    assert asked.count(len(scan)) == 1 + steps
+    apart = worst_vertex_displacement(run.T_target_source, other.T_target_source, PART.vertices)
+    # What the noise leaves open: three numbers of the pose move a vertex.
+    assert apart <= 0.1 * np.sqrt(3.0 / len(scan)) * NOISE * SIZE
