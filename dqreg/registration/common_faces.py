@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
+import time
+
 import numpy as np
 
+from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, PointCloud, Surface
 from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, sample_rows
+from dqreg.icp.history import Iteration
 from dqreg.registration.fit import Fit
 from dqreg.registration.problem import Prepared, Problem
 from dqreg.registration.target_index import TargetIndex
+from dqreg.rigid import pose
 from dqreg.trust.overlap import IndexedPoints, Overlap
 
 # Points of two clouds of which what is left between them is asked.
@@ -47,6 +54,7 @@ def on_common_faces(fit: Fit) -> Fit:
     if not isinstance(fit.target.geometry, PointCloud) or options.method != "auto" or fit.constraints.any:
         return fit
     for _ in range(STEPS):
+        began = time.perf_counter()
         if not fit.found or fit.is_late or fit.problem.watch.is_over:
             break
         moves, _, overlap = overlap_of(fit)
@@ -56,12 +64,40 @@ def on_common_faces(fit: Fit) -> Fit:
         if gain <= (CLEARLY if moves.is_sampled else LIKELIER):
             break
         other = fit.beside(T @ fit.T_target_source)
+        found = overlap_at(other)
+        after = 0 if found[2] is None else len(found[2].points)
         # A step that leaves less in common has left the place.
-        after = overlap_of(other)[2] if other.found else None
-        if after is None or len(after.points) < len(overlap.points) - np.sqrt(len(overlap.points)):
+        if not other.found or after < len(overlap.points) - np.sqrt(len(overlap.points)):
             break
-        fit = other
+        fit = _recorded(fit, other, found, overlap.residuals, began)
     return fit
+
+
+def _recorded(before: Fit, fit: Fit, found: Compared, residuals: FloatArray, began: float) -> Fit:
+    """A fit with the record of the step to it, which is told to whoever observes; residuals (n,) before the step."""
+    run, problem, points = fit.run, fit.problem, fit.run.pairs.scan.points
+    moved = pose.apply(fit.T_target_source, points) - pose.apply(before.T_target_source, points)
+    square = float(np.mean(residuals**2))
+    record = Iteration(
+        number=run.next_number,
+        stage="common faces",
+        points=len(residuals),
+        pairs=len(residuals),
+        inlier_fraction=run.inlier_fraction,
+        rms=math.sqrt(square),
+        kernel_scale=run.mixture.scale,
+        energy=square,
+        turn_rad=float(pose.angle_between(before.T_target_source, fit.T_target_source)),
+        motion=float(np.sqrt((moved**2).sum(axis=1).mean())) / fit.prepared.surface.diagonal,
+        seconds=time.perf_counter() - began,
+        T_target_source=fit.T_target_source,
+    )
+    observe = problem.watch.watching(problem.observer(problem.options.observe))
+    if observe is not None:
+        observe(record)
+    stepped = dataclasses.replace(fit, run=dataclasses.replace(run, history=(*run.history, record)))
+    stepped.once("overlap", lambda: found)
+    return stepped
 
 
 def sampled_source(problem: Problem) -> IndexedPoints:

@@ -41,6 +41,9 @@ def test_a_pose_that_stopped_beside_the_truth_is_led_to_it() -> None:
     fit = fit_at(aside)
     stepped = on_common_faces(fit)
     np.testing.assert_allclose(fit.problem.to_caller(stepped.T_target_source), T_TRUE, atol=KNOWN)
+    last = stepped.run.history[-1]
+    assert last.stage == "common faces"
+    np.testing.assert_array_equal(last.T_target_source, stepped.T_target_source)
     # The correspondences are those of the new pose, and nothing is left to gain.
     np.testing.assert_array_equal(on_common_faces(stepped).T_target_source, stepped.T_target_source)
     assert np.median(stepped.run.pairs.distances) < np.median(fit.run.pairs.distances)
