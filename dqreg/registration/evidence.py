@@ -121,6 +121,7 @@ def agreement_of(
         share_on=around.share_on,
         share_other=around.share_other,
         share_contradicting=around.share_contradicting,
+        share_on_faces=around.share_on_faces,
     )
 
 
@@ -135,7 +136,7 @@ def _close(
     # What lies beyond the border of an open target was not measured there.
     close &= on | ~at_boundary(pairs.closest, surface, scale)
     close &= on | (np.abs(pairs.point_to_plane) > width)
-    return close, Surroundings(np.zeros(len(on), dtype=bool), float(np.mean(on)), float(np.mean(~on)), 0.0)
+    return close, Surroundings(np.zeros(len(on), dtype=bool), float(np.mean(on)), float(np.mean(~on)), 0.0, np.nan)
 
 
 class _Shape(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -24,6 +25,7 @@ class Surroundings:
     share_on: float  # On the target
     share_other: float  # On other objects
     share_contradicting: float  # On surface of the part itself, off the target
+    share_on_faces: float  # On smooth surface that is on the target
 
 
 def surroundings_of(pairs: Correspondences, width: float, near: float, size: float) -> Surroundings:
@@ -34,7 +36,7 @@ def surroundings_of(pairs: Correspondences, width: float, near: float, size: flo
     on = pairs.distances <= width
     nowhere = np.zeros(len(on), dtype=bool)
     if np.mean(on) >= 1.0 - SOME_OFF:
-        return Surroundings(nowhere, float(np.mean(on)), 0.0, 0.0)
+        return Surroundings(nowhere, float(np.mean(on)), 0.0, 0.0, math.nan)
     rows = sample_rows(len(on), SEGMENTED)
     points, distances = pairs.moved[rows], pairs.distances[rows]
     segments = segments_of(points, pairs.closest.normals[rows], distances, width, size)
@@ -44,7 +46,8 @@ def surroundings_of(pairs: Correspondences, width: float, near: float, size: flo
     elsewhere = nowhere
     if far.any():
         elsewhere = ~on & far[known][NeighbourTree(points[known]).nearest(pairs.moved, 1)[0][:, 0]]
-    shares = (float(np.mean(side)) for side in (segments.on, segments.other, segments.contradicting))
+    faces = segments.on & (segments.labels >= 0)
+    shares = (float(np.mean(side)) for side in (segments.on, segments.other, segments.contradicting, faces))
     return Surroundings(elsewhere, *shares)
 
 

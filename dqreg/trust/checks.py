@@ -40,8 +40,7 @@ def _patches(evidence: Evidence) -> tuple[float, float]:
 
 
 def _contradicting(evidence: Evidence) -> tuple[float, float]:
-    both = evidence.share_on + evidence.share_contradicting
-    return evidence.share_contradicting / both if both > 0.0 else math.nan, limits.CONTRADICTING
+    return evidence.contradiction, limits.CONTRADICTING
 
 
 def _clutter(evidence: Evidence) -> tuple[float, float]:

@@ -116,7 +116,7 @@ def _deviating_patches(evidence: Evidence) -> Iterator[str]:
 
 
 def _contradicting_surface(evidence: Evidence) -> Iterator[str]:
-    if not evidence.share_contradicting <= CONTRADICTING * (evidence.share_on + evidence.share_contradicting):
+    if evidence.contradiction > CONTRADICTING:
         yield (
             f"{100 * evidence.share_contradicting:.0f} % of the scan are faces that continue beyond the target or meet "
             f"it in a convex edge, and {100 * evidence.share_on:.0f} % are on it: another part, or a wrong pose"

@@ -73,6 +73,8 @@ class Evidence:
         where that was not asked.
     share_on, share_other, share_contradicting : float
         Fractions of the scan on the target, on other objects, and on surface of the part itself off the target.
+    share_on_faces : float
+        Fraction of the scan on smooth surface that is on the target; NaN where that was not asked.
     looked_through : float
         Fraction of the points compared that stand where a scanner looked through; NaN where its place is not known.
     faces_apart : float
@@ -150,6 +152,14 @@ class Evidence:
     deformation: float = 0.0
     places: float = math.inf
     rims_elsewhere: tuple[float, float] = (math.nan, 0.0)
+    share_on_faces: float = math.nan
+
+    @property
+    def contradiction(self) -> float:
+        """Share of the part's own surface that is off the target: faces against faces, whatever a sparse scan blurs."""
+        on = self.share_on_faces if math.isfinite(self.share_on_faces) else self.share_on
+        own = on + self.share_contradicting
+        return self.share_contradicting / own if own > 0.0 else math.nan
 
     @property
     def distinct_inliers(self) -> float:
