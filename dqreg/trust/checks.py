@@ -119,7 +119,7 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "Faces in the only common planes that reach beyond the other scan",
         "at most",
         "%",
-        lambda e: (e.ends_apart, limits.ENDS_APART),
+        lambda e: (e.ends_apart, limits.ends_limit(e)),
     ),
     "rims_apart": (
         "Rims of faces in the only common planes that both scans show",

@@ -65,6 +65,9 @@ FACES_APART = 0.03
 # Faces beyond those of the other scan, where both have three planes in common at most: right poses of generated views
 # came to 0.02, one in 42 to 0.1; other parts to 0.05 and more.
 ENDS_APART = 0.04
+# More may where so much of their rims is shared: a LiDAR's faces end where its beams do (0.07, of rims 0.85); of 28
+# other poses above the limit none came to more than 0.56.
+ENDS_SHARED, ENDS_APART_SHARED = 0.75, 0.12
 # Rims of those faces that both show, of the scan with more of them: right poses of generated views came to 0.68 and
 # more, corners of two parts to 0.12, 0.23 and 0.50, a corner of a block at another one to 0.02.
 RIMS_SHARED = 0.6
@@ -111,6 +114,11 @@ def chance_limit(evidence: Evidence) -> float:
 def wavy_limit(evidence: Evidence) -> float:
     """Largest deviation that neighbours may have in common, in sizes; between clouds one above their noise is told."""
     return WAVY if math.isnan(evidence.faces_apart) else WAVY_BETWEEN
+
+
+def ends_limit(evidence: Evidence) -> float:
+    """Share of two scans' faces that may reach beyond the other's: more where their rims are the same."""
+    return ENDS_APART_SHARED if evidence.rims_shared >= ENDS_SHARED else ENDS_APART
 
 
 def outlier_share(evidence: Evidence) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from dqreg.solvers.motion_words import direction_words
 from dqreg.trust.evidence import Evidence
-from dqreg.trust.limits import ENDS_APART, FACES_APART, LOOKED_THROUGH, ONE_PLANE, RIMS_GAINED, RIMS_SHARED, wavy_limit
+from dqreg.trust.limits import FACES_APART, LOOKED_THROUGH, ONE_PLANE, RIMS_GAINED, RIMS_SHARED, ends_limit, wavy_limit
 
 
 def looked_through(evidence: Evidence) -> Iterator[str]:
@@ -30,7 +30,7 @@ def faces_apart(evidence: Evidence) -> Iterator[str]:
 
 def ends_apart(evidence: Evidence) -> Iterator[str]:
     """Each scan's faces reach beyond the other's."""
-    if evidence.ends_apart > ENDS_APART:
+    if evidence.ends_apart > ends_limit(evidence):
         yield (
             "the scans have three planes in common at most, which fit many corners, and their faces end at different "
             f"places: {100 * evidence.ends_apart:.0f} % of each and more lie beyond the other's"
