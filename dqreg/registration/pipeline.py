@@ -63,6 +63,7 @@ def align(problem: Problem) -> Registration:
     with watch.stage("start"):
         start = initial_pose(problem, search)
     with watch.stage("register"):
+        prepared = problem.prepare_found(prepared)
         constraints = problem.constraints(start.T_target_source)
         settings = options.icp_settings(
             problem.max_distance(prepared), constraints, start.kernel_scale, even=prepared.even

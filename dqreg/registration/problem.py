@@ -182,13 +182,20 @@ class Problem(SourceAndTarget):
 
     def prepare(self) -> Prepared:
         """Scan with normals and surface to ask; where an initial pose was given, two dense clouds are downsampled."""
-        if self.options.cells is not None and self.start is not None and self.target.kind == "cloud":
-            prepared = Prepared.downsampled(self._in_time, self.target, self.options.cells)
-        else:
-            prepared = self.prepare_whole()
+        prepared = self.prepare_whole() if self.start is None else self._downsampled() or self.prepare_whole()
         if self._building is not None:
             self._building.surface_is_ready.wait()
         return prepared
+
+    def prepare_found(self, prepared: Prepared) -> Prepared:
+        """The same for the loop once a search has ended, which sees all points: as where its pose had been given."""
+        is_over = self.start is not None or self.watch.is_over
+        return prepared if is_over else self._downsampled() or prepared
+
+    def _downsampled(self) -> Prepared | None:
+        if self.options.cells is None or self.target.kind != "cloud":
+            return None
+        return Prepared.downsampled(self._in_time, self.target, self.options.cells)
 
     def begin(self, name: str, make: Callable[[], T]) -> None:
         """Make ahead what `once` will be asked for, beside the caller; under a time limit nothing is."""

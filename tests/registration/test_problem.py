@@ -77,6 +77,22 @@ def test_sparse_clouds_and_meshes_stay_whole() -> None:
         downsampled(few, index_target(Mesh(*bracket())))
 
 
+def test_the_loop_after_a_search_compares_what_it_would_after_an_initial_pose() -> None:
+    searched, given = (problem_of(SHEET, SHEET, start) for start in (None, np.eye(4)))
+    whole = searched.prepare()
+    # A search sees all points.
+    assert (whole.cell_size, len(whole.scan)) == (0.0, len(SHEET))
+    found, expected = searched.prepare_found(whole), given.prepare()
+    assert found.cell_size == expected.cell_size > 0.0
+    np.testing.assert_array_equal(found.scan.points, expected.scan.points)
+    np.testing.assert_array_equal(found.surface.normals, expected.surface.normals)
+    assert given.prepare_found(expected) is expected
+    # On a part there are no cells.
+    part = problem_of(SHEET, Mesh(*bracket()), units="ignore")
+    prepared = part.prepare()
+    assert part.prepare_found(prepared) is prepared
+
+
 def test_a_small_source_asks_for_cells_of_its_own_size() -> None:
     # A thousandth of the target's area: cells of the target would leave it one point.
     piece = SHEET[(np.abs(SHEET[:, :2]) < 0.1).all(axis=1)]
