@@ -55,7 +55,7 @@ BESIDE, BESIDE_ALL = 0.06, 0.35
 # Residuals that neighbours have in common, one sigma, in sizes: waves with an amplitude of 0.2 %. Right poses of
 # generated scans came to 0.0005, measured ones to 0.0011, of which little was in common.
 WAVY = 1.5e-3
-# The same between two clouds, where it is twice the noise from point to point: ripples of 0.3 to 0.6 % came to 2.4
+# The same between two clouds, where it is 1.8 times the noise from point to point: ripples of 0.3 to 0.6 % came to 1.9
 # times and more, right poses of measured pairs to 1.65, and a LiDAR on a street to 5 at 0.00022.
 WAVY_BETWEEN = 5e-4
 # Points where a scanner looked through: right poses of depth cameras and LiDARs came to 0.004, wrong ones to 0.05.
