@@ -74,12 +74,15 @@ def uncertainty_of(fit: Fit) -> Uncertainty:
     """Covariance and observability of a fit; NaN and none where no pose was found."""
     if not fit.found:
         return Uncertainty(np.full((6, 6), np.nan), ())
-    return fit.once(
-        "uncertainty",
-        lambda: Uncertainty.of(
-            dataclasses.replace(fit.information, by_rims=slide_of(fit).by_rims), fit.problem.units[1]
-        ),
-    )
+
+    def uncertainty() -> Uncertainty:
+        # The pose errs by so much more as residuals follow less of a displacement.
+        known, share = fit.information, fit.followed
+        scatter = None if known.scatter is None else known.scatter / share**2
+        known = dataclasses.replace(known, sigma=known.sigma / share, scatter=scatter, by_rims=slide_of(fit).by_rims)
+        return Uncertainty.of(known, fit.problem.units[1])
+
+    return fit.once("uncertainty", uncertainty)
 
 
 def evidence_of(

@@ -9,8 +9,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, product
+from dqreg._arrays import BoolArray, FloatArray, median, product
 from dqreg.geometry import CloudSurface, Mesh, Surface, prepare_scan
+from dqreg.geometry.normals import sample_rows
 from dqreg.icp import (
     ESTIMATORS,
     Alignment,
@@ -31,11 +32,14 @@ from dqreg.registration.evidence import LOOKED_AT, LOOKED_AT_LATE, agreement_of
 from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
-from dqreg.solvers.robust import InlierMixture
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN, InlierMixture
 from dqreg.trust import Evidence, Information, information_of
 
 T = TypeVar("T")
 
+# Points that are asked how residuals follow a displacement by their usual size; those beyond so many of these are of
+# another face, and they follow this share of it at least.
+FOLLOWING, OUTSIDE, LEAST_FOLLOWED = 1_000, 3.0, 0.05
 # Rounds of EM that learn the mixture at a pose where the loop has not ended.
 EM_ROUNDS = 30
 
@@ -132,6 +136,33 @@ class Fit:
         )
         # What is said of the motions names points in the caller's frame.
         return dataclasses.replace(information, centre=self.target.origin)
+
+    @cached_property
+    def followed(self) -> float:
+        """Share of a displacement along the normals that residuals between two clouds follow; 1 on a mesh.
+
+        Where noise is no less than the spacing, the nearest point is another one after it, again near: the cost is
+        flatter than its Gauss-Newton Hessian says, and the pose errs by so much more.
+        """
+        surface, pairs = self.prepared.surface, self.run.pairs
+        rows = np.flatnonzero((self.run.weights > 0.0) & pairs.closest.normals.any(axis=1))
+        if not isinstance(surface, CloudSurface) or not len(rows):
+            return 1.0
+        rows = rows[sample_rows(len(rows), FOLLOWING)]
+        aside = np.abs(pairs.point_to_plane[rows])
+        size = GAUSSIAN_MEDIAN * median(aside)
+        rows = rows[aside <= OUTSIDE * size]
+        if not size > 0.0:
+            return 1.0
+        moved, normals = pairs.moved[rows], pairs.closest.normals[rows]
+        sides = []
+        for step in (size, -size):
+            points = moved + step * normals
+            closest = surface.closest(points)
+            along = np.einsum("ij,ij->i", points - closest.points, closest.normals)
+            along *= np.where(np.einsum("ij,ij->i", closest.normals, normals) < 0.0, -1.0, 1.0)
+            sides.append(np.clip(along, -OUTSIDE * size, OUTSIDE * size))
+        return float(np.clip(np.mean(sides[0] - sides[1]) / (2.0 * size), LEAST_FOLLOWED, 1.0))
 
     def at(self, T: FloatArray) -> Fit:
         """The same run, ended at another pose: its correspondences, and the mixture that these teach."""

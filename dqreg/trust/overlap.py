@@ -51,8 +51,8 @@ FEWEST_APART = 4
 # The same at the pose itself, beyond what its covariance leaves.
 APART_THERE = 5.0
 # What the residuals of so many nearest neighbours have in common is no noise where it is so many times that from point
-# to point: ripples of 0.3 to 0.6 % came to 1.9 and more, right poses of measured pairs that have as much in common as the
-# verdict asks for to 1.65. Neighbours on a curve through the points stand farther apart, and what a ripple changes
+# to point: ripples of 0.3 to 0.6 % came to 1.9 and more, right poses of measured pairs to 1.65 (LiDARs to 4, of less
+# than the verdict asks for). Neighbours on a curve through the points stand farther apart, and what a ripple changes
 # between them looks like noise: 1.6 and 1.44.
 BESIDE_EACH, IN_COMMON = 2, 1.8
 # A strain matters that displaces the surface by this share of the size, root mean square.

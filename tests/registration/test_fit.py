@@ -5,11 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
+from dqreg.geometry import sample_mesh
 from dqreg.icp.history import Iteration
+from dqreg.registration.assess import uncertainty_of
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.problem import Problem
 from dqreg.rigid import pose
 from dqreg.synth import disturbance
+from dqreg.trust.covariance import covariance_of
 from tests.icp.scenes import bracket_mesh, bracket_points
 from tests.registration.scenes import problem_of
 
@@ -24,6 +27,25 @@ def fit_of(problem: Problem) -> Fit:
     constraints = problem.constraints(T)
     settings = problem.options.icp_settings(problem.max_distance(prepared), constraints)
     return coarse_to_fine(problem, prepared, T, settings, constraints)
+
+
+def test_the_more_noise_hides_the_spacing_the_less_residuals_follow_a_displacement() -> None:
+    # Truth: both clouds are drawn in one frame, and neighbours of 6,000 points stand about as far apart as `apart`.
+    rng, count = np.random.default_rng(1), 6_000
+    apart = float(np.sqrt(PART.face_areas.sum() / count))
+    fits = []
+    for noise in (0.02, 0.5, 2.0):
+        clouds = (sample_mesh(PART, count, rng).points + rng.normal(scale=noise * apart, size=(count, 3)) for _ in "ab")
+        fits.append(fit_of(problem_of(*clouds, np.eye(4), effort="fast")))
+    shares = [fit.followed for fit in fits]
+    assert 1.0 >= shares[0] > 0.9
+    assert shares[0] > shares[1] > shares[2]
+    assert shares[2] < 0.5
+    # The pose errs by so much more than the Gauss-Newton Hessian says.
+    expected = covariance_of(fits[2].information) / shares[2] ** 2
+    np.testing.assert_allclose(uncertainty_of(fits[2]).covariance, expected, rtol=1e-12)
+    # Of a mesh the nearest point moves along.
+    assert fit_of(problem_of(POINTS, PART, START, effort="fast")).followed == 1.0
 
 
 def test_a_resumed_fit_goes_on_with_the_history_and_the_observer_sees_the_same_records() -> None:
