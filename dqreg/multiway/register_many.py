@@ -150,7 +150,8 @@ def register_many(
     views = sides.signed(views)
     overlap = overlap_matrix(views, joint.T_world_scan, size)
     against = tuple(sides.contradictions(joint.T_world_scan, overlap))
-    turns = turnings(views, joint.T_world_scan, belief.edges, turned)
+    started = all(known[k] is not None for k in usable)
+    turns = turnings(views, joint.T_world_scan, belief.edges, turned, started=started)
     remarks = tuple(contradicted_starts(views, known, joint.T_world_scan, belief.edges, size))
     asked = {"order": order, "edges": edges, "anchor": anchor, "effort": effort, "seed": seed, "time_limit": time_limit}
     settings = _settings(asked, part, judge)

@@ -12,6 +12,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.round_part import RoundPart
 from dqreg.multiway.scans import View, typical_size
+from dqreg.multiway.symmetric_part import symmetric_axis
 from dqreg.rigid import pose
 
 # Points of a view that are looked at, views, and rounds of the fit of the axis.
@@ -28,6 +29,8 @@ NEIGHBOURS = 4
 SAME_RAD, SAME, LEAST_RAD, FEWEST, NAMING = np.deg2rad(8.0), 0.05, np.deg2rad(5.0), 2, 0.25
 # Turns that contradicting pairs name, and that are tried on the model.
 TRIED = 6
+# Views that show a part from so many sides that its model can be asked for symmetries.
+FEWEST_VIEWS = 4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,9 +47,17 @@ class Turning:
 
 
 def turnings(
-    views: Sequence[View], T_world_scan: FloatArray, edges: Sequence[Edge], known: RoundPart | None = None
+    views: Sequence[View],
+    T_world_scan: FloatArray,
+    edges: Sequence[Edge],
+    known: RoundPart | None = None,
+    *,
+    started: bool = False,
 ) -> tuple[Turning, ...]:
-    """Rotations by which views can be turned: of a round part, and those that several pairs name as rivals."""
+    """Rotations by which views can be turned: of a round part, and those that several pairs name as rivals.
+
+    A symmetry of the model alone is one too, unless all scans were started: then the starts tell which.
+    """
     placed = [k for k, view in enumerate(views) if view.usable and np.isfinite(T_world_scan[k]).all()]
     if len(placed) < 2:
         return tuple(_from_pairs(edges))
@@ -59,7 +70,8 @@ def turnings(
     if found is not None:
         return (found,)
     turns = list(_from_rivals(T_world_scan, edges, typical_size([views[k] for k in placed])))
-    return tuple(turns or _from_contradictions(model, T_world_scan, edges))
+    turns = turns or _from_contradictions(model, T_world_scan, edges)
+    return tuple(turns or ([] if started or len(placed) < FEWEST_VIEWS else _from_model(model)))
 
 
 def _from_pairs(edges: Sequence[Edge]) -> Iterator[Turning]:
@@ -128,6 +140,13 @@ def _from_contradictions(model: _Model, T_world_scan: FloatArray, edges: Sequenc
         if kept >= ALIKE:
             return [Turning(axis, point, angle, 1.0 - kept)]
     return []
+
+
+def _from_model(model: _Model) -> list[Turning]:
+    """The symmetry of the model, which pairs cannot name: each found the pose with the largest overlap."""
+    points, normals = (np.concatenate([cloud[row] for cloud in model.clouds]) for row in (0, 1))
+    found = symmetric_axis(points, normals, model.spacing, model.thick)
+    return [] if found is None else [Turning(found[0], found[1], 2.0 * np.pi / found[2], 0.0)]
 
 
 def axis_of_revolution(points: FloatArray, normals: FloatArray, size: float) -> tuple[FloatArray, FloatArray, float]:

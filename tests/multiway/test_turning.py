@@ -75,6 +75,33 @@ def test_a_turn_that_an_accepted_pair_names_against_the_others_is_one_where_the_
             np.testing.assert_allclose(np.abs(found[0].axis), [0.0, 0.0, 1.0], atol=1e-6)
 
 
+@pytest.mark.parametrize(("corners", "order"), [(6, 6), (4, 4), (0, None)])
+def test_a_symmetric_model_is_named_though_no_pair_names_a_rival(corners: int, order: int | None) -> None:
+    made = turntable_views(_prism(corners) if corners else bracket(), 12, pixels=60, rng=np.random.default_rng(6))
+    views = read_views(list(made.scans), 0)
+    found = turnings(views, made.T_world_scan, ())
+    assert bool(found) == (order is not None)
+    # Where each scan was started, the starts tell.
+    assert turnings(views, made.T_world_scan, (), started=True) == ()
+    if order is not None:
+        # The prism stands along z through the origin.
+        assert found[0].angle_rad == pytest.approx(2.0 * np.pi / order, abs=1e-12)
+        np.testing.assert_allclose(np.abs(found[0].axis), [0.0, 0.0, 1.0], atol=0.01)
+        assert np.linalg.norm(found[0].point[:2]) < 0.02
+
+
+def _prism(corners: int) -> tuple[np.ndarray, np.ndarray]:
+    angles = 2.0 * np.pi * np.arange(corners) / corners
+    rim = np.column_stack([np.cos(angles), np.sin(angles)])
+    ends = [np.column_stack([rim, np.full(corners, z)]) for z in (-0.45, 0.45)]
+    vertices = np.vstack([*ends, [[0.0, 0.0, -0.45], [0.0, 0.0, 0.45]]])
+    faces = []
+    for k in range(corners):
+        n, after = corners, (k + 1) % corners
+        faces += [[k, after, n + after], [k, n + after, n + k], [after, k, 2 * n], [n + k, n + after, 2 * n + 1]]
+    return vertices, np.array(faces)
+
+
 def test_pairs_that_hold_no_rotation_name_its_axis_where_nothing_is_placed() -> None:
     rng = np.random.default_rng(5)
     views = read_views([rng.normal(size=(50, 3)), rng.normal(size=(50, 3)), rng.normal(size=(50, 3))], 0)
