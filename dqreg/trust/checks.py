@@ -125,13 +125,19 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "Rims of faces in the only common planes that both scans show",
         "at least",
         "%",
-        lambda e: (e.rims_shared, limits.RIMS_SHARED),
+        lambda e: (e.rims_shared, limits.rims_limit(e)),
     ),
     "rims_elsewhere": (
         "Rims of those faces that both scans show after a slide, more than at the pose",
         "at most",
         "%",
         lambda e: (e.rims_elsewhere[0], limits.RIMS_GAINED),
+    ),
+    "opposed_edges": (
+        "Rims of both scans in one plane beside which the faces turn to opposite sides",
+        "at most",
+        "%",
+        lambda e: (e.opposed_edges, limits.OPPOSED_EDGES),
     ),
     "one_plane": (
         "Places that both scans show in one plane",

@@ -1,4 +1,4 @@
-"""Two clouds that have three planes in common at most: where the faces in them end."""
+"""Planes that two clouds have in common: where the faces in them end, and to which side they turn there."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.spacing import measure_spacing
-from dqreg.trust.face_rims import Plane, Points, Rims, rims_in, rows_in, shared_along, shared_rims
+from dqreg.trust.face_rims import Plane, Points, Rims, opposed_rims, rims_in, rows_in, shared_along, shared_rims
 from dqreg.trust.overlap import Overlap
 
-# Planes that fix a pose and leave nothing to check it by; the share of the common places that they hold, and the share
+# Planes of a corner, which fix a pose and leave nothing to check it by; most planes that are found, of which a corner
+# may have some more by chance or beside a face's edges; the share of the common places that they hold, and the share
 # below which a plane is none; places that are tried as one of it.
-PLANES, ALL, LEAST_SHARE, TRIED = 3, 0.95, 0.02, 30
+CORNER, PLANES, ALL, LEAST_SHARE, TRIED = 3, 6, 0.95, 0.02, 30
 # A plane: normals within this angle, and distances within this share of the size, or so many times the noise.
 SAME_COS, WITHIN, NOISY = np.cos(np.deg2rad(8.0)), 5e-3, 3.0
 # Share of the neighbours of a point that lie in the plane with it: faces that cross the plane are no part of it.
@@ -31,28 +32,51 @@ REACH, LEANING = 0.06, 0.2
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CommonPlanes:
-    """The planes that hold all that two clouds have in common, and both clouds at the pose.
+    """The planes that two clouds have in common, and both clouds at the pose.
 
     The corner of any part fits the corner of any other: three planes fix a pose and leave nothing to check it by but
     where the faces in them end.
     """
 
     planes: tuple[Plane, ...]
-    largest: float  # Share of the common places that the largest of them holds
+    shares: tuple[float, ...]  # Of the common places, that each of them holds and none before it
     within: float  # Distance from a plane within which a point lies in it
     sides: tuple[Points, Points]  # The source at the pose, the target
     spacing: float  # Of neighbouring points, of the sparser side
 
     @staticmethod
     def of(overlap: Overlap, placed: FloatArray, fixed: FloatArray, size: float) -> CommonPlanes | None:
-        """Of clouds of a size, placed (n, 3) and fixed (m, 3); None where they have more in common than that."""
+        """Of clouds of a size, placed (n, 3) and fixed (m, 3); None where they have no plane in common."""
         within = max(WITHIN * size, NOISY * float(np.median(overlap.noise)))
         found = _planes(overlap, within)
-        if found is None:
+        if not found[0]:
             return None
         sides = (placed, NeighbourTree(placed)), (fixed, NeighbourTree(fixed))
         spacing = max(measure_spacing(tree, points, SAMPLE) for points, tree in sides)
         return CommonPlanes(*found, within, sides, spacing)
+
+    @property
+    def are_all(self) -> bool:
+        """Whether they hold all that the clouds have in common."""
+        return sum(self.shares) >= ALL
+
+    @property
+    def are_a_corner(self) -> bool:
+        """Whether they are three at most, and hold all that the clouds have in common."""
+        return len(self.planes) <= CORNER and self.are_all
+
+    @property
+    def largest(self) -> float:
+        """Share of the common places that the largest of them holds."""
+        return max(self.shares)
+
+    def opposed_edges(self) -> float:
+        """Share of the rims in both clouds beside which faces turn to opposite sides, of the plane with most of it.
+
+        Both sides of a wall laid on each other are one plane; the faces beside them tell that it is not one face. NaN
+        for few such rims.
+        """
+        return float(np.fmax.reduce([opposed_rims(one, other) for one, other in zip(*self._rims, strict=True)]))
 
     def ends_apart(self) -> float:
         """Share of the faces in the planes that reach beyond the other cloud, of that of two which has less of it.
@@ -113,21 +137,22 @@ class CommonPlanes:
         return beyond / inside if inside >= FEWEST else np.nan
 
 
-def _planes(overlap: Overlap, within: float) -> tuple[tuple[Plane, ...], float] | None:
-    """The planes that hold all common places, and the share of the largest; None where those are more, or no planes."""
+def _planes(overlap: Overlap, within: float) -> tuple[tuple[Plane, ...], tuple[float, ...]]:
+    """Planes that hold the common places, the fullest first, and the share that each of them holds."""
     left = np.ones(len(overlap.points), dtype=bool)
-    planes, largest = [], 0.0
-    for _ in range(PLANES):
+    planes: list[Plane] = []
+    shares: list[float] = []
+    for k in range(PLANES):
         rows = np.flatnonzero(left)
-        if len(rows) < LEAST_SHARE * len(left):
+        if len(rows) < LEAST_SHARE * len(left) or (k >= CORNER and sum(shares) >= ALL):
             break
         held = max((_held(overlap, k, left, within) for k in rows[sample_rows(len(rows), TRIED)]), key=np.count_nonzero)
         points = overlap.points[held]
         middle = points.mean(axis=0)
         planes.append(Plane(middle, np.linalg.eigh((points - middle).T @ (points - middle))[1][:, 0]))
-        largest = max(largest, float(np.mean(held)))
+        shares.append(float(np.mean(held)))
         left &= ~held
-    return (tuple(planes), largest) if np.count_nonzero(left) <= (1.0 - ALL) * len(left) else None
+    return tuple(planes), tuple(shares)
 
 
 def _held(overlap: Overlap, k: int, left: BoolArray, within: float) -> BoolArray:

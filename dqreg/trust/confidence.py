@@ -72,7 +72,7 @@ def figures_of(evidence: Evidence, codes: Sequence[str]) -> dict[str, float]:
         "unconverged": float(evidence.status != "converged"),
         # What two clouds have in common, where nothing else speaks against the pose.
         "many_planes": float(not codes and math.isfinite(evidence.faces_apart) and math.isnan(evidence.largest_plane)),
-        "rims_apart": 1.0 - evidence.rims_shared,
+        "rims_apart": 1.0 - evidence.rims_shared if math.isfinite(evidence.largest_plane) else 0.0,
     }
     return {name: value if math.isfinite(value) else 0.0 for name, value in figures.items()}
 

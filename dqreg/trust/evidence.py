@@ -80,16 +80,20 @@ class Evidence:
     faces_apart : float
         Share of the places that both of two scans show at which they lie apart; NaN where that was not asked.
     ends_apart : float
-        Share of the faces of two scans that have three planes in common at most which reaches beyond the other's, of
+        Share of the faces of two scans that have a few planes in common at most which reaches beyond the other's, of
         the one with less of it; NaN where they have more in common.
     rims_shared : float
         Share of the rims of faces in those planes that are rims of the other scan's faces too, of the scan with more of
         it; NaN where that was not asked.
     rims_elsewhere : tuple of 2 floats
         Share of those rims that both would have more after a slide along a plane's normal, NaN likewise, and the length
-        of that slide, 0 where nothing is gained.
+        of that slide, 0 where nothing is gained; of three planes at most.
+    opposed_edges : float
+        Share of the rims of both scans in a common plane beside which their faces turn to opposite sides, of the plane
+        with most of it; NaN for few.
     largest_plane : float
-        Share of the places that both scans show which the largest of those planes holds; NaN likewise.
+        Share of the places that both scans show which the largest of three planes holds; NaN where they have more in
+        common.
     deformation : float
         Displacement of the scan's surface against the target's, along its normals, by a significant smooth deformation
         that no motion explains, root mean square; else 0. A length.
@@ -153,6 +157,7 @@ class Evidence:
     places: float = math.inf
     rims_elsewhere: tuple[float, float] = (math.nan, 0.0)
     share_on_faces: float = math.nan
+    opposed_edges: float = math.nan
 
     @property
     def contradiction(self) -> float:

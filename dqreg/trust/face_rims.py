@@ -23,6 +23,9 @@ FEWEST, MEETING = 30, 1.5
 SAME, NEAREST, SAME_COS = 1.2, 4, 0.7
 # Points on rims without which nothing is said.
 FEWEST_RIMS = 30
+# Neighbours of a rim in space, within so many spacings, that tell to which side of the plane the faces beside it turn:
+# as many at least, nearly all on one side. Rims that both clouds have in a plane without which nothing is said of them.
+BESIDE_RIM, REACH, TURNING, NEARLY_ALL, FEWEST_TURNING = 20, 3.0, 2, 0.9, 10
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,6 +46,7 @@ class Rims:
 
     points: FloatArray  # (n, 3)
     outward: FloatArray  # (n, 3): Directions in the plane to the side without points
+    turning: IntArray  # (n,): Side of the plane to which faces beside it turn, 1 along its normal, -1; 0 where unknown
     counted: BoolArray  # (n,): Whether it is not the rim along which another common plane begins
     spacing: float  # Edge of the square that a point has for itself
 
@@ -61,7 +65,7 @@ def rims_in(
     points: FloatArray, tree: NeighbourTree, plane: Plane, planes: Sequence[Plane], within: float
 ) -> Rims | None:
     """Rims of a cloud's faces in one of some planes; None where few of its points are."""
-    rows = rows_in(points, tree, plane, within, MOSTLY)
+    rows, cloud = rows_in(points, tree, plane, within, MOSTLY), (points, tree)
     if len(rows) < FEWEST:
         return None
     points = points[rows]
@@ -74,7 +78,8 @@ def rims_in(
     for other in planes:
         if other is not plane:
             counted &= ~other.holds(points, MEETING * spacing)
-    return Rims(points, np.column_stack([np.cos(towards), np.sin(towards)])[is_rim] @ across, counted, spacing)
+    outward = np.column_stack([np.cos(towards), np.sin(towards)])[is_rim] @ across
+    return Rims(points, outward, _turning(points, cloud, plane, within, REACH * spacing), counted, spacing)
 
 
 def shared_rims(rims: Sequence[Rims | None], others: Sequence[Rims | None]) -> float:
@@ -86,10 +91,39 @@ def shared_rims(rims: Sequence[Rims | None], others: Sequence[Rims | None]) -> f
         count += int(np.count_nonzero(one.counted))
         if len(other.points) < NEAREST or not one.counted.any():
             continue
-        rows, apart = NeighbourTree(other.points).nearest(one.points[one.counted], NEAREST)
-        alike = np.einsum("ijk,ik->ij", other.outward[rows], one.outward[one.counted]) > SAME_COS
-        shared += int(np.count_nonzero((alike & (apart < SAME * max(one.spacing, other.spacing))).any(axis=1)))
+        shared += int(np.count_nonzero(_alike(one, other, one.counted)[1].any(axis=1)))
     return shared / count if count >= FEWEST_RIMS else np.nan
+
+
+def _alike(one: Rims, other: Rims, asked: BoolArray) -> tuple[IntArray, BoolArray]:
+    """The other cloud's rims next to those asked, (m, k), and whether they are the same ones."""
+    rows, apart = NeighbourTree(other.points).nearest(one.points[asked], NEAREST)
+    look_alike = np.einsum("ijk,ik->ij", other.outward[rows], one.outward[asked]) > SAME_COS
+    return rows, look_alike & (apart < SAME * max(one.spacing, other.spacing))
+
+
+def _turning(rims: FloatArray, cloud: Points, plane: Plane, within: float, reach: float) -> IntArray:
+    """Side of the plane, 1 or -1, on which a cloud's points beside its rims, (n, 3), lie; 0 for few or both."""
+    points, tree = cloud
+    rows, apart = tree.nearest(rims, min(BESIDE_RIM, len(points)))
+    heights = np.where(apart < reach, (points[rows] - plane.middle) @ plane.normal, 0.0)
+    above, below = (np.count_nonzero(side * heights > within, axis=1) for side in (1.0, -1.0))
+    told = np.maximum(above, below) >= np.maximum(TURNING, NEARLY_ALL * (above + below))
+    return np.where(told, np.sign(above - below), 0)
+
+
+def opposed_rims(one: Rims | None, other: Rims | None) -> float:
+    """Share of the rims that both clouds have in a plane beside which their faces turn to opposite sides; NaN for few.
+
+    A face ends at a convex edge or at a concave one, never at both.
+    """
+    if one is None or other is None or len(other.points) < NEAREST or not len(one.points):
+        return np.nan
+    rows, alike = _alike(one, other, np.ones(len(one.points), dtype=bool))
+    product = np.where(alike, one.turning[:, None] * other.turning[rows], 0)
+    told = np.count_nonzero((product != 0).any(axis=1))
+    opposed = np.count_nonzero((product < 0).any(axis=1) & ~(product > 0).any(axis=1))
+    return opposed / told if told >= FEWEST_TURNING else np.nan
 
 
 def shared_along(

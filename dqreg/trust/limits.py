@@ -62,15 +62,20 @@ WAVY_BETWEEN = 5e-4
 LOOKED_THROUGH = 0.05
 # Places of two scans that lie apart: right poses of measured pairs came to 0.025, most ripples of 0.4 % to 0.07.
 FACES_APART = 0.03
-# Faces beyond those of the other scan, where both have three planes in common at most: right poses of generated views
-# came to 0.02, one in 42 to 0.1; other parts to 0.05 and more.
+# Faces beyond those of the other scan, where both have a few planes in common at most: right poses of generated views
+# came to 0.02, one in 42 to 0.1; other parts to 0.05 and more. With four to six planes right ones came to 0.033, and to
+# 0.057 with rims of 0.85; other parts' corners to 0.16 and 0.37.
 ENDS_APART = 0.04
 # More may where so much of their rims is shared: a LiDAR's faces end where its beams do (0.07, of rims 0.85); of 28
 # other poses above the limit none came to more than 0.56.
 ENDS_SHARED, ENDS_APART_SHARED = 0.75, 0.12
 # Rims of those faces that both show, of the scan with more of them: right poses of generated views came to 0.68 and
-# more, corners of two parts to 0.12, 0.23 and 0.50, a corner of a block at another one to 0.02.
-RIMS_SHARED = 0.6
+# more, corners of two parts to 0.12, 0.23 and 0.50, a corner of a block at another one to 0.02. With four to six planes
+# right ones came to 0.59 and more, corners of two parts to 0 and 0.03.
+RIMS_SHARED, RIMS_SHARED_MANY = 0.6, 0.4
+# Rims of one plane beside which the faces turn to opposite sides: right poses of 120 pairs of generated views came to
+# 0.15, both sides of a wall laid on each other to 1 in six pairs of seven, and to 0.6.
+OPPOSED_EDGES = 0.4
 # More of them after a slide by up to 6 % of the size: right poses of 64 pairs of generated views came to 0.03, both
 # sides of a thin wall laid on each other to 0.28, 0.30 and 0.26.
 RIMS_GAINED = 0.15
@@ -119,6 +124,11 @@ def wavy_limit(evidence: Evidence) -> float:
 def ends_limit(evidence: Evidence) -> float:
     """Share of two scans' faces that may reach beyond the other's: more where their rims are the same."""
     return ENDS_APART_SHARED if evidence.rims_shared >= ENDS_SHARED else ENDS_APART
+
+
+def rims_limit(evidence: Evidence) -> float:
+    """Least share of the rims that two scans have in common: less in more planes than a corner has."""
+    return RIMS_SHARED_MANY if math.isnan(evidence.largest_plane) else RIMS_SHARED
 
 
 def outlier_share(evidence: Evidence) -> tuple[float, float]:

@@ -37,6 +37,7 @@ Code = Literal[
     "ends_apart",
     "rims_apart",
     "rims_elsewhere",
+    "opposed_edges",
     "one_plane",
     "disagreeing_normals",
     "outliers",

@@ -7,7 +7,16 @@ from collections.abc import Iterator
 
 from dqreg.solvers.motion_words import direction_words
 from dqreg.trust.evidence import Evidence
-from dqreg.trust.limits import FACES_APART, LOOKED_THROUGH, ONE_PLANE, RIMS_GAINED, RIMS_SHARED, ends_limit, wavy_limit
+from dqreg.trust.limits import (
+    FACES_APART,
+    LOOKED_THROUGH,
+    ONE_PLANE,
+    OPPOSED_EDGES,
+    RIMS_GAINED,
+    ends_limit,
+    rims_limit,
+    wavy_limit,
+)
 
 
 def looked_through(evidence: Evidence) -> Iterator[str]:
@@ -32,16 +41,16 @@ def ends_apart(evidence: Evidence) -> Iterator[str]:
     """Each scan's faces reach beyond the other's."""
     if evidence.ends_apart > ends_limit(evidence):
         yield (
-            "the scans have three planes in common at most, which fit many corners, and their faces end at different "
+            "the scans have a few planes in common at most, which fit many corners, and their faces end at different "
             f"places: {100 * evidence.ends_apart:.0f} % of each and more lie beyond the other's"
         )
 
 
 def rims_apart(evidence: Evidence) -> Iterator[str]:
     """The faces of both scans in the planes that they share end at different places."""
-    if evidence.rims_shared < RIMS_SHARED:
+    if evidence.rims_shared < rims_limit(evidence):
         yield (
-            "the scans have three planes in common at most, which fit many corners, and their faces end at different "
+            "the scans have a few planes in common at most, which fit many corners, and their faces end at different "
             f"places: {100 * evidence.rims_shared:.0f} % of the rims of one are rims of the other"
         )
 
@@ -54,6 +63,15 @@ def rims_elsewhere(evidence: Evidence) -> Iterator[str]:
             "the scans have three planes in common at most, and their faces would end together elsewhere: after a "
             f"slide by {evidence.length(slide)} {100 * gained:.0f} % more of the rims of "
             "one are rims of the other; two sides of a thin wall may have been laid on each other"
+        )
+
+
+def opposed_edges(evidence: Evidence) -> Iterator[str]:
+    """Faces beside the rims that both scans show turn to opposite sides."""
+    if evidence.opposed_edges > OPPOSED_EDGES:
+        yield (
+            f"beside {100 * evidence.opposed_edges:.0f} % of the rims that both scans show in one plane the faces turn "
+            "to opposite sides: two sides of a wall may have been laid on each other"
         )
 
 

@@ -52,7 +52,7 @@ def _remarks(evidence: Evidence) -> Iterator[Reason]:
             "part differs there (a defect, another revision), or something touches it; the others hold the pose",
             "local_difference",
         )
-    if math.isfinite(evidence.ends_apart):
+    if math.isfinite(evidence.ends_apart) and math.isfinite(evidence.largest_plane):
         yield Reason(
             "the scans have three planes in common at most, which fit at any scale: whether one is scaled, mirrored, "
             "or stretched along an edge, cannot be told",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg.trust.common_planes import CommonPlanes
-from dqreg.trust.limits import ENDS_APART, ONE_PLANE, RIMS_GAINED, RIMS_SHARED
+from dqreg.trust.limits import ENDS_APART, ONE_PLANE, OPPOSED_EDGES, RIMS_GAINED, RIMS_SHARED
 from dqreg.trust.overlap import IndexedPoints, Overlap
 from tests.strategies import FloatArray
 from tests.trust.shapes import sphere
@@ -84,7 +84,37 @@ def test_a_face_alone_is_one_plane() -> None:
     assert between(top, again).largest > ONE_PLANE
 
 
+def test_the_top_of_a_plate_laid_on_its_bottom_is_told_by_the_sides_below_and_above() -> None:
+    one, other = corner((30.0, 40.0, 12.0), 1), corner((30.0, 40.0, 12.0), 2)
+    upside_down = other * (1.0, 1.0, -1.0)  # Laid on the plane at height zero, its sides stand where the other's hang
+    assert between(one, upside_down).opposed_edges() > 2.0 * OPPOSED_EDGES
+    assert between(upside_down, one).opposed_edges() > 2.0 * OPPOSED_EDGES
+    assert between(one, other).opposed_edges() < 0.1 * OPPOSED_EDGES
+
+
+def test_a_face_that_ends_at_nothing_opposes_none() -> None:
+    one, other = (side[np.abs(side[:, 0]) < 0.1] for side in (corner((30.0, 40.0, 55.0), seed) for seed in (1, 2)))
+    assert np.isnan(between(one, other).opposed_edges())
+
+
+def test_a_box_of_six_planes_ends_like_itself_and_not_like_another_one() -> None:
+    # A step on a block: five planes that both show; the other part is longer on one side, wider on the other.
+    def stepped(edges: tuple[float, float, float], seed: int) -> FloatArray:
+        low, rng = corner(edges, seed), np.random.default_rng(seed)
+        step = corner((12.0, 15.0, 10.0), seed) + np.array([8.0, 9.0, 0.0])
+        hidden = (np.abs(low[:, 2]) < 0.1) & (low[:, 0] > 8.0) & (low[:, 0] < 20.0) & (low[:, 1] > 9.0)
+        return np.concatenate([low[~(hidden & (low[:, 1] < 24.0))], step[rng.permutation(len(step))[:1_500]]])
+
+    one, same, other = stepped((45.0, 40.0, 30.0), 1), stepped((45.0, 40.0, 30.0), 2), stepped((30.0, 55.0, 42.0), 3)
+    assert len(between(one, same).planes) > 3
+    assert between(one, same).are_all
+    assert not between(one, same).are_a_corner
+    assert between(one, same).ends_apart() < 0.5 * ENDS_APART
+    assert between(one, other).ends_apart() > 2.0 * ENDS_APART
+
+
 @pytest.mark.parametrize("seed", range(2))
-def test_where_more_is_in_common_nothing_is_said(seed: int) -> None:
+def test_the_planes_of_a_ball_hold_little_of_it(seed: int) -> None:
     one, other = (1.0 * sphere(np.random.default_rng(k), 3_000)[0] for k in (seed, seed + 10))
-    assert planes_of(one, other) is None
+    found = planes_of(one, other)
+    assert found is None or not found.are_all

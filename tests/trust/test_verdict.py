@@ -94,14 +94,24 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "ends_apart",
     ),
     "rims apart": (
-        {"rims_shared": limits.RIMS_SHARED - 0.01},
+        {"rims_shared": limits.RIMS_SHARED - 0.01, "largest_plane": 0.5},
         "59 % of the rims of one are rims of the other",
+        "rims_apart",
+    ),
+    "rims apart, in more planes than a corner's": (
+        {"rims_shared": limits.RIMS_SHARED_MANY - 0.01},
+        "39 % of the rims of one are rims of the other",
         "rims_apart",
     ),
     "rims elsewhere": (
         {"rims_elsewhere": (limits.RIMS_GAINED + 0.01, 3.2)},
         "slide by 3.2 16 % more of the rims of one are rims of the other",
         "rims_elsewhere",
+    ),
+    "opposed edges": (
+        {"opposed_edges": limits.OPPOSED_EDGES + 0.1},
+        "beside 50 % of the rims that both scans show in one plane the faces turn to opposite sides",
+        "opposed_edges",
     ),
     "one plane": (
         {"largest_plane": limits.ONE_PLANE + 0.005},
@@ -215,7 +225,7 @@ def test_nothing_against_it_is_accepted_and_says_why() -> None:
 
 
 def test_what_an_accepted_pose_leaves_open_is_remarked_and_is_no_doubt() -> None:
-    verdict = judge(dataclasses.replace(GOOD, share_together=0.023, ends_apart=0.0))
+    verdict = judge(dataclasses.replace(GOOD, share_together=0.023, ends_apart=0.0, largest_plane=0.5))
     assert verdict.level == "accepted"
     assert verdict.codes == ("accepted", "local_difference", "scale_unobservable")
     assert "2.3 % of the points near the target lie beside each other off it" in verdict.reasons[1]
