@@ -11,9 +11,9 @@ from dqreg.rigid import pose
 
 # Orders that are tried; a symmetry of one that is no prime has those of its primes.
 PRIMES, HIGHEST = (2, 3, 5, 7, 11), 12
-# Points that screen turns and that refine them, how many are refined, in how many rounds, and the share of the nearest
-# points that a round of it believes.
-SCREENING, FITTING, REFINED, ROUNDS, BELIEVED = 300, 1_000, 12, 12, 0.8
+# Points that screen turns and that refine them, how many are refined, in how many rounds, the share of the nearest
+# points that a round of it believes, and how many of those it takes.
+SCREENING, FITTING, REFINED, ROUNDS, BELIEVED, FEWEST = 300, 1_000, 12, 12, 0.8, 12
 # Directions of large faces that may be axes besides the principal ones, and the cosine of those that are one.
 FACES, SAME_DIRECTION = 4, 0.98
 # A turn refined has its angle within this, in radians, and slides along its axis by less than this, in sizes.
@@ -116,7 +116,7 @@ def _refined(D: FloatArray, points: FloatArray, normals: FloatArray, tree: Neigh
         good = (apart[:, 0] <= np.quantile(apart[:, 0], BELIEVED)) & (
             np.abs(np.einsum("ij,ij->i", normals[rows] @ D[:3, :3].T, normals[near])) > SAME_DIRECTION
         )
-        if good.sum() < 12:
+        if np.count_nonzero(good) < FEWEST:
             break
         moved, n = moved[good], normals[near[good]]
         lines = np.hstack([np.cross(moved - centre, n), n])
