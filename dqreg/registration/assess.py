@@ -140,6 +140,7 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
         faces_apart=overlap.apart(size, covariance),
         ends_apart=planes.ends_apart() if planes and planes.are_all else np.nan,
         opposed_edges=planes.opposed_edges() if planes else np.nan,
+        closed_hole=planes.closed_hole() if planes and planes.are_all else np.nan,
         rims_shared=planes.rims_shared() if planes and planes.are_all else np.nan,
         rims_elsewhere=planes.rims_elsewhere(size) if planes and planes.are_a_corner else (np.nan, 0.0),
         largest_plane=planes.largest if planes and planes.are_a_corner else np.nan,

@@ -139,6 +139,12 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "%",
         lambda e: (e.opposed_edges, limits.OPPOSED_EDGES),
     ),
+    "closed_hole": (
+        "Diameter of a hole in one scan's face that the other's face closes, of the size",
+        "at most",
+        "%",
+        lambda e: (e.closed_hole / e.size, 0.0),
+    ),
     "one_plane": (
         "Places that both scans show in one plane",
         "at most",

@@ -11,7 +11,17 @@ from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.spacing import measure_spacing
-from dqreg.trust.face_rims import Plane, Points, Rims, opposed_rims, rims_in, rows_in, shared_along, shared_rims
+from dqreg.trust.face_rims import (
+    Plane,
+    Points,
+    Rims,
+    closed_hole,
+    opposed_rims,
+    rims_in,
+    rows_in,
+    shared_along,
+    shared_rims,
+)
 from dqreg.trust.overlap import Overlap
 
 # Planes of a corner, which fix a pose and leave nothing to check it by; most planes that are found, of which a corner
@@ -77,6 +87,16 @@ class CommonPlanes:
         for few such rims.
         """
         return float(np.fmax.reduce([opposed_rims(one, other) for one, other in zip(*self._rims, strict=True)]))
+
+    def closed_hole(self) -> float:
+        """Diameter of the largest hole in a face of either cloud that the other one's face closes; 0 for none."""
+        one, other = self.sides
+        widest = 0.0
+        for plane, first, second in zip(self.planes, *self._rims, strict=True):
+            if first is not None and second is not None:
+                here = closed_hole(one, other, plane, self.within, first.spacing)
+                widest = max(widest, here, closed_hole(other, one, plane, self.within, second.spacing))
+        return widest
 
     def ends_apart(self) -> float:
         """Share of the faces in the planes that reach beyond the other cloud, of that of two which has less of it.

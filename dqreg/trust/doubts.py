@@ -32,6 +32,7 @@ from dqreg.trust.limits import (
 from dqreg.trust.records import Code
 from dqreg.trust.shape_doubts import (
     bent,
+    closed_hole,
     deformed,
     drift,
     ends_apart,
@@ -239,6 +240,7 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("rims_apart", rims_apart),
     ("rims_elsewhere", rims_elsewhere),
     ("opposed_edges", opposed_edges),
+    ("closed_hole", closed_hole),
     ("one_plane", one_plane),
     ("disagreeing_normals", _disagreeing_normals),
     ("outliers", _outliers),

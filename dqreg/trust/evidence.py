@@ -91,6 +91,9 @@ class Evidence:
     opposed_edges : float
         Share of the rims of both scans in a common plane beside which their faces turn to opposite sides, of the plane
         with most of it; NaN for few.
+    closed_hole : float
+        Diameter of the largest hole in a face of one scan, in those planes, that a face of the other one closes, 0 for
+        none; NaN where they have more in common. A length.
     largest_plane : float
         Share of the places that both scans show which the largest of three planes holds; NaN where they have more in
         common.
@@ -158,6 +161,7 @@ class Evidence:
     rims_elsewhere: tuple[float, float] = (math.nan, 0.0)
     share_on_faces: float = math.nan
     opposed_edges: float = math.nan
+    closed_hole: float = math.nan
 
     @property
     def contradiction(self) -> float:

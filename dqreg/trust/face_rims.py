@@ -1,4 +1,4 @@
-"""Rims of the faces of a cloud in a plane: where they are, and whether another cloud's faces end there too."""
+"""Rims and holes of the faces of a cloud in a plane: where they are, and whether another cloud has them too."""
 
 from __future__ import annotations
 
@@ -26,6 +26,16 @@ FEWEST_RIMS = 30
 # Neighbours of a rim in space, within so many spacings, that tell to which side of the plane the faces beside it turn:
 # as many at least, nearly all on one side. Rims that both clouds have in a plane without which nothing is said of them.
 BESIDE_RIM, REACH, TURNING, NEARLY_ALL, FEWEST_TURNING = 20, 3.0, 2, 0.9, 10
+# Width of a cell of the plane, in spacings of its points; a plane of more cells has a point far away, and is not asked.
+CELL, MOST_CELLS = 2.0, 1 << 22
+# Cells of a hole, and how much of them the other's face holds: of right pairs of generated views gaps of up to 4 cells
+# between the points were filled.
+FEWEST_CELLS, FILLED = 5, 0.8
+# So many cells around a hole so much of them holds points: beams of a LiDAR leave gaps on the ground amid gaps (0.81 at
+# most), holes of generated views are in whole faces (0.97 at least).
+SURROUNDING, WHOLE = 3, 0.9
+# What stands beside the hole, so many cells high at most, may hide the face there from one side.
+STANDING = 20.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -153,6 +163,53 @@ def shared_along(
             total[side] += np.count_nonzero(cloud.counted)
     shares = np.where(total < FEWEST_RIMS, np.nan, shared.T / np.maximum(total, 1.0))
     return slides * step, np.fmax(shares[:, 0], shares[:, 1])
+
+
+def closed_hole(one: Points, other: Points, plane: Plane, within: float, spacing: float) -> float:
+    """Diameter of the largest hole in a cloud's faces in a plane where another one's faces go on; 0 for none.
+
+    Spacing is that of the first cloud's points in the plane. A hole is a place without points that these enclose. Where
+    anything of the other cloud stands beside it, that may hide the face from one side, and nothing is said.
+    """
+    from scipy.ndimage import binary_dilation, label
+
+    across = np.linalg.svd(plane.normal[None])[2][1:]
+    (points, tree), (others, other_tree) = one, other
+    inside = (points[rows_in(points, tree, plane, within, MOSTLY)] - plane.middle) @ across.T
+    if not len(inside) or not spacing > 0.0:
+        return 0.0
+    cell = CELL * spacing
+    # A free cell all around, so that what is outside is one.
+    low = inside.min(axis=0) - cell
+    shape = np.floor((inside.max(axis=0) - low) / cell).astype(np.intp) + 2
+    if float(shape[0]) * float(shape[1]) > MOST_CELLS:
+        return 0.0
+
+    def held(cloud: FloatArray) -> BoolArray:
+        """Cells that hold points of the plane, (n, 2)."""
+        at: IntArray = np.floor((cloud - low) / cell).astype(np.intp)
+        cells = np.zeros(shape, dtype=bool)
+        cells[tuple(at[((at >= 0) & (at < shape)).all(axis=1)].T)] = True
+        return cells
+
+    own = held(inside)
+    gaps, count = label(~own)
+    face = held((others[rows_in(others, other_tree, plane, within, MOSTLY)] - plane.middle) @ across.T)
+    heights = np.abs((others - plane.middle) @ plane.normal)
+    beside = (heights >= within) & (heights < STANDING * cell)
+    standing = held((others[beside] - plane.middle) @ across.T)
+    sizes = np.bincount(gaps.ravel(), minlength=count + 1)
+    filled = np.bincount(gaps.ravel(), face.ravel(), minlength=count + 1)
+    widest = 0
+    for k in np.flatnonzero((sizes >= FEWEST_CELLS) & (filled >= FILLED * sizes)):
+        # The first gap begins in a corner, outside; none is the number of what is held.
+        if k in (0, gaps[0, 0]):
+            continue
+        hole = gaps == k
+        around = binary_dilation(hole, iterations=SURROUNDING) & ~hole
+        if own[around].mean() >= WHOLE and not (binary_dilation(hole) & standing).any():
+            widest = max(widest, int(sizes[k]))
+    return 2.0 * cell * float(np.sqrt(widest / np.pi))
 
 
 def _open_sides(flat: FloatArray) -> tuple[FloatArray, FloatArray, float]:

@@ -38,6 +38,7 @@ Code = Literal[
     "rims_apart",
     "rims_elsewhere",
     "opposed_edges",
+    "closed_hole",
     "one_plane",
     "disagreeing_normals",
     "outliers",

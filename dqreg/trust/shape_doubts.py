@@ -75,6 +75,15 @@ def opposed_edges(evidence: Evidence) -> Iterator[str]:
         )
 
 
+def closed_hole(evidence: Evidence) -> Iterator[str]:
+    """A hole in one scan is none in the other."""
+    if evidence.closed_hole > 0.0:
+        yield (
+            f"a hole {evidence.length(evidence.closed_hole)} wide in a face of one scan is closed in the other, and "
+            "nothing stands there: another part, or another face of it"
+        )
+
+
 def one_plane(evidence: Evidence) -> Iterator[str]:
     """Both scans have one face in common."""
     if evidence.largest_plane > ONE_PLANE:

@@ -113,6 +113,40 @@ def test_a_box_of_six_planes_ends_like_itself_and_not_like_another_one() -> None
     assert between(one, other).ends_apart() > 2.0 * ENDS_APART
 
 
+def drilled(points: FloatArray, at: tuple[float, float], radius: float) -> FloatArray:
+    """Without what lies in a hole of the face at height zero."""
+    return points[(np.abs(points[:, 2]) > 0.1) | (np.linalg.norm(points[:, :2] - at, axis=1) > radius)]
+
+
+def test_a_hole_of_one_face_that_the_other_closes_is_told_by_its_width() -> None:
+    one, other = (drilled(corner((30.0, 40.0, 12.0), k), (15.0, 20.0), 6.0) for k in (1, 2))
+    elsewhere, whole = drilled(corner((30.0, 40.0, 12.0), 2), (15.0, 30.0), 6.0), corner((30.0, 40.0, 12.0), 3)
+    assert between(one, other).closed_hole() == 0.0
+    for wrong in (elsewhere, whole):
+        # As wide as the free cells are, of two spacings of 0.6.
+        assert between(one, wrong).closed_hole() == pytest.approx(12.0, abs=2.4)
+        assert between(wrong, one).closed_hole() == pytest.approx(12.0, abs=2.4)
+
+
+def test_what_stands_in_a_place_that_the_other_scan_does_not_see_is_no_closed_hole() -> None:
+    # The shadow of a pin, which the second scan shows with the face around it.
+    one, other = drilled(corner((30.0, 40.0, 12.0), 1), (15.0, 20.0), 6.0), corner((30.0, 40.0, 12.0), 2)
+    pin = np.array([15.0, 20.0, 0.0]) + np.random.default_rng(3).uniform((-1, -1, 0), (1, 1, 9), (200, 3))
+    assert between(one, np.concatenate([other, pin])).closed_hole() == 0.0
+
+
+def test_a_gap_amid_gaps_is_no_hole() -> None:
+    # As beams and shadows leave them on the ground, which the second scan shows whole.
+    one, other = corner((30.0, 40.0, 12.0), 1), corner((30.0, 40.0, 12.0), 2)
+    crossed = one[(np.abs(one[:, 2]) > 0.1) | (one[:, :2] % 12.0 < 2.5).any(axis=1)]
+    assert between(crossed, other).closed_hole() == 0.0
+
+
+def test_a_notch_in_the_border_is_no_hole() -> None:
+    one, other = drilled(corner((30.0, 40.0, 12.0), 1), (30.0, 20.0), 6.0), corner((30.0, 40.0, 12.0), 2)
+    assert between(one, other).closed_hole() == 0.0
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_the_planes_of_a_ball_hold_little_of_it(seed: int) -> None:
     one, other = (1.0 * sphere(np.random.default_rng(k), 3_000)[0] for k in (seed, seed + 10))

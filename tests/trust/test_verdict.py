@@ -113,6 +113,11 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "beside 50 % of the rims that both scans show in one plane the faces turn to opposite sides",
         "opposed_edges",
     ),
+    "closed hole": (
+        {"closed_hole": 0.03, "size": 1.0},
+        "a hole 0.03 wide in a face of one scan is closed in the other",
+        "closed_hole",
+    ),
     "one plane": (
         {"largest_plane": limits.ONE_PLANE + 0.005},
         "99 % of what both scans show lie in one plane",
