@@ -28,8 +28,9 @@ from dqreg.rigid import pose
 
 # A point belongs to its run's face if it is so many widths inside each side of it and off it by less than so many.
 INSIDE, OFF = 3.0, 4.0
-# Where the points of a run scatter about the face by more widths than this, there is more than one face: a sheet, say.
-ONE_FACE = 1.5
+# Where the points of a run scatter about their mean by more widths than this, there are two faces and more: a sheet.
+# About the face itself they may: runs left out for that would be those that shared noise has moved most.
+ONE_FACE = 1.3
 # Points looked at in one go: what is in between stays in the cache.
 CHUNK = 65_536
 

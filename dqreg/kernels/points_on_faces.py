@@ -28,7 +28,7 @@ def points_on_faces(
     """Write which points of runs first to last lie on their face, (m, k), their means and their scatter along it. O(n).
 
     A point lies on a face if it is farther than ``inside`` from its sides and no farther than ``off`` from it; a run
-    whose points scatter about it by more than ``thick`` has none. Points stand at the pose, and come back as given.
+    whose points scatter about their mean height by more than ``thick`` has none. Points come back as given.
     """
     planes = np.zeros((4, 4))
     for r in range(first, last):
@@ -48,11 +48,12 @@ def points_on_faces(
                 count += 1
                 total, squares = total + h, squares + h * h
                 x, y, z = x + points[i, 0], y + points[i, 1], z + points[i, 2]
-        if squares > count * thick * thick:
+        if count > 0:
+            within[r] = squares - total * total / count
+        if within[r] > count * thick * thick:
             for j in range(length):
                 on[r, j] = False
         if count > 0:
-            within[r] = squares - total * total / count
             means[r, 0], means[r, 1], means[r, 2] = x / count, y / count, z / count
 
 

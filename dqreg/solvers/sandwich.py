@@ -19,6 +19,8 @@ NEXT = 4
 NEIGHBOURS_AGREE, SHARED = 1.5, 3.0
 # A patch of less than this share of the weight of the heaviest is of outliers: how far off they are is no noise.
 LIGHT = 0.1
+# A fit that follows more of the noise than this leaves too little to tell its size by.
+LEAST_LEFT = 0.25
 # Ranges tried: from that many distances between patches, so many by that factor, up to this fraction of the extent.
 NEAREST, STEPS, FACTOR, FARTHEST = 1.5, 16, 2.0**0.5, 0.5
 # Information below this fraction of the largest is none: the smooth surface may constrain what the facets leave free.
@@ -78,8 +80,9 @@ def scatter_of(
         return coarse
     pulls = [mix.T @ _sums(rows * (weights * along), starts) for along in normals.T]
     between = sum(product(pull, shared) @ pull.T for pull in pulls)
+    left = patches.left_by_fit(shared, mix.T @ _sums(rows * weights, starts), bread)
     fine = _sandwich(bread, mix.T @ sums[: len(rows)], variance * known)
-    return larger(coarse, fine + bread @ between @ bread)
+    return larger(coarse, fine + bread @ (between / left) @ bread)
 
 
 def _starts(total: int, patches: int, counts: FloatArray | None) -> IntArray:
@@ -143,6 +146,7 @@ class _Patches:
     points: FloatArray
     normals: FloatArray
     residuals: FloatArray
+    weights: FloatArray  # Sums
     variance: float  # Mean square of the residuals of the others
 
     @staticmethod
@@ -153,7 +157,7 @@ class _Patches:
         light = total < least * total.max()
         if light.any():
             normals, means = np.where(light[:, None], 0.0, normals), np.where(light, 0.0, means)
-        return _Patches(points, normals, means, float(np.sum(means**2)) / np.count_nonzero(~light))
+        return _Patches(points, normals, means, total, float(np.sum(means**2)) / np.count_nonzero(~light))
 
     def neighbour_agreement(self) -> float:
         """Agreement of patches that follow each other, in standard errors of independent noise."""
@@ -188,6 +192,21 @@ class _Patches:
         covariance = np.zeros((len(points), len(points)))
         spherical_covariance(points, float(agreements[best] / norms[best]), float(ranges[best]), covariance)
         return covariance
+
+    def left_by_fit(self, shared: FloatArray, pulls: FloatArray, bread: FloatArray) -> float:
+        """Share of a covariance between patches that the fit leaves in their residuals: it has followed the rest.
+
+        Residuals are ``P e`` of the errors e, so that products of theirs tell ``P K P^T`` where K was meant (Patterson
+        and Thompson 1971). Shapes: shared (m, m), pulls (k, m): weighted rows of each patch, bread (k, k).
+        """
+        along = shared * product(self.normals, self.normals.T)
+        # What the fit follows of errors is H e, H = X bread X^T W with the mean rows X.
+        hat = product((pulls / self.weights).T, bread)
+        followed = product(hat, product(pulls, along))
+        left = along - followed - followed.T + product(product(followed, pulls.T), hat.T)
+        np.fill_diagonal(left, 0.0)
+        meant = float(np.vdot(along, along))
+        return max(float(np.vdot(along, left)) / meant, LEAST_LEFT) if meant > 0.0 else 1.0
 
 
 def _spherical(h: FloatArray) -> FloatArray:

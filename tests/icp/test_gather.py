@@ -108,6 +108,18 @@ def test_the_two_sides_of_a_sheet_are_not_taken_for_one(thickness: float) -> Non
     assert np.mean(pairs.scan.counts > 1.0) <= 0.2
 
 
+def test_noise_that_a_run_shares_does_not_take_its_weight(scan: Scan) -> None:
+    # One displacement for each cube of space of a twelfth of the size. Runs that it moved by two widths and more once
+    # weighed a tenth, and the scatter of the others, 0.78 of the true one, was all that the covariance saw.
+    rng = np.random.default_rng(4)
+    _, cubes = np.unique(np.floor(scan.points / (SIZE / 12)).astype(int), axis=0, return_inverse=True)
+    moved = scan.points + NOISE * rng.normal(size=(cubes.max() + 1, 3))[cubes.ravel()]
+    pairs = gathered(dataclasses.replace(scan, points=moved), SURFACE, np.eye(4), 2_000, count=1_000)
+    alone = find_correspondences(dataclasses.replace(scan, points=moved), SURFACE, np.eye(4))
+    together = np.sqrt(np.average(pairs.squares, weights=pairs.scan.counts))
+    assert together == pytest.approx(np.sqrt(np.mean(alone.distances**2)), rel=0.05)
+
+
 def test_strays_in_a_run_are_left_out_of_its_mean(scan: Scan) -> None:
     rng = np.random.default_rng(0)
     spoilt = scan.points.copy()

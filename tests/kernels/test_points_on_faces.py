@@ -23,7 +23,7 @@ def plain(
             inward = np.cross(normals[r], corners[r, b] - corners[r, a])
             insets.append((moved - corners[r, a]) @ (inward / np.linalg.norm(inward)))
         lies = (np.min(insets, axis=0) > INSIDE) & (np.abs(heights) <= OFF)
-        if np.sum(heights[lies] ** 2) > np.count_nonzero(lies) * THICK**2:
+        if lies.any() and np.var(heights[lies]) > THICK**2:
             continue
         on[r] = lies
         if lies.any():
