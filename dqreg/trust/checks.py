@@ -35,8 +35,7 @@ def _inlier_share(evidence: Evidence) -> tuple[float, float]:
 
 
 def _patches(evidence: Evidence) -> tuple[float, float]:
-    allowed = limits.PATCHES_OFF_BORDER if evidence.has_border else limits.PATCHES_OFF
-    return evidence.patches_off, allowed + limits.OFF_PER_STRAY * evidence.strays
+    return evidence.patches_off, limits.most_patches_off(evidence)
 
 
 def _contradicting(evidence: Evidence) -> tuple[float, float]:

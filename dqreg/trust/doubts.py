@@ -16,9 +16,6 @@ from dqreg.trust.limits import (
     HOLDS,
     MIRRORED,
     NORMALS_APART,
-    OFF_PER_STRAY,
-    PATCHES_OFF,
-    PATCHES_OFF_BORDER,
     ROUGH,
     UNCERTAIN,
     UNCERTAIN_RAD,
@@ -26,6 +23,7 @@ from dqreg.trust.limits import (
     counts_all,
     fewest_carriers,
     most_clutter,
+    most_patches_off,
     outlier_share,
     own_noise,
 )
@@ -109,8 +107,7 @@ def _mirrored(evidence: Evidence) -> Iterator[str]:
 
 
 def _deviating_patches(evidence: Evidence) -> Iterator[str]:
-    allowed = PATCHES_OFF_BORDER if evidence.has_border else PATCHES_OFF
-    if not evidence.patches_off <= allowed + OFF_PER_STRAY * evidence.strays:
+    if not evidence.patches_off <= most_patches_off(evidence):
         yield (
             f"{100 * evidence.patches_off:.0f} % of the patches of points within {evidence.length(evidence.near)} of "
             "the target deviate as a whole: a local minimum, another part, or an object that touches the part"

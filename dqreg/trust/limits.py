@@ -84,6 +84,12 @@ RIMS_GAINED = 0.15
 ONE_PLANE = 0.985
 
 
+def most_patches_off(evidence: Evidence) -> float:
+    """Share of the patches that may deviate: more among strays, but points beside each other are none."""
+    allowed = PATCHES_OFF_BORDER if evidence.has_border else PATCHES_OFF
+    return allowed + OFF_PER_STRAY * max(evidence.strays - evidence.share_together, 0.0)
+
+
 def most_clutter(evidence: Evidence) -> float:
     """Share of the scan that may lie off the target; NaN where any may."""
     if evidence.clutter == "none":
