@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, say
+from dqreg.cli.values import FILE
 from dqreg.errors import printable
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from dqreg.compare.engines.registry import EngineSpec
     from dqreg.report.work_bar import WorkBar
 
-FILE = click.Path(path_type=Path)
 # A pipe has no width of its own; the tables need more than the usual 80.
 PIPE_WIDTH = 200
 STOPPED = 130

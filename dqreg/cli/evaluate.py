@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, say
+from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
     from dqreg.compare import GroundTruth, Score
-
-FILE = click.Path(path_type=Path)
 
 
 @click.command()

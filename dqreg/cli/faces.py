@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import as_json_option, consoles, print_json
+from dqreg.cli.values import UNITS
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
     from dqreg.geometry import Mesh
     from dqreg.inspection import Face
     from dqreg.report.table import Table
-
-UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
 
 
 @click.command("faces")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, say
+from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from dqreg._arrays import FloatArray
     from dqreg.solvers import RobotWorldFit
 
-FILE = click.Path(path_type=Path)
 PAIR = (float, float)
 # Rotation that the sensor's noise does not explain, degrees: then the other conventions are looked at.
 DOUBTFUL_DEG = 2.0

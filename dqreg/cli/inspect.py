@@ -13,7 +13,7 @@ from dqreg.cli.inspection_outputs import check_goals, record_of, tell, write
 from dqreg.cli.lazy_group import Choice, SectionedCommand
 from dqreg.cli.outputs import consoles, print_json, read_head, require_below_reach, say
 from dqreg.cli.register import SEARCHES
-from dqreg.cli.values import ToleranceType
+from dqreg.cli.values import FILE, UNITS, ToleranceType
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from dqreg.registration.display_unit import ShownTarget
     from dqreg.registration.result import Registration
 
-UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
-FILE = click.Path(path_type=Path)
 # Columns of a pipe, so that tables are not broken.
 WIDTH = 160
 GOALS = ("report", "pdf", "table", "out", "deviations", "sections", "as_json")

@@ -11,6 +11,7 @@ import click
 
 from dqreg.cli.lazy_group import Choice, SectionedCommand
 from dqreg.cli.outputs import as_json_option, consoles, print_json, say
+from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 # The same words as in the library, which a test compares.
 ORDERS = ("any", "sequence", "turntable")
 EDGES = ("auto", "chain", "ring")
-FILE = click.Path(path_type=Path)
 # Columns of the tables in a pipe.
 WIDTH = 120
 SECTIONS = {

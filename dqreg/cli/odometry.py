@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, say
+from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from dqreg.odometry.motion import MotionPrior
     from dqreg.odometry.scans import Scans
 
-FILE = click.Path(path_type=Path)
 # Frames that are named one by one on the screen; all of them are in --frames.
 NAMED = 20
 # Columns of the table in a pipe.

@@ -19,15 +19,13 @@ from dqreg.cli.outputs import (
     tell_report,
     write_outputs,
 )
-from dqreg.cli.values import ScaleType, ToleranceType
+from dqreg.cli.values import FILE, UNITS, ScaleType, ToleranceType
 from dqreg.errors import InputError
 
 # The same words as in the library, which a test compares: importing them would load the solvers for `--help`.
 METHODS = ("auto", "dq", "dq-points", "svd", "plane", "generalised")
 EFFORTS = ("fast", "normal", "best")
 SEARCHES = ("never", "doubt", "always")
-UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
-FILE = click.Path(path_type=Path)
 if TYPE_CHECKING:
     from dqreg.inspection import Tolerance
 SECTIONS = {

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, deviation_record, print_json, say
+from dqreg.cli.values import FILE
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from dqreg.registration.result import Registration
     from dqreg.report.report_data import ReportData
 
-FILE = click.Path(path_type=Path)
 VIEWS = "best"
 
 
