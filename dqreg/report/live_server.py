@@ -14,7 +14,6 @@ from dqreg.errors import InputError, load_package
 from dqreg.rigid import quaternion
 
 HOST = "127.0.0.1"
-PORT = 8080
 # Longest semi-axis of an ellipsoid as it is drawn, in sizes of the scene.
 ELLIPSOID = 0.12
 

@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import less_identity
-from dqreg.solvers.newton import FreeChart, descend
+from dqreg.solvers.newton import descend
 from dqreg.solvers.quadratic import derivatives, split_derivatives
 from tests.solvers.cost_cases import frames, mixed, numeric_slopes
+from tests.solvers.free_chart import FreeChart
 from tests.solvers.problems import fast
 from tests.strategies import floats
 
