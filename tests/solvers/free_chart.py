@@ -6,7 +6,7 @@ import dataclasses
 from typing import Self
 
 from dqreg._arrays import FloatArray
-from dqreg.rigid import rotations
+from dqreg.rigid import pose, rotations
 from dqreg.solvers.quadratic import QuadraticForm, Slopes, split_derivatives
 
 
@@ -25,8 +25,5 @@ class FreeChart:
 
     def moved(self, step: FloatArray) -> Self:
         """The chart after a step, (6,)."""
-        change = rotations.less_identity(step[:3])
-        moved = self.pose.copy()
-        moved[:3, :3] += change @ self.pose[:3, :3]
-        moved[:3, 3] += change @ (self.pose[:3, 3] - self.centre) + step[3:]
-        return dataclasses.replace(self, pose=moved)
+        turn = pose.about(pose.from_parts(rotations.from_rotation_vector(step[:3]), step[3:]), self.centre)
+        return dataclasses.replace(self, pose=turn @ self.pose)
