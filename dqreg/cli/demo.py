@@ -44,8 +44,8 @@ def demo(out: Path, quiet: bool) -> int:
     console, _ = consoles(quiet=quiet, as_json=False)
     say(
         console,
-        f"scan {case.scan.name} to {case.part.name} ({case.units}), start {case.truth['start_angle_deg']:g} degrees "
-        f"and {case.truth['start_offset']:.3g} {case.units} off",
+        f"scan {case.scan.name} to {case.part.name} ({case.units}), initial pose {case.truth['start_angle_deg']:g} "
+        f"degrees and {case.truth['start_offset']:.3g} {case.units} off",
     )
     with make_progress(console, quiet=quiet, unit=case.units) as progress:
         load_open3d()

@@ -164,8 +164,8 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
             (counts.other_surfaces, "on surfaces that leave the part (--keep counts them)"),
             (counts.outliers, "outliers"),
         ]
-        without = "; ".join(f"{number} {words}" for number, words in others if number)
-        counted = f"{summary.count} of {counts.total} points, without {without}"
+        left_out = "; ".join(f"{number} {words}" for number, words in others if number)
+        counted = f"{summary.count} of {counts.total} points (left out: {left_out})"
     sign = "+" if deviations.signed else ""
     lines = [("deviations", f"{counted}; {deviations.reason}")]
     if not summary.count:
