@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 as_json_option = click.option("--json", "as_json", is_flag=True, help="The result as JSON on standard output, and "
                               "nothing else there.")  # fmt: skip
+quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 
 # Places of deviations that are worth a line on the screen; the file holds them all.
 PLACES = 5

@@ -13,6 +13,7 @@ from dqreg.cli.outputs import (
     consoles,
     deviation_record,
     print_json,
+    quiet_option,
     require_below_reach,
     tell_decision,
     tell_deviations,
@@ -88,7 +89,7 @@ SECTIONS = {
               "and parts whose sizes differ as mm and inches do are refused.")  # fmt: skip
 @click.option("--scale", type=ScaleType(), default="1", show_default=True, metavar="solve|FACTOR", help="Scale factor "
               "of SCAN besides its unit; solve estimates it with its uncertainty.")  # fmt: skip
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@quiet_option
 def register_command(
     scan: Path,
     target: Path,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.outputs import as_json_option, consoles, deviation_record, print_json, say
+from dqreg.cli.outputs import as_json_option, consoles, deviation_record, print_json, quiet_option, say
 from dqreg.cli.values import FILE
 from dqreg.errors import InputError
 
@@ -36,7 +36,7 @@ VIEWS = "best"
               "alternatives, the ellipsoid of the pose. Works over ssh.")  # fmt: skip
 @click.option("--port", type=int, default=8080, show_default=True, help="Port of --serve; the next free one if taken.")
 @as_json_option
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@quiet_option
 def show(
     result: Path,
     source: Path | None,
