@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.lazy_group import Choice
-from dqreg.cli.outputs import as_json_option, consoles, print_json, read_head, say
+from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, read_head, say
 from dqreg.cli.signals import PoliteSignals
-from dqreg.cli.values import ToleranceType
+from dqreg.cli.values import FILE, UNITS, ToleranceType
 from dqreg.errors import printable
 
 if TYPE_CHECKING:
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
     from dqreg.registration.result import Registration
     from dqreg.report.work_bar import WorkBar
 
-FILE = click.Path(path_type=Path)
-UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
 # Decisions on a part, the good first.
 OUTCOMES = ("pass", "undecided", "fail")
 # Rows that are named one by one on the screen; all of them are in the summary.
@@ -68,7 +65,7 @@ WIDTH, HEIGHT, DOTS = 240, 180, 20_000
               "inspected.")  # fmt: skip
 @click.option("--no-thumbnails", "thumbnails", flag_value=False, default=True, help="No pictures in the summary.")
 @as_json_option
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@quiet_option
 def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, quiet: bool, **options: Any) -> int:
     """Register every row of MANIFEST, each in a worker process: a crash or a time-out affects one row.
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.outputs import as_json_option, consoles, print_json, say
+from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
+from dqreg.cli.values import FILE
 from dqreg.errors import printable
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from dqreg.compare.engines.registry import EngineSpec
     from dqreg.report.work_bar import WorkBar
 
-FILE = click.Path(path_type=Path)
 # A pipe has no width of its own; the tables need more than the usual 80.
 PIPE_WIDTH = 200
 STOPPED = 130
@@ -65,7 +65,7 @@ NOT_OF_TRUST = ("engines", "files", "start", "truth", "source_units", "target_un
 @click.option("--plots", type=FILE, help="Folder for the plots as PNG.")
 @click.option("--list", "show", is_flag=True, help="List the engines and exit.")
 @as_json_option
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@quiet_option
 def compare(inputs: tuple[Path, ...], show: bool, as_json: bool, quiet: bool, **options: Any) -> int:
     """Run every engine, dqreg's and its peers', on the same tasks: success rate, pose error, time and memory.
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dqreg.cli.outputs import consoles, say, write_outputs
+from dqreg.cli.outputs import consoles, quiet_option, say, write_outputs
+from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -21,9 +22,9 @@ TOLERANCE_MM = 0.15
 
 
 @click.command()
-@click.option("--out", type=click.Path(path_type=Path), default=Path("dqreg-demo"), show_default=True,
+@click.option("--out", type=FILE, default=Path("dqreg-demo"), show_default=True,
               help="Folder for the files it writes.")  # fmt: skip
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@quiet_option
 def demo(out: Path, quiet: bool) -> int:
     """Register the shipped scan of a bracket to its CAD model, from 20 degrees off.
 
@@ -44,8 +45,8 @@ def demo(out: Path, quiet: bool) -> int:
     console, _ = consoles(quiet=quiet, as_json=False)
     say(
         console,
-        f"scan {case.scan.name} to {case.part.name} ({case.units}), start {case.truth['start_angle_deg']:g} degrees "
-        f"and {case.truth['start_offset']:.3g} {case.units} off",
+        f"scan {case.scan.name} to {case.part.name} ({case.units}), initial pose {case.truth['start_angle_deg']:g} "
+        f"degrees and {case.truth['start_offset']:.3g} {case.units} off",
     )
     with make_progress(console, quiet=quiet, unit=case.units) as progress:
         load_open3d()

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.outputs import as_json_option, consoles, say
+from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
+from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
     from dqreg.compare import GroundTruth, Score
-
-FILE = click.Path(path_type=Path)
 
 
 @click.command()
@@ -27,7 +26,7 @@ FILE = click.Path(path_type=Path)
               "more than this, target units.")  # fmt: skip
 @click.option("--out", type=FILE, help="Write the figures as JSON.")
 @as_json_option
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@quiet_option
 def evaluate(
     result: Path,
     truth: Path,
@@ -64,12 +63,11 @@ def evaluate(
     if within is not None:
         say(console, f"{'within' if good else 'NOT within'} {within:g} {unit or 'target units'}")
     values = {**dataclasses.asdict(score), "size": known.size, "units": unit}
-    text = json.dumps(plain(values), indent=1, allow_nan=False)
     if out is not None:
-        write_atomically(out, text + "\n")
+        write_atomically(out, json.dumps(plain(values), indent=1, allow_nan=False) + "\n")
         say(console, f"wrote {out}")
     if as_json:
-        click.echo(text)
+        print_json(values)
     return 1 if within is not None and not good else 0
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import as_json_option, consoles, print_json
+from dqreg.cli.values import FILE, UNITS
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,11 +17,9 @@ if TYPE_CHECKING:
     from dqreg.inspection import Face
     from dqreg.report.table import Table
 
-UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
-
 
 @click.command("faces")
-@click.argument("part", type=click.Path(path_type=Path))
+@click.argument("part", type=FILE)
 @click.option("--near", type=float, nargs=3, metavar="X Y Z", help="Only the face that is closest to this point.")
 @click.option("--box", type=float, nargs=6, metavar="X Y Z X Y Z", help="Only the faces that lie in this box as a "
               "whole: two opposite corners.")  # fmt: skip
@@ -65,7 +63,7 @@ def faces_command(
         if not faces:
             raise InputError("no face of the part lies as a whole in that box")
     if as_json:
-        print_json({"units": mesh.units, "faces": [_record(face) for face in faces]})
+        print_json({"units": mesh.units, "faces": [dataclasses.asdict(face) for face in faces]})
         return 0
     console, _ = consoles(quiet=False, as_json=False)
     print_tables(console, [_table(faces, mesh.units or "", part.name)])
@@ -134,10 +132,3 @@ def _vector(face: Face) -> str:
 
 def _place(face: Face) -> str:
     return " ".join(f"{x + 0.0:.6g}" for x in face.centre.round(9))
-
-
-def _record(face: Face) -> dict[str, Any]:
-    """A face as plain values; the feature under its own name."""
-    import dataclasses
-
-    return dataclasses.asdict(face)

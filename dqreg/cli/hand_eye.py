@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.outputs import as_json_option, consoles, print_json, say
+from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
+from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from dqreg._arrays import FloatArray
     from dqreg.solvers import RobotWorldFit
 
-FILE = click.Path(path_type=Path)
 PAIR = (float, float)
 # Rotation that the sensor's noise does not explain, degrees: then the other conventions are looked at.
 DOUBTFUL_DEG = 2.0
@@ -51,7 +51,7 @@ NAMES = {"hand": ("T_base_target", "T_hand_eye"), "world": ("T_hand_target", "T_
               "the residuals].")  # fmt: skip
 @click.option("--out", type=FILE, help="Write the result as JSON.")
 @as_json_option
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@quiet_option
 def hand_eye_command(file: Path, eye: Path | None, **options: Any) -> int:
     """Calibrate a sensor on a robot: its pose on the hand (or beside the robot), how sure it is, and the residuals.
 

@@ -11,9 +11,9 @@ from dqreg.cli.attempts import look_swapped, register_files
 from dqreg.cli.faces import read_part_in
 from dqreg.cli.inspection_outputs import check_goals, record_of, tell, write
 from dqreg.cli.lazy_group import Choice, SectionedCommand
-from dqreg.cli.outputs import consoles, print_json, read_head, require_below_reach, say
+from dqreg.cli.outputs import consoles, print_json, quiet_option, read_head, require_below_reach, say
 from dqreg.cli.register import SEARCHES
-from dqreg.cli.values import ToleranceType
+from dqreg.cli.values import FILE, UNITS, ToleranceType
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from dqreg.registration.display_unit import ShownTarget
     from dqreg.registration.result import Registration
 
-UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
-FILE = click.Path(path_type=Path)
 # Columns of a pipe, so that tables are not broken.
 WIDTH = 160
 GOALS = ("report", "pdf", "table", "out", "deviations", "sections", "as_json")
@@ -101,7 +99,7 @@ class InspectCommand(SectionedCommand):
 @click.option("--seed", type=int, metavar="N", default=0, show_default=True, help="Seed of all random draws.")
 @click.option("--json", "as_json", type=FILE, metavar="[FILE.json]",
               help="All that was measured as JSON: in a file, or alone on standard output.")  # fmt: skip
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@quiet_option
 def inspect_command(
     scan: Path | None,
     part: Path | None,

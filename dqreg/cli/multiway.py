@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.lazy_group import Choice, SectionedCommand
-from dqreg.cli.outputs import as_json_option, consoles, print_json, say
+from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
+from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 # The same words as in the library, which a test compares.
 ORDERS = ("any", "sequence", "turntable")
 EDGES = ("auto", "chain", "ring")
-FILE = click.Path(path_type=Path)
 # Columns of the tables in a pipe.
 WIDTH = 120
 SECTIONS = {
@@ -56,7 +56,7 @@ SECTIONS = {
 @click.option("--resume", is_flag=True, help="Take the pairs that an interrupted run with the same --out has finished.")
 @click.option("--seed", type=int, default=0, show_default=True, metavar="N", help="Seed of all random draws.")
 @as_json_option
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@quiet_option
 def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **options: Any) -> int:
     """Bring many scans of one object or place into one frame: no initial poses needed.
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.outputs import as_json_option, consoles, print_json, say
+from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
+from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from dqreg.odometry.motion import MotionPrior
     from dqreg.odometry.scans import Scans
 
-FILE = click.Path(path_type=Path)
 # Frames that are named one by one on the screen; all of them are in --frames.
 NAMED = 20
 # Columns of the table in a pipe.
@@ -60,7 +60,7 @@ WIDTH = 120
               "machine alone, until Ctrl-C. Works over ssh.")  # fmt: skip
 @click.option("--port", type=int, default=8080, show_default=True, help="Port of --view; the next free one if taken.")
 @as_json_option
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@quiet_option
 def odometry_command(scans: Path, **options: Any) -> int:
     """Estimate the trajectory of a LiDAR sequence, with a verdict for every frame.
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 as_json_option = click.option("--json", "as_json", is_flag=True, help="The result as JSON on standard output, and "
                               "nothing else there.")  # fmt: skip
+quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 
 # Places of deviations that are worth a line on the screen; the file holds them all.
 PLACES = 5
@@ -164,8 +165,8 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
             (counts.other_surfaces, "on surfaces that leave the part (--keep counts them)"),
             (counts.outliers, "outliers"),
         ]
-        without = "; ".join(f"{number} {words}" for number, words in others if number)
-        counted = f"{summary.count} of {counts.total} points, without {without}"
+        left_out = "; ".join(f"{number} {words}" for number, words in others if number)
+        counted = f"{summary.count} of {counts.total} points (left out: {left_out})"
     sign = "+" if deviations.signed else ""
     lines = [("deviations", f"{counted}; {deviations.reason}")]
     if not summary.count:

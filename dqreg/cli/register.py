@@ -13,21 +13,20 @@ from dqreg.cli.outputs import (
     consoles,
     deviation_record,
     print_json,
+    quiet_option,
     require_below_reach,
     tell_decision,
     tell_deviations,
     tell_report,
     write_outputs,
 )
-from dqreg.cli.values import ScaleType, ToleranceType
+from dqreg.cli.values import FILE, UNITS, ScaleType, ToleranceType
 from dqreg.errors import InputError
 
 # The same words as in the library, which a test compares: importing them would load the solvers for `--help`.
 METHODS = ("auto", "dq", "dq-points", "svd", "plane", "generalised")
 EFFORTS = ("fast", "normal", "best")
 SEARCHES = ("never", "doubt", "always")
-UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
-FILE = click.Path(path_type=Path)
 if TYPE_CHECKING:
     from dqreg.inspection import Tolerance
 SECTIONS = {
@@ -90,7 +89,7 @@ SECTIONS = {
               "and parts whose sizes differ as mm and inches do are refused.")  # fmt: skip
 @click.option("--scale", type=ScaleType(), default="1", show_default=True, metavar="solve|FACTOR", help="Scale factor "
               "of SCAN besides its unit; solve estimates it with its uncertainty.")  # fmt: skip
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@quiet_option
 def register_command(
     scan: Path,
     target: Path,

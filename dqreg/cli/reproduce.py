@@ -7,15 +7,16 @@ from pathlib import Path
 
 import click
 
-from dqreg.cli.outputs import say
+from dqreg.cli.outputs import quiet_option, say
+from dqreg.cli.values import FILE
 
 
 @click.command()
 @click.argument("paper", type=click.Choice(["walker1991", "jia2020"]))
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for the files it writes  [default: dqreg-PAPER].")
+@click.option("--out", type=FILE, help="Folder for the files it writes  [default: dqreg-PAPER].")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all random draws.")
 @click.option("--quick", is_flag=True, help="Fewer trials: seconds, with less exact numbers.")
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@quiet_option
 def reproduce(paper: str, out: Path | None, seed: int, quick: bool, quiet: bool) -> int:
     """Reproduce a paper: tables on the screen; numbers, figures and one HTML page in a folder.
 

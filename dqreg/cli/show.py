@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.outputs import as_json_option, consoles, deviation_record, print_json, say
+from dqreg.cli.outputs import as_json_option, consoles, deviation_record, print_json, quiet_option, say
+from dqreg.cli.values import FILE
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from dqreg.registration.result import Registration
     from dqreg.report.report_data import ReportData
 
-FILE = click.Path(path_type=Path)
 VIEWS = "best"
 
 
@@ -36,7 +36,7 @@ VIEWS = "best"
               "alternatives, the ellipsoid of the pose. Works over ssh.")  # fmt: skip
 @click.option("--port", type=int, default=8080, show_default=True, help="Port of --serve; the next free one if taken.")
 @as_json_option
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@quiet_option
 def show(
     result: Path,
     source: Path | None,

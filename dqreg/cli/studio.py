@@ -7,9 +7,8 @@ from pathlib import Path
 import click
 
 from dqreg.cli.outputs import consoles, say
+from dqreg.cli.values import FILE
 from dqreg.errors import InputError
-
-FILE = click.Path(path_type=Path)
 
 
 @click.command("studio")

@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dqreg.cli.outputs import as_json_option, consoles, print_json, say
+from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
+from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
     from dqreg.synth import Case
 
 
 @click.command()
-@click.argument("recipe", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of the case  [default: the recipe's name].")
+@click.argument("recipe", type=FILE)
+@click.option("--out", type=FILE, help="Folder of the case  [default: the recipe's name].")
 @click.option("--seed", type=int, help="Seed, instead of that of the recipe.")
 @as_json_option
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@quiet_option
 def synth(recipe: Path, out: Path | None, seed: int | None, as_json: bool, quiet: bool) -> int:
     """Make the case that RECIPE (TOML) describes: scan.ply, part.stl, truth.json and the recipe itself.
 

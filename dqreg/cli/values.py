@@ -1,11 +1,13 @@
-"""Values of options that click does not know: a scale, a tolerance with two sides."""
+"""Values of options: a file, a unit of length, a scale, a tolerance with two sides."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from dqreg.cli.lazy_group import Choice
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,6 +18,9 @@ if TYPE_CHECKING:
 else:
     # The types of an older click take no brackets when the program runs.
     Scale = Limits = click.ParamType
+
+FILE = click.Path(path_type=Path)
+UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
 
 
 class ScaleType(Scale):

@@ -21,6 +21,8 @@ from dqreg.rigid import pose
 # Scan points held out for the judge: this fraction, and at most so many.
 HELD_OUT_FRACTION, MAX_HELD_OUT = 0.1, 5_000
 MAX_PROBES = 20_000
+# Scan points of a run that warms an engine up.
+WARMING = 1_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,12 +96,12 @@ def make_case(
     return BenchmarkCase(_key(name, task), name, axis, value, trial, task, ground_truth, units)
 
 
-def small_copy(task: Task, count: int = 1_000) -> Task:
+def small_copy(task: Task) -> Task:
     """The same task with few scan points, for warming up."""
     return dataclasses.replace(
         task,
-        source=_rows(task.source, np.arange(0, len(task.source), max(1, len(task.source) // count))),
-        source_points=None if task.source_points is None else task.source_points[:count],
+        source=_rows(task.source, np.arange(0, len(task.source), max(1, len(task.source) // WARMING))),
+        source_points=None if task.source_points is None else task.source_points[:WARMING],
     )
 
 

@@ -9,8 +9,6 @@ from collections.abc import Iterable, Sequence
 
 from dqreg.compare.records import RunRecord
 
-NAN = float("nan")
-
 
 @dataclasses.dataclass(frozen=True)
 class SummaryKey:
@@ -75,12 +73,12 @@ def summarise(runs: Iterable[RunRecord]) -> list[SummaryRow]:
 def median(values: Iterable[float]) -> float:
     """Median of the numbers that are not NaN; NaN for none."""
     known = [value for value in values if not math.isnan(value)]
-    return statistics.median(known) if known else NAN
+    return statistics.median(known) if known else math.nan
 
 
 def largest_reliable(rows: Sequence[SummaryRow], engine: str, axis: str, setting: str) -> float:
     """Largest value of an axis up to which every run of an engine was successful; NaN for none."""
-    largest = NAN
+    largest = math.nan
     for row in rows:
         if (row.engine, row.place.axis, row.place.setting) == (engine, axis, setting):
             if not row.all_found or not isinstance(row.place.value, (int, float)):
@@ -97,7 +95,7 @@ def time_exponent(rows: Sequence[SummaryRow], engine: str) -> float:
         if row.engine == engine and row.place.axis == "points" and row.seconds > 0.0
     ]
     if len(pairs) < 3:
-        return NAN
+        return math.nan
     return float(statistics.linear_regression(*zip(*pairs, strict=True)).slope)
 
 
@@ -116,12 +114,14 @@ def _row(key: SummaryKey, engine: str, runs: list[RunRecord]) -> SummaryRow:
         worst=median(run.worst / run.size for run in good),
         rms=median(run.rms / run.size for run in good),
         angle_rad=median(run.angle_rad for run in good),
-        worst_all=median(math.inf if math.isnan(run.worst) else run.worst / run.size for run in runs) if truth else NAN,
+        worst_all=median(math.inf if math.isnan(run.worst) else run.worst / run.size for run in runs)
+        if truth
+        else math.nan,
         surface_rms=median(run.surface_rms / run.size for run in posed),
         overlap=median(run.overlap for run in posed),
         seconds=median(seconds),
-        least_seconds=min(seconds, default=NAN),
-        most_seconds=max(seconds, default=NAN),
+        least_seconds=min(seconds, default=math.nan),
+        most_seconds=max(seconds, default=math.nan),
         prepare_seconds=median(run.prepare_seconds for run in back),
         peak_memory=median(run.peak_memory for run in back),
         points=last.points,

@@ -16,13 +16,12 @@ from dqreg._arrays import FloatArray
 from dqreg._open3d import load_open3d
 from dqreg.files.cloud_data import CloudData, make_cloud
 from dqreg.files.tables import find_columns, find_times, parse_rows, read_text, stack_columns
-from dqreg.files.untrusted import unreadable
+from dqreg.files.untrusted import LONGEST_HEADER, unreadable
 
 KEYWORDS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
 ENCODINGS = ("ascii", "binary", "binary_compressed")
 SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
 DEFAULT_VIEWPOINT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-LONGEST_HEADER = 1 << 20
 
 
 @dataclasses.dataclass(frozen=True)

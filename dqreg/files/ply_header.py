@@ -6,7 +6,7 @@ import dataclasses
 from pathlib import Path
 
 from dqreg.files.units import unit_of_comment
-from dqreg.files.untrusted import unreadable
+from dqreg.files.untrusted import LONGEST_HEADER, unreadable
 
 # NumPy codes of the PLY types, under their old and new names.
 TYPES = {
@@ -20,7 +20,6 @@ TYPES = {
     **dict.fromkeys(("double", "float64"), "f8"),
 }
 BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-LONGEST_HEADER = 1 << 20
 
 
 @dataclasses.dataclass(frozen=True)

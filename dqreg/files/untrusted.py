@@ -109,6 +109,8 @@ ALLOWED = 1_000_000
 ALLOWED_BYTES = 64 << 20
 # Levels of objects made of objects.
 MAX_DEPTH = 100
+# Bytes of a PLY or PCD file that its header must end within.
+LONGEST_HEADER = 1 << 20
 
 
 def max_faces(path: Path) -> int:

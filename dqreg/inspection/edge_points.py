@@ -202,5 +202,5 @@ def _require_scanned(part: ScannedPart, face: Face, count: int, area: float) -> 
     usual = min(area, face.area) / part.spacing**2
     if count < max(0.15 * usual, 12.0):
         raise DegenerateGeometryError(
-            f"face {face.number} was not scanned at the edge: {count} points lie there where {usual:.0f} are usual"
+            f"face {face.number} was not scanned at the edge: {count} points lie there where {usual:.0f} are expected"
         )

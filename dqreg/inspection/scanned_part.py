@@ -230,7 +230,8 @@ class ScannedPart:
         count, usual = int(np.count_nonzero(self._on == face.number)), self._density * face.area
         if count < SCANNED * usual:
             raise DegenerateGeometryError(
-                f"face {face.number} was not scanned: {count} points lie on it where {usual:.0f} are usual"
+                f"face {face.number} was not scanned: {count} points lie on it where {usual:.0f} are expected; "
+                "dqreg inspect SCAN --suggest PART names faces that were"
             )
 
     def scanned(self) -> BoolArray:

@@ -15,8 +15,8 @@ from dqreg.rigid import pose, twist
 
 # A single step worse than this is a lost frame, whatever the scene: half the everyday lattice, which finds its way.
 LOST_DEG = 5.0
-# Middle 95 % of chi-square with six degrees of freedom.
-CHI2_LOW, CHI2_HIGH = 1.2373, 14.4494
+# 97.5 % of chi-square with six degrees of freedom lie below.
+CHI2_HIGH = 14.4494
 
 
 @dataclasses.dataclass(frozen=True)

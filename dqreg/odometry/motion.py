@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -26,20 +26,6 @@ SCALE, BIAS, LEAST_GYRO = 0.02, np.deg2rad(0.5), np.deg2rad(0.1)
 WIDE_STEP, WIDE_REACH = 2.0, 3.0
 
 
-class Source(Protocol):
-    """A sensor that knows its own motion."""
-
-    times: FloatArray  # (n,): Increasing, seconds
-
-    def between(self, start: float, end: float) -> FloatArray:
-        """Pose of the sensor at the end in its frame at the start, (4, 4); its translation may be 0 if unknown."""
-        ...
-
-    def covariance(self, motion: FloatArray, seconds: float, lengths: dict[str, Any]) -> FloatArray:
-        """Of a right increment at the end of a motion, (6, 6), rotation first."""
-        ...
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Wheels:
     """Poses that drift."""
@@ -53,12 +39,15 @@ class Wheels:
         return self.path.times
 
     def between(self, start: float, end: float) -> FloatArray:
-        """Motion along the screws between the poses."""
+        """Pose of the body at the end in its frame at the start, (4, 4), along the screws between the poses."""
         first, last = self.path.at([start, end])
         return np.asarray(pose.inverse(first) @ last)
 
     def covariance(self, motion: FloatArray, seconds: float, lengths: dict[str, Any]) -> FloatArray:
-        """Slip of a fraction of the motion, or what the driver states if that is more."""
+        """Of a right increment at the end of a motion, (6, 6), rotation first.
+
+        Slip of a fraction of the motion, or what the driver states if that is more.
+        """
         turn = LEAST_TURN + SLIP * float(pose.angle_between(np.eye(4), motion))
         step = LEAST_STEP * lengths["voxel_size"] + SLIP * float(np.linalg.norm(motion[:3, 3]))
         own = np.repeat([turn**2, step**2], 3)

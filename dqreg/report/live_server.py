@@ -11,12 +11,10 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError, load_package
+from dqreg.report.view3d import ELLIPSOID
 from dqreg.rigid import quaternion
 
 HOST = "127.0.0.1"
-PORT = 8080
-# Longest semi-axis of an ellipsoid as it is drawn, in sizes of the scene.
-ELLIPSOID = 0.12
 
 
 def open_server(port: int, label: str) -> Any:

@@ -161,10 +161,10 @@ def _coverage(found: Inspection, unit: str) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def digests_of(settings: Mapping[str, Any], names: tuple[str, ...] = ("source", "target")) -> list[tuple[str, str]]:
+def digests_of(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
     """SHA-256 of the files that were registered, as they are now: name of the file and digest."""
     found = []
-    for name in names:
+    for name in ("source", "target"):
         path = Path(str(settings.get(name) or ""))
         try:
             with path.open("rb") as stream:

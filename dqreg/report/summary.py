@@ -95,6 +95,7 @@ def print_summary(console: Console, result: RegistrationResult) -> None:
         f"[bold {COLOURS[level]}]{level.upper()}[/]: alignment {ALIGNMENT[level]} "
         f"[dim](lengths in {unit or UNNAMED})[/]",
         highlight=False,
+        soft_wrap=True,
     )
     for reason in result.verdict.reasons:
         console.print(f"  {reason}", highlight=False, markup=False, soft_wrap=True)

@@ -13,7 +13,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.rigid._operands import as_quaternions, as_triples
 
-_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def add(p: ArrayLike, q: ArrayLike) -> FloatArray:
@@ -88,7 +88,7 @@ def conjugate(q: ArrayLike) -> FloatArray:
     >>> conjugate([2, -1, 2, 3]).tolist()
     [2.0, 1.0, -2.0, -3.0]
     """
-    return np.asarray(as_quaternions(q, "q") * _CONJUGATE)
+    return np.asarray(as_quaternions(q, "q") * CONJUGATE)
 
 
 def norm(q: ArrayLike) -> FloatArray:

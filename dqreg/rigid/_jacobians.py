@@ -29,11 +29,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
-from dqreg.rigid._algebra import conjugate, cross_matrix
+from dqreg.rigid._algebra import CONJUGATE, conjugate, cross_matrix
 from dqreg.rigid._matrices import operator_matrix
 from dqreg.rigid._operands import as_quaternions, as_triples
-
-_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def left_matrix(p: ArrayLike) -> FloatArray:
@@ -140,7 +138,7 @@ def d_pqc_d_q(p: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4, 4)
     """
-    return np.asarray(left_matrix(p) * _CONJUGATE)
+    return np.asarray(left_matrix(p) * CONJUGATE)
 
 
 def d_qv_d_q(v: ArrayLike) -> FloatArray:

@@ -6,8 +6,6 @@ stack of rotation vectors of any length, a single small step.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -42,17 +40,6 @@ def from_rotation_vector(w: FloatArray) -> FloatArray:
     """Rotations by rotation vectors (..., 3)."""
     angle_rad, skew, square = _cross_powers(w)
     return np.asarray(np.eye(3) + np.sinc(angle_rad / np.pi) * skew + _versine_ratio(angle_rad) * square)
-
-
-def less_identity(w: FloatArray) -> FloatArray:
-    """``R - I`` of one rotation vector (3,): what is small stays exact."""
-    # Plain numbers: the loop calls this once a step, and arrays of three would cost five times as much.
-    x, y, z = w.tolist()
-    half = 0.5 * math.sqrt(x * x + y * y + z * z)
-    ratio = math.sin(half) / half if half > 0.0 else 1.0
-    skew = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
-    change: FloatArray = ratio * math.cos(half) * skew + 0.5 * ratio * ratio * (skew @ skew)
-    return change
 
 
 def evenly_spread(count: int) -> FloatArray:

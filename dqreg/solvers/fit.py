@@ -16,8 +16,27 @@ if TYPE_CHECKING:
     from dqreg.rigid.dual_quaternion import DualQuaternion
 
 
+class FoundPose:
+    """A pose in both of its forms."""
+
+    T_target_source: FloatArray
+
+    @cached_property
+    def dual_quaternion(self) -> DualQuaternion:
+        """The pose as a unit dual quaternion, built when first asked for.
+
+        Returns
+        -------
+        DualQuaternion
+            Real part: the rotation; dual part: half the translation times the real part.
+        """
+        from dqreg.rigid.dual_quaternion import DualQuaternion
+
+        return DualQuaternion.from_matrix(self.T_target_source)
+
+
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(FoundPose):
     """Pose that minimises a weighted sum of squares over given matches.
 
     Attributes
@@ -84,22 +103,9 @@ class Fit:
             return np.full((6, 6), np.nan)
         return self.uncertainty.covariance(self.T_target_source[:3, :3], self.eigenvalue_gap)
 
-    @cached_property
-    def dual_quaternion(self) -> DualQuaternion:
-        """The pose as a unit dual quaternion, built when first asked for.
-
-        Returns
-        -------
-        DualQuaternion
-            Real part: the rotation; dual part: half the translation times the real part.
-        """
-        from dqreg.rigid.dual_quaternion import DualQuaternion
-
-        return DualQuaternion.from_matrix(self.T_target_source)
-
 
 @dataclass(frozen=True, eq=False)
-class PoseFit:
+class PoseFit(FoundPose):
     """Pose that minimises a `PoseCost`.
 
     Attributes
@@ -131,16 +137,3 @@ class PoseFit:
     iterations: int
     starts: int
     free: tuple[str, ...]
-
-    @cached_property
-    def dual_quaternion(self) -> DualQuaternion:
-        """The pose as a unit dual quaternion, built when first asked for.
-
-        Returns
-        -------
-        DualQuaternion
-            Real part: the rotation; dual part: half the translation times the real part.
-        """
-        from dqreg.rigid.dual_quaternion import DualQuaternion
-
-        return DualQuaternion.from_matrix(self.T_target_source)

@@ -94,7 +94,7 @@ def minimise(
     return PoseFit(best.chart.pose, max(best.value, 0.0), status, best.iterations, len(charts), free)
 
 
-def _off_saddles(form: QuadraticForm, end: Descent[LockedChart], flat: float) -> Descent[LockedChart]:
+def _off_saddles(form: QuadraticForm, end: Descent, flat: float) -> Descent:
     for _ in range(ESCAPES):
         _, hessian, squares = end.chart.slopes(form)
         unit = balance(squares, end.chart.turns)

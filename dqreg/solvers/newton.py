@@ -1,19 +1,17 @@
 """Newton's method on poses for a quadratic form, with exact first and second derivatives.
 
-Steps rotate about the target origin of the form and then translate. A `Chart` of another kind keeps the pose within
-its degrees of freedom.
+`local_minimum` is compiled and knows all six motions; `descend` keeps a pose within its degrees of freedom.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.rigid import rotations
-from dqreg.solvers.quadratic import QuadraticForm, Slopes, split_derivatives
+from dqreg.solvers.dof_chart import LockedChart
+from dqreg.solvers.quadratic import QuadraticForm, Slopes
 
 STEPS = 200
 # A predicted gain below this fraction of the cost's scale is rounding; so is a rise of so many times as much.
@@ -25,61 +23,14 @@ LONGEST_RAD = 1.6
 FLAT = 1e-9
 
 
-class Chart(Protocol):
-    """A pose and the motions that may be made from it."""
-
-    @property
-    def pose(self) -> FloatArray:
-        """T_target_source, (4, 4)."""
-        ...
-
-    @property
-    def turns(self) -> int:
-        """How many of the coordinates are rotations; they come first, then the translations."""
-        ...
-
-    def slopes(self, form: QuadraticForm) -> Slopes:
-        """Gradient (k,), Hessian (k, k) and its part from squares, by the chart's coordinates at zero."""
-        ...
-
-    def moved(self, step: FloatArray) -> Self:
-        """The chart about the pose that a step (k,) leads to."""
-        ...
-
-
-C = TypeVar("C", bound=Chart)
-
-
 @dataclasses.dataclass(frozen=True)
-class Descent(Generic[C]):
+class Descent:
     """Where Newton's method ended."""
 
-    chart: C  # Holds the pose
+    chart: LockedChart  # Holds the pose
     value: float  # Cost there
     iterations: int  # Steps taken
     converged: bool  # Whether the last step was within the rounding of the cost
-
-
-@dataclasses.dataclass(frozen=True)
-class FreeChart:
-    """All six motions: a rotation about a centre, then a translation, along the target's axes."""
-
-    pose: FloatArray  # (4, 4): T_target_source
-    centre: FloatArray  # (3,): The target origin of the form
-    turns: int = 3
-
-    def slopes(self, form: QuadraticForm) -> Slopes:
-        """See `split_derivatives`."""
-        y = form.coordinates(self.pose)
-        return split_derivatives(form, self.pose[:3, :3], y, y[9:12] + form.origin_target - self.centre)
-
-    def moved(self, step: FloatArray) -> Self:
-        """The chart after a step, (6,)."""
-        change = rotations.less_identity(step[:3])
-        moved = self.pose.copy()
-        moved[:3, :3] += change @ self.pose[:3, :3]
-        moved[:3, 3] += change @ (self.pose[:3, 3] - self.centre) + step[3:]
-        return dataclasses.replace(self, pose=moved)
 
 
 def local_minimum(form: QuadraticForm, start: FloatArray) -> FloatArray:
@@ -101,7 +52,7 @@ def least_cost(form: QuadraticForm, start: FloatArray) -> tuple[FloatArray, floa
     return T, cost
 
 
-def descend(form: QuadraticForm, chart: C, flat: float = FLAT) -> Descent[C]:
+def descend(form: QuadraticForm, chart: LockedChart, flat: float = FLAT) -> Descent:
     """Damped Newton steps from where a chart stands."""
     value, damping, before = form.value(chart.pose), 0.0, np.inf
     scale = max(form.scale, abs(value))

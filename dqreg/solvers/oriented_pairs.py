@@ -45,12 +45,6 @@ class OrientedPairs:
         pairs = ((self.first, self.along), (self.second, self.along), (self.first, self.second))
         return np.stack([np.einsum("ij,ij->i", a, b) for a, b in pairs], axis=1)
 
-    @property
-    def handedness(self) -> FloatArray:
-        """Triple product of both normals and the line, (n,): a mirror image has the other sign."""
-        triple: FloatArray = np.einsum("ij,ij->i", np.cross(self.first, self.second), self.along)
-        return triple
-
 
 def poses_from_pairs(source: OrientedPairs, target: OrientedPairs) -> tuple[FloatArray, FloatArray]:
     """Pose of each source pair on its target pair: middle on middle, line on line, normals as near as can be.

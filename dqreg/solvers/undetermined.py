@@ -18,7 +18,6 @@ from dqreg.solvers.narrow import NARROW
 FAR, FAR_UNCENTRED = 1e8, 1e5
 # Singular values that cancel to this fraction: two rotations fit alike.
 CANCELLED = 1e-6
-EPS = float(np.finfo(np.float64).eps)
 
 
 def no_weight_message() -> str:

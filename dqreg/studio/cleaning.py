@@ -12,12 +12,11 @@ from dqreg.errors import InputError
 from dqreg.files.write import write_cloud
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.sampling import sample_mesh
+from dqreg.registration.source import MESH_SAMPLES
 from dqreg.studio.kept import Place, kept
 from dqreg.studio.visit import Cut
 from dqreg.studio.words import cleaned_name
 
-# Points of a scan that is a mesh, as `register` draws them.
-MESH_SAMPLES = 100_000
 # Points that are asked for a plane, draws, and the share of them that makes one worth a question.
 ASKED, DRAWS, WORTH = 40_000, 600, 0.08
 # Half the thickness of a plane: that many noises or spacings, whichever is more.

@@ -72,8 +72,59 @@ def is_within(value: object, low: float, high: float) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and low < value < high
 
 
+class Stands:
+    """Sensors about the part, all at the same distance from its centre."""
+
+    views: tuple[tuple[float, float, float], ...]
+    stand_off: float
+
+    def sensor_positions(self, centre: FloatArray, diagonal: float) -> FloatArray:
+        """Return the sensors of all views.
+
+        Parameters
+        ----------
+        centre : ndarray, (3,)
+            Centre of the part.
+        diagonal : float
+            Its diagonal.
+
+        Returns
+        -------
+        ndarray, (k, 3)
+            In the part's frame and unit.
+
+        Examples
+        --------
+        >>> Scanner(views=((0, 0, 2),)).sensor_positions(np.zeros(3), 10.0).tolist()
+        [[0.0, 0.0, 15.0]]
+        """
+        return centre + self.stand_off * diagonal * unit(as_vectors(self.views, "views"))
+
+    def projector_positions(self, centre: FloatArray, diagonal: float) -> FloatArray | None:
+        """Return None: no second light must see a point.
+
+        Parameters
+        ----------
+        centre : ndarray, (3,)
+            Centre of the part.
+        diagonal : float
+            Its diagonal.
+
+        Returns
+        -------
+        None
+            There is no projector.
+
+        Examples
+        --------
+        >>> Scanner(views=((0, 0, 2),)).projector_positions(np.zeros(3), 10.0) is None
+        True
+        """
+        return None
+
+
 @dataclass(frozen=True)
-class Scanner:
+class Scanner(Stands):
     """Pinhole views of a part, all from the same distance; every length counts in diagonals of the part.
 
     Attributes
@@ -120,50 +171,6 @@ class Scanner:
             2.0 * float(np.arcsin(0.5 / self.stand_off)) if self.field_of_view_rad is None else self.field_of_view_rad
         )
 
-    def sensor_positions(self, centre: FloatArray, diagonal: float) -> FloatArray:
-        """Return the pinholes of all views.
-
-        Parameters
-        ----------
-        centre : ndarray, (3,)
-            Centre of the part.
-        diagonal : float
-            Its diagonal.
-
-        Returns
-        -------
-        ndarray, (k, 3)
-            In the part's frame and unit.
-
-        Examples
-        --------
-        >>> Scanner(views=((0, 0, 2),)).sensor_positions(np.zeros(3), 10.0).tolist()
-        [[0.0, 0.0, 15.0]]
-        """
-        return sensors_around(self.views, self.stand_off, centre, diagonal)
-
-    def projector_positions(self, centre: FloatArray, diagonal: float) -> FloatArray | None:
-        """Return None: a plain camera needs no second light.
-
-        Parameters
-        ----------
-        centre : ndarray, (3,)
-            Centre of the part.
-        diagonal : float
-            Its diagonal.
-
-        Returns
-        -------
-        None
-            There is no projector.
-
-        Examples
-        --------
-        >>> Scanner(views=((0, 0, 2),)).projector_positions(np.zeros(3), 10.0) is None
-        True
-        """
-        return None
-
     def times(self) -> FloatArray:
         """Return when each pixel is read: view after view, in each row after row.
 
@@ -206,13 +213,6 @@ class Scanner:
         if shift is not None:
             s_right, s_up = s_right + half * pitch * shift[..., :1], s_up + half * pitch * shift[..., 1:]
         return unit(forward[:, None, None] + s_up * up[:, None, None] + s_right * right[:, None, None])
-
-
-def sensors_around(
-    views: tuple[tuple[float, float, float], ...], stand_off: float, centre: FloatArray, diagonal: float
-) -> FloatArray:
-    """Return where sensors stand that look at a part, all from the same distance."""
-    return centre + stand_off * diagonal * unit(as_vectors(views, "views"))
 
 
 def camera_axes(views: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -166,17 +166,7 @@ def write_case(
     require_replaceable(folder, (SCAN, PART, TRUTH, RECIPE))
     recipe = recipe if isinstance(recipe, Recipe) else read_recipe(recipe)
     recipe = recipe if seed is None else recipe.with_seed(seed)
-    contents = case_contents(recipe)
-    partial = folder.with_name(f".{secrets.token_hex(8)}.tmp")
-    try:
-        partial.mkdir(parents=True)
-        for name, content in contents.items():
-            (partial / name).write_bytes(content)
-        put_in_place(partial, folder)
-    except OSError as error:
-        raise InputError(f"cannot write the case {folder}: {error}") from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    write_folder(folder, case_contents(recipe))
     return load_case(folder)
 
 
@@ -223,7 +213,21 @@ def require_replaceable(folder: Path, names: tuple[str, ...]) -> None:
             raise InputError(f"cannot write the case {folder}: it holds {foreign[0]!r}; give a new folder")
 
 
-def put_in_place(partial: Path, folder: Path) -> None:
+def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
+    """Write the files of a case, by their paths in its folder: all of them, or nothing."""
+    partial = folder.with_name(f".{secrets.token_hex(8)}.tmp")
+    try:
+        for name, content in contents.items():
+            (partial / name).parent.mkdir(parents=True, exist_ok=True)
+            (partial / name).write_bytes(content)
+        _put_in_place(partial, folder)
+    except OSError as error:
+        raise InputError(f"cannot write the case {folder}: {error}") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _put_in_place(partial: Path, folder: Path) -> None:
     """Give a finished folder its name; an older case is moved aside and restored if that fails."""
     if not folder.exists():
         partial.rename(folder)

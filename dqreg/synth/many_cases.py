@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
-import shutil
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,7 +17,7 @@ from dqreg.files.units import METRES
 from dqreg.files.untrusted import read_record
 from dqreg.files.write import ply_bytes
 from dqreg.synth.case_contents import PART, RECIPE, TRUTH, json_text, stl_bytes
-from dqreg.synth.cases import put_in_place, require_replaceable
+from dqreg.synth.cases import require_replaceable, write_folder
 from dqreg.synth.many_views import ManyViews, room_stops, turntable_views
 from dqreg.synth.recipe_keys import build, check_name, check_seed, get_table, get_text, require_known
 from dqreg.synth.recipe_tables import check_part, make_mesh
@@ -67,16 +65,7 @@ def write_many(folder: str | os.PathLike[str], recipe: str | os.PathLike[str], *
     folder, text = Path(folder).resolve(), read_record(Path(recipe), "a recipe (TOML)")
     contents = many_contents(text, Path(recipe).parent, seed)
     require_replaceable(folder, (SCANS, PART, TRUTH, RECIPE))
-    partial = folder.with_name(f".{secrets.token_hex(8)}.tmp")
-    try:
-        (partial / SCANS).mkdir(parents=True)
-        for name, content in contents.items():
-            (partial / name).write_bytes(content)
-        put_in_place(partial, folder)
-    except OSError as error:
-        raise InputError(f"cannot write the case {folder}: {error}") from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    write_folder(folder, contents)
     return folder
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, as_float, as_vectors
 from dqreg.errors import InputError
-from dqreg.synth.cameras import Scanner, camera_axes, check_views, is_within, require_rays, sensors_around, unit
+from dqreg.synth.cameras import Scanner, Stands, camera_axes, check_views, is_within, require_rays, unit
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class StructuredLight(Scanner):
 
 
 @dataclass(frozen=True)
-class Lidar:
+class Lidar(Stands):
     """Spinning LiDAR: rings of equal elevation, columns of equal azimuth; every length counts in diagonals.
 
     All rings of a column are read at once, columns follow each other, counter-clockwise about ``up``.
@@ -124,50 +124,6 @@ class Lidar:
                 "views holds one that looks along the axis of the spin, where azimuths end; tilt it away from up, "
                 f"raise stand_off or give elevation; got {self.views!r}"
             )
-
-    def sensor_positions(self, centre: FloatArray, diagonal: float) -> FloatArray:
-        """Return the sensors of all stands.
-
-        Parameters
-        ----------
-        centre : ndarray, (3,)
-            Centre of the part.
-        diagonal : float
-            Its diagonal.
-
-        Returns
-        -------
-        ndarray, (k, 3)
-            In the part's frame and unit.
-
-        Examples
-        --------
-        >>> Lidar(views=((1, 0, 0),)).sensor_positions(np.zeros(3), 10.0).tolist()
-        [[15.0, 0.0, 0.0]]
-        """
-        return sensors_around(self.views, self.stand_off, centre, diagonal)
-
-    def projector_positions(self, centre: FloatArray, diagonal: float) -> FloatArray | None:
-        """Return None: a LiDAR sends its own light along the ray.
-
-        Parameters
-        ----------
-        centre : ndarray, (3,)
-            Centre of the part.
-        diagonal : float
-            Its diagonal.
-
-        Returns
-        -------
-        None
-            There is no projector.
-
-        Examples
-        --------
-        >>> Lidar(views=((1, 0, 0),)).projector_positions(np.zeros(3), 10.0) is None
-        True
-        """
-        return None
 
     def times(self) -> FloatArray:
         """Return when each beam is read: stand after stand, in each column after column.

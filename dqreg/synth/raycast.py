@@ -125,7 +125,6 @@ class SweepHits:
     """What each ray of a sweep meets, in the sensors' frame at the time of the ray."""
 
     image: tuple[int, int, int]  # Views, rows and columns; their product is n
-    centre: FloatArray  # (3,): Centre of the part at the reference time
     diagonal: float  # Diagonal of the part
     sensors: FloatArray  # (k, 3): Sensor of each view
     view_index: IntArray  # (n,): View of each ray
@@ -167,7 +166,6 @@ def cast_sweep(
         lit = is_lit(scene, hits, projectors[view_index], max_incidence_rad)
     return SweepHits(
         image=(times.shape[0], times.shape[1], times.shape[2]),
-        centre=centre,
         diagonal=diagonal,
         sensors=sensors,
         view_index=view_index,

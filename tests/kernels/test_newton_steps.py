@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from dqreg.kernels.newton_steps import symmetric_axes
 from dqreg.rigid import pose
-from dqreg.solvers.newton import FreeChart, descend, local_minimum
+from dqreg.solvers.newton import descend, local_minimum
 from dqreg.solvers.quadratic import QuadraticForm, plane_form, point_form
+from tests.solvers.free_chart import FreeChart
 from tests.solvers.problems import fast
 
 

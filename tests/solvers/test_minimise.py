@@ -9,8 +9,9 @@ from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose
 from dqreg.solvers import Freedom, PoseCost, solve
 from dqreg.solvers.minimise import rotation_grid, starts
-from dqreg.solvers.newton import FreeChart, descend
+from dqreg.solvers.newton import descend
 from tests.solvers.cost_cases import frames, mixed, unit
+from tests.solvers.free_chart import FreeChart
 from tests.solvers.problems import fast
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -6,22 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dqreg.rigid import pose
-from dqreg.rigid.rotations import less_identity
-from dqreg.solvers.newton import FreeChart, descend
+from dqreg.solvers.newton import descend
 from dqreg.solvers.quadratic import derivatives, split_derivatives
 from tests.solvers.cost_cases import frames, mixed, numeric_slopes
+from tests.solvers.free_chart import FreeChart
 from tests.solvers.problems import fast
-from tests.strategies import floats
-
-
-@fast
-@given(st.tuples(*[floats(-4.0, 4.0)] * 3), st.sampled_from([0.0, 1e-9, 1e-4, 1.0]))
-def test_a_turn_is_the_exponential_less_the_identity(w: tuple[float, ...], size: float) -> None:
-    change = less_identity(size * np.array(w))
-    np.testing.assert_allclose(change, pose.exp([*(size * np.array(w)), 0, 0, 0])[:3, :3] - np.eye(3), atol=1e-15)
-    # To first order it is the cross product, with all its digits however small it is.
-    if size in (1e-9, 0.0):
-        np.testing.assert_allclose(change @ [1.0, 2.0, 3.0], size * np.cross(w, [1.0, 2.0, 3.0]), rtol=1e-7, atol=1e-16)
 
 
 @pytest.mark.parametrize("pivot", [np.zeros(3), np.array([1.0, -2.0, 0.5])], ids=["origin", "pivot"])

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, Literal, Protocol
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, PointCloud
 
 Setting = Literal["manual", "same-loop"]
-NAN = float("nan")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,9 +55,9 @@ class EngineOutput:
     self_report: str = ""  # What the engine reports about its own success, in a few words
     iterations: int | None = None  # Where the engine reports it
     curve: tuple[Step, ...] = ()  # Intermediate poses; empty where the engine reports none
-    seconds: float = NAN  # From raw data to pose, preprocessing included; NaN takes the time measured from outside
+    seconds: float = math.nan  # From raw data to pose, preprocessing included; NaN takes the time measured from outside
     # The part of it that a second scan to the same target would not need again; NaN where it is unknown
-    prepare_seconds: float = NAN
+    prepare_seconds: float = math.nan
     settings: dict[str, Any] = dataclasses.field(default_factory=dict)  # Every parameter it ran with, as resolved
 
 

@@ -50,19 +50,19 @@ class Calibration:
     expected_by_chance: float
 
 
-def calibration_of(trials: Sequence[Trial], bins: int = BINS) -> Calibration:
+def calibration_of(trials: Sequence[Trial]) -> Calibration:
     """Reliability of the trials that have a confidence."""
     known = [one for one in trials if math.isfinite(one.confidence)]
     p, right = np.array([one.confidence for one in known]), np.array([one.right for one in known], dtype=np.float64)
-    at = np.minimum((p * bins).astype(np.int64), bins - 1) if len(known) else np.zeros(0, dtype=np.int64)
+    at = np.minimum((p * BINS).astype(np.int64), BINS - 1) if len(known) else np.zeros(0, dtype=np.int64)
     made, error, chance = [], 0.0, 0.0
-    for index in range(bins):
+    for index in range(BINS):
         here = at == index
         count = int(here.sum())
         if not count:
             continue
         mean, share = float(p[here].mean()), float(right[here].mean())
-        made.append(Bin(index / bins, (index + 1) / bins, count, mean, share, *interval(round(share * count), count)))
+        made.append(Bin(index / BINS, (index + 1) / BINS, count, mean, share, *interval(round(share * count), count)))
         error += count * abs(mean - share) / len(known)
         # Mean absolute deviation of a binomial share, by the normal law.
         chance += count * math.sqrt(2.0 / math.pi * float((p[here] * (1.0 - p[here])).sum())) / count / len(known)

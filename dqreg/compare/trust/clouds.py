@@ -36,7 +36,6 @@ def cloud_task(
     start: tuple[float, float] | None,
     *,
     right: bool = True,
-    noise: float = scans.NOISE,
 ) -> Task:
     """Task of two scans in the part's frame."""
     size = mesh.diagonal
@@ -46,7 +45,7 @@ def cloud_task(
     begun = None if start is None else "identity"
     truths = T[None] if right else NONE_RIGHT
     return Task(
-        pose.apply(pose.inverse(T), source), PointCloud(target), begun, truths, mesh.vertices, size, noise * size
+        pose.apply(pose.inverse(T), source), PointCloud(target), begun, truths, mesh.vertices, size, scans.NOISE * size
     )
 
 

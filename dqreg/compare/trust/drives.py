@@ -40,19 +40,19 @@ def frame(scene: Mesh, T: FloatArray, rng: np.random.Generator) -> FloatArray:
     return kept
 
 
-def drive(scene: Mesh, poses: FloatArray, rng: np.random.Generator, allowed: float = 0.3) -> Drive:
+def drive(scene: Mesh, poses: FloatArray, rng: np.random.Generator) -> Drive:
     """Frames along poses in a scene; the map's frame is the first frame's."""
     frames = tuple(frame(scene, T, rng) for T in poses)
-    return Drive(frames, pose.inverse(poses[0]) @ poses, allowed)
+    return Drive(frames, pose.inverse(poses[0]) @ poses, allowed=0.3)
 
 
-def straight(step: float, rng: np.random.Generator, height: float = 1.2, sway: float = 0.02) -> FloatArray:
+def straight(step: float, rng: np.random.Generator) -> FloatArray:
     """Poses along x with a little sway."""
     poses = []
     for k in range(FRAMES):
         turn = np.deg2rad(2.0) * rng.normal(size=3) * [0.1, 0.1, 1.0]
         T = pose.exp(np.concatenate([turn, np.zeros(3)]))
-        T[:3, 3] = [k * step, sway * rng.normal(), height]
+        T[:3, 3] = [k * step, 0.02 * rng.normal(), 1.2]
         poses.append(T)
     return np.stack(poses)
 

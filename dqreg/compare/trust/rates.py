@@ -40,14 +40,14 @@ class Rate:
     named: int
 
 
-def interval(count: int, total: int, level: float = 0.95) -> tuple[float, float]:
-    """Clopper and Pearson's interval of a proportion.
+def interval(count: int, total: int) -> tuple[float, float]:
+    """Clopper and Pearson's 95 % interval of a proportion.
 
     >>> low, high = interval(0, 100)
     >>> low, round(high, 3)
     (0.0, 0.036)
     """
-    tail = 0.5 * (1.0 - level)
+    tail = 0.5 * (1.0 - 0.95)
     low = float(beta.ppf(tail, count, total - count + 1)) if count else 0.0
     high = float(beta.ppf(1.0 - tail, count + 1, total - count)) if count < total else 1.0
     return low, high

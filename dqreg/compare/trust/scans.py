@@ -52,9 +52,9 @@ def two_views(mesh: Mesh, rng: np.random.Generator, noise: float = NOISE) -> Flo
     return views(mesh, rng, np.stack([towards, -towards * rng.uniform(0.5, 1.5, 3)]), noise)
 
 
-def one_view(mesh: Mesh, rng: np.random.Generator, noise: float = NOISE) -> FloatArray:
+def one_view(mesh: Mesh, rng: np.random.Generator) -> FloatArray:
     """A view from one corner."""
-    return views(mesh, rng, oblique(rng)[None], noise)
+    return views(mesh, rng, oblique(rng)[None], NOISE)
 
 
 def depth_camera(mesh: Mesh, rng: np.random.Generator) -> FloatArray:

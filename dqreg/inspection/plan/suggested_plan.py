@@ -71,9 +71,9 @@ def suggested_plan(
     size = max(mesh.diagonal * TOLERANCE, DECIDED * noise)
     tolerance = round(size, -math.floor(math.log10(size)))
     units = units or mesh.units
-    unit = units or "the part's unit"
     lines = [
-        f"# Lengths are in {unit}, angles in degrees. Tolerances are guesses {_guessed(noise, unit)}: replace them.",
+        f"# Lengths are in {units or 'the unit of the part'}, angles in degrees. Tolerances are guesses from",
+        f"# {_guessed(noise, units)}the part's size: replace them.",
         "# Run it: dqreg inspect SCAN PART --plan THIS_FILE --report sheet.html",
         *_left_out(every, faces),
         f'units = "{units}"\n' if units else '# units = "mm"   # of this plan, and of a part whose file does not say\n',
@@ -147,8 +147,9 @@ def _short(point: FloatArray, size: float) -> list[str]:
     return [each.rstrip("0").rstrip(".") if decimals else each for each in fixed]
 
 
-def _guessed(noise: float, unit: str) -> str:
-    return f"from the scan's noise, {noise:.2g} {unit}, and the part's size" if noise else "from the part's size"
+def _guessed(noise: float, units: str | None) -> str:
+    unit = f" {units}" if units else ""
+    return f"the scan's noise ({noise:.2g}{unit}) and " if noise else ""
 
 
 def _left_out(every: tuple[Face, ...], faces: tuple[Face, ...]) -> list[str]:

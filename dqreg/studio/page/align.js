@@ -24,7 +24,7 @@ export function enter(app, stage) {
 }
 export function leave(app, stage) { stage.picked = null; pairs.leave(app, stage); hand.leave(app, stage); stage.mark({}); stage.clearLabels(); stage.layers.scan = stage.layers.off = true; }
 
-export function showPose(app, stage, at) {
+function showPose(app, stage, at) {
   const found = app.results.align, last = found?.history?.length ?? 0;
   app.step_state.at = at;
   const before = app.results.compare?.poses?.beside ?? STAND;
@@ -104,7 +104,7 @@ function locks(app) {
     h("div", { class: "grid3" }, Object.entries(DOF).map(([key, words]) => h("label", { class: "check" }, h("input", { type: "checkbox", id: `dof-${key}`, checked: allowed.includes(key), onchange: e => change(key, e.target.checked) }), ` ${words}`))));
 }
 
-export function verdict(app, found) {
+function verdict(app, found) {
   const [word, advice] = LIGHTS[found.level], unit = app.unit();
   return h("section", { class: `light ${found.level}`, id: "verdict", "aria-label": "Verdict" },
     h("p", { class: "word" }, h("i", { "aria-hidden": "true" }), `Alignment: ${word}`),
@@ -171,7 +171,7 @@ function withDatum(datums, k, face) {
   return now.slice(0, 3);
 }
 
-export function markDatums(app, stage) {
+function markDatums(app, stage) {
   const { visit } = app;
   stage.mark(visit.alignment === "datums" ? Object.fromEntries(visit.datums.map((face, k) => [face, ["--free", "--held", "--accent"][k]])) : visit.alignment === "faces" ? Object.fromEntries(visit.chosen.map(face => [face, "--accent"])) : {});
   stage.clearLabels();

@@ -28,7 +28,7 @@ async function place(app, stage) {
   badges(app, stage);
   app.render();
 }
-export async function measure(app, stage) {
+async function measure(app, stage) {
   const found = await app.run("judge", {}, "Measuring deviations");
   await app.refresh();
   app.results.judge = found;

@@ -109,7 +109,7 @@ function accept(told) {
   render();
 }
 
-export function ready(step) {
+function ready(step) {
   const both = app.results.scan && app.results.part;
   return { load: true, clean: both, align: both, judge: both && app.results.align?.found, report: both && app.results.align?.found }[step];
 }

@@ -27,11 +27,6 @@ export async function show(app, stage) {
   stage.move(STAND);
   app.render();
 }
-export async function hide(app, stage) {
-  app.showKinds = false;
-  stage.layers.off = true;
-  await app.draw();
-}
 
 export function panel(app, stage) {
   const found = app.results.reach, unit = app.unit(), busy = Boolean(app.busy.task);
