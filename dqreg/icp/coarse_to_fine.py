@@ -74,13 +74,15 @@ def align_coarse_to_fine(
 def _placed(level: Level, start: FloatArray, observe: Observer | None, first: int) -> tuple[Alignment, Level]:
     """End of the coarse level, with the fine estimator where there is one, and that level as the finer ones go on."""
     if level.plan.fine is None:
-        run = find_basin(level, start, observe, first)
+        run = _Basin.find(level, start, observe, first).run
         return run, _near(level, run)
-    run, near = _refined(level, find_basin(level, start, observe, first, hasty=True), observe)
-    if run.ended_early or near.explains(run, run.mixture):
+    basin = _Basin.find(level, start, observe, first, hasty=True)
+    run, near = _refined(level, basin.run, observe)
+    if run.ended_early or basin.is_whole or near.explains(run, run.mixture):
         return run, near
     # It looked near at a wide kernel, and at a narrow one much of the scan is left over: a wrong basin, or strays.
-    slow, slow_near = _refined(level, find_basin(level, start, observe, run.next_number), observe)
+    whole = _Basin.find(level, start, observe, run.next_number, patient=basin.patient)
+    slow, slow_near = _refined(level, whole.run, observe)
     history = run.history + slow.history
     if not slow.ended_early and slow_near.mean_nll(slow) < near.mean_nll(run):
         run, near = slow, slow_near
@@ -151,22 +153,42 @@ def smallest_kernel_scale(scan: Scan, surface: Surface) -> float:
     return max(NOISE_FLOOR * min(noise_on(scan, surface), scan.spacing), EXACT_FLOOR * surface.diagonal)
 
 
-def find_basin(
-    level: Level, start: FloatArray, observe: Observer | None = None, first: int = 1, *, hasty: bool = False
-) -> Alignment:
-    """The better of both schedules on one level."""
-    mixture = _widest(level)
+@dataclasses.dataclass(frozen=True)
+class _Basin:
+    """The better of both schedules on one level, and what need not be run again."""
 
-    def found(run: Run, mixture: InlierMixture) -> bool:
-        return _is_near(level, mixture) and level.explains(run, mixture)
+    run: Alignment
+    patient: Alignment | None  # None where it was cut short
+    is_whole: bool  # Whether neither was
 
-    enough = found if hasty else None
-    patient = level.descend(mixture, start, PATIENT, observe, first, enough)
-    if patient.status == "stopped by observer" or (hasty and found(patient, patient.mixture)):
-        return patient
-    quick = level.descend(mixture, start, QUICK, observe, first + len(patient.history), enough)
-    better = patient
-    if not quick.ended_early and (patient.ended_early or level.mean_nll(quick) < level.mean_nll(patient)):
-        better = quick
-    status = quick.status if quick.status == "stopped by observer" else better.status
-    return dataclasses.replace(better, status=status, history=patient.history + quick.history)
+    @staticmethod
+    def find(
+        level: Level,
+        start: FloatArray,
+        observe: Observer | None,
+        first: int,
+        *,
+        hasty: bool = False,
+        patient: Alignment | None = None,
+    ) -> _Basin:
+        """Run both schedules, the first unless it is known; in haste no farther than where the scan is explained."""
+        mixture, cuts = _widest(level), []
+
+        def found(run: Run, mixture: InlierMixture) -> bool:
+            is_found = _is_near(level, mixture) and level.explains(run, mixture)
+            cuts.extend([run] if is_found else [])
+            return is_found
+
+        enough, before = found if hasty else None, () if patient is None else patient.history
+        if patient is None:
+            patient = level.descend(mixture, start, PATIENT, observe, first, enough)
+        whole = None if cuts else patient
+        if patient.status == "stopped by observer" or (hasty and found(patient, patient.mixture)):
+            return _Basin(patient, whole, is_whole=False)
+        quick = level.descend(mixture, start, QUICK, observe, first + len(patient.history) - len(before), enough)
+        better = patient
+        if not quick.ended_early and (patient.ended_early or level.mean_nll(quick) < level.mean_nll(patient)):
+            better = quick
+        status = quick.status if quick.status == "stopped by observer" else better.status
+        history = patient.history[len(before) :] + quick.history
+        return _Basin(dataclasses.replace(better, status=status, history=history), whole, is_whole=not cuts)

@@ -132,6 +132,18 @@ def test_records_run_through_all_stages_in_order(surface: MeshSurface, small: Sc
     assert widths[-1] < 0.01 * widths[0]
 
 
+def test_no_iteration_is_run_twice(surface: MeshSurface, small: Scan) -> None:
+    # Strays leave much of the scan unexplained, so that both schedules run to their ends: what they found is known.
+    rng = np.random.default_rng(3)
+    strays = PART.centre + SIZE * rng.uniform(-0.6, 0.6, (len(small) // 2, 3))
+    scan = prepare_scan(PointCloud(np.vstack([small.points, strays])))
+    run = align_coarse_to_fine(scan, surface, start_of(0), PLAN)
+    records = [(r.stage, r.points, r.kernel_scale, r.rms) for r in run.history if r.stage != "fine"]
+    assert {stage for stage, *_ in records} == {"patient", "quick"}
+    assert len(set(records)) == len(records)
+    assert [record.number for record in run.history] == list(range(1, len(run.history) + 1))
+
+
 def test_an_explained_scan_needs_no_second_schedule(surface: MeshSurface, small: Scan) -> None:
     run = align_coarse_to_fine(small, surface, start_of(0), PLAN)
     mixture = run.mixture
