@@ -133,8 +133,9 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
     moves, stands, overlap = overlap_of(fit)
     if overlap is None:
         return fit.agreement
-    placed, fixed, size = pose.apply(fit.T_target_source, moves.points), stands.points, fit.prepared.surface.diagonal
-    strain, planes = overlap.strain(size), CommonPlanes.of(overlap.on_no_edge, placed, fixed, size)
+    size = fit.prepared.surface.diagonal
+    strain = overlap.strain(size)
+    planes = CommonPlanes.of(overlap.on_no_edge, moves, stands, fit.T_target_source, size)
     return dataclasses.replace(
         fit.agreement,
         faces_apart=overlap.apart(size, covariance),
