@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray, product
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.spacing import measure_spacing
+from dqreg.kernels.threads import Later
 from dqreg.rigid import pose
 from dqreg.trust.face_rims import (
     Plane,
@@ -92,7 +93,11 @@ class CommonPlanes:
         Both sides of a wall laid on each other are one plane; the faces beside them tell that it is not one face. NaN
         for few such rims.
         """
-        return float(np.fmax.reduce([opposed_share(self.sides, plane, self.within) for plane in self.planes]))
+        return float(np.fmax.reduce([share.result() for share in self._opposed]))
+
+    def begin(self) -> None:
+        """Make what `opposed_edges` asks of each plane beside the caller, who takes over what is left of it."""
+        vars(self)["_opposed"] = self._opposed_in_each(beside=True)
 
     def closed_hole(self) -> float:
         """Diameter of the largest hole in a face of either cloud that the other one's face closes; 0 for none."""
@@ -140,6 +145,15 @@ class CommonPlanes:
             best = int(gained.argmax())
             found = max(found, (float(gained[best]), abs(float(slides[best]))))
         return found
+
+    @cached_property
+    def _opposed(self) -> list[Later[float]]:
+        return self._opposed_in_each(beside=False)
+
+    def _opposed_in_each(self, *, beside: bool) -> list[Later[float]]:
+        """Shares of opposed rims, plane by plane."""
+        asked = (partial(opposed_share, self.sides, plane, self.within) for plane in self.planes)
+        return [Later(each, beside=beside) for each in asked]
 
     @cached_property
     def _rims(self) -> tuple[list[Rims | None], list[Rims | None]]:
