@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -50,7 +51,7 @@ class Plane:
         """Which points, (n, 3), lie in it."""
         return np.asarray(np.abs((points - self.middle) @ self.normal) < within)
 
-    @property
+    @cached_property
     def across(self) -> FloatArray:
         """Two directions in it, (2, 3)."""
         axes: FloatArray = np.linalg.svd(self.normal[None])[2][1:]

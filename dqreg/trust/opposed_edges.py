@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median, product
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.trust.face_rims import (
@@ -59,7 +59,8 @@ class Beside:
     def of(cloud: Points, plane: Plane, within: float) -> Beside | None:
         """Of a cloud; None where few of its points are in the plane."""
         points = cloud[0]
-        heights = (points - plane.middle) @ plane.normal
+        # A product of matrices takes a third of the time of one with a vector.
+        heights = product(plane.normal[None], points.T)[0] - plane.middle @ plane.normal
         aside = np.abs(heights)
         inside = np.flatnonzero(aside < within)
         if len(inside) < FEWEST:
@@ -119,8 +120,7 @@ class Turning(NamedTuple):
 
 def opposed_share(clouds: tuple[Points, Points], plane: Plane, within: float) -> float:
     """Share of the rims that both clouds have in a plane beside which faces turn to opposite sides; NaN for few."""
-    sides = [Beside.of(cloud, plane, within) for cloud in clouds]
-    first, second = sides
+    first, second = (Beside.of(cloud, plane, within) for cloud in clouds)
     if first is None or second is None:
         return np.nan
     reach = SAME * max(first.spacing, second.spacing)
@@ -133,9 +133,9 @@ def opposed_share(clouds: tuple[Points, Points], plane: Plane, within: float) ->
         return np.nan
     rows, apart = NeighbourTree(other.points, in_order=True).nearest(one.points, NEAREST)
     alike = (np.einsum("ijk,ik->ij", other.outward[rows], one.outward) > SAME_COS) & (apart < reach)
-    product = np.where(alike, one.side[:, None] * other.side[rows], 0.0)
-    told = np.count_nonzero((product != 0.0).any(axis=1))
-    opposed = np.count_nonzero((product < 0.0).any(axis=1) & ~(product > 0.0).any(axis=1))
+    sides = np.where(alike, one.side[:, None] * other.side[rows], 0.0)
+    told = np.count_nonzero((sides != 0.0).any(axis=1))
+    opposed = np.count_nonzero((sides < 0.0).any(axis=1) & ~(sides > 0.0).any(axis=1))
     return opposed / told if told >= FEWEST_TURNING else np.nan
 
 
