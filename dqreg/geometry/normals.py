@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 
 import numpy as np
 
@@ -18,6 +17,8 @@ FEWEST = 4
 NEAREST, SIN = 8, 0.4
 # Neighbours in the plane, the point among them, without which there is none; rounds of the fit to those.
 FEWEST_HELD, ROUNDS = 6, 3
+# Points by an edge that one thread goes over at a time.
+EDGES = 256
 # Bounds the memory of one step: 16 neighbours of 65,536 points are 25 MB.
 CHUNK = 65_536
 
@@ -116,35 +117,14 @@ def fit_edge_planes(cloud: FloatArray, indices: IntArray, within: float) -> tupl
 
     Shapes: indices (n, k) rows of the cloud, the point itself first; returns (n, 3), (n,), (n,).
     """
-    points = cloud[indices]
-    arms = points - points[:, :1]
-    held = _best_of_three(arms, within)
-    for left in range(ROUNDS)[::-1]:
-        counts = np.maximum(held.sum(axis=1), 1)
-        weights = held.astype(np.float64)
-        middles = np.matmul(weights[:, None], arms) / counts[:, None, None]
-        centred = (arms - middles) * weights[:, :, None]
-        values, axes = np.linalg.eigh(np.matmul(centred.transpose(0, 2, 1), centred))
-        if left:
-            held = np.abs(np.matmul(arms - middles, axes[:, :, :1])[:, :, 0]) <= within
-    residuals = np.sqrt(np.maximum(values[:, 0], 0.0) / np.maximum(counts - 3, 1))
-    return axes[:, :, 0], residuals, (counts >= FEWEST_HELD) & held[:, 0]
+    from dqreg.kernels.edge_planes import edge_plane_rows
+    from dqreg.kernels.threads import as_plain, over_chunks
 
-
-def _best_of_three(arms: FloatArray, within: float) -> BoolArray:
-    """Which neighbours, (n, k), the best plane through a point and two of the nearest holds."""
-    one, two = np.array(list(itertools.combinations(range(1, min(NEAREST + 1, arms.shape[1])), 2))).T
-    u, v = arms[:, one], arms[:, two]
-    normals = np.cross(u, v)
-    squares = (arms**2).sum(axis=2)
-    areas = np.sqrt((normals**2).sum(axis=2))
-    wide = areas > SIN * np.sqrt(squares[:, one] * squares[:, two])
-    normals /= np.maximum(areas, np.finfo(float).tiny)[:, :, None]
-    aside = np.abs(np.matmul(normals, arms.transpose(0, 2, 1)))
-    cost = np.where(wide, (np.minimum(aside, within) ** 2).sum(axis=2), np.inf)
-    rows, best = np.arange(len(arms)), cost.argmin(axis=1)
-    # Neighbours on a line are in many planes.
-    return np.asarray((aside[rows, best] <= within) & np.isfinite(cost[rows, best])[:, None])
+    total = len(indices)
+    normals, residuals, found = np.zeros((total, 3)), np.zeros(total), np.zeros(total, dtype=bool)
+    limits = NEAREST, SIN, float(within), ROUNDS, FEWEST_HELD
+    over_chunks(edge_plane_rows, total, as_plain(cloud), indices, *limits, normals, residuals, found, chunk=EDGES)
+    return normals, residuals, found
 
 
 def orient_towards(normals: FloatArray, points: FloatArray, viewpoint: FloatArray) -> FloatArray:

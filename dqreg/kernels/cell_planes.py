@@ -44,7 +44,7 @@ def cell_planes(
     to the next mean; NaN where there is no plane.
     """
     near, a, v = np.zeros(BLOCKS * CELLS, np.int64), np.zeros(ELEMENTS), np.zeros((3, 3))
-    sums = np.zeros(6)
+    sums = np.zeros(3)
     for block in range(first, last):
         count = _cells_around(blocks[block], starts, blocks, table, near)
         for i in range(starts[block], starts[block + 1]):
@@ -64,8 +64,8 @@ def cell_planes(
                 fits[i, k] = v[k, least]
             fits[i, 3] = np.sqrt(max(a[least], 0.0) / (weight - 3.0))
             fits[i, 4] = 1.0 / (weight / small + weight / large)
-            height = sums[3] * v[0, least] + sums[4] * v[1, least] + sums[5] * v[2, least]
-            beside = max(sums[3] ** 2 + sums[4] ** 2 + sums[5] ** 2 - height * height, 0.0)
+            height = sums[0] * v[0, least] + sums[1] * v[1, least] + sums[2] * v[2, least]
+            beside = max(sums[0] ** 2 + sums[1] ** 2 + sums[2] ** 2 - height * height, 0.0)
             off = np.sqrt(beside) > share * np.sqrt(farthest) * cells
             rims[i] = off and small > lined * large
 
@@ -107,12 +107,14 @@ def _moments(
     sums: FloatArray,
     a: FloatArray,
 ) -> tuple[float, int, float, float]:
-    """Write sums, by weight and plain, and scatter of cells about their mean; weight, cells, squared distances."""
+    """Write the sum, (3,), and the scatter of cells about their mean; weight, cells, squared distances."""
+    # By name: elements of arrays would be written and read again for every cell.
     weight, cells, farthest, nearest = 0.0, 0, 0.0, np.inf
-    sums[:] = 0.0
-    a[:] = 0.0
+    wx = wy = wz = sx = sy = sz = 0.0
+    xx = yy = zz = xy = xz = yz = 0.0
+    at, bt, ct = means[i, 0], means[i, 1], means[i, 2]
     for j in near:
-        x, y, z = means[j, 0] - means[i, 0], means[j, 1] - means[i, 1], means[j, 2] - means[i, 2]
+        x, y, z = means[j, 0] - at, means[j, 1] - bt, means[j, 2] - ct
         squared = x * x + y * y + z * z
         if squared > reach * reach:
             continue
@@ -120,13 +122,11 @@ def _moments(
             cells, farthest, nearest = cells + 1, max(farthest, squared), min(nearest, squared)
         w = weights[j]
         weight += w
-        sums[0], sums[1], sums[2] = sums[0] + w * x, sums[1] + w * y, sums[2] + w * z
-        sums[3], sums[4], sums[5] = sums[3] + x, sums[4] + y, sums[5] + z
-        a[0], a[1], a[2] = a[0] + w * x * x, a[1] + w * y * y, a[2] + w * z * z
-        a[3], a[4], a[5] = a[3] + w * x * y, a[4] + w * x * z, a[5] + w * y * z
-        for e in range(ELEMENTS):
-            a[e] += scatters[j, e]
-    mx, my, mz = sums[0] / weight, sums[1] / weight, sums[2] / weight
-    a[0], a[1], a[2] = a[0] - weight * mx * mx, a[1] - weight * my * my, a[2] - weight * mz * mz
-    a[3], a[4], a[5] = a[3] - weight * mx * my, a[4] - weight * mx * mz, a[5] - weight * my * mz
+        wx, wy, wz, sx, sy, sz = wx + w * x, wy + w * y, wz + w * z, sx + x, sy + y, sz + z
+        xx, yy, zz = xx + w * x * x + scatters[j, 0], yy + w * y * y + scatters[j, 1], zz + w * z * z + scatters[j, 2]
+        xy, xz, yz = xy + w * x * y + scatters[j, 3], xz + w * x * z + scatters[j, 4], yz + w * y * z + scatters[j, 5]
+    mx, my, mz = wx / weight, wy / weight, wz / weight
+    a[0], a[1], a[2] = xx - weight * mx * mx, yy - weight * my * my, zz - weight * mz * mz
+    a[3], a[4], a[5] = xy - weight * mx * my, xz - weight * mx * mz, yz - weight * my * mz
+    sums[0], sums[1], sums[2] = sx, sy, sz
     return weight, cells, farthest, nearest

@@ -14,6 +14,7 @@ from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.components import components
 from dqreg.kernels.disc_pairs import disc_pair_sums
+from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
@@ -96,6 +97,9 @@ def _points() -> None:
     fit_plane_rows(0, 0, corners, rows, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
     quadric_residual_rows(0, 0, corners, rows, np.zeros((1, 3)), 0.5, np.zeros(1))
     majority_plane_rows(0, 0, corners, rows, np.zeros((1, 3), dtype=np.int64), 1, 0.5, np.zeros(1))
+    none = np.zeros(1, dtype=np.bool_)
+    edge_plane_rows(0, 0, corners, rows, 1, 0.5, 1.0, 1, 1, np.zeros((1, 3)), np.zeros(1), none)
+    with_others_rows(0, 0, FIRST, corners, corners, 1.0, 0.5, 0.5, 1, none)
     near, far, motion = np.full(3, -1), np.zeros(3), np.eye(4)[:3].copy()
     close_points(0, 3, tree.boxes, tree.places, LEAF, tree.rows, corners, corners, motion, 1.0, 1.0, near, far)
     plain, open_all = (corners, corners), np.zeros(3, dtype=np.bool_)

@@ -52,15 +52,17 @@ def kd_order(places: FloatArray, leaf: int) -> IntArray:
 
 @inside_kernels
 def _widest_side(places: FloatArray, order: IntArray, low: int, high: int) -> int:
-    widest, axis = -1.0, 0
-    for k in range(3):
-        least = most = places[order[low], k]
-        for i in range(low + 1, high):
-            value = places[order[i], k]
-            least, most = min(least, value), max(most, value)
-        if most - least > widest:
-            widest, axis = most - least, k
-    return axis
+    # All sides in one go: the places lie anywhere in memory.
+    row = order[low]
+    x0 = x1 = places[row, 0]
+    y0 = y1 = places[row, 1]
+    z0 = z1 = places[row, 2]
+    for i in range(low + 1, high):
+        row = order[i]
+        x, y, z = places[row, 0], places[row, 1], places[row, 2]
+        x0, x1, y0, y1, z0, z1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y), min(z0, z), max(z1, z)
+    x, y, z = x1 - x0, y1 - y0, z1 - z0
+    return 0 if x >= y and x >= z else 1 if y >= z else 2
 
 
 @inside_kernels

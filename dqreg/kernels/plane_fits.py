@@ -36,13 +36,13 @@ def fit_plane_rows(
             t = neighbours[i, j]
             mx, my, mz = mx + points[t, 0], my + points[t, 1], mz + points[t, 2]
         mx, my, mz = mx / count, my / count, mz / count
-        for e in range(ELEMENTS):
-            a[e] = 0.0
+        xx = yy = zz = xy = xz = yz = 0.0
         for j in range(count):
             t = neighbours[i, j]
             x, y, z = points[t, 0] - mx, points[t, 1] - my, points[t, 2] - mz
-            a[0], a[1], a[2] = a[0] + x * x, a[1] + y * y, a[2] + z * z
-            a[3], a[4], a[5] = a[3] + x * y, a[4] + x * z, a[5] + y * z
+            xx, yy, zz = xx + x * x, yy + y * y, zz + z * z
+            xy, xz, yz = xy + x * y, xz + x * z, yz + y * z
+        a[0], a[1], a[2], a[3], a[4], a[5] = xx, yy, zz, xy, xz, yz
         diagonalise(a, v)
         least = 0
         for k in range(1, 3):
@@ -66,26 +66,51 @@ def diagonalise(a: FloatArray, v: FloatArray) -> None:
 
     Cyclic rotations by Jacobi: small eigenvalues keep their digits. Shapes: a (6,), v (3, 3), one axis a column.
     """
-    for p in range(3):
-        for q in range(3):
-            v[p, q] = 1.0 if p == q else 0.0
+    # By name: elements of arrays would be written and read again after every product.
+    xx, yy, zz, xy, xz, yz = a[0], a[1], a[2], a[3], a[4], a[5]
+    x0, x1, x2, y0, y1, y2, z0, z1, z2 = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
     for _ in range(ROUNDS):
-        if a[3] == 0.0 and a[4] == 0.0 and a[5] == 0.0:
-            return
-        for e in range(3, ELEMENTS):
-            # Elements 3, 4, 5 stand for the axes (0, 1), (0, 2), (1, 2); f and g are those that share one with them.
-            p, q = (0, 1) if e == 3 else ((0, 2) if e == 4 else (1, 2))
-            f, g = (4, 5) if e == 3 else ((3, 5) if e == 4 else (3, 4))
-            off = a[e]
-            # What does not change the sum of the diagonal is zero.
-            if abs(a[p]) + abs(off) == abs(a[p]) and abs(a[q]) + abs(off) == abs(a[q]):
-                a[e] = 0.0
-                continue
-            h = 0.5 * (a[q] - a[p])
-            t = off / (h + np.sqrt(h * h + off * off)) if h >= 0.0 else off / (h - np.sqrt(h * h + off * off))
-            c = 1.0 / np.sqrt(1.0 + t * t)
-            s = t * c
-            a[p], a[q], a[e] = a[p] - t * off, a[q] + t * off, 0.0
-            a[f], a[g] = c * a[f] - s * a[g], s * a[f] + c * a[g]
-            for k in range(3):
-                v[k, p], v[k, q] = c * v[k, p] - s * v[k, q], s * v[k, p] + c * v[k, q]
+        if xy == 0.0 and xz == 0.0 and yz == 0.0:
+            break
+        if _adds_nothing(xx, yy, xy):
+            xy = 0.0
+        else:
+            t, c, s = _rotation(xx, yy, xy)
+            xx, yy, xy = xx - t * xy, yy + t * xy, 0.0
+            xz, yz = c * xz - s * yz, s * xz + c * yz
+            x0, y0, x1, y1 = c * x0 - s * y0, s * x0 + c * y0, c * x1 - s * y1, s * x1 + c * y1
+            x2, y2 = c * x2 - s * y2, s * x2 + c * y2
+        if _adds_nothing(xx, zz, xz):
+            xz = 0.0
+        else:
+            t, c, s = _rotation(xx, zz, xz)
+            xx, zz, xz = xx - t * xz, zz + t * xz, 0.0
+            xy, yz = c * xy - s * yz, s * xy + c * yz
+            x0, z0, x1, z1 = c * x0 - s * z0, s * x0 + c * z0, c * x1 - s * z1, s * x1 + c * z1
+            x2, z2 = c * x2 - s * z2, s * x2 + c * z2
+        if _adds_nothing(yy, zz, yz):
+            yz = 0.0
+        else:
+            t, c, s = _rotation(yy, zz, yz)
+            yy, zz, yz = yy - t * yz, zz + t * yz, 0.0
+            xy, xz = c * xy - s * xz, s * xy + c * xz
+            y0, z0, y1, z1 = c * y0 - s * z0, s * y0 + c * z0, c * y1 - s * z1, s * y1 + c * z1
+            y2, z2 = c * y2 - s * z2, s * y2 + c * z2
+    a[0], a[1], a[2], a[3], a[4], a[5] = xx, yy, zz, xy, xz, yz
+    v[0, 0], v[1, 0], v[2, 0], v[0, 1], v[1, 1], v[2, 1] = x0, x1, x2, y0, y1, y2
+    v[0, 2], v[1, 2], v[2, 2] = z0, z1, z2
+
+
+@compiled
+def _adds_nothing(p: float, q: float, off: float) -> bool:
+    """Whether an element off the diagonal changes the sum of neither of its two on the diagonal."""
+    return abs(p) + abs(off) == abs(p) and abs(q) + abs(off) == abs(q)
+
+
+@compiled
+def _rotation(p: float, q: float, off: float) -> tuple[float, float, float]:
+    """Tangent, cosine and sine of the rotation that makes an element zero."""
+    h = 0.5 * (q - p)
+    t = off / (h + np.sqrt(h * h + off * off)) if h >= 0.0 else off / (h - np.sqrt(h * h + off * off))
+    c = 1.0 / np.sqrt(1.0 + t * t)
+    return t, c, t * c

@@ -130,11 +130,11 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
     target = fit.target.geometry
     if not fit.found or fit.is_late or not isinstance(target, PointCloud):
         return fit.agreement
-    moves, stands, overlap = overlap_of(fit)
+    overlap, planes = overlap_of(fit)[2], _planes_of(fit)
     if overlap is None:
         return fit.agreement
-    placed, fixed, size = pose.apply(fit.T_target_source, moves.points), stands.points, fit.prepared.surface.diagonal
-    strain, planes = overlap.strain(size), CommonPlanes.of(overlap.on_no_edge, placed, fixed, size)
+    size = fit.prepared.surface.diagonal
+    strain = overlap.strain(size)
     return dataclasses.replace(
         fit.agreement,
         faces_apart=overlap.apart(size, covariance),
@@ -150,6 +150,18 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
         stretched_along=strain.along,
         bend=strain.bend if strain.is_bent else 0.0,
     )
+
+
+def _planes_of(fit: Fit) -> CommonPlanes | None:
+    """The planes that two clouds have in common at the pose of a fit; None for none."""
+
+    def found() -> CommonPlanes | None:
+        moves, stands, overlap = overlap_of(fit)
+        if overlap is None:
+            return None
+        return CommonPlanes.of(overlap.on_no_edge, moves, stands, fit.T_target_source, fit.prepared.surface.diagonal)
+
+    return fit.once("planes", found)
 
 
 def begin_evidence(problem: Problem, prepared: Prepared) -> None:
@@ -172,6 +184,14 @@ def begin_judging(fit: Fit) -> None:
     if fit.found and _is_worth_it(fit.prepared) and isinstance(target, PointCloud):
         fit.begin_agreement()
         fit.begin("overlap", lambda: overlap_at(fit))
+
+
+def begin_comparing(fit: Fit) -> None:
+    """Make what takes longest of the evidence on two clouds, at a pose that will hardly change, beside the rest."""
+    if not fit.found or fit.is_late or not _is_worth_it(fit.prepared) or fit.problem.options.time_limit is not None:
+        return
+    if isinstance(fit.target.geometry, PointCloud) and (planes := _planes_of(fit)) is not None:
+        planes.begin()
 
 
 def _is_worth_it(prepared: Prepared) -> bool:

@@ -13,6 +13,7 @@ from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.registration.assess import (
     Uncertainty,
+    begin_comparing,
     begin_evidence,
     begin_judging,
     evidence_of,
@@ -76,6 +77,7 @@ def align(problem: Problem) -> Registration:
         begin_judging(fit)
         with suppress(TimeUpError), until(watch.deadline):
             fit = on_common_faces(fit)
+            begin_comparing(fit)
     with watch.stage("second try"):
         problem.await_target()
         known = second_try(fit, start, search)

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray, product
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.spacing import measure_spacing
+from dqreg.kernels.threads import Later
+from dqreg.rigid import pose
 from dqreg.trust.face_rims import (
     Plane,
     Points,
     Rims,
     closed_hole,
-    opposed_rims,
     rims_in,
     rows_in,
     shared_along,
     shared_rims,
 )
-from dqreg.trust.overlap import Overlap
+from dqreg.trust.opposed_edges import opposed_share
+from dqreg.trust.overlap import IndexedPoints, Overlap
 
 # Planes of a corner, which fix a pose and leave nothing to check it by; most planes that are found, of which a corner
 # may have some more by chance or beside a face's edges; the share of the common places that they hold, and the share
@@ -52,18 +54,23 @@ class CommonPlanes:
     shares: tuple[float, ...]  # Of the common places, that each of them holds and none before it
     within: float  # Distance from a plane within which a point lies in it
     sides: tuple[Points, Points]  # The source at the pose, the target
-    spacing: float  # Of neighbouring points, of the sparser side
 
     @staticmethod
-    def of(overlap: Overlap, placed: FloatArray, fixed: FloatArray, size: float) -> CommonPlanes | None:
-        """Of clouds of a size, placed (n, 3) and fixed (m, 3); None where they have no plane in common."""
+    def of(
+        overlap: Overlap, moves: IndexedPoints, stands: IndexedPoints, T_target_source: FloatArray, size: float
+    ) -> CommonPlanes | None:
+        """Of two clouds of a size at a pose, (4, 4); None where they have no plane in common."""
         within = max(WITHIN * size, NOISY * float(np.median(overlap.noise)))
         found = _planes(overlap, within)
         if not found[0]:
             return None
-        sides = (placed, NeighbourTree(placed)), (fixed, NeighbourTree(fixed))
-        spacing = max(measure_spacing(tree, points, SAMPLE) for points, tree in sides)
-        return CommonPlanes(*found, within, sides, spacing)
+        placed = pose.apply(T_target_source, moves.points)
+        return CommonPlanes(*found, within, ((placed, moves.tree), (stands.points, stands.tree)))
+
+    @cached_property
+    def spacing(self) -> float:
+        """Distance of neighbouring points, of the sparser side."""
+        return max(measure_spacing(tree, points, SAMPLE) for points, tree in self.sides)
 
     @property
     def are_all(self) -> bool:
@@ -86,7 +93,11 @@ class CommonPlanes:
         Both sides of a wall laid on each other are one plane; the faces beside them tell that it is not one face. NaN
         for few such rims.
         """
-        return float(np.fmax.reduce([opposed_rims(one, other) for one, other in zip(*self._rims, strict=True)]))
+        return float(np.fmax.reduce([share.result() for share in self._opposed]))
+
+    def begin(self) -> None:
+        """Make what `opposed_edges` asks of each plane beside the caller, who takes over what is left of it."""
+        vars(self)["_opposed"] = self._opposed_in_each(beside=True)
 
     def closed_hole(self) -> float:
         """Diameter of the largest hole in a face of either cloud that the other one's face closes; 0 for none."""
@@ -136,6 +147,15 @@ class CommonPlanes:
         return found
 
     @cached_property
+    def _opposed(self) -> list[Later[float]]:
+        return self._opposed_in_each(beside=False)
+
+    def _opposed_in_each(self, *, beside: bool) -> list[Later[float]]:
+        """Shares of opposed rims, plane by plane."""
+        asked = (partial(opposed_share, self.sides, plane, self.within) for plane in self.planes)
+        return [Later(each, beside=beside) for each in asked]
+
+    @cached_property
     def _rims(self) -> tuple[list[Rims | None], list[Rims | None]]:
         """Rims of either cloud's faces in each of the planes."""
         one, other = (
@@ -166,7 +186,7 @@ def _planes(overlap: Overlap, within: float) -> tuple[tuple[Plane, ...], tuple[f
         rows = np.flatnonzero(left)
         if len(rows) < LEAST_SHARE * len(left) or (k >= CORNER and sum(shares) >= ALL):
             break
-        held = max((_held(overlap, k, left, within) for k in rows[sample_rows(len(rows), TRIED)]), key=np.count_nonzero)
+        held = _fullest(overlap, rows[sample_rows(len(rows), TRIED)], left, within)
         points = overlap.points[held]
         middle = points.mean(axis=0)
         planes.append(Plane(middle, np.linalg.eigh((points - middle).T @ (points - middle))[1][:, 0]))
@@ -175,9 +195,11 @@ def _planes(overlap: Overlap, within: float) -> tuple[tuple[Plane, ...], tuple[f
     return tuple(planes), tuple(shares)
 
 
-def _held(overlap: Overlap, k: int, left: BoolArray, within: float) -> BoolArray:
-    """Which places, (n,), of those left lie in the plane of one."""
-    normal = overlap.normals[k]
-    aside = np.abs((overlap.points - overlap.points[k]) @ normal)
-    held: BoolArray = left & (aside < within) & (np.abs(overlap.normals @ normal) > SAME_COS)
-    return held
+def _fullest(overlap: Overlap, tried: IntArray, left: BoolArray, within: float) -> BoolArray:
+    """Which places, (n,), of those left lie in the plane of one of some, of that in which most do."""
+    normals = overlap.normals[tried]
+    offsets = np.einsum("ij,ij->i", overlap.points[tried], normals)[:, None]
+    held = left & (np.abs(product(normals, overlap.points.T) - offsets) < within)
+    held &= np.abs(product(normals, overlap.normals.T)) > SAME_COS
+    fullest: BoolArray = held[np.count_nonzero(held, axis=1).argmax()]
+    return fullest

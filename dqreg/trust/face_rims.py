@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, median
 from dqreg.geometry.neighbours import NeighbourTree
 
+# Points of a cloud at the pose, and a tree of them in their own frame, which is asked about its own points alone: those
+# have the same neighbours at any pose.
 Points = tuple[FloatArray, NeighbourTree]
 
 # Neighbours of a point in space that tell whether its face lies in the plane, and the share of them that lie there.
@@ -17,15 +20,14 @@ BESIDE, MOSTLY = 8, 0.6
 # Neighbours in the plane that leave so wide an angle without any about a point on a rim; a point that has them within
 # so many times the usual distance only is on no face.
 AROUND, SPARSE, OPEN_RAD = 20, 2.0, np.deg2rad(140.0)
+# What the distance to the last of these is of the edge of the square that each has for itself.
+OF_SPACING = float(np.sqrt(np.pi / AROUND))
 # Points of a plane without which it has no rims; rims within so many spacings of another plane end there in any case.
 FEWEST, MEETING = 30, 1.5
 # Rims are the same where their points are within so many spacings of each other and look the same way.
 SAME, NEAREST, SAME_COS = 1.2, 4, 0.7
 # Points on rims without which nothing is said.
 FEWEST_RIMS = 30
-# Neighbours of a rim in space, within so many spacings, that tell to which side of the plane the faces beside it turn:
-# as many at least, nearly all on one side. Rims that both clouds have in a plane without which nothing is said of them.
-BESIDE_RIM, REACH, TURNING, NEARLY_ALL, FEWEST_TURNING = 20, 3.0, 2, 0.9, 10
 # Width of a cell of the plane, in spacings of its points; a plane of more cells has a point far away, and is not asked.
 CELL, MOST_CELLS = 2.0, 1 << 22
 # Cells of a hole, and how much of them the other's face holds: of right pairs of generated views gaps of up to 4 cells
@@ -49,6 +51,12 @@ class Plane:
         """Which points, (n, 3), lie in it."""
         return np.asarray(np.abs((points - self.middle) @ self.normal) < within)
 
+    @cached_property
+    def across(self) -> FloatArray:
+        """Two directions in it, (2, 3)."""
+        axes: FloatArray = np.linalg.svd(self.normal[None])[2][1:]
+        return axes
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Rims:
@@ -56,7 +64,6 @@ class Rims:
 
     points: FloatArray  # (n, 3)
     outward: FloatArray  # (n, 3): Directions in the plane to the side without points
-    turning: IntArray  # (n,): Side of the plane to which faces beside it turn, 1 along its normal, -1; 0 where unknown
     counted: BoolArray  # (n,): Whether it is not the rim along which another common plane begins
     spacing: float  # Edge of the square that a point has for itself
 
@@ -67,7 +74,7 @@ def rows_in(points: FloatArray, tree: NeighbourTree, plane: Plane, within: float
     rows = np.flatnonzero(near)
     if not len(rows):
         return rows
-    found: IntArray = rows[near[tree.nearest(points[rows], BESIDE)[0]].mean(axis=1) > share]
+    found: IntArray = rows[near[tree.nearest_to(rows, BESIDE)[0]].mean(axis=1) > share]
     return found
 
 
@@ -75,21 +82,23 @@ def rims_in(
     points: FloatArray, tree: NeighbourTree, plane: Plane, planes: Sequence[Plane], within: float
 ) -> Rims | None:
     """Rims of a cloud's faces in one of some planes; None where few of its points are."""
-    rows, cloud = rows_in(points, tree, plane, within, MOSTLY), (points, tree)
+    rows = rows_in(points, tree, plane, within, MOSTLY)
     if len(rows) < FEWEST:
         return None
     points = points[rows]
-    across = np.linalg.svd(plane.normal[None])[2][1:]
+    across = plane.across
     flat = (points - plane.middle) @ across.T
-    open_rad, towards, spacing = _open_sides(flat)
-    is_rim = open_rad > OPEN_RAD
+    rows, apart = NeighbourTree(in_space := lifted(flat)).nearest(in_space, min(AROUND + 1, len(flat)))
+    usual = median(apart[:, -1])
+    open_rad, towards = open_sides(flat, flat, rows)
+    is_rim, spacing = (open_rad > OPEN_RAD) & (apart[:, -1] <= SPARSE * usual), usual * OF_SPACING
     points = points[is_rim]
     counted = np.ones(len(points), dtype=bool)
     for other in planes:
         if other is not plane:
             counted &= ~other.holds(points, MEETING * spacing)
     outward = np.column_stack([np.cos(towards), np.sin(towards)])[is_rim] @ across
-    return Rims(points, outward, _turning(points, cloud, plane, within, REACH * spacing), counted, spacing)
+    return Rims(points, outward, counted, spacing)
 
 
 def shared_rims(rims: Sequence[Rims | None], others: Sequence[Rims | None]) -> float:
@@ -101,39 +110,15 @@ def shared_rims(rims: Sequence[Rims | None], others: Sequence[Rims | None]) -> f
         count += int(np.count_nonzero(one.counted))
         if len(other.points) < NEAREST or not one.counted.any():
             continue
-        shared += int(np.count_nonzero(_alike(one, other, one.counted)[1].any(axis=1)))
+        shared += int(np.count_nonzero(alike_rims(one, other, one.counted)[1].any(axis=1)))
     return shared / count if count >= FEWEST_RIMS else np.nan
 
 
-def _alike(one: Rims, other: Rims, asked: BoolArray) -> tuple[IntArray, BoolArray]:
+def alike_rims(one: Rims, other: Rims, asked: BoolArray) -> tuple[IntArray, BoolArray]:
     """The other cloud's rims next to those asked, (m, k), and whether they are the same ones."""
     rows, apart = NeighbourTree(other.points).nearest(one.points[asked], NEAREST)
     look_alike = np.einsum("ijk,ik->ij", other.outward[rows], one.outward[asked]) > SAME_COS
     return rows, look_alike & (apart < SAME * max(one.spacing, other.spacing))
-
-
-def _turning(rims: FloatArray, cloud: Points, plane: Plane, within: float, reach: float) -> IntArray:
-    """Side of the plane, 1 or -1, on which a cloud's points beside its rims, (n, 3), lie; 0 for few or both."""
-    points, tree = cloud
-    rows, apart = tree.nearest(rims, min(BESIDE_RIM, len(points)))
-    heights = np.where(apart < reach, (points[rows] - plane.middle) @ plane.normal, 0.0)
-    above, below = (np.count_nonzero(side * heights > within, axis=1) for side in (1.0, -1.0))
-    told = np.maximum(above, below) >= np.maximum(TURNING, NEARLY_ALL * (above + below))
-    return np.where(told, np.sign(above - below), 0)
-
-
-def opposed_rims(one: Rims | None, other: Rims | None) -> float:
-    """Share of the rims that both clouds have in a plane beside which their faces turn to opposite sides; NaN for few.
-
-    A face ends at a convex edge or at a concave one, never at both.
-    """
-    if one is None or other is None or len(other.points) < NEAREST or not len(one.points):
-        return np.nan
-    rows, alike = _alike(one, other, np.ones(len(one.points), dtype=bool))
-    product = np.where(alike, one.turning[:, None] * other.turning[rows], 0)
-    told = np.count_nonzero((product != 0).any(axis=1))
-    opposed = np.count_nonzero((product < 0).any(axis=1) & ~(product > 0).any(axis=1))
-    return opposed / told if told >= FEWEST_TURNING else np.nan
 
 
 def shared_along(
@@ -173,7 +158,7 @@ def closed_hole(one: Points, other: Points, plane: Plane, within: float, spacing
     """
     from scipy.ndimage import binary_dilation, label
 
-    across = np.linalg.svd(plane.normal[None])[2][1:]
+    across = plane.across
     (points, tree), (others, other_tree) = one, other
     inside = (points[rows_in(points, tree, plane, within, MOSTLY)] - plane.middle) @ across.T
     if not len(inside) or not spacing > 0.0:
@@ -212,17 +197,20 @@ def closed_hole(one: Points, other: Points, plane: Plane, within: float, spacing
     return 2.0 * cell * float(np.sqrt(widest / np.pi))
 
 
-def _open_sides(flat: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Widest angle without a neighbour about each point of a plane, (n, 2), its direction, in radians; the spacing."""
-    in_space = np.column_stack([flat, np.zeros(len(flat))])
-    rows, apart = NeighbourTree(in_space).nearest(in_space, min(AROUND + 1, len(flat)))
-    farthest = apart[:, -1]
-    usual = median(farthest)
-    arms = flat[rows[:, 1:]] - flat[:, None]
+def lifted(flat: FloatArray) -> FloatArray:
+    """Points of a plane, (n, 2), in space, as trees take them."""
+    return np.column_stack([flat, np.zeros(len(flat))])
+
+
+def open_sides(at: FloatArray, flat: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Widest angle without a neighbour about points of a plane, (m, 2), and its direction, in radians.
+
+    Shapes: flat (n, 2), of which rows (m, k) are the nearest to each point, itself the first.
+    """
+    arms = flat[rows[:, 1:]] - at[:, None]
     angles = np.sort(np.arctan2(arms[..., 1], arms[..., 0]), axis=1)
     # The first neighbour closes the round.
     closed = np.concatenate([angles, angles[:, :1] + 2.0 * np.pi], axis=1)
     gaps = np.diff(closed, axis=1)
-    each, widest = np.arange(len(flat)), gaps.argmax(axis=1)
-    open_rad = np.where(farthest <= SPARSE * usual, gaps[each, widest], 0.0)
-    return open_rad, closed[each, widest] + 0.5 * open_rad, usual * float(np.sqrt(np.pi / AROUND))
+    each, widest = np.arange(len(at)), gaps.argmax(axis=1)
+    return gaps[each, widest], closed[each, widest] + 0.5 * gaps[each, widest]

@@ -12,10 +12,11 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median, product
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import (
+    EDGES,
     NEIGHBOURS,
     PlaneFits,
     fit_edge_planes,
@@ -41,7 +42,7 @@ SAME_COS, FLAT, NOISY, FLATTEST, BESIDE = np.cos(np.deg2rad(15.0)), 0.15, 2.0, 0
 # extents, and of so many points at most: of more, faces that matter hold places on no edge.
 BY_EDGES, IN_PLANE, NEAR, DENSE = 24, 3.0, 2.0, 10_000
 # Places by an edge of which fewer others are on the same plane, within this angle and this slope, are on no face.
-OTHERS, FACE_COS, SLOPE = 4, np.cos(np.deg2rad(8.0)), 0.03
+OTHERS, FACE_COS, SLOPE = 4, float(np.cos(np.deg2rad(8.0))), 0.03
 # Comparisons of a patch; patches lie apart whose median is this many times the noise, and this share of the size: what
 # is many times the noise from a smaller share on. Fragments of a room that drifted come to 2 and 0.0015, streets to 6
 # and 0.0003.
@@ -161,14 +162,15 @@ class Overlap:
 
         Their normals are those of no face, so that the few of them would determine a number of a deformation.
         """
+        from dqreg.kernels.edge_planes import with_others_rows
+        from dqreg.kernels.threads import as_plain, over_chunks
+
         edge, with_others = np.flatnonzero(~self.inner), np.zeros(len(self.points), dtype=bool)
-        arms, normals = self.points - self.points.mean(axis=0), self.normals[edge]
-        squares = np.einsum("ni,ni->n", arms, arms)
-        apart = squares[edge, None] + squares - 2.0 * product(arms[edge], arms.T)
-        aside = product(normals, arms.T) - np.einsum("ei,ei->e", normals, arms[edge])[:, None]
-        within = IN_PLANE * median(self.noise[self.inner]) + SLOPE * np.sqrt(np.maximum(apart, 0.0))
-        together = (np.abs(aside) < within) & (np.abs(product(normals, self.normals.T)) > FACE_COS)
-        with_others[edge] = np.count_nonzero(together, axis=1) > OTHERS
+        found = np.zeros(len(edge), dtype=bool)
+        limits = IN_PLANE * median(self.noise[self.inner]), SLOPE, FACE_COS, OTHERS
+        given = edge, as_plain(self.points), as_plain(self.normals), *limits
+        over_chunks(with_others_rows, len(edge), *given, found, chunk=EDGES)
+        with_others[edge] = found
         return with_others
 
     @cached_property

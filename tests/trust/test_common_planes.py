@@ -25,9 +25,10 @@ def corner(edges: tuple[float, float, float], seed: int) -> FloatArray:
 
 
 def planes_of(one: FloatArray, other: FloatArray) -> CommonPlanes | None:
-    overlap = Overlap.of(IndexedPoints.of(one), IndexedPoints.of(other), np.eye(4))
+    sides, still = [IndexedPoints.of(points) for points in (one, other)], np.eye(4)
+    overlap = Overlap.of(*sides, still)
     assert overlap is not None
-    return CommonPlanes.of(overlap, one, other, SIZE)
+    return CommonPlanes.of(overlap, *sides, still, SIZE)
 
 
 def between(one: FloatArray, other: FloatArray) -> CommonPlanes:
