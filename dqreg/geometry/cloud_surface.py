@@ -30,8 +30,8 @@ class CloudSurface:
     fitted : ndarray, (m, 4), optional
         `fitted` of an earlier surface of the same cloud, which saves fitting its normals again.
     derived : bool
-        Whether it is asked by the compiled tree that its planes are fitted with, in half the time, and Open3D's is not
-        built: as clouds that were derived from others, and targets of registrations.
+        Whether the cloud was derived from another, as its cells or moved to its middle: it is asked by the compiled
+        tree that its planes are fitted with, in half the time, and Open3D's is not built.
 
     Examples
     --------

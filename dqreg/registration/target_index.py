@@ -69,8 +69,7 @@ class TargetIndex:
                 seen = self.visible
                 surface = MeshSurface(self.geometry) if seen is None else VisibleSurface(self.geometry, seen)
             else:
-                # One tree finds planes and matches: Open3D's would take more CPU to build and to ask.
-                surface = CloudSurface(self.geometry, self.fitted, derived=True)
+                surface = CloudSurface(self.geometry, self.fitted)
             surface.closest(np.zeros((1, 3)))  # builds what is built lazily, while only one thread is here
             return surface
 
