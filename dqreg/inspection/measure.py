@@ -43,6 +43,7 @@ def measure_deviations(
     centre: FloatArray | None = None,
     exclude: Sequence[Sequence[float]] = (),
     progress: Progress | None = None,
+    copy: bool = True,
 ) -> Deviations:
     """Deviation of every point from a target.
 
@@ -81,6 +82,8 @@ def measure_deviations(
         Boxes in the caller's frame whose points are left out of the figures: two opposite corners each.
     progress : callable, optional
         Called with the points done and all points, now and then.
+    copy : bool
+        Whether the points are left as they are; else their array becomes the record's, in the caller's frame.
 
     Returns
     -------
@@ -115,7 +118,7 @@ def measure_deviations(
         flags[in_boxes(points + shift, exclude)] = EXCLUDED
     return Deviations(
         values=values,
-        points=moved(points, shift, np.zeros(points.shape)),
+        points=moved(points, shift, np.zeros(points.shape) if copy else points),
         closest=moved(closest, shift, closest),
         faces=faces,
         signed=reason is None,

@@ -34,6 +34,7 @@ from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.scattering import put_rows
 from dqreg.kernels.split_sort import split_sorted_rows
+from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import slide_rows, weigh_rows
@@ -114,6 +115,7 @@ def _steps() -> None:
 def _weights() -> None:
     rows, ones = np.eye(3), np.ones(3)
     limits, weighed = np.ones(5), np.zeros((1, WEIGHED))
+    systematic_rows(NOTHING, FIRST[:0], np.zeros(0, np.bool_), FIRST)
     weigh_rows(0, 3, ones, *(rows,) * 3, *(NOTHING,) * 3, limits, 3, np.zeros(3), weighed)
     plane_row_columns(0, 3, rows, rows, ones, 1.0, np.zeros((6, 3)))
     strain_row_columns(0, 3, rows, rows, rows, 1.0, np.zeros((9, 3)))

@@ -76,6 +76,16 @@ def test_chunks_are_the_whole_in_the_order_of_the_scan(monkeypatch: pytest.Monke
     np.testing.assert_array_equal(whole.points, points)
 
 
+def test_without_a_copy_the_points_become_those_of_the_record() -> None:
+    mesh, origin = Mesh(*box((3.0, 2.0, 1.0))), np.array([5.0, -3.0, 1.0])
+    points = np.random.default_rng(3).uniform(-1.0, 4.0, size=(500, 3))
+    given = points.copy()
+    kept, taken = measured(given, mesh, origin=origin), measured(points, mesh, origin=origin, copy=False)
+    assert taken.points is points
+    for name in ("values", "points", "closest", "flags"):
+        np.testing.assert_array_equal(getattr(taken, name), getattr(kept, name))
+
+
 def test_a_far_origin_costs_no_digits() -> None:
     mesh = Mesh(*box((3.0, 2.0, 1.0)))
     points = np.random.default_rng(3).uniform(-1.0, 4.0, size=(500, 3))
