@@ -10,26 +10,27 @@ from dqreg.kernels.compiled import compiled
 from dqreg.kernels.morton import Codes, sorted_rows
 from dqreg.kernels.threads import over_chunks
 
-# Bits of the leading digit; a bucket of millions of points on a surface fits into a core's cache.
-DIGIT = 11
-BUCKETS = 1 << DIGIT
-# Codes that are split at once, and buckets that are sorted at once.
-CHUNK, SOME = 1 << 16, 8
+# Bits of the leading digit at most, and codes for each of its values: a bucket of a surface, which fills a part of
+# them, fits into a core's cache and is still worth sorting by itself.
+DIGIT, EACH = 11, 1 << 12
+# Codes that are split at once, and shares of the buckets that are sorted at once.
+CHUNK, SHARES = 1 << 16, 256
 Counts = NDArray[np.int64]
 
 
 def split_sorted_rows(codes: Codes) -> tuple[IntArray, Codes]:
     """What `sorted_rows` returns, of many codes: O(n) on all threads, and in memory that stays near."""
-    shift = max(int(codes.max(initial=0)).bit_length() - DIGIT, 0)
-    counts = np.zeros((len(codes) // CHUNK + 1, BUCKETS), dtype=np.int64)
+    digit = min((len(codes) // EACH).bit_length(), DIGIT)
+    shift, buckets = max(int(codes.max(initial=0)).bit_length() - digit, 0), 1 << digit
+    counts = np.zeros((len(codes) // CHUNK + 1, buckets), dtype=np.int64)
     over_chunks(count_leading, len(codes), codes, shift, CHUNK, counts, chunk=CHUNK)
     # Where each range begins in each bucket: ranges in their order, so that equal codes keep theirs.
-    ends = np.cumsum(counts.T).reshape(BUCKETS, -1)
+    ends = np.cumsum(counts.T).reshape(buckets, -1)
     places = np.ascontiguousarray((ends - counts.T).T)
     starts = np.append(ends[:, -1] - counts.sum(axis=0), len(codes))
     rows, keys = np.zeros(len(codes), dtype=np.int64), np.zeros(len(codes), dtype=np.uint64)
     over_chunks(split_leading, len(codes), codes, shift, CHUNK, places, rows, keys, chunk=CHUNK)
-    over_chunks(sort_buckets, BUCKETS, starts, rows, keys, chunk=SOME)
+    over_chunks(sort_buckets, buckets, starts, rows, keys, chunk=max(buckets // SHARES, 1))
     return rows, keys
 
 
