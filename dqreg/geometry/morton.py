@@ -16,6 +16,8 @@ BITS = 21
 CHUNK = 65_536
 # Points from which on a kernel that goes over all of them runs aside, so that an interrupt is seen at once.
 LONG = 500_000
+# Codes from which on their order is made on all threads.
+MANY = 4 * CHUNK
 
 
 def morton_order(points: FloatArray) -> IntArray:
@@ -54,12 +56,13 @@ def sorted_rows(codes: CodeArray) -> IntArray:
 
 def sorted_codes(codes: CodeArray) -> tuple[IntArray, CodeArray]:
     """Stable order of codes, and the codes in it."""
-    from dqreg.kernels import morton
-    from dqreg.kernels.threads import aside
+    if len(codes) > MANY:
+        from dqreg.kernels.split_sort import split_sorted_rows
 
-    found: tuple[IntArray, CodeArray]
-    found = aside(morton.sorted_rows, codes) if len(codes) > LONG else morton.sorted_rows(codes)
-    return found
+        return split_sorted_rows(codes)
+    from dqreg.kernels import morton
+
+    return morton.sorted_rows(codes)
 
 
 def morton_codes(points: FloatArray, size: float = 0.0, ends: Ends | None = None) -> CodeArray:

@@ -62,10 +62,11 @@ def gather(
     on, means, within = _on_faces(scan.points, length, surface, pairs, T, width)
     counts = on.sum(axis=1)
     gathered = np.flatnonzero(counts)
-    others = np.flatnonzero(np.r_[~on.ravel(), np.ones(len(scan) - on.size, dtype=bool)])
+    gone = np.zeros(len(scan), dtype=bool)
+    gone[: on.size] = on.ravel()
     lengths = length - counts
     lengths[-1] += len(scan) - on.size
-    asked = others[sample_runs_by_gain(information_gain(pairs, weights), lengths, count)]
+    asked = sample_runs_by_gain(information_gain(pairs, weights), lengths, count, gone)
     order = np.argsort(np.r_[gathered * length + length // 2, asked], kind="stable")
     alone = find_correspondences(scan.taken(asked), surface, T)
     moved = pose.apply(T, means[gathered])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, product
+from dqreg._arrays import BoolArray, FloatArray, IntArray, product
 from dqreg.icp.correspondences import Correspondences
 from dqreg.solvers.quadratic import plane_rows
 
@@ -43,18 +43,26 @@ def sample_by_gain(values: FloatArray, places: IntArray, total: int, count: int)
     return sample_runs_by_gain(values, np.diff(np.r_[0, (places[1:] + places[:-1] + 1) // 2, total]), count)
 
 
-def sample_runs_by_gain(values: FloatArray, lengths: IntArray, count: int) -> IntArray:
-    """Rows to take out of consecutive runs, more of them where the gain is high. Shapes: values (m,), lengths (m,)."""
+def sample_runs_by_gain(
+    values: FloatArray, lengths: IntArray, count: int, left_out: BoolArray | None = None
+) -> IntArray:
+    """Rows to take out of consecutive runs, more of them where the gain is high.
+
+    Shapes: values (m,), lengths (m,), of rows that are not left out; left_out (n,).
+    """
+    from dqreg.kernels.systematic_rows import systematic_rows
+
     total = int(lengths.sum())
+    out = np.zeros(0, dtype=bool) if left_out is None else left_out
     if count >= total or not count:
-        return np.arange(min(count, total))
+        rows = np.flatnonzero(~out) if len(out) else np.arange(total)
+        return rows[: min(count, total)]
     even = count / total
     # A sure outlier has a weight of 1e-300, and numbers that small do not divide.
     values = np.where(values > NOTHING * values.max(), values, 0.0)
-    rates = _filled(values, lengths, (1.0 - EVEN) * count) + EVEN * even
-    # Systematic sampling: a row is taken where the running sum of the rates passes a whole number.
-    passed = np.floor(np.cumsum(np.repeat(np.minimum(rates, 1.0), lengths)) + 0.5)
-    return np.flatnonzero(np.diff(passed, prepend=0.0) > 0.0)
+    rates = np.minimum(_filled(values, lengths, (1.0 - EVEN) * count) + EVEN * even, 1.0)
+    rows = np.zeros(int(rates @ lengths) + 2, dtype=np.int64)
+    return rows[: systematic_rows(rates, lengths, out, rows)]
 
 
 def _filled(values: FloatArray, lengths: IntArray, count: float) -> FloatArray:

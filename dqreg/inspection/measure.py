@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,29 +12,19 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.mesh_faces import areas_of, faces_of
-from dqreg.geometry.mesh_normals import PseudoNormals
 from dqreg.geometry.mesh_surface import MeshSurface
-from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.spacing import measure_spacing
 from dqreg.geometry.surface import Surface
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.membership import EXCLUDED, Membership, by_reach, in_boxes, membership
 from dqreg.inspection.scan_surfaces import Nominal
+from dqreg.inspection.signed_distances import Progress, moved, signed_distances
 from dqreg.inspection.statistics import FEWEST, PROBED
 from dqreg.rigid import pose
 
-# Bounds the memory of one step to some hundred bytes times this.
-CHUNK = 1 << 18
-# Points that are put in order together: 50 bytes each, for as long as that takes.
-ORDERED = 1 << 22
-# Radius of the disc that a point of a target cloud stands for, in spacings of that cloud: discs overlap, no holes.
-DISC = 3.0
 # Distance between two worst places, in sizes of the target, where the scan's spacing asks for no more.
 APART = 0.05
-
-Progress = Callable[[int, int], object]
-Answer = tuple[FloatArray, FloatArray, IntArray]
 
 
 def measure_deviations(
@@ -53,6 +43,7 @@ def measure_deviations(
     centre: FloatArray | None = None,
     exclude: Sequence[Sequence[float]] = (),
     progress: Progress | None = None,
+    copy: bool = True,
 ) -> Deviations:
     """Deviation of every point from a target.
 
@@ -91,6 +82,8 @@ def measure_deviations(
         Boxes in the caller's frame whose points are left out of the figures: two opposite corners each.
     progress : callable, optional
         Called with the points done and all points, now and then.
+    copy : bool
+        Whether the points are left as they are; else their array becomes the record's, in the caller's frame.
 
     Returns
     -------
@@ -105,18 +98,8 @@ def measure_deviations(
     >>> measure_deviations(np.array([[0.0, 0, 1.5], [0, 0, 0.75]]), part, MeshSurface(part)).values.tolist()
     [0.5, -0.25]
     """
-    ask, reason = _on_mesh(geometry, surface) if isinstance(geometry, Mesh) else _on_cloud(geometry, surface)
-    count = len(points)
-    values, closest, faces = np.zeros(count), np.zeros((count, 3)), np.zeros(count, dtype=np.int64)
-    for start in range(0, count, ORDERED):
-        # In Morton order queries are four times as fast, the more of them the better: next to each other on one face.
-        # The order of the scan is restored at once.
-        order = start + morton_order(points[start : start + ORDERED])
-        for first in range(0, len(order), CHUNK):
-            rows = order[first : first + CHUNK]
-            values[rows], closest[rows], faces[rows] = ask(np.take(points, rows, axis=0))
-            if progress is not None:
-                progress(min(start + first + CHUNK, count), count)
+    reason, count = why_unsigned(geometry), len(points)
+    values, closest, faces = signed_distances(points, geometry, surface, reason is None, progress)
     if spacing is None:
         spread = count > 0 and np.ptp(points, axis=0).any()
         spacing = measure_spacing(NeighbourTree(points), points) if spread else 0.0
@@ -125,17 +108,18 @@ def measure_deviations(
     shift = np.zeros(3) if origin is None else origin
     given = reach is not None or not math.isfinite(limit)
     farthest = limit if reach is None else reach
-    found = Membership(by_reach(values, farthest), farthest, "given" if given else "size")
     if noise is not None and count >= PROBED:
         nominal = _nominal(geometry, closest, faces)
         found = membership(points, values, nominal, limit=farthest, noise=noise, spacing=spacing, given=given)
+    else:
+        found = Membership(by_reach(values, farthest), farthest, "given" if given else "size")
     flags = found.flags
     if len(exclude):
         flags[in_boxes(points + shift, exclude)] = EXCLUDED
     return Deviations(
         values=values,
-        points=points + shift,
-        closest=closest + shift,
+        points=moved(points, shift, np.zeros(points.shape) if copy else points),
+        closest=moved(closest, shift, closest),
         faces=faces,
         signed=reason is None,
         reason=reason or _side_words(geometry),
@@ -181,8 +165,7 @@ def deviations_under(deviations: Deviations, T: FloatArray, covariance: FloatArr
     mesh = deviations.target
     assert isinstance(mesh, Mesh)
     points = pose.apply(T, deviations.points) - deviations.origin
-    ask = _on_mesh(mesh, MeshSurface(mesh))[0]
-    values, closest, faces = ask(points)
+    values, closest, faces = signed_distances(points, mesh, MeshSurface(mesh), why_unsigned(mesh) is None)
     reach = deviations.reach
     if deviations.reach_from == "deviations":
         # What belongs to the part stays so, and its largest deviation is another one.
@@ -191,8 +174,8 @@ def deviations_under(deviations: Deviations, T: FloatArray, covariance: FloatArr
         deviations,
         values=values,
         reach=reach,
-        points=points + deviations.origin,
-        closest=closest + deviations.origin,
+        points=moved(points, deviations.origin, points),
+        closest=moved(closest, deviations.origin, closest),
         faces=faces,
         covariance=covariance,
         centre=centre,
@@ -239,41 +222,3 @@ def _side_words(geometry: Mesh | PointCloud) -> str:
     if isinstance(geometry, Mesh) and geometry.inward_bodies[0]:
         return "positive outside the part; the mesh is wound inward, so its sides were exchanged"
     return "positive outside the part" if isinstance(geometry, Mesh) else "positive on the side of the normals"
-
-
-def _on_mesh(mesh: Mesh, surface: Surface) -> tuple[Callable[[FloatArray], Answer], str | None]:
-    reason = why_unsigned(mesh)
-    pseudo = None if reason else PseudoNormals.of(mesh)
-    outside = -1.0 if reason is None and mesh.inward_bodies[0] else 1.0
-
-    def ask(points: FloatArray) -> Answer:
-        found = surface.closest(points)
-        values = found.distances
-        if pseudo is not None:
-            offsets = points - found.points
-            side = outside * np.einsum("ij,ij->i", offsets, pseudo.at(points, found))
-            values = np.where(side < 0.0, -values, values)
-        return values, found.points, found.elements
-
-    return ask, reason
-
-
-def _on_cloud(cloud: PointCloud, surface: Surface) -> tuple[Callable[[FloatArray], Answer], str | None]:
-    reason = why_unsigned(cloud)
-    tree = NeighbourTree(cloud.points)
-    radius = DISC * measure_spacing(tree, cloud.points)
-
-    def ask(points: FloatArray) -> Answer:
-        found = surface.closest(points)
-        offsets = points - found.points
-        height = np.einsum("ij,ij->i", offsets, found.normals)
-        across = offsets - height[:, None] * found.normals
-        length = np.linalg.norm(across, axis=1)
-        # A zero normal has no plane; there the disc is the point itself.
-        room = np.where(found.normals.any(axis=1), radius, 0.0)
-        share = np.minimum(np.divide(room, length, out=np.ones_like(length), where=length > 0.0), 1.0)
-        feet = found.points + share[:, None] * across
-        values = np.linalg.norm(points - feet, axis=1)
-        return np.where(height < 0.0, -values, values) if reason is None else values, feet, found.elements
-
-    return ask, reason

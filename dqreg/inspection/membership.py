@@ -84,7 +84,8 @@ def counts_of(flags: Flags) -> Counts:
 
 def by_reach(values: FloatArray, reach: float) -> Flags:
     """On the part or beyond reach, by the distance alone. Shapes: (n,)."""
-    return np.where(np.abs(values) <= reach, ON_PART, BEYOND).astype(np.int8)
+    # True is one, and so is beyond; no number is not within reach.
+    return np.logical_not(np.abs(values) <= reach).view(np.int8)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,7 +129,9 @@ def membership(
         )
         _flag(flags, off, found, cells, points, distances, (begins, BESIDE * noise))
     if np.isfinite(limit) and spacing > 0.0 and noise > 0.0:
-        flags[_spikes(np.flatnonzero(flags == ON_PART), values, nominal.feet, noisy, CELL * spacing)] = OUTLIER
+        on = flags == ON_PART
+        if (on & (distances > noisy)).any():
+            flags[_spikes(np.flatnonzero(on), values, nominal.feet, noisy, CELL * spacing)] = OUTLIER
     if given:
         return Membership(flags, limit, "given")
     least: ReachFrom = "noise" if noisy >= spaced else "spacing"

@@ -12,6 +12,8 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 # Points around a cell leave their plane by less than this share of their extent where they are of a smooth surface,
 # beside what noise does; and are no line, which lies in many planes.
 FLAT, LINE = 0.2, 0.15
+# Points that are looked at together.
+CHUNK = 1 << 13
 
 
 class ScanCells:
@@ -96,9 +98,18 @@ class ScanCells:
         found: BoolArray = self.around(marked.astype(np.float64)) > 0.0
         return found
 
-    def near(self, points: FloatArray) -> BoolArray:
-        """Cells in which, or beside which, some other points lie, (k,)."""
-        keys = np.unique(self._keys_of(points)[0])
+    def near(self, points: FloatArray, asked: BoolArray) -> BoolArray:
+        """Cells in which, or beside which, some asked of other points lie, (k,). Shapes: points (n, 3), asked (n,)."""
+        from dqreg.kernels.threads import over_chunks
+
+        # A range at a time, which stays in a core's cache.
+        held: list[IntArray] = []
+
+        def hold(first: int, last: int) -> None:
+            held.append(np.unique(self._keys_of(points[first:last][asked[first:last]])[0]))
+
+        over_chunks(hold, len(points), chunk=CHUNK)
+        keys = np.unique(np.concatenate(held))
         found = np.zeros(len(self.keys), dtype=bool)
         for shift in self._shifts:
             found |= _looked_up(keys, self.keys + int(shift))[1]

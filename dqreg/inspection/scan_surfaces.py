@@ -195,16 +195,20 @@ class _Scene:
         return np.where(self.flat[self.cells.cell], cosines, 0.0)
 
     @cached_property
-    def rows_on(self) -> IntArray:
-        """Rows of the scan on the part's nominal surface."""
+    def _on(self) -> BoolArray:
         on = np.ones(len(self.points), dtype=bool)
         on[self.off] = False
-        return np.flatnonzero(on)
+        return on
+
+    @cached_property
+    def rows_on(self) -> IntArray:
+        """Rows of the scan on the part's nominal surface."""
+        return np.flatnonzero(self._on)
 
     @cached_property
     def attached(self) -> BoolArray:
         """Patches beside which points lie on the part's nominal surface."""
-        return self.any_of_patch(self.cells.near(self.points[self.rows_on]))
+        return self.any_of_patch(self.cells.near(self.points, self._on))
 
     def rows_of(self, number: int) -> IntArray:
         """Rows of the scan of a patch."""

@@ -142,6 +142,7 @@ def closest_places(
     guesses: IntArray,
     bound: float,
     size: float,
+    every: int,
     points: FloatArray,
     normals: FloatArray,
     distances: FloatArray,
@@ -150,11 +151,12 @@ def closest_places(
     """Write the closest place nearer than ``bound`` for queries first to last: NaN, inf and -1 where there is none.
 
     Guesses are faces to begin with, one a query, or none at all: then each query begins with the face of the one
-    before it. O(log n) a query; O(1) within the room around one, where no other face is as near as its own.
+    before it. The queries are a run of ``every`` many, evenly spread along a curve. O(log n) a query; O(1) within the
+    room around one, where no other face is as near as its own.
     """
     stack, away = np.zeros(DEEPEST, np.int64), np.zeros(DEEPEST)
     floor, most = ROUNDING * size * size, bound * bound
-    widest = WIDEST * size / np.sqrt(len(queries)) if len(queries) >= DENSE * len(faces) else 0.0
+    widest = WIDEST * size / np.sqrt(every) if every >= DENSE * len(faces) else 0.0
     # The query that looked around, and how far the next face is from it; what it served, and how many go without.
     ax, ay, az, room, served, without = 0.0, 0.0, 0.0, -1.0, 0, 1
     pause = WITHOUT

@@ -33,6 +33,9 @@ from dqreg.kernels.pose_steps import add_plane_steps, grid_planes
 from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_normals_at, smooth_normals_at
 from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.rims import line_rows, one_sided_rows
+from dqreg.kernels.scattering import put_rows
+from dqreg.kernels.split_sort import split_sorted_rows
+from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import slide_rows, weigh_rows
@@ -84,6 +87,7 @@ def _order() -> None:
     codes = np.zeros(2, dtype=np.uint64)
     morton_cells(0, 2, CORNERS[0], np.zeros(3), 1.0, codes)
     new_places(CORNERS[0], codes, sorted_rows(codes)[0])
+    split_sorted_rows(codes)
     count_cells(codes)
     cell_moments(CORNERS[0], codes, FIRST)
     table, edges = table_of(codes[:1]), (1.0,) * 5
@@ -115,6 +119,7 @@ def _steps() -> None:
 def _weights() -> None:
     rows, ones = np.eye(3), np.ones(3)
     limits, weighed = np.ones(5), np.zeros((1, WEIGHED))
+    systematic_rows(NOTHING, FIRST[:0], np.zeros(0, np.bool_), FIRST)
     weigh_rows(0, 3, ones, *(rows,) * 3, *(NOTHING,) * 3, limits, 3, np.zeros(3), weighed)
     plane_row_columns(0, 3, rows, rows, ones, 1.0, np.zeros((6, 3)))
     strain_row_columns(0, 3, rows, rows, rows, 1.0, np.zeros((9, 3)))
@@ -168,6 +173,7 @@ def _normals() -> None:
     flat = np.eye(3)
     corner_angles(0, 0, CORNERS, flat)
     add_scaled_rows(flat, 1, NOTHING, FIRST[:0], flat)
+    put_rows(FIRST[:0], NOTHING, flat, FIRST, NOTHING, flat, FIRST)
     smooth_normals_at(0, 0, flat, FIRST, np.zeros(1, dtype=np.bool_), CORNERS, CORNERS, flat)
     pseudo_normals_at(0, 0, flat, flat, FIRST, CORNERS, CORNERS, FIRST[None], flat, 1e-6, flat)
 

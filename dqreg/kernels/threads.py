@@ -32,6 +32,8 @@ _deadline: ContextVar[float] = ContextVar("deadline", default=np.inf)
 _lock = threading.Lock()
 # By process, and by whether they are for stages: a stage may wait for ranges, and ranges wait for nothing.
 _pools: dict[tuple[int, bool], ThreadPoolExecutor] = {}
+# Whether this thread is at a range.
+_here = threading.local()
 # Stages that run beside their callers: each has a core.
 _running: list[None] = []
 
@@ -64,7 +66,10 @@ def thread_count() -> int:
 
 
 def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: int = CHUNK) -> None:
-    """Call ``kernel(first, last, *arguments)`` for all rows, a range of ``chunk`` rows at a time, on all threads."""
+    """Call ``kernel(first, last, *arguments)`` for all rows, a range of ``chunk`` rows at a time, on all threads.
+
+    Within a range the same is done on its own thread: the others have ranges of their own.
+    """
     ask_clock()
     if total <= chunk:
         kernel(0, total, *arguments)
@@ -72,14 +77,22 @@ def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: 
     starts = deque(range(0, total, chunk))
 
     def work() -> None:
-        while True:
-            try:
-                first = starts.popleft()
-            except IndexError:
-                return
-            # Helpers know of no deadline: they stop when the caller does.
-            ask_clock()
-            kernel(first, min(first + chunk, total), *arguments)
+        was_within, _here.within = getattr(_here, "within", False), True
+        try:
+            while True:
+                try:
+                    first = starts.popleft()
+                except IndexError:
+                    return
+                # Helpers know of no deadline: they stop when the caller does.
+                ask_clock()
+                kernel(first, min(first + chunk, total), *arguments)
+        finally:
+            _here.within = was_within
+
+    if getattr(_here, "within", False):
+        work()
+        return
 
     asked = [_submit(work) for _ in range(min(thread_count() - len(_running), len(starts)) - 1)]
     helpers = [helper for helper in asked if helper is not None]

@@ -52,17 +52,18 @@ class TriangleTree:
         return TriangleTree(nodes, links, packed, faces, slots[first], as_plain(normals), size)
 
     def closest(
-        self, queries: FloatArray, guesses: IntArray | None = None, bound: float = np.inf
+        self, queries: FloatArray, guesses: IntArray | None = None, bound: float = np.inf, every: int = 0
     ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         """Closest points, normals, distances and faces: NaN, inf and -1 where nothing is nearer than the bound.
 
-        ``guesses``, (n,), are faces near the answers: they save time and change no bit.
+        ``guesses``, (n,), are faces near the answers: they save time and change no bit. So does to know
+        of how ``every`` many evenly spread ones the queries are a run, where they are not all.
         """
         count = len(queries)
         points, normals = np.zeros((count, 3)), np.zeros((count, 3))
         distances, found = np.zeros(count), np.zeros(count, dtype=np.int64)
         none = np.zeros(0, dtype=np.int64)
         tree = self.nodes, self.links, self.packed, self.faces, self.slots, self.normals
-        asked = as_plain(queries), none if guesses is None else guesses, float(bound), self.size
+        asked = as_plain(queries), none if guesses is None else guesses, float(bound), self.size, max(every, count)
         over_chunks(closest_places, count, *tree, *asked, points, normals, distances, found)
         return points, normals, distances, found

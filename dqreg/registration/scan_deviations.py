@@ -47,5 +47,6 @@ def scan_deviations(
         noise=None if keep else settings.get("source_noise"),
         covariance=covariance,
         centre=np.array(settings.get("centre", target.origin)),
+        copy=False,
         **options,
     )

@@ -11,8 +11,7 @@ from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
 from dqreg.files import read_cloud
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud
-from dqreg.inspection import Deviations, measure_deviations
-from dqreg.inspection import measure as deviation
+from dqreg.inspection import Deviations, measure_deviations, signed_distances
 from dqreg.inspection.deviation_files import STOPS, colours_of
 from dqreg.synth.parts import box, bracket
 from tests.trust import shapes
@@ -65,7 +64,8 @@ def test_chunks_are_the_whole_in_the_order_of_the_scan(monkeypatch: pytest.Monke
     points = rng.uniform(*(mesh.bounds + np.array([[-5.0], [5.0]])), size=(1000, 3))
     points[500:] = points[rng.integers(500, size=500)]  # duplicates keep their rows and their values
     whole, told = measured(points, mesh), []
-    monkeypatch.setattr(deviation, "CHUNK", 64)
+    monkeypatch.setattr(signed_distances, "CHUNK", 16)
+    monkeypatch.setattr(signed_distances, "TOLD", 64)
     parts = measured(points, mesh, progress=lambda done, total: told.append((done, total)))
     for name in ("values", "points", "closest", "faces"):
         np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
@@ -74,6 +74,16 @@ def test_chunks_are_the_whole_in_the_order_of_the_scan(monkeypatch: pytest.Monke
     one_by_one = [measured(points[k : k + 1], mesh, spacing=1.0).values[0] for k in range(0, 1000, 100)]
     np.testing.assert_array_equal(whole.values[::100], one_by_one)
     np.testing.assert_array_equal(whole.points, points)
+
+
+def test_without_a_copy_the_points_become_those_of_the_record() -> None:
+    mesh, origin = Mesh(*box((3.0, 2.0, 1.0))), np.array([5.0, -3.0, 1.0])
+    points = np.random.default_rng(3).uniform(-1.0, 4.0, size=(500, 3))
+    given = points.copy()
+    kept, taken = measured(given, mesh, origin=origin), measured(points, mesh, origin=origin, copy=False)
+    assert taken.points is points
+    for name in ("values", "points", "closest", "flags"):
+        np.testing.assert_array_equal(getattr(taken, name), getattr(kept, name))
 
 
 def test_a_far_origin_costs_no_digits() -> None:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from dqreg._arrays import FloatArray
 from dqreg.kernels.morton import BITS, count_cells, morton_cells, new_places, sorted_rows
+from dqreg.kernels.split_sort import split_sorted_rows
 
 
 @settings(deadline=None, max_examples=200)
@@ -24,6 +25,19 @@ def test_the_order_is_that_of_numpy(codes: np.ndarray, coarse: int) -> None:
     np.testing.assert_array_equal(rows, np.argsort(codes, kind="stable"))
     np.testing.assert_array_equal(keys, codes[rows])
     np.testing.assert_array_equal(codes, before)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 65_536, 150_000])
+@pytest.mark.parametrize("most", [1, 2_000, 2**40, 2**63 - 1])
+def test_split_by_the_leading_digit_the_order_is_the_same(count: int, most: int) -> None:
+    # Half of the codes are in one bucket, as where a stray point is far away, and many are equal.
+    rng = np.random.default_rng(count)
+    codes = rng.integers(0, most, count, dtype=np.uint64)
+    codes[: count // 2] = rng.integers(0, min(most, 5_000), count // 2, dtype=np.uint64)
+    rng.shuffle(codes)
+    rows, keys = split_sorted_rows(codes)
+    np.testing.assert_array_equal(rows, np.argsort(codes, kind="stable"))
+    np.testing.assert_array_equal(keys, codes[rows])
 
 
 @pytest.mark.parametrize("upper", [1, 50, 40_000])

@@ -28,6 +28,26 @@ def test_each_row_once(monkeypatch: pytest.MonkeyPatch, total: int, count: int) 
     assert (rows == 1).all()
 
 
+def test_ranges_within_a_range_are_of_its_own_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "thread_count", lambda: 4)
+    rows, strangers = np.zeros(1_000, dtype=int), []
+
+    def outer(first: int, last: int) -> None:
+        me = threading.get_ident()
+
+        def inner(begin: int, end: int) -> None:
+            rows[first + begin : first + end] += 1
+            if threading.get_ident() != me:
+                strangers.append(begin)
+            time.sleep(1e-4)
+
+        threads.over_chunks(inner, last - first, chunk=10)
+
+    threads.over_chunks(outer, 1_000, chunk=100)
+    assert (rows == 1).all()
+    assert not strangers
+
+
 def test_an_error_is_raised_and_ends_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(threads, "thread_count", lambda: 2)
 

@@ -1,0 +1,111 @@
+"""Signed distances of many points: closest place, side and the way back to the order of the scan, a range at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray, shifted
+from dqreg.geometry.cloud import PointCloud
+from dqreg.geometry.mesh import Mesh
+from dqreg.geometry.mesh_normals import PseudoNormals
+from dqreg.geometry.mesh_surface import MeshSurface
+from dqreg.geometry.morton import morton_order
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.spacing import measure_spacing
+from dqreg.geometry.surface import Surface
+
+# Points of a range: what is known of them stays in a core's cache from the search to the sign.
+CHUNK = 1 << 13
+# Points of a cloud's range: its tree has threads of its own.
+ASKED = 1 << 18
+# Points after which progress is told.
+TOLD = 1 << 20
+# Radius of the disc that a point of a target cloud stands for, in spacings of that cloud: discs overlap, no holes.
+DISC = 3.0
+
+Progress = Callable[[int, int], object]
+# Values, closest places, and faces or points that are closest.
+Answer = tuple[FloatArray, FloatArray, IntArray]
+
+
+def signed_distances(
+    points: FloatArray, geometry: Mesh | PointCloud, surface: Surface, signed: bool, progress: Progress | None = None
+) -> Answer:
+    """Distance of every point from a target, negative inside where ``signed``; see `measure_deviations`."""
+    from dqreg.kernels.scattering import put_rows
+    from dqreg.kernels.threads import over_chunks
+
+    count, is_mesh = len(points), isinstance(geometry, Mesh)
+    ask = (
+        _on_mesh(geometry, surface, signed, count)
+        if isinstance(geometry, Mesh)
+        else _on_cloud(geometry, surface, signed)
+    )
+    values, closest, faces = np.zeros(count), np.zeros((count, 3)), np.zeros(count, dtype=np.int64)
+    # In Morton order queries are four times as fast, the more of them the better: next to each other on one face.
+    order = morton_order(points)
+
+    def measure(first: int, last: int, told: int = 0) -> None:
+        rows = order[told + first : told + last]
+        put_rows(rows, *ask(np.take(points, rows, axis=0)), values, closest, faces)
+
+    for told in range(0, count, TOLD):
+        some = min(TOLD, count - told)
+        if is_mesh:
+            over_chunks(measure, some, told, chunk=CHUNK)
+        else:
+            for first in range(0, some, ASKED):
+                measure(first, min(first + ASKED, some), told)
+        if progress is not None:
+            progress(told + some, count)
+    return values, closest, faces
+
+
+def moved(points: FloatArray, offset: FloatArray, out: FloatArray) -> FloatArray:
+    """Points moved by one offset, (3,), written to ``out``, which may be the same array."""
+    from dqreg.kernels.threads import over_chunks
+
+    def move(first: int, last: int) -> None:
+        out[first:last] = shifted(points[first:last], offset)
+
+    over_chunks(move, len(points), chunk=CHUNK)
+    return out
+
+
+def _on_mesh(mesh: Mesh, surface: Surface, signed: bool, count: int) -> Callable[[FloatArray], Answer]:
+    assert isinstance(surface, MeshSurface)
+    # Made before threads ask for it.
+    pseudo = PseudoNormals.of(mesh) if signed else None
+    outside = -1.0 if signed and mesh.inward_bodies[0] else 1.0
+
+    def ask(points: FloatArray) -> Answer:
+        found = surface._closest_in_run(points, count)
+        values = found.distances
+        if pseudo is not None:
+            offsets = points - found.points
+            side = outside * np.einsum("ij,ij->i", offsets, pseudo.at(points, found))
+            values = np.where(side < 0.0, -values, values)
+        return values, found.points, found.elements
+
+    return ask
+
+
+def _on_cloud(cloud: PointCloud, surface: Surface, signed: bool) -> Callable[[FloatArray], Answer]:
+    radius = DISC * measure_spacing(NeighbourTree(cloud.points), cloud.points)
+
+    def ask(points: FloatArray) -> Answer:
+        found = surface.closest(points)
+        offsets = points - found.points
+        height = np.einsum("ij,ij->i", offsets, found.normals)
+        across = offsets - height[:, None] * found.normals
+        length = np.linalg.norm(across, axis=1)
+        # A zero normal has no plane; there the disc is the point itself.
+        room = np.where(found.normals.any(axis=1), radius, 0.0)
+        share = np.minimum(np.divide(room, length, out=np.ones_like(length), where=length > 0.0), 1.0)
+        feet = found.points + share[:, None] * across
+        values = np.linalg.norm(points - feet, axis=1)
+        return np.where(height < 0.0, -values, values) if signed else values, feet, found.elements
+
+    return ask
