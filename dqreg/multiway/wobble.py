@@ -106,13 +106,11 @@ def _line_to_rival(edge: Edge) -> Line | None:
     centre = centre_of(edge.registration)
     for rival in edge.registration.alternatives:
         D = rival.T_target_source @ pose.inverse(edge.registration.T_target_source)
-        twist = pose.log(pose.from_parts(np.eye(3), -centre) @ D @ pose.from_parts(np.eye(3), centre))
-        angle = float(np.linalg.norm(twist[:3]))
-        if angle <= TURNED_RAD:
-            continue
-        axis = twist[:3] / angle
-        if abs(float(twist[3:] @ axis)) <= SLIDE * float(edge.registration.settings["diagonal"]):
-            return axis, centre + np.cross(axis, twist[3:]) / angle
+        inward = pose.from_parts(np.eye(3), -centre)
+        screw = DualQuaternion.from_matrix(inward @ D @ pose.inverse(inward)).as_screw()
+        slide = abs(float(screw.distance)) / float(edge.registration.settings["diagonal"])
+        if float(screw.angle_rad) > TURNED_RAD and slide <= SLIDE:
+            return screw.axis, centre + screw.point
     return None
 
 
