@@ -1,9 +1,9 @@
 """Many scans of a part on a turntable: poses in one frame, and their covariance, against the exact truth.
 
-Virtual scans at equal steps of a table, each with its neighbours; the part lies tilted and off the axis. Errors are of
-the worst vertex of the part, after the best common motion of all views, in sizes of the part: of the answer, and of the
-chain of its pairs. NEES is the squared error of the poses of neighbours in units of their covariance: 6 where that is
-right; its 95 % interval is over seeds where there are several, else over the pairs of neighbours.
+Virtual scans at equal steps of a table; the part lies tilted and off the axis. Errors are of the worst vertex of the
+part, after the best common motion of all views, in sizes of the part: of the answer, and of the chain of its pairs.
+NEES is the squared error of the poses of neighbours in units of their covariance: 6 where that is right; its 95 %
+interval is over seeds where there are several, else over the pairs of neighbours.
 
     python examples/turntables.py                                    # a part that dqreg generates, from nothing
     python examples/turntables.py part.stl other.stl --seed 202 --start near
@@ -222,7 +222,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--pixels", type=int, default=150, help="along each side of an image")
     parser.add_argument("--seed", type=int, nargs="+", default=[202])
     parser.add_argument("--start", choices=["none", "near", "joint"], default="none")
-    parser.add_argument("--edges", choices=["ring", "auto"], default="ring")
+    parser.add_argument("--edges", choices=["ring", "auto"], default="auto")
     parser.add_argument("--foreign", type=Path, help="a part of which two scans are mixed in")
     parser.add_argument("--effort", choices=["fast", "normal", "best"], default="normal")
     return parser

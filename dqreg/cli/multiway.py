@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import glob
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -83,7 +84,7 @@ def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **optio
     _check(options)
     console, shown = consoles(quiet=quiet, as_json=as_json, width=WIDTH)
     names = ("target", "edges", "order", "anchor", "effort", "seed", "workers", "time_limit")
-    with WorkBar(shown) as bar:
+    with _kept(folder), WorkBar(shown) as bar:
         load_open3d()
         result = register_many(
             files,
@@ -142,6 +143,22 @@ def _folder(out: Path | None, *, resume: bool) -> Path | None:
         for old in folder.glob("*.json"):
             old.unlink()
     return folder
+
+
+@contextlib.contextmanager
+def _kept(folder: Path | None) -> Iterator[None]:
+    """Whoever ends the run early is told what is kept of it."""
+    from dqreg.cli.signals import write
+
+    try:
+        yield
+    except (KeyboardInterrupt, SystemExit):
+        count = 0 if folder is None else len(list(folder.glob("*.json")))
+        if count:
+            write(
+                f"{count} finished {'pair is' if count == 1 else 'pairs are'} kept in {folder}: --resume goes on there"
+            )
+        raise
 
 
 def _check(options: dict[str, Any]) -> None:

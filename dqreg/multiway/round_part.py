@@ -14,28 +14,24 @@ from typing import Literal
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.errors import DegenerateGeometryError
 from dqreg.multiway.confirm import joined_by
 from dqreg.multiway.edges import PART, Edge, graph_of, is_refused
 from dqreg.multiway.pair_runs import PairJob, PairRunner
 from dqreg.multiway.pairs import Pair
 from dqreg.multiway.refine import Refined
 from dqreg.multiway.scans import typical_size
+from dqreg.multiway.wobble import Line, moved_line, wobble
 from dqreg.rigid import DualQuaternion, pose
-from dqreg.solvers import solve
 
 # Share of the pairs that must leave the rotation about one axis next to unheld, and pairs at least.
 MOSTLY, FEWEST = 0.5, 3
 # Axes that are one: angle, and distance in sizes of a scan; and share of them that must agree.
 SAME_RAD, SAME, AGREEING = np.deg2rad(6.0), 0.05, 0.7
-# Error of a step, and least step, that a wobbling axis may leave.
-TOLD_RAD, LEAST_RAD = np.deg2rad(4.0), np.deg2rad(2.0)
 # All steps that come this close to a full turn, as a share of it, are one.
 NEARLY = 0.05
 # Variance of an angle of which nothing is known.
 ANY_ANGLE = np.pi**2 / 3.0
 
-Line = tuple[FloatArray, FloatArray]  # Unit vector, and a point
 Agreed = Literal["starts", "wobble", "step", "pairs"]
 
 
@@ -77,7 +73,7 @@ def laid_by_angles(
         return edges, None
     size = typical_size(runner.views)
     own = [(edge.target, line) for edge, line in lines]
-    own += [(e.source, _moved(pose.inverse(e.registration.T_target_source), line)) for e, line in lines]
+    own += [(e.source, moved_line(pose.inverse(e.registration.T_target_source), line)) for e, line in lines]
     if _agreement(own, size) < AGREEING:
         return edges, None
     pairs = [(edge.target, edge.source) for edge in edges if edge.target != PART]
@@ -89,7 +85,7 @@ def laid_by_angles(
         return _laid(runner, pairs, starts, own), RoundPart(tuple(own), "starts")
     if order == "turntable":
         place = {scan: k for k, scan in enumerate(usable)}
-        M = _wobble([edge for edge, _ in lines if place[edge.source] - place[edge.target] == 1], size)
+        M = _step_by_wobble([each for each in lines if place[each[0].source] - place[each[0].target] == 1], size)
         if M is not None:
             step = _whole(M, len(usable))
             turns = {scan: (step ** float(k)).as_matrix() for k, scan in enumerate(usable)}
@@ -121,35 +117,10 @@ def _neighbours(usable: Sequence[int]) -> list[Pair]:
     return list(dict.fromkeys((usable[i], usable[j]) for i, j in places if i != j))
 
 
-def _wobble(edges: Sequence[Edge], size: float) -> FloatArray | None:
-    """The motion from one view of a turntable to the next, from how the part's axis goes round; None where it does not.
-
-    Points of the axis are the same in both scans of a pair, however that is turned.
-    """
-    if len(edges) < FEWEST:
-        return None
-    here, there = [], []
-    for edge in edges:
-        axis, point = np.array(edge.registration.observability[0].axis), edge.registration.observability[0].point
-        ends = np.array(point) + np.outer([-0.5 * size, 0.5 * size], axis)
-        here.append(ends)
-        there.append(pose.apply(pose.inverse(edge.registration.T_target_source), ends))
-    source, target = np.concatenate(there), np.concatenate(here)
-    # An axis has no sign: that of the first one, for all.
-    signs = [float((a[1] - a[0]) @ (here[0][1] - here[0][0])) for a in here]
-    if min(signs) <= 0.0:
-        return None
-    try:
-        M = solve(source, target).T_target_source
-    except DegenerateGeometryError:
-        # One line in all views: the table's own axis.
-        return None
-    turn = pose.log(M)[:3]
-    missed = float(np.sqrt(np.mean(np.sum((pose.apply(M, source) - target) ** 2, axis=1))))
-    middle = target.reshape(-1, 2, 3).mean(axis=0)
-    levers = float(np.sqrt(np.mean(np.sum((target.reshape(-1, 2, 3) - middle) ** 2, axis=2))))
-    told = missed / np.sqrt(len(edges)) <= TOLD_RAD * levers and float(np.linalg.norm(turn)) > LEAST_RAD
-    return M if told else None
+def _step_by_wobble(edges: Sequence[tuple[Edge, Line]], size: float) -> FloatArray | None:
+    """The motion from one view of a turntable to the next, of neighbours with their axes."""
+    told = wobble([(line, moved_line(pose.inverse(e.registration.T_target_source), line)) for e, line in edges], size)
+    return None if told is None else told.motion
 
 
 def _whole(M: FloatArray, count: int) -> DualQuaternion:
@@ -217,10 +188,6 @@ def _freed(edge: Edge) -> Edge:
     sigma = float(np.sqrt(ANY_ANGLE)) * 0.5 * float(said.settings["diagonal"])
     held = (dataclasses.replace(motion, strength=0.0, sigma=sigma), *said.observability[1:])
     return dataclasses.replace(edge, registration=dataclasses.replace(said, covariance=covariance, observability=held))
-
-
-def _moved(T: FloatArray, line: Line) -> Line:
-    return T[:3, :3] @ line[0], pose.apply(T, line[1][None])[0]
 
 
 def _agreement(own: Sequence[tuple[int, Line]], size: float) -> float:

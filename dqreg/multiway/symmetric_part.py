@@ -7,7 +7,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.multiway.overlap import cell_numbers
-from dqreg.rigid import pose
+from dqreg.rigid import DualQuaternion, pose
 
 # Orders that are tried; a symmetry of one that is no prime has those of its primes.
 PRIMES, HIGHEST = (2, 3, 5, 7, 11), 12
@@ -72,23 +72,13 @@ def candidate_turns(points: FloatArray, normals: FloatArray, size: float) -> lis
             apart = tree.nearest(pose.apply(D, few), 1)[1][:, 0]
             screened.append((float(np.quantile(apart, BELIEVED)), order, D))
     screened.sort(key=lambda each: each[0])
-    found = []
+    found, inward = [], pose.from_parts(np.eye(3), -centre)
     for _, order, D in screened[:REFINED]:
         refined = _refined(D, points, normals, tree, rows)
-        twist = pose.log(refined)
-        angle = float(np.linalg.norm(twist[:3]))
-        axis = twist[:3] / max(angle, np.finfo(float).tiny)
-        slide = abs(float(axis @ (pose.apply(refined, centre[None])[0] - centre)))
-        if abs(angle - 2.0 * np.pi / order) < ANGLE_RAD and slide < SLIDE * size:
-            found.append((axis, centre + _to_axis(refined, centre, axis)))
+        screw = DualQuaternion.from_matrix(inward @ refined @ pose.inverse(inward)).as_screw()
+        if abs(screw.angle_rad - 2.0 * np.pi / order) < ANGLE_RAD and abs(screw.distance) < SLIDE * size:
+            found.append((screw.axis, centre + screw.point))
     return found
-
-
-def _to_axis(D: FloatArray, centre: FloatArray, axis: FloatArray) -> FloatArray:
-    """From a point to the axis of a rotation."""
-    across = pose.apply(D, centre[None])[0] - centre
-    across = across - axis * (axis @ across)
-    return np.asarray(np.linalg.lstsq(np.eye(3) - D[:3, :3], across, rcond=1e-6)[0])
 
 
 def _directions(arms: FloatArray, normals: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.round_part import RoundPart
 from dqreg.multiway.scans import View, typical_size
 from dqreg.multiway.symmetric_part import symmetric_axis
-from dqreg.rigid import pose
+from dqreg.rigid import DualQuaternion, pose
 
 # Points of a view that are looked at, views, and rounds of the fit of the axis.
 POINTS, VIEWS, ROUNDS = 1_500, 6, 15
@@ -135,7 +135,7 @@ def _from_contradictions(model: _Model, T_world_scan: FloatArray, edges: Sequenc
         if (angle := float(np.linalg.norm(twist[:3]))) > LEAST_RAD:
             against.append((angle, twist[:3] / angle, D))
     for angle, axis, D in sorted(against, key=lambda each: each[0])[:TRIED]:
-        point = _point_on_axis(D, axis)
+        point = DualQuaternion.from_matrix(D).as_screw().point
         kept = model.kept(axis, point, np.array([angle]))
         if kept >= ALIKE:
             return [Turning(axis, point, angle, 1.0 - kept)]
@@ -228,15 +228,9 @@ def _from_rivals(T_world_scan: FloatArray, edges: Sequence[Edge], size: float) -
             twist = pose.log(first)
             angle = float(np.linalg.norm(twist[:3]))
             axis = twist[:3] / angle
-            yield Turning(axis, _point_on_axis(first, axis), angle, np.nan)
+            yield Turning(axis, DualQuaternion.from_matrix(first).as_screw().point, angle, np.nan)
             # Its inverse says the same.
             inverse = pose.inverse(first)
             near += [(row, D) for row, D in named if float(pose.angle_between(D, inverse)) <= SAME_RAD]
         gone = {id(D) for _, D in near}
         named = [(row, D) for row, D in named if id(D) not in gone]
-
-
-def _point_on_axis(D: FloatArray, axis: FloatArray) -> FloatArray:
-    """Point of the axis of a rotation nearest to the origin."""
-    across = D[:3, 3] - axis * (axis @ D[:3, 3])
-    return np.asarray(np.linalg.lstsq(np.eye(3) - D[:3, :3], across, rcond=1e-6)[0])

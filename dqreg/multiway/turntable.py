@@ -8,9 +8,11 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.multiway.edges import PART, Edge, better, is_weak
+from dqreg.multiway.edges import PART, Edge, better, is_refused, is_weak
 from dqreg.multiway.pair_runs import PairJob, PairRunner
 from dqreg.multiway.pairs import Pair
+from dqreg.multiway.scans import typical_size
+from dqreg.multiway.wobble import lines_of_rivals, wobble
 from dqreg.rigid import DualQuaternion, pose
 
 # Screws that agree: angle between axes, difference of the steps, and distance of the axes in sizes of the motion.
@@ -78,6 +80,12 @@ def step_of(steps: Sequence[tuple[int, Edge]], count: int) -> Table | None:
     return Table(mean_motion(near), len(near), scatter) if len(near) >= FEWEST else None
 
 
+def step_by_axis(steps: Sequence[tuple[int, Edge]], size: float) -> Table | None:
+    """The step by which the part's axis goes round, where pairs name other poses about it: they may be a tooth off."""
+    told = wobble(lines_of_rivals([(edge, n == -1) for n, edge in steps if abs(n) == 1]), size)
+    return None if told is None else Table(DualQuaternion.from_matrix(told.motion), told.agreeing, told.scatter)
+
+
 def _distances(motions: FloatArray, motion: FloatArray) -> FloatArray:
     """Rotations, and translations as fractions of the way, by which motions differ from one, (n,)."""
     way = float(np.linalg.norm(motion[:3, 3])) + np.finfo(float).tiny
@@ -104,7 +112,7 @@ def on_turntable(runner: PairRunner, edges: list[Edge], usable: Sequence[int]) -
     """
     place = {scan: k for k, scan in enumerate(usable)}
     steps = [(place[edge.source] - place[edge.target], edge) for edge in edges if edge.target != PART]
-    table = step_of(steps, len(usable))
+    table = step_of(steps, len(usable)) or step_by_axis(steps, typical_size(runner.views))
     if table is None:
         return edges
     odd = [ends for ends, places, edge in _neighbours(edges, place) if table.contradicts(edge, places)]
@@ -126,7 +134,7 @@ def _by_steps(
 ) -> list[Edge]:
     """The edges with those of scans one and two steps apart, begun where the table says, where they were weak.
 
-    So do the odd ones, which are elsewhere: a pose as good counts more where the table puts them.
+    So do the odd ones, which are elsewhere: a pose that nothing speaks against counts more where the table puts them.
     What ends elsewhere than it began at the table tells nothing.
     """
     count, found = len(scans), {(edge.target, edge.source): edge for edge in edges}
@@ -141,6 +149,6 @@ def _by_steps(
         old = found.get(pair)
         if edge.found and table.contradicts(edge, places):
             continue
-        as_good = edge.found and old is not None and (edge.level == "accepted" or is_weak(old))
+        as_good = edge.found and old is not None and (not is_refused(edge) or is_weak(old))
         found[pair] = edge if old is None or (pair in odd and as_good) else better(old, edge)
     return list(found.values())

@@ -291,5 +291,7 @@ def pairs_named(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> str:
 
 def named(views: Sequence[View], scans: Sequence[int]) -> str:
     """Names of scans in a sentence."""
+    if len(scans) == len(views) > NAMED:
+        return f"all {len(views)} scans"
     words = ", ".join(views[k].name for k in scans[:NAMED])
     return words if len(scans) <= NAMED else f"{words} and {len(scans) - NAMED} more"

@@ -62,6 +62,19 @@ def test_a_resumed_run_takes_the_finished_pairs(made: Path, capsys: pytest.Captu
     assert "verdict:" in capsys.readouterr().out
 
 
+def test_whoever_ends_a_run_is_told_what_is_kept_of_it(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def ended(*_: object, **__: object) -> None:
+        raise SystemExit(143)
+
+    monkeypatch.setattr("dqreg.multiway.register_many", ended)
+    assert run("multiway", f"{made}/view*.ply", "--out", made / "poses.json", "--resume") == 143
+    kept = len(list((made / "poses-pairs").glob("*.json")))
+    assert f"{kept} finished pair" in (told := capfd.readouterr().err)
+    assert "--resume" in told
+
+
 def test_a_contradictory_start_is_no_reason_to_give_up(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     starts = ("--starts", made / "wrong.txt", "--effort", "fast", "--workers", 1, "--json")
     run("multiway", f"{made}/view*.ply", *starts)

@@ -7,7 +7,8 @@ import pytest
 
 import dqreg
 from dqreg.multiway.edges import Edge, information_of_edge
-from dqreg.multiway.round_part import RoundPart, _turned_back, _whole, _wobble
+from dqreg.multiway.round_part import RoundPart, _line_of, _step_by_wobble, _turned_back, _whole
+from dqreg.multiway.wobble import Line
 from dqreg.rigid import pose
 from dqreg.synth.many_views import turntable_views
 from dqreg.synth.parts.kinds import flange
@@ -41,8 +42,14 @@ def slid_edges(tilt_rad: float, sigma: float = 1e-10) -> list[Edge]:
     return edges
 
 
+def line_of(edge: Edge) -> Line:
+    line = _line_of(edge)
+    assert line is not None
+    return line
+
+
 def test_the_step_follows_from_how_a_tilted_axis_goes_round() -> None:
-    M = _wobble(slid_edges(np.deg2rad(15.0)), SIZE)
+    M = _step_by_wobble([(edge, line_of(edge)) for edge in slid_edges(np.deg2rad(15.0))], SIZE)
     assert M is not None
     # Exact data: what a slide leaves of a point on the axis is rounding.
     np.testing.assert_allclose(M, TABLE, atol=1e-9)
@@ -55,7 +62,7 @@ def test_an_axis_that_is_the_tables_tells_no_step() -> None:
         for edge in slid_edges(0.0)
         for motion in [Direction(1e-4, 0.1, "", "rotation", (0.0, 0.0, 1.0), (0.5, -0.2, 0.0))]
     ]
-    assert _wobble(along, SIZE) is None
+    assert _step_by_wobble([(edge, line_of(edge)) for edge in along], SIZE) is None
 
 
 def test_a_pair_is_turned_back_and_says_that_its_rotation_is_free() -> None:

@@ -11,6 +11,7 @@ from dqreg.geometry import PointCloud
 from dqreg.multiway.edges import Edge
 from dqreg.multiway.scans import read_views
 from dqreg.multiway.sides import Contradiction, Sides, viewpoints_of
+from dqreg.multiway.verdict import NAMED, named
 from dqreg.synth.many_views import turntable_views
 from dqreg.synth.parts import angle
 from tests.multiway.edges_of_truth import registration
@@ -78,6 +79,12 @@ def test_scans_that_nothing_is_known_of_have_no_side() -> None:
     views = read_views([ball, ball[::-1] + 1.0], 0)
     assert viewpoints_of(views, "turntable") == (None, None)
     assert list(Sides.of(views, "any").contradictions(np.tile(np.eye(4), (2, 1, 1)), np.ones((2, 2)))) == []
+
+
+def test_a_sentence_of_many_scans_names_some_or_says_all(sheet: list[PointCloud]) -> None:
+    views = read_views([PointCloud(sheet[0].points + shift) for shift in range(NAMED + 2)], 0)
+    assert named(views, range(len(views))) == f"all {len(views)} scans"
+    assert named(views, range(len(views) - 1)).endswith(" and 1 more")
 
 
 @pytest.mark.parametrize("viewpoints", ["here", np.zeros((3, 3)), [0.0, np.nan, 0.0], 3.0])

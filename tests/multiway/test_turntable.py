@@ -1,3 +1,4 @@
+import dataclasses
 from itertools import pairwise
 
 import numpy as np
@@ -5,7 +6,9 @@ import numpy as np
 from dqreg.multiway.edges import Edge
 from dqreg.multiway.pair_runs import PairJob
 from dqreg.multiway.turntable import on_turntable, step_of
+from dqreg.registration.result import Registration
 from dqreg.rigid import DualQuaternion, pose
+from dqreg.trust.records import Reason, Verdict
 from tests.multiway.edges_of_truth import registration
 
 
@@ -51,19 +54,25 @@ def test_steps_that_are_a_little_off_together_neither_bend_the_mean_nor_agree_wi
     assert odd == list(range(0, 21, 3))
 
 
+def doubted(said: Registration, code: str | None) -> Registration:
+    reasons = (Reason("made by hand", code),) if code else ()  # type: ignore[arg-type]
+    return dataclasses.replace(said, verdict=Verdict("suspect", reasons)) if code else said
+
+
 class Runner:
     """Ends where a job begins, accepted; but for some pairs, which end elsewhere."""
 
-    def __init__(self, elsewhere: set[tuple[int, int]]) -> None:
-        self.elsewhere, self.jobs = elsewhere, list[PairJob]()
+    def __init__(self, elsewhere: set[tuple[int, int]], said: dict[tuple[int, int], str] | None = None) -> None:
+        self.elsewhere, self.said, self.jobs = elsewhere, said or {}, list[PairJob]()
 
     def run(self, jobs: list[PairJob]) -> list[Edge]:
         self.jobs += jobs
         away = pose.from_parts(np.eye(3), np.array([0.0, 0.0, 1.0]))
         ends = [job.start @ away if (job.target, job.source) in self.elsewhere else job.start for job in jobs]
         return [
-            Edge(job.target, job.source, registration(T, 1e-6 * np.eye(6), np.zeros(3)))
+            Edge(job.target, job.source, doubted(registration(T, 1e-6 * np.eye(6), np.zeros(3)), code))
             for job, T in zip(jobs, ends, strict=True)
+            for code in [self.said.get((job.target, job.source))]
         ]
 
 
@@ -83,3 +92,16 @@ def test_an_accepted_neighbour_elsewhere_gives_way_to_one_as_good_at_the_table()
     assert (0, 2) not in found
     assert (1, 3) in found
     assert all(found[k, k + 1] is before[k] for k in range(count - 1) if k != 2)
+
+
+def test_such_a_neighbour_gives_way_to_a_pose_at_the_table_that_nothing_speaks_against() -> None:
+    count = 12
+    steps, exact = neighbours(count, 1e-5, seed=4)
+    for k in (2, 5):
+        wrong = pose.from_parts(np.eye(3), np.array([0.3, 0.0, 0.0])) @ steps[k][1].registration.T_target_source
+        steps[k] = 1, Edge(k, k + 1, registration(wrong, 1e-6 * np.eye(6), np.zeros(3)))
+    before = [edge for _, edge in steps]
+    runner = Runner(set(), {(2, 3): "weakly_constrained", (5, 6): "random_fit"})
+    found = {(e.target, e.source): e for e in on_turntable(runner, before, range(count))}  # type: ignore[arg-type]
+    np.testing.assert_allclose(found[2, 3].registration.T_target_source, exact.as_matrix(), atol=1e-3)
+    assert found[5, 6] is before[5]
