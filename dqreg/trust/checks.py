@@ -142,7 +142,7 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "Diameter of a hole in one scan's face that the other's face closes, of the size",
         "at most",
         "%",
-        lambda e: (e.closed_hole / e.size, 0.0),
+        lambda e: (e.closed_hole / e.size, limits.CLOSED_HOLE),
     ),
     "one_plane": (
         "Places that both scans show in one plane",

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dqreg.solvers.motion_words import direction_words
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import (
+    CLOSED_HOLE,
     FACES_APART,
     LOOKED_THROUGH,
     ONE_PLANE,
@@ -77,7 +78,7 @@ def opposed_edges(evidence: Evidence) -> Iterator[str]:
 
 def closed_hole(evidence: Evidence) -> Iterator[str]:
     """A hole in one scan is none in the other."""
-    if evidence.closed_hole > 0.0:
+    if evidence.closed_hole > CLOSED_HOLE * evidence.size:
         yield (
             f"a hole {evidence.length(evidence.closed_hole)} wide in a face of one scan is closed in the other, and "
             "nothing stands there: another part, or another face of it"

@@ -95,7 +95,7 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "ends_apart",
     ),
     "ends apart among shared rims": (
-        {"ends_apart": limits.ENDS_APART_SHARED + 0.01, "rims_shared": limits.ENDS_SHARED},
+        {"ends_apart": limits.ENDS_APART_SHARED + 0.01, "rims_shared": limits.ENDS_SHARED, "largest_plane": 0.5},
         "13 % of each and more lie beyond the other's",
         "ends_apart",
     ),
@@ -106,7 +106,7 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
     ),
     "rims apart, in more planes than a corner's": (
         {"rims_shared": limits.RIMS_SHARED_MANY - 0.01},
-        "39 % of the rims of one are rims of the other",
+        "11 % of the rims of one are rims of the other",
         "rims_apart",
     ),
     "rims elsewhere": (
@@ -120,8 +120,8 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "opposed_edges",
     ),
     "closed hole": (
-        {"closed_hole": 0.03, "size": 1.0},
-        "a hole 0.03 wide in a face of one scan is closed in the other",
+        {"closed_hole": 0.04, "size": 1.0},
+        "a hole 0.04 wide in a face of one scan is closed in the other",
         "closed_hole",
     ),
     "one plane": (
@@ -297,6 +297,9 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
         {"share_on": 0.651, "is_scene": False, "strays": 0.3},
         {"looked_through": 0.05},
         {"ends_apart": limits.ENDS_APART},
+        # A room before a LiDAR: what it saw from either place ends elsewhere, some of the rims are the same.
+        {"ends_apart": 0.26, "rims_shared": 0.21},
+        {"closed_hole": 0.012, "size": 1.0},
         {"ends_apart": limits.ENDS_APART_SHARED, "rims_shared": limits.ENDS_SHARED},
         {"directions": (ROTATION,) * 6, "size": 2.01 / math.radians(2.0)},
         {"directions": (SHIFT,) * 6, "size": 50.1},
