@@ -28,9 +28,9 @@ from dqreg.rigid import pose
 
 # A point belongs to its run's face if it is so many widths inside each side of it and off it by less than so many.
 INSIDE, OFF = 3.0, 4.0
-# Where the points of a run scatter about their mean by more widths than this, there are two faces and more: a sheet.
-# About the face itself they may: runs left out for that would be those that shared noise has moved most.
-ONE_FACE = 1.3
+# Where the points of a run scatter about the face by more widths than this, and about their mean by more than that,
+# there is more than one face: a sheet, say. Noise that the run shares lifts its mean alone.
+ONE_FACE, ONE_HEIGHT = 1.5, 1.25
 # Points looked at in one go: what is in between stays in the cache.
 CHUNK = 65_536
 
@@ -103,7 +103,7 @@ def _on_faces(
     runs = len(pairs.scan)
     on, means, within = np.zeros((runs, length), dtype=bool), np.zeros((runs, 3)), np.zeros(runs)
     faces = as_plain(surface.mesh.corners), pairs.closest.elements, as_plain(pairs.closest.normals)
-    limits = INSIDE * width, OFF * width, ONE_FACE * width
+    limits = INSIDE * width, OFF * width, ONE_FACE * width, ONE_HEIGHT * width
     step = max(CHUNK // length, 1)
     given = as_plain(points), length, *faces, as_plain(T), *limits
     over_chunks(points_on_faces, runs, *given, on, means, within, chunk=step)

@@ -10,7 +10,7 @@ from dqreg.kernels.compiled import compiled
 from dqreg.kernels.plane_fits import ELEMENTS, diagonalise
 
 # Every third bit of a Morton code, from the lowest on: the number of a cell along one axis.
-ALONG = 0x1249249249249249
+ALONG_Z, ALONG_Y, ALONG_X = (np.uint64(0x1249249249249249 << k) for k in range(3))
 # Blocks of two cells a side, and those around one; cells of these.
 BLOCKS, CELLS = 27, 8
 # Cells around one without which there are no sides to it.
@@ -77,7 +77,7 @@ def _cells_around(block: np.uint64, starts: IntArray, blocks: Codes, table: IntA
     for x in range(-1, 2):
         for y in range(-1, 2):
             for z in range(-1, 2):
-                code = _moved(_moved(_moved(block, 2, x), 1, y), 0, z)
+                code = _moved(_moved(_moved(block, ALONG_X, x), ALONG_Y, y), ALONG_Z, z)
                 row = table[slot_of(code, blocks, table)]
                 if row >= 0:
                     for cell in range(starts[row], starts[row + 1]):
@@ -87,9 +87,9 @@ def _cells_around(block: np.uint64, starts: IntArray, blocks: Codes, table: IntA
 
 
 @compiled
-def _moved(code: np.uint64, axis: int, step: int) -> np.uint64:
+def _moved(code: np.uint64, mask: np.uint64, step: int) -> np.uint64:
     """The code of a cell next to another, or the same; beyond the first and the last it starts from the other end."""
-    mask, one = np.uint64(ALONG) << np.uint64(axis), np.uint64(1) << np.uint64(axis)
+    one = mask & (~mask + np.uint64(1))
     kept = code & ~mask
     if step > 0:
         return kept | (((code | ~mask) + one) & mask)

@@ -130,7 +130,8 @@ def _weights() -> None:
     orientation_precisions(np.zeros((1, 2, 8)), 1.0, 1.0, cells)
     times_precisions(0, 3, rows, 1, cells, ones)
     on = np.zeros((1, 3), dtype=bool)
-    points_on_faces(0, 1, rows, 3, CORNERS, FIRST, rows, np.eye(4), 1.0, 1.0, 1.0, on, np.zeros((1, 3)), np.zeros(1))
+    lengths = 1.0, 1.0, 1.0, 1.0
+    points_on_faces(0, 1, rows, 3, CORNERS, FIRST, rows, np.eye(4), *lengths, on, np.zeros((1, 3)), np.zeros(1))
 
 
 def _patches() -> None:

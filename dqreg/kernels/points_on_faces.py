@@ -21,6 +21,7 @@ def points_on_faces(
     inside: float,
     off: float,
     thick: float,
+    spread: float,
     on: BoolArray,
     means: FloatArray,
     within: FloatArray,
@@ -28,7 +29,8 @@ def points_on_faces(
     """Write which points of runs first to last lie on their face, (m, k), their means and their scatter along it. O(n).
 
     A point lies on a face if it is farther than ``inside`` from its sides and no farther than ``off`` from it; a run
-    whose points scatter about their mean height by more than ``thick`` has none. Points come back as given.
+    whose points scatter about it by more than ``thick``, and about their mean by more than ``spread``, has none. Points
+    come back as given.
     """
     planes = np.zeros((4, 4))
     for r in range(first, last):
@@ -50,7 +52,7 @@ def points_on_faces(
                 x, y, z = x + points[i, 0], y + points[i, 1], z + points[i, 2]
         if count > 0:
             within[r] = squares - total * total / count
-        if within[r] > count * thick * thick:
+        if squares > count * thick * thick and within[r] > count * spread * spread:
             for j in range(length):
                 on[r, j] = False
         if count > 0:
