@@ -200,13 +200,12 @@ class _Patches:
         and Thompson 1971). Shapes: shared (m, m), pulls (k, m): weighted rows of each patch, bread (k, k).
         """
         along = shared * product(self.normals, self.normals.T)
-        # What the fit follows of errors is H e, H = X bread X^T W with the mean rows X.
+        # What the fit follows of errors is H e, H = X bread X^T W with the mean rows X. The diagonal of K is zero.
         hat = product((pulls / self.weights).T, bread)
-        followed = product(hat, product(pulls, along))
-        left = along - followed - followed.T + product(product(followed, pulls.T), hat.T)
-        np.fill_diagonal(left, 0.0)
+        pulled, held = product(pulls, along), product(along, hat)
         meant = float(np.vdot(along, along))
-        return max(float(np.vdot(along, left)) / meant, LEAST_LEFT) if meant > 0.0 else 1.0
+        followed = 2.0 * float(np.vdot(held, pulled.T)) - float(np.vdot(product(hat.T, held), product(pulled, pulls.T)))
+        return max(1.0 - followed / meant, LEAST_LEFT) if meant > 0.0 else 1.0
 
 
 def _spherical(h: FloatArray) -> FloatArray:
