@@ -20,7 +20,7 @@ from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows
 from dqreg.kernels.pair_differences import pair_differences
-from dqreg.kernels.patch_pairs import binned_agreements, nearest_others, spherical_covariance
+from dqreg.kernels.patch_pairs import binned_agreements, covariance_products, nearest_others, spherical_covariance
 from dqreg.kernels.patch_sums import BESIDE, carrier_sums, patch_sums
 from dqreg.kernels.plane_elimination import eliminate_planes
 from dqreg.kernels.plane_fits import fit_plane_rows
@@ -138,6 +138,7 @@ def _patches() -> None:
     nearest_others(FLAT, np.zeros(3))
     binned_agreements(FLAT, FLAT, ONE, 1.0, np.zeros(2), np.zeros(2))
     spherical_covariance(FLAT, 1.0, 1.0, np.zeros((3, 3)))
+    covariance_products(np.zeros((3, 3)), FLAT, FLAT, np.zeros((3, 3)))
     patch_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 2, FIRST, np.zeros((1, 3 + BESIDE)))
     carrier_sums(0, 0, *(FLAT,) * 2, ONE, NOTHING, 1, np.zeros((1, 2, 3)))
 

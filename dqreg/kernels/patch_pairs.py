@@ -61,3 +61,26 @@ def spherical_covariance(points: FloatArray, sill: float, reach: float, covarian
             h = np.sqrt(dx * dx + dy * dy + dz * dz) / reach
             if h < 1.0:
                 covariance[i, j] = covariance[j, i] = sill * (1.0 - h * (1.5 - 0.5 * h * h))
+
+
+@compiled
+def covariance_products(
+    covariance: FloatArray, normals: FloatArray, columns: FloatArray, products: FloatArray
+) -> float:
+    """Write products of a covariance along the normals with columns, (m, k), and return its sum of squares. O(m^2 k).
+
+    The elements are those of the covariance, (m, m), times the cosine of both normals; its diagonal is none.
+    """
+    squares = 0.0
+    for i in range(len(normals)):
+        for j in range(i):
+            # Most pairs are out of range.
+            if covariance[i, j] == 0.0:
+                continue
+            same = normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1] + normals[i, 2] * normals[j, 2]
+            along = covariance[i, j] * same
+            squares += 2.0 * along * along
+            for k in range(columns.shape[1]):
+                products[i, k] += along * columns[j, k]
+                products[j, k] += along * columns[i, k]
+    return squares

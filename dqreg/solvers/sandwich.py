@@ -199,12 +199,16 @@ class _Patches:
         Residuals are ``P e`` of the errors e, so that products of theirs tell ``P K P^T`` where K was meant (Patterson
         and Thompson 1971). Shapes: shared (m, m), pulls (k, m): weighted rows of each patch, bread (k, k).
         """
-        along = shared * product(self.normals, self.normals.T)
-        # What the fit follows of errors is H e, H = X bread X^T W with the mean rows X. The diagonal of K is zero.
+        from dqreg.kernels.patch_pairs import covariance_products
+        from dqreg.kernels.threads import as_plain
+
+        # What the fit follows of errors is H e, H = X bread X^T W with the mean rows X.
         hat = product((pulls / self.weights).T, bread)
-        pulled, held = product(pulls, along), product(along, hat)
-        meant = float(np.vdot(along, along))
-        followed = 2.0 * float(np.vdot(held, pulled.T)) - float(np.vdot(product(hat.T, held), product(pulled, pulls.T)))
+        columns = np.concatenate([hat, pulls.T], axis=1)
+        products = np.zeros(columns.shape)
+        meant = covariance_products(shared, as_plain(self.normals), columns, products)
+        held, pulled = np.split(products, 2, axis=1)
+        followed = 2.0 * float(np.vdot(held, pulled)) - float(np.vdot(hat.T @ held, pulled.T @ pulls.T))
         return max(1.0 - followed / meant, LEAST_LEFT) if meant > 0.0 else 1.0
 
 

@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.kernels.patch_pairs import binned_agreements, nearest_others, spherical_covariance
+from dqreg.kernels.patch_pairs import binned_agreements, covariance_products, nearest_others, spherical_covariance
 
 
 @settings(deadline=None)
@@ -35,3 +36,13 @@ def test_the_covariance_is_the_spherical_model() -> None:
     expected = 2.0 * (1.0 - 1.5 * h + 0.5 * h**3)
     np.fill_diagonal(expected, 0.0)
     np.testing.assert_allclose(covariance, expected, atol=1e-14)
+
+
+def test_products_with_a_covariance_along_the_normals_are_those_of_the_whole_matrix() -> None:
+    rng = np.random.default_rng(1)
+    points, normals, columns = (rng.normal(size=(40, k)) for k in (3, 3, 5))
+    covariance, products = np.zeros((40, 40)), np.zeros((40, 5))
+    spherical_covariance(points, 2.0, 1.3, covariance)
+    along = covariance * (normals @ normals.T)
+    assert covariance_products(covariance, normals, columns, products) == pytest.approx(float((along**2).sum()))
+    np.testing.assert_allclose(products, along @ columns, atol=1e-12)
