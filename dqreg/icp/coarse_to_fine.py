@@ -172,17 +172,17 @@ class _Basin:
         patient: Alignment | None = None,
     ) -> _Basin:
         """Run both schedules, the first unless it is known; in haste no farther than where the scan is explained."""
-        mixture, cuts = _widest(level), []
+        mixture, is_cut = _widest(level), False
 
         def found(run: Run, mixture: InlierMixture) -> bool:
-            is_found = _is_near(level, mixture) and level.explains(run, mixture)
-            cuts.extend([run] if is_found else [])
-            return is_found
+            nonlocal is_cut
+            is_cut = _is_near(level, mixture) and level.explains(run, mixture)
+            return is_cut
 
         enough, before = found if hasty else None, () if patient is None else patient.history
         if patient is None:
             patient = level.descend(mixture, start, PATIENT, observe, first, enough)
-        whole = None if cuts else patient
+        whole = None if is_cut else patient
         if patient.status == "stopped by observer" or (hasty and found(patient, patient.mixture)):
             return _Basin(patient, whole, is_whole=False)
         quick = level.descend(mixture, start, QUICK, observe, first + len(patient.history) - len(before), enough)
@@ -191,4 +191,4 @@ class _Basin:
             better = quick
         status = quick.status if quick.status == "stopped by observer" else better.status
         history = patient.history[len(before) :] + quick.history
-        return _Basin(dataclasses.replace(better, status=status, history=history), whole, is_whole=not cuts)
+        return _Basin(dataclasses.replace(better, status=status, history=history), whole, is_whole=not is_cut)

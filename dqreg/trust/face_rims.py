@@ -110,11 +110,11 @@ def shared_rims(rims: Sequence[Rims | None], others: Sequence[Rims | None]) -> f
         count += int(np.count_nonzero(one.counted))
         if len(other.points) < NEAREST or not one.counted.any():
             continue
-        shared += int(np.count_nonzero(alike_rims(one, other, one.counted)[1].any(axis=1)))
+        shared += int(np.count_nonzero(_alike(one, other, one.counted)[1].any(axis=1)))
     return shared / count if count >= FEWEST_RIMS else np.nan
 
 
-def alike_rims(one: Rims, other: Rims, asked: BoolArray) -> tuple[IntArray, BoolArray]:
+def _alike(one: Rims, other: Rims, asked: BoolArray) -> tuple[IntArray, BoolArray]:
     """The other cloud's rims next to those asked, (m, k), and whether they are the same ones."""
     rows, apart = NeighbourTree(other.points).nearest(one.points[asked], NEAREST)
     look_alike = np.einsum("ijk,ik->ij", other.outward[rows], one.outward[asked]) > SAME_COS

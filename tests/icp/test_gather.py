@@ -109,8 +109,8 @@ def test_the_two_sides_of_a_sheet_are_not_taken_for_one(thickness: float) -> Non
 
 
 def test_noise_that_a_run_shares_does_not_take_its_weight(scan: Scan) -> None:
-    # One displacement for each cube of space of a twelfth of the size. Runs that it moved by two widths and more once
-    # weighed a tenth, and the scatter of the others, 0.78 of the true one, was all that the covariance saw.
+    # One displacement for each cube of space of a twelfth of the size. If runs that it moves by two widths were drawn
+    # point by point, as those of two faces are, they would weigh a tenth: 0.84 of the scatter that all points have.
     rng = np.random.default_rng(4)
     _, cubes = np.unique(np.floor(scan.points / (SIZE / 12)).astype(int), axis=0, return_inverse=True)
     moved = scan.points + NOISE * rng.normal(size=(cubes.max() + 1, 3))[cubes.ravel()]
