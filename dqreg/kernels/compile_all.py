@@ -15,9 +15,12 @@ from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.components import components
 from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
+from dqreg.kernels.equal_rows import numbered_rows
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
+from dqreg.kernels.mesh_faces import ENDS, MOMENTS, face_columns, solid_faces, surface_moments
+from dqreg.kernels.mesh_sides import number_sides
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows
 from dqreg.kernels.pair_differences import pair_differences
 from dqreg.kernels.patch_pairs import binned_agreements, covariance_products, nearest_others, spherical_covariance
@@ -34,6 +37,7 @@ from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_
 from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.scattering import put_rows
+from dqreg.kernels.smooth_corners import smooth_corners
 from dqreg.kernels.split_sort import split_sorted_rows
 from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
@@ -171,6 +175,16 @@ def _search() -> None:
     log_likelihoods(0, 1, np.ones((1, 1)), 1.0, 0.5, 0.001, 1)
 
 
+def _meshes() -> None:
+    faces, none, ends = np.arange(3)[None], np.zeros(1, dtype=bool), np.zeros((1, ENDS))
+    numbered_rows(FLAT)
+    solid_faces(0, 1, FLAT, faces, 1, 0.0, none, ends)
+    face_columns(0, 1, FLAT, faces, CORNERS[0].copy(), np.zeros(1))
+    number_sides(faces, 3, none, faces.copy(), faces.copy(), faces.copy())
+    smooth_corners(FLAT[:1].copy(), FIRST[:, None] * faces, 0.5, faces, 3, faces.copy())
+    surface_moments(0, 1, CORNERS, ONE, ONE, 1, np.zeros((1, MOMENTS)))
+
+
 def _normals() -> None:
     flat = np.eye(3)
     corner_angles(0, 0, CORNERS, flat)
@@ -187,6 +201,7 @@ def _many_problems() -> None:
 # A second process begins at the end: there is what a first registration to a part needs last, before that what it does
 # not need, and first what it needs at once and compiles itself.
 STEPS: tuple[Callable[[], None], ...] = (
+    _meshes,
     _order,
     _faces,
     _points,
