@@ -45,6 +45,10 @@ class SmoothNormals:
         apart = np.abs(self._corner_normals - mesh.face_normals[:, None]).reshape(-1, 9).max(axis=1)
         self._round = apart > FLAT
 
+    def any_round(self, faces: IntArray) -> bool:
+        """Whether any of some faces has normals other than its own."""
+        return bool(self._round.any() and np.take(self._round, faces).any())
+
     def at(self, places: FloatArray, faces: IntArray) -> FloatArray:
         """Normals at places on the mesh."""
         from dqreg.kernels.pseudo_normals import smooth_normals_at

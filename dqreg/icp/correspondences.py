@@ -100,3 +100,15 @@ def propagate(pairs: Correspondences, T_target_source: FloatArray) -> Correspond
     slid = Correspondences(pairs.scan, T_target_source, closest, pairs.same_sign)
     vars(slid)["moved"] = moved
     return slid
+
+
+def placed(pairs: Correspondences, T_target_source: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points of correspondences at a pose near by, (n, 3), and their heights over the planes found before, (n,)."""
+    from dqreg.kernels.threads import as_plain, over_chunks
+    from dqreg.kernels.weighing import place_rows
+
+    count = len(pairs.scan)
+    moved, heights = np.zeros((count, 3)), np.zeros(count)
+    columns = pairs.scan.points, T_target_source, pairs.closest.points, pairs.closest.normals
+    over_chunks(place_rows, count, *map(as_plain, columns), moved, heights, chunk=CHUNK)
+    return moved, heights

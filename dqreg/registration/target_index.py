@@ -150,7 +150,10 @@ class TargetIndex:
 
     def smooth_normals(self, closest: Closest) -> FloatArray:
         """Normals of the smooth surface at places that the surface has named, (n, 3)."""
-        return closest.normals if self._smooth is None else self._smooth.at(closest.points, closest.elements)
+        smooth = self._smooth
+        if smooth is None or not smooth.any_round(closest.elements):
+            return closest.normals
+        return smooth.at(closest.points, closest.elements)
 
     @cached_property
     def _smooth(self) -> SmoothNormals | None:
