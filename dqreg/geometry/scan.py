@@ -12,11 +12,10 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, one_line
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
-from dqreg.geometry.morton import distinct_in_order
+from dqreg.geometry.morton import distinct_in_order, in_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import PlaneFits, fit_planes, sample_rows
+from dqreg.geometry.normals import PlaneFits, ScanPlanes, fit_planes, sample_rows
 from dqreg.geometry.scan_noise import noise_of
-from dqreg.geometry.scan_planes import ScanPlanes
 from dqreg.geometry.spacing import Spread, spacing_of
 
 FEWEST_POINTS = 3
@@ -237,7 +236,7 @@ def prepare_scan(
     (100, 50, 1.0, 0.0)
     """
     order = distinct_in_order(cloud.points, cloud._ends) if surface is None else surface.order
-    points = np.take(cloud.points, order, axis=0)
+    points = in_order(cloud.points, order)
     if len(points) < FEWEST_POINTS:
         raise InputError(
             f"a scan needs finite points at {FEWEST_POINTS} places at least to fix a pose; the {len(cloud)} points of "
@@ -275,13 +274,13 @@ def _fit_all(
 
 
 def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, tuple[float, float]]:
-    thinned = points[sample_rows(len(points), max(THINNED, 2 * len(rows)))]
-    fits = fit_planes(NeighbourTree(thinned, in_order=True), thinned, points[rows])
+    thinned = np.take(points, sample_rows(len(points), max(THINNED, 2 * len(rows))), axis=0)
+    fits = fit_planes(NeighbourTree(thinned, in_order=True), thinned, np.take(points, rows, axis=0))
     # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those
     # in the middle are their neighbours in the whole cloud.
     firsts = np.linspace(0, len(points) - PIECE, PIECES).astype(np.int64)
-    pieces = points[(firsts[:, None] + np.arange(PIECE)).ravel()]
-    middles = points[(firsts[:, None] + (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)).ravel()]
+    pieces = np.take(points, (firsts[:, None] + np.arange(PIECE)).ravel(), axis=0)
+    middles = np.take(points, (firsts[:, None] + (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)).ravel(), axis=0)
     of_pieces = NeighbourTree(pieces, in_order=True)
     pieced = fit_planes(of_pieces, pieces, middles)
     return fits, (spacing := spacing_of(pieced, middles)), noise_of(pieced, pieces, middles, of_pieces, spacing)

@@ -134,7 +134,9 @@ def _weights() -> None:
     times_precisions(0, 3, rows, 1, cells, ones)
     on = np.zeros((1, 3), dtype=bool)
     lengths = 1.0, 1.0, 1.0, 1.0
-    points_on_faces(0, 1, rows, 3, CORNERS, FIRST, rows, np.eye(4), *lengths, on, np.zeros((1, 3)), np.zeros(1))
+    counts = np.zeros(1, dtype=np.int64)
+    places = on, counts, np.zeros((1, 3)), np.zeros(1)
+    points_on_faces(0, 1, rows, 3, CORNERS, FIRST, rows, np.eye(4), *lengths, *places)
 
 
 def _patches() -> None:

@@ -144,8 +144,10 @@ class Fit:
         flatter than its Gauss-Newton Hessian says, and the pose errs by so much more.
         """
         surface, pairs = self.prepared.surface, self.run.pairs
+        if not isinstance(surface, CloudSurface):
+            return 1.0
         rows = np.flatnonzero((self.run.weights > 0.0) & pairs.closest.normals.any(axis=1))
-        if not isinstance(surface, CloudSurface) or not len(rows):
+        if not len(rows):
             return 1.0
         rows = rows[sample_rows(len(rows), FOLLOWING)]
         aside = np.abs(pairs.point_to_plane[rows])

@@ -24,7 +24,7 @@ from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.visibility import VisibleSurface, visible_faces
 from dqreg.geometry.voxels import DENSE, VoxelCloud, first_size
 from dqreg.kernels.threads import Later
-from dqreg.registration.source import moved, require_spread
+from dqreg.registration.source import require_spread
 from dqreg.search import PairTable
 from dqreg.search.near_symmetry import near_flips, near_mirrors
 from dqreg.search.periods import near_periods
@@ -225,7 +225,7 @@ def index_target(target: Any) -> TargetIndex:
         return TargetIndex(geometry._shifted(-origin), origin, describe(target))
     require_spread(geometry.points, "target")
     origin = 0.5 * np.add(*geometry._ends)
-    return TargetIndex(moved(geometry, -origin, 1.0), origin, describe(target))
+    return TargetIndex(geometry._moved(-origin), origin, describe(target))
 
 
 def index_for(target: Any, source: Any, source_units: str | None) -> tuple[TargetIndex, float | None]:

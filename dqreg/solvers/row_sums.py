@@ -16,11 +16,6 @@ TOGETHER = 50
 class PatchSums(Protocol):
     """What the sandwich asks of the rows J of a fit, weights w, residuals r and normals n: of k unknowns, m patches."""
 
-    @property
-    def count(self) -> int:
-        """Rows."""
-        ...
-
     def information(self) -> FloatArray:
         """Sum of ``w J J^T``, (k, k)."""
         ...
@@ -43,11 +38,6 @@ class RowSums:
     normals: FloatArray  # (n, 3)
     residuals: FloatArray  # (n,)
     weights: FloatArray  # (n,)
-
-    @property
-    def count(self) -> int:
-        """Rows."""
-        return len(self.weights)
 
     def information(self) -> FloatArray:
         """See `PatchSums`."""
@@ -78,7 +68,6 @@ class MotionSums:
     They are summed in one pass over patches as small as any that will be asked for, and no row is kept.
     """
 
-    count: int  # Rows
     starts: IntArray  # (g,): First row of each patch
     sums: FloatArray  # (g, 60): See `motion_sums`
     basis: FloatArray  # (6, k): The unknowns, one a column
@@ -102,7 +91,7 @@ class MotionSums:
         sums = np.zeros((len(starts), COLUMNS))
         columns = [as_plain(x) for x in (points, normals, smooth, residuals, weights, centre)]
         over_chunks(motion_sums, len(starts), *columns, float(lever), starts, sums, chunk=TOGETHER)
-        return MotionSums(len(weights), starts, sums, basis)
+        return MotionSums(starts, sums, basis)
 
     def squares(self) -> float:
         """Sum of ``w r^2``."""

@@ -55,60 +55,58 @@ def scatter_of(
 
     Shapes: rows (k, n), known (m, m), returns (m, m).
     """
-    sums = RowSums(rows, points, normals, residuals, weights)
-    return scatter_of_sums(sums, known, variance, counts, overlap=overlap, motions=motions)
+    sums, starts = RowSums(rows, points, normals, residuals, weights), patch_starts(len(weights), counts)
+    return scatter_of_sums(sums, starts, known, variance, overlap=overlap, motions=motions)
 
 
 def scatter_of_sums(
     sums: PatchSums,
+    starts: tuple[IntArray, IntArray],
     known: FloatArray,
     variance: float,
-    counts: FloatArray | None = None,
     *,
     overlap: bool = False,
     motions: FloatArray | None = None,
 ) -> FloatArray | None:
-    """The same from sums over patches."""
-    starts = _starts(sums.count, PATCHES, counts)
+    """The same from sums over patches, given the starts of larger and of smaller ones."""
+    large, small = starts
     information = sums.information()
     mix = np.eye(len(information)) if motions is None else motions
     # Patches tell the scatter of fewer unknowns than there are of them.
-    if len(starts) < FEWEST_PATCHES or len(starts) <= mix.shape[1] + 1:
+    if len(large) < FEWEST_PATCHES or len(large) <= mix.shape[1] + 1:
         return None
     information = mix.T @ information @ mix + known
     values = np.linalg.eigvalsh(information)
     if not values[0] > SINGULAR * values[-1]:
         return None
     bread = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    coarse = _sandwich(bread, mix.T @ sums.over(starts)[0], variance * known)
-    starts = _starts(sums.count, SMALL, counts)
-    scores, beside = sums.over(starts)
+    coarse = _sandwich(bread, mix.T @ sums.over(large)[0], variance * known)
+    scores, beside = sums.over(small)
     patches = _Patches.of(beside, LIGHT if overlap else 0.0)
     if patches.neighbour_agreement() < NEIGHBOURS_AGREE:
         return coarse
     shared = patches.shared_noise()
     if shared is None:
         return coarse
-    pulls, along = sums.pulls(starts)
+    pulls, along = sums.pulls(small)
     between = sum(product(pull, shared) @ pull.T for pull in mix.T @ along)
     left = patches.left_by_fit(shared, mix.T @ pulls, bread)
     fine = _sandwich(bread, mix.T @ scores, variance * known)
     return larger(coarse, fine + bread @ (between / left) @ bread)
 
 
-def patch_starts(total: int, counts: FloatArray | None) -> IntArray:
-    """First rows of all patches that `scatter_of_sums` will ask about, of so many rows; of the first one at least."""
-    both = [_starts(total, patches, counts) for patches in (PATCHES, SMALL)]
-    return np.unique(np.concatenate([np.zeros(1, dtype=np.int64), *both]))
+def patch_starts(total: int, counts: FloatArray | None) -> tuple[IntArray, IntArray]:
+    """First rows of the larger and of the smaller patches of so many rows, of as many points each."""
+    passed = None if counts is None else np.cumsum(counts)
+    return _starts(total, PATCHES, passed), _starts(total, SMALL, passed)
 
 
-def _starts(total: int, most: int, counts: FloatArray | None) -> IntArray:
-    # The first row of each patch.
+def _starts(total: int, most: int, passed: FloatArray | None) -> IntArray:
     patches = min(most, total // 8)
-    if counts is None or not patches:
+    if passed is None or not patches:
         return np.linspace(0, total, patches, endpoint=False).astype(np.int64)
-    passed = np.cumsum(counts)
-    return np.unique(np.searchsorted(passed, np.linspace(0.0, passed[-1], patches, endpoint=False), side="right"))
+    starts = np.searchsorted(passed, np.linspace(0.0, passed[-1], patches, endpoint=False), side="right")
+    return np.asarray(starts[np.diff(starts, prepend=-1) > 0])
 
 
 def _sandwich(bread: FloatArray, scores: FloatArray, known: FloatArray) -> FloatArray:

@@ -15,6 +15,8 @@ from dqreg.solvers.sandwich import patch_starts, scatter_of_sums
 # Information below this fraction of what all correspondences could give with the longest lever is rounding or facets,
 # not shape.
 FREE = 1e-5
+# One patch of all rows.
+FIRST = np.zeros(1, dtype=np.int64)
 # Normals that are estimates constrain what the shape leaves free: each side's by its own errors. Where less than this
 # share of what the target's normals say is said by the scan's too, it is errors: right poses came to 0.4, slid ones of
 # round parts to 0.16 at most.
@@ -149,9 +151,11 @@ def information_of(
     total = float(weights.sum())
     scaling = np.r_[[lever] * 3, [1.0] * 3]
     basis = np.eye(6) if allowed is None else np.linalg.qr(allowed * scaling[:, None])[0]
-    starts = patch_starts(len(weights), counts) if patchwise else np.zeros(1, dtype=np.int64)
+    starts = patch_starts(len(weights), counts) if patchwise else (FIRST, FIRST)
     smooth = normals if smooth is None else smooth
-    sums = MotionSums.of(points, normals, smooth, residuals, weights, centre, lever, starts, basis)
+    sums = MotionSums.of(
+        points, normals, smooth, residuals, weights, centre, lever, np.union1d(FIRST, np.concatenate(starts)), basis
+    )
     aside = dot(weights, scattered) if isinstance(scattered, np.ndarray) else total * scattered
     variance = (sums.squares() + aside) / max(total - 6.0, 1.0)
     # What was known beforehand, in the units of the correspondences' own information.
@@ -170,7 +174,7 @@ def information_of(
         return held
     known = motions.T @ known @ motions
     # Facets have an information of their own.
-    scatter = scatter_of_sums(sums, known, variance, counts, overlap=own is not None, motions=motions)
+    scatter = scatter_of_sums(sums, starts, known, variance, overlap=own is not None, motions=motions)
     outer = basis @ motions
     return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
 
