@@ -158,17 +158,18 @@ class ScanPlanes:
         """Normals, levers and residuals of some rows, ascending, and which of them have planes."""
         places = np.minimum(np.searchsorted(self.rows, rows), len(self.rows) - 1)
         fitted = np.flatnonzero(self.rows[places] == rows)
-        return *ScanPlanes(fitted, *self._columns(places[fitted]), len(rows)).whole(), fitted
+        places = places[fitted]
+        normals = np.take(self.normals, places, axis=0)
+        some = ScanPlanes(fitted, normals, self.levers[places], self.residuals[places], len(rows))
+        return some.whole("normals"), some.whole("levers"), some.whole("residuals"), fitted
 
-    def whole(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Normals, levers and residuals of all points: those without a plane have zeros, and NaN."""
-        normals, levers = np.zeros((self.total, 3)), np.zeros(self.total)
-        residuals = np.full(self.total, np.nan)
-        normals[self.rows], levers[self.rows], residuals[self.rows] = self.normals, self.levers, self.residuals
-        return normals, levers, residuals
-
-    def _columns(self, places: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return np.take(self.normals, places, axis=0), self.levers[places], self.residuals[places]
+    def whole(self, name: str) -> FloatArray:
+        """A column of all points: those without a plane have zeros, and NaN as their residual."""
+        column: FloatArray = getattr(self, name)
+        shape = self.total, *column.shape[1:]
+        whole = np.full(shape, np.nan) if name == "residuals" else np.zeros(shape)
+        whole[self.rows] = column
+        return whole
 
 
 def sample_rows(total: int, wanted: int) -> IntArray:

@@ -85,7 +85,7 @@ class Scan:
             # Where planes were fitted at few of many points, nobody asks for those of all, as a rule.
             if name not in COLUMNS or "_planes" not in vars(self):
                 raise AttributeError(name)
-            vars(self).update(zip(COLUMNS, self._planes.whole(), strict=True))
+            vars(self)[name] = self._planes.whole(name)
             return vars(self)[name]
 
     @staticmethod
@@ -176,11 +176,13 @@ class Scan:
     @cached_property
     def _gating(self) -> FloatArray:
         """Normals that may reject a correspondence, (n, 3): those that were given, or of neighbours in planes."""
-        known = self.levers > 0.0
+        # Of those that have a plane, where the others are known to have none.
+        fits = vars(self).get("_planes", self)
+        known = fits.levers > 0.0
         if self.oriented or not known.any():
             return self.normals
         # Counted: a quantile of all points would cost each stage of the loop more than its pose step.
-        flat = np.count_nonzero(known & (self.residuals <= NOT_FLAT * np.sqrt(self.levers)))
+        flat = np.count_nonzero(known & (fits.residuals <= NOT_FLAT * np.sqrt(fits.levers)))
         return self.normals if flat >= FLAT * np.count_nonzero(known) else np.zeros_like(self.normals)
 
     @cached_property
