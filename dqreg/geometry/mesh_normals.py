@@ -42,6 +42,10 @@ class SmoothNormals:
         apart = np.abs(self._corner_normals - mesh.face_normals[:, None]) > FLAT
         self._round = apart.reshape(-1, 9).any(axis=1)
 
+    def any_round(self, faces: IntArray) -> bool:
+        """Whether any of some faces has normals other than its own."""
+        return bool(self._round.any() and np.take(self._round, faces).any())
+
     def at(self, places: FloatArray, faces: IntArray) -> FloatArray:
         """Normals at places on the mesh."""
         from dqreg.kernels.pseudo_normals import smooth_normals_at

@@ -22,9 +22,11 @@ from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
 from dqreg.kernels.mesh_faces import ENDS, MOMENTS, face_columns, solid_faces, surface_moments
 from dqreg.kernels.mesh_sides import number_sides
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows
+from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
+from dqreg.kernels.motion_sums import motion_shares, motion_sums
 from dqreg.kernels.pair_differences import pair_differences
 from dqreg.kernels.patch_pairs import binned_agreements, covariance_products, nearest_others, spherical_covariance
-from dqreg.kernels.patch_sums import BESIDE, carrier_sums, patch_sums
+from dqreg.kernels.patch_sums import BESIDE, patch_sums
 from dqreg.kernels.plane_elimination import eliminate_planes
 from dqreg.kernels.plane_fits import fit_plane_rows
 from dqreg.kernels.plane_growth import measure_pieces, take_pieces
@@ -42,7 +44,7 @@ from dqreg.kernels.split_sort import split_sorted_rows
 from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
-from dqreg.kernels.weighing import slide_rows, weigh_rows
+from dqreg.kernels.weighing import place_rows, slide_rows, weigh_rows
 from dqreg.kernels.weighted_planes import (
     COLUMNS,
     orientation_precisions,
@@ -128,6 +130,7 @@ def _weights() -> None:
     plane_row_columns(0, 3, rows, rows, ones, 1.0, np.zeros((6, 3)))
     strain_row_columns(0, 3, rows, rows, rows, 1.0, np.zeros((9, 3)))
     slide_rows(0, 3, rows, np.eye(4), *(rows,) * 3, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
+    place_rows(0, 3, rows, np.eye(4), rows, rows, np.zeros((3, 3)), np.zeros(3))
     about, cells = np.zeros((2, 3)), np.ones(8)
     plane_sums(0, 3, rows, rows, rows, ones, NOTHING, 0, about, 3, np.zeros((1, COLUMNS)))
     orientation_sums(0, 3, rows, rows, rows, ones, NOTHING, 1, 3, np.zeros((1, 2, 8)))
@@ -135,7 +138,9 @@ def _weights() -> None:
     times_precisions(0, 3, rows, 1, cells, ones)
     on = np.zeros((1, 3), dtype=bool)
     lengths = 1.0, 1.0, 1.0, 1.0
-    points_on_faces(0, 1, rows, 3, CORNERS, FIRST, rows, np.eye(4), *lengths, on, np.zeros((1, 3)), np.zeros(1))
+    counts = np.zeros(1, dtype=np.int64)
+    places = on, counts, np.zeros((1, 3)), np.zeros(1)
+    points_on_faces(0, 1, rows, 3, CORNERS, FIRST, rows, np.eye(4), *lengths, *places)
 
 
 def _patches() -> None:
@@ -144,7 +149,8 @@ def _patches() -> None:
     spherical_covariance(FLAT, 1.0, 1.0, np.zeros((3, 3)))
     covariance_products(np.zeros((3, 3)), FLAT, FLAT, np.zeros((3, 3)))
     patch_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 2, FIRST, np.zeros((1, 3 + BESIDE)))
-    carrier_sums(0, 0, *(FLAT,) * 2, ONE, NOTHING, 1, np.zeros((1, 2, 3)))
+    motion_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 3, 1.0, FIRST, np.zeros((1, MOTION_SUMS)))
+    motion_shares(0, 0, *(FLAT,) * 2, np.eye(6), ONE, NOTHING, ONE, 1.0, 1, np.zeros((1, 2, 6)))
 
 
 def _common_planes() -> None:
