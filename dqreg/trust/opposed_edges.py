@@ -7,6 +7,7 @@ at a convex edge or at a concave one, never at both.
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +41,7 @@ SAMPLE = 100
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Beside:
-    """Points of a cloud in a plane that stand beside one of its points off it: few, and no other can be on such a rim.
+    """Points of a cloud in a plane that stand beside its points on either side: few, and no other can be on such a rim.
 
     The points in the plane are in the order of the cloud, along a space-filling curve.
     """
@@ -53,7 +54,7 @@ class Beside:
     flat: FloatArray  # (m, 2): Where those are in it
     tree: NeighbourTree  # Of these
     usual: float  # Distance to the last of the neighbours in the plane that are asked of a rim
-    rows: IntArray  # (k,): Those beside a point off it, of the points in the plane
+    sides: tuple[IntArray, IntArray]  # Rows of the points in the plane that stand beside one above it, and one below
 
     @staticmethod
     def of(cloud: Points, plane: Plane, within: float) -> Beside | None:
@@ -61,28 +62,37 @@ class Beside:
         points = cloud[0]
         # A product of matrices takes a third of the time of one with a vector.
         heights = product(plane.normal[None], points.T)[0] - plane.middle @ plane.normal
-        aside = np.abs(heights)
-        inside = np.flatnonzero(aside < within)
+        inside = np.flatnonzero(np.abs(heights) < within)
         if len(inside) < FEWEST:
             return None
         flat = (np.take(points, inside, axis=0) - plane.middle) @ plane.across.T
         tree = NeighbourTree(lifted(flat), in_order=True)
         usual = median(tree.nearest_to(sample_rows(len(flat), SAMPLE), AROUND + 1)[1][:, -1])
         reach = REACH * usual * OF_SPACING
-        rows = np.flatnonzero(aside[inside] > within - reach)
-        others = np.flatnonzero((aside > within) & (aside < within + reach))
-        rows = rows[_near(points[inside[rows]], points[others], reach)]
-        return Beside(cloud, plane, within, heights, inside, flat, tree, usual, rows)
+        sides = []
+        for side in (1.0, -1.0):
+            over = side * heights
+            others = np.flatnonzero((over > within) & (over < within + reach))
+            rows = np.flatnonzero(over[inside] > within - reach)
+            sides.append(rows[_near(points[inside[rows]], points[others], reach)])
+        return Beside(cloud, plane, within, heights, inside, flat, tree, usual, (sides[0], sides[1]))
 
     @property
     def spacing(self) -> float:
         """Edge of the square that a point in the plane has for itself."""
         return self.usual * OF_SPACING
 
-    @property
-    def places(self) -> FloatArray:
-        """Where those beside a point off the plane are, (k, 3)."""
-        return np.take(self.cloud[0], self.inside[self.rows], axis=0)
+    @cached_property
+    def rows(self) -> IntArray:
+        """Those beside one on either side, (k,)."""
+        beside = np.zeros(len(self.inside), dtype=bool)
+        for rows in self.sides:
+            beside[rows] = True
+        return np.flatnonzero(beside)
+
+    def places(self, rows: IntArray) -> FloatArray:
+        """Where points in the plane are, (m, 3)."""
+        return np.take(self.cloud[0], self.inside[rows], axis=0)
 
     def rims(self, asked: BoolArray) -> Turning:
         """Which of those asked, (k,), are rims beside which the faces turn to one side."""
@@ -119,16 +129,26 @@ class Turning(NamedTuple):
 
 
 def opposed_share(clouds: tuple[Points, Points], plane: Plane, within: float) -> float:
-    """Share of the rims that both clouds have in a plane beside which faces turn to opposite sides; NaN for few."""
+    """Share of the rims that both clouds have in a plane beside which faces turn to opposite sides; NaN for few.
+
+    0 where there can be none, however many rims there are.
+    """
     first, second = (Beside.of(cloud, plane, within) for cloud in clouds)
     if first is None or second is None:
         return np.nan
     reach = SAME * max(first.spacing, second.spacing)
     # What has none of the other cloud's beside it is no rim of both, whatever it is.
-    asked = _near(first.places, second.places, reach), _near(second.places, first.places, reach)
-    if np.count_nonzero(asked[0]) < FEWEST_TURNING:
+    shared = _near(first.places(first.rows), second.places(second.rows), reach)
+    if np.count_nonzero(shared) < FEWEST_TURNING:
         return np.nan
-    one, other = first.rims(asked[0]), second.rims(asked[1])
+    # Of points beside the same side alone no rims are opposed, whichever these are: nearly all, in scans of one scene.
+    if not any(
+        _near(first.places(one), second.places(other), reach).any()
+        for one, other in zip(first.sides, second.sides[::-1], strict=True)
+    ):
+        return 0.0
+    one = first.rims(shared)
+    other = second.rims(_near(second.places(second.rows), first.places(first.rows), reach))
     if len(other.points) < NEAREST or len(one.points) < FEWEST_TURNING:
         return np.nan
     rows, apart = NeighbourTree(other.points, in_order=True).nearest(one.points, NEAREST)
