@@ -154,7 +154,14 @@ class CommonPlanes:
 
     def _opposed_in_each(self, *, beside: bool) -> list[Later[float]]:
         """Shares of opposed rims, plane by plane."""
-        asked = (partial(opposed_share, self.sides, plane, self.within) for plane in self.planes)
+        normals = np.array([plane.normal for plane in self.planes])
+        offsets = np.array([plane.middle @ plane.normal for plane in self.planes])[:, None]
+        # Over all planes at once: each would take as long.
+        one, other = (product(normals, points.T) - offsets for points, _ in self.sides)
+        asked = (
+            partial(opposed_share, self.sides, (here, there), plane, self.within)
+            for plane, here, there in zip(self.planes, one, other, strict=True)
+        )
         return [Later(each, beside=beside) for each in asked]
 
     @cached_property
