@@ -154,15 +154,20 @@ class CommonPlanes:
 
     def _opposed_in_each(self, *, beside: bool) -> list[Later[float]]:
         """Shares of opposed rims, plane by plane."""
+        heights = Later(self._heights, beside=beside)
+
+        def share(k: int) -> float:
+            one, other = heights.result()
+            return opposed_share(self.sides, (one[k], other[k]), self.planes[k], self.within)
+
+        return [Later(partial(share, k), beside=beside) for k in range(len(self.planes))]
+
+    def _heights(self) -> tuple[FloatArray, FloatArray]:
+        """Heights of all points of either cloud over each of the planes, (k, n): at once, each would take as long."""
         normals = np.array([plane.normal for plane in self.planes])
-        offsets = np.array([plane.middle @ plane.normal for plane in self.planes])[:, None]
-        # Over all planes at once: each would take as long.
+        offsets = np.einsum("ij,ij->i", normals, [plane.middle for plane in self.planes])[:, None]
         one, other = (product(normals, points.T) - offsets for points, _ in self.sides)
-        asked = (
-            partial(opposed_share, self.sides, (here, there), plane, self.within)
-            for plane, here, there in zip(self.planes, one, other, strict=True)
-        )
-        return [Later(each, beside=beside) for each in asked]
+        return one, other
 
     @cached_property
     def _rims(self) -> tuple[list[Rims | None], list[Rims | None]]:
