@@ -51,7 +51,7 @@ class InPlane:
     rows: IntArray  # (m,): Of the cloud
     flat: FloatArray  # (m, 2): Where those are in the plane
     most_spacing: float  # What the edge of the square that a point has for itself is at most
-    sides: tuple[IntArray, IntArray]  # Those that may stand beside one above the plane, and one below: no other does
+    beside: IntArray  # (k,): Those that may stand beside a point off the plane: no other does
 
     @staticmethod
     def of(cloud: Points, heights: FloatArray, plane: Plane, within: float) -> InPlane | None:
@@ -61,17 +61,27 @@ class InPlane:
             return None
         flat = (np.take(cloud[0], rows, axis=0) - plane.middle) @ plane.across.T
         most = _most_spacing(flat)
-        sides = _beside(cloud[0], rows, heights, within, REACH * most)
-        return InPlane(cloud, plane, within, heights, rows, flat, most, sides)
+        found = InPlane(cloud, plane, within, heights, rows, flat, most, np.arange(len(rows)))
+        return dataclasses.replace(found, beside=found.beside_any(REACH * most))
 
     def places(self, k: IntArray) -> FloatArray:
         """Where some of the points are, (k, 3)."""
         return np.take(self.cloud[0], self.rows[k], axis=0)
 
-    @property
-    def has_beside(self) -> bool:
-        """Whether so many may that something can be said of their rims."""
-        return sum(map(len, self.sides)) >= FEWEST_TURNING
+    def beside_any(self, reach: float) -> IntArray:
+        """Which of those that may do stand within reach of a point off the plane, (m,)."""
+        aside = np.abs(self.heights)
+        others = np.flatnonzero((aside > self.within) & (aside < self.within + reach))
+        k = self.beside[aside[self.rows[self.beside]] > self.within - reach]
+        near: IntArray = k[_near(self.places(k), self.cloud[0][others], reach)]
+        return near
+
+    def beside_one(self, side: float) -> IntArray:
+        """Which of those that may do may stand beside a point on a side of the plane, 1 or -1, (m,)."""
+        over, reach = side * self.heights, REACH * self.most_spacing
+        others = np.flatnonzero((over > self.within) & (over < self.within + reach))
+        near: IntArray = self.beside[_near(self.places(self.beside), self.cloud[0][others], reach)]
+        return near
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -88,10 +98,7 @@ class Beside:
         """Of points in a plane."""
         tree = NeighbourTree(lifted(held.flat), in_order=True)
         usual = median(tree.nearest_to(sample_rows(len(held.flat), SAMPLE), AROUND + 1)[1][:, -1])
-        both = _beside(held.cloud[0], held.rows, held.heights, held.within, REACH * usual * OF_SPACING)
-        is_beside = np.zeros(len(held.flat), dtype=bool)
-        is_beside[np.concatenate(both)] = True
-        return Beside(held, tree, usual, np.flatnonzero(is_beside))
+        return Beside(held, tree, usual, held.beside_any(REACH * usual * OF_SPACING))
 
     @property
     def spacing(self) -> float:
@@ -148,7 +155,7 @@ def opposed_share(
     if one is None or other is None:
         return np.nan
     if not _may_be_opposed(one, other):
-        return 0.0 if one.has_beside and other.has_beside else np.nan
+        return 0.0 if min(len(one.beside), len(other.beside)) >= FEWEST_TURNING else np.nan
     first, second = Beside.of(one), Beside.of(other)
     reach = SAME * max(first.spacing, second.spacing)
     # What has none of the other cloud's beside it is no rim of both, whatever it is.
@@ -165,8 +172,8 @@ def _may_be_opposed(one: InPlane, other: InPlane) -> bool:
     """
     reach = SAME * max(one.most_spacing, other.most_spacing)
     return any(
-        _near(one.places(here), other.places(there), reach).any()
-        for here, there in zip(one.sides, other.sides[::-1], strict=True)
+        _near(one.places(one.beside_one(side)), other.places(other.beside_one(-side)), reach).any()
+        for side in (1.0, -1.0)
     )
 
 
@@ -180,19 +187,6 @@ def _opposed_of(one: Turning, other: Turning, reach: float) -> float:
     told = np.count_nonzero((sides != 0.0).any(axis=1))
     opposed = np.count_nonzero((sides < 0.0).any(axis=1) & ~(sides > 0.0).any(axis=1))
     return opposed / told if told >= FEWEST_TURNING else np.nan
-
-
-def _beside(
-    points: FloatArray, rows: IntArray, heights: FloatArray, within: float, reach: float
-) -> tuple[IntArray, IntArray]:
-    """Which of some rows of a cloud, (m,), in a plane are within reach of a point over it, and which of one below."""
-    found = []
-    for side in (1.0, -1.0):
-        over = side * heights
-        others = np.flatnonzero((over > within) & (over < within + reach))
-        k = np.flatnonzero(over[rows] > within - reach)
-        found.append(k[_near(points[rows[k]], points[others], reach)])
-    return found[0], found[1]
 
 
 def _most_spacing(flat: FloatArray) -> float:
