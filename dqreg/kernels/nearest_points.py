@@ -32,7 +32,8 @@ def nearest_points(
 
     O(k + log n) a query near the points. The k points found for one query are no farther from the next than their
     distance and the way between the two, so that neighbouring queries hardly look around; nor are they farther than the
-    k around a place of the tree, (m,) where one near each query is known, (0,) else.
+    k around a place of the tree, (m,) where one near each query is known, (0,) else: there the search begins, and goes
+    up from box to box instead of down to it.
     """
     n, half, count = len(places), len(boxes) // 2, found.shape[1]
     stack, away = np.zeros(DEEPEST, np.int64), np.zeros(DEEPEST)
@@ -45,16 +46,17 @@ def nearest_points(
             reach = (distances[i - 1, count - 1] + np.sqrt(dx * dx + dy * dy + dz * dz)) * WIDER
             # The next number above, so that what is at the bound is within it.
             reach = min(reach * reach * WIDER + 1e-300, within * within)
+        top = 1
         if len(at) > 0:
             low, farthest = max(min(at[i] - count // 2, n - count), 0), 0.0
             for t in range(low, low + count):
                 dx, dy, dz = places[t, 0] - x, places[t, 1] - y, places[t, 2] - z
                 farthest = max(farthest, dx * dx + dy * dy + dz * dz)
-            reach = min(reach, farthest)
+            reach, top = min(reach, farthest), half + at[i] // leaf
         for j in range(count):
             best[j], kept[j] = reach, n
-        node, waiting = 1, 0
-        while True:
+        node, waiting = top, 0
+        while node > 0:
             if node >= half:
                 for t in range((node - half) * leaf, min((node - half + 1) * leaf, n)):
                     dx, dy, dz = places[t, 0] - x, places[t, 1] - y, places[t, 2] - z
@@ -79,9 +81,14 @@ def nearest_points(
                     continue
             while waiting > 0 and away[waiting - 1] > best[count - 1]:
                 waiting -= 1
-            if waiting == 0:
-                break
-            waiting -= 1
-            node = stack[waiting]
+            node = 0
+            if waiting > 0:
+                waiting -= 1
+                node = stack[waiting]
+            while node == 0 and top > 1:
+                # All below the top is done: what is beside it comes next.
+                if box_distance(boxes, top ^ 1, x, y, z) <= best[count - 1]:
+                    node = top ^ 1
+                top //= 2
         for j in range(count):
             found[i, j], distances[i, j] = kept[j], np.sqrt(best[j])
