@@ -35,7 +35,7 @@ class NeighbourTree:
         return self._tree.nearest(queries, count)
 
     def nearest_to(self, rows: IntArray, count: int) -> tuple[IntArray, FloatArray]:
-        """The same of some of the points, (m,) rows: in Morton order those beside each are a bound to begin with."""
+        """The same of some of the points, (m,) rows: in Morton order each begins at its own place."""
         queries = np.take(self._points, rows, axis=0)
         return self._tree.nearest(queries, count, at=rows) if self._in_order else self._tree.nearest(queries, count)
 

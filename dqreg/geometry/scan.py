@@ -13,7 +13,7 @@ from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import PlaneFits, fit_planes, orient_towards, sample_rows
+from dqreg.geometry.normals import PlaneFits, fit_planes, fit_planes_at, orient_towards, sample_rows
 from dqreg.geometry.scan_noise import noise_of
 from dqreg.geometry.spacing import Spread, spacing_of
 
@@ -258,7 +258,7 @@ def _fit_all(
     points: FloatArray, rows: IntArray, tree: NeighbourTree, fits: PlaneFits | None
 ) -> tuple[PlaneFits, float, tuple[float, float]]:
     at = points if len(rows) == len(points) else points[rows]
-    fits = fit_planes(tree, points, at) if fits is None else fits
+    fits = fit_planes_at(tree, points, rows) if fits is None else fits
     return fits, (spacing := spacing_of(fits, at)), noise_of(fits, points, at, tree, spacing)
 
 
@@ -290,5 +290,5 @@ def with_planes(scan: Scan, count: int) -> Scan:
     if scan.fitted is None or min(count, len(scan)) <= len(scan.fitted):
         return scan
     rows = sample_rows(len(scan), count)
-    normals, levers, residuals = _at_rows(rows, fit_planes(scan.tree, scan.points, scan.points[rows]), len(scan))
+    normals, levers, residuals = _at_rows(rows, fit_planes_at(scan.tree, scan.points, rows), len(scan))
     return dataclasses.replace(scan, normals=normals, levers=levers, residuals=residuals, fitted=rows)

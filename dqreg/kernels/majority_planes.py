@@ -57,6 +57,8 @@ def _reach(local: FloatArray, triple: IntArray, most: int, least: float, best: f
         return math.inf
     limit, held = best * area, 0
     for j in range(len(local)):
+        if held + len(local) - j < most:
+            return math.inf
         apart = abs(u * (local[j, 0] - local[p, 0]) + v * (local[j, 1] - local[p, 1]) + w * (local[j, 2] - local[p, 2]))
         if not apart < limit:
             continue
