@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, one_line
+from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, nonzero_rows, one_line
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
@@ -151,7 +151,7 @@ class Scan:
     @cached_property
     def directed(self) -> BoolArray:
         """Which points have a normal, (n,)."""
-        return np.asarray(self.normals.any(axis=1))
+        return nonzero_rows(self.normals)
 
     @cached_property
     def _gating(self) -> FloatArray:

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, median, product
+from dqreg._arrays import BoolArray, FloatArray, median, nonzero_rows, product, row_dots
 from dqreg.geometry import CloudSurface, Mesh, Surface, prepare_scan
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import (
@@ -116,7 +116,7 @@ class Fit:
         """Information of the six motions from the last correspondences, the constraints and the prior."""
         T, pairs, weights = self.T_target_source, self.run.pairs, self.run.weights
         points, normals = pose.apply(T, pairs.scan.points), pairs.closest.normals
-        along = np.einsum("ij,ij->i", points - pairs.closest.points, normals)
+        along = row_dots(points - pairs.closest.points, normals)
         if self.settings.fine is not None and self.settings.fine is not ESTIMATORS["generalised"]:
             weights = weights_by_face(pairs, weights, self.run.mixture.scale)
         information = information_of(
@@ -145,8 +145,10 @@ class Fit:
         flatter than its Gauss-Newton Hessian says, and the pose errs by so much more.
         """
         surface, pairs = self.prepared.surface, self.run.pairs
-        rows = np.flatnonzero((self.run.weights > 0.0) & pairs.closest.normals.any(axis=1))
-        if not isinstance(surface, CloudSurface) or not len(rows):
+        if not isinstance(surface, CloudSurface):
+            return 1.0
+        rows = np.flatnonzero((self.run.weights > 0.0) & nonzero_rows(pairs.closest.normals))
+        if not len(rows):
             return 1.0
         rows = rows[sample_rows(len(rows), FOLLOWING)]
         aside = np.abs(pairs.point_to_plane[rows])
@@ -159,8 +161,8 @@ class Fit:
         for step in (size, -size):
             points = moved + step * normals
             closest = surface.closest(points)
-            along = np.einsum("ij,ij->i", points - closest.points, closest.normals)
-            along *= np.where(np.einsum("ij,ij->i", closest.normals, normals) < 0.0, -1.0, 1.0)
+            along = row_dots(points - closest.points, closest.normals)
+            along *= np.where(row_dots(closest.normals, normals) < 0.0, -1.0, 1.0)
             sides.append(np.clip(along, -OUTSIDE * size, OUTSIDE * size))
         return float(np.clip(np.mean(sides[0] - sides[1]) / (2.0 * size), LEAST_FOLLOWED, 1.0))
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, dot, product
+from dqreg._arrays import BoolArray, FloatArray, dot, nonzero_rows, product, row_dots
 from dqreg.solvers.quadratic import ROWS, plane_rows
 from dqreg.solvers.sandwich import scatter_of
 
@@ -164,10 +164,10 @@ def information_of(
         carriers = _carriers(shape, vectors, weights, counts)
     else:
         along = product(vectors.T, shape)
-        signed = own * np.where(np.einsum("ij,ij->i", own, normals) < 0.0, -1.0, 1.0)[:, None]
+        signed = own * np.where(row_dots(own, normals) < 0.0, -1.0, 1.0)[:, None]
         theirs = plane_rows(points, signed, centre, lever)
         shared = weights * along * product(vectors.T, theirs if allowed is None else product(basis.T, theirs))
-        compared = weights * own.any(axis=1)
+        compared = weights * nonzero_rows(own)
         confirmed = shared.sum(axis=1) > CONFIRMED * (compared * along**2).sum(axis=1)
         carriers = np.where(confirmed, _effective(shared, counts), 0.0)
     sigma = float(np.sqrt(variance))

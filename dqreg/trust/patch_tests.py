@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile, row_dots
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
@@ -132,7 +132,7 @@ def waviness_of(residuals: FloatArray, normals: FloatArray, beside: IntArray | N
     together = alone = 0.0
     apart = []
     for first, second in pairs:
-        same = np.einsum("ij,ij->i", normals[first], normals[second]) > SAME_FACE_COS
+        same = row_dots(normals[first], normals[second]) > SAME_FACE_COS
         one, two = residuals[first][same], residuals[second][same]
         together, alone = together + float(one @ two), alone + 0.5 * float(one @ one + two @ two)
         apart.append(np.abs(one - two))
