@@ -47,10 +47,10 @@ def isolated(scan: Scan, on: BoolArray, whole: Scan | None = None) -> BoolArray:
 
 def _gaps(scan: Scan, rows: IntArray, whole: Scan) -> FloatArray:
     """Distance of some points of a scan to their neighbour of the last rank in a whole one, (m,)."""
-    # The point itself is the first.
-    count, tree = NEIGHBOURS + 1, whole.tree
-    found = tree.nearest_to(rows, count) if whole is scan else tree.nearest(scan.points[rows], count)
-    return found[1][:, -1]
+    # Both are in the order of one curve: as far along the whole stands the point itself, which is the first, or a
+    # neighbour of it.
+    along = rows * len(whole) // len(scan)
+    return whole.tree.nearest_beside(scan.points[rows], along, NEIGHBOURS + 1)[1][:, -1]
 
 
 def patches_off(
