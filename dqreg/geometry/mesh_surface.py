@@ -96,7 +96,3 @@ class MeshSurface:
             As from `closest`.
         """
         return self.closest(points, (places, before))
-
-    def _closest_in_run(self, points: FloatArray, every: int) -> Closest:
-        """`closest` of a run along a curve through so many queries: where they lie near to each other, in less time."""
-        return Closest(*self._tree.closest(points, every=every))

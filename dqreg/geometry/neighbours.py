@@ -35,8 +35,11 @@ class NeighbourTree:
         return self._tree.nearest(queries, count)
 
     def nearest_to(self, rows: IntArray, count: int) -> tuple[IntArray, FloatArray]:
-        """The same of some of the points, (m,) rows: in Morton order those beside each are a bound to begin with."""
-        queries = np.take(self._points, rows, axis=0)
+        """The same of some of the points, (m,) rows: in Morton order each begins at its own place."""
+        return self.nearest_beside(np.take(self._points, rows, axis=0), rows, count)
+
+    def nearest_beside(self, queries: FloatArray, rows: IntArray, count: int) -> tuple[IntArray, FloatArray]:
+        """The same of queries near some of the points, (m,) rows."""
         return self._tree.nearest(queries, count, at=rows) if self._in_order else self._tree.nearest(queries, count)
 
     def capped_distances(self, queries: FloatArray, cap: float) -> FloatArray:

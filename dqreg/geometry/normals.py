@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 
@@ -68,13 +69,24 @@ class PlaneFits:
 
 def fit_planes(tree: NeighbourTree, cloud: FloatArray, at: FloatArray, count: int = NEIGHBOURS) -> PlaneFits:
     """Fit a plane to the nearest neighbours of each query."""
+    return _fit_near(lambda part: tree.nearest(at[part], count), len(at), cloud, min(count, tree.size))
+
+
+def fit_planes_at(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, count: int = NEIGHBOURS) -> PlaneFits:
+    """The same at points of the tree itself, (m,) rows."""
+    return _fit_near(lambda part: tree.nearest_to(rows[part], count), len(rows), cloud, min(count, tree.size))
+
+
+def _fit_near(
+    nearest: Callable[[slice], tuple[IntArray, FloatArray]], total: int, cloud: FloatArray, count: int
+) -> PlaneFits:
     parts, gaps = [], [np.zeros(0)]
-    for i in range(0, len(at), CHUNK):
-        indices, distances = tree.nearest(at[i : i + CHUNK], count)
+    for i in range(0, total, CHUNK):
+        indices, distances = nearest(slice(i, i + CHUNK))
         parts.append(_fit_chunk(cloud, indices))
         gaps.append(distances[:, :2][:, -1])
     neighbours = indices if len(parts) == 1 else None
-    return dataclasses.replace(_joined(parts, min(count, tree.size)), gaps=np.concatenate(gaps), neighbours=neighbours)
+    return dataclasses.replace(_joined(parts, count), gaps=np.concatenate(gaps), neighbours=neighbours)
 
 
 def fit_planes_around(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, count: int = NEIGHBOURS) -> PlaneFits:

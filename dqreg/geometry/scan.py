@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, one_line
+from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, nonzero_rows, one_line
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import distinct_in_order, in_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import PlaneFits, ScanPlanes, fit_planes, sample_rows
+from dqreg.geometry.normals import PlaneFits, ScanPlanes, fit_planes, fit_planes_at, sample_rows
 from dqreg.geometry.scan_noise import noise_of
 from dqreg.geometry.spacing import Spread, spacing_of
 
@@ -171,7 +171,7 @@ class Scan:
     @cached_property
     def directed(self) -> BoolArray:
         """Which points have a normal, (n,)."""
-        return np.asarray(self.normals.any(axis=1))
+        return nonzero_rows(self.normals)
 
     @cached_property
     def _gating(self) -> FloatArray:
@@ -271,7 +271,7 @@ def _fit_all(
     points: FloatArray, rows: IntArray, tree: NeighbourTree, fits: PlaneFits | None
 ) -> tuple[PlaneFits, float, tuple[float, float]]:
     at = points if len(rows) == len(points) else points[rows]
-    fits = fit_planes(tree, points, at) if fits is None else fits
+    fits = fit_planes_at(tree, points, rows) if fits is None else fits
     return fits, (spacing := spacing_of(fits, at)), noise_of(fits, points, at, tree, spacing)
 
 
@@ -293,6 +293,6 @@ def with_planes(scan: Scan, count: int) -> Scan:
     if scan.fitted is None or min(count, len(scan)) <= len(scan.fitted):
         return scan
     rows = sample_rows(len(scan), count)
-    planes = ScanPlanes.of(rows, fit_planes(scan.tree, scan.points, scan.points[rows]), len(scan))
+    planes = ScanPlanes.of(rows, fit_planes_at(scan.tree, scan.points, rows), len(scan))
     others = [field.name for field in dataclasses.fields(scan) if field.name not in COLUMNS]
     return Scan._with(planes, {**{name: getattr(scan, name) for name in others}, "fitted": None})

@@ -9,6 +9,8 @@ all three agree.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, median, quantile
@@ -77,9 +79,14 @@ def _off_majorities(points: FloatArray, neighbours: IntArray) -> FloatArray:
     from dqreg.kernels.majority_planes import majority_plane_rows
     from dqreg.kernels.threads import as_plain, over_chunks
 
-    found, count = np.zeros(len(neighbours)), neighbours.shape[1]
-    # The same ones each time.
-    triples = np.random.default_rng(0).permuted(np.tile(np.arange(count), (TRIPLES, 1)), axis=1)[:, :3]
-    given = as_plain(points), neighbours, np.ascontiguousarray(triples), MAJORITY, LEAST_AREA
+    found = np.zeros(len(neighbours))
+    given = as_plain(points), neighbours, _triples(neighbours.shape[1]), MAJORITY, LEAST_AREA
     over_chunks(majority_plane_rows, len(neighbours), *given, found)
     return found[np.isfinite(found)]
+
+
+@lru_cache(maxsize=4)
+def _triples(count: int) -> IntArray:
+    """Three of so many neighbours, (t, 3), the same ones each time."""
+    permuted = np.random.default_rng(0).permuted(np.tile(np.arange(count), (TRIPLES, 1)), axis=1)
+    return np.ascontiguousarray(permuted[:, :3])

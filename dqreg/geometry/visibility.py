@@ -126,9 +126,6 @@ class VisibleSurface(MeshSurface):
             hint = places, dataclasses.replace(before, elements=np.searchsorted(self.rows, before.elements))
         return self._in_whole(self._seen.closest(points, hint, within))
 
-    def _closest_in_run(self, points: FloatArray, every: int) -> Closest:
-        return self._in_whole(self._seen._closest_in_run(points, every))
-
     def _in_whole(self, found: Closest) -> Closest:
         elements = np.where(found.elements < 0, -1, self.rows[found.elements])
         return dataclasses.replace(found, elements=elements)

@@ -56,7 +56,7 @@ def align_coarse_to_fine(
     counts = [count for count in (COARSE, MIDDLE) if 2 * count <= finest] + [finest]
     level = Level(scan.thinned(counts[0]), surface, plan, smallest_kernel_scale(scan, surface), last=len(counts) == 1)
     # Where the start is near, there is no basin to decide on any more.
-    few = dataclasses.replace(level, scan=level.scan.thinned(NEAR))
+    few = dataclasses.replace(level, scan=scan.thinned(min(NEAR, counts[0])))
     mixture, seen = _first_look(few, start)
     if mixture is None:
         # The basin is decided by normals too, at each point of the level.

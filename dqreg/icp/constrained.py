@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, dot
+from dqreg._arrays import FloatArray, dot, nonzero_rows
 from dqreg.errors import DegenerateGeometryError
 from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.estimators import Estimator, direction_weights, tangent_planes
@@ -44,7 +44,7 @@ def _points(pairs: Correspondences, weights: FloatArray, noise: float) -> Quadra
     p, q, w = pairs.scan.points[used], pairs.closest.points[used], weights[used]
     origins = (w @ p / w.sum(), w @ q / w.sum())
     alpha = direction_weights(pairs, weights, noise)
-    known = (alpha > 0.0) & pairs.closest.normals.any(axis=1)
+    known = (alpha > 0.0) & nonzero_rows(pairs.closest.normals)
     directions = direction_form(pairs.source_directions[known], pairs.closest.normals[known], alpha[known])
     return QuadraticForm(point_form(p, q, w, origins) + directions, *origins)
 

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import PIECE, FloatArray, IntArray, product
+from dqreg._arrays import PIECE, FloatArray, IntArray, product, row_dots
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest, Surface
 from dqreg.rigid import pose
@@ -54,7 +54,7 @@ class Correspondences:
     @cached_property
     def point_to_plane(self) -> FloatArray:
         """Distance of each moved point from the target's tangent plane, positive on the normal's side, (n,)."""
-        offsets: FloatArray = np.einsum("ij,ij->i", self.moved - self.closest.points, self.closest.normals)
+        offsets: FloatArray = row_dots(self.moved - self.closest.points, self.closest.normals)
         return offsets
 
     @cached_property
@@ -62,7 +62,7 @@ class Correspondences:
         """Cosine between the moved source normal and the target normal, (n,); 0 where either is unknown."""
         # One product with the rotated target normals instead of a turn of every source normal.
         back = product(self.closest.normals, self.T_target_source[:3, :3])
-        cosines: FloatArray = np.einsum("ij,ij->i", back, self.scan.normals)
+        cosines: FloatArray = row_dots(back, self.scan.normals)
         return cosines
 
     @cached_property

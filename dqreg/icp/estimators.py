@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, dot, product
+from dqreg._arrays import FloatArray, dot, nonzero_rows, product
 from dqreg.geometry.normals import NEIGHBOURS
 from dqreg.icp.correspondences import Correspondences
 from dqreg.solvers import Fit, moments_of, solve_moments, svd
@@ -50,7 +50,7 @@ class Precisions:
 def points_and_normals(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
     """Walker, Shao and Volz's closed form on points and normals."""
     alpha = direction_weights(pairs, weights, noise)
-    used = (alpha > 0.0) & pairs.closest.normals.any(axis=1)
+    used = (alpha > 0.0) & nonzero_rows(pairs.closest.normals)
     if not used.any():
         return points_only(pairs, weights, noise)
     kept, directed = np.flatnonzero(weights > 0.0), np.flatnonzero(used)
@@ -125,7 +125,7 @@ def surfaces_to_surfaces(pairs: Correspondences, weights: FloatArray, noise: flo
 
     Between two clouds, where either side's planes are guesses, it beats point-to-plane; on an exact mesh it does not.
     """
-    used = (weights > 0.0) & pairs.closest.normals.any(axis=1)
+    used = (weights > 0.0) & nonzero_rows(pairs.closest.normals)
     if np.count_nonzero(used) < FEWEST_PLANES:
         return points_only(pairs, weights, noise)
     return _newton_step(both_planes(pairs, weights), pairs, weights)

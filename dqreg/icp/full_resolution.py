@@ -14,7 +14,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray, row_dots
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan import Scan
@@ -70,7 +70,7 @@ def gather(
     alone = find_correspondences(scan.taken(asked), surface, T)
     moved = pose.apply(T, means[gathered])
     normals = pairs.closest.normals[gathered]
-    heights = np.einsum("ij,ij->i", moved - pairs.closest.points[gathered], normals)
+    heights = row_dots(moved - pairs.closest.points[gathered], normals)
     found = alone.closest
     closest = Closest(
         np.concatenate([moved - heights[:, None] * normals, found.points])[order],

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray, nonzero_rows
 from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.mesh_surface import MeshSurface
@@ -43,10 +43,10 @@ class NormalAngle:
 
     def __call__(self, pairs: Correspondences) -> FloatArray:
         """1 within the limit or without normals, else 0."""
-        rows = np.flatnonzero(pairs.scan._gating.any(axis=1))
+        rows = np.flatnonzero(nonzero_rows(pairs.scan._gating))
         factors = np.ones(len(pairs.distances))
         cosines = pairs.normal_cosines[rows] if pairs.same_sign else np.abs(pairs.normal_cosines[rows])
-        known = pairs.closest.normals[rows].any(axis=1)
+        known = nonzero_rows(pairs.closest.normals[rows])
         factors[rows] = np.where((cosines >= np.cos(self.limit_rad)) | ~known, 1.0, 0.0)
         return factors
 

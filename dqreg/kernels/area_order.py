@@ -24,9 +24,9 @@ INSIDE = 1.0 - 1e-9
 def area_order(spans: FloatArray, leaf: int, order: IntArray, nodes: FloatArray, links: IntArray) -> int:
     """Sort boxes, (n, 6), lowest and highest corner, and write a tree over them; returns the number of its nodes.
 
-    Order, (n,), is the row that each box had. Nodes, (2 n, 6), are boxes, the first of all; links, (2 n, 2), are the
-    first of two children that follow each other and 0, or the first row of a leaf and how many it has. O(n) a level,
-    of which there are 32 + log2 n at most.
+    Order, (n,), is the row that each box had. Nodes, (2 n, 6), are boxes, the first of all; links, (2 n, 3), are the
+    first of two children that follow each other and 0, or the first row of a leaf and how many it has; then the node
+    above, 0 of the first. O(n) a level, of which there are 32 + log2 n at most.
     """
     n, waiting = len(spans), 1
     # Node, first row, the row after the last, level.
@@ -49,7 +49,7 @@ def area_order(spans: FloatArray, leaf: int, order: IntArray, nodes: FloatArray,
             middle = (first + last) // 2
             box_of(spans, first, middle, nodes, count)
             box_of(spans, middle, last, nodes, count + 1)
-        links[node, 0] = count
+        links[node, 0], links[count, 2], links[count + 1, 2] = count, node, node
         stack[waiting, 0], stack[waiting, 1], stack[waiting, 2], stack[waiting, 3] = count, first, middle, level + 1
         waiting += 1
         stack[waiting, 0], stack[waiting, 1], stack[waiting, 2], stack[waiting, 3] = count + 1, middle, last, level + 1

@@ -27,7 +27,7 @@ def majority_plane_rows(
     extent as its area. O(t k) a row.
     """
     count = neighbours.shape[1]
-    local, nearest = np.zeros((count, 3)), np.zeros(most)
+    local, apart, nearest = np.zeros((3, count)), np.zeros(count), np.zeros(most)
     for i in range(first, last):
         x, y, z = 0.0, 0.0, 0.0
         for j in range(count):
@@ -37,36 +37,45 @@ def majority_plane_rows(
         extent = 0.0
         for j in range(count):
             t = neighbours[i, j]
-            local[j, 0], local[j, 1], local[j, 2] = points[t, 0] - x, points[t, 1] - y, points[t, 2] - z
-            extent += local[j, 0] ** 2 + local[j, 1] ** 2 + local[j, 2] ** 2
+            local[0, j], local[1, j], local[2, j] = points[t, 0] - x, points[t, 1] - y, points[t, 2] - z
+            extent += local[0, j] ** 2 + local[1, j] ** 2 + local[2, j] ** 2
         best = math.inf
         for k in range(len(triples)):
-            best = min(best, _reach(local, triples[k], most, least * extent / count, best, nearest))
+            best = min(best, _reach(local, triples[k], least * extent / count, best, apart, nearest))
         found[i] = best if best < math.inf else math.nan
 
 
 @inside_kernels
-def _reach(local: FloatArray, triple: IntArray, most: int, least: float, best: float, nearest: FloatArray) -> float:
+def _reach(
+    local: FloatArray, triple: IntArray, least: float, best: float, apart: FloatArray, nearest: FloatArray
+) -> float:
     """Distance from the plane of three points within which so many lie; infinite where that is not below the best."""
     p, q, r = triple[0], triple[1], triple[2]
-    ax, ay, az = local[q, 0] - local[p, 0], local[q, 1] - local[p, 1], local[q, 2] - local[p, 2]
-    bx, by, bz = local[r, 0] - local[p, 0], local[r, 1] - local[p, 1], local[r, 2] - local[p, 2]
+    x, y, z, most = local[0, p], local[1, p], local[2, p], len(nearest)
+    ax, ay, az = local[0, q] - x, local[1, q] - y, local[2, q] - z
+    bx, by, bz = local[0, r] - x, local[1, r] - y, local[2, r] - z
     u, v, w = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     area = math.sqrt(u * u + v * v + w * w)
     if not area > least:
         return math.inf
-    limit, held = best * area, 0
-    for j in range(len(local)):
-        apart = abs(u * (local[j, 0] - local[p, 0]) + v * (local[j, 1] - local[p, 1]) + w * (local[j, 2] - local[p, 2]))
-        if not apart < limit:
+    # Side by side, and without a question in between: few planes are better than the best.
+    limit, within, held = best * area, 0, 0
+    for j in range(len(apart)):
+        apart[j] = abs(u * (local[0, j] - x) + v * (local[1, j] - y) + w * (local[2, j] - z))
+        within += 1 if apart[j] < limit else 0
+    if within < most:
+        return math.inf
+    for j in range(len(apart)):
+        if not apart[j] < limit:
             continue
         # The nearest so many, in order.
         k = min(held, most - 1)
-        if held == most and not apart < nearest[k]:
+        if held == most and not apart[j] < nearest[k]:
             continue
-        while k > 0 and nearest[k - 1] > apart:
+        while k > 0 and nearest[k - 1] > apart[j]:
             nearest[k] = nearest[k - 1]
             k -= 1
-        nearest[k] = apart
+        nearest[k] = apart[j]
         held = min(held + 1, most)
-    return nearest[most - 1] / area if held == most else math.inf
+    reach: float = nearest[most - 1] / area
+    return reach

@@ -5,11 +5,25 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.closest_triangles import DEEPEST, box_distance
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.closest_triangles import DEEPEST, SPAN, box_distance
+from dqreg.kernels.compiled import compiled, inside_kernels
 
 # A bound from the query before is rounded up, so that nothing within it is lost.
 WIDER = 1.0 + 1e-12
+
+
+@inside_kernels
+def leaf_above(boxes: FloatArray, places: FloatArray, leaf: int, t: int, x: float, y: float, z: float) -> int:
+    """Node that holds place t, or the first above it that is long enough, see `SPAN`. O(log n)."""
+    node = len(boxes) // 2 + t // leaf
+    dx, dy, dz = places[t, 0] - x, places[t, 1] - y, places[t, 2] - z
+    square = SPAN * SPAN * (dx * dx + dy * dy + dz * dz)
+    while node > 1:
+        dx, dy, dz = boxes[node, 3] - boxes[node, 0], boxes[node, 4] - boxes[node, 1], boxes[node, 5] - boxes[node, 2]
+        if dx * dx + dy * dy + dz * dz >= square:
+            break
+        node = node >> 1
+    return node
 
 
 @compiled
@@ -30,33 +44,30 @@ def nearest_points(
 
     Where fewer are nearer than ``within``, the row is n and the distance that.
 
-    O(k + log n) a query near the points. The k points found for one query are no farther from the next than their
-    distance and the way between the two, so that neighbouring queries hardly look around; nor are they farther than the
-    k around a place of the tree, (m,) where one near each query is known, (0,) else: there the search begins, and goes
-    up from box to box instead of down to it.
+    O(k + log n) a query near the points. It begins at a place of the tree near each query, (m,), or, where none is
+    known, (0,), at the nearest of the query before, whose k are no farther from this one than their distance and the
+    way between the two. From the leaf of that place it goes on to those beside the boxes above it.
     """
     n, half, count = len(places), len(boxes) // 2, found.shape[1]
     stack, away = np.zeros(DEEPEST, np.int64), np.zeros(DEEPEST)
     kept, best = np.zeros(count, np.int64), np.zeros(count)
+    place = n
     for i in range(first, last):
-        x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
-        reach = within * within
-        if i > first:
-            dx, dy, dz = x - queries[i - 1, 0], y - queries[i - 1, 1], z - queries[i - 1, 2]
-            reach = (distances[i - 1, count - 1] + np.sqrt(dx * dx + dy * dy + dz * dz)) * WIDER
-            # The next number above, so that what is at the bound is within it.
-            reach = min(reach * reach * WIDER + 1e-300, within * within)
-        top = 1
+        x, y, z, low = queries[i, 0], queries[i, 1], queries[i, 2], 1
         if len(at) > 0:
-            low, farthest = max(min(at[i] - count // 2, n - count), 0), 0.0
-            for t in range(low, low + count):
-                dx, dy, dz = places[t, 0] - x, places[t, 1] - y, places[t, 2] - z
-                farthest = max(farthest, dx * dx + dy * dy + dz * dz)
-            reach, top = min(reach, farthest), half + at[i] // leaf
+            place = at[i]
+        if place < n:
+            low = leaf_above(boxes, places, leaf, place, x, y, z)
+        reach = within * within
+        if i > first and len(at) == 0:
+            dx, dy, dz = x - queries[i - 1, 0], y - queries[i - 1, 1], z - queries[i - 1, 2]
+            farthest = (distances[i - 1, count - 1] + np.sqrt(dx * dx + dy * dy + dz * dz)) * WIDER
+            # The next number above, so that what is at the bound is within it.
+            reach = min(farthest * farthest * WIDER + 1e-300, reach)
         for j in range(count):
             best[j], kept[j] = reach, n
-        node, waiting = top, 0
-        while node > 0:
+        node, waiting = low, 0
+        while True:
             if node >= half:
                 for t in range((node - half) * leaf, min((node - half + 1) * leaf, n)):
                     dx, dy, dz = places[t, 0] - x, places[t, 1] - y, places[t, 2] - z
@@ -68,6 +79,8 @@ def nearest_points(
                         best[j], kept[j] = best[j - 1], kept[j - 1]
                         j -= 1
                     best[j], kept[j] = d, row
+                    if j == 0:
+                        place = t
             else:
                 near, far = 2 * node, 2 * node + 1
                 d0, d1 = box_distance(boxes, near, x, y, z), box_distance(boxes, far, x, y, z)
@@ -81,14 +94,15 @@ def nearest_points(
                     continue
             while waiting > 0 and away[waiting - 1] > best[count - 1]:
                 waiting -= 1
-            node = 0
             if waiting > 0:
                 waiting -= 1
                 node = stack[waiting]
-            while node == 0 and top > 1:
-                # All below the top is done: what is beside it comes next.
-                if box_distance(boxes, top ^ 1, x, y, z) <= best[count - 1]:
-                    node = top ^ 1
-                top //= 2
+                continue
+            beyond = True
+            while low > 1 and beyond:
+                node, low = low ^ 1, low >> 1
+                beyond = box_distance(boxes, node, x, y, z) > best[count - 1]
+            if beyond:
+                break
         for j in range(count):
             found[i, j], distances[i, j] = kept[j], np.sqrt(best[j])

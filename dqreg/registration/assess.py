@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, row_dots
 from dqreg.geometry import MeshSurface, PointCloud
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.normals import sample_rows
@@ -212,7 +212,7 @@ def _is_partial(fit: Fit) -> bool:
     if not weights.any():
         return False
     arms = points - weights @ points / weights.sum()
-    spread = float(weights @ np.einsum("ij,ij->i", arms, arms) / weights.sum())
+    spread = float(weights @ row_dots(arms, arms) / weights.sum())
     whole = float((fit.problem.target.spreads**2).sum())
     return bool(
         spread < PARTIAL**2 * whole
@@ -256,7 +256,7 @@ def _drift(fit: Fit) -> tuple[float, float, Vector]:
     closest = surface.closest(placed)
     # Farther off, tables and clamps begin.
     near = closest.distances <= min(fit.agreement.near, OFF * ON * fit.run.mixture.scale)
-    residuals = np.einsum("ij,ij->i", placed - closest.points, closest.normals)[near]
+    residuals = row_dots(placed - closest.points, closest.normals)[near]
     found = drift_of(closest.points[near], closest.normals[near], residuals, times[near])
     if not found.matters(surface.diagonal):
         return NO_DRIFT

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median, nonzero_rows, quantile, row_dots
 from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import THINNED
@@ -162,7 +162,7 @@ def _shape_of(
 
     In a sparse scan, which knows no covariance, a strain is a pattern of one.
     """
-    rows = np.flatnonzero(counted & pairs.closest.normals.any(axis=1))
+    rows = np.flatnonzero(counted & nonzero_rows(pairs.closest.normals))
     rows = rows[sample_rows(len(rows), STRAINED)]
     # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
     columns = pairs.closest.points[rows], pairs.closest.normals[rows], pairs.point_to_plane[rows]
@@ -236,7 +236,7 @@ def evenly_asked(run: Run, scan: Scan, surface: Surface, width: float, count: in
 def _again(asked: Correspondences, surface: Surface, T: FloatArray, width: float) -> Correspondences:
     # The last pose is no farther off than a step: most faces and points are still the closest.
     moved = pose.apply(T, asked.scan.points) - asked.moved
-    farthest = float(np.sqrt(np.einsum("ij,ij->i", moved, moved).max(initial=0.0)))
+    farthest = float(np.sqrt(row_dots(moved, moved).max(initial=0.0)))
     if farthest <= STILL * width:
         return asked
     return propagate(asked, T) if farthest <= NEARBY * width else find_correspondences(asked.scan, surface, T, asked)
@@ -274,8 +274,8 @@ class _Local:
         with np.errstate(divide="ignore", invalid="ignore"):
             # How far the neighbours leave their plane, in their own extent: no length in it.
             rough = np.nan_to_num(residuals / np.sqrt(scan.levers[rows]), nan=np.inf)
-        compared = (rough < SMOOTH) & on & normals.any(axis=1)
-        cosines = np.einsum("ij,ij->i", normals @ pairs.T_target_source[:3, :3], own)
+        compared = (rough < SMOOTH) & on & nonzero_rows(normals)
+        cosines = row_dots(normals @ pairs.T_target_source[:3, :3], own)
         cosines = cosines if pairs.same_sign else np.abs(cosines)
         # Among strays many neighbourhoods hold one; the better part of them is the sensor's own.
         flat = rough[on & np.isfinite(rough)]

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, median, product
+from dqreg._arrays import BoolArray, FloatArray, median, nonzero_rows, product, row_dots
 from dqreg.geometry import CloudSurface, Mesh, Surface, prepare_scan
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import (
@@ -146,7 +146,7 @@ class Fit:
         surface, pairs = self.prepared.surface, self.run.pairs
         if not isinstance(surface, CloudSurface):
             return 1.0
-        rows = np.flatnonzero((self.run.weights > 0.0) & pairs.closest.normals.any(axis=1))
+        rows = np.flatnonzero((self.run.weights > 0.0) & nonzero_rows(pairs.closest.normals))
         if not len(rows):
             return 1.0
         rows = rows[sample_rows(len(rows), FOLLOWING)]
@@ -160,8 +160,8 @@ class Fit:
         for step in (size, -size):
             points = moved + step * normals
             closest = surface.closest(points)
-            along = np.einsum("ij,ij->i", points - closest.points, closest.normals)
-            along *= np.where(np.einsum("ij,ij->i", closest.normals, normals) < 0.0, -1.0, 1.0)
+            along = row_dots(points - closest.points, closest.normals)
+            along *= np.where(row_dots(closest.normals, normals) < 0.0, -1.0, 1.0)
             sides.append(np.clip(along, -OUTSIDE * size, OUTSIDE * size))
         return float(np.clip(np.mean(sides[0] - sides[1]) / (2.0 * size), LEAST_FOLLOWED, 1.0))
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray, nonzero_rows
 from dqreg.geometry.normals import sample_rows
 
 # Points that are looked at; directions and planes along each that are kept, with this share of the points.
@@ -45,7 +45,7 @@ class Planes:
         rows = sample_rows(len(points), LOOKED_AT)
         points, normals = points[rows], np.nan_to_num(normals[rows])
         least = LEAST_SHARE * len(points)
-        left: BoolArray = np.asarray(normals.any(axis=1))
+        left: BoolArray = nonzero_rows(normals)
         directions, heights, shares = [], [], []
         for _ in range(DIRECTIONS):
             few = np.flatnonzero(left)

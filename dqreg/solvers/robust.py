@@ -23,6 +23,8 @@ STILL = 1e-10
 # Where a fit starts: half of the points inliers, and a scale at which no distance within the limit is given up yet (at
 # the limit the Gaussian is exp(-2) of its peak), so that EM only has to narrow it.
 EVEN, WIDEST = 0.5, 0.5
+# The least scale: its square would be zero, but no distance is divided by zero.
+TINY = float(np.finfo(float).tiny)
 # Standard deviation of a Gaussian over the median of its distances from zero.
 GAUSSIAN_MEDIAN = 1.4826
 
@@ -132,6 +134,11 @@ class GemanMcClure:
         return cost
 
 
+def odds_of(scale: float, inlier_fraction: float, limit: float) -> float:
+    """Density of outliers over that of an inlier at distance zero (a half-normal)."""
+    return (1.0 - inlier_fraction) / limit * scale * math.sqrt(math.pi / 2.0) / inlier_fraction
+
+
 @dataclasses.dataclass(frozen=True)
 class InlierMixture:
     """Inliers with Gaussian distances among outliers that are uniform up to a limit.
@@ -158,7 +165,7 @@ class InlierMixture:
     @property
     def odds(self) -> float:
         """Density of outliers over that of an inlier at distance zero (a half-normal)."""
-        return (1.0 - self.inlier_fraction) / self.limit * self.scale * math.sqrt(math.pi / 2.0) / self.inlier_fraction
+        return odds_of(self.scale, self.inlier_fraction, self.limit)
 
     def weight(self, distances: FloatArray) -> FloatArray:
         """Probability of an inlier."""
@@ -182,22 +189,25 @@ class InlierMixture:
 
     def fit(self, distances: FloatArray, *, floor: float = 0.0, rounds: int = 1) -> InlierMixture:
         """Scale and inlier fraction after EM rounds on distances within the limit."""
-        mixture, squares = self, distances**2
+        scale, fraction = self.scale, self.inlier_fraction
+        squares, weights, beside = distances**2, np.zeros(len(distances)), np.zeros(len(distances))
         for _ in range(rounds):
-            weights = mixture.weight(distances)
+            # As `weight` has it, where the numbers stand already.
+            np.divide(distances, scale, out=weights)
+            np.multiply(weights, weights, out=weights)
+            np.multiply(weights, -0.5, out=weights)
+            np.exp(weights, out=weights)
+            np.add(weights, odds_of(scale, fraction, self.limit), out=beside)
+            np.divide(weights, beside, out=weights)
             total = float(weights.sum())
             if total == 0.0:
                 break
-            scale = max(float(np.sqrt(weights @ squares / total)), floor, np.finfo(float).tiny)
+            before = scale, fraction
+            scale = max(math.sqrt(float(weights @ squares) / total), floor, TINY)
             fraction = min(max(total / len(distances), LEAST_FRACTION), 1.0 - LEAST_FRACTION)
-            settled = (
-                abs(scale - mixture.scale) <= STILL * scale
-                and abs(fraction - mixture.inlier_fraction) <= STILL * fraction
-            )
-            mixture = InlierMixture(scale, fraction, self.limit)
-            if settled:
+            if abs(scale - before[0]) <= STILL * scale and abs(fraction - before[1]) <= STILL * fraction:
                 break
-        return mixture
+        return InlierMixture(scale, fraction, self.limit)
 
     def inlier_densities(self, distances: FloatArray) -> FloatArray:
         """Density of each distance among the inliers, of any shape; 0 from the limit on."""

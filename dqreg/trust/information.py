@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, dot, product
+from dqreg._arrays import BoolArray, FloatArray, dot, nonzero_rows, product, row_dots
 from dqreg.solvers.quadratic import ROWS, plane_rows
 from dqreg.solvers.row_sums import MotionSums
 from dqreg.solvers.sandwich import patch_starts, scatter_of_sums
@@ -191,9 +191,9 @@ def _of_both(
 ) -> FloatArray:
     """Correspondences that carry each motion, (6, m) one a column, by the normals of both sides: (m,)."""
     along = product(vectors.T, plane_rows(points, normals, centre, lever))
-    signed = own * np.where(np.einsum("ij,ij->i", own, normals) < 0.0, -1.0, 1.0)[:, None]
+    signed = own * np.where(row_dots(own, normals) < 0.0, -1.0, 1.0)[:, None]
     shared = weights * along * product(vectors.T, plane_rows(points, signed, centre, lever))
-    compared = weights * own.any(axis=1)
+    compared = weights * nonzero_rows(own)
     confirmed = shared.sum(axis=1) > CONFIRMED * (compared * along**2).sum(axis=1)
     return np.where(confirmed, _effective(shared, counts), 0.0)
 

@@ -12,7 +12,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray, nonzero_rows, row_dots
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import NEIGHBOURS, fit_planes_among, sample_rows
 
@@ -59,12 +59,12 @@ class Neighbourhoods:
         spans |= np.mean(spans) >= 1.0 - PROFILES
         quiet = spans & (there.residuals <= width)
         noise = float(np.quantile(own.residuals[quiet], QUIET)) if np.count_nonzero(quiet) >= FEWEST else np.nan
-        counted = smooth & spans & normals[rows].any(axis=1)
+        counted = smooth & spans & nonzero_rows(normals[rows])
         if not counted.any():
             return Neighbourhoods(noise=noise)
         scan = np.nan_to_num(own.normals[counted])
         others = normals[rows][counted], np.nan_to_num(there.normals[counted])
-        apart = [np.abs(np.einsum("ij,ij->i", scan, other)) < APART_COS for other in others]
+        apart = [np.abs(row_dots(scan, other)) < APART_COS for other in others]
         return Neighbourhoods(float(np.mean(apart[0] & apart[1])), noise)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile, row_dots
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
@@ -47,10 +47,10 @@ def isolated(scan: Scan, on: BoolArray, whole: Scan | None = None) -> BoolArray:
 
 def _gaps(scan: Scan, rows: IntArray, whole: Scan) -> FloatArray:
     """Distance of some points of a scan to their neighbour of the last rank in a whole one, (m,)."""
-    # The point itself is the first.
-    count, tree = NEIGHBOURS + 1, whole.tree
-    found = tree.nearest_to(rows, count) if whole is scan else tree.nearest(scan.points[rows], count)
-    return found[1][:, -1]
+    # Both are in the order of one curve: as far along the whole stands the point itself, which is the first, or a
+    # neighbour of it.
+    along = rows * len(whole) // len(scan)
+    return whole.tree.nearest_beside(scan.points[rows], along, NEIGHBOURS + 1)[1][:, -1]
 
 
 def patches_off(
@@ -132,7 +132,7 @@ def waviness_of(residuals: FloatArray, normals: FloatArray, beside: IntArray | N
     together = alone = 0.0
     apart = []
     for first, second in pairs:
-        same = np.einsum("ij,ij->i", normals[first], normals[second]) > SAME_FACE_COS
+        same = row_dots(normals[first], normals[second]) > SAME_FACE_COS
         one, two = residuals[first][same], residuals[second][same]
         together, alone = together + float(one @ two), alone + 0.5 * float(one @ one + two @ two)
         apart.append(np.abs(one - two))

@@ -13,7 +13,7 @@ def tree_over(spans: FloatArray, leaf: int) -> tuple[FloatArray, IntArray, Float
     """Boxes in their order, that order, and nodes and links that are used."""
     n = len(spans)
     rows, order = spans.copy(), np.zeros(n, dtype=np.int64)
-    nodes, links = np.zeros((2 * n, 6)), np.zeros((2 * n, 2), dtype=np.int64)
+    nodes, links = np.zeros((2 * n, 6)), np.zeros((2 * n, 3), dtype=np.int64)
     count = area_order(rows, leaf, order, nodes, links)
     return rows, order, nodes[:count], links[:count]
 
@@ -26,7 +26,7 @@ def boxes(rng: np.random.Generator, count: int, size: float) -> FloatArray:
 def depth_of(links: IntArray) -> int:
     """Levels below the first node, found from the parents down."""
     levels = np.zeros(len(links), dtype=int)
-    for node, (child, rows) in enumerate(links):
+    for node, (child, rows, _) in enumerate(links):
         if rows == 0:
             levels[child] = levels[child + 1] = levels[node] + 1
     return int(levels.max())
@@ -42,7 +42,9 @@ def test_every_node_is_the_box_of_its_rows_and_every_row_in_one_leaf(
     assert np.array_equal(rows, spans[order])
     held = [np.zeros(0, dtype=np.int64)] * len(links)
     for node in range(len(links) - 1, -1, -1):
-        child, many = links[node]
+        child, many, _ = links[node]
+        assert many or (links[child : child + 2, 2] == node).all()
+        assert many or child % 2
         held[node] = np.arange(child, child + many) if many else np.concatenate([held[child], held[child + 1]])
         assert 0 < many <= leaf or not many
         np.testing.assert_array_equal(nodes[node, :3], rows[held[node], :3].min(axis=0))
