@@ -58,11 +58,11 @@ class Mesh:
     def __post_init__(self) -> None:
         vertices = as_vectors(self.vertices, "vertices", finite=False)
         faces = _checked_faces(self.faces, len(vertices))
-        if not np.isfinite(vertices[faces]).all():
+        corners = np.take(vertices, faces, axis=0)
+        if not np.isfinite(corners).all():
             raise InputError("the mesh uses a vertex that is NaN or infinite; repair the mesh first")
-        corners = vertices[faces]
         require_workable(corners.reshape(-1, 3), "vertices")
-        doubled_area = np.linalg.norm(_doubled_area_vectors(vertices, faces), axis=1)
+        doubled_area = np.linalg.norm(_doubled_area_vectors(corners), axis=1)
         # Below float64's own resolution of the face's coordinates, an "area" is rounding.
         length = np.ptp(corners, axis=1).max(axis=1)
         solid = doubled_area > np.finfo(float).eps * length * np.maximum(length, np.abs(corners).max(axis=(1, 2)))
@@ -85,12 +85,12 @@ class Mesh:
     @cached_property
     def corners(self) -> FloatArray:
         """The three corner positions of each face, (f, 3, 3)."""
-        return self.vertices[self.faces]
+        return np.take(self.vertices, self.faces, axis=0)
 
     @cached_property
     def face_normals(self) -> FloatArray:
         """Unit normal of each face, (f, 3), by the right-hand rule over its corners."""
-        across = _doubled_area_vectors(self.vertices, self.faces)
+        across = _doubled_area_vectors(self.corners)
         unit: FloatArray = across / np.linalg.norm(across, axis=1, keepdims=True)
         return unit
 
@@ -131,9 +131,8 @@ class Mesh:
     def body_volumes(self) -> FloatArray:
         """Signed volume of each connected body, (b,): negative where its faces are wound inward."""
         bodies = self.topology.bodies[: len(self.faces)]
-        volumes = np.zeros(int(self.topology.bodies.max()) + 1)
-        np.add.at(volumes, bodies, np.linalg.det(self.corners - self.centre) / 6.0)
-        return volumes
+        volumes = np.linalg.det(self.corners - self.centre) / 6.0
+        return np.bincount(bodies, volumes, int(self.topology.bodies.max()) + 1).astype(np.float64)
 
     @property
     def volume(self) -> float:
@@ -149,6 +148,8 @@ class Mesh:
         """
         bodies = self.topology.bodies[: len(self.faces)]
         count = len(self.body_volumes)
+        if bodies.min() == bodies.max():
+            return int(self.body_volumes[bodies[0]] < 0.0), 1
         low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
         np.minimum.at(low, bodies, self.corners.min(axis=1))
         np.maximum.at(high, bodies, self.corners.max(axis=1))
@@ -178,7 +179,7 @@ class Mesh:
     @cached_property
     def face_areas(self) -> FloatArray:
         """Area of each face, (f,)."""
-        areas: FloatArray = 0.5 * np.linalg.norm(_doubled_area_vectors(self.vertices, self.faces), axis=1)
+        areas: FloatArray = 0.5 * np.linalg.norm(_doubled_area_vectors(self.corners), axis=1)
         return areas
 
     @cached_property
@@ -255,6 +256,6 @@ def _checked_regions(value: Any, face_count: int) -> IntArray:
     return regions.astype(np.int64)
 
 
-def _doubled_area_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
+def _doubled_area_vectors(corners: FloatArray) -> FloatArray:
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     return np.cross(b - a, c - a)

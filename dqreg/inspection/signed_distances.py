@@ -82,11 +82,7 @@ def _on_mesh(mesh: Mesh, surface: Surface, signed: bool, count: int) -> Callable
 
     def ask(points: FloatArray) -> Answer:
         found = surface._closest_in_run(points, count)
-        values = found.distances
-        if pseudo is not None:
-            offsets = points - found.points
-            side = outside * np.einsum("ij,ij->i", offsets, pseudo.at(points, found))
-            values = np.where(side < 0.0, -values, values)
+        values = found.distances if pseudo is None else pseudo.signed(points, found, outside)
         return values, found.points, found.elements
 
     return ask
