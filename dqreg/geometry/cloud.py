@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, bounds, one_line, require_workable
+from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, bounds, one_line, require_workable, shifted
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.depth import depth_points
@@ -88,6 +88,16 @@ class PointCloud:
         # A copy made of the fields alone does not know them.
         known = self.__dict__.get("_known_ends")
         return bounds(self.points) if known is None else known
+
+    def _shifted(self, offset: FloatArray, viewpoint: FloatArray | None) -> PointCloud:
+        """The same points moved by an offset to their own middle: what was checked of them stays so."""
+        found = object.__new__(type(self))
+        known = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        # The order of numbers survives rounding, so that the ends of the shifted points are the shifted ends.
+        low, high = self._ends
+        ends = low + offset, high + offset
+        vars(found).update(known, points=shifted(self.points, offset), viewpoint=viewpoint, _known_ends=ends)
+        return found
 
     @classmethod
     def from_depth(

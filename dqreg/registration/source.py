@@ -72,8 +72,9 @@ def centre_source(
 def moved(cloud: PointCloud, offset: FloatArray, scale: float) -> PointCloud:
     """The cloud scaled about zero, then shifted."""
     viewpoint = None if cloud.viewpoint is None else scale * cloud.viewpoint + offset
-    points = shifted(cloud.points if scale == 1.0 else scale * cloud.points, offset)
-    return dataclasses.replace(cloud, points=points, viewpoint=viewpoint)
+    if scale == 1.0:
+        return cloud._shifted(offset, viewpoint)
+    return dataclasses.replace(cloud, points=shifted(scale * cloud.points, offset), viewpoint=viewpoint)
 
 
 def require_spread(points: FloatArray, name: str) -> None:

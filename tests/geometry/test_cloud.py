@@ -5,6 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
@@ -74,3 +77,18 @@ def test_times_go_with_their_points():
     assert cloud.times.tolist() == [1.0, 3.0]
     with pytest.raises(InputError, match=r"times must be one number per point; got shape \(2,\) for 3 points"):
         PointCloud(np.eye(3), times=[1.0, 2.0])
+
+
+THIRDS = st.integers(-(10**6), 10**6).map(lambda k: k / 3.0)
+
+
+@given(arrays(np.float64, (7, 3), elements=THIRDS), arrays(np.float64, 3, elements=THIRDS))
+def test_a_shifted_cloud_is_the_cloud_of_the_shifted_points(points: np.ndarray, offset: np.ndarray) -> None:
+    given_rows = np.vstack([points, [[np.nan, 0.0, 0.0]]])
+    cloud = PointCloud(given_rows, viewpoint=[1.0, 2.0, 3.0], units="mm", times=np.arange(8.0))
+    found, anew = cloud._shifted(offset, offset), PointCloud(cloud.points + offset)
+    np.testing.assert_array_equal(found.points, anew.points)
+    np.testing.assert_array_equal(found._ends, anew._ends)
+    assert (found.units, found.dropped, len(found)) == ("mm", 1, 7)
+    np.testing.assert_array_equal(found.viewpoint, offset)
+    np.testing.assert_array_equal(found.times, np.arange(7.0))
