@@ -155,8 +155,9 @@ class Problem(SourceAndTarget):
             )
         with watch.stage("read"):
             index, chord = index_for(target, source, options.source_units)
-            # What was prepared is built already.
-            building = None if index is getattr(target, "indexed", target) else index.build_beside()
+            # What was prepared is built already, and clouds are built as they are asked.
+            is_built = index is getattr(target, "indexed", target) or index.kind == "cloud"
+            building = None if is_built else index.build_beside()
             unit, rng = options.target_units or index.units, np.random.default_rng(options.seed)
             centred = centre_source(source, options.source_units, unit, rng, float(options.scale))
             if viewpoints is not None:
