@@ -25,8 +25,8 @@ LEAST_LEFT = 0.25
 NEAREST, STEPS, FACTOR, FARTHEST = 1.5, 16, 2.0**0.5, 0.5
 # Information below this fraction of the largest is none: the smooth surface may constrain what the facets leave free.
 SINGULAR = 1e-9
-# Patches that one thread sums in one go.
-TOGETHER = 50
+# Rows that one thread sums in one go, about.
+TOGETHER = 16_384
 # Bins of the distances, up to the farthest range.
 BINS = 256
 
@@ -107,7 +107,8 @@ def _patch_sums(
 
     sums = np.zeros((len(starts), len(rows) + BESIDE))
     columns = [as_plain(x) for x in (rows, points, normals, residuals, weights)]
-    over_chunks(patch_sums, len(starts), *columns, starts, sums, chunk=TOGETHER)
+    few = max(TOGETHER * len(starts) // len(weights), 1)
+    over_chunks(patch_sums, len(starts), *columns, starts, sums, chunk=few)
     return sums.T
 
 
