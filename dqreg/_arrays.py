@@ -255,6 +255,12 @@ def require_workable(points: FloatArray, name: str) -> tuple[FloatArray, FloatAr
     dqreg.errors.InputError: points hold coordinates up to 1e+300, and lengths beyond 1e+60 cannot be worked with; ...
     """
     low, high = bounds(points)
+    require_workable_ends(low, high, name)
+    return low, high
+
+
+def require_workable_ends(low: FloatArray, high: FloatArray, name: str) -> None:
+    """The same, where the lowest and highest coordinates, (3,), are known."""
     far = float(max(-low.min(), high.max()))
     if far > LARGEST:
         raise InputError(
@@ -264,7 +270,6 @@ def require_workable(points: FloatArray, name: str) -> tuple[FloatArray, FloatAr
     extent = float((high - low).max())
     if 0.0 < extent < 1.0 / LARGEST:
         raise InputError(f"{name} differ by {extent:.3g} at most, too little to work with; give them in a finer unit")
-    return low, high
 
 
 def renamed(old: str, old_value: Any, new: str, new_value: Any, default: Any) -> Any:

@@ -24,7 +24,7 @@ from dqreg.errors import InputError
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.opening import open_geometry
-from dqreg.registration.source import MESH_SAMPLES, moved
+from dqreg.registration.source import MESH_SAMPLES
 from dqreg.synth import Case, load_case, read_recipe, write_case
 
 
@@ -61,7 +61,7 @@ def from_pair(
     T = np.eye(4) if isinstance(start, str) else start
     checked = None if T is None else as_pose(T, "start")
     units = target_units or goal.units or ""
-    return make_case(name, moved(source, np.zeros(3), scale), goal, checked, truth, units=units, **options)
+    return make_case(name, source._moved(np.zeros(3), scale), goal, checked, truth, units=units, **options)
 
 
 def _name(value: Any, word: str) -> str:

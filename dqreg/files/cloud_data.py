@@ -78,8 +78,11 @@ def make_cloud(
 
 
 def _finite_rows(rows: FloatArray) -> BoolArray:
-    finite: BoolArray = np.asarray(np.isfinite(rows).all(axis=1))
-    return finite
+    # One sum is several times as fast as a look at each number, and finite unless something is wrong or huge.
+    with np.errstate(over="ignore", invalid="ignore"):
+        if np.isfinite(rows.sum()):
+            return np.ones(len(rows), dtype=bool)
+    return np.asarray(np.isfinite(rows).all(axis=1))
 
 
 def _is_direction(normals: FloatArray) -> BoolArray:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray, bounds
 from dqreg.files.untrusted import unreadable
 
 # Two corners nearer than this, in extents of the part, are one. CAD programs write 0 and 1e-17 for the same corner
@@ -23,20 +23,15 @@ def merge_identical(vertices: FloatArray) -> tuple[FloatArray, IntArray]:
 
     Shapes: distinct (d, 3), place (v,).
     """
+    # Numba is loaded where there are vertices.
+    from dqreg.kernels.equal_rows import numbered_rows
+
     with np.errstate(over="ignore"):
-        spacing = SAME_VERTEX * float(np.ptp(vertices, axis=0).max())
+        spacing = SAME_VERTEX * float(np.subtract(*bounds(vertices)[::-1]).max())
         # A single point, or an extent beyond float64, has no grid; then only equal numbers are the same.
         nodes = np.round(vertices / spacing) if 0.0 < spacing < np.inf else vertices
-    order = np.lexsort(nodes.T)
-    ranked = nodes[order]
-    opens = np.concatenate([[True], (ranked[1:] != ranked[:-1]).any(axis=1)])
-    group = np.zeros(len(vertices), dtype=np.int64)
-    group[order] = np.cumsum(opens) - 1
-    # lexsort is stable, so the first of a group is its first appearance in the list.
-    first = order[opens]
-    by_appearance = np.argsort(first)
-    rank = np.argsort(by_appearance)
-    return vertices[first[by_appearance]], rank[group].astype(np.int64)
+    place, first = numbered_rows(nodes)
+    return vertices[first], place
 
 
 @dataclasses.dataclass(frozen=True)

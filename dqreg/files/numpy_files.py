@@ -92,7 +92,7 @@ def numbers(path: Path, array: Array, name: str, shape: tuple[int | None, ...]) 
         raise unreadable(path, found, f"real numbers of shape {words}")
     # The cast of a signalling NaN, or of a long double beyond float64, warns.
     with np.errstate(invalid="ignore", over="ignore"):
-        return np.array(array, dtype=np.float64)
+        return np.asarray(array, dtype=np.float64)
 
 
 def _promised_bytes(stream: IO[bytes]) -> int:
@@ -108,4 +108,4 @@ def _as_table(path: Path, array: Array, name: str) -> FloatArray:
         raise unreadable(path, found, "real numbers of shape (n, 3), or (n, 6) with normals")
     # The cast of a signalling NaN, or of a long double beyond float64, warns; both are dropped and counted.
     with np.errstate(invalid="ignore", over="ignore"):
-        return np.array(array, dtype=np.float64)
+        return np.asarray(array, dtype=np.float64)

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, bounds, one_line, require_workable
+from dqreg._arrays import (
+    BoolArray,
+    FloatArray,
+    as_float,
+    as_vectors,
+    bounds,
+    one_line,
+    require_workable,
+    shifted,
+)
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.depth import depth_points
@@ -88,6 +98,17 @@ class PointCloud:
         # A copy made of the fields alone does not know them.
         known = self.__dict__.get("_known_ends")
         return bounds(self.points) if known is None else known
+
+    def _moved(self, offset: FloatArray, scale: float = 1.0) -> PointCloud:
+        """The cloud scaled about zero, then shifted: no point has to be checked again."""
+        other = copy.copy(self)
+        points = shifted(self.points if scale == 1.0 else scale * self.points, offset)
+        # Rounding keeps their order, so the ends stay the ends.
+        low, high = (scale * end + offset for end in self._ends)
+        other.__dict__["_known_ends"] = require_workable(np.stack([low, high]), "points")
+        viewpoint = None if self.viewpoint is None else scale * self.viewpoint + offset
+        _freeze(other, points=points, viewpoint=_viewpoint(viewpoint))
+        return other
 
     @classmethod
     def from_depth(

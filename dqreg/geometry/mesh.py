@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, as_vectors, one_line, require_workable
+from dqreg._arrays import BoolArray, FloatArray, IntArray, as_vectors, bounds, one_line, require_workable_ends
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.topology import Topology
+
+# Faces that one thread takes in one go.
+CHUNK = 16_384
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,14 +61,8 @@ class Mesh:
     def __post_init__(self) -> None:
         vertices = as_vectors(self.vertices, "vertices", finite=False)
         faces = _checked_faces(self.faces, len(vertices))
-        if not np.isfinite(vertices[faces]).all():
-            raise InputError("the mesh uses a vertex that is NaN or infinite; repair the mesh first")
-        corners = vertices[faces]
-        require_workable(corners.reshape(-1, 3), "vertices")
-        doubled_area = np.linalg.norm(_doubled_area_vectors(vertices, faces), axis=1)
-        # Below float64's own resolution of the face's coordinates, an "area" is rounding.
-        length = np.ptp(corners, axis=1).max(axis=1)
-        solid = doubled_area > np.finfo(float).eps * length * np.maximum(length, np.abs(corners).max(axis=(1, 2)))
+        solid, ends = _solid_faces(vertices, faces)
+        require_workable_ends(ends[0], ends[1], "vertices")
         if not solid.any():
             raise InputError(f"the mesh has {len(faces)} faces, none with an area; a target needs triangles")
         if self.regions is not None:
@@ -74,12 +71,15 @@ class Mesh:
         object.__setattr__(self, "faces", np.ascontiguousarray(faces[solid]))
         object.__setattr__(self, "flat", np.concatenate([self.flat, faces[~solid]]))
         object.__setattr__(self, "dropped", self.dropped + int(len(faces) - np.count_nonzero(solid)))
+        if solid.all():
+            self.__dict__["bounds"] = ends
 
     def _shifted(self, offset: FloatArray) -> Mesh:
         """The mesh at another place, (3,), nearer to the origin: what was checked once holds there too."""
         shifted = object.__new__(Mesh)
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        shifted.__dict__.update(fields, vertices=self.vertices + offset)
+        # Rounding keeps order, so that the ends of what is shifted are the ends shifted.
+        shifted.__dict__.update(fields, vertices=self.vertices + offset, bounds=self.bounds + offset)
         return shifted
 
     @cached_property
@@ -87,25 +87,50 @@ class Mesh:
         """The three corner positions of each face, (f, 3, 3)."""
         return self.vertices[self.faces]
 
-    @cached_property
+    @property
     def face_normals(self) -> FloatArray:
         """Unit normal of each face, (f, 3), by the right-hand rule over its corners."""
-        across = _doubled_area_vectors(self.vertices, self.faces)
-        unit: FloatArray = across / np.linalg.norm(across, axis=1, keepdims=True)
-        return unit
+        return self._face_columns[0]
+
+    @property
+    def face_areas(self) -> FloatArray:
+        """Area of each face, (f,)."""
+        return self._face_columns[1]
+
+    @cached_property
+    def _face_columns(self) -> tuple[FloatArray, FloatArray]:
+        from dqreg.kernels.mesh_faces import face_columns
+        from dqreg.kernels.threads import as_plain, over_chunks
+
+        normals, areas = np.zeros((len(self.faces), 3)), np.zeros(len(self.faces))
+        over_chunks(face_columns, len(areas), as_plain(self.vertices), self.faces, normals, areas, chunk=CHUNK)
+        return normals, areas
+
+    @cached_property
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """Mean, (3,), and covariance, (3, 3), of the surface: exact."""
+        from dqreg.kernels.mesh_faces import MOMENTS, surface_moments
+        from dqreg.kernels.threads import as_plain, over_chunks
+
+        count, middle = len(self.faces), self.centre
+        sums = np.zeros((count // CHUNK + 1, MOMENTS))
+        given = as_plain(self.corners), as_plain(self.face_areas), middle, CHUNK, sums
+        over_chunks(surface_moments, count, *given, chunk=CHUNK)
+        total = sums.sum(axis=0)
+        mean, second = total[1:4] / total[0], np.zeros((3, 3))
+        second[np.triu_indices(3)] = total[4:] / total[0]
+        second = np.triu(second) + np.triu(second, 1).T
+        return middle + mean, second - np.outer(mean, mean)
 
     @cached_property
     def topology(self) -> Topology:
         """Which faces meet where, with vertices in one place taken as one."""
         return Topology.of(self.vertices, self.faces, self.flat)
 
-    @cached_property
+    @property
     def face_neighbours(self) -> IntArray:
         """Face across each of the three sides (first to second corner, ...), (f, 3); itself where there is none."""
-        count = len(self.faces)
-        across: IntArray = self.topology.across[:count] // 3
-        # A neighbour without area is no face of this mesh.
-        return np.where(across < count, across, np.arange(count)[:, None])
+        return self.topology.neighbours
 
     @property
     def is_closed(self) -> bool:
@@ -176,16 +201,9 @@ class Mesh:
         return tuple(found)
 
     @cached_property
-    def face_areas(self) -> FloatArray:
-        """Area of each face, (f,)."""
-        areas: FloatArray = 0.5 * np.linalg.norm(_doubled_area_vectors(self.vertices, self.faces), axis=1)
-        return areas
-
-    @cached_property
     def bounds(self) -> FloatArray:
         """Lowest and highest corner of the bounding box of the used vertices, (2, 3)."""
-        used = self.corners.reshape(-1, 3)
-        return np.stack([used.min(axis=0), used.max(axis=0)])
+        return np.stack(bounds(self.corners.reshape(-1, 3)))
 
     @property
     def centre(self) -> FloatArray:
@@ -255,6 +273,15 @@ def _checked_regions(value: Any, face_count: int) -> IntArray:
     return regions.astype(np.int64)
 
 
-def _doubled_area_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
+def _solid_faces(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, FloatArray]:
+    """Which faces have an area, (f,), and the lowest and highest corner of the box around all, (2, 3)."""
+    from dqreg.kernels.mesh_faces import ENDS, solid_faces
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    solid, ends = np.zeros(len(faces), dtype=bool), np.zeros(((len(faces) - 1) // CHUNK + 1, ENDS))
+    # Below float64's own resolution of the face's coordinates, an "area" is rounding.
+    given = as_plain(vertices), faces, CHUNK, float(np.finfo(float).eps), solid, ends
+    over_chunks(solid_faces, len(faces), *given, chunk=CHUNK)
+    if ends[:, 6].any():
+        raise InputError("the mesh uses a vertex that is NaN or infinite; repair the mesh first")
+    return solid, np.stack([ends[:, :3].min(axis=0), ends[:, 3:6].max(axis=0)])

@@ -17,7 +17,6 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.surface import Closest
-from dqreg.geometry.topology import numbered
 
 # Faces that meet at less than this are facets of one smooth surface; a chamfer of 30 degrees is an edge.
 SMOOTH_DEG = 25.0
@@ -36,14 +35,16 @@ class SmoothNormals:
 
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
-        groups = _groups(mesh)
         # One smooth corner is one vertex within one group.
-        places = mesh.topology.corners[: len(mesh.faces)].ravel()
-        corners = numbered(places * len(groups) + np.repeat(groups, 3))
+        corners = _smooth_corners(mesh)
         sums = _sums(mesh.face_normals, _corner_angles(mesh.corners), corners)
         self._corner_normals = np.take(_unit(sums), corners, axis=0).reshape(-1, 3, 3)
-        apart = np.abs(self._corner_normals - mesh.face_normals[:, None]).reshape(-1, 9).max(axis=1)
-        self._round = apart > FLAT
+        apart = np.abs(self._corner_normals - mesh.face_normals[:, None]) > FLAT
+        self._round = apart.reshape(-1, 9).any(axis=1)
+
+    def any_round(self, faces: IntArray) -> bool:
+        """Whether any of some faces has normals other than its own."""
+        return bool(self._round.any() and np.take(self._round, faces).any())
 
     def at(self, places: FloatArray, faces: IntArray) -> FloatArray:
         """Normals at places on the mesh."""
@@ -57,15 +58,16 @@ class SmoothNormals:
         return normals
 
 
-def _groups(mesh: Mesh) -> IntArray:
-    from dqreg.kernels.components import components
+def _smooth_corners(mesh: Mesh) -> IntArray:
+    """Number of the smooth corner that each corner is, (f, 3)."""
+    from dqreg.kernels.smooth_corners import smooth_corners
+    from dqreg.kernels.threads import as_plain, aside
 
-    count = len(mesh.faces)
-    here, there = np.repeat(np.arange(count), 3), mesh.face_neighbours.ravel().astype(np.int64)
-    cosines = np.einsum("ij,ij->i", mesh.face_normals[here], mesh.face_normals[there])
-    smooth = cosines >= np.cos(np.deg2rad(SMOOTH_DEG))
-    groups: IntArray = components(count, here[smooth], there[smooth])
-    return groups
+    numbers, least = np.zeros_like(mesh.faces), float(np.cos(np.deg2rad(SMOOTH_DEG)))
+    vertices = as_whole(mesh.topology.corners[: len(mesh.faces)])
+    count = int(vertices.max()) + 1
+    aside(smooth_corners, as_plain(mesh.face_normals), as_whole(mesh.face_neighbours), least, vertices, count, numbers)
+    return numbers
 
 
 def _corner_angles(corners: FloatArray) -> FloatArray:

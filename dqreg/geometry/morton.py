@@ -49,6 +49,20 @@ def distinct_in_order(points: FloatArray, ends: Ends | None = None) -> IntArray:
     return order[new]
 
 
+def in_order(points: FloatArray, order: IntArray) -> FloatArray:
+    """Points in an order of their rows, (m, 3), on all threads: most of them come from far away in memory."""
+    from dqreg.kernels.threads import over_chunks
+
+    taken = np.zeros((len(order), points.shape[1]))
+
+    def take(first: int, last: int) -> None:
+        # In another mode NumPy would write to a buffer first.
+        np.take(points, order[first:last], axis=0, out=taken[first:last], mode="clip")
+
+    over_chunks(take, len(order), chunk=CHUNK)
+    return taken
+
+
 def sorted_rows(codes: CodeArray) -> IntArray:
     """Stable order of codes."""
     return sorted_codes(codes)[0]

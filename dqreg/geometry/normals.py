@@ -145,6 +145,45 @@ def orient_towards(normals: FloatArray, points: FloatArray, viewpoint: FloatArra
     return np.where((facing < 0.0)[:, None], -normals, normals)
 
 
+@dataclasses.dataclass(frozen=True)
+class ScanPlanes:
+    """Planes at m of so many points of a scan: kept for these, and written out for all where all are asked about."""
+
+    rows: IntArray  # (m,): Those points, ascending
+    normals: FloatArray  # (m, 3): Zero where there is no plane
+    levers: FloatArray  # (m,): Zero where there is no plane
+    residuals: FloatArray  # (m,)
+    total: int  # Points
+
+    @staticmethod
+    def of(rows: IntArray, fits: PlaneFits, total: int) -> ScanPlanes:
+        """Planes as they were fitted."""
+        known = fits.known
+        normals, levers = np.where(known[:, None], fits.normals, 0.0), np.where(known, fits.lever, 0.0)
+        return ScanPlanes(rows, normals, levers, fits.residuals.copy(), total)
+
+    def oriented(self, points: FloatArray, viewpoint: FloatArray) -> ScanPlanes:
+        """The same with normals that face a viewpoint, of all points."""
+        return dataclasses.replace(self, normals=orient_towards(self.normals, points[self.rows], viewpoint))
+
+    def at(self, rows: IntArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+        """Normals, levers and residuals of some rows, ascending, and which of them have planes."""
+        places = np.minimum(np.searchsorted(self.rows, rows), len(self.rows) - 1)
+        fitted = np.flatnonzero(self.rows[places] == rows)
+        places = places[fitted]
+        normals = np.take(self.normals, places, axis=0)
+        some = ScanPlanes(fitted, normals, self.levers[places], self.residuals[places], len(rows))
+        return some.whole("normals"), some.whole("levers"), some.whole("residuals"), fitted
+
+    def whole(self, name: str) -> FloatArray:
+        """A column of all points: those without a plane have zeros, and NaN as their residual."""
+        column: FloatArray = getattr(self, name)
+        shape = self.total, *column.shape[1:]
+        whole = np.full(shape, np.nan) if name == "residuals" else np.zeros(shape)
+        whole[self.rows] = column
+        return whole
+
+
 def sample_rows(total: int, wanted: int) -> IntArray:
     """Evenly spread row numbers: with points in Morton order, an even thinning in space.
 

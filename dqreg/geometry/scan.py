@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,13 +12,15 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, nonzero_rows,
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
-from dqreg.geometry.morton import distinct_in_order
+from dqreg.geometry.morton import distinct_in_order, in_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import PlaneFits, fit_planes, fit_planes_at, orient_towards, sample_rows
+from dqreg.geometry.normals import PlaneFits, ScanPlanes, fit_planes, fit_planes_at, sample_rows
 from dqreg.geometry.scan_noise import noise_of
 from dqreg.geometry.spacing import Spread, spacing_of
 
 FEWEST_POINTS = 3
+# What planes tell of points.
+COLUMNS = "normals", "levers", "residuals"
 # Where the residuals of all planes but for this share are more than that share of their levers' lengths, neighbours
 # stand on different faces: some scans of 20 to 120 points came to 1.05, denser ones of all kinds to 0.64 at most.
 FLAT, NOT_FLAT = 0.1, 0.65
@@ -76,6 +79,24 @@ class Scan:
     within: FloatArray | None = None
     quiet: float | None = None
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> FloatArray:
+            # Where planes were fitted at few of many points, nobody asks for those of all, as a rule.
+            if name not in COLUMNS or "_planes" not in vars(self):
+                raise AttributeError(name)
+            vars(self)[name] = self._planes.whole(name)
+            return vars(self)[name]
+
+    @staticmethod
+    def _with(planes: ScanPlanes, fields: dict[str, Any]) -> Scan:
+        """A scan of its other fields and of planes at some of its points."""
+        if len(planes.rows) == planes.total:
+            return Scan(normals=planes.normals, levers=planes.levers, residuals=planes.residuals, **fields)
+        scan = object.__new__(Scan)
+        vars(scan).update(fields, fitted=planes.rows, _planes=planes)
+        return scan
+
     def __len__(self) -> int:
         return len(self.points)
 
@@ -124,19 +145,18 @@ class Scan:
         Scan
             With the spacing, noise and total of the whole.
         """
-        fitted = None
-        if self.fitted is not None:
-            has_plane = np.zeros(len(self), dtype=bool)
-            has_plane[self.fitted] = True
-            fitted = np.flatnonzero(has_plane[rows])
-        return dataclasses.replace(
-            self,
-            points=np.take(self.points, rows, axis=0),
-            normals=np.take(self.normals, rows, axis=0),
-            levers=self.levers[rows],
-            residuals=self.residuals[rows],
-            fitted=fitted,
-        )
+        points, planes = np.take(self.points, rows, axis=0), vars(self).get("_planes")
+        if planes is not None:
+            normals, levers, residuals, fitted = planes.at(rows)
+        else:
+            normals, levers, residuals = np.take(self.normals, rows, axis=0), self.levers[rows], self.residuals[rows]
+            fitted = None
+            if self.fitted is not None:
+                has_plane = np.zeros(len(self), dtype=bool)
+                has_plane[self.fitted] = True
+                fitted = np.flatnonzero(has_plane[rows])
+        columns = {"normals": normals, "levers": levers, "residuals": residuals}
+        return dataclasses.replace(self, points=points, fitted=fitted, **columns)
 
     @property
     def represented(self) -> float:
@@ -156,11 +176,13 @@ class Scan:
     @cached_property
     def _gating(self) -> FloatArray:
         """Normals that may reject a correspondence, (n, 3): those that were given, or of neighbours in planes."""
-        known = self.levers > 0.0
+        # Of those that have a plane, where the others are known to have none.
+        fits = vars(self).get("_planes", self)
+        known = fits.levers > 0.0
         if self.oriented or not known.any():
             return self.normals
         # Counted: a quantile of all points would cost each stage of the loop more than its pose step.
-        flat = np.count_nonzero(known & (self.residuals <= NOT_FLAT * np.sqrt(self.levers)))
+        flat = np.count_nonzero(known & (fits.residuals <= NOT_FLAT * np.sqrt(fits.levers)))
         return self.normals if flat >= FLAT * np.count_nonzero(known) else np.zeros_like(self.normals)
 
     @cached_property
@@ -216,7 +238,7 @@ def prepare_scan(
     (100, 50, 1.0, 0.0)
     """
     order = distinct_in_order(cloud.points, cloud._ends) if surface is None else surface.order
-    points = np.take(cloud.points, order, axis=0)
+    points = in_order(cloud.points, order)
     if len(points) < FEWEST_POINTS:
         raise InputError(
             f"a scan needs finite points at {FEWEST_POINTS} places at least to fix a pose; the {len(cloud)} points of "
@@ -231,23 +253,14 @@ def prepare_scan(
         tree = NeighbourTree(points, in_order=few) if surface is None else surface._tree
     of_cells = None if surface is None else surface._all_planes()
     fits, spacing, (noise, quiet) = _fit_some(points, rows) if tree is None else _fit_all(points, rows, tree, of_cells)
-    normals, levers, residuals = _at_rows(rows, fits, len(points))
+    planes = ScanPlanes.of(rows, fits, len(points))
+    if cloud.normals is None and cloud.viewpoint is not None:
+        planes = planes.oriented(points, cloud.viewpoint)
+    oriented, total = cloud.normals is not None or cloud.viewpoint is not None, len(points) if total is None else total
+    measured = {"oriented": oriented, "spacing": spacing, "noise": noise, "quiet": quiet, "total": total}
+    scan = Scan._with(planes, {"points": points, **measured})
     if cloud.normals is not None:
-        normals = np.take(cloud.normals, order, axis=0)
-    elif cloud.viewpoint is not None:
-        normals[rows] = orient_towards(normals[rows], points[rows], cloud.viewpoint)
-    scan = Scan(
-        points=points,
-        normals=normals,
-        levers=levers,
-        residuals=residuals,
-        oriented=cloud.normals is not None or cloud.viewpoint is not None,
-        spacing=spacing,
-        noise=noise,
-        quiet=quiet,
-        total=len(points) if total is None else total,
-        fitted=None if len(rows) == len(points) else rows,
-    )
+        scan = dataclasses.replace(scan, normals=np.take(cloud.normals, order, axis=0))
     vars(scan)["diagonal"] = float(np.linalg.norm(np.subtract(*cloud._ends)))
     if tree is not None:
         vars(scan)["tree"] = tree
@@ -263,26 +276,16 @@ def _fit_all(
 
 
 def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, tuple[float, float]]:
-    thinned = points[sample_rows(len(points), max(THINNED, 2 * len(rows)))]
-    fits = fit_planes(NeighbourTree(thinned, in_order=True), thinned, points[rows])
+    thinned = np.take(points, sample_rows(len(points), max(THINNED, 2 * len(rows))), axis=0)
+    fits = fit_planes(NeighbourTree(thinned, in_order=True), thinned, np.take(points, rows, axis=0))
     # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those
     # in the middle are their neighbours in the whole cloud.
     firsts = np.linspace(0, len(points) - PIECE, PIECES).astype(np.int64)
-    pieces = points[(firsts[:, None] + np.arange(PIECE)).ravel()]
-    middles = points[(firsts[:, None] + (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)).ravel()]
+    pieces = np.take(points, (firsts[:, None] + np.arange(PIECE)).ravel(), axis=0)
+    middles = np.take(points, (firsts[:, None] + (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)).ravel(), axis=0)
     of_pieces = NeighbourTree(pieces, in_order=True)
     pieced = fit_planes(of_pieces, pieces, middles)
     return fits, (spacing := spacing_of(pieced, middles)), noise_of(pieced, pieces, middles, of_pieces, spacing)
-
-
-def _at_rows(rows: IntArray, fits: PlaneFits, total: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Normals, levers and residuals of all points, of which some rows have planes."""
-    normals, levers, residuals = np.zeros((total, 3)), np.zeros(total), np.full(total, np.nan)
-    known = fits.known
-    normals[rows] = np.where(known[:, None], fits.normals, 0.0)
-    levers[rows] = np.where(known, fits.lever, 0.0)
-    residuals[rows] = fits.residuals
-    return normals, levers, residuals
 
 
 def with_planes(scan: Scan, count: int) -> Scan:
@@ -290,5 +293,6 @@ def with_planes(scan: Scan, count: int) -> Scan:
     if scan.fitted is None or min(count, len(scan)) <= len(scan.fitted):
         return scan
     rows = sample_rows(len(scan), count)
-    normals, levers, residuals = _at_rows(rows, fit_planes_at(scan.tree, scan.points, rows), len(scan))
-    return dataclasses.replace(scan, normals=normals, levers=levers, residuals=residuals, fitted=rows)
+    planes = ScanPlanes.of(rows, fit_planes_at(scan.tree, scan.points, rows), len(scan))
+    others = [field.name for field in dataclasses.fields(scan) if field.name not in COLUMNS]
+    return Scan._with(planes, {**{name: getattr(scan, name) for name in others}, "fitted": None})

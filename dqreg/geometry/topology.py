@@ -9,25 +9,6 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.files.mesh_data import merge_identical
-from dqreg.geometry.morton import sorted_rows
-
-
-def ranked(codes: IntArray) -> IntArray:
-    """Stable order of numbers from 0 on."""
-    return sorted_rows(codes.astype(np.uint64))
-
-
-def numbered(codes: IntArray) -> IntArray:
-    """Place of each of some numbers from 0 on among the different ones, ascending, (n,).
-
-    >>> numbered(np.array([7, 3, 7, 90])).tolist()
-    [1, 0, 1, 2]
-    """
-    order = ranked(codes)
-    walked = codes[order]
-    numbers = np.zeros(len(codes), dtype=np.int64)
-    numbers[order[1:]] = np.cumsum(walked[1:] != walked[:-1])
-    return numbers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,30 +27,29 @@ class Topology:
     edges: IntArray  # (f, 3): Edge of each side, whichever way the side runs
     forward: BoolArray  # (f, 3): Whether the side runs from the lower to the higher vertex
     real: BoolArray  # (f,): False for a face two of whose corners are one vertex: it joins nothing
+    across: (
+        IntArray  # (f, 3): Side met across each side; itself where there is none. Where more than two meet: some other
+    )
+    neighbours: (
+        IntArray  # (n, 3): Face met across each side of a face with an area; itself where there is none of these
+    )
 
     @staticmethod
     def of(vertices: FloatArray, faces: IntArray, flat: IntArray | None = None) -> Topology:
-        """Topology of some triangles."""
+        """Topology of some triangles, those with an area, and those without."""
+        from dqreg.kernels.mesh_sides import number_sides
+        from dqreg.kernels.threads import aside
+
         every = faces if flat is None else np.concatenate([faces, flat])
         is_used = np.zeros(len(vertices), dtype=bool)
         is_used[every] = True
         _, welded = merge_identical(vertices[is_used])
         corners = welded[(np.cumsum(is_used) - 1)[every]]
-        ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
-        low, high = ends.min(axis=2), ends.max(axis=2)
-        edges = numbered((low * (int(welded.max()) + 1) + high).ravel())
-        return Topology(corners, edges.reshape(-1, 3), ends[..., 0] == low, (low != high).all(axis=1))
-
-    @cached_property
-    def across(self) -> IntArray:
-        """Side met across each side, (f, 3); itself where there is none. Where more than two meet: some other."""
-        mine = np.arange(self.edges.size)
-        rows = np.flatnonzero(np.repeat(self.real, 3))
-        order = rows[ranked(self.edges.ravel()[rows])]
-        edges = self.edges.ravel()[order]
-        same = np.flatnonzero(edges[1:] == edges[:-1])
-        mine[order[same]], mine[order[same + 1]] = order[same + 1], order[same]
-        return mine.reshape(-1, 3)
+        following = np.roll(corners, -1, axis=1)
+        real = (corners != following).all(axis=1)
+        edges, across, neighbours = np.zeros_like(corners), np.zeros_like(corners), np.zeros_like(faces)
+        aside(number_sides, corners, int(welded.max()) + 1, real, edges, across, neighbours)
+        return Topology(corners, edges, corners < following, real, across, neighbours)
 
     @cached_property
     def open_sides(self) -> int:

@@ -7,13 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, product, row_dots
+from dqreg._arrays import PIECE, FloatArray, IntArray, product, row_dots
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest, Surface
 from dqreg.rigid import pose
 
 # Rows that are slid in one go.
 CHUNK = 16_384
+# Points that are moved together: what `product` takes in one go, so that the bits are those of all at once.
+PLACED = PIECE // 9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,11 +79,26 @@ def find_correspondences(
     """Closest point on the surface for every scan point."""
     if before is not None and before.scan is scan and np.array_equal(before.T_target_source, T_target_source):
         return before
-    moved = pose.apply(T_target_source, scan.points)
+    moved = moved_points(T_target_source, scan.points)
     closest = surface.closest(moved, None if before is None else (before.moved, before.closest))
     found = Correspondences(scan, T_target_source, closest, same_sign=scan.oriented and surface.oriented)
     vars(found)["moved"] = moved
     return found
+
+
+def moved_points(T_target_source: FloatArray, points: FloatArray) -> FloatArray:
+    """Points at a pose, (n, 3): the bits of `pose.apply`, of many on all threads."""
+    if len(points) <= PLACED:
+        return pose.apply(T_target_source, points)
+    from dqreg.kernels.threads import over_chunks
+
+    moved = np.zeros(points.shape)
+
+    def place(first: int, last: int) -> None:
+        moved[first:last] = pose.apply(T_target_source, points[first:last])
+
+    over_chunks(place, len(points), chunk=PLACED)
+    return moved
 
 
 def propagate(pairs: Correspondences, T_target_source: FloatArray) -> Correspondences:
@@ -100,3 +117,15 @@ def propagate(pairs: Correspondences, T_target_source: FloatArray) -> Correspond
     slid = Correspondences(pairs.scan, T_target_source, closest, pairs.same_sign)
     vars(slid)["moved"] = moved
     return slid
+
+
+def placed(pairs: Correspondences, T_target_source: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points of correspondences at a pose near by, (n, 3), and their heights over the planes found before, (n,)."""
+    from dqreg.kernels.threads import as_plain, over_chunks
+    from dqreg.kernels.weighing import place_rows
+
+    count = len(pairs.scan)
+    moved, heights = np.zeros((count, 3)), np.zeros(count)
+    columns = pairs.scan.points, T_target_source, pairs.closest.points, pairs.closest.normals
+    over_chunks(place_rows, count, *map(as_plain, columns), moved, heights, chunk=CHUNK)
+    return moved, heights

@@ -59,8 +59,7 @@ def gather(
     """
     runs = len(pairs.scan)
     length = len(scan) // runs
-    on, means, within = _on_faces(scan.points, length, surface, pairs, T, width)
-    counts = on.sum(axis=1)
+    on, counts, means, within = _on_faces(scan.points, length, surface, pairs, T, width)
     gathered = np.flatnonzero(counts)
     gone = np.zeros(len(scan), dtype=bool)
     gone[: on.size] = on.ravel()
@@ -95,19 +94,20 @@ def gather(
 
 def _on_faces(
     points: FloatArray, length: int, surface: MeshSurface, pairs: Correspondences, T: FloatArray, width: float
-) -> tuple[BoolArray, FloatArray, FloatArray]:
-    """Which points of each run lie on its face, (m, k); their mean, (m, 3); how they scatter about it, (m,)."""
+) -> tuple[BoolArray, IntArray, FloatArray, FloatArray]:
+    """Which points of each run lie on its face, (m, k); how many, (m,); their mean, (m, 3); scatter along it, (m,)."""
     from dqreg.kernels.points_on_faces import points_on_faces
     from dqreg.kernels.threads import as_plain, over_chunks
 
     runs = len(pairs.scan)
-    on, means, within = np.zeros((runs, length), dtype=bool), np.zeros((runs, 3)), np.zeros(runs)
+    on, counts = np.zeros((runs, length), dtype=bool), np.zeros(runs, dtype=np.int64)
+    means, within = np.zeros((runs, 3)), np.zeros(runs)
     faces = as_plain(surface.mesh.corners), pairs.closest.elements, as_plain(pairs.closest.normals)
     limits = INSIDE * width, OFF * width, ONE_FACE * width, ONE_HEIGHT * width
     step = max(CHUNK // length, 1)
     given = as_plain(points), length, *faces, as_plain(T), *limits
-    over_chunks(points_on_faces, runs, *given, on, means, within, chunk=step)
-    return on, means, within
+    over_chunks(points_on_faces, runs, *given, on, counts, means, within, chunk=step)
+    return on, counts, means, within
 
 
 FINE = AnnealingSchedule("fine", stages=30, iterations=None, rounds=30)

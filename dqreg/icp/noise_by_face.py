@@ -48,7 +48,13 @@ def _precisions(pairs: Correspondences, weights: FloatArray, noise: float) -> Pr
     """Those of correspondences; none while the misfit is larger than the noise."""
     if noise > MISFIT * pairs.scan.noise:
         return None
-    return relative_precisions(pairs.moved, pairs.closest.points, pairs.closest.normals, weights, pairs.scan.scatter)
+    # The covariance asks again for what the last step was weighed with.
+    known: tuple[FloatArray, Precisions] | None = vars(pairs).get("_precisions")
+    if known is None or known[0] is not weights:
+        moved, found = pairs.moved, pairs.closest
+        known = weights, relative_precisions(moved, found.points, found.normals, weights, pairs.scan.scatter)
+        vars(pairs)["_precisions"] = known
+    return known[1]
 
 
 def weights_by_face(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:

@@ -101,11 +101,14 @@ def summary_of(values: FloatArray, total: int, tolerance: float | None = None) -
     if not count:
         none = float("nan")
         return Summary(0, total, none, none, none, none, none, none, tolerance, None if tolerance is None else none)
-    sizes = np.abs(values)
-    p50, p95, p99 = (float(q) for q in np.quantile(sizes, [0.5, 0.95, 0.99]))
+    # One array beside the values, whatever it holds: of millions of points more would be the most that a run takes.
+    other = values * values
+    rms = float(np.sqrt(other.mean()))
+    sizes = np.abs(values, out=other)
+    largest = float(sizes.max())
     share = None if tolerance is None else float(np.count_nonzero(sizes <= tolerance) / count)
-    rms = float(np.sqrt(np.mean(values**2)))
-    return Summary(count, total - count, float(values.mean()), rms, p50, p95, p99, float(sizes.max()), tolerance, share)
+    p50, p95, p99 = (float(q) for q in np.quantile(sizes, [0.5, 0.95, 0.99], overwrite_input=True))
+    return Summary(count, total - count, float(values.mean()), rms, p50, p95, p99, largest, tolerance, share)
 
 
 def bands_of(values: FloatArray, tolerance: float, required_share: float, signed: bool) -> Bands:

@@ -15,13 +15,18 @@ from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.components import components
 from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
+from dqreg.kernels.equal_rows import numbered_rows
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
+from dqreg.kernels.mesh_faces import ENDS, MOMENTS, face_columns, solid_faces, surface_moments
+from dqreg.kernels.mesh_sides import number_sides
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows
+from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
+from dqreg.kernels.motion_sums import motion_shares, motion_sums
 from dqreg.kernels.pair_differences import pair_differences
 from dqreg.kernels.patch_pairs import binned_agreements, covariance_products, nearest_others, spherical_covariance
-from dqreg.kernels.patch_sums import BESIDE, carrier_sums, patch_sums
+from dqreg.kernels.patch_sums import BESIDE, patch_sums
 from dqreg.kernels.plane_elimination import eliminate_planes
 from dqreg.kernels.plane_fits import fit_plane_rows
 from dqreg.kernels.plane_growth import measure_pieces, take_pieces
@@ -34,11 +39,12 @@ from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_
 from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.scattering import put_rows
+from dqreg.kernels.smooth_corners import smooth_corners
 from dqreg.kernels.split_sort import split_sorted_rows
 from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
-from dqreg.kernels.weighing import slide_rows, weigh_rows
+from dqreg.kernels.weighing import place_rows, slide_rows, weigh_rows
 from dqreg.kernels.weighted_planes import (
     COLUMNS,
     orientation_precisions,
@@ -124,6 +130,7 @@ def _weights() -> None:
     plane_row_columns(0, 3, rows, rows, ones, 1.0, np.zeros((6, 3)))
     strain_row_columns(0, 3, rows, rows, rows, 1.0, np.zeros((9, 3)))
     slide_rows(0, 3, rows, np.eye(4), *(rows,) * 3, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
+    place_rows(0, 3, rows, np.eye(4), rows, rows, np.zeros((3, 3)), np.zeros(3))
     about, cells = np.zeros((2, 3)), np.ones(8)
     plane_sums(0, 3, rows, rows, rows, ones, NOTHING, 0, about, 3, np.zeros((1, COLUMNS)))
     orientation_sums(0, 3, rows, rows, rows, ones, NOTHING, 1, 3, np.zeros((1, 2, 8)))
@@ -131,7 +138,9 @@ def _weights() -> None:
     times_precisions(0, 3, rows, 1, cells, ones)
     on = np.zeros((1, 3), dtype=bool)
     lengths = 1.0, 1.0, 1.0, 1.0
-    points_on_faces(0, 1, rows, 3, CORNERS, FIRST, rows, np.eye(4), *lengths, on, np.zeros((1, 3)), np.zeros(1))
+    counts = np.zeros(1, dtype=np.int64)
+    places = on, counts, np.zeros((1, 3)), np.zeros(1)
+    points_on_faces(0, 1, rows, 3, CORNERS, FIRST, rows, np.eye(4), *lengths, *places)
 
 
 def _patches() -> None:
@@ -140,7 +149,8 @@ def _patches() -> None:
     spherical_covariance(FLAT, 1.0, 1.0, np.zeros((3, 3)))
     covariance_products(np.zeros((3, 3)), FLAT, FLAT, np.zeros((3, 3)))
     patch_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 2, FIRST, np.zeros((1, 3 + BESIDE)))
-    carrier_sums(0, 0, *(FLAT,) * 2, ONE, NOTHING, 1, np.zeros((1, 2, 3)))
+    motion_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 3, 1.0, FIRST, np.zeros((1, MOTION_SUMS)))
+    motion_shares(0, 0, *(FLAT,) * 2, np.eye(6), ONE, NOTHING, ONE, 1.0, 1, np.zeros((1, 2, 6)))
 
 
 def _common_planes() -> None:
@@ -171,6 +181,16 @@ def _search() -> None:
     log_likelihoods(0, 1, np.ones((1, 1)), 1.0, 0.5, 0.001, 1)
 
 
+def _meshes() -> None:
+    faces, none, ends = np.arange(3)[None], np.zeros(1, dtype=bool), np.zeros((1, ENDS))
+    numbered_rows(FLAT)
+    solid_faces(0, 1, FLAT, faces, 1, 0.0, none, ends)
+    face_columns(0, 1, FLAT, faces, CORNERS[0].copy(), np.zeros(1))
+    number_sides(faces, 3, none, faces.copy(), faces.copy(), faces.copy())
+    smooth_corners(FLAT[:1].copy(), FIRST[:, None] * faces, 0.5, faces, 3, faces.copy())
+    surface_moments(0, 1, CORNERS, ONE, ONE, 1, np.zeros((1, MOMENTS)))
+
+
 def _normals() -> None:
     flat = np.eye(3)
     corner_angles(0, 0, CORNERS, flat)
@@ -187,6 +207,7 @@ def _many_problems() -> None:
 # A second process begins at the end: there is what a first registration to a part needs last, before that what it does
 # not need, and first what it needs at once and compiles itself.
 STEPS: tuple[Callable[[], None], ...] = (
+    _meshes,
     _order,
     _faces,
     _points,

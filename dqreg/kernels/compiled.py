@@ -50,8 +50,10 @@ class InsideKernels(CPUDispatcher):  # type: ignore[misc]
 
 
 def _dispatcher(function: Callable[..., Any], **options: bool) -> Any:
-    # A wrapper for callers in C would cost a tenth of the time that compiling takes.
-    dispatcher = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+    # A wrapper for callers in C would cost a tenth of the time that compiling takes; looking for expressions of whole
+    # arrays, which no kernel has, a twenty-fifth.
+    switches = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "no_rewrites": True}
+    dispatcher = numba.njit(**switches, **options)(function)
     dispatcher._cache = KeptCode(f"{function.__module__.rpartition('.')[2]}.{function.__name__}")
     return dispatcher
 

@@ -1,4 +1,4 @@
-"""Sums of a least-squares fit over patches of neighbouring rows, and of what each motion's rows weigh."""
+"""Sums of a least-squares fit over patches of neighbouring rows."""
 
 from __future__ import annotations
 
@@ -38,30 +38,3 @@ def patch_sums(
             for k in range(3):
                 sums[g, many + 1 + k] += w * points[i, k]
                 sums[g, many + 4 + k] += w * normals[i, k]
-
-
-@compiled
-def carrier_sums(
-    first: int,
-    last: int,
-    rows: FloatArray,
-    vectors: FloatArray,
-    weights: FloatArray,
-    counts: FloatArray,
-    chunk: int,
-    sums: FloatArray,
-) -> None:
-    """Add the shares ``w (v . J)^2`` of rows first to last in each motion, and their squares over the points of a row.
-
-    O(n k m). Each row is a point where there are no counts. Shapes: rows (k, n), vectors (k, m) one a column, sums
-    (chunks, 2, m), zeros.
-    """
-    c = first // chunk
-    for i in range(first, last):
-        for m in range(vectors.shape[1]):
-            along = 0.0
-            for k in range(len(rows)):
-                along += vectors[k, m] * rows[k, i]
-            share = weights[i] * along * along
-            sums[c, 0, m] += share
-            sums[c, 1, m] += share * share / (counts[i] if len(counts) else 1.0)

@@ -23,10 +23,11 @@ def points_on_faces(
     thick: float,
     spread: float,
     on: BoolArray,
+    counts: IntArray,
     means: FloatArray,
     within: FloatArray,
 ) -> None:
-    """Write which points of runs first to last lie on their face, (m, k), their means and their scatter along it. O(n).
+    """Write which points of runs first to last lie on their face, (m, k), how many, their means and scatter. O(n).
 
     A point lies on a face if it is farther than ``inside`` from its sides and no farther than ``off`` from it; a run
     whose points scatter about it by more than ``thick``, and about their mean by more than ``spread``, has none. Points
@@ -52,7 +53,9 @@ def points_on_faces(
                 x, y, z = x + points[i, 0], y + points[i, 1], z + points[i, 2]
         if count > 0:
             within[r] = squares - total * total / count
+        counts[r] = count
         if squares > count * thick * thick and within[r] > count * spread * spread:
+            counts[r] = 0
             for j in range(length):
                 on[r, j] = False
         if count > 0:

@@ -51,8 +51,10 @@ class TriangleTree:
         slots[faces] = np.arange(len(faces))
         size = float(np.linalg.norm(nodes[0, 3:] - nodes[0, :3]))
         ends = np.flatnonzero(links[:, 1])
-        ends = ends[np.argsort(links[ends, 0])]
-        leaves = np.repeat(ends, links[ends, 1])
+        leaves = np.zeros(len(faces), dtype=np.int64)
+        for k in range(LEAF):
+            filled = ends[links[ends, 1] > k]
+            leaves[links[filled, 0] + k] = filled
         return TriangleTree(nodes, links, packed, faces, slots[first], leaves, as_plain(normals), size)
 
     def closest(

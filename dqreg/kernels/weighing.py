@@ -1,4 +1,4 @@
-"""Correspondences slid to another pose; their gates, weights and energy under the mixture, in one pass."""
+"""Correspondences at another pose; their gates, weights and energy under the mixture, in one pass."""
 
 from __future__ import annotations
 
@@ -104,3 +104,23 @@ def slide_rows(
             gap = moved[i, k] - slid[i, k]
             square += gap * gap
         distances[i] = math.sqrt(square)
+
+
+@compiled
+def place_rows(
+    first: int,
+    last: int,
+    points: FloatArray,
+    T: FloatArray,
+    feet: FloatArray,
+    normals: FloatArray,
+    moved: FloatArray,
+    heights: FloatArray,
+) -> None:
+    """Write the points at a pose, (n, 3), and their heights over the planes through feet held fixed, (n,). O(n)."""
+    for i in range(first, last):
+        height = 0.0
+        for k in range(3):
+            moved[i, k] = T[k, 0] * points[i, 0] + T[k, 1] * points[i, 1] + T[k, 2] * points[i, 2] + T[k, 3]
+            height += (moved[i, k] - feet[i, k]) * normals[i, k]
+        heights[i] = height

@@ -24,6 +24,7 @@ from dqreg.icp import (
     find_correspondences,
     smallest_kernel_scale,
 )
+from dqreg.icp.correspondences import placed
 from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import weights_by_face
 from dqreg.kernels.threads import Later
@@ -31,7 +32,6 @@ from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.evidence import LOOKED_AT, LOOKED_AT_LATE, agreement_of
 from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
-from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN, InlierMixture
 from dqreg.trust import Evidence, Information, information_of
 
@@ -115,14 +115,13 @@ class Fit:
     def information(self) -> Information:
         """Information of the six motions from the last correspondences, the constraints and the prior."""
         T, pairs, weights = self.T_target_source, self.run.pairs, self.run.weights
-        points, normals = pose.apply(T, pairs.scan.points), pairs.closest.normals
-        along = row_dots(points - pairs.closest.points, normals)
+        points, heights = placed(pairs, T)
         if self.settings.fine is not None and self.settings.fine is not ESTIMATORS["generalised"]:
             weights = weights_by_face(pairs, weights, self.run.mixture.scale)
         information = information_of(
             points,
-            normals,
-            along,
+            pairs.closest.normals,
+            heights,
             weights,
             0.5 * self.prepared.surface.diagonal,
             np.zeros(3),

@@ -98,7 +98,8 @@ def _seen(points: FloatArray, viewpoint: FloatArray | None, origin: FloatArray) 
     some = _some(points, COMPARED)
     # Neighbours asked for one after the other are soon found.
     some = some[morton_order(some)]
-    ranges = np.linalg.norm(some - origin, axis=1)
+    arms = some - origin
+    ranges = np.sqrt(np.einsum("ij,ij->i", arms, arms))
     return Seen(some[ranges > NOTHING * ranges.max()], viewpoint, origin)
 
 

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dqreg._arrays import PIECE, FloatArray, as_float, as_pose, departure, require_workable
+from dqreg._arrays import FloatArray, as_float, as_pose, departure, require_workable
 from dqreg.errors import InputError
 from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
 from dqreg.geometry.normals import sample_rows
@@ -17,9 +17,10 @@ from dqreg.geometry.scan import THINNED
 from dqreg.geometry.unit_check import require_same_units
 from dqreg.geometry.voxels import WHOLE, VoxelCloud, cell_size, voxel_size
 from dqreg.icp.coarse_to_fine import COARSE, NEAR
+from dqreg.icp.correspondences import moved_points
 from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Stopwatch
-from dqreg.kernels.threads import Later, over_chunks
+from dqreg.kernels.threads import Later
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.options import Options
 from dqreg.registration.source import CentredSource, centre_source
@@ -31,8 +32,6 @@ T = TypeVar("T")
 
 # Largest distance of a correspondence, in diagonals of the smaller of source and target.
 REACH = 0.2
-# Points that are moved together: what `product` takes in one go, so that the bits are those of all at once.
-PLACED = PIECE // 9
 # Points that are prepared, a second of the time limit: they take a quarter of it on a core of 2020.
 IN_TIME = 1_000_000
 FEWEST = 1_000
@@ -86,14 +85,7 @@ class SourceAndTarget:
 
     def placed(self, T_target_source: FloatArray) -> FloatArray:
         """Points of the source under a pose between the caller's frames, in the centred target frame, (n, 3)."""
-        points, T = self.source.cloud.points, self.to_centred(T_target_source)
-        placed = np.zeros(points.shape)
-
-        def place(first: int, last: int) -> None:
-            placed[first:last] = pose.apply(T, points[first:last])
-
-        over_chunks(place, len(points), chunk=PLACED)
-        return placed
+        return moved_points(self.to_centred(T_target_source), self.source.cloud.points)
 
 
 @dataclasses.dataclass(frozen=True)

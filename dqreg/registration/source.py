@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, shifted
+from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
@@ -66,14 +66,7 @@ def centre_source(
     scale = scale * factor(source_units or geometry.units, target_units)
     require_spread(geometry.points, "source")
     origin = 0.5 * scale * np.add(*geometry._ends)
-    return CentredSource(moved(geometry, -origin, scale), origin, scale, mesh)
-
-
-def moved(cloud: PointCloud, offset: FloatArray, scale: float) -> PointCloud:
-    """The cloud scaled about zero, then shifted."""
-    viewpoint = None if cloud.viewpoint is None else scale * cloud.viewpoint + offset
-    points = shifted(cloud.points if scale == 1.0 else scale * cloud.points, offset)
-    return dataclasses.replace(cloud, points=points, viewpoint=viewpoint)
+    return CentredSource(geometry._moved(-origin, scale), origin, scale, mesh)
 
 
 def require_spread(points: FloatArray, name: str) -> None:

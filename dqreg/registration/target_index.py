@@ -24,7 +24,7 @@ from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.visibility import VisibleSurface, visible_faces
 from dqreg.geometry.voxels import DENSE, VoxelCloud, first_size
 from dqreg.kernels.threads import Later
-from dqreg.registration.source import moved, require_spread
+from dqreg.registration.source import require_spread
 from dqreg.search import PairTable
 from dqreg.search.near_symmetry import near_flips, near_mirrors
 from dqreg.search.periods import near_periods
@@ -150,7 +150,10 @@ class TargetIndex:
 
     def smooth_normals(self, closest: Closest) -> FloatArray:
         """Normals of the smooth surface at places that the surface has named, (n, 3)."""
-        return closest.normals if self._smooth is None else self._smooth.at(closest.points, closest.elements)
+        smooth = self._smooth
+        if smooth is None or not smooth.any_round(closest.elements):
+            return closest.normals
+        return smooth.at(closest.points, closest.elements)
 
     @cached_property
     def _smooth(self) -> SmoothNormals | None:
@@ -222,7 +225,7 @@ def index_target(target: Any) -> TargetIndex:
         return TargetIndex(geometry._shifted(-origin), origin, describe(target))
     require_spread(geometry.points, "target")
     origin = 0.5 * np.add(*geometry._ends)
-    return TargetIndex(moved(geometry, -origin, 1.0), origin, describe(target))
+    return TargetIndex(geometry._moved(-origin), origin, describe(target))
 
 
 def index_for(target: Any, source: Any, source_units: str | None) -> tuple[TargetIndex, float | None]:

@@ -10,9 +10,9 @@ import itertools
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh, PointCloud, Scan
-from dqreg.geometry.topology import numbered
+from dqreg.geometry.morton import sorted_rows
 from dqreg.search.poses import Poses
 
 # Normals that are equal in so many parts of one are of one face; faces that are looked at, the largest first; cosine
@@ -56,7 +56,7 @@ def face_axes(mesh: Mesh) -> FloatArray | None:
     normals, areas = mesh.face_normals, mesh.face_areas
     directions = (normals * ALIKE).round().astype(np.int64)
     # One number for each: digits to the base of all values that a component may have.
-    rows = numbered((directions + ALIKE) @ np.array([(2 * ALIKE + 1) ** 2, 2 * ALIKE + 1, 1]))
+    rows = _numbered((directions + ALIKE) @ np.array([(2 * ALIKE + 1) ** 2, 2 * ALIKE + 1, 1]))
     order = np.argsort(-np.bincount(rows, areas), kind="stable")[:LARGEST]
     firsts = np.zeros(int(rows.max()) + 1, dtype=np.int64)
     firsts[rows] = np.arange(len(rows))
@@ -71,18 +71,20 @@ def face_axes(mesh: Mesh) -> FloatArray | None:
     return np.stack([first, second, np.cross(first, second)], axis=1)
 
 
+def _numbered(codes: IntArray) -> IntArray:
+    """Place of each of some numbers from 0 on among the different ones, ascending, (n,)."""
+    order = sorted_rows(codes.astype(np.uint64))
+    walked = codes[order]
+    numbers = np.zeros(len(codes), dtype=np.int64)
+    numbers[order[1:]] = np.cumsum(walked[1:] != walked[:-1])
+    return numbers
+
+
 def moments(shape: Scan | PointCloud | Mesh) -> tuple[FloatArray, FloatArray]:
     """Mean and covariance of a shape: exact for the surface of a mesh, of the points of a cloud.
 
     Shapes: covariance (3, 3).
     """
     if isinstance(shape, Mesh):
-        # Exact moments of the surface: a triangle's second moment is a twelfth of its corners' scatter.
-        weights = shape.face_areas / shape.face_areas.sum()
-        centres = shape.corners.mean(axis=1)
-        spread = shape.corners - centres[:, None, :]
-        mean = weights @ centres
-        within = (spread * weights[:, None, None]).reshape(-1, 3).T @ spread.reshape(-1, 3) / 12.0
-        between = (centres - mean).T @ ((centres - mean) * weights[:, None])
-        return mean, within + between
+        return shape.moments
     return shape.points.mean(axis=0), np.cov(shape.points.T)

@@ -138,8 +138,12 @@ def _periodic(poses: Poses, checks: OrientedPoints, surface: Surface) -> IntArra
         return rows
     R, t = poses.R[rows], poses.t[rows]
     aside = BESIDE * surface.diagonal * t / np.linalg.norm(t, axis=1, keepdims=True)
-    there, *beside = (_in_place(Poses(R, t + k * aside), checks, surface, IN_PLACE) for k in (0, 1, -1))
-    return rows[(there >= FITS) & (there - np.maximum(*beside) >= COMES_BACK)]
+    there = _in_place(Poses(R, t), checks, surface, IN_PLACE)
+    fits = np.flatnonzero(there >= FITS)
+    if not len(fits):
+        return rows[fits]
+    beside = (_in_place(Poses(R, t + k * aside)[fits], checks, surface, IN_PLACE) for k in (1, -1))
+    return rows[fits[there[fits] - np.maximum(*beside) >= COMES_BACK]]
 
 
 def _in_place(poses: Poses, checks: OrientedPoints, surface: Surface, within: float) -> FloatArray:

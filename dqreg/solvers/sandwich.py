@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, product
+from dqreg.solvers.row_sums import PatchSums, RowSums
 
 # Patches of neighbouring correspondences whose noise may be common; the fewest from which a scatter can be estimated.
 PATCHES, FEWEST_PATCHES = 200, 30
@@ -25,8 +26,6 @@ LEAST_LEFT = 0.25
 NEAREST, STEPS, FACTOR, FARTHEST = 1.5, 16, 2.0**0.5, 0.5
 # Information below this fraction of the largest is none: the smooth surface may constrain what the facets leave free.
 SINGULAR = 1e-9
-# Rows that one thread sums in one go, about.
-TOGETHER = 16_384
 # Bins of the distances, up to the farthest range.
 BINS = 256
 
@@ -43,7 +42,6 @@ def scatter_of(
     *,
     overlap: bool = False,
     motions: FloatArray | None = None,
-    information: FloatArray | None = None,
 ) -> FloatArray | None:
     """Covariance of a weighted least-squares fit with residuals of one patch taken as dependent.
 
@@ -53,68 +51,62 @@ def scatter_of(
     spherical model of geostatistics, its size and range estimated from the products of the patches' means.
 
     Of two scans that overlap in part, patches without weight are left out of that. Where the rows are combined to
-    motions, (k, m), one a column, known and returned are of those; the information of the rows, (k, k), may be known.
+    motions, (k, m), one a column, known and returned are of those.
 
     Shapes: rows (k, n), known (m, m), returns (m, m).
     """
-    starts = _starts(len(weights), min(PATCHES, len(weights) // 8), counts)
-    mix = np.eye(len(rows)) if motions is None else motions
+    sums, starts = RowSums(rows, points, normals, residuals, weights), patch_starts(len(weights), counts)
+    return scatter_of_sums(sums, starts, known, variance, overlap=overlap, motions=motions)
+
+
+def scatter_of_sums(
+    sums: PatchSums,
+    starts: tuple[IntArray, IntArray],
+    known: FloatArray,
+    variance: float,
+    *,
+    overlap: bool = False,
+    motions: FloatArray | None = None,
+) -> FloatArray | None:
+    """The same from sums over patches, given the starts of larger and of smaller ones."""
+    large, small = starts
+    information = sums.information()
+    mix = np.eye(len(information)) if motions is None else motions
     # Patches tell the scatter of fewer unknowns than there are of them.
-    if len(starts) < FEWEST_PATCHES or len(starts) <= mix.shape[1] + 1:
+    if len(large) < FEWEST_PATCHES or len(large) <= mix.shape[1] + 1:
         return None
-    information = product(rows * weights, rows.T) if information is None else information
     information = mix.T @ information @ mix + known
     values = np.linalg.eigvalsh(information)
     if not values[0] > SINGULAR * values[-1]:
         return None
     bread = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    columns = points, normals, residuals, weights
-    coarse = _sandwich(bread, mix.T @ _patch_sums(rows, *columns, starts)[: len(rows)], variance * known)
-    starts = _starts(len(weights), min(SMALL, len(weights) // 8), counts)
-    sums = _patch_sums(rows, *columns, starts)
-    patches = _Patches.of(sums[len(rows) :], LIGHT if overlap else 0.0)
+    coarse = _sandwich(bread, mix.T @ sums.over(large)[0], variance * known)
+    scores, beside = sums.over(small)
+    patches = _Patches.of(beside, LIGHT if overlap else 0.0)
     if patches.neighbour_agreement() < NEIGHBOURS_AGREE:
         return coarse
     shared = patches.shared_noise()
     if shared is None:
         return coarse
-    pulls = [mix.T @ _sums(rows * (weights * along), starts) for along in normals.T]
-    between = sum(product(pull, shared) @ pull.T for pull in pulls)
-    left = patches.left_by_fit(shared, mix.T @ _sums(rows * weights, starts), bread)
-    fine = _sandwich(bread, mix.T @ sums[: len(rows)], variance * known)
+    pulls, along = sums.pulls(small)
+    between = sum(product(pull, shared) @ pull.T for pull in mix.T @ along)
+    left = patches.left_by_fit(shared, mix.T @ pulls, bread)
+    fine = _sandwich(bread, mix.T @ scores, variance * known)
     return larger(coarse, fine + bread @ (between / left) @ bread)
 
 
-def _starts(total: int, patches: int, counts: FloatArray | None) -> IntArray:
-    # The first row of each patch.
-    if counts is None or not patches:
+def patch_starts(total: int, counts: FloatArray | None) -> tuple[IntArray, IntArray]:
+    """First rows of the larger and of the smaller patches of so many rows, of as many points each."""
+    passed = None if counts is None else np.cumsum(counts)
+    return _starts(total, PATCHES, passed), _starts(total, SMALL, passed)
+
+
+def _starts(total: int, most: int, passed: FloatArray | None) -> IntArray:
+    patches = min(most, total // 8)
+    if passed is None or not patches:
         return np.linspace(0, total, patches, endpoint=False).astype(np.int64)
-    passed = np.cumsum(counts)
-    return np.unique(np.searchsorted(passed, np.linspace(0.0, passed[-1], patches, endpoint=False), side="right"))
-
-
-def _patch_sums(
-    rows: FloatArray,
-    points: FloatArray,
-    normals: FloatArray,
-    residuals: FloatArray,
-    weights: FloatArray,
-    starts: IntArray,
-) -> FloatArray:
-    """Scores, weights, and weighted points, normals and residuals of each patch, (k + 8, m)."""
-    from dqreg.kernels.patch_sums import BESIDE, patch_sums
-    from dqreg.kernels.threads import as_plain, over_chunks
-
-    sums = np.zeros((len(starts), len(rows) + BESIDE))
-    columns = [as_plain(x) for x in (rows, points, normals, residuals, weights)]
-    few = max(TOGETHER * len(starts) // len(weights), 1)
-    over_chunks(patch_sums, len(starts), *columns, starts, sums, chunk=few)
-    return sums.T
-
-
-def _sums(values: FloatArray, starts: IntArray) -> FloatArray:
-    sums: FloatArray = np.add.reduceat(values, starts, axis=-1)
-    return sums
+    starts = np.searchsorted(passed, np.linspace(0.0, passed[-1], patches, endpoint=False), side="right")
+    return np.asarray(starts[np.diff(starts, prepend=-1) > 0])
 
 
 def _sandwich(bread: FloatArray, scores: FloatArray, known: FloatArray) -> FloatArray:

@@ -14,12 +14,12 @@ from dqreg.geometry.spacing import measure_spacing
 from dqreg.kernels.threads import Later
 from dqreg.rigid import pose
 from dqreg.trust.face_rims import (
+    Faces,
     Plane,
     Points,
     Rims,
     closed_hole,
     rims_in,
-    rows_in,
     shared_along,
     shared_rims,
 )
@@ -36,6 +36,8 @@ SAME_COS, WITHIN, NOISY = np.cos(np.deg2rad(8.0)), 5e-3, 3.0
 # Distances, in spacings, beyond which a point has none of the other cloud beside it; points in the planes without which
 # nothing is said.
 FLAT, GAP, FEWEST = 0.9, 4.0, 100
+# A search may end there: farther off than a gap, whatever is rounded.
+BEYOND = 1.001
 # Points of a cloud of which its spacing is measured.
 SAMPLE = 1_000
 # Slides that are tried, in sizes; a plane that leans on the others by more of its normal than this is slid along none.
@@ -101,12 +103,13 @@ class CommonPlanes:
 
     def closed_hole(self) -> float:
         """Diameter of the largest hole in a face of either cloud that the other one's face closes; 0 for none."""
-        one, other = self.sides
+        (one, _), (other, _) = self.sides
         widest = 0.0
-        for plane, first, second in zip(self.planes, *self._rims, strict=True):
+        for plane, faces, first, second in zip(self.planes, zip(*self._faces, strict=True), *self._rims, strict=True):
             if first is not None and second is not None:
-                here = closed_hole(one, other, plane, self.within, first.spacing)
-                widest = max(widest, here, closed_hole(other, one, plane, self.within, second.spacing))
+                here = closed_hole(one, other, faces, plane, self.within, first.spacing)
+                there = closed_hole(other, one, faces[::-1], plane, self.within, second.spacing)
+                widest = max(widest, here, there)
         return widest
 
     def ends_apart(self) -> float:
@@ -115,8 +118,7 @@ class CommonPlanes:
         What one view alone shows of a face may be hidden from the other; that each shows what the other does not is
         another part. NaN for few points.
         """
-        one, other = self.sides
-        return float(np.minimum(self._beyond(one, other[0]), self._beyond(other, one[0])))
+        return float(np.minimum(self._beyond(0), self._beyond(1)))
 
     def rims_shared(self) -> float:
         """Share of the rims of faces that are where the other's faces have one, of the cloud that has more of them.
@@ -152,28 +154,51 @@ class CommonPlanes:
 
     def _opposed_in_each(self, *, beside: bool) -> list[Later[float]]:
         """Shares of opposed rims, plane by plane."""
-        asked = (partial(opposed_share, self.sides, plane, self.within) for plane in self.planes)
-        return [Later(each, beside=beside) for each in asked]
+        heights = Later(self._heights, beside=beside)
+
+        def share(k: int) -> float:
+            one, other = heights.result()
+            return opposed_share(self.sides, (one[k], other[k]), self.planes[k], self.within)
+
+        return [Later(partial(share, k), beside=beside) for k in range(len(self.planes))]
+
+    def _heights(self) -> tuple[FloatArray, FloatArray]:
+        """Heights of all points of either cloud over each of the planes, (k, n): at once, each would take as long."""
+        normals = np.array([plane.normal for plane in self.planes])
+        offsets = np.einsum("ij,ij->i", normals, [plane.middle for plane in self.planes])[:, None]
+        one, other = (product(normals, points.T) - offsets for points, _ in self.sides)
+        return one, other
 
     @cached_property
     def _rims(self) -> tuple[list[Rims | None], list[Rims | None]]:
         """Rims of either cloud's faces in each of the planes."""
         one, other = (
-            [rims_in(points, tree, plane, self.planes, self.within) for plane in self.planes]
-            for points, tree in self.sides
+            [
+                rims_in(points, faces, plane, self.planes, self.within)
+                for plane, faces in zip(self.planes, side, strict=True)
+            ]
+            for (points, _), side in zip(self.sides, self._faces, strict=True)
         )
         return one, other
 
-    def _beyond(self, side: Points, others: FloatArray) -> float:
-        """Share of a cloud's faces in the planes that has no point of another one beside it; NaN for few points."""
-        (points, tree), inside, beyond = side, 0, 0
-        for plane in self.planes:
-            rows = rows_in(points, tree, plane, self.within, FLAT)
-            theirs = others[plane.holds(others, self.within)]
-            if not len(rows) or not len(theirs):
+    @cached_property
+    def _faces(self) -> tuple[list[Faces], list[Faces]]:
+        """Points of either cloud in each of the planes."""
+        one, other = ([Faces.of(side, plane, self.within) for plane in self.planes] for side in self.sides)
+        return one, other
+
+    def _beyond(self, side: int) -> float:
+        """Share of a cloud's faces in the planes that has no point of the other one beside it; NaN for few points."""
+        points, others, inside, beyond = self.sides[side][0], self.sides[1 - side][0], 0, 0
+        # What is as far away is all that is asked.
+        gap = GAP * self.spacing
+        for faces, theirs in zip(self._faces[side], self._faces[1 - side], strict=True):
+            rows = faces.flat(FLAT)
+            if not len(rows) or not len(theirs.rows):
                 continue
-            apart = NeighbourTree(theirs).nearest(points[rows], 1)[1][:, 0]
-            inside, beyond = inside + len(rows), beyond + int(np.count_nonzero(apart > GAP * self.spacing))
+            tree = NeighbourTree(others[theirs.rows], in_order=True)
+            apart = tree.capped_distances(points[rows], BEYOND * gap)
+            inside, beyond = inside + len(rows), beyond + int(np.count_nonzero(apart > gap))
         return beyond / inside if inside >= FEWEST else np.nan
 
 

@@ -68,21 +68,31 @@ class Rims:
     spacing: float  # Edge of the square that a point has for itself
 
 
-def rows_in(points: FloatArray, tree: NeighbourTree, plane: Plane, within: float, share: float) -> IntArray:
-    """Points whose faces lie in a plane: those of which so large a share of the neighbours does too."""
-    near = plane.holds(points, within)
-    rows = np.flatnonzero(near)
-    if not len(rows):
-        return rows
-    found: IntArray = rows[near[tree.nearest_to(rows, BESIDE)[0]].mean(axis=1) > share]
-    return found
+@dataclasses.dataclass(frozen=True, eq=False)
+class Faces:
+    """Points of a cloud that lie in a plane, and how much of what is beside each does too."""
+
+    rows: IntArray  # (n,): Of the cloud
+    shares: FloatArray  # (n,): Of the neighbours in space
+
+    @staticmethod
+    def of(cloud: Points, plane: Plane, within: float) -> Faces:
+        """Those of a cloud within a distance of a plane."""
+        points, tree = cloud
+        near = plane.holds(points, within)
+        rows = np.flatnonzero(near)
+        if not len(rows):
+            return Faces(rows, np.zeros(0))
+        return Faces(rows, near[tree.nearest_to(rows, BESIDE)[0]].mean(axis=1))
+
+    def flat(self, share: float = MOSTLY) -> IntArray:
+        """Points whose faces lie in the plane, (m,): those of which more than a share of the neighbours does."""
+        return self.rows[self.shares > share]
 
 
-def rims_in(
-    points: FloatArray, tree: NeighbourTree, plane: Plane, planes: Sequence[Plane], within: float
-) -> Rims | None:
+def rims_in(points: FloatArray, faces: Faces, plane: Plane, planes: Sequence[Plane], within: float) -> Rims | None:
     """Rims of a cloud's faces in one of some planes; None where few of its points are."""
-    rows = rows_in(points, tree, plane, within, MOSTLY)
+    rows = faces.flat()
     if len(rows) < FEWEST:
         return None
     points = points[rows]
@@ -150,17 +160,19 @@ def shared_along(
     return slides * step, np.fmax(shares[:, 0], shares[:, 1])
 
 
-def closed_hole(one: Points, other: Points, plane: Plane, within: float, spacing: float) -> float:
+def closed_hole(
+    one: FloatArray, other: FloatArray, faces: tuple[Faces, Faces], plane: Plane, within: float, spacing: float
+) -> float:
     """Diameter of the largest hole in a cloud's faces in a plane where another one's faces go on; 0 for none.
 
-    Spacing is that of the first cloud's points in the plane. A hole is a place without points that these enclose. Where
-    anything of the other cloud stands beside it, that may hide the face from one side, and nothing is said.
+    Faces are of the two clouds, (n, 3), and spacing is that of the first one's points in the plane. A hole is a place
+    without points that these enclose. Where anything of the other cloud stands beside it, that may hide the face from
+    one side, and nothing is said.
     """
     from scipy.ndimage import binary_dilation, label
 
     across = plane.across
-    (points, tree), (others, other_tree) = one, other
-    inside = (points[rows_in(points, tree, plane, within, MOSTLY)] - plane.middle) @ across.T
+    inside = (one[faces[0].flat()] - plane.middle) @ across.T
     if not len(inside) or not spacing > 0.0:
         return 0.0
     cell = CELL * spacing
@@ -179,10 +191,10 @@ def closed_hole(one: Points, other: Points, plane: Plane, within: float, spacing
 
     own = held(inside)
     gaps, count = label(~own)
-    face = held((others[rows_in(others, other_tree, plane, within, MOSTLY)] - plane.middle) @ across.T)
-    heights = np.abs((others - plane.middle) @ plane.normal)
+    face = held((other[faces[1].flat()] - plane.middle) @ across.T)
+    heights = np.abs((other - plane.middle) @ plane.normal)
     beside = (heights >= within) & (heights < STANDING * cell)
-    standing = held((others[beside] - plane.middle) @ across.T)
+    standing = held((other[beside] - plane.middle) @ across.T)
     sizes = np.bincount(gaps.ravel(), minlength=count + 1)
     filled = np.bincount(gaps.ravel(), face.ravel(), minlength=count + 1)
     widest = 0

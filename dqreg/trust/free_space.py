@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, bounds
+from dqreg._arrays import BoolArray, FloatArray, bounds, median, product, quantile
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
@@ -48,14 +48,14 @@ class DepthImage:
 
         axes = _looking(points.mean(axis=0) - eye)
         places, ranges = _project(points, axes, eye)
-        low, high = places.min(axis=0), places.max(axis=0)
+        low, high = places.min(axis=1), places.max(axis=1)
         pixel = max(PIXEL * _spacing(places), float((high - low).max()) / LARGEST, np.finfo(float).eps)
         low = low - 1.5 * pixel
         height, width = ((high - low) / pixel).astype(np.int64) + 3
-        rows, columns = ((places - low) / pixel).astype(np.int64).T
-        image = np.full(height * width, np.inf)
-        np.minimum.at(image, rows * width + columns, ranges)
-        behind = float(np.mean(ranges > (1.0 + STEP * pixel) * image[rows * width + columns]))
+        rows, columns = ((places - low[:, None]) / pixel).astype(np.int64)
+        image, at = np.full(height * width, np.inf), rows * width + columns
+        np.minimum.at(image, at, ranges)
+        behind = float(np.mean(ranges > (1.0 + STEP * pixel) * image[at]))
         image = image.reshape(height, width)
         return DepthImage(eye, axes, pixel, low, ndimage.minimum_filter(image, 3), np.isfinite(image), behind)
 
@@ -65,11 +65,12 @@ class DepthImage:
         Points behind it say nothing, nor do those where nothing was seen.
         """
         places, ranges = _project(points, self.axes, self.eye)
-        cells = np.floor((places - self.low) / self.pixel).astype(np.int64)
-        inside = (cells >= 0).all(axis=1) & (cells < self.filled.shape).all(axis=1)
-        rows, columns = cells[inside].T
-        seen = self.filled[rows, columns]
-        nearest, ranges = self.nearest[rows, columns][seen], ranges[inside][seen]
+        height, width = self.filled.shape
+        rows, columns = np.floor((places - self.low[:, None]) / self.pixel).astype(np.int64)
+        inside = np.flatnonzero((rows >= 0) & (rows < height) & (columns >= 0) & (columns < width))
+        at = rows[inside] * width + columns[inside]
+        seen = self.filled.ravel()[at]
+        nearest, ranges = self.nearest.ravel()[at[seen]], ranges[inside[seen]]
         nearer, limit = nearest - ranges, margin + step * self.pixel * ranges
         return int(np.count_nonzero(nearer > limit)), int(np.count_nonzero(np.abs(nearer) <= limit))
 
@@ -97,8 +98,9 @@ class Seen:
             return None
         low, high = bounds(self.points)
         outside = np.linalg.norm(np.maximum(np.maximum(low - self.origin, self.origin - high), 0.0))
-        ranges = np.linalg.norm(self.points - self.origin, axis=1)
-        near, far = np.quantile(ranges, [0.05, 0.95])
+        arms = self.points - self.origin
+        ranges = np.sqrt(np.einsum("ij,ij->i", arms, arms))
+        near, far = quantile(ranges, 0.05), quantile(ranges, 0.95)
         if not outside >= OUTSIDE * np.linalg.norm(high - low) and not far >= FAR * near:
             return None
         image = DepthImage.of(self.points, self.origin)
@@ -142,17 +144,17 @@ def hidden_share(points: FloatArray, viewpoint: FloatArray) -> float:
 
 
 def _project(points: FloatArray, axes: FloatArray, eye: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Azimuth and elevation, (n, 2), and range, (n,)."""
-    x, y, z = axes @ (points - eye).T
+    """Azimuth and elevation, (2, n), and range, (n,)."""
+    x, y, z = product(axes, np.ascontiguousarray((points - eye).T))
     ranges = np.sqrt(x * x + y * y + z * z)
     elevation = np.arcsin(np.clip(y / np.maximum(ranges, np.finfo(float).tiny), -1.0, 1.0))
-    return np.column_stack([np.arctan2(x, z), elevation]), ranges
+    return np.stack([np.arctan2(x, z), elevation]), ranges
 
 
 def _spacing(places: FloatArray) -> float:
-    flat = np.column_stack([places, np.zeros(len(places))])
+    flat = np.column_stack([*places, np.zeros(places.shape[1])])
     flat = flat[morton_order(flat)]
-    return float(np.median(NeighbourTree(flat, in_order=True).nearest_to(sample_rows(len(flat), SAMPLE), 4)[1][:, -1]))
+    return float(median(NeighbourTree(flat, in_order=True).nearest_to(sample_rows(len(flat), SAMPLE), 4)[1][:, -1]))
 
 
 def _looking(sight: FloatArray) -> FloatArray:

@@ -9,11 +9,14 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, dot, nonzero_rows, product, row_dots
 from dqreg.solvers.quadratic import ROWS, plane_rows
-from dqreg.solvers.sandwich import scatter_of
+from dqreg.solvers.row_sums import MotionSums
+from dqreg.solvers.sandwich import patch_starts, scatter_of_sums
 
 # Information below this fraction of what all correspondences could give with the longest lever is rounding or facets,
 # not shape.
 FREE = 1e-5
+# One patch of all rows.
+FIRST = np.zeros(1, dtype=np.int64)
 # Normals that are estimates constrain what the shape leaves free: each side's by its own errors. Where less than this
 # share of what the target's normals say is said by the scan's too, it is errors: right poses came to 0.4, slid ones of
 # round parts to 0.16 at most.
@@ -146,52 +149,71 @@ def information_of(
     3
     """
     total = float(weights.sum())
-    variance = dot(weights, residuals**2 + scattered) / max(total - 6.0, 1.0)
     scaling = np.r_[[lever] * 3, [1.0] * 3]
     basis = np.eye(6) if allowed is None else np.linalg.qr(allowed * scaling[:, None])[0]
+    starts = patch_starts(len(weights), counts) if patchwise else (FIRST, FIRST)
+    smooth = normals if smooth is None else smooth
+    sums = MotionSums.of(
+        points, normals, smooth, residuals, weights, centre, lever, np.union1d(FIRST, np.concatenate(starts)), basis
+    )
+    aside = dot(weights, scattered) if isinstance(scattered, np.ndarray) else total * scattered
+    variance = (sums.squares() + aside) / max(total - 6.0, 1.0)
     # What was known beforehand, in the units of the correspondences' own information.
     known = np.zeros((6, 6)) if prior is None else variance * prior / scaling / scaling[:, None]
     known = basis.T @ known @ basis
-    rows = plane_rows(points, normals, centre, lever)
-    # A part without round faces has the same of both kinds.
-    alike = smooth is None or np.array_equal(smooth, normals)
-    shape = rows if alike or smooth is None else plane_rows(points, smooth, centre, lever)
-    if allowed is not None:
-        rows, shape = product(basis.T, rows), product(basis.T, shape)
-    inner = product(shape * weights, shape.T)
-    values, vectors = np.linalg.eigh((inner + known) / max(total, np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh((sums.of_smooth() + known) / max(total, np.finfo(float).tiny))
+    scaled = basis @ vectors
     if own is None:
-        carriers = _carriers(shape, vectors, weights, counts)
+        carriers = _carriers(points, smooth, scaled, weights, counts, centre, lever)
     else:
-        along = product(vectors.T, shape)
-        signed = own * np.where(row_dots(own, normals) < 0.0, -1.0, 1.0)[:, None]
-        theirs = plane_rows(points, signed, centre, lever)
-        shared = weights * along * product(vectors.T, theirs if allowed is None else product(basis.T, theirs))
-        compared = weights * nonzero_rows(own)
-        confirmed = shared.sum(axis=1) > CONFIRMED * (compared * along**2).sum(axis=1)
-        carriers = np.where(confirmed, _effective(shared, counts), 0.0)
+        carriers = _of_both(points, normals, own, scaled, weights, counts, centre, lever)
     sigma = float(np.sqrt(variance))
-    held = Information(np.maximum(values, 0.0), basis @ vectors, total, sigma, lever, centre, carriers)
+    held = Information(np.maximum(values, 0.0), scaled, total, sigma, lever, centre, carriers)
     motions = vectors[:, ~held.free]
     if not patchwise or not motions.shape[1]:
         return held
     known = motions.T @ known @ motions
     # Facets have an information of their own.
-    same = inner if alike else None
-    columns = points, normals, residuals, weights, known, variance, counts
-    scatter = scatter_of(rows, *columns, overlap=own is not None, motions=motions, information=same)
+    scatter = scatter_of_sums(sums, starts, known, variance, overlap=own is not None, motions=motions)
     outer = basis @ motions
     return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
 
 
-def _carriers(rows: FloatArray, vectors: FloatArray, weights: FloatArray, counts: FloatArray | None) -> FloatArray:
-    """The same of the shares ``w (v . J)^2`` in each motion, (k, m) one a column, without keeping them: (m,)."""
-    from dqreg.kernels.patch_sums import carrier_sums
+def _of_both(
+    points: FloatArray,
+    normals: FloatArray,
+    own: FloatArray,
+    vectors: FloatArray,
+    weights: FloatArray,
+    counts: FloatArray | None,
+    centre: FloatArray,
+    lever: float,
+) -> FloatArray:
+    """Correspondences that carry each motion, (6, m) one a column, by the normals of both sides: (m,)."""
+    along = product(vectors.T, plane_rows(points, normals, centre, lever))
+    signed = own * np.where(row_dots(own, normals) < 0.0, -1.0, 1.0)[:, None]
+    shared = weights * along * product(vectors.T, plane_rows(points, signed, centre, lever))
+    compared = weights * nonzero_rows(own)
+    confirmed = shared.sum(axis=1) > CONFIRMED * (compared * along**2).sum(axis=1)
+    return np.where(confirmed, _effective(shared, counts), 0.0)
+
+
+def _carriers(
+    points: FloatArray,
+    normals: FloatArray,
+    vectors: FloatArray,
+    weights: FloatArray,
+    counts: FloatArray | None,
+    centre: FloatArray,
+    lever: float,
+) -> FloatArray:
+    """The same by the normals of one: how many equal shares ``w (v . J)^2`` would add up as well, (m,)."""
+    from dqreg.kernels.motion_sums import motion_shares
     from dqreg.kernels.threads import as_plain, over_chunks
 
     sums = np.zeros((max(-(-len(weights) // ROWS), 1), 2, vectors.shape[1]))
-    columns = [as_plain(x) for x in (rows, vectors, weights, np.zeros(0) if counts is None else counts)]
-    over_chunks(carrier_sums, len(weights), *columns, ROWS, sums, chunk=ROWS)
+    columns = [as_plain(x) for x in (points, normals, vectors.T, weights, np.zeros(0) if counts is None else counts)]
+    over_chunks(motion_shares, len(weights), *columns, as_plain(centre), float(lever), ROWS, sums, chunk=ROWS)
     shares, squared = sums.sum(axis=0)
     return np.asarray(shares**2 / np.where(squared > 0.0, squared, np.inf))
 

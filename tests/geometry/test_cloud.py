@@ -74,3 +74,18 @@ def test_times_go_with_their_points():
     assert cloud.times.tolist() == [1.0, 3.0]
     with pytest.raises(InputError, match=r"times must be one number per point; got shape \(2,\) for 3 points"):
         PointCloud(np.eye(3), times=[1.0, 2.0])
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.0254])
+def test_a_moved_cloud_is_the_one_of_the_moved_points(scale: float) -> None:
+    rng = np.random.default_rng(3)
+    cloud = PointCloud(rng.normal(size=(700, 3)), viewpoint=np.array([0.0, 1.0, 2.0]), times=np.arange(700.0))
+    offset = np.array([1e3, -1e-3, 0.7])
+    found, made = cloud._moved(offset, scale), PointCloud(scale * cloud.points + offset)
+    np.testing.assert_array_equal(found.points, made.points)
+    # Rounding keeps the order of numbers, so the ends are those of the moved points to the bit.
+    np.testing.assert_array_equal(found._ends, made._ends)
+    np.testing.assert_array_equal(found.viewpoint, scale * np.array([0.0, 1.0, 2.0]) + offset)
+    assert found.times is cloud.times
+    with pytest.raises(InputError, match="beyond 1e\\+60"):
+        cloud._moved(np.zeros(3), 1e61)

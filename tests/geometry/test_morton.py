@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.geometry.morton import distinct_in_order, morton_codes, morton_order
+from dqreg.geometry.morton import distinct_in_order, in_order, morton_codes, morton_order
 from tests.strategies import FloatArray, floats, points
 
 
@@ -85,3 +85,10 @@ def test_the_order_depends_on_the_shape_alone() -> None:
     # Quarters and powers of two move nothing by rounding.
     cloud = np.random.default_rng(0).integers(0, 64, size=(300, 3)) / 4.0
     np.testing.assert_array_equal(morton_order(cloud), morton_order(8.0 * cloud + 1024.0))
+
+
+def test_points_in_an_order_are_those_of_its_rows() -> None:
+    rng = np.random.default_rng(0)
+    points, order = rng.normal(size=(150_000, 3)), rng.permutation(150_000)[:140_000]
+    np.testing.assert_array_equal(in_order(points, order), points[order])
+    assert in_order(points, order[:0]).shape == (0, 3)

@@ -258,8 +258,8 @@ def test_a_last_step_within_the_noise_searches_no_face_anew_and_moves_the_pose_b
 
     searched = MeshSurface.closest
     monkeypatch.setattr(MeshSurface, "closest", closest)
-    # As a rule one step on all points is enough.
-    monkeypatch.setattr(level, "PLACED", 0.1)
+    # One step may be enough as it is.
+    monkeypatch.setattr(level, "PLACED", 0.1 * level.PLACED)
     run = align_coarse_to_fine(scan, surface, start, PLAN)
     steps = [record.points for record in run.history].count(len(scan))
     assert steps > 1

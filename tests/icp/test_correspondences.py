@@ -5,6 +5,7 @@ import pytest
 
 from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, prepare_scan
 from dqreg.icp import Correspondences, find_correspondences, propagate
+from dqreg.icp.correspondences import placed
 from dqreg.rigid import pose
 from tests.icp.scenes import bracket_mesh, bracket_points, bumpy_cloud, made_pairs, motion
 
@@ -98,3 +99,13 @@ def test_carried_pairs_are_those_of_numpy() -> None:
     np.testing.assert_allclose(found.moved, moved, atol=1e-14)
     np.testing.assert_allclose(found.closest.points, points, atol=1e-14)
     np.testing.assert_allclose(found.distances, np.linalg.norm(moved - points, axis=1), atol=1e-14)
+
+
+def test_points_placed_at_a_pose_stand_as_high_over_their_planes_as_numpy_says() -> None:
+    rng = np.random.default_rng(5)
+    scan = prepare_scan(PointCloud(rng.normal(size=(300, 3))))
+    pairs, T = find_correspondences(scan, MeshSurface(bracket_mesh()), np.eye(4)), motion(0.2, 0.1)
+    moved, heights = placed(pairs, T)
+    np.testing.assert_allclose(moved, pose.apply(T, scan.points), rtol=0, atol=1e-14)
+    gaps = moved - pairs.closest.points
+    np.testing.assert_allclose(heights, np.einsum("ij,ij->i", gaps, pairs.closest.normals), rtol=0, atol=1e-14)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.area_order import LEVELS, SLABS, area_order, cheapest, cut
+from dqreg.kernels.area_order import LEVELS, SLABS, area_order, cut
 
 
 def tree_over(spans: FloatArray, leaf: int) -> tuple[FloatArray, IntArray, FloatArray, IntArray]:
@@ -60,14 +60,18 @@ def test_no_cut_between_slabs_is_cheaper(seed: int, count: int, size: float) -> 
     costs = []
     for axis in range(3):
         middles = spans[:, axis] + spans[:, 3 + axis]
-        slab = ((middles - middles.min()) * (SLABS * (1.0 - 1e-9) / np.ptp(middles))).astype(int)
-        for place in range(1, SLABS):
+        slabs = min(SLABS, count)
+        slab = ((middles - middles.min()) * (slabs * (1.0 - 1e-9) / np.ptp(middles))).astype(int)
+        for place in range(1, slabs):
             sides = [spans[slab < place], spans[slab >= place]]
             if all(map(len, sides)):
                 costs.append(sum(cost(side) for side in sides))
     order = np.arange(count)
-    middle = cut(spans, order, 0, count, np.zeros((SLABS, 7)), nothing_beyond())
+    nodes = np.zeros((2, 6))
+    middle = cut(spans, order, 0, count, *work_space(), nodes, 0)
     assert cost(spans[:middle]) + cost(spans[middle:]) == pytest.approx(min(costs), rel=1e-12)
+    for node, side in zip(nodes, (spans[:middle], spans[middle:]), strict=True):
+        np.testing.assert_array_equal(node, np.r_[side[:, :3].min(axis=0), side[:, 3:].max(axis=0)])
 
 
 def cost(spans: FloatArray) -> float:
@@ -75,15 +79,15 @@ def cost(spans: FloatArray) -> float:
     return float(len(spans) * (x * y + y * z + z * x))
 
 
-def nothing_beyond() -> FloatArray:
-    return np.vstack([np.zeros((SLABS, 7)), np.r_[np.full(3, np.inf), np.full(3, -np.inf), 0.0]])
+def work_space() -> tuple[FloatArray, FloatArray]:
+    return np.zeros((3 * SLABS, 7)), np.zeros((SLABS + 1, 7))
 
 
 def test_boxes_in_one_place_are_halved() -> None:
     *_, links = tree_over(np.tile([0.0, 0, 0, 1, 1, 1], (1_000, 1)), 1)
     assert depth_of(links) == 10
     flat = np.tile([0.0, 0, 0, 1, 1, 1], (5, 1))
-    assert cheapest(flat, 0, 5, 0, 0.0, 0.0, np.zeros((SLABS, 7)), nothing_beyond()) == (np.inf, 0)
+    assert cut(flat, np.arange(5), 0, 5, *work_space(), np.zeros((2, 6)), 0) == -1
 
 
 def test_boxes_that_shrink_without_end_make_no_endless_tree() -> None:

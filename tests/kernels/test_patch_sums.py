@@ -1,11 +1,10 @@
-"""Sums over patches and of the shares of motions, beside NumPy's."""
+"""Sums over patches, beside NumPy's."""
 
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from dqreg.kernels.patch_sums import BESIDE, carrier_sums, patch_sums
+from dqreg.kernels.patch_sums import BESIDE, patch_sums
 
 
 def test_patches_hold_what_numpy_sums() -> None:
@@ -18,17 +17,3 @@ def test_patches_hold_what_numpy_sums() -> None:
         patch_sums(first, last, rows, points, normals, residuals, weights, starts, sums)
     columns = np.vstack([rows * residuals, np.ones(90), points.T, normals.T, residuals]) * weights
     np.testing.assert_allclose(sums.T, np.add.reduceat(columns, starts, axis=1), rtol=0, atol=1e-13)
-
-
-@pytest.mark.parametrize("counted", [False, True])
-def test_shares_of_motions_add_up(counted: bool) -> None:
-    rng = np.random.default_rng(1)
-    rows, vectors, weights = rng.normal(size=(6, 50)), rng.normal(size=(6, 5)), rng.uniform(size=50)
-    counts = rng.integers(1, 9, 50).astype(float) if counted else np.zeros(0)
-    sums = np.zeros((3, 2, 5))
-    for first in (0, 20, 40):
-        carrier_sums(first, min(first + 20, 50), rows, vectors, weights, counts, 20, sums)
-    shares = weights * (vectors.T @ rows) ** 2
-    found = sums.sum(axis=0)
-    np.testing.assert_allclose(found[0], shares.sum(axis=1), rtol=1e-13)
-    np.testing.assert_allclose(found[1], (shares**2 / (counts if counted else 1.0)).sum(axis=1), rtol=1e-13)

@@ -44,14 +44,16 @@ def test_points_are_on_their_face_as_one_by_one(seed: int, length: int, scatter:
         np.einsum("rlk,rki->rli", shares, corners) + scatter * rng.normal(size=(runs, length, 1)) * normals[:, None]
     )
     points = (placed - T[:3, 3]) @ T[:3, :3]
-    on, means, within = np.zeros((runs, length), dtype=bool), np.zeros((runs, 3)), np.zeros(runs)
+    on, counts = np.zeros((runs, length), dtype=bool), np.zeros(runs, dtype=np.int64)
+    means, within = np.zeros((runs, 3)), np.zeros(runs)
     for first, last in ((0, 2), (2, runs)):
         flat = np.ascontiguousarray(points.reshape(-1, 3))
         limits = INSIDE, OFF, THICK, SPREAD
         faces = np.arange(runs)
-        points_on_faces(first, last, flat, length, corners, faces, normals, T, *limits, on, means, within)
+        points_on_faces(first, last, flat, length, corners, faces, normals, T, *limits, on, counts, means, within)
     expected = plain(points, corners, normals, T)
     np.testing.assert_array_equal(on, expected[0])
+    np.testing.assert_array_equal(counts, on.sum(axis=1))
     some = on.any(axis=1)
     np.testing.assert_allclose(means[some], expected[1][some], atol=1e-12)
     np.testing.assert_allclose(within[some], expected[2][some], atol=1e-12)

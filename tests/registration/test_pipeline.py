@@ -68,6 +68,8 @@ def test_cells_and_sparse_scans_go_on_with_planes_and_what_has_planes_or_was_not
         (part[:200], part[:3_000], 5_000, np.eye(4), "converged", True),
         (part, part, 5_000, np.eye(4), "converged", False),
         (DENSE, DENSE, 1_000, np.eye(4), "converged", True),
+        # Hardly more points than cells: their means hide nothing.
+        (DENSE[::8], DENSE, 4_000, np.eye(4), "converged", False),
         (DENSE, DENSE, 1_000, pose.from_parts(np.eye(3), [50.0, 0.0, 0.0]), "no correspondences", False),
     )
     for scan, stands, cells, start, status, more in cases:

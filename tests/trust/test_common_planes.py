@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dqreg.trust import opposed_edges
 from dqreg.trust.common_planes import CommonPlanes
 from dqreg.trust.limits import ENDS_APART, ONE_PLANE, OPPOSED_EDGES, RIMS_GAINED, RIMS_SHARED
 from dqreg.trust.overlap import IndexedPoints, Overlap
@@ -91,6 +92,23 @@ def test_the_top_of_a_plate_laid_on_its_bottom_is_told_by_the_sides_below_and_ab
     assert between(one, upside_down).opposed_edges() > 2.0 * OPPOSED_EDGES
     assert between(upside_down, one).opposed_edges() > 2.0 * OPPOSED_EDGES
     assert between(one, other).opposed_edges() < 0.1 * OPPOSED_EDGES
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 1.0])
+def test_what_is_left_out_where_no_edges_can_be_opposed_is_opposed_nowhere(
+    monkeypatch: pytest.MonkeyPatch, share: float
+) -> None:
+    # Of a box without its bottom, sides stand along a share of one edge and hang from the rest.
+    rng = np.random.default_rng(5)
+    one, other = corner((30.0, 40.0, 12.0), 1), corner((30.0, 40.0, 12.0), 2)
+    hangs = (other[:, 1] > share * 40.0) | (rng.random(len(other)) < 0.02)
+    other[hangs, 2] *= -1.0
+    for pair in ((one, other), (other, one)):
+        said_alone = between(*pair).opposed_edges()
+        with monkeypatch.context() as patch:
+            patch.setattr(opposed_edges, "_may_be_opposed", lambda *_: True)
+            asked = between(*pair).opposed_edges()
+        assert np.nan_to_num(asked) == said_alone
 
 
 def test_a_face_that_ends_at_nothing_opposes_none() -> None:

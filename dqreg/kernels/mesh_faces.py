@@ -1,0 +1,103 @@
+"""What follows from the corners of triangles: normals, areas, boxes, moments."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.kernels.compiled import compiled
+
+# Rows of `solid_faces` and `surface_moments` for each range of faces.
+ENDS, MOMENTS = 7, 10
+
+
+@compiled
+def solid_faces(
+    first: int,
+    last: int,
+    vertices: FloatArray,
+    faces: IntArray,
+    chunk: int,
+    smallest: float,
+    solid: BoolArray,
+    ends: FloatArray,
+) -> None:
+    """Write which faces first to last have an area, (f,), and the ends of their corners to the row of their range.
+
+    An area below ``smallest`` times the longest side and the farthest coordinate, or side, is rounding. The columns of
+    the ends are the lowest and highest corner of the box, and 1 where a coordinate is not finite.
+    """
+    row = first // chunk
+    for k in range(3):
+        ends[row, k], ends[row, 3 + k] = np.inf, -np.inf
+    for f in range(first, last):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        longest, farthest = 0.0, 0.0
+        for k in range(3):
+            x, y, z = vertices[a, k], vertices[b, k], vertices[c, k]
+            low, high = min(x, y, z), max(x, y, z)
+            longest, farthest = max(longest, high - low), max(farthest, high, -low)
+            ends[row, k], ends[row, 3 + k] = min(ends[row, k], low), max(ends[row, 3 + k], high)
+            if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
+                ends[row, 6] = 1.0
+        ux, uy, uz = (
+            vertices[b, 0] - vertices[a, 0],
+            vertices[b, 1] - vertices[a, 1],
+            vertices[b, 2] - vertices[a, 2],
+        )
+        vx, vy, vz = (
+            vertices[c, 0] - vertices[a, 0],
+            vertices[c, 1] - vertices[a, 1],
+            vertices[c, 2] - vertices[a, 2],
+        )
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        solid[f] = np.sqrt(x * x + y * y + z * z) > smallest * longest * max(longest, farthest)
+
+
+@compiled
+def face_columns(
+    first: int, last: int, vertices: FloatArray, faces: IntArray, normals: FloatArray, areas: FloatArray
+) -> None:
+    """Write the unit normals of faces first to last, (f, 3), by the right-hand rule, and their areas, (f,)."""
+    for f in range(first, last):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ux, uy, uz = (
+            vertices[b, 0] - vertices[a, 0],
+            vertices[b, 1] - vertices[a, 1],
+            vertices[b, 2] - vertices[a, 2],
+        )
+        vx, vy, vz = (
+            vertices[c, 0] - vertices[a, 0],
+            vertices[c, 1] - vertices[a, 1],
+            vertices[c, 2] - vertices[a, 2],
+        )
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = np.sqrt(x * x + y * y + z * z)
+        areas[f] = 0.5 * length
+        normals[f, 0], normals[f, 1], normals[f, 2] = x / length, y / length, z / length
+
+
+@compiled
+def surface_moments(
+    first: int, last: int, corners: FloatArray, areas: FloatArray, about: FloatArray, chunk: int, sums: FloatArray
+) -> None:
+    """Add area, first and second moments of faces first to last to the row of their range, of `MOMENTS` columns.
+
+    Of a triangle of area A with corners c and their sum s the second moment is A / 12 (sum of c c^T + s s^T). Columns
+    4 to 9 are xx, xy, xz, yy, yz, zz.
+    """
+    row, s = first // chunk, np.zeros(3)
+    for f in range(first, last):
+        area = areas[f]
+        for k in range(3):
+            s[k] = (corners[f, 0, k] - about[k]) + (corners[f, 1, k] - about[k]) + (corners[f, 2, k] - about[k])
+            sums[row, 1 + k] += area * s[k] / 3.0
+        sums[row, 0] += area
+        column = 4
+        for k in range(3):
+            for m in range(k, 3):
+                second = s[k] * s[m]
+                for j in range(3):
+                    second += (corners[f, j, k] - about[k]) * (corners[f, j, m] - about[m])
+                sums[row, column] += area * second / 12.0
+                column += 1

@@ -1,0 +1,130 @@
+"""Point-to-plane rows of the six motions: their sums over patches, and what weighs in a motion; no row is kept."""
+
+from __future__ import annotations
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.compiled import compiled, inside_kernels
+
+Row = tuple[float, float, float, float, float, float]
+
+# Six scores, then weight, weighted points, normals and residual, as of `patch_sums`; then the squares of the residuals,
+# the weighted rows of the rotations, and the products of rows among themselves, of a triangle (0, 0), (0, 1), ...: of
+# all rows, and what the normals of a smooth surface change in them.
+NORMALS, SQUARES, ROTATIONS, PRODUCTS, SMOOTH = 10, 14, 15, 18, 39
+COLUMNS = SMOOTH + 21
+
+
+@inside_kernels
+def motion_row(points: FloatArray, normals: FloatArray, i: int, centre: FloatArray, lever: float) -> Row:
+    """Displacements along a normal by rotations about a centre times the lever, and by translations."""
+    x, y, z = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+    u, v, w = normals[i, 0], normals[i, 1], normals[i, 2]
+    return (y * w - z * v) / lever, (z * u - x * w) / lever, (x * v - y * u) / lever, u, v, w
+
+
+@inside_kernels
+def add_products(row: Row, weight: float, sums: FloatArray, at: int) -> None:
+    """Add the products of a row with itself, times a weight, from a place on."""
+    a, b, c, u, v, w = row
+    p = weight * a
+    sums[at] += p * a
+    sums[at + 1] += p * b
+    sums[at + 2] += p * c
+    sums[at + 3] += p * u
+    sums[at + 4] += p * v
+    sums[at + 5] += p * w
+    p = weight * b
+    sums[at + 6] += p * b
+    sums[at + 7] += p * c
+    sums[at + 8] += p * u
+    sums[at + 9] += p * v
+    sums[at + 10] += p * w
+    p = weight * c
+    sums[at + 11] += p * c
+    sums[at + 12] += p * u
+    sums[at + 13] += p * v
+    sums[at + 14] += p * w
+    p = weight * u
+    sums[at + 15] += p * u
+    sums[at + 16] += p * v
+    sums[at + 17] += p * w
+    p = weight * v
+    sums[at + 18] += p * v
+    sums[at + 19] += p * w
+    sums[at + 20] += weight * w * w
+
+
+@compiled
+def motion_sums(
+    first: int,
+    last: int,
+    points: FloatArray,
+    normals: FloatArray,
+    smooth: FloatArray,
+    residuals: FloatArray,
+    weights: FloatArray,
+    centre: FloatArray,
+    lever: float,
+    starts: IntArray,
+    sums: FloatArray,
+) -> None:
+    """Add what patches first to last hold. O(n).
+
+    Patches reach from their start to the next. Normals of the smooth surface may be the others. Shapes: points, normals
+    and smooth (n, 3), sums (m, 60), zeros.
+    """
+    for g in range(first, last):
+        end, own = starts[g + 1] if g + 1 < len(starts) else len(weights), sums[g]
+        for i in range(starts[g], end):
+            w, r = weights[i], residuals[i]
+            if w == 0.0:
+                continue
+            row = motion_row(points, normals, i, centre, lever)
+            pull = w * r
+            for k in range(6):
+                own[k] += pull * row[k]
+            own[6] += w
+            for k in range(3):
+                own[7 + k] += w * points[i, k]
+                own[NORMALS + k] += w * row[3 + k]
+            own[13] += pull
+            own[SQUARES] += pull * r
+            for k in range(3):
+                own[ROTATIONS + k] += w * row[k]
+            add_products(row, w, own, PRODUCTS)
+            if smooth[i, 0] != row[3] or smooth[i, 1] != row[4] or smooth[i, 2] != row[5]:
+                add_products(row, -w, own, SMOOTH)
+                add_products(motion_row(points, smooth, i, centre, lever), w, own, SMOOTH)
+
+
+@compiled
+def motion_shares(
+    first: int,
+    last: int,
+    points: FloatArray,
+    normals: FloatArray,
+    vectors: FloatArray,
+    weights: FloatArray,
+    counts: FloatArray,
+    centre: FloatArray,
+    lever: float,
+    chunk: int,
+    sums: FloatArray,
+) -> None:
+    """Add the shares ``w (v . J)^2`` of rows first to last in each motion, and their squares over the points of a row.
+
+    O(n m). Each row is a point where there are no counts. Shapes: points and normals (n, 3), vectors (m, 6) one a row,
+    sums (chunks, 2, m), zeros.
+    """
+    own = sums[first // chunk]
+    for i in range(first, last):
+        if weights[i] == 0.0:
+            continue
+        a, b, c, u, v, w = motion_row(points, normals, i, centre, lever)
+        part = 1.0 / counts[i] if len(counts) else 1.0
+        for m in range(len(vectors)):
+            along = vectors[m, 0] * a + vectors[m, 1] * b + vectors[m, 2] * c
+            along += vectors[m, 3] * u + vectors[m, 4] * v + vectors[m, 5] * w
+            share = weights[i] * along * along
+            own[0, m] += share
+            own[1, m] += share * share * part

@@ -1,0 +1,148 @@
+"""Sums over patches of neighbouring rows of a least-squares fit: of any rows, and of those of the six motions."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Protocol
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray, product
+
+# Patches that one thread sums in one go.
+TOGETHER = 50
+
+
+class PatchSums(Protocol):
+    """What the sandwich asks of the rows J of a fit, weights w, residuals r and normals n: of k unknowns, m patches."""
+
+    def information(self) -> FloatArray:
+        """Sum of ``w J J^T``, (k, k)."""
+        ...
+
+    def over(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Scores ``w J r`` of each patch, (k, m), and its weights, weighted points, normals and residuals, (8, m)."""
+        ...
+
+    def pulls(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Sums of ``w J``, (k, m), and of ``w J n``, along each axis, (3, k, m)."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class RowSums:
+    """Of rows that are kept, (k, n)."""
+
+    rows: FloatArray  # (k, n)
+    points: FloatArray  # (n, 3)
+    normals: FloatArray  # (n, 3)
+    residuals: FloatArray  # (n,)
+    weights: FloatArray  # (n,)
+
+    def information(self) -> FloatArray:
+        """See `PatchSums`."""
+        return product(self.rows * self.weights, self.rows.T)
+
+    def over(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
+        """See `PatchSums`."""
+        from dqreg.kernels.patch_sums import BESIDE, patch_sums
+        from dqreg.kernels.threads import as_plain, over_chunks
+
+        many = len(self.rows)
+        sums = np.zeros((len(starts), many + BESIDE))
+        columns = [as_plain(x) for x in (self.rows, self.points, self.normals, self.residuals, self.weights)]
+        over_chunks(patch_sums, len(starts), *columns, starts, sums, chunk=TOGETHER)
+        return sums[:, :many].T, sums[:, many:].T
+
+    def pulls(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
+        """See `PatchSums`."""
+        rows, weights = self.rows, self.weights
+        along = [np.add.reduceat(rows * (weights * axis), starts, axis=1) for axis in self.normals.T]
+        return np.add.reduceat(rows * weights, starts, axis=1), np.stack(along)
+
+
+@dataclasses.dataclass(frozen=True)
+class MotionSums:
+    """Of distances along normals by the six motions, as `plane_rows` gives them, or by combinations of these.
+
+    They are summed in one pass over patches as small as any that will be asked for, and no row is kept.
+    """
+
+    starts: IntArray  # (g,): First row of each patch
+    sums: FloatArray  # (g, 60): See `motion_sums`
+    basis: FloatArray  # (6, k): The unknowns, one a column
+
+    @staticmethod
+    def of(
+        points: FloatArray,
+        normals: FloatArray,
+        smooth: FloatArray,
+        residuals: FloatArray,
+        weights: FloatArray,
+        centre: FloatArray,
+        lever: float,
+        starts: IntArray,
+        basis: FloatArray,
+    ) -> MotionSums:
+        """Sums of all rows, with the normals and with those of the smooth surface, which may be the same."""
+        from dqreg.kernels.motion_sums import COLUMNS, motion_sums
+        from dqreg.kernels.threads import as_plain, over_chunks
+
+        sums = np.zeros((len(starts), COLUMNS))
+        columns = [as_plain(x) for x in (points, normals, smooth, residuals, weights, centre)]
+        over_chunks(motion_sums, len(starts), *columns, float(lever), starts, sums, chunk=TOGETHER)
+        return MotionSums(starts, sums, basis)
+
+    def squares(self) -> float:
+        """Sum of ``w r^2``."""
+        from dqreg.kernels.motion_sums import SQUARES
+
+        return float(self.sums[:, SQUARES].sum())
+
+    def information(self) -> FloatArray:
+        """See `PatchSums`."""
+        found: FloatArray = self.basis.T @ self._products().sum(axis=0) @ self.basis
+        return found
+
+    def of_smooth(self) -> FloatArray:
+        """The same with the normals of the smooth surface."""
+        from dqreg.kernels.motion_sums import SMOOTH
+
+        found: FloatArray = self.information() + self.basis.T @ _squared(self.sums[:, SMOOTH:].sum(axis=0)) @ self.basis
+        return found
+
+    def over(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
+        """See `PatchSums`; each start is one of this one's."""
+        from dqreg.kernels.motion_sums import SQUARES
+
+        sums = self._together(self.sums[:, :SQUARES], starts).T
+        return self.basis.T @ sums[:6], sums[6:]
+
+    def pulls(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
+        """See `PatchSums`; each start is one of this one's."""
+        from dqreg.kernels.motion_sums import NORMALS, PRODUCTS, ROTATIONS
+
+        sums = np.concatenate([self.sums[:, ROTATIONS:PRODUCTS], self.sums[:, NORMALS : NORMALS + 3]], axis=1)
+        # Translations displace along the normals: products with them are products with the normals.
+        along = self._together(self._products(), starts)[:, 3:].transpose(1, 2, 0)
+        return self.basis.T @ self._together(sums, starts).T, self.basis.T @ along
+
+    def _products(self) -> FloatArray:
+        from dqreg.kernels.motion_sums import PRODUCTS, SMOOTH
+
+        return _squared(self.sums[:, PRODUCTS:SMOOTH])
+
+    def _together(self, sums: FloatArray, starts: IntArray) -> FloatArray:
+        joined: FloatArray = np.add.reduceat(sums, np.searchsorted(self.starts, starts), axis=0)
+        return joined
+
+
+_ROWS, _COLUMNS = np.triu_indices(6)
+
+
+def _squared(triangles: FloatArray) -> FloatArray:
+    """Symmetric matrices, (..., 6, 6), from their upper triangles, (..., 21)."""
+    square = np.zeros((*triangles.shape[:-1], 6, 6))
+    square[..., _ROWS, _COLUMNS] = triangles
+    square[..., _COLUMNS, _ROWS] = triangles
+    return square

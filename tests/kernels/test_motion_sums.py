@@ -1,0 +1,73 @@
+"""Sums of the rows of the six motions, and of the shares of motions, beside NumPy's of rows that are kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg._arrays import FloatArray
+from dqreg.kernels.motion_sums import COLUMNS, motion_shares, motion_sums
+from dqreg.kernels.patch_sums import BESIDE, patch_sums
+from dqreg.solvers.quadratic import plane_rows
+from dqreg.solvers.row_sums import MotionSums, RowSums
+
+LEVER, COUNT = 1.7, 90
+CENTRE = np.array([0.2, -0.1, 0.4])
+
+
+def correspondences(seed: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Points, normals, residuals, weights; some without weight."""
+    rng = np.random.default_rng(seed)
+    points, normals = rng.normal(size=(2, COUNT, 3))
+    weights = np.where(rng.uniform(size=COUNT) < 0.1, 0.0, rng.uniform(size=COUNT))
+    return points, normals / np.linalg.norm(normals, axis=1, keepdims=True), rng.normal(size=COUNT), weights
+
+
+def test_sums_over_patches_are_those_of_rows_that_are_kept() -> None:
+    points, normals, residuals, weights = correspondences(0)
+    rng = np.random.default_rng(1)
+    bent = normals + np.where(rng.uniform(size=(COUNT, 1)) < 0.3, 0.1, 0.0) * rng.normal(size=(COUNT, 3))
+    fine, coarse = np.array([0, 7, 8, 20, 60]), np.array([0, 8, 60])
+    basis = rng.normal(size=(6, 4))
+    found = MotionSums.of(points, normals, bent, residuals, weights, CENTRE, LEVER, fine, basis)
+    rows = basis.T @ plane_rows(points, normals, CENTRE, LEVER)
+    kept = RowSums(rows, points, normals, residuals, weights)
+    np.testing.assert_allclose(found.information(), kept.information(), rtol=0, atol=1e-12)
+    smooth = basis.T @ plane_rows(points, bent, CENTRE, LEVER)
+    np.testing.assert_allclose(found.of_smooth(), (smooth * weights) @ smooth.T, rtol=0, atol=1e-12)
+    assert found.squares() == pytest.approx(float(weights @ residuals**2))
+    for starts in (fine, coarse):
+        for sums, others in ((found.over(starts), kept.over(starts)), (found.pulls(starts), kept.pulls(starts))):
+            for one, other in zip(sums, others, strict=True):
+                np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+
+
+def test_threads_of_patches_add_up_to_the_same_bits() -> None:
+    points, normals, residuals, weights = correspondences(2)
+    starts = np.array([0, 7, 8, 60])
+    given = points, normals, normals, residuals, weights, CENTRE, LEVER, starts
+    whole, parts = np.zeros((2, 4, COLUMNS))
+    motion_sums(0, 4, *given, whole)
+    for first, last in ((3, 4), (0, 3)):
+        motion_sums(first, last, *given, parts)
+    np.testing.assert_array_equal(whole, parts)
+    # Of the same rows the plain kernel says the same of what it sums too.
+    plain = np.zeros((4, 6 + BESIDE))
+    patch_sums(0, 4, plane_rows(points, normals, CENTRE, LEVER), points, normals, residuals, weights, starts, plain)
+    np.testing.assert_allclose(whole[:, : 6 + BESIDE], plain, rtol=0, atol=1e-13)
+    assert not whole[:, -21:].any()
+
+
+@pytest.mark.parametrize("counted", [False, True])
+def test_shares_of_motions_add_up(counted: bool) -> None:
+    points, normals, _, weights = correspondences(3)
+    rng = np.random.default_rng(4)
+    vectors, counts = rng.normal(size=(5, 6)), rng.integers(1, 9, COUNT).astype(float) if counted else np.zeros(0)
+    sums = np.zeros((5, 2, 5))
+    for first in range(0, COUNT, 20):
+        last = min(first + 20, COUNT)
+        motion_shares(first, last, points, normals, vectors, weights, counts, CENTRE, LEVER, 20, sums)
+    shares = weights * (vectors @ plane_rows(points, normals, CENTRE, LEVER)) ** 2
+    found = sums.sum(axis=0)
+    np.testing.assert_allclose(found[0], shares.sum(axis=1), rtol=1e-13)
+    np.testing.assert_allclose(found[1], (shares**2 / (counts if counted else 1.0)).sum(axis=1), rtol=1e-13)
