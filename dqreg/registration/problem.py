@@ -58,7 +58,7 @@ class SourceAndTarget:
         """Both from whatever `dqreg.register` takes."""
         index = index_target(target)
         units = source_units, target_units or index.units
-        return SourceAndTarget(centre_source(source, *units, np.random.default_rng(seed), scale), index)
+        return SourceAndTarget(centre_source(source, *units, seed, scale), index)
 
     def to_centred(self, T_target_source: FloatArray) -> FloatArray:
         """Pose between the centred frames, from one between the caller's."""
@@ -157,8 +157,8 @@ class Problem(SourceAndTarget):
             index, chord = index_for(target, source, options.source_units)
             # What was prepared is built already.
             building = None if index is getattr(target, "indexed", target) else index.build_beside()
-            unit, rng = options.target_units or index.units, np.random.default_rng(options.seed)
-            centred = centre_source(source, options.source_units, unit, rng, float(options.scale))
+            unit = options.target_units or index.units
+            centred = centre_source(source, options.source_units, unit, options.seed, float(options.scale))
             if viewpoints is not None:
                 require_one_place(viewpoints, index.geometry)
                 centred = centred.oriented_from(viewpoints)
