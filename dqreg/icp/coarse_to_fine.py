@@ -54,16 +54,17 @@ def align_coarse_to_fine(
     """Run the loop from coarse to fine; iterations are numbered from the first on."""
     finest = min(plan.finest or len(scan), len(scan))
     counts = [count for count in (COARSE, MIDDLE) if 2 * count <= finest] + [finest]
-    level = Level(scan.thinned(counts[0]), surface, plan, smallest_kernel_scale(scan, surface), last=len(counts) == 1)
     # Where the start is near, there is no basin to decide on any more.
-    few = dataclasses.replace(level, scan=scan.thinned(min(NEAR, counts[0])))
+    some, floor = scan.thinned(min(NEAR, counts[0])), smallest_kernel_scale(scan, surface)
+    few = Level(some, surface, plan, floor, last=len(counts) == 1)
     mixture, seen = _first_look(few, start)
     if mixture is None:
         # The basin is decided by normals too, at each point of the level.
         scan = with_planes(scan, COARSE)
-        run, level = _placed(dataclasses.replace(level, scan=scan.thinned(counts[0])), start, observe, first)
+        run, level = _placed(dataclasses.replace(few, scan=scan.thinned(counts[0])), start, observe, first)
     else:
-        few, seen = (level, None) if level.last else (few, seen)
+        if few.last:
+            few, seen = dataclasses.replace(few, scan=scan.thinned(counts[0])), None
         run = _near(few, None).descend(mixture, start, TRACKING, observe, first, before=seen)
         level = _near(few, run)
         # Planes lead from few points to all of them in a step or two: a level between would cost more than it saves.

@@ -94,7 +94,8 @@ def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: 
         work()
         return
 
-    asked = [_submit(work) for _ in range(min(thread_count() - len(_running), len(starts)) - 1)]
+    # To hand over a rest that is no whole range would cost more than it saves.
+    asked = [_submit(work) for _ in range(min(thread_count() - len(_running), total // chunk) - 1)]
     helpers = [helper for helper in asked if helper is not None]
     try:
         work()

@@ -66,12 +66,16 @@ def agreement_of(
     count: int = LOOKED_AT,
     *,
     has_border: bool = False,
+    pairs: Correspondences | None = None,
 ) -> Evidence:
-    """Measure it at the end of a run; what needs more than the run is not known yet."""
+    """Measure it at the end of a run; what needs more than the run is not known yet.
+
+    Pairs are those that `evenly_asked` answers, where they are known.
+    """
     mixture = run.mixture
     near = NEAR * max_distance
     width = min(ON * mixture.scale, near)
-    pairs = evenly_asked(run, scan, surface, mixture.scale, count)
+    pairs = evenly_asked(run, scan, surface, mixture.scale, count) if pairs is None else pairs
     on = pairs.distances <= width
     aside = pairs.point_to_plane[on]
     close, around = _close(pairs, surface, mixture.scale, width, near, has_border=has_border)

@@ -93,6 +93,10 @@ def may_search(fit: Fit) -> bool:
 
 def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
     """Whether something speaks against a pose that another one might mend."""
+    return fit.once(("doubtful", ask_mirror), lambda: _is_doubtful(fit, ask_mirror))
+
+
+def _is_doubtful(fit: Fit, ask_mirror: bool) -> bool:
     if not fit.found:
         return _was_near(fit)
     found = fit.agreement

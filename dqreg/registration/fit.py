@@ -29,7 +29,7 @@ from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import weights_by_face
 from dqreg.kernels.threads import Later
 from dqreg.registration.constraints import PoseConstraints
-from dqreg.registration.evidence import LOOKED_AT, LOOKED_AT_LATE, agreement_of
+from dqreg.registration.evidence import LOOKED_AT, LOOKED_AT_LATE, agreement_of, evenly_asked
 from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN, InlierMixture
@@ -109,7 +109,13 @@ class Fit:
             # A shorter one hides the points that speak against a pose.
             reach = self.problem.reach(prepared)
         count = LOOKED_AT_LATE if self.is_late else LOOKED_AT
-        return agreement_of(self.run, prepared.scan, prepared.surface, reach, count, has_border=self.has_border)
+        asked, pairs = (self.run, prepared.scan, prepared.surface, reach, count), self.evenly_asked(count)
+        return agreement_of(*asked, has_border=self.has_border, pairs=pairs)
+
+    def evenly_asked(self, count: int = LOOKED_AT) -> Correspondences:
+        """Pairs at the pose of points that were drawn evenly, each of one point."""
+        scan, surface, width = self.prepared.scan, self.prepared.surface, self.run.mixture.scale
+        return self.once(("evenly asked", count), lambda: evenly_asked(self.run, scan, surface, width, count))
 
     @cached_property
     def information(self) -> Information:

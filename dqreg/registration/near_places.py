@@ -32,6 +32,7 @@ class _Places:
 
     maps: FloatArray  # (k, 4, 4): Rotations and periods that leave most of it in place
     planes: Planes
+    reach: FloatArray  # (3,): Extent along each axis
 
 
 def near_maps(fit: Fit) -> FloatArray:
@@ -46,7 +47,7 @@ def near_maps(fit: Fit) -> FloatArray:
         return _half_screws(fit)
     found = _places(fit)
     # All of a part fits in its own place, or after what leaves the part in place.
-    if scan is None and not _reaches_over(fit, found.planes.points):
+    if scan is None and not _reaches_over(fit, found.reach):
         scan = _planes_of_scan(fit)
     others = [] if scan is None else [plane_maps(scan, found.planes, surface.diagonal)]
     return np.concatenate([found.maps, _half_screws(fit), *others])
@@ -59,12 +60,15 @@ def _planes_of_scan(fit: Fit) -> Planes:
     return Planes.of(pairs.moved, normals, fit.prepared.surface.diagonal)
 
 
-def _reaches_over(fit: Fit, target: FloatArray) -> bool:
+def _reaches_over(fit: Fit, whole: FloatArray) -> bool:
     """Whether the scan reaches from end to end of the target along all axes, up to what a motion may lose."""
     pairs = fit.run.pairs
     near = pairs.moved[pairs.distances <= ON * fit.run.mixture.scale]
-    reach, whole = (np.subtract(*bounds(points)[::-1]) if len(points) else np.zeros(3) for points in (near, target))
-    return bool((reach >= (1.0 - LOST) * whole).all())
+    return bool((_extent(near) >= (1.0 - LOST) * whole).all())
+
+
+def _extent(points: FloatArray) -> FloatArray:
+    return np.subtract(*bounds(points)[::-1]) if len(points) else np.zeros(3)
 
 
 def is_same_place(fit: Fit, T: FloatArray) -> bool:
@@ -80,6 +84,8 @@ def _half_screws(fit: Fit) -> FloatArray:
     information = fit.information
     # The facets of a thread, and the ends of its turns, hold it a little.
     weak = information.free | (information.carriers < HELD * float(fit.run.weights.sum()))
+    if not weak.any():
+        return np.zeros((0, 4, 4))
     twists = information.vectors[:, weak].T / np.r_[[information.lever] * 3, [1.0] * 3]
     found = []
     for motion in twists:
@@ -105,7 +111,7 @@ def _of_mesh(fit: Fit) -> _Places:
     assert isinstance(target.geometry, Mesh)
     sample = sample_mesh(target.geometry, LOOKED_AT, np.random.default_rng(0))
     planes = Planes.of(sample.points, np.asarray(sample.normals), fit.prepared.surface.diagonal)
-    return _Places(np.concatenate([target.near_rotations, target.near_periods]), planes)
+    return _Places(np.concatenate([target.near_rotations, target.near_periods]), planes, _extent(planes.points))
 
 
 def _of_cloud(fit: Fit, surface: CloudSurface) -> _Places:
@@ -113,7 +119,8 @@ def _of_cloud(fit: Fit, surface: CloudSurface) -> _Places:
     planes = Planes.of(surface._points[rows], surface._fits_at(rows)[:, :3], surface.diagonal)
     tangent = _tangent(fit, surface)
     facets = tangent.facets()
-    return _Places(np.concatenate([near_flips(facets, tangent), near_periods(facets, tangent, OF_CLOUD)]), planes)
+    maps = np.concatenate([near_flips(facets, tangent), near_periods(facets, tangent, OF_CLOUD)])
+    return _Places(maps, planes, _extent(planes.points))
 
 
 def _tangent(fit: Fit, surface: CloudSurface) -> TangentPlanes:

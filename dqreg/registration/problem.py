@@ -58,7 +58,7 @@ class SourceAndTarget:
         """Both from whatever `dqreg.register` takes."""
         index = index_target(target)
         units = source_units, target_units or index.units
-        return SourceAndTarget(centre_source(source, *units, np.random.default_rng(seed), scale), index)
+        return SourceAndTarget(centre_source(source, *units, seed, scale), index)
 
     def to_centred(self, T_target_source: FloatArray) -> FloatArray:
         """Pose between the centred frames, from one between the caller's."""
@@ -158,8 +158,8 @@ class Problem(SourceAndTarget):
             # What was prepared is built already, and clouds are built as they are asked.
             is_built = index is getattr(target, "indexed", target) or index.kind == "cloud"
             building = None if is_built else index.build_beside()
-            unit, rng = options.target_units or index.units, np.random.default_rng(options.seed)
-            centred = centre_source(source, options.source_units, unit, rng, float(options.scale))
+            unit = options.target_units or index.units
+            centred = centre_source(source, options.source_units, unit, options.seed, float(options.scale))
             if viewpoints is not None:
                 require_one_place(viewpoints, index.geometry)
                 centred = centred.oriented_from(viewpoints)

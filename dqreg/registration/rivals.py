@@ -8,7 +8,7 @@ from dqreg._arrays import FloatArray, IntArray, median
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp.coarse_to_fine import noise_on
-from dqreg.registration.evidence import NEAR, evenly_asked
+from dqreg.registration.evidence import NEAR
 from dqreg.registration.fit import Fit
 from dqreg.registration.near_places import is_same_place, near_maps
 from dqreg.rigid import pose
@@ -202,10 +202,10 @@ def is_scene(fit: Fit) -> bool:
 
 def _some_apart(fit: Fit) -> bool:
     """Whether some points near the target are far from it, measured by most: what a sparse scan shows of a mirror."""
-    pairs, surface, scan = fit.run.pairs, fit.prepared.surface, fit.prepared.scan
+    pairs, surface = fit.run.pairs, fit.prepared.surface
     if pairs.scan.counts is not None or len(pairs.scan) > JUDGES:
         # Rows that stand for many points scatter less than those of one: beside them each of these would seem far.
-        pairs = evenly_asked(fit.run, scan, surface, fit.run.mixture.scale)
+        pairs = fit.evenly_asked()
     size = surface.diagonal
     near = pairs.distances <= NEAR * fit.problem.reach(fit.prepared)
     aside = np.abs(pairs.point_to_plane[near])

@@ -55,14 +55,14 @@ def centre_source(
     source: Any,
     source_units: str | None,
     target_units: str | None,
-    rng: np.random.Generator,
+    seed: int | np.random.Generator,
     scale: float = 1.0,
 ) -> CentredSource:
-    """Read a source, convert its unit, and move it to its own middle."""
+    """Read a source, convert its unit, and move it to its own middle; of a mesh, a sample that the seed decides."""
     geometry = open_geometry(source, "source")
     mesh = geometry if isinstance(geometry, Mesh) else None
     if isinstance(geometry, Mesh):
-        geometry = sample_mesh(geometry, MESH_SAMPLES, rng)
+        geometry = sample_mesh(geometry, MESH_SAMPLES, np.random.default_rng(seed))
     scale = scale * factor(source_units or geometry.units, target_units)
     require_spread(geometry.points, "source")
     origin = 0.5 * scale * np.add(*geometry._ends)

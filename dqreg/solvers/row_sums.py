@@ -9,8 +9,13 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, product
 
-# Patches that one thread sums in one go.
-TOGETHER = 50
+# Rows that one thread sums in one go, about.
+TOGETHER = 8_192
+
+
+def _together(starts: IntArray, rows: int) -> int:
+    """Patches that one thread sums in one go."""
+    return max(TOGETHER * len(starts) // max(rows, 1), 1)
 
 
 class PatchSums(Protocol):
@@ -51,7 +56,7 @@ class RowSums:
         many = len(self.rows)
         sums = np.zeros((len(starts), many + BESIDE))
         columns = [as_plain(x) for x in (self.rows, self.points, self.normals, self.residuals, self.weights)]
-        over_chunks(patch_sums, len(starts), *columns, starts, sums, chunk=TOGETHER)
+        over_chunks(patch_sums, len(starts), *columns, starts, sums, chunk=_together(starts, len(self.weights)))
         return sums[:, :many].T, sums[:, many:].T
 
     def pulls(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -90,7 +95,8 @@ class MotionSums:
 
         sums = np.zeros((len(starts), COLUMNS))
         columns = [as_plain(x) for x in (points, normals, smooth, residuals, weights, centre)]
-        over_chunks(motion_sums, len(starts), *columns, float(lever), starts, sums, chunk=TOGETHER)
+        chunk = _together(starts, len(weights))
+        over_chunks(motion_sums, len(starts), *columns, float(lever), starts, sums, chunk=chunk)
         return MotionSums(starts, sums, basis)
 
     def squares(self) -> float:

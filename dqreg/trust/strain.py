@@ -10,7 +10,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, dot, median, product
 from dqreg.solvers.motion_words import Vector
-from dqreg.solvers.quadratic import plane_rows
+from dqreg.solvers.quadratic import ROWS, plane_rows
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.solvers.sandwich import scatter_of
 
@@ -87,7 +87,7 @@ def strain_of(
     lever = float(np.sqrt(np.einsum("ij,ij->", arms, arms) / len(arms)))
     if not lever > 0.0:
         return Strain()
-    rows = np.vstack([plane_rows(points, normals, middle, lever), _strain_rows(arms, normals, axes[:, ::-1], lever)])
+    rows = _rows(points, middle, arms, normals, axes[:, ::-1], lever)
     length = float(np.ptp(arms @ axes[:, 2]))
     # The row is the square of the place along the axis over the lever; a sagitta is over the square of half the length.
     # Of a torsion, the displacement of the ends at the usual distance from the axis.
@@ -139,14 +139,19 @@ def best_motion(displaced: FloatArray, motions: FloatArray, weights: FloatArray)
     return found
 
 
-def _strain_rows(arms: FloatArray, normals: FloatArray, axes: FloatArray, lever: float) -> FloatArray:
-    """Displacements along the normals by unit strains, and by bends and a torsion of the first axis, (9, m)."""
-    from dqreg.kernels.plane_rows import strain_row_columns
+def _rows(
+    points: FloatArray, middle: FloatArray, arms: FloatArray, normals: FloatArray, axes: FloatArray, lever: float
+) -> FloatArray:
+    """Displacements along the normals by the six motions, unit strains, two bends and a torsion of the first axis.
+
+    Shapes: arms (n, 3), the points from their middle; returns (15, n).
+    """
+    from dqreg.kernels.plane_rows import plane_row_columns, strain_row_columns
     from dqreg.kernels.threads import as_plain, over_chunks
 
-    rows = np.zeros((9, len(arms)))
-    columns = as_plain(arms), as_plain(normals), as_plain(axes)
-    over_chunks(strain_row_columns, len(arms), *columns, lever, rows)
+    rows, count, normals = np.zeros((15, len(arms))), len(arms), as_plain(normals)
+    over_chunks(plane_row_columns, count, as_plain(points), normals, middle, lever, rows[:6], chunk=ROWS)
+    over_chunks(strain_row_columns, count, as_plain(arms), normals, as_plain(axes), lever, rows[6:], chunk=ROWS)
     return rows
 
 
