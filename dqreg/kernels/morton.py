@@ -48,7 +48,7 @@ def sorted_rows(codes: Codes) -> tuple[IntArray, Codes]:
         if lowest > 0 and most >> np.uint64(DIGIT * lowest) < np.uint64(len(codes)):
             continue
         rows, keys = _by_digits(codes, lowest)
-        if lowest == 0 or _settled(rows, keys):
+        if lowest == 0 or settled(rows, keys):
             break
     return rows, keys
 
@@ -88,7 +88,8 @@ def _digit(key: np.uint64, digit: int) -> np.int64:
 
 
 @inside_kernels
-def _settled(rows: IntArray, keys: Codes) -> bool:
+def settled(rows: IntArray, keys: Codes) -> bool:
+    """Put keys in order by insertion, and say whether that was done: few may stand in the wrong order. O(n)."""
     # Insertion; given up where more than a few stand in the wrong order, as of points that crowd in one cell.
     left = MOVES * len(keys)
     for i in range(1, len(keys)):

@@ -25,33 +25,11 @@ def motion_row(points: FloatArray, normals: FloatArray, i: int, centre: FloatArr
 @inside_kernels
 def add_products(row: Row, weight: float, sums: FloatArray, at: int) -> None:
     """Add the products of a row with itself, times a weight, from a place on."""
-    a, b, c, u, v, w = row
-    p = weight * a
-    sums[at] += p * a
-    sums[at + 1] += p * b
-    sums[at + 2] += p * c
-    sums[at + 3] += p * u
-    sums[at + 4] += p * v
-    sums[at + 5] += p * w
-    p = weight * b
-    sums[at + 6] += p * b
-    sums[at + 7] += p * c
-    sums[at + 8] += p * u
-    sums[at + 9] += p * v
-    sums[at + 10] += p * w
-    p = weight * c
-    sums[at + 11] += p * c
-    sums[at + 12] += p * u
-    sums[at + 13] += p * v
-    sums[at + 14] += p * w
-    p = weight * u
-    sums[at + 15] += p * u
-    sums[at + 16] += p * v
-    sums[at + 17] += p * w
-    p = weight * v
-    sums[at + 18] += p * v
-    sums[at + 19] += p * w
-    sums[at + 20] += weight * w * w
+    for k in range(6):
+        scaled = weight * row[k]
+        for m in range(k, 6):
+            sums[at] += scaled * row[m]
+            at += 1
 
 
 @compiled
@@ -91,10 +69,12 @@ def motion_sums(
             own[SQUARES] += pull * r
             for k in range(3):
                 own[ROTATIONS + k] += w * row[k]
-            add_products(row, w, own, PRODUCTS)
-            if smooth[i, 0] != row[3] or smooth[i, 1] != row[4] or smooth[i, 2] != row[5]:
-                add_products(row, -w, own, SMOOTH)
-                add_products(motion_row(points, smooth, i, centre, lever), w, own, SMOOTH)
+            differs = smooth[i, 0] != row[3] or smooth[i, 1] != row[4] or smooth[i, 2] != row[5]
+            # In a loop: each call would be compiled once more.
+            for part in range(3 if differs else 1):
+                if part == 2:
+                    row = motion_row(points, smooth, i, centre, lever)
+                add_products(row, -w if part == 1 else w, own, PRODUCTS if part == 0 else SMOOTH)
 
 
 @compiled

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from dqreg._arrays import IntArray
 from dqreg.kernels.compiled import compiled
-from dqreg.kernels.morton import Codes, sorted_rows
+from dqreg.kernels.morton import Codes, settled, sorted_rows
 from dqreg.kernels.threads import over_chunks
 
 # Bits of the leading digit at most, and codes for each of its values: a bucket of a surface, which fills a part of
@@ -15,6 +15,9 @@ from dqreg.kernels.threads import over_chunks
 DIGIT, EACH = 11, 1 << 12
 # Codes that are split at once, and shares of the buckets that are sorted at once.
 CHUNK, SHARES = 1 << 16, 256
+# Bits of a digit within a bucket; codes up to which two of them put most in order, and three beyond.
+INNER, FEW = 11, 1 << 21
+BUCKETS, REST = 1 << INNER, np.uint64((1 << INNER) - 1)
 Counts = NDArray[np.int64]
 
 
@@ -30,7 +33,8 @@ def split_sorted_rows(codes: Codes) -> tuple[IntArray, Codes]:
     starts = np.append(ends[:, -1] - counts.sum(axis=0), len(codes))
     rows, keys = np.zeros(len(codes), dtype=np.int64), np.zeros(len(codes), dtype=np.uint64)
     over_chunks(split_leading, len(codes), codes, shift, CHUNK, places, rows, keys, chunk=CHUNK)
-    over_chunks(sort_buckets, buckets, starts, rows, keys, chunk=max(buckets // SHARES, 1))
+    digits = 2 if len(codes) < FEW else 3
+    over_chunks(sort_buckets, buckets, starts, rows, keys, shift, digits, chunk=max(buckets // SHARES, 1))
     return rows, keys
 
 
@@ -56,13 +60,42 @@ def split_leading(
 
 
 @compiled
-def sort_buckets(first: int, last: int, starts: IntArray, rows: IntArray, keys: Codes) -> None:
-    """Put the codes of buckets first to last, and their rows, in order."""
+def sort_buckets(first: int, last: int, starts: IntArray, rows: IntArray, keys: Codes, shift: int, digits: int) -> None:
+    """Put the codes of buckets first to last, and their rows, in order: they differ below bit ``shift``. O(n).
+
+    So many digits below it put points of a surface in order but for a few neighbours, which then change places.
+    """
+    most = np.int64(0)
     for b in range(first, last):
-        start, end = starts[b], starts[b + 1]
-        if end - start < 2:
-            continue
-        order, inner = sorted_rows(keys[start:end])
-        before = rows[start:end].copy()
-        for i in range(end - start):
-            rows[start + i], keys[start + i] = before[order[i]], inner[i]
+        most = max(most, starts[b + 1] - starts[b])
+    spare_rows, spare_keys, counts = np.zeros(most, np.int64), np.zeros(most, np.uint64), np.zeros(BUCKETS, np.int64)
+    for b in range(first, last):
+        n = starts[b + 1] - starts[b]
+        own, inner = rows[starts[b] : starts[b + 1]], keys[starts[b] : starts[b + 1]]
+        other, outer = spare_rows[:n], spare_keys[:n]
+        for digit in range(-digits, 0):
+            lowest = np.uint64(max(shift + INNER * digit, 0))
+            counts[:] = 0
+            for i in range(n):
+                counts[np.int64((inner[i] >> lowest) & REST)] += 1
+            place = np.int64(0)
+            for value in range(BUCKETS):
+                held = counts[value]
+                counts[value] = place
+                place += held
+            for i in range(n):
+                bucket = np.int64((inner[i] >> lowest) & REST)
+                place = counts[bucket]
+                counts[bucket] = place + 1
+                other[place], outer[place] = own[i], inner[i]
+            own, other, inner, outer = other, own, outer, inner
+        if digits % 2 == 1:
+            for i in range(n):
+                other[i], outer[i] = own[i], inner[i]
+            own, inner = other, outer
+        if not settled(own, inner):
+            order, in_order = sorted_rows(inner)
+            for i in range(n):
+                spare_rows[i] = own[order[i]]
+            for i in range(n):
+                own[i], inner[i] = spare_rows[i], in_order[i]

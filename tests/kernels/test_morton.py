@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dqreg._arrays import FloatArray
 from dqreg.kernels.morton import BITS, count_cells, morton_cells, new_places, sorted_rows
-from dqreg.kernels.split_sort import split_sorted_rows
+from dqreg.kernels.split_sort import sort_buckets, split_sorted_rows
 
 
 @settings(deadline=None, max_examples=200)
@@ -38,6 +38,22 @@ def test_split_by_the_leading_digit_the_order_is_the_same(count: int, most: int)
     rows, keys = split_sorted_rows(codes)
     np.testing.assert_array_equal(rows, np.argsort(codes, kind="stable"))
     np.testing.assert_array_equal(keys, codes[rows])
+
+
+@pytest.mark.parametrize("digits", [1, 2, 3])
+@pytest.mark.parametrize("crowded", [False, True])
+def test_buckets_are_put_in_order_by_any_number_of_digits(digits: int, crowded: bool) -> None:
+    # Crowded codes share all digits that are asked about, and are too many for neighbours to change places.
+    rng, shift = np.random.default_rng(digits), 60
+    leading = np.sort(rng.integers(0, 8, 3_000)).astype(np.uint64) << np.uint64(shift)
+    keys = leading | rng.integers(0, 2 ** (20 if crowded else shift), 3_000).astype(np.uint64)
+    keys[::7] = keys[0] & np.uint64(2**shift - 1) | leading[::7]
+    rows, expected = np.arange(3_000), np.argsort(keys, kind="stable")
+    codes, starts = keys.copy(), np.searchsorted(leading, np.arange(9, dtype=np.uint64) << np.uint64(shift))
+    for first, last in ((0, 5), (5, 8)):
+        sort_buckets(first, last, starts, rows, keys, shift, digits)
+    np.testing.assert_array_equal(rows, expected)
+    np.testing.assert_array_equal(keys, codes[expected])
 
 
 @pytest.mark.parametrize("upper", [1, 50, 40_000])
