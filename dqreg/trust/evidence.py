@@ -90,7 +90,7 @@ class Evidence:
         of that slide, 0 where nothing is gained; of three planes at most.
     opposed_edges : float
         Share of the rims of both scans in a common plane beside which their faces turn to opposite sides, of the plane
-        with most of it; NaN for few.
+        with most of it; NaN for few, and where no plane holds an eighth of what looks its way.
     closed_hole : float
         Diameter of the largest hole in a face of one scan, in those planes, that a face of the other one closes, 0 for
         none; NaN where they have more in common. A length.
