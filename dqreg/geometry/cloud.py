@@ -8,16 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import (
-    BoolArray,
-    FloatArray,
-    as_float,
-    as_vectors,
-    bounds,
-    one_line,
-    require_workable,
-    shifted,
-)
+from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, bounds, one_line, require_workable, shifted
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.depth import depth_points

@@ -85,7 +85,7 @@ class Mesh:
     @cached_property
     def corners(self) -> FloatArray:
         """The three corner positions of each face, (f, 3, 3)."""
-        return self.vertices[self.faces]
+        return np.take(self.vertices, self.faces, axis=0)
 
     @property
     def face_normals(self) -> FloatArray:
@@ -156,9 +156,8 @@ class Mesh:
     def body_volumes(self) -> FloatArray:
         """Signed volume of each connected body, (b,): negative where its faces are wound inward."""
         bodies = self.topology.bodies[: len(self.faces)]
-        volumes = np.zeros(int(self.topology.bodies.max()) + 1)
-        np.add.at(volumes, bodies, np.linalg.det(self.corners - self.centre) / 6.0)
-        return volumes
+        volumes = np.linalg.det(self.corners - self.centre) / 6.0
+        return np.bincount(bodies, volumes, int(self.topology.bodies.max()) + 1).astype(np.float64)
 
     @property
     def volume(self) -> float:
@@ -174,6 +173,8 @@ class Mesh:
         """
         bodies = self.topology.bodies[: len(self.faces)]
         count = len(self.body_volumes)
+        if bodies.min() == bodies.max():
+            return int(self.body_volumes[bodies[0]] < 0.0), 1
         low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
         np.minimum.at(low, bodies, self.corners.min(axis=1))
         np.maximum.at(high, bodies, self.corners.max(axis=1))

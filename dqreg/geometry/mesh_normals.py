@@ -125,20 +125,25 @@ class PseudoNormals:
         real = topology.real
         sums = _sums(shown.reshape(-1, 3), np.repeat(real.astype(float), 3), topology.edges)
         # Faces with an area first, then those without.
-        corners = np.take(mesh.vertices, np.concatenate([mesh.faces, mesh.flat]), axis=0)
+        corners = mesh.corners
+        if len(mesh.flat):
+            corners = np.concatenate([corners, np.take(mesh.vertices, mesh.flat, axis=0)])
         turned = _sums(own, _corner_angles(corners), topology.corners)
         return PseudoNormals(mesh, np.take(sums, topology.edges[:count], axis=0), turned)
 
-    def at(self, points: FloatArray, closest: Closest) -> FloatArray:
-        """Pseudo-normal at the closest place of each point."""
+    def signed(self, points: FloatArray, closest: Closest, outside: float = 1.0) -> FloatArray:
+        """Distances of points from their closest places, negative inside; outside is -1 where faces look inwards.
+
+        Distances and normals of the closest places are overwritten.
+        """
         from dqreg.kernels.pseudo_normals import pseudo_normals_at
         from dqreg.kernels.threads import as_plain, over_chunks
 
-        normals, mesh = closest.normals.copy(), self.mesh
+        mesh, values, normals = self.mesh, as_plain(closest.distances), as_plain(closest.normals)
         asked = as_plain(points), as_plain(closest.points), as_whole(closest.elements), as_plain(mesh.corners)
         known = as_plain(self.sides), as_whole(mesh.topology.corners), as_plain(self.vertices)
-        over_chunks(pseudo_normals_at, len(points), *asked, *known, ON_FACE, normals, chunk=CHUNK)
-        return normals
+        over_chunks(pseudo_normals_at, len(points), *asked, *known, ON_FACE, outside, normals, values, chunk=CHUNK)
+        return values
 
 
 def _shown(mesh: Mesh) -> tuple[FloatArray, FloatArray]:

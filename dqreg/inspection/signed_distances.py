@@ -76,11 +76,7 @@ def _on_mesh(mesh: Mesh, surface: Surface, signed: bool) -> Callable[[FloatArray
 
     def ask(points: FloatArray) -> Answer:
         found = surface.closest(points)
-        values = found.distances
-        if pseudo is not None:
-            offsets = points - found.points
-            side = outside * np.einsum("ij,ij->i", offsets, pseudo.at(points, found))
-            values = np.where(side < 0.0, -values, values)
+        values = found.distances if pseudo is None else pseudo.signed(points, found, outside)
         return values, found.points, found.elements
 
     return ask

@@ -197,7 +197,7 @@ def _normals() -> None:
     add_scaled_rows(flat, 1, NOTHING, FIRST[:0], flat)
     put_rows(FIRST[:0], NOTHING, flat, FIRST, NOTHING, flat, FIRST)
     smooth_normals_at(0, 0, flat, FIRST, np.zeros(1, dtype=np.bool_), CORNERS, CORNERS, flat)
-    pseudo_normals_at(0, 0, flat, flat, FIRST, CORNERS, CORNERS, FIRST[None], flat, 1e-6, flat)
+    pseudo_normals_at(0, 0, flat, flat, FIRST, CORNERS, CORNERS, FIRST[None], flat, 1e-6, 1.0, flat, ONE)
 
 
 def _many_problems() -> None:

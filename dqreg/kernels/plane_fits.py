@@ -111,6 +111,10 @@ def _adds_nothing(p: float, q: float, off: float) -> bool:
 def _rotation(p: float, q: float, off: float) -> tuple[float, float, float]:
     """Tangent, cosine and sine of the rotation that makes an element zero."""
     h = 0.5 * (q - p)
-    t = off / (h + np.sqrt(h * h + off * off)) if h >= 0.0 else off / (h - np.sqrt(h * h + off * off))
+    r = np.sqrt(h * h + off * off)
+    t = off / (h + r) if h >= 0.0 else off / (h - r)
+    if r == 0.0:
+        # So small beside the rest that their squares are none.
+        t = 1.0
     c = 1.0 / np.sqrt(1.0 + t * t)
     return t, c, t * c

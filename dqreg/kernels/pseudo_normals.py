@@ -52,39 +52,61 @@ def pseudo_normals_at(
     welded: IntArray,
     vertices: FloatArray,
     on_face: float,
+    outside: float,
     normals: FloatArray,
+    values: FloatArray,
 ) -> None:
-    """Turn the face normals at the feet of points first to last into pseudo-normals. O(1) a point.
+    """Turn the face normals at the feet of points first to last into pseudo-normals, and distances into signed ones.
 
-    A foot whose barycentric coordinates are all above ``on_face`` keeps its face's normal. Shapes: points, feet,
-    normals (n, 3), faces (n,), corners (f, 3, 3), sides (f, 3, 3), welded (f, 3), vertices (w, 3).
+    Those of points on the other side of the pseudo-normals than ``outside``, 1 or -1, says become negative. A foot
+    whose barycentric coordinates are all above ``on_face`` keeps its face's normal. O(1) a point. Shapes: points, feet,
+    normals (n, 3), faces, values (n,), corners (f, 3, 3), sides (f, 3, 3), welded (f, 3), vertices (w, 3).
     """
     for i in range(first, last):
         f = faces[i]
-        if _least_share(feet, i, corners, f, normals) >= on_face:
-            continue
-        inside, side, share, least = True, 0, 0.0, np.inf
-        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+        if _least_share(feet, i, corners, f, normals) < on_face:
+            _turn(points, i, corners, f, sides, welded, vertices, normals)
+        above = 0.0
         for k in range(3):
-            a = (k + 1) % 3
-            x, y, z = (
-                corners[f, a, 0] - corners[f, k, 0],
-                corners[f, a, 1] - corners[f, k, 1],
-                corners[f, a, 2] - corners[f, k, 2],
-            )
-            u, v, w = points[i, 0] - corners[f, k, 0], points[i, 1] - corners[f, k, 1], points[i, 2] - corners[f, k, 2]
-            inside = inside and (ny * z - nz * y) * u + (nz * x - nx * z) * v + (nx * y - ny * x) * w >= 0.0
-            along = min(max((u * x + v * y + w * z) / (x * x + y * y + z * z), 0.0), 1.0)
-            u, v, w = u - along * x, v - along * y, w - along * z
-            gap = u * u + v * v + w * w
-            if gap < least:
-                side, share, least = k, along, gap
-        if inside:
-            continue
-        at_end = share == 0.0 or share == 1.0
-        vertex = welded[f, (side + 1) % 3 if share == 1.0 else side]
-        for k in range(3):
-            normals[i, k] = vertices[vertex, k] if at_end else sides[f, side, k]
+            above += (points[i, k] - feet[i, k]) * normals[i, k]
+        if outside * above < 0.0:
+            values[i] = -values[i]
+
+
+@inside_kernels
+def _turn(
+    points: FloatArray,
+    i: int,
+    corners: FloatArray,
+    f: int,
+    sides: FloatArray,
+    welded: IntArray,
+    vertices: FloatArray,
+    normals: FloatArray,
+) -> None:
+    """Write the pseudo-normal of what of face f is closest to point i: the face, a side or a corner."""
+    inside, side, share, least = True, 0, 0.0, np.inf
+    nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+    for k in range(3):
+        a = (k + 1) % 3
+        x, y, z = (
+            corners[f, a, 0] - corners[f, k, 0],
+            corners[f, a, 1] - corners[f, k, 1],
+            corners[f, a, 2] - corners[f, k, 2],
+        )
+        u, v, w = points[i, 0] - corners[f, k, 0], points[i, 1] - corners[f, k, 1], points[i, 2] - corners[f, k, 2]
+        inside = inside and (ny * z - nz * y) * u + (nz * x - nx * z) * v + (nx * y - ny * x) * w >= 0.0
+        along = min(max((u * x + v * y + w * z) / (x * x + y * y + z * z), 0.0), 1.0)
+        u, v, w = u - along * x, v - along * y, w - along * z
+        gap = u * u + v * v + w * w
+        if gap < least:
+            side, share, least = k, along, gap
+    if inside:
+        return
+    at_end = share == 0.0 or share == 1.0
+    vertex = welded[f, (side + 1) % 3 if share == 1.0 else side]
+    for k in range(3):
+        normals[i, k] = vertices[vertex, k] if at_end else sides[f, side, k]
 
 
 @inside_kernels

@@ -134,7 +134,7 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
     if overlap is None:
         return fit.agreement
     size = fit.prepared.surface.diagonal
-    strain = overlap.strain(size)
+    strain, deformation, waviness = fit.once("shapes", lambda: overlap.shapes(size))
     return dataclasses.replace(
         fit.agreement,
         faces_apart=overlap.apart(size, covariance),
@@ -144,8 +144,8 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
         rims_shared=planes.rims_shared() if planes and planes.are_all else np.nan,
         rims_elsewhere=planes.rims_elsewhere(size) if planes and planes.are_a_corner else (np.nan, 0.0),
         largest_plane=planes.largest if planes and planes.are_a_corner else np.nan,
-        deformation=overlap.deformation(size),
-        waviness=overlap.waviness(),
+        deformation=deformation,
+        waviness=waviness,
         stretch=strain.value if strain.is_strained else 0.0,
         stretched_along=strain.along,
         bend=strain.bend if strain.is_bent else 0.0,
@@ -190,8 +190,14 @@ def begin_comparing(fit: Fit) -> None:
     """Make what takes longest of the evidence on two clouds, at a pose that will hardly change, beside the rest."""
     if not fit.found or fit.is_late or not _is_worth_it(fit.prepared) or fit.problem.options.time_limit is not None:
         return
-    if isinstance(fit.target.geometry, PointCloud) and (planes := _planes_of(fit)) is not None:
+    if not isinstance(fit.target.geometry, PointCloud):
+        return
+    if (planes := _planes_of(fit)) is not None:
         planes.begin()
+    fit.begin_followed()
+    if (overlap := overlap_of(fit)[2]) is not None:
+        size = fit.prepared.surface.diagonal
+        fit.begin("shapes", lambda: overlap.shapes(size))
 
 
 def _is_worth_it(prepared: Prepared) -> bool:

@@ -142,13 +142,20 @@ class Fit:
         # What is said of the motions names points in the caller's frame.
         return dataclasses.replace(information, centre=self.target.origin)
 
-    @cached_property
+    @property
     def followed(self) -> float:
         """Share of a displacement along the normals that residuals between two clouds follow; 1 on a mesh.
 
         Where noise is no less than the spacing, the nearest point is another one after it, again near: the cost is
         flatter than its Gauss-Newton Hessian says, and the pose errs by so much more.
         """
+        return self.once("followed", self._followed)
+
+    def begin_followed(self) -> None:
+        """Make it beside the caller."""
+        self.begin("followed", self._followed)
+
+    def _followed(self) -> float:
         surface, pairs = self.prepared.surface, self.run.pairs
         if not isinstance(surface, CloudSurface):
             return 1.0

@@ -155,8 +155,9 @@ class Problem(SourceAndTarget):
             )
         with watch.stage("read"):
             index, chord = index_for(target, source, options.source_units)
-            # What was prepared is built already.
-            building = None if index is getattr(target, "indexed", target) else index.build_beside()
+            # What was prepared is built already, and clouds are built as they are asked.
+            is_built = index is getattr(target, "indexed", target) or index.kind == "cloud"
+            building = None if is_built else index.build_beside()
             unit = options.target_units or index.units
             centred = centre_source(source, options.source_units, unit, options.seed, float(options.scale))
             if viewpoints is not None:

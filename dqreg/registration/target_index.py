@@ -94,12 +94,18 @@ class TargetIndex:
 
     def _build_surface(self) -> None:
         """What the loop asks for: all but the near symmetries, which are for the answer."""
+        mesh = self.geometry
+        if not isinstance(mesh, Mesh):
+            _ = self.spreads, self.surface
+            if isinstance(self.surface, CloudSurface):
+                _ = self.surface.normals
+            return
+        # What both threads ask for comes first.
+        _ = mesh.corners, mesh.face_normals
+        beside = Later(lambda: (self._smooth, mesh.is_closed, self.spreads))
         found = self.surface.closest(self.surface.centre[None])
-        _ = self.spreads, self.smooth_normals(found)
-        if isinstance(self.geometry, Mesh):
-            _ = self.geometry.face_neighbours, self.geometry.is_closed
-        elif isinstance(self.surface, CloudSurface):
-            _ = self.surface.normals
+        beside.result()
+        self.smooth_normals(found)
 
     def build_beside(self) -> Building:
         """A running thread that builds a mesh; to be joined before the rest is asked for."""

@@ -71,7 +71,7 @@ def deformation_of(
     for fields, told in ((few, limits.few), (many, limits.many)):
         if len(points) < PLACES_EACH * (MOTIONS + len(fields)):
             continue
-        found = _explained(fields, p * lever, n, residuals, lever)
+        found = _explained(fields, p * lever, n, residuals, lever, told, size)
         if any(found.exceeds(limit, size) for limit in told):
             return found.shown
     return 0.0
@@ -107,31 +107,47 @@ class _Found(NamedTuple):
         return self.sigmas >= limit.sigmas and matters
 
 
+# What is found where nothing is.
+_NOTHING = _Found(0.0, 0.0, 0.0)
+
+
 def _explained(
-    fields: FloatArray, points: FloatArray, normals: FloatArray, residuals: FloatArray, lever: float
+    fields: FloatArray,
+    points: FloatArray,
+    normals: FloatArray,
+    residuals: FloatArray,
+    lever: float,
+    told: tuple[Limit, ...],
+    size: float,
 ) -> _Found:
-    """What some fields, (k, n, 3), explain of the residuals beside a motion."""
+    """What some fields, (k, n, 3), explain of the residuals beside a motion; zeros where it is below all limits."""
     motions = plane_rows(points, normals, np.zeros(3), lever)
     modes = np.einsum("kni,ni->kn", fields, normals)
     rows = np.vstack([motions, modes])
     fitted, weights = robust_fit(rows, residuals, lever, weights_of(residuals))
     left = residuals - fitted @ rows
     variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
-    known = known_before(product(rows * weights, rows.T), variance, lever)
-    scatter = scatter_of(rows, points, normals, left, weights, known, variance)
-    if scatter is None or not variance > 0.0:
-        return _Found(0.0, 0.0, 0.0)
-    of_modes, covariance = fitted[len(motions) :], scatter[len(motions) :, len(motions) :]
-    covariance = covariance + np.eye(len(modes)) * 1e-12 * np.trace(covariance)
-    by_scatter = float(of_modes @ np.linalg.solve(covariance, of_modes))
+    if not variance > 0.0:
+        return _NOTHING
+    of_modes = fitted[len(motions) :]
     # What they gain over the best motion, in the variance that is left: few patches underestimate the scatter.
     rigid = best_motion(residuals, motions, weights)
-    gained = float(weights @ ((residuals - rigid @ motions) ** 2 - left**2)) / variance
-    sigmas = math.sqrt(max(min(by_scatter, gained), 0.0))
+    gained = math.sqrt(max(float(weights @ ((residuals - rigid @ motions) ** 2 - left**2)) / variance, 0.0))
+    shown = unexplained(of_modes @ modes, motions, weights)
+    if not any(_Found(gained, shown, math.inf).exceeds(limit, size) for limit in told):
+        # Whatever the scatter: that takes longest.
+        return _NOTHING
+    known = known_before(product(rows * weights, rows.T), variance, lever)
+    scatter = scatter_of(rows, points, normals, left, weights, known, variance)
+    if scatter is None:
+        return _NOTHING
+    covariance = scatter[len(motions) :, len(motions) :]
+    covariance = covariance + np.eye(len(modes)) * 1e-12 * np.trace(covariance)
+    by_scatter = math.sqrt(max(float(of_modes @ np.linalg.solve(covariance, of_modes)), 0.0))
     displaced = np.einsum("k,kni->ni", of_modes, fields)
     each = np.stack([plane_rows(points, np.broadcast_to(axis, points.shape), np.zeros(3), lever) for axis in np.eye(3)])
     by_points = unexplained(displaced.T.ravel(), np.concatenate([*each], axis=1), np.ones(3 * len(points)))
-    return _Found(sigmas, unexplained(of_modes @ modes, motions, weights), math.sqrt(3.0) * by_points)
+    return _Found(min(by_scatter, gained), shown, math.sqrt(3.0) * by_points)
 
 
 def may_be_deformed(width: float, noise: float, size: float) -> bool:

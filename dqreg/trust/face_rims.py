@@ -10,6 +10,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, median
 from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import sample_rows
 
 # Points of a cloud at the pose, and a tree of them in their own frame, which is asked about its own points alone: those
 # have the same neighbours at any pose.
@@ -22,6 +23,8 @@ BESIDE, MOSTLY = 8, 0.6
 AROUND, SPARSE, OPEN_RAD = 20, 2.0, np.deg2rad(140.0)
 # What the distance to the last of these is of the edge of the square that each has for itself.
 OF_SPACING = float(np.sqrt(np.pi / AROUND))
+# Points of a plane of which its spacing is measured: good to two per cent.
+SAMPLE = 300
 # Points of a plane without which it has no rims; rims within so many spacings of another plane end there in any case.
 FEWEST, MEETING = 30, 1.5
 # Rims are the same where their points are within so many spacings of each other and look the same way.
@@ -73,7 +76,8 @@ class Faces:
     """Points of a cloud that lie in a plane, and how much of what is beside each does too."""
 
     rows: IntArray  # (n,): Of the cloud
-    shares: FloatArray  # (n,): Of the neighbours in space
+    beside: IntArray  # (n, k): Rows of the neighbours in space, itself the first
+    shares: FloatArray  # (n,): Of these, what lies in the plane
 
     @staticmethod
     def of(cloud: Points, plane: Plane, within: float) -> Faces:
@@ -81,9 +85,8 @@ class Faces:
         points, tree = cloud
         near = plane.holds(points, within)
         rows = np.flatnonzero(near)
-        if not len(rows):
-            return Faces(rows, np.zeros(0))
-        return Faces(rows, near[tree.nearest_to(rows, BESIDE)[0]].mean(axis=1))
+        beside = tree.nearest_to(rows, BESIDE)[0]
+        return Faces(rows, beside, near[beside].mean(axis=1) if len(rows) else np.zeros(0))
 
     def flat(self, share: float = MOSTLY) -> IntArray:
         """Points whose faces lie in the plane, (m,): those of which more than a share of the neighbours does."""
@@ -92,23 +95,39 @@ class Faces:
 
 def rims_in(points: FloatArray, faces: Faces, plane: Plane, planes: Sequence[Plane], within: float) -> Rims | None:
     """Rims of a cloud's faces in one of some planes; None where few of its points are."""
-    rows = faces.flat()
-    if len(rows) < FEWEST:
+    held = faces.flat()
+    if len(held) < FEWEST:
         return None
-    points = points[rows]
     across = plane.across
-    flat = (points - plane.middle) @ across.T
-    rows, apart = NeighbourTree(in_space := lifted(flat)).nearest(in_space, min(AROUND + 1, len(flat)))
-    usual = median(apart[:, -1])
-    open_rad, towards = open_sides(flat, flat, rows)
+    flat = (points[held] - plane.middle) @ across.T
+    tree = NeighbourTree(lifted(flat), in_order=True)
+    usual = median(tree.nearest_to(sample_rows(len(flat), SAMPLE), AROUND + 1)[1][:, -1])
+    rows = np.flatnonzero(~_is_inner(flat, faces, len(points)))
+    found, apart = tree.nearest_to(rows, AROUND + 1)
+    open_rad, towards = open_sides(flat[rows], flat, found)
     is_rim, spacing = (open_rad > OPEN_RAD) & (apart[:, -1] <= SPARSE * usual), usual * OF_SPACING
-    points = points[is_rim]
+    points = points[held[rows[is_rim]]]
     counted = np.ones(len(points), dtype=bool)
     for other in planes:
         if other is not plane:
             counted &= ~other.holds(points, MEETING * spacing)
     outward = np.column_stack([np.cos(towards), np.sin(towards)])[is_rim] @ across
     return Rims(points, outward, counted, spacing)
+
+
+def _is_inner(flat: FloatArray, faces: Faces, total: int) -> BoolArray:
+    """Which points of faces in a plane, (m, 2), have others all around them next to them: they are on no rim, (m,)."""
+    held = faces.shares > MOSTLY
+    place = np.full(total, -1)
+    place[faces.rows[held]] = np.arange(len(flat))
+    beside = place[faces.beside[held]]
+    # Those on no face in the plane close nothing: another takes their place.
+    is_known = beside >= 0
+    is_known[:, 0] = False
+    each = np.arange(len(flat))
+    beside = np.where(is_known, beside, beside[each, is_known.argmax(axis=1)][:, None])
+    # Without any, these are the point itself.
+    return np.asarray((open_sides(flat, flat, np.column_stack([each, beside]))[0] <= OPEN_RAD) & is_known.any(axis=1))
 
 
 def shared_rims(rims: Sequence[Rims | None], others: Sequence[Rims | None]) -> float:

@@ -228,6 +228,10 @@ class Overlap:
         shared, noise = waviness_of(self._moved[kept], self.normals[kept], beside)
         return shared if shared > IN_COMMON * noise else 0.0
 
+    def shapes(self, size: float) -> tuple[Strain, float, float]:
+        """Strain, deformation and waviness of one cloud of a size against the other."""
+        return self.strain(size), self.deformation(size), self.waviness()
+
     def strain(self, size: float) -> Strain:
         """Strain of one cloud against the other that matters to a size; zeros else."""
         # Places on both are no clutter, a whole face that is off may be what a strain explains; but they are chosen.

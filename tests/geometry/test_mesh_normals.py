@@ -94,7 +94,7 @@ def winding(mesh: Mesh, queries: FloatArray) -> FloatArray:
 
 def sides(mesh: Mesh, queries: FloatArray) -> FloatArray:
     found = MeshSurface(mesh).closest(queries)
-    return np.einsum("ni,ni->n", queries - found.points, PseudoNormals.of(mesh).at(queries, found))
+    return PseudoNormals.of(mesh).signed(queries, found)
 
 
 def near_features(mesh: Mesh, reach: float, count: int = 200) -> FloatArray:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from dqreg.kernels.plane_fits import diagonalise, fit_plane_rows
@@ -38,6 +38,7 @@ def residual(matrices: np.ndarray, axes: np.ndarray, least: np.ndarray) -> np.nd
 
 @settings(deadline=None, max_examples=200)
 @given(st.lists(components, min_size=9, max_size=9), st.floats(-12.0, 12.0))
+@example([2.9e-213, 0.0, 0.0, 0.15625, 0.0, 0.0, 1.0, 0.0, 0.0], 1.0)  # Two rows whose products underflow
 def test_any_scatter_has_the_values_and_the_least_axis_of_lapack(numbers: list[float], exponent: float) -> None:
     spread = np.array(numbers).reshape(3, 3) * 10.0**exponent
     matrix = spread @ spread.T

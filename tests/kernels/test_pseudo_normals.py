@@ -38,11 +38,15 @@ def test_the_pseudo_normal_is_that_of_the_nearest_feature(seed: int) -> None:
     # Feet on the rim are asked what they are closest to; in the middle of a face nothing is asked.
     at = [corners[faces, 0], corners[faces].mean(axis=1)]
     for feet, wanted in zip(at, (expected, normals), strict=True):
-        found = normals.copy()
+        found, values = normals.copy(), np.ones(200)
         for first in range(0, 200, 70):
             last = min(first + 70, 200)
-            pseudo_normals_at(first, last, points, feet, faces, corners, sides, welded, vertices, ON_FACE, found)
+            given = points, feet, faces, corners, sides, welded, vertices, ON_FACE, -1.0
+            pseudo_normals_at(first, last, *given, found, values)
         np.testing.assert_array_equal(found, wanted)
+        above = np.einsum("ni,ni->n", points - feet, wanted)
+        clear = np.abs(above) > 1e-12
+        np.testing.assert_array_equal((values < 0.0)[clear], (above > 0.0)[clear])
 
 
 def test_angles_and_sums_are_those_of_numpy() -> None:

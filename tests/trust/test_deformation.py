@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg.rigid import pose, twist
+from dqreg.trust import deformation
 from dqreg.trust.deformation import ON_A_PART, deformation_of, may_be_deformed
 from tests.strategies import FloatArray
 from tests.trust.shapes import sphere
@@ -35,6 +36,17 @@ def test_noise_and_motions_are_no_deformation(shape) -> None:
         points, normals = shape(rng)
         moved = pose.apply(twist.exp(0.004 * rng.normal(size=6)), points)
         assert deformation_of(points, normals, residuals_of(points, normals, moved, rng), SIZE) == 0.0
+
+
+def test_the_scatter_of_what_is_too_small_to_matter_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    points, normals = corner(rng)
+    said = []
+    monkeypatch.setattr(deformation, "scatter_of", lambda *_: said.append(True))
+    for shear in (0.0, 1e-5, 0.03):
+        moved = points + shear * points[:, [1]] * np.array([1.0, 0.0, 0.0])
+        deformation_of(points, normals, residuals_of(points, normals, moved, rng), SIZE)
+        assert bool(said) is (shear > 1e-3)
 
 
 def test_a_shear_is_told_with_what_a_motion_leaves_of_it() -> None:
