@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import PIECE, FloatArray, IntArray, product, row_dots
+from dqreg._arrays import PIECE, FloatArray, IntArray, product
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest, Surface
+from dqreg.geometry.vector_rows import row_dots
 from dqreg.rigid import pose
 
 # Rows that are slid in one go.
