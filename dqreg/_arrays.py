@@ -47,16 +47,12 @@ def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def median(values: FloatArray) -> float:
-    """Median of finite numbers, (n,): the same bits as NumPy's, which takes several times as long for a few thousand.
-
-    NaN of none.
-    """
-    count = len(values)
-    if not count:
-        return float("nan")
-    half = count // 2
+    """Median of finite numbers, (n,), NaN of none: the bits of NumPy's, which takes several times as long."""
+    count, half = len(values), len(values) // 2
+    if count < 2:
+        return float(values[0]) if count else float("nan")
     # Of two places at once NumPy takes a quarter of the time that it takes of one.
-    low, high = np.partition(values, (half - 1, half))[half - 1 : half + 1].tolist() if half else 2 * [values[0]]
+    low, high = np.partition(values, (half - 1, half))[half - 1 : half + 1].tolist()
     return float(high if count % 2 else 0.5 * (low + high))
 
 
@@ -99,20 +95,6 @@ def product(left: FloatArray, right: FloatArray) -> FloatArray:
     for i in pieces:
         some = (slice(i, i + step), slice(None)) if m >= n else (slice(None), slice(i, i + step))
         found[some] = left[some[0]] @ right[:, some[1]]
-    return found
-
-
-def row_dots(left: FloatArray, right: FloatArray) -> FloatArray:
-    """Scalar products of vectors, (n, 3) each: (n,). A third of the time of `np.einsum`."""
-    terms = left * right
-    found: FloatArray = terms[:, 0] + terms[:, 1]
-    found += terms[:, 2]
-    return found
-
-
-def nonzero_rows(vectors: FloatArray) -> BoolArray:
-    """Which vectors, (n, 3), are not zero, (n,): ``vectors.any(axis=1)`` in a fifth of the time."""
-    found: BoolArray = (vectors[:, 0] != 0.0) | (vectors[:, 1] != 0.0) | (vectors[:, 2] != 0.0)
     return found
 
 

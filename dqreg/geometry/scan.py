@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, nonzero_rows, one_line
+from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, one_line
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
@@ -17,6 +17,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import PlaneFits, ScanPlanes, fit_planes, fit_planes_at, sample_rows
 from dqreg.geometry.scan_noise import noise_of
 from dqreg.geometry.spacing import Spread, spacing_of
+from dqreg.geometry.vector_rows import nonzero_rows
 
 FEWEST_POINTS = 3
 # What planes tell of points.

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, dot, nonzero_rows
+from dqreg._arrays import FloatArray, dot
 from dqreg.errors import DegenerateGeometryError
+from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.estimators import Estimator, direction_weights, tangent_planes
 from dqreg.solvers import Fit, Freedom, PoseCost

@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import PIECE, FloatArray, IntArray, product, row_dots
+from dqreg._arrays import PIECE, FloatArray, IntArray, product
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest, Surface
+from dqreg.geometry.vector_rows import row_dots
 from dqreg.rigid import pose
 
 # Rows that are slid in one go.
@@ -33,7 +34,10 @@ class Correspondences:
         others, variances = (None if x is None else x[rows] for x in (found.others, found.variances))
         points, normals = np.take(found.points, rows, axis=0), np.take(found.normals, rows, axis=0)
         closest = Closest(points, normals, found.distances[rows], found.elements[rows], others, variances)
-        return Correspondences(self.scan.taken(rows), self.T_target_source, closest, self.same_sign)
+        some = Correspondences(self.scan.taken(rows), self.T_target_source, closest, self.same_sign)
+        if "moved" in vars(self):
+            vars(some)["moved"] = np.take(self.moved, rows, axis=0)
+        return some
 
     @property
     def distances(self) -> FloatArray:

@@ -8,8 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, dot, nonzero_rows, product
+from dqreg._arrays import FloatArray, dot, product
 from dqreg.geometry.normals import NEIGHBOURS
+from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp.correspondences import Correspondences
 from dqreg.solvers import Fit, moments_of, solve_moments, svd
 from dqreg.solvers.newton import least_cost

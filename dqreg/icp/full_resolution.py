@@ -14,11 +14,12 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, row_dots
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest
+from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.informative_sampling import information_gain, sample_by_gain, sample_runs_by_gain
 from dqreg.icp.level import FEW, AnnealingSchedule, Level

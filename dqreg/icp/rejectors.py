@@ -7,11 +7,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, nonzero_rows
+from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.surface import Closest, Surface
+from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp.correspondences import Correspondences
 from dqreg.solvers.robust import Kernel
 

@@ -95,7 +95,8 @@ def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: 
         return
 
     # To hand over a rest that is no whole range would cost more than it saves.
-    asked = [_submit(work) for _ in range(min(thread_count() - len(_running), total // chunk) - 1)]
+    whole = total // chunk
+    asked = [_submit(work) for _ in range(min(thread_count() - len(_running), whole) - 1 if whole > 1 else 0)]
     helpers = [helper for helper in asked if helper is not None]
     try:
         work()

@@ -6,10 +6,11 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, row_dots
+from dqreg._arrays import FloatArray
 from dqreg.geometry import MeshSurface, PointCloud
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp import find_correspondences
 from dqreg.registration.common_faces import indexed_target, overlap_at, overlap_of, sampled_source
 from dqreg.registration.exposures import second_pose

@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median, nonzero_rows, quantile, row_dots
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
 from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import THINNED
+from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import at_boundary

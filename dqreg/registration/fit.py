@@ -9,9 +9,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, median, nonzero_rows, product, row_dots
+from dqreg._arrays import BoolArray, FloatArray, median, product
 from dqreg.geometry import CloudSurface, Mesh, Surface, prepare_scan
 from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import (
     ESTIMATORS,
     Alignment,

@@ -12,8 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, nonzero_rows
+from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.vector_rows import nonzero_rows
 
 # Points that are looked at; directions and planes along each that are kept, with this share of the points.
 LOOKED_AT, DIRECTIONS, PLANES, LEAST_SHARE = 800, 5, 16, 0.015

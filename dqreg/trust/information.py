@@ -7,7 +7,8 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, dot, nonzero_rows, product, row_dots
+from dqreg._arrays import BoolArray, FloatArray, dot, product
+from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.solvers.quadratic import ROWS, plane_rows
 from dqreg.solvers.row_sums import MotionSums
 from dqreg.solvers.sandwich import patch_starts, scatter_of_sums

@@ -12,9 +12,10 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, nonzero_rows, row_dots
+from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import NEIGHBOURS, fit_planes_among, sample_rows
+from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 
 # Neighbourhoods that are looked at; those flatter than this, in their extent, have a normal worth comparing.
 LOOKED_AT, SMOOTH = 1_500, 0.4

@@ -10,10 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile, row_dots
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
+from dqreg.geometry.vector_rows import row_dots
 from dqreg.solvers.quadratic import plane_rows
 
 # Neighbouring points of a patch, and the kernel scales that its median may deviate: for 32 points of independent noise

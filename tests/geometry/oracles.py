@@ -18,7 +18,7 @@ def brute_triangles(corners: FloatArray, queries: FloatArray) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):
         # Of a needle the determinant may be nothing: there its sides answer.
         v, w = (cc * pb - bb * pc) / det, (aa * pc - bb * pb) / det
-    inside = (v >= 0.0) & (w >= 0.0) & (v + w <= 1.0)
+        inside = (v >= 0.0) & (w >= 0.0) & (v + w <= 1.0)
     v, w = np.where(inside, v, 0.0), np.where(inside, w, 0.0)
     choices = [np.where(inside[..., None], a + v[..., None] * ab + w[..., None] * ac, np.inf)]
     for i, j in ((0, 1), (1, 2), (2, 0)):
