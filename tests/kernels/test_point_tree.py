@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.kernels import threads
 from dqreg.kernels.point_tree import CHUNK, NOWHERE, PointTree
 
@@ -34,6 +35,19 @@ def test_neighbours_are_those_of_brute_force(seed: int, size: int, count: int, p
         rows, distances = PointTree.of(points, in_order=True).nearest(queries, count, at=at)
         np.testing.assert_array_equal(rows, expected)
         np.testing.assert_array_equal(distances, apart)
+
+
+@pytest.mark.parametrize("in_order", [True, False])
+def test_a_place_beside_a_query_changes_no_answer(in_order: bool) -> None:
+    rng = np.random.default_rng(1)
+    points, queries = rng.normal(size=(300, 3)), rng.normal(size=(50, 3))
+    tree = NeighbourTree(points, in_order=in_order)
+    for found, expected in zip(
+        tree.nearest_beside(queries, rng.integers(300, size=50), 7), tree.nearest(queries, 7), strict=True
+    ):
+        np.testing.assert_array_equal(found, expected)
+    own = np.array([0, 4, 299])
+    np.testing.assert_array_equal(tree.nearest_to(own, 1)[0][:, 0], own)
 
 
 @settings(deadline=None, max_examples=30)

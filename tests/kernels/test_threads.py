@@ -48,6 +48,17 @@ def test_ranges_within_a_range_are_of_its_own_thread(monkeypatch: pytest.MonkeyP
     assert not strangers
 
 
+@pytest.mark.parametrize(("total", "helpers"), [(8, 0), (9, 0), (15, 0), (16, 1), (31, 2), (800, 3)])
+def test_helpers_are_asked_for_whole_ranges_alone(monkeypatch: pytest.MonkeyPatch, total: int, helpers: int) -> None:
+    asked: list[object] = []
+    monkeypatch.setattr(threads, "thread_count", lambda: 4)
+    monkeypatch.setattr(threads, "_submit", asked.append)
+    seen: list[int] = []
+    threads.over_chunks(lambda first, last: seen.extend(range(first, last)), total, chunk=8)
+    assert len(asked) == helpers
+    assert seen == list(range(total))
+
+
 def test_an_error_is_raised_and_ends_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(threads, "thread_count", lambda: 2)
 
