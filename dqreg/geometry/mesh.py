@@ -107,7 +107,7 @@ class Mesh:
         return normals, areas
 
     @cached_property
-    def moments(self) -> tuple[FloatArray, FloatArray]:
+    def _moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean, (3,), and covariance, (3, 3), of the surface: exact."""
         from dqreg.kernels.mesh_faces import MOMENTS, surface_moments
         from dqreg.kernels.threads import as_plain, over_chunks

@@ -15,7 +15,6 @@ from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.components import components
 from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
-from dqreg.kernels.equal_rows import numbered_rows
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
@@ -183,7 +182,6 @@ def _search() -> None:
 
 def _meshes() -> None:
     faces, none, ends = np.arange(3)[None], np.zeros(1, dtype=bool), np.zeros((1, ENDS))
-    numbered_rows(FLAT)
     solid_faces(0, 1, FLAT, faces, 1, 0.0, none, ends)
     face_columns(0, 1, FLAT, faces, CORNERS[0].copy(), np.zeros(1))
     number_sides(faces, 3, none, faces.copy(), faces.copy(), faces.copy())

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
 
-# Multipliers of the finaliser of MurmurHash3.
+# Multipliers of the finaliser of MurmurHash3: each bit of a word changes half of the hash.
 FIRST, SECOND = 0xFF51AFD7ED558CCD, 0xC4CEB9FE1A85EC53
 Words = NDArray[np.uint64]
 
@@ -50,19 +50,13 @@ def _key(words: Words, i: int) -> np.uint64:
     # A sum over the corners, so that their order does not matter.
     total = np.uint64(0)
     for a in range(3):
-        key = np.uint64(0)
+        mixed = np.uint64(0)
         for k in range(3):
-            key = mixed(key, words[i, a, k])
-        total += key
+            mixed = (mixed ^ words[i, a, k]) * np.uint64(FIRST)
+            mixed = (mixed ^ (mixed >> np.uint64(33))) * np.uint64(SECOND)
+            mixed = mixed ^ (mixed >> np.uint64(33))
+        total += mixed
     return total
-
-
-@inside_kernels
-def mixed(key: np.uint64, word: np.uint64) -> np.uint64:
-    """A hash after one more word: each bit of it changes half of the hash."""
-    key = (key ^ word) * np.uint64(FIRST)
-    key = (key ^ (key >> np.uint64(33))) * np.uint64(SECOND)
-    return key ^ (key >> np.uint64(33))
 
 
 @inside_kernels

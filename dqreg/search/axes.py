@@ -86,5 +86,5 @@ def moments(shape: Scan | PointCloud | Mesh) -> tuple[FloatArray, FloatArray]:
     Shapes: covariance (3, 3).
     """
     if isinstance(shape, Mesh):
-        return shape.moments
+        return shape._moments
     return shape.points.mean(axis=0), np.cov(shape.points.T)

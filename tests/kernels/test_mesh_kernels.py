@@ -7,28 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from dqreg.geometry import Mesh
-from dqreg.kernels.equal_rows import numbered_rows
 from dqreg.kernels.mesh_faces import ENDS, MOMENTS, face_columns, solid_faces, surface_moments
 from dqreg.kernels.mesh_sides import number_sides
 from dqreg.kernels.smooth_corners import smooth_corners
 from dqreg.synth.parts import bracket
-
-FEW = st.sampled_from([0.0, -0.0, 1.0, 0.5, -1.0, 1e-300])
-
-
-@settings(deadline=None, max_examples=100)
-@given(hnp.arrays(np.float64, st.tuples(st.integers(0, 60), st.just(3)), elements=FEW))
-def test_equal_rows_have_one_number_as_in_a_dictionary(rows: np.ndarray) -> None:
-    numbers, firsts = numbered_rows(rows)
-    seen: dict[tuple[float, ...], int] = {}
-    assert numbers.tolist() == [seen.setdefault(tuple(row), len(seen)) for row in rows.tolist()]
-    assert numbers[firsts].tolist() == list(range(len(seen)))
-    assert all(numbers[:first].max(initial=-1) < numbers[first] for first in firsts)
 
 
 def random_faces(seed: int, faces: int, vertices: int) -> np.ndarray:
@@ -137,7 +123,7 @@ def test_moments_are_those_of_many_points_of_the_surface(far: float) -> None:
     points, areas = np.concatenate(rows), np.concatenate(weights)
     mean = areas @ points / areas.sum()
     covariance = (points - mean).T @ ((points - mean) * areas[:, None]) / areas.sum()
-    found = Mesh(mesh.vertices + far, mesh.faces).moments
+    found = Mesh(mesh.vertices + far, mesh.faces)._moments
     size = mesh.diagonal
     # Coordinates of 1e6 keep ten digits of the part.
     np.testing.assert_allclose(found[0] - far, mean, atol=(1e-12 if far == 0.0 else 1e-9) * max(size, 1.0))
