@@ -118,13 +118,11 @@ def _points() -> None:
 def _steps() -> None:
     least_cost_pose(np.eye(NUMBERS), np.zeros((2, 3)), np.eye(4), 1, *(1.0,) * 4, np.eye(4))
     form_of_sums(np.zeros((1, SUMS)), np.zeros((2, 3)), np.zeros((NUMBERS, NUMBERS)))
-    disc_pair_sums(0, 0, *(FLAT,) * 4, *(ONE,) * 3, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
 
 
 def _weights() -> None:
     rows, ones = np.eye(3), np.ones(3)
     limits, weighed = np.ones(5), np.zeros((1, WEIGHED))
-    systematic_rows(NOTHING, FIRST[:0], np.zeros(0, np.bool_), FIRST)
     weigh_rows(0, 3, ones, *(rows,) * 3, *(NOTHING,) * 3, limits, 3, np.zeros(3), weighed)
     plane_row_columns(0, 3, rows, rows, ones, 1.0, np.zeros((6, 3)))
     strain_row_columns(0, 3, rows, rows, rows, 1.0, np.zeros((9, 3)))
@@ -135,6 +133,11 @@ def _weights() -> None:
     orientation_sums(0, 3, rows, rows, rows, ones, NOTHING, 1, 3, np.zeros((1, 2, 8)))
     orientation_precisions(np.zeros((1, 2, 8)), 1.0, 1.0, cells)
     times_precisions(0, 3, rows, 1, cells, ones)
+
+
+def _dense_scans() -> None:
+    rows = np.eye(3)
+    systematic_rows(NOTHING, FIRST[:0], np.zeros(0, np.bool_), FIRST)
     on = np.zeros((1, 3), dtype=bool)
     lengths = 1.0, 1.0, 1.0, 1.0
     counts = np.zeros(1, dtype=np.int64)
@@ -142,11 +145,14 @@ def _weights() -> None:
     points_on_faces(0, 1, rows, 3, CORNERS, FIRST, rows, np.eye(4), *lengths, *places)
 
 
-def _patches() -> None:
+def _shared_noise() -> None:
     nearest_others(FLAT, np.zeros(3))
     binned_agreements(FLAT, FLAT, ONE, 1.0, np.zeros(2), np.zeros(2))
     spherical_covariance(FLAT, 1.0, 1.0, np.zeros((3, 3)))
     covariance_products(np.zeros((3, 3)), FLAT, FLAT, np.zeros((3, 3)))
+
+
+def _patches() -> None:
     patch_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 2, FIRST, np.zeros((1, 3 + BESIDE)))
     motion_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 3, 1.0, FIRST, np.zeros((1, MOTION_SUMS)))
     motion_shares(0, 0, *(FLAT,) * 2, np.eye(6), ONE, NOTHING, ONE, 1.0, 1, np.zeros((1, 2, 6)))
@@ -193,9 +199,17 @@ def _normals() -> None:
     flat = np.eye(3)
     corner_angles(0, 0, CORNERS, flat)
     add_scaled_rows(flat, 1, NOTHING, FIRST[:0], flat)
-    put_rows(FIRST[:0], NOTHING, flat, FIRST, NOTHING, flat, FIRST)
     smooth_normals_at(0, 0, flat, FIRST, np.zeros(1, dtype=np.bool_), CORNERS, CORNERS, flat)
+
+
+def _signs() -> None:
+    flat = np.eye(3)
+    put_rows(FIRST[:0], NOTHING, flat, FIRST, NOTHING, flat, FIRST)
     pseudo_normals_at(0, 0, flat, flat, FIRST, CORNERS, CORNERS, FIRST[None], flat, 1e-6, 1.0, flat, ONE)
+
+
+def _pairs() -> None:
+    disc_pair_sums(0, 0, *(FLAT,) * 4, *(ONE,) * 3, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
 
 
 def _many_problems() -> None:
@@ -212,6 +226,10 @@ STEPS: tuple[Callable[[], None], ...] = (
     _common_planes,
     _many_problems,
     _rims,
+    _pairs,
+    _shared_noise,
+    _signs,
+    _dense_scans,
     _search,
     _normals,
     _patches,
