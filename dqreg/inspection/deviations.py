@@ -176,7 +176,7 @@ class Deviations:
         InputError
             If the tolerance is no length above 0.
         """
-        return summary_of(self.values[self.counted], len(self), self._allowed(tolerance))
+        return summary_of(self.values[self.counted], len(self), self._allowed(tolerance), overwrite_input=True)
 
     def bands(self, tolerance: float | None = None, *, required_share: float = 0.95) -> Bands:
         """Shares of the counted points per band of deviation, and whether enough of them are within the tolerance.

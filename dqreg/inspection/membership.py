@@ -84,8 +84,10 @@ def counts_of(flags: Flags) -> Counts:
 
 def by_reach(values: FloatArray, reach: float) -> Flags:
     """On the part or beyond reach, by the distance alone. Shapes: (n,)."""
-    # True is one, and so is beyond; no number is not within reach.
-    return np.logical_not(np.abs(values) <= reach).view(np.int8)
+    # True is one, and so is beyond; no number is not within reach. Sizes of all would be one more large array.
+    within = values <= reach
+    within &= values >= -reach
+    return np.logical_not(within, out=within).view(np.int8)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,7 +137,7 @@ def membership(
     if given:
         return Membership(flags, limit, "given")
     least: ReachFrom = "noise" if noisy >= spaced else "spacing"
-    reach = float(distances[flags == ON_PART].max(initial=begins))
+    reach = float(distances.max(initial=begins, where=flags == ON_PART))
     flags[(flags != ON_PART) & (distances > reach)] = BEYOND
     return Membership(flags, reach, "deviations" if reach > begins else least)
 

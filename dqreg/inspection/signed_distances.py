@@ -39,11 +39,12 @@ def signed_distances(
     count, is_mesh = len(points), isinstance(geometry, Mesh)
     ask = _on_mesh(geometry, surface, signed) if isinstance(geometry, Mesh) else _on_cloud(geometry, surface, signed)
     values, closest, faces = np.zeros(count), np.zeros((count, 3)), np.zeros(count, dtype=np.int64)
-    # In Morton order queries are several times as fast: each begins at the face of the one before it.
-    order = morton_order(points)
+    # In Morton order queries are several times as fast: each begins at the face of the one before it. At the end it is
+    # one of the large arrays.
+    order = morton_order(points).astype(np.int32 if count < 1 << 31 else np.int64)
 
     def measure(first: int, last: int, told: int = 0) -> None:
-        rows = order[told + first : told + last]
+        rows = order[told + first : told + last].astype(np.int64)
         put_rows(rows, *ask(np.take(points, rows, axis=0)), values, closest, faces)
 
     for told in range(0, count, TOLD):
