@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 
 
 @compiled
@@ -18,15 +18,7 @@ def components(count: int, one: IntArray, two: IntArray) -> IntArray:
     for i in range(count):
         parents[i] = i
     for k in range(len(one)):
-        a, b = one[k], two[k]
-        # Each step to a root halves the way for the next.
-        while parents[a] != a:
-            parents[a] = parents[parents[a]]
-            a = parents[a]
-        while parents[b] != b:
-            parents[b] = parents[parents[b]]
-            b = parents[b]
-        parents[max(a, b)] = min(a, b)
+        unite(parents, one[k], two[k])
     found = 0
     for i in range(count):
         # A parent comes before its children, so that its number is known.
@@ -36,3 +28,16 @@ def components(count: int, one: IntArray, two: IntArray) -> IntArray:
         else:
             labels[i] = labels[parents[i]]
     return labels
+
+
+@inside_kernels
+def unite(parents: IntArray, a: int, b: int) -> None:
+    """Put two nodes into one component, whose root is the lower of both roots."""
+    # Each step to a root halves the way for the next.
+    while parents[a] != a:
+        parents[a] = parents[parents[a]]
+        a = parents[a]
+    while parents[b] != b:
+        parents[b] = parents[parents[b]]
+        b = parents[b]
+    parents[max(a, b)] = min(a, b)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 
 # Rows of `solid_faces` and `surface_moments` for each range of faces.
 ENDS, MOMENTS = 7, 10
@@ -40,18 +40,17 @@ def solid_faces(
             ends[row, k], ends[row, 3 + k] = min(ends[row, k], low), max(ends[row, 3 + k], high)
             if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
                 ends[row, 6] = 1.0
-        ux, uy, uz = (
-            vertices[b, 0] - vertices[a, 0],
-            vertices[b, 1] - vertices[a, 1],
-            vertices[b, 2] - vertices[a, 2],
-        )
-        vx, vy, vz = (
-            vertices[c, 0] - vertices[a, 0],
-            vertices[c, 1] - vertices[a, 1],
-            vertices[c, 2] - vertices[a, 2],
-        )
-        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        x, y, z = across(vertices, faces, f)
         solid[f] = np.sqrt(x * x + y * y + z * z) > smallest * longest * max(longest, farthest)
+
+
+@inside_kernels
+def across(vertices: FloatArray, faces: IntArray, f: int) -> tuple[float, float, float]:
+    """The vector across a face, by the right-hand rule over its corners, as long as twice its area."""
+    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+    ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
+    vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
+    return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
 @compiled
@@ -60,18 +59,7 @@ def face_columns(
 ) -> None:
     """Write the unit normals of faces first to last, (f, 3), by the right-hand rule, and their areas, (f,)."""
     for f in range(first, last):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        ux, uy, uz = (
-            vertices[b, 0] - vertices[a, 0],
-            vertices[b, 1] - vertices[a, 1],
-            vertices[b, 2] - vertices[a, 2],
-        )
-        vx, vy, vz = (
-            vertices[c, 0] - vertices[a, 0],
-            vertices[c, 1] - vertices[a, 1],
-            vertices[c, 2] - vertices[a, 2],
-        )
-        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        x, y, z = across(vertices, faces, f)
         length = np.sqrt(x * x + y * y + z * z)
         areas[f] = 0.5 * length
         normals[f, 0], normals[f, 1], normals[f, 2] = x / length, y / length, z / length

@@ -6,6 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled
+from dqreg.kernels.components import unite
 
 
 @compiled
@@ -28,15 +29,7 @@ def smooth_corners(
             g = neighbours[f, k]
             if normals[f, 0] * normals[g, 0] + normals[f, 1] * normals[g, 1] + normals[f, 2] * normals[g, 2] < least:
                 continue
-            a, b = f, g
-            # Each step to a root halves the way for the next.
-            while groups[a] != a:
-                groups[a] = groups[groups[a]]
-                a = groups[a]
-            while groups[b] != b:
-                groups[b] = groups[groups[b]]
-                b = groups[b]
-            groups[max(a, b)] = min(a, b)
+            unite(groups, f, g)
     for f in range(n):
         # A root comes before all of its group, so that it is known.
         groups[f] = groups[groups[f]]
