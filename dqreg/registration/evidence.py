@@ -64,7 +64,6 @@ def agreement_of(
     scan: Scan,
     surface: Surface,
     max_distance: float,
-    count: int = LOOKED_AT,
     *,
     has_border: bool = False,
     pairs: Correspondences | None = None,
@@ -76,7 +75,7 @@ def agreement_of(
     mixture = run.mixture
     near = NEAR * max_distance
     width = min(ON * mixture.scale, near)
-    pairs = evenly_asked(run, scan, surface, mixture.scale, count) if pairs is None else pairs
+    pairs = evenly_asked(run, scan, surface, mixture.scale) if pairs is None else pairs
     on = pairs.distances <= width
     aside = pairs.point_to_plane[on]
     close, around = _close(pairs, surface, mixture.scale, width, near, has_border=has_border)
@@ -91,8 +90,8 @@ def agreement_of(
     waviness, local_noise = waviness_of(aside, pairs.closest.normals[on]) if is_part else (0.0, np.nan)
     noise = local_noise if np.isfinite(local_noise) else mixture.scale
     shape = _Shape()
-    # Between the points of two clouds, tangent planes are guesses; where the time is up, no pose is accepted anyway.
-    if is_part and count >= LOOKED_AT:
+    # Between the points of two clouds, tangent planes are guesses.
+    if is_part:
         counted, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
         clutter, strays = has_border or bool(around.elsewhere.any()), float(np.mean(alone))
         shape = _shape_of(pairs, counted, noise, size, clutter=clutter, sparse=sparse, strays=strays)
@@ -121,8 +120,7 @@ def agreement_of(
         local_noise=local_noise,
         share_together=_together(pairs, close, kept, noise, min(scan.diagonal, surface.diagonal)) if is_part else 0.0,
         places=places_of(pairs.moved[on]),
-        # A pose that is not accepted anyway is not compared with random ones.
-        random_ratio=0.0 if count < LOOKED_AT else _random_ratio(pairs, on, surface),
+        random_ratio=_random_ratio(pairs, on, surface),
         share_on=around.share_on,
         share_other=around.share_other,
         share_contradicting=around.share_contradicting,
@@ -130,18 +128,58 @@ def agreement_of(
     )
 
 
+def agreement_in_time(
+    run: Alignment, scan: Scan, surface: Surface, max_distance: float, *, has_border: bool = False
+) -> Evidence:
+    """The same where the time is up and no pose is accepted: how many points are inliers, and how far off they are."""
+    scale, near = run.mixture.scale, NEAR * max_distance
+    width = min(ON * scale, near)
+    pairs = evenly_asked(run, scan, surface, scale, LOOKED_AT_LATE)
+    on, close = pairs.distances <= width, pairs.distances <= near
+    if has_border:
+        close = _within_border(pairs, surface, scale, width, near)
+    aside = pairs.point_to_plane[on]
+    return Evidence(
+        status=run.status,
+        found=run.found,
+        inliers=float(run.weights.sum()),
+        max_distance=max_distance,
+        directions=(),
+        alternatives=(),
+        has_border=has_border,
+        size=surface.diagonal,
+        share_near=_share(on, close),
+        near=near,
+        patches=0,
+        patches_off=0.0,
+        strays=0.0,
+        normals_apart=0.0,
+        width=float(np.sqrt(np.mean(aside**2))) if len(aside) else scale,
+        expected=max(noise_on(scan, surface), scan.spacing if has_border else smallest_kernel_scale(scan, surface)),
+        places=places_of(pairs.moved[on]),
+        share_on=float(np.mean(on)),
+        share_other=float(np.mean(~on)),
+    )
+
+
 def _close(
     pairs: Correspondences, surface: Surface, scale: float, width: float, near: float, *, has_border: bool
 ) -> tuple[BoolArray, Surroundings]:
     """Which points near the target count, (n,), and what those are that do not."""
-    on, close = pairs.distances <= width, pairs.distances <= near
+    on = pairs.distances <= width
     if not has_border:
         around = surroundings_of(pairs, width, near, surface.diagonal)
-        return close & (on | ~around.elsewhere), around
-    # What lies beyond the border of an open target was not measured there.
+        return (pairs.distances <= near) & (on | ~around.elsewhere), around
+    around = Surroundings(np.zeros(len(on), dtype=bool), float(np.mean(on)), float(np.mean(~on)), 0.0, np.nan)
+    return _within_border(pairs, surface, scale, width, near), around
+
+
+def _within_border(pairs: Correspondences, surface: Surface, scale: float, width: float, near: float) -> BoolArray:
+    """Which points near an open target count, (n,): what lies beyond its border was not measured there."""
+    on, close = pairs.distances <= width, pairs.distances <= near
     close &= on | ~at_boundary(pairs.closest, surface, scale)
     close &= on | (np.abs(pairs.point_to_plane) > width)
-    return close, Surroundings(np.zeros(len(on), dtype=bool), float(np.mean(on)), float(np.mean(~on)), 0.0, np.nan)
+    return close
 
 
 class _Shape(NamedTuple):

@@ -30,7 +30,7 @@ from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import weights_by_face
 from dqreg.kernels.threads import Later
 from dqreg.registration.constraints import PoseConstraints
-from dqreg.registration.evidence import LOOKED_AT, LOOKED_AT_LATE, agreement_of, evenly_asked
+from dqreg.registration.evidence import agreement_in_time, agreement_of, evenly_asked
 from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN, InlierMixture
@@ -109,14 +109,15 @@ class Fit:
         if self.problem.options.max_distance is not None:
             # A shorter one hides the points that speak against a pose.
             reach = self.problem.reach(prepared)
-        count = LOOKED_AT_LATE if self.is_late else LOOKED_AT
-        asked, pairs = (self.run, prepared.scan, prepared.surface, reach, count), self.evenly_asked(count)
-        return agreement_of(*asked, has_border=self.has_border, pairs=pairs)
+        asked = self.run, prepared.scan, prepared.surface, reach
+        if self.is_late:
+            return agreement_in_time(*asked, has_border=self.has_border)
+        return agreement_of(*asked, has_border=self.has_border, pairs=self.evenly_asked())
 
-    def evenly_asked(self, count: int = LOOKED_AT) -> Correspondences:
+    def evenly_asked(self) -> Correspondences:
         """Pairs at the pose of points that were drawn evenly, each of one point."""
         scan, surface, width = self.prepared.scan, self.prepared.surface, self.run.mixture.scale
-        return self.once(("evenly asked", count), lambda: evenly_asked(self.run, scan, surface, width, count))
+        return self.once("evenly asked", lambda: evenly_asked(self.run, scan, surface, width))
 
     @cached_property
     def information(self) -> Information:

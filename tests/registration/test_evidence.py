@@ -7,7 +7,7 @@ import pytest
 
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, prepare_scan
 from dqreg.icp import Alignment, InlierMixture, find_correspondences
-from dqreg.registration.evidence import agreement_of
+from dqreg.registration.evidence import agreement_in_time, agreement_of
 from dqreg.rigid import pose
 from dqreg.trust import Evidence
 from dqreg.trust.limits import NORMALS_APART
@@ -22,13 +22,15 @@ MAX_DISTANCE = 0.2 * SIZE
 POINTS = bracket_points(150, seed=0)
 
 
-def agreement(points: np.ndarray, T: np.ndarray | None = None, width: float = NOISE) -> Evidence:
+def agreement(
+    points: np.ndarray, T: np.ndarray | None = None, width: float = NOISE, asked=agreement_of, **options: bool
+) -> Evidence:
     """Agreement at a pose; the scan is made in the part's frame, so the identity is the truth."""
     scan = prepare_scan(PointCloud(points), 2_000)
     pairs = find_correspondences(scan, SURFACE, np.eye(4) if T is None else T)
     mixture = InlierMixture(width, 0.9, MAX_DISTANCE)
     run = Alignment(pairs.T_target_source, "converged", (), pairs, mixture.weight(pairs.distances), mixture=mixture)
-    return agreement_of(run, scan, SURFACE, MAX_DISTANCE)
+    return asked(run, scan, SURFACE, MAX_DISTANCE, **options)
 
 
 def with_strays(points: np.ndarray, share: float) -> np.ndarray:
@@ -121,6 +123,22 @@ def test_points_beside_a_target_with_a_border_say_nothing() -> None:
     assert closed.patches_off >= 0.2
     assert open_.patches_off <= 0.02
     assert open_.share_near >= 0.99
+
+
+@pytest.mark.parametrize("has_border", [False, True])
+@pytest.mark.parametrize("off", [0.0, 2.0])
+def test_what_is_asked_where_the_time_is_up_says_how_many_are_inliers_and_how_far_off(
+    off: float, has_border: bool
+) -> None:
+    # Off by so many standard deviations of the noise along each axis. A tenth of the points is looked at.
+    at = pose.from_parts(np.eye(3), np.full(3, off * NOISE))
+    late, whole = (agreement(POINTS, at, asked=a, has_border=has_border) for a in (agreement_in_time, agreement_of))
+    assert late.inliers == whole.inliers
+    assert late.share_near == pytest.approx(whole.share_near, abs=0.05)
+    assert late.share_on == pytest.approx(whole.share_on, abs=0.05)
+    assert late.width == pytest.approx(whole.width, rel=0.1)
+    assert late.has_border is has_border
+    assert late.near == whole.near
 
 
 def test_lengths_follow_the_unit_and_shares_do_not() -> None:

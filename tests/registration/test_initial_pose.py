@@ -1,4 +1,4 @@
-"""No last digits: a search from nothing gives one answer, however its points are rounded."""
+"""No last digits: a search from nothing gives one answer, however its points are rounded; and it leaves time for it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ import dqreg
 from dqreg.compare.trust.kinds import KINDS
 from dqreg.geometry import Mesh
 from dqreg.geometry.opening import open_geometry
+from dqreg.registration.initial_pose import AFTER, HALF, GlobalSearch
 from dqreg.synth.truth import displacements
+from tests.icp.scenes import bracket_mesh, bracket_points
+from tests.registration.scenes import problem_of
 
 # Of the size of the target: 1.5e-5 of 100, as a scan in mm is written; and how far apart answers may be.
 GRID, ONE = 1.5e-7, 1e-3
@@ -54,3 +57,16 @@ def test_a_part_in_clutter_is_found_alike_however_the_scan_is_rounded(seed: int,
 )
 def test_a_real_scene_gives_one_answer_however_it_is_rounded(real_data: Path, source: str, target: str) -> None:
     one_answer(open_geometry(real_data / source, "source").points, open_geometry(real_data / target, "target"), 20)
+
+
+@pytest.mark.parametrize(("limit", "preparing"), [(100.0, 3.0), (100.0, 80.0), (None, 3.0)])
+def test_a_search_leaves_time_for_the_loop_and_the_verdict(limit: float | None, preparing: float) -> None:
+    problem = problem_of(bracket_points(40, seed=0), bracket_mesh(), time_limit=limit)
+    problem.watch.seconds["prepare"] = preparing
+    found = GlobalSearch.of(problem, problem.prepare()).time_limit
+    if limit is None:
+        assert found is None
+        return
+    # Preparing and asking takes a part of the limit itself, far less than half of it.
+    least = max(limit - AFTER * preparing, HALF * limit)
+    assert HALF * least < found <= least
