@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import MeshSurface, PointCloud
+from dqreg.geometry import MeshSurface, PointCloud, Surface
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import row_dots
@@ -165,14 +165,14 @@ def _planes_of(fit: Fit) -> CommonPlanes | None:
     return fit.once("planes", found)
 
 
-def begin_evidence(problem: Problem, prepared: Prepared) -> None:
-    """Make what the evidence on a pose between two clouds will ask of them, whatever the pose, beside the loop."""
+def begin_evidence(problem: Problem, surface: Surface) -> None:
+    """Make what the evidence on a pose between two dense clouds will ask of them beside the loop, whatever the pose."""
     target = problem.target.geometry
-    if not _is_worth_it(prepared) or not isinstance(target, PointCloud):
+    if not isinstance(target, PointCloud):
         return
 
     def sampled() -> IndexedPoints:
-        indexed_target(problem.target, prepared.surface, target)
+        indexed_target(problem.target, surface, target)
         return sampled_source(problem)
 
     problem.begin("compared", sampled)

@@ -61,8 +61,9 @@ def align(problem: Problem) -> Registration:
     """Pose, uncertainty and verdict of a problem."""
     watch, options = problem.watch, problem.options
     with watch.stage("prepare"):
-        prepared = problem.prepare()
-        begin_evidence(problem, prepared)
+        prepared = problem.prepare(lambda surface: begin_evidence(problem, surface))
+        if prepared.cell_size > 0.0:
+            begin_evidence(problem, prepared.surface)
     search = GlobalSearch.of(problem, prepared)
     with watch.stage("start"):
         start = initial_pose(problem, search)
