@@ -61,9 +61,11 @@ def align(problem: Problem) -> Registration:
     """Pose, uncertainty and verdict of a problem."""
     watch, options = problem.watch, problem.options
     with watch.stage("prepare"):
-        prepared = problem.prepare(lambda surface: begin_evidence(problem, surface))
+        prepared = problem.prepare(lambda surface, is_whole: begin_evidence(problem, surface, is_whole=is_whole))
         if prepared.cell_size > 0.0:
-            begin_evidence(problem, prepared.surface)
+            # Whatever has not begun by now.
+            is_whole = len(prepared.scan) == len(problem.source.cloud)
+            begin_evidence(problem, prepared.surface, is_whole=is_whole)
     search = GlobalSearch.of(problem, prepared)
     with watch.stage("start"):
         start = initial_pose(problem, search)

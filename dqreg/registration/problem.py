@@ -29,6 +29,8 @@ from dqreg.rigid import pose
 from dqreg.solvers.dof import Freedom
 
 T = TypeVar("T")
+# Begins what is asked of a thinned target beside the caller; the scan may be whole.
+Begin = Callable[[Surface, bool], None]
 
 # Largest distance of a correspondence, in diagonals of the smaller of source and target.
 REACH = 0.2
@@ -103,12 +105,10 @@ class Prepared:
         return Prepared(prepare_scan(cloud, fitted), target.surface)
 
     @staticmethod
-    def downsampled(
-        cloud: PointCloud, target: TargetIndex, count: int, begin: Callable[[Surface], None] | None = None
-    ) -> Prepared:
+    def downsampled(cloud: PointCloud, target: TargetIndex, count: int, begin: Begin | None = None) -> Prepared:
         """Two clouds, thinned to one point a cell where they are denser, with planes fitted at all that are left.
 
-        Once the cells of both are there, somebody may begin what is asked of a thinned target beside the rest.
+        Once the cells of both are there, what is asked of a thinned target may begin beside the rest.
 
         LiDARs crowd their points near the sensor, where they constrain a rotation least, and depth cameras give many
         times what noise lets them tell apart. Cells are equal on both sides, so that neither is finer than the other.
@@ -131,7 +131,7 @@ class Prepared:
         thinned = stands.surface is not None or moves.surface is not None
         planes = Later(stands.surface.fit_cells, beside=moves.surface is not None) if stands.surface else None
         if begin is not None and stands.surface is not None:
-            begin(stands.surface)
+            begin(stands.surface, moves.surface is None)
         scan = prepare_scan(moves.cloud, surface=moves.surface, total=len(cloud))
         if planes is not None:
             planes.result()
@@ -188,7 +188,7 @@ class Problem(SourceAndTarget):
         }
         return Problem(centred, index, options, T_start, viewpoints, units, asked, watch, building)
 
-    def prepare(self, begin: Callable[[Surface], None] | None = None) -> Prepared:
+    def prepare(self, begin: Begin | None = None) -> Prepared:
         """Scan with normals and surface to ask; where an initial pose was given, two dense clouds are downsampled."""
         prepared = self.prepare_whole() if self.start is None else self._downsampled(begin) or self.prepare_whole()
         if self._building is not None:
@@ -200,7 +200,7 @@ class Problem(SourceAndTarget):
         is_over = self.start is not None or self.watch.is_over
         return prepared if is_over else self._downsampled() or prepared
 
-    def _downsampled(self, begin: Callable[[Surface], None] | None = None) -> Prepared | None:
+    def _downsampled(self, begin: Begin | None = None) -> Prepared | None:
         if self.options.cells is None or self.target.kind != "cloud":
             return None
         return Prepared.downsampled(self._in_time, self.target, self.options.cells, begin)
