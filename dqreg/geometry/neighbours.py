@@ -55,7 +55,7 @@ class NeighbourTree:
         missing = rows[farthest[rows] < 0.0]
         if len(missing):
             missing = np.flatnonzero(np.bincount(missing, minlength=self.size))
-            found, distances = self.nearest_to(missing, AROUND)
+            found, distances = self.nearest(self._points[missing], AROUND)
             # What is found depends on the cloud alone, so threads that meet here write the same; a row's neighbours are
             # there before their distance says so.
             indices[missing] = found

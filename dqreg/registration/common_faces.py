@@ -130,8 +130,8 @@ def begin_sampling(problem: Problem, surface: Surface, target: PointCloud, *, is
 
 
 def _indexed_source(problem: Problem, prepared: Prepared) -> IndexedPoints:
-    scan, total = prepared.scan, len(problem.source.cloud)
-    if total > COMPARED or (prepared.cell_size > 0.0 and len(scan) < total):
+    scan = prepared.scan
+    if len(problem.source.cloud) > COMPARED or not prepared.is_whole:
         return problem.once("compared", lambda: sampled_source(problem))
     # Planes of all points are there, unless normals were given in their place.
     is_fitted = scan.fitted is None and problem.source.cloud.normals is None

@@ -64,8 +64,7 @@ def align(problem: Problem) -> Registration:
         prepared = problem.prepare(lambda surface, is_whole: begin_evidence(problem, surface, is_whole=is_whole))
         if prepared.cell_size > 0.0:
             # Whatever has not begun by now.
-            is_whole = len(prepared.scan) == len(problem.source.cloud)
-            begin_evidence(problem, prepared.surface, is_whole=is_whole)
+            begin_evidence(problem, prepared.surface, is_whole=prepared.is_whole)
     search = GlobalSearch.of(problem, prepared)
     with watch.stage("start"):
         start = initial_pose(problem, search)

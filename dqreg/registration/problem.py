@@ -98,6 +98,7 @@ class Prepared:
     surface: Surface
     cell_size: float = 0.0  # Edge of the cells by whose means dense clouds stand, target units; 0 where there are none
     even: bool = False  # Whether both are clouds with a plane fitted at every point that is left
+    is_whole: bool = True  # Whether the scan is of the points of the source, each place once, and not of means
 
     @staticmethod
     def whole(cloud: PointCloud, target: TargetIndex, fitted: int | None) -> Prepared:
@@ -135,7 +136,8 @@ class Prepared:
         scan = prepare_scan(moves.cloud, surface=moves.surface, total=len(cloud))
         if planes is not None:
             planes.result()
-        return Prepared(scan, stands.surface or target.surface, moves.size if thinned else 0.0, even=True)
+        edge, is_whole = moves.size if thinned else 0.0, moves.surface is None
+        return Prepared(scan, stands.surface or target.surface, edge, even=True, is_whole=is_whole)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
