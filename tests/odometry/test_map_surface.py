@@ -17,7 +17,11 @@ def points(count: int) -> np.ndarray:
 
 @pytest.mark.parametrize("size", [1, 2, 3, 4_000])
 def test_a_hint_changes_no_bit_of_an_answer(size: int) -> None:
-    surface, again, queries = MapSurface(points(size)), MapSurface(points(size)), points(700) + [0.05, 0.0, 0.1]
+    surface, again, queries = (
+        MapSurface(points(size)),
+        MapSurface(points(size)),
+        points(700) + np.array([0.05, 0.0, 0.1]),
+    )
     hint = None
     for step in (0.0, 1e-3, 1e-3, 0.02, 0.3, 5.0, 1e-4):
         queries = pose.apply(pose.exp(np.array([0.0, 0.0, 0.01 * step, step, 0.3 * step, 0.0])), queries)
@@ -30,7 +34,7 @@ def test_a_hint_changes_no_bit_of_an_answer(size: int) -> None:
 
 
 def test_few_are_asked_again_after_a_small_motion(monkeypatch: pytest.MonkeyPatch) -> None:
-    surface, queries, asked = MapSurface(points(4_000)), points(700) + [0.01, 0.0, 0.01], []
+    surface, queries, asked = MapSurface(points(4_000)), points(700) + np.array([0.01, 0.0, 0.01]), []
     found = surface.closest(queries)
     nearest = surface._tree.nearest
     monkeypatch.setattr(surface._tree, "nearest", lambda some, k: asked.append(len(some)) or nearest(some, k))
