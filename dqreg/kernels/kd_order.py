@@ -6,50 +6,62 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.threads import over_chunks
 
 # Multiplier and increment of a linear congruential generator (Knuth): pivots that no input was made against.
 FACTOR, STEP = 6364136223846793005, 1442695040888963407
 DEEPEST = 64  # nodes that wait at a time: one a level, and no heap that fits into memory is deeper
+# Places that one thread orders at a time.
+TOGETHER = 16_384
 # Keys of which a pivot is chosen: of a range of so many keys and more, so many.
 FEW_KEYS, SOME_KEYS, MANY_KEYS = (32, 3), (200, 9), (1_000, 21)
 
 
-@compiled
 def kd_order(places: FloatArray, leaf: int) -> IntArray:
     """Rows of places, (n, 3), in the order of a heap of boxes with ``leaf`` rows a leaf, (n,).
 
     Node i of the heap has the children 2i and 2i + 1; the last level of 2^k leaves is filled from the left. O(n log n),
-    also for places in line, in a grid or all in one: equal keys are split evenly.
+    also for places in line, in a grid or all in one: equal keys are split evenly. Nodes of many places are cut on all
+    threads.
     """
-    n = len(places)
-    # Zeros of two kinds alone: each further way to make an array is compiled by itself.
-    order, keys, sample = np.zeros(n, np.int64), np.zeros(n), np.zeros(MANY_KEYS[1])
-    for i in range(n):
-        order[i] = i
-    leaves = 1
+    n, leaves, nodes = len(places), 1, 1
+    order, keys = np.arange(n), np.zeros(n)
     while leaves * leaf < n:
         leaves *= 2
-    # First leaf and number of leaves of the nodes still to be cut.
-    stack = np.zeros(2 * DEEPEST, np.int64)
-    stack[1] = leaves
-    waiting = 1
-    while waiting > 0:
-        waiting -= 1
-        first, count = stack[2 * waiting], stack[2 * waiting + 1]
-        low, high = first * leaf, min((first + count) * leaf, n)
-        if count == 1 or low >= n:
-            continue
-        middle = (first + count // 2) * leaf
-        if middle < high:
-            axis = _widest_side(places, order, low, high)
-            for i in range(low, high):
-                keys[i] = places[order[i], axis]
-            _part(keys, order, low, high - 1, middle, sample)
-        # Number by number: a pair at once would compile checks of shapes for seconds.
-        stack[2 * waiting], stack[2 * waiting + 1] = first, count // 2
-        stack[2 * waiting + 2], stack[2 * waiting + 3] = first + count // 2, count // 2
-        waiting += 2
+    while n > TOGETHER * nodes:
+        over_chunks(cut_nodes, nodes, places, leaf, leaves // nodes, False, order, keys, chunk=1)
+        nodes *= 2
+    over_chunks(cut_nodes, nodes, places, leaf, leaves // nodes, True, order, keys, chunk=1)
     return order
+
+
+@compiled
+def cut_nodes(
+    first: int, last: int, places: FloatArray, leaf: int, leaves: int, deep: bool, order: IntArray, keys: FloatArray
+) -> None:
+    """Order the rows of nodes first to last, of so many leaves each, by the plane that cuts each; and those below."""
+    # First leaf and number of leaves of the nodes still to be cut.
+    stack, sample = np.zeros(2 * DEEPEST, np.int64), np.zeros(MANY_KEYS[1])
+    for node in range(first, last):
+        stack[0], stack[1] = node * leaves, leaves
+        waiting = 1
+        while waiting > 0:
+            waiting -= 1
+            start, count = stack[2 * waiting], stack[2 * waiting + 1]
+            low, high = start * leaf, min((start + count) * leaf, len(places))
+            if count == 1 or low >= len(places):
+                continue
+            middle = (start + count // 2) * leaf
+            if middle < high:
+                axis = _widest_side(places, order, low, high)
+                for i in range(low, high):
+                    keys[i] = places[order[i], axis]
+                _part(keys, order, low, high - 1, middle, sample)
+            if deep:
+                # Number by number: a pair at once would compile checks of shapes for seconds.
+                stack[2 * waiting], stack[2 * waiting + 1] = start, count // 2
+                stack[2 * waiting + 2], stack[2 * waiting + 3] = start + count // 2, count // 2
+                waiting += 2
 
 
 @inside_kernels
