@@ -172,7 +172,7 @@ def _rims() -> None:
     one_sided_rows(0, 0, FLAT, FIRST[:0], few, NOTHING, FLAT, 0.25, 0.15, none)
     line_rows(0, 0, FLAT, few, 0.15, none)
     components(1, FIRST[:0], FIRST[:0])
-    near_rows(FLAT, FIRST[:0], FLAT, FIRST[:0], 1.0, none)
+    near_rows(FLAT, FIRST[:0], FLAT, FIRST[:0], LEAF, 1.0, none)
 
 
 def _search() -> None:
