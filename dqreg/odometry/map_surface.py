@@ -30,8 +30,7 @@ class MapSurface:
 
     def __init__(self, points: FloatArray) -> None:
         # In the order of a tree: what is asked for one after the other lies close together then, and is soon found.
-        self._points = points = points[NeighbourTree(points).order]
-        self._tree = NeighbourTree(points, in_order=True)
+        self._points, self._tree = NeighbourTree(points).renumbered()
         self._normals = np.zeros_like(points)
         self._variances = np.zeros(len(points))
         self._fitted = np.zeros(len(points), dtype=bool)

@@ -40,3 +40,13 @@ def test_few_are_asked_again_after_a_small_motion(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(surface._tree, "nearest", lambda some, k: asked.append(len(some)) or nearest(some, k))
     surface.closest(queries + 1e-3, (queries, found))
     assert sum(asked) < 70
+
+
+def test_the_map_is_numbered_in_the_order_of_its_tree() -> None:
+    cloud = points(4_000)
+    surface, queries = MapSurface(cloud), points(300) + np.array([0.02, 0.03, 0.0])
+    assert np.array_equal(np.sort(surface.points.view("f8,f8,f8").ravel()), np.sort(cloud.view("f8,f8,f8").ravel()))
+    found = surface.closest(queries)
+    apart = np.linalg.norm(queries[:, None] - surface.points, axis=2)
+    assert np.array_equal(found.points, surface.points[found.elements])
+    assert (apart[np.arange(300), found.elements] == apart.min(axis=1)).all()
