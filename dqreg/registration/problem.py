@@ -29,7 +29,7 @@ from dqreg.rigid import pose
 from dqreg.solvers.dof import Freedom
 
 T = TypeVar("T")
-# Begins what is asked of a thinned target beside the caller; the scan may be whole.
+# Begins what is asked of a thinned target beside the caller, once its cells are there; the scan may be whole.
 Begin = Callable[[Surface, bool], None]
 
 # Largest distance of a correspondence, in diagonals of the smaller of source and target.
@@ -108,8 +108,6 @@ class Prepared:
     @staticmethod
     def downsampled(cloud: PointCloud, target: TargetIndex, count: int, begin: Begin | None = None) -> Prepared:
         """Two clouds, thinned to one point a cell where they are denser, with planes fitted at all that are left.
-
-        Once the cells of both are there, what is asked of a thinned target may begin beside the rest.
 
         LiDARs crowd their points near the sensor, where they constrain a rotation least, and depth cameras give many
         times what noise lets them tell apart. Cells are equal on both sides, so that neither is finer than the other.
