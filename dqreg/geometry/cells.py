@@ -78,7 +78,7 @@ class CellSurface(CloudSurface):
 
     def __init__(self, means: PointCloud, cells: Cells) -> None:
         self._cells = cells
-        self._found: tuple[PlaneFits, BoolArray] | None = None
+        self._found: tuple[PlaneFits, BoolArray, BoolArray] | None = None
         super().__init__(means, derived=True)
 
     def _ordered(self, points: FloatArray) -> IntArray:
@@ -86,11 +86,12 @@ class CellSurface(CloudSurface):
         return np.arange(len(points))
 
     @property
-    def _of_cells(self) -> tuple[PlaneFits, BoolArray]:
-        """Planes where neighbouring cells make one, and which of these lie on a rim."""
+    def _of_cells(self) -> tuple[PlaneFits, BoolArray, BoolArray]:
+        """Planes where neighbouring cells make one, which of these lie on a rim, and where there is none, (m,)."""
         # No `cached_property`: in Python 3.11 that holds one lock for the cells of all clouds.
         if self._found is None:
-            self._found = self._cells.planes()
+            fits, rims = self._cells.planes()
+            self._found = fits, rims, ~fits.known
         return self._found
 
     def fit_cells(self) -> None:
@@ -109,8 +110,8 @@ class CellSurface(CloudSurface):
         """Whether the matches of some queries are boundary points: where cells make a plane, by these."""
         if self._in_lines:
             return super().on_rim(closest)
-        fits, rims = self._of_cells
-        found, searched = rims[closest.elements], np.flatnonzero(~fits.known[closest.elements])
+        _, rims, missing = self._of_cells
+        found, searched = rims[closest.elements], np.flatnonzero(missing[closest.elements])
         found[searched] = self._boundary.at(closest.elements[searched], closest.normals[searched])
         return found
 

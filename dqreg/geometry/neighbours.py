@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import cached_property
 
 import numpy as np
@@ -25,10 +26,12 @@ class NeighbourTree:
         # Points in Morton order that few queries are asked of need no other order.
         self._tree = PointTree.of(points, in_order=in_order)
 
-    @property
-    def order(self) -> IntArray:
-        """Rows of the points in the order of the tree, (n,): neighbours stand close to each other in it."""
-        return self._tree.rows
+    def renumbered(self) -> tuple[FloatArray, NeighbourTree]:
+        """The points in the order of the tree, (n, 3), and the tree of these: what it answers counts in that order."""
+        points, other = self._tree.places, object.__new__(NeighbourTree)
+        other.size, other._points, other._in_order = self.size, points, True
+        other._tree = dataclasses.replace(self._tree, rows=np.arange(self.size))
+        return points, other
 
     def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
         """Nearest points of each query, closest first. Shapes: indices (m, k), distances (m, k)."""

@@ -6,8 +6,9 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.kernels.cell_moments import Codes, slot_of
-from dqreg.kernels.compiled import compiled
-from dqreg.kernels.plane_fits import ELEMENTS, diagonalise
+from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.many_axes import AXES, LANES, ROWS, diagonalise_lanes
+from dqreg.kernels.plane_fits import least_of_lane
 
 # Every third bit of a Morton code, from the lowest on: the number of a cell along one axis.
 ALONG_Z, ALONG_Y, ALONG_X = (np.uint64(0x1249249249249249 << k) for k in range(3))
@@ -15,6 +16,8 @@ ALONG_Z, ALONG_Y, ALONG_X = (np.uint64(0x1249249249249249 << k) for k in range(3
 BLOCKS, CELLS = 27, 8
 # Cells around one without which there are no sides to it.
 SIDES = 8
+# What is kept of a cell until its plane is fitted: weight, cells, squared distance of the farthest, sum of the offsets.
+KEPT = 6
 
 
 @compiled
@@ -43,42 +46,73 @@ def cell_planes(
     (b + 1,), blocks (b,), means (m, 3), weights (m,), scatters (m, 6), fits (m, 6): normal, residual, lever, distance
     to the next mean; NaN where there is no plane.
     """
-    near, a, v = np.zeros(BLOCKS * CELLS, np.int64), np.zeros(ELEMENTS), np.zeros((3, 3))
-    sums = np.zeros(3)
+    near, within = np.zeros(BLOCKS * CELLS, np.int64), np.zeros(BLOCKS * CELLS, np.int64)
+    lanes, kept = np.zeros((ROWS, LANES)), np.zeros((KEPT, LANES))
+    rows, places = np.zeros(LANES, np.int64), np.zeros((4, BLOCKS * CELLS))
+    # Of the type that it has later: for plain zeros what it is given to would be compiled once more.
+    none = int(np.int64(0))
+    waiting = none
     for block in range(first, last):
         count = _cells_around(blocks[block], starts, blocks, table, near)
+        for k in range(count):
+            for axis in range(3):
+                places[axis, k] = means[near[k], axis]
         for i in range(starts[block], starts[block + 1]):
-            weight, cells, farthest, nearest = _moments(i, near[:count], means, weights, scatters, reach, sums, a)
+            found = _within_reach(means[i, 0], means[i, 1], means[i, 2], count, places, reach, within)
+            nearest = _moments(i, found, within, near, places, means, weights, scatters, waiting, lanes, kept)
             fits[i, 5] = np.sqrt(nearest)
-            diagonalise(a, v)
-            least = 0
-            for k in range(1, 3):
-                if a[k] < a[least]:
-                    least = k
-            one, two = a[(least + 1) % 3], a[(least + 2) % 3]
-            small, large = min(one, two), max(one, two)
-            if weight < fewest or cells < SIDES or small <= line * large:
+            if kept[0, waiting] < fewest or kept[1, waiting] < SIDES:
                 fits[i, 0] = np.nan
                 continue
-            for k in range(3):
-                fits[i, k] = v[k, least]
-            fits[i, 3] = np.sqrt(max(a[least], 0.0) / (weight - 3.0))
-            fits[i, 4] = 1.0 / (weight / small + weight / large)
-            height = sums[0] * v[0, least] + sums[1] * v[1, least] + sums[2] * v[2, least]
-            beside = max(sums[0] ** 2 + sums[1] ** 2 + sums[2] ** 2 - height * height, 0.0)
-            off = np.sqrt(beside) > share * np.sqrt(farthest) * cells
-            rims[i] = off and small > lined * large
+            rows[waiting] = i
+            waiting += 1
+            if waiting == LANES:
+                _write_planes(waiting, rows, lanes, kept, line, share, lined, fits, rims)
+                waiting = none
+    _write_planes(waiting, rows, lanes, kept, line, share, lined, fits, rims)
 
 
-@compiled
+@inside_kernels
+def _write_planes(
+    count: int,
+    rows: IntArray,
+    lanes: FloatArray,
+    kept: FloatArray,
+    line: float,
+    share: float,
+    lined: float,
+    fits: FloatArray,
+    rims: BoolArray,
+) -> None:
+    """Write the planes of some rows from their scatters, see `diagonalise_lanes`, and what was kept of them."""
+    diagonalise_lanes(count, lanes)
+    for lane in range(count):
+        i, weight = rows[lane], kept[0, lane]
+        least, small, large = least_of_lane(lanes, lane)
+        if small <= line * large:
+            fits[i, 0] = np.nan
+            continue
+        height, square = 0.0, 0.0
+        for k in range(3):
+            fits[i, k] = lanes[AXES + 3 * least + k, lane]
+            height += kept[3 + k, lane] * fits[i, k]
+            square += kept[3 + k, lane] ** 2
+        fits[i, 3] = np.sqrt(max(lanes[least, lane], 0.0) / (weight - 3.0))
+        fits[i, 4] = 1.0 / (weight / small + weight / large)
+        off = np.sqrt(max(square - height * height, 0.0)) > share * np.sqrt(kept[2, lane]) * kept[1, lane]
+        rims[i] = off and small > lined * large
+
+
+@inside_kernels
 def _cells_around(block: np.uint64, starts: IntArray, blocks: Codes, table: IntArray, near: IntArray) -> int:
     """Write the cells of a block and of those around it; how many they are."""
-    count = 0
+    count, rest = 0, block & ~(ALONG_X | ALONG_Y | ALONG_Z)
     for x in range(-1, 2):
+        beside_x = rest | _moved(block, ALONG_X, x)
         for y in range(-1, 2):
+            beside_xy = beside_x | _moved(block, ALONG_Y, y)
             for z in range(-1, 2):
-                code = _moved(_moved(_moved(block, ALONG_X, x), ALONG_Y, y), ALONG_Z, z)
-                row = table[slot_of(code, blocks, table)]
+                row = table[slot_of(beside_xy | _moved(block, ALONG_Z, z), blocks, table)]
                 if row >= 0:
                     for cell in range(starts[row], starts[row + 1]):
                         near[count] = cell
@@ -86,47 +120,63 @@ def _cells_around(block: np.uint64, starts: IntArray, blocks: Codes, table: IntA
     return count
 
 
-@compiled
+@inside_kernels
 def _moved(code: np.uint64, mask: np.uint64, step: int) -> np.uint64:
-    """The code of a cell next to another, or the same; beyond the first and the last it starts from the other end."""
-    one = mask & (~mask + np.uint64(1))
-    kept = code & ~mask
+    """Number of a cell along an axis or of one next to it; beyond the ends it starts from the other one."""
+    one, part = mask & (~mask + np.uint64(1)), code & mask
     if step > 0:
-        return kept | (((code | ~mask) + one) & mask)
-    return kept | (((code & mask) - one) & mask) if step < 0 else code
+        return ((part | ~mask) + one) & mask
+    return (part - one) & mask if step < 0 else part
 
 
-@compiled
+@inside_kernels
+def _within_reach(x: float, y: float, z: float, count: int, places: FloatArray, reach: float, within: IntArray) -> int:
+    """Write the squared distances of places, (3, count), below them, and which are within reach; how many."""
+    for k in range(count):
+        dx, dy, dz = places[0, k] - x, places[1, k] - y, places[2, k] - z
+        places[3, k] = dx * dx + dy * dy + dz * dz
+    found, limit = 0, reach * reach
+    for k in range(count):
+        # Written each time: which are is as good as random.
+        within[found] = k
+        found += 0 if places[3, k] > limit else 1
+    return found
+
+
+@inside_kernels
 def _moments(
     i: int,
+    found: int,
+    within: IntArray,
     near: IntArray,
+    places: FloatArray,
     means: FloatArray,
     weights: FloatArray,
     scatters: FloatArray,
-    reach: float,
-    sums: FloatArray,
-    a: FloatArray,
-) -> tuple[float, int, float, float]:
-    """Write the sum, (3,), and the scatter of cells about their mean; weight, cells, squared distances."""
+    lane: int,
+    lanes: FloatArray,
+    kept: FloatArray,
+) -> float:
+    """Write the scatter of the cells within reach about their mean, and what is kept; squared distance to the next."""
     # By name: elements of arrays would be written and read again for every cell.
-    weight, cells, farthest, nearest = 0.0, 0, 0.0, np.inf
+    weight, farthest, nearest = 0.0, 0.0, np.inf
     wx = wy = wz = sx = sy = sz = 0.0
     xx = yy = zz = xy = xz = yz = 0.0
     at, bt, ct = means[i, 0], means[i, 1], means[i, 2]
-    for j in near:
-        x, y, z = means[j, 0] - at, means[j, 1] - bt, means[j, 2] - ct
-        squared = x * x + y * y + z * z
-        if squared > reach * reach:
-            continue
+    for place in range(found):
+        k = within[place]
+        j = near[k]
+        x, y, z, squared = places[0, k] - at, places[1, k] - bt, places[2, k] - ct, places[3, k]
         if j != i:
-            cells, farthest, nearest = cells + 1, max(farthest, squared), min(nearest, squared)
+            farthest, nearest = max(farthest, squared), min(nearest, squared)
         w = weights[j]
         weight += w
         wx, wy, wz, sx, sy, sz = wx + w * x, wy + w * y, wz + w * z, sx + x, sy + y, sz + z
         xx, yy, zz = xx + w * x * x + scatters[j, 0], yy + w * y * y + scatters[j, 1], zz + w * z * z + scatters[j, 2]
         xy, xz, yz = xy + w * x * y + scatters[j, 3], xz + w * x * z + scatters[j, 4], yz + w * y * z + scatters[j, 5]
     mx, my, mz = wx / weight, wy / weight, wz / weight
-    a[0], a[1], a[2] = xx - weight * mx * mx, yy - weight * my * my, zz - weight * mz * mz
-    a[3], a[4], a[5] = xy - weight * mx * my, xz - weight * mx * mz, yz - weight * my * mz
-    sums[0], sums[1], sums[2] = sx, sy, sz
-    return weight, cells, farthest, nearest
+    lanes[0, lane], lanes[1, lane], lanes[2, lane] = xx - weight * mx * mx, yy - weight * my * my, zz - weight * mz * mz
+    lanes[3, lane], lanes[4, lane], lanes[5, lane] = xy - weight * mx * my, xz - weight * mx * mz, yz - weight * my * mz
+    kept[0, lane], kept[1, lane], kept[2, lane] = weight, found - 1.0, farthest
+    kept[3, lane], kept[4, lane], kept[5, lane] = sx, sy, sz
+    return nearest

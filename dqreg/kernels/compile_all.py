@@ -23,6 +23,7 @@ from dqreg.kernels.mesh_sides import number_sides
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows
 from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
 from dqreg.kernels.motion_sums import motion_shares, motion_sums
+from dqreg.kernels.near_rows import near_rows
 from dqreg.kernels.pair_differences import pair_differences
 from dqreg.kernels.patch_pairs import binned_agreements, covariance_products, nearest_others, spherical_covariance
 from dqreg.kernels.patch_sums import BESIDE, patch_sums
@@ -171,6 +172,7 @@ def _rims() -> None:
     one_sided_rows(0, 0, FLAT, FIRST[:0], few, NOTHING, FLAT, 0.25, 0.15, none)
     line_rows(0, 0, FLAT, few, 0.15, none)
     components(1, FIRST[:0], FIRST[:0])
+    near_rows(FLAT, FIRST[:0], FLAT, FIRST[:0], LEAF, 1.0, none)
 
 
 def _search() -> None:

@@ -6,48 +6,62 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.threads import over_chunks
 
 # Multiplier and increment of a linear congruential generator (Knuth): pivots that no input was made against.
 FACTOR, STEP = 6364136223846793005, 1442695040888963407
 DEEPEST = 64  # nodes that wait at a time: one a level, and no heap that fits into memory is deeper
+# Places that one thread orders at a time.
+TOGETHER = 16_384
+# Keys of which a pivot is chosen: of a range of so many keys and more, so many.
+FEW_KEYS, SOME_KEYS, MANY_KEYS = (32, 3), (200, 9), (1_000, 21)
 
 
-@compiled
 def kd_order(places: FloatArray, leaf: int) -> IntArray:
     """Rows of places, (n, 3), in the order of a heap of boxes with ``leaf`` rows a leaf, (n,).
 
     Node i of the heap has the children 2i and 2i + 1; the last level of 2^k leaves is filled from the left. O(n log n),
-    also for places in line, in a grid or all in one: equal keys are split evenly.
+    also for places in line, in a grid or all in one: equal keys are split evenly. Nodes of many places are cut on all
+    threads.
     """
-    n = len(places)
-    # Zeros of two kinds alone: each further way to make an array is compiled by itself.
-    order, keys = np.zeros(n, np.int64), np.zeros(n)
-    for i in range(n):
-        order[i] = i
-    leaves = 1
+    n, leaves, nodes = len(places), 1, 1
+    order, keys = np.arange(n), np.zeros(n)
     while leaves * leaf < n:
         leaves *= 2
-    # First leaf and number of leaves of the nodes still to be cut.
-    stack = np.zeros(2 * DEEPEST, np.int64)
-    stack[1] = leaves
-    waiting = 1
-    while waiting > 0:
-        waiting -= 1
-        first, count = stack[2 * waiting], stack[2 * waiting + 1]
-        low, high = first * leaf, min((first + count) * leaf, n)
-        if count == 1 or low >= n:
-            continue
-        middle = (first + count // 2) * leaf
-        if middle < high:
-            axis = _widest_side(places, order, low, high)
-            for i in range(low, high):
-                keys[i] = places[order[i], axis]
-            _part(keys, order, low, high - 1, middle)
-        # Number by number: a pair at once would compile checks of shapes for seconds.
-        stack[2 * waiting], stack[2 * waiting + 1] = first, count // 2
-        stack[2 * waiting + 2], stack[2 * waiting + 3] = first + count // 2, count // 2
-        waiting += 2
+    while n > TOGETHER * nodes:
+        over_chunks(cut_nodes, nodes, places, leaf, leaves // nodes, False, order, keys, chunk=1)
+        nodes *= 2
+    over_chunks(cut_nodes, nodes, places, leaf, leaves // nodes, True, order, keys, chunk=1)
     return order
+
+
+@compiled
+def cut_nodes(
+    first: int, last: int, places: FloatArray, leaf: int, leaves: int, deep: bool, order: IntArray, keys: FloatArray
+) -> None:
+    """Order the rows of nodes first to last, of so many leaves each, by the plane that cuts each; and those below."""
+    # First leaf and number of leaves of the nodes still to be cut.
+    stack, sample = np.zeros(2 * DEEPEST, np.int64), np.zeros(MANY_KEYS[1])
+    for node in range(first, last):
+        stack[0], stack[1] = node * leaves, leaves
+        waiting = 1
+        while waiting > 0:
+            waiting -= 1
+            start, count = stack[2 * waiting], stack[2 * waiting + 1]
+            low, high = start * leaf, min((start + count) * leaf, len(places))
+            if count == 1 or low >= len(places):
+                continue
+            middle = (start + count // 2) * leaf
+            if middle < high:
+                axis = _widest_side(places, order, low, high)
+                for i in range(low, high):
+                    keys[i] = places[order[i], axis]
+                _part(keys, order, low, high - 1, middle, sample)
+            if deep:
+                # Number by number: a pair at once would compile checks of shapes for seconds.
+                stack[2 * waiting], stack[2 * waiting + 1] = start, count // 2
+                stack[2 * waiting + 2], stack[2 * waiting + 3] = start + count // 2, count // 2
+                waiting += 2
 
 
 @inside_kernels
@@ -66,29 +80,45 @@ def _widest_side(places: FloatArray, order: IntArray, low: int, high: int) -> in
 
 
 @inside_kernels
-def _part(keys: FloatArray, order: IntArray, left: int, right: int, middle: int) -> None:
-    # Hoare's selection: afterwards no key before the middle is greater than one from there on.
+def _part(keys: FloatArray, order: IntArray, left: int, right: int, middle: int, sample: FloatArray) -> None:
+    # Selection: afterwards no key before the middle is greater than one from there on.
     state = np.uint64(left + 1)
     while left < right:
-        state = state * np.uint64(FACTOR) + np.uint64(STEP)
-        pivot = keys[left + np.int64((state >> np.uint64(33)) % np.uint64(right - left + 1))]
-        i, j = left, right
-        while i <= j:
-            while keys[i] < pivot:
-                i += 1
-            while keys[j] > pivot:
+        count, few = right - left + 1, 1
+        for least, wanted in (FEW_KEYS, SOME_KEYS, MANY_KEYS):
+            few = wanted if count >= least else few
+        for k in range(few):
+            state = state * np.uint64(FACTOR) + np.uint64(STEP)
+            key, j = keys[left + np.int64((state >> np.uint64(33)) % np.uint64(count))], k
+            while j > 0 and sample[j - 1] > key:
+                sample[j] = sample[j - 1]
                 j -= 1
-            if i <= j:
-                keys[i], keys[j] = keys[j], keys[i]
-                order[i], order[j] = order[j], order[i]
-                i += 1
-                j -= 1
-        if middle <= j:
-            right = j
-        elif middle >= i:
-            left = i
+            sample[j] = key
+        # The key of the sample that stands where the middle does among all.
+        pivot = sample[few * (middle - left) // count]
+        first = _sorted_out(keys, order, left, right, pivot)
+        if middle < first:
+            right = first - 1
+        elif first > left:
+            left = first
         else:
-            return
+            # No key is smaller: those that are equal come first.
+            left = _sorted_out(keys, order, left, right, np.nextafter(pivot, np.inf))
+            if middle < left:
+                return
+
+
+@inside_kernels
+def _sorted_out(keys: FloatArray, order: IntArray, left: int, right: int, pivot: float) -> int:
+    """Put the keys below a pivot first; place of the first other one."""
+    first = left
+    for i in range(left, right + 1):
+        # Swapped in any case: which are below is as good as random, and a guess that fails costs more.
+        key, row = keys[i], order[i]
+        keys[i], order[i] = keys[first], order[first]
+        keys[first], order[first] = key, row
+        first += 1 if key < pivot else 0
+    return first
 
 
 @compiled

@@ -7,6 +7,9 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
 
+# Squares of distances beyond the square of a limit by this factor are of distances beyond it, whatever is rounded.
+BEYOND = 1.0 + 1e-9
+
 
 @compiled
 def nearest_others(points: FloatArray, nearest: FloatArray) -> float:
@@ -58,7 +61,11 @@ def spherical_covariance(points: FloatArray, sill: float, reach: float, covarian
     for i in range(len(points)):
         for j in range(i):
             dx, dy, dz = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
-            h = np.sqrt(dx * dx + dy * dy + dz * dz) / reach
+            square = dx * dx + dy * dy + dz * dz
+            # Most pairs are out of range.
+            if square > BEYOND * reach * reach:
+                continue
+            h = np.sqrt(square) / reach
             if h < 1.0:
                 covariance[i, j] = covariance[j, i] = sill * (1.0 - h * (1.5 - 0.5 * h * h))
 

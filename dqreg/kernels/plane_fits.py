@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.many_axes import AXES, LANES, ROUNDS, ROWS, diagonalise_lanes
 
 # Elements of a symmetric 3 x 3 matrix: xx, yy, zz, xy, xz, yz.
 ELEMENTS = 6
-# Rounds of rotations: convergence is quadratic, and six reach the last bit of any matrix.
-ROUNDS = 12
 # A second extent below this share of the largest, squared, is a line.
 LINE = 1e-6
 
@@ -29,35 +28,47 @@ def fit_plane_rows(
 
     O(k) a row. On a line the normal is NaN and the lever zero.
     """
-    count, a, v = neighbours.shape[1], np.zeros(ELEMENTS), np.zeros((3, 3))
-    for i in range(first, last):
-        mx = my = mz = 0.0
-        for j in range(count):
-            t = neighbours[i, j]
-            mx, my, mz = mx + points[t, 0], my + points[t, 1], mz + points[t, 2]
-        mx, my, mz = mx / count, my / count, mz / count
-        xx = yy = zz = xy = xz = yz = 0.0
-        for j in range(count):
-            t = neighbours[i, j]
-            x, y, z = points[t, 0] - mx, points[t, 1] - my, points[t, 2] - mz
-            xx, yy, zz = xx + x * x, yy + y * y, zz + z * z
-            xy, xz, yz = xy + x * y, xz + x * z, yz + y * z
-        a[0], a[1], a[2], a[3], a[4], a[5] = xx, yy, zz, xy, xz, yz
-        diagonalise(a, v)
-        least = 0
-        for k in range(1, 3):
-            if a[k] < a[least]:
-                least = k
-        one, two = a[(least + 1) % 3], a[(least + 2) % 3]
-        small, large = min(one, two), max(one, two)
-        residuals[i] = np.sqrt(max(a[least], 0.0) / (count - 3))
-        if small <= LINE * large:
-            normals[i, 0] = normals[i, 1] = normals[i, 2] = np.nan
-            levers[i] = 0.0
-        else:
-            for k in range(3):
-                normals[i, k] = v[k, least]
-            levers[i] = 1.0 / (count / small + count / large)
+    count, lanes = neighbours.shape[1], np.zeros((ROWS, LANES))
+    for start in range(first, last, LANES):
+        many = min(LANES, last - start)
+        for lane in range(many):
+            i = start + lane
+            mx = my = mz = 0.0
+            for j in range(count):
+                t = neighbours[i, j]
+                mx, my, mz = mx + points[t, 0], my + points[t, 1], mz + points[t, 2]
+            mx, my, mz = mx / count, my / count, mz / count
+            xx = yy = zz = xy = xz = yz = 0.0
+            for j in range(count):
+                t = neighbours[i, j]
+                x, y, z = points[t, 0] - mx, points[t, 1] - my, points[t, 2] - mz
+                xx, yy, zz = xx + x * x, yy + y * y, zz + z * z
+                xy, xz, yz = xy + x * y, xz + x * z, yz + y * z
+            lanes[0, lane], lanes[1, lane], lanes[2, lane] = xx, yy, zz
+            lanes[3, lane], lanes[4, lane], lanes[5, lane] = xy, xz, yz
+        diagonalise_lanes(many, lanes)
+        for lane in range(many):
+            i = start + lane
+            least, small, large = least_of_lane(lanes, lane)
+            residuals[i] = np.sqrt(max(lanes[least, lane], 0.0) / (count - 3))
+            if small <= LINE * large:
+                normals[i, 0] = normals[i, 1] = normals[i, 2] = np.nan
+                levers[i] = 0.0
+            else:
+                for k in range(3):
+                    normals[i, k] = lanes[AXES + 3 * least + k, lane]
+                levers[i] = 1.0 / (count / small + count / large)
+
+
+@inside_kernels
+def least_of_lane(lanes: FloatArray, lane: int) -> tuple[int, float, float]:
+    """Number of the least eigenvalue of one of the matrices of `diagonalise_lanes`, and the two others, ascending."""
+    least = 0
+    for k in range(1, 3):
+        if lanes[k, lane] < lanes[least, lane]:
+            least = k
+    one, two = lanes[(least + 1) % 3, lane], lanes[(least + 2) % 3, lane]
+    return least, min(one, two), max(one, two)
 
 
 @compiled

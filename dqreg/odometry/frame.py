@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -89,8 +90,10 @@ class DownsampledFrame:
     reach: float  # Distance of the farthest point from the sensor
 
 
-def downsample_frame(points: FloatArray, voxel_size: float) -> DownsampledFrame | None:
-    """Downsample a frame and fit its normals."""
+def downsample_frame(
+    points: FloatArray, voxel_size: float, begin: Callable[[float], None] = lambda _: None
+) -> DownsampledFrame | None:
+    """Downsample a frame and fit its normals; what depends on its reach alone may begin in between."""
     dense = thin(points, DENSE * voxel_size) if len(points) else points
     sparse = thin(dense, SPARSE * voxel_size) if len(points) else points
     if len(sparse) < 3:
@@ -98,6 +101,8 @@ def downsample_frame(points: FloatArray, voxel_size: float) -> DownsampledFrame 
     # KISS-ICP keeps the order of its hash table, which is none: sorted, a run repeats to the last bit.
     dense, sparse = (rows[morton_order(rows)] for rows in (dense, sparse))
     sparse = sparse[sample_rows(len(sparse), MOST)]
+    reach = float(np.linalg.norm(sparse, axis=1).max())
+    begin(reach)
     tree = NeighbourTree(dense)
     fits = fit_planes(tree, dense, sparse, NEIGHBOURS)
     known = np.asarray(np.isfinite(fits.normals).all(axis=1))
@@ -112,4 +117,4 @@ def downsample_frame(points: FloatArray, voxel_size: float) -> DownsampledFrame 
         noise=float(np.median(fits.residuals[known])) if known.any() else 0.0,
         total=len(dense),
     )
-    return DownsampledFrame(dense, scan, float(np.linalg.norm(sparse, axis=1).max()))
+    return DownsampledFrame(dense, scan, reach)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg.geometry.cloud_surface import ROUNDING
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
 from dqreg.geometry.surface import Closest, Hint
@@ -29,8 +30,7 @@ class MapSurface:
 
     def __init__(self, points: FloatArray) -> None:
         # In the order of a tree: what is asked for one after the other lies close together then, and is soon found.
-        self._points = points = points[NeighbourTree(points).order]
-        self._tree = NeighbourTree(points, in_order=True)
+        self._points, self._tree = NeighbourTree(points).renumbered()
         self._normals = np.zeros_like(points)
         self._variances = np.zeros(len(points))
         self._fitted = np.zeros(len(points), dtype=bool)
@@ -44,9 +44,11 @@ class MapSurface:
         return self._points
 
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
-        """Nearest map point for each query, (n, 3), with the normal there; zero where the neighbours fix none."""
-        indices, distances = self._tree.nearest(points, 1)
-        rows = indices[:, 0]
+        """Nearest map point for each query, (n, 3), with the normal there; zero where the neighbours fix none.
+
+        What was nearest is so still where it is nearer than any other can have come since the hint.
+        """
+        rows, distances, others = self._nearest(points, hint)
         missing = rows[~self._fitted[rows]]
         if len(missing):
             missing = np.flatnonzero(np.bincount(missing, minlength=len(self._points)))
@@ -55,7 +57,23 @@ class MapSurface:
             self._variances[missing] = fits.variances
             self._fitted[missing] = True
         found, normals = np.take(self._points, rows, axis=0), np.take(self._normals, rows, axis=0)
-        return Closest(found, normals, distances[:, 0], rows)
+        return Closest(found, normals, distances, rows, others)
+
+    def _nearest(self, points: FloatArray, hint: Hint | None) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Row of the nearest, distance to it, and what no other is nearer than, (n,) each."""
+        others_before = None if hint is None else hint[1].others
+        if hint is None or others_before is None or len(self._points) < 2:
+            return self._asked(points)
+        places, before = hint
+        rows, distances = before.elements.copy(), _apart(points, before.points)
+        others = (others_before - _apart(points, places)) * (1.0 - ROUNDING)
+        again = np.flatnonzero(distances >= others)
+        rows[again], distances[again], others[again] = self._asked(np.take(points, again, axis=0))
+        return rows, distances, others
+
+    def _asked(self, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        indices, distances = self._tree.nearest(points, 2)
+        return indices[:, 0], distances[:, 0], distances[:, -1]
 
     def normal_variances(self, rows: IntArray) -> FloatArray:
         """Variance of the normals at map points that `closest` gave as elements, rad^2, (n,); infinite for none."""
@@ -71,3 +89,10 @@ def surface_within(points: FloatArray, centre: FloatArray, reach: float) -> MapS
     away = points - centre
     near = np.einsum("ij,ij->i", away, away) <= reach**2
     return MapSurface(points if near.all() or not near.any() else points[near])
+
+
+def _apart(points: FloatArray, others: FloatArray) -> FloatArray:
+    # As the tree adds the squares, so that a match that is kept has the bits of one that is found.
+    x, y, z = (points - others).T
+    apart: FloatArray = np.sqrt(x * x + y * y + z * z)
+    return apart

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose
+from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import MapLink, first_frame, frame_result, without_pose
 from dqreg.odometry.deskewing import Deskewed
@@ -43,7 +44,9 @@ class Tracker:
     def _begin(self, start: Any) -> None:
         self._lengths: Resolved | None = None
         self._kiss: KissParts | None = None
+        # Of the map as it is; and what is being made of it beside the frame at hand.
         self._surface: MapSurface | None = None
+        self._building: Later[MapSurface] | None = None
         self._T_last = np.eye(4) if start is None else as_pose(start, "start")
         self._motion = np.eye(4)
         self._T_doubtful: FloatArray | None = None
@@ -62,7 +65,8 @@ class Tracker:
             step = rigid(pose.inverse(self._T_last) @ expected.T_map_frame)
             self._motion = rigid(predict(np.eye(4), step, 1.0 / max(ratio, 1.0)))
         inside = kiss.compensate(raw.points, raw.times, self._motion)
-        frame = downsample_frame(inside, lengths.voxel_size)
+        self._building = None
+        frame = downsample_frame(inside, lengths.voxel_size, lambda reach: self._build(kiss, reach + lengths.reach))
         if frame is None or len(frame.scan) < FEWEST_POINTS:
             why = (
                 f"downsampling leaves {0 if frame is None else len(frame.scan)} of {len(raw.points)} points (within "
@@ -75,6 +79,12 @@ class Tracker:
             self._merge(kiss, frame)
             return first_frame(self._T_last, raw.notes, self._words(frame))
         return self._register(kiss, lengths, frame, raw, ratio, expected, insert=insert)
+
+    def _build(self, kiss: KissParts, reach: float) -> None:
+        """Begin the map's surface beside the frame: points farther off than its own can reach cannot be met."""
+        if self._kiss is not None and self._surface is None:
+            points, place = kiss.points(), self._T_last[:3, 3]
+            self._building = Later(lambda: surface_within(points, place, reach))
 
     def _failed(self, why: str, raw: RawFrame, status: str) -> Registration:
         self._timeline.missed += 1
@@ -92,9 +102,10 @@ class Tracker:
         insert: bool,
     ) -> Registration:
         T_predicted = rigid(predict(self._T_last, self._motion, ratio)) if expected is None else expected.T_map_frame
-        # Points beyond the frame's farthest, wherever it may have turned to, cannot be met.
-        surface = self._surface or surface_within(kiss.points(), self._T_last[:3, 3], frame.reach + lengths.reach)
-        self._surface = surface
+        if self._building is not None:
+            self._surface = self._building.result()
+        assert self._surface is not None
+        surface = self._surface
         search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(T_predicted))
         trusted = expected is not None or kiss.deviation <= lengths.voxel_size
         aligned, notes = search.find(frame.scan, trust_motion=trusted), raw.notes

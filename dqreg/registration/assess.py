@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import MeshSurface, PointCloud
+from dqreg.geometry import MeshSurface, PointCloud, Surface
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp import find_correspondences
-from dqreg.registration.common_faces import indexed_target, overlap_at, overlap_of, sampled_source
+from dqreg.registration.common_faces import begin_sampling, overlap_at, overlap_of
 from dqreg.registration.exposures import second_pose
 from dqreg.registration.fit import Fit, own_normals
 from dqreg.registration.free_space import begin_free_space, looked_through_at
@@ -33,7 +33,6 @@ from dqreg.trust import (
 from dqreg.trust.common_planes import CommonPlanes
 from dqreg.trust.covariance import partial_information_of
 from dqreg.trust.neighbourhoods import is_flat
-from dqreg.trust.overlap import IndexedPoints
 from dqreg.trust.patch_tests import ON
 from dqreg.trust.records import Alternative, Direction, Verdict
 from dqreg.trust.segments import OFF
@@ -165,18 +164,15 @@ def _planes_of(fit: Fit) -> CommonPlanes | None:
     return fit.once("planes", found)
 
 
-def begin_evidence(problem: Problem, prepared: Prepared) -> None:
-    """Make what the evidence on a pose between two clouds will ask of them, whatever the pose, beside the loop."""
+def begin_evidence(problem: Problem, surface: Surface, *, is_whole: bool) -> None:
+    """Make what the evidence on a pose between two dense clouds will ask of them beside the loop, whatever the pose.
+
+    The scan may be whole, where the target alone is so dense.
+    """
     target = problem.target.geometry
-    if not _is_worth_it(prepared) or not isinstance(target, PointCloud):
-        return
-
-    def sampled() -> IndexedPoints:
-        indexed_target(problem.target, prepared.surface, target)
-        return sampled_source(problem)
-
-    problem.begin("compared", sampled)
-    begin_free_space(problem, target)
+    if isinstance(target, PointCloud):
+        begin_sampling(problem, surface, target, is_whole=is_whole)
+        begin_free_space(problem, target)
 
 
 def begin_judging(fit: Fit) -> None:

@@ -39,6 +39,8 @@ def overlap_at(fit: Fit) -> Compared:
     target = fit.target.geometry
     assert isinstance(target, PointCloud)
     moves = _indexed_source(fit.problem, fit.prepared)
+    # Where that was begun beside the loop, it is waited for.
+    fit.problem.once("target compared", lambda: indexed_target(fit.target, fit.prepared.surface, target))
     stands = indexed_target(fit.target, fit.prepared.surface, target)
     return moves, stands, Overlap.of(moves, stands, fit.T_target_source)
 
@@ -120,9 +122,16 @@ def indexed_target(index: TargetIndex, surface: Surface, target: PointCloud) -> 
     return found
 
 
+def begin_sampling(problem: Problem, surface: Surface, target: PointCloud, *, is_whole: bool) -> None:
+    """Make what is compared of two clouds beside the caller; planes of a small scan that is whole will be there."""
+    problem.begin("target compared", lambda: indexed_target(problem.target, surface, target))
+    if not is_whole or len(problem.source.cloud) > COMPARED:
+        problem.begin("compared", lambda: sampled_source(problem))
+
+
 def _indexed_source(problem: Problem, prepared: Prepared) -> IndexedPoints:
     scan = prepared.scan
-    if len(problem.source.cloud) > COMPARED or prepared.cell_size > 0.0:
+    if len(problem.source.cloud) > COMPARED or not prepared.is_whole:
         return problem.once("compared", lambda: sampled_source(problem))
     # Planes of all points are there, unless normals were given in their place.
     is_fitted = scan.fitted is None and problem.source.cloud.normals is None

@@ -189,7 +189,8 @@ class Fit:
 
     def beside(self, T: FloatArray) -> Fit:
         """The same, ended at a pose near by: its mixture, and what its rejectors left."""
-        pairs, mixture = find_correspondences(self.run.pairs.scan, self.prepared.surface, T), self.run.mixture
+        before, mixture = self.run.pairs, self.run.mixture
+        pairs = find_correspondences(before.scan, self.prepared.surface, T, before)
         return self._ended(pairs, mixture, (pairs.distances <= mixture.limit) & (self.run.weights > 0.0))
 
     def _ended(self, pairs: Correspondences, mixture: InlierMixture, kept: BoolArray) -> Fit:

@@ -61,8 +61,10 @@ def align(problem: Problem) -> Registration:
     """Pose, uncertainty and verdict of a problem."""
     watch, options = problem.watch, problem.options
     with watch.stage("prepare"):
-        prepared = problem.prepare()
-        begin_evidence(problem, prepared)
+        prepared = problem.prepare(lambda surface, is_whole: begin_evidence(problem, surface, is_whole=is_whole))
+        if prepared.cell_size > 0.0:
+            # Whatever has not begun by now.
+            begin_evidence(problem, prepared.surface, is_whole=prepared.is_whole)
     search = GlobalSearch.of(problem, prepared)
     with watch.stage("start"):
         start = initial_pose(problem, search)

@@ -29,6 +29,8 @@ from dqreg.rigid import pose
 from dqreg.solvers.dof import Freedom
 
 T = TypeVar("T")
+# Begins what is asked of a thinned target beside the caller, once its cells are there; the scan may be whole.
+Begin = Callable[[Surface, bool], None]
 
 # Largest distance of a correspondence, in diagonals of the smaller of source and target.
 REACH = 0.2
@@ -96,6 +98,7 @@ class Prepared:
     surface: Surface
     cell_size: float = 0.0  # Edge of the cells by whose means dense clouds stand, target units; 0 where there are none
     even: bool = False  # Whether both are clouds with a plane fitted at every point that is left
+    is_whole: bool = True  # Whether the scan is of the points of the source, each place once, and not of means
 
     @staticmethod
     def whole(cloud: PointCloud, target: TargetIndex, fitted: int | None) -> Prepared:
@@ -103,7 +106,7 @@ class Prepared:
         return Prepared(prepare_scan(cloud, fitted), target.surface)
 
     @staticmethod
-    def downsampled(cloud: PointCloud, target: TargetIndex, count: int) -> Prepared:
+    def downsampled(cloud: PointCloud, target: TargetIndex, count: int, begin: Begin | None = None) -> Prepared:
         """Two clouds, thinned to one point a cell where they are denser, with planes fitted at all that are left.
 
         LiDARs crowd their points near the sensor, where they constrain a rotation least, and depth cameras give many
@@ -126,10 +129,13 @@ class Prepared:
                 stands = VoxelCloud.of(geometry, size)
         thinned = stands.surface is not None or moves.surface is not None
         planes = Later(stands.surface.fit_cells, beside=moves.surface is not None) if stands.surface else None
+        if begin is not None and stands.surface is not None:
+            begin(stands.surface, moves.surface is None)
         scan = prepare_scan(moves.cloud, surface=moves.surface, total=len(cloud))
         if planes is not None:
             planes.result()
-        return Prepared(scan, stands.surface or target.surface, moves.size if thinned else 0.0, even=True)
+        edge, is_whole = moves.size if thinned else 0.0, moves.surface is None
+        return Prepared(scan, stands.surface or target.surface, edge, even=True, is_whole=is_whole)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -182,9 +188,9 @@ class Problem(SourceAndTarget):
         }
         return Problem(centred, index, options, T_start, viewpoints, units, asked, watch, building)
 
-    def prepare(self) -> Prepared:
+    def prepare(self, begin: Begin | None = None) -> Prepared:
         """Scan with normals and surface to ask; where an initial pose was given, two dense clouds are downsampled."""
-        prepared = self.prepare_whole() if self.start is None else self._downsampled() or self.prepare_whole()
+        prepared = self.prepare_whole() if self.start is None else self._downsampled(begin) or self.prepare_whole()
         if self._building is not None:
             self._building.surface_is_ready.wait()
         return prepared
@@ -194,10 +200,10 @@ class Problem(SourceAndTarget):
         is_over = self.start is not None or self.watch.is_over
         return prepared if is_over else self._downsampled() or prepared
 
-    def _downsampled(self) -> Prepared | None:
+    def _downsampled(self, begin: Begin | None = None) -> Prepared | None:
         if self.options.cells is None or self.target.kind != "cloud":
             return None
-        return Prepared.downsampled(self._in_time, self.target, self.options.cells)
+        return Prepared.downsampled(self._in_time, self.target, self.options.cells, begin)
 
     def begin(self, name: str, make: Callable[[], T]) -> None:
         """Make ahead what `once` will be asked for, beside the caller; under a time limit nothing is."""

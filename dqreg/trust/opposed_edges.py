@@ -51,36 +51,38 @@ class InPlane:
     rows: IntArray  # (m,): Of the cloud
     flat: FloatArray  # (m, 2): Where those are in the plane
     most_spacing: float  # What the edge of the square that a point has for itself is at most
-    beside: IntArray  # (k,): Those that may stand beside a point off the plane: no other does
+    off: IntArray  # (l,): Rows of the cloud off the plane that a point in it may stand beside
+    beside: IntArray  # (k,): Those that may stand beside one of them: no other does
 
     @staticmethod
     def of(cloud: Points, heights: FloatArray, plane: Plane, within: float) -> InPlane | None:
         """Of a cloud whose heights over the plane are known; None where few of its points are in the plane."""
-        rows = np.flatnonzero(np.abs(heights) < within)
+        aside = np.abs(heights)
+        rows = np.flatnonzero(aside < within)
         if len(rows) < FEWEST:
             return None
         flat = (np.take(cloud[0], rows, axis=0) - plane.middle) @ plane.across.T
         most = _most_spacing(flat)
-        found = InPlane(cloud, plane, within, heights, rows, flat, most, np.arange(len(rows)))
-        return dataclasses.replace(found, beside=found.beside_any(REACH * most))
+        off = np.flatnonzero((aside > within) & (aside < within + REACH * most))
+        beside = np.flatnonzero(aside[rows] > within - REACH * most)
+        beside = beside[_near(cloud[0], rows[beside], cloud[0], off, REACH * most)]
+        return InPlane(cloud, plane, within, heights, rows, flat, most, off, beside)
 
     def places(self, k: IntArray) -> FloatArray:
         """Where some of the points are, (k, 3)."""
         return np.take(self.cloud[0], self.rows[k], axis=0)
 
     def beside_any(self, reach: float) -> IntArray:
-        """Which of those that may do stand within reach of a point off the plane, (m,)."""
-        aside = np.abs(self.heights)
-        others = np.flatnonzero((aside > self.within) & (aside < self.within + reach))
-        k = self.beside[aside[self.rows[self.beside]] > self.within - reach]
-        near: IntArray = k[_near(self.places(k), self.cloud[0][others], reach)]
+        """Which of those that may do stand within a shorter reach of a point off the plane, (m,)."""
+        off = self.off[np.abs(self.heights[self.off]) < self.within + reach]
+        k = self.beside[np.abs(self.heights[self.rows[self.beside]]) > self.within - reach]
+        near: IntArray = k[_near(self.cloud[0], self.rows[k], self.cloud[0], off, reach)]
         return near
 
     def beside_one(self, side: float) -> IntArray:
-        """Which of those that may do may stand beside a point on a side of the plane, 1 or -1, (m,)."""
-        over, reach = side * self.heights, REACH * self.most_spacing
-        others = np.flatnonzero((over > self.within) & (over < self.within + reach))
-        near: IntArray = self.beside[_near(self.places(self.beside), self.cloud[0][others], reach)]
+        """Which rows of the cloud that may do may stand beside a point on a side of the plane, 1 or -1, (m,)."""
+        off, rows = self.off[side * self.heights[self.off] > 0.0], self.rows[self.beside]
+        near: IntArray = rows[_near(self.cloud[0], rows, self.cloud[0], off, REACH * self.most_spacing)]
         return near
 
 
@@ -104,11 +106,6 @@ class Beside:
     def spacing(self) -> float:
         """Edge of the square that a point in the plane has for itself."""
         return self.usual * OF_SPACING
-
-    @property
-    def places(self) -> FloatArray:
-        """Where those beside a point off the plane are, (k, 3)."""
-        return self.held.places(self.rows)
 
     def rims(self, asked: BoolArray) -> Turning:
         """Which of those asked, (k,), are rims beside which the faces turn to one side."""
@@ -159,7 +156,8 @@ def opposed_share(
     first, second = Beside.of(one), Beside.of(other)
     reach = SAME * max(first.spacing, second.spacing)
     # What has none of the other cloud's beside it is no rim of both, whatever it is.
-    asked = _near(first.places, second.places, reach), _near(second.places, first.places, reach)
+    here, there = (one.cloud[0], one.rows[first.rows]), (other.cloud[0], other.rows[second.rows])
+    asked = _near(*here, *there, reach), _near(*there, *here, reach)
     if np.count_nonzero(asked[0]) < FEWEST_TURNING:
         return np.nan
     return _opposed_of(first.rims(asked[0]), second.rims(asked[1]), reach)
@@ -172,7 +170,7 @@ def _may_be_opposed(one: InPlane, other: InPlane) -> bool:
     """
     reach = SAME * max(one.most_spacing, other.most_spacing)
     return any(
-        _near(one.places(one.beside_one(side)), other.places(other.beside_one(-side)), reach).any()
+        _near(one.cloud[0], one.beside_one(side), other.cloud[0], other.beside_one(-side), reach).any()
         for side in (1.0, -1.0)
     )
 
@@ -196,12 +194,17 @@ def _most_spacing(flat: FloatArray) -> float:
     """
     rows, count = sample_rows(len(flat), SAMPLE), min(WINDOW, len(flat))
     firsts, last = np.clip(rows - count // 2, 0, len(flat) - count), min(AROUND, count - 1)
-    arms = flat[firsts[:, None] + np.arange(count)] - flat[rows, None]
-    return OF_SPACING * math.sqrt(median(np.partition(np.einsum("ijk,ijk->ij", arms, arms), last, axis=1)[:, last]))
+    # Number by number: pairs are too short to go over one after the other.
+    x, y = (axis[firsts[:, None] + np.arange(count)] - axis[rows, None] for axis in flat.T.copy())
+    return OF_SPACING * math.sqrt(median(np.partition(x * x + y * y, last, axis=1)[:, last]))
 
 
-def _near(points: FloatArray, others: FloatArray, reach: float) -> BoolArray:
-    """Which points, (n, 3), have one of the others, in the order of a space-filling curve, within reach."""
-    if not len(others):
-        return np.zeros(len(points), dtype=bool)
-    return np.asarray(NeighbourTree(others, in_order=True).capped_distances(points, reach) < reach)
+def _near(points: FloatArray, rows: IntArray, cloud: FloatArray, others: IntArray, reach: float) -> BoolArray:
+    """Which rows of some points, (m,), have one of the other rows of a cloud within reach; all along curves."""
+    from dqreg.kernels.near_rows import near_rows
+    from dqreg.kernels.point_tree import LEAF
+    from dqreg.kernels.threads import as_plain
+
+    found = np.zeros(len(rows), dtype=bool)
+    near_rows(as_plain(points), rows, as_plain(cloud), others, LEAF, float(reach), found)
+    return found

@@ -37,10 +37,10 @@ SPARE = 2
 # Planes of the two are of one face where their normals are within this angle, neighbours leave this share of their
 # extent at most, or so many times the usual noise, and the points are less than this share of it beside each other.
 SAME_COS, FLAT, NOISY, FLATTEST, BESIDE = np.cos(np.deg2rad(15.0)), 0.15, 2.0, 0.4, 0.7
-# Of so many neighbours of a point by an edge those are of its face that lie in one plane with it, within so many times
-# the usual noise of a plane: on a step two points wide eight do. Asked where both clouds have a point within so many
-# extents, and of so many points at most: of more, faces that matter hold places on no edge.
-BY_EDGES, IN_PLANE, NEAR, DENSE = 24, 3.0, 2.0, 10_000
+# Of the neighbours of a point by an edge that its tree remembers those are of its face that lie in one plane with it,
+# within so many times the usual noise of a plane: on a step two points wide eight of 24 do. Asked where both clouds
+# have a point within so many extents, and of so many points at most: of more, faces that matter hold places on no edge.
+IN_PLANE, NEAR, DENSE = 3.0, 2.0, 10_000
 # Places by an edge of which fewer others are on the same plane, within this angle and this slope, are on no face.
 OTHERS, FACE_COS, SLOPE = 4, float(np.cos(np.deg2rad(8.0))), 0.03
 # Comparisons of a patch; patches lie apart whose median is this many times the noise, and this share of the size: what
@@ -87,9 +87,26 @@ class IndexedPoints:
         return rows, self.planes_at(rows)
 
     def planes_at(self, rows: IntArray) -> PlaneFits:
-        """Planes through the neighbours of some of the points."""
+        """Planes through the neighbours of some of the points, fitted at each once."""
         if self.planes is not None:
             return self.planes.taken(rows)
+        fits, known = self._fitted
+        missing = rows[~known[rows]]
+        if len(missing):
+            missing = np.flatnonzero(np.bincount(missing, minlength=len(known)))
+            # A fit depends on the cloud alone: threads that meet here write the same. It is there before it is known.
+            fits.replace(missing, self._fitted_at(missing))
+            known[missing] = True
+        return fits.taken(rows)
+
+    @cached_property
+    def _fitted(self) -> tuple[PlaneFits, BoolArray]:
+        """Planes at all of the points, and at which they were fitted, (n,)."""
+        total = len(self.points)
+        fits = PlaneFits(np.zeros((total, 3)), np.zeros(total), np.zeros(total), min(NEIGHBOURS, total))
+        return fits, np.zeros(total, dtype=bool)
+
+    def _fitted_at(self, rows: IntArray) -> PlaneFits:
         if self.is_remembered:
             return fit_planes_around(self.tree, self.points, rows, NEIGHBOURS)
         return fit_planes_among(self.points, self.tree.nearest_to(rows, NEIGHBOURS)[0])
@@ -104,7 +121,7 @@ class IndexedPoints:
         normals, residuals = fits.normals.copy(), np.where(flat, fits.residuals, np.inf)
         steep = np.flatnonzero(asked & ~flat)
         if len(steep) and flat.any() and len(self.points) <= DENSE:
-            neighbours = self.tree.nearest(self.points[rows[steep]], min(BY_EDGES, len(self.points)))[0]
+            neighbours = self.tree.around(rows[steep])[0].astype(np.int64)
             planes, left, found = fit_edge_planes(self.points, neighbours, IN_PLANE * _usual_noise(fits))
             at = steep[found]
             normals[at], residuals[at] = planes[found], left[found]
