@@ -15,7 +15,8 @@ from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of, axis_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.search import symmetry_words
-from dqreg.search.near_symmetry import far_mirrors, flipped_poses, gain_of_mirror, mirrors_about
+from dqreg.search.flipped_poses import far_mirrors, flipped_poses, gain_of_mirror
+from dqreg.search.near_symmetry import mirrors_about
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.problem import SCENE
@@ -123,7 +124,12 @@ def _as_likely(fit: Fit) -> FloatArray:
     if not fit.found or fit.problem.watch.is_over:
         return NO_POSES
     scan, surface = fit.prepared.scan, fit.prepared.surface
-    found = flipped_poses(fit.T_target_source, near_maps(fit), scan, surface, limit_of(fit), fit.floor)
+    maps = near_maps(fit)
+    if not len(maps):
+        return NO_POSES
+    pairs = fit.evenly_asked()
+    asked = pairs.scan.points, pairs.distances
+    found = flipped_poses(fit.T_target_source, maps, scan, surface, limit_of(fit), fit.floor, asked)
     others = np.array([T for T, _ in found]).reshape(-1, 4, 4)
     if not len(others):
         return others
