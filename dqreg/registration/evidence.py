@@ -10,7 +10,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
 from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.scan import THINNED
+from dqreg.geometry.scan_measures import THINNED
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
@@ -18,7 +18,7 @@ from dqreg.icp.rejectors import at_boundary
 from dqreg.registration.surroundings import Surroundings, surroundings_of
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
-from dqreg.trust.chance import places_of, random_ratio
+from dqreg.trust.chance import COUNTED, places_of, random_ratio
 from dqreg.trust.deformation import ON_A_PART, deformation_of, may_be_deformed
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import LEAST_NOISE, NORMALS_APART
@@ -55,6 +55,8 @@ USUAL, LEAST = 3.0, 3e-4
 STRAINED, SOME_STRAYS = 3_000, 0.05
 # Points are off the target together beyond so many standard deviations of the noise.
 TOGETHER = 5.0
+# Waviness and noise where neither is asked for.
+NOTHING = 0.0, np.nan
 # Normals farther apart than this are of different faces.
 APART_RAD = np.deg2rad(35.0)
 
@@ -81,14 +83,17 @@ def agreement_of(
     aside = pairs.point_to_plane[on]
     close, around = _close(pairs, surface, mixture.scale, width, near, has_border=has_border)
     alone = isolated(pairs.scan, on, scan if len(scan) <= THINNED else None)
-    kept = ~around.elsewhere & ~alone
+    # Where nothing is left out, as a rule, nothing is copied.
+    some = alone.any() or around.elsewhere.any()
+    kept = np.flatnonzero(~(around.elsewhere | alone)) if some else slice(None)
     scale = mixture.scale if isinstance(surface, CloudSurface) else min(mixture.scale, _usual_scale(aside, surface))
     asked = pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept]
     patches, off = patches_off(*asked, scale)
     local = _local(run, scan, surface, pairs, width, has_border=has_border)
     is_part, size = not isinstance(surface, CloudSurface), surface.diagonal
     # Against a part, what differs from point to point is noise: the curvature of its faces is known.
-    waviness, local_noise = waviness_of(aside, pairs.closest.normals[on]) if is_part else (0.0, np.nan)
+    here = np.flatnonzero(on)
+    waviness, local_noise = waviness_of(aside, np.take(pairs.closest.normals, here, axis=0)) if is_part else NOTHING
     noise = local_noise if np.isfinite(local_noise) else mixture.scale
     shape = _Shape()
     # Between the points of two clouds, tangent planes are guesses; where the time is up, no pose is accepted anyway.
@@ -120,7 +125,7 @@ def agreement_of(
         waviness=waviness,
         local_noise=local_noise,
         share_together=_together(pairs, close, kept, noise, min(scan.diagonal, surface.diagonal)) if is_part else 0.0,
-        places=places_of(pairs.moved[on]),
+        places=places_of(np.take(pairs.moved, here[sample_rows(len(here), COUNTED)], axis=0)),
         # A pose that is not accepted anyway is not compared with random ones.
         random_ratio=0.0 if count < LOOKED_AT else _random_ratio(pairs, on, surface),
         share_on=around.share_on,
@@ -170,7 +175,8 @@ def _shape_of(
     rows = np.flatnonzero(counted & nonzero_rows(pairs.closest.normals))
     rows = rows[sample_rows(len(rows), STRAINED)]
     # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
-    columns = pairs.closest.points[rows], pairs.closest.normals[rows], pairs.point_to_plane[rows]
+    feet, normals = (np.take(x, rows, axis=0) for x in (pairs.closest.points, pairs.closest.normals))
+    columns = feet, normals, pairs.point_to_plane[rows]
     strain = strain_of(*columns, clutter=clutter, strays=strays > SOME_STRAYS)
     if sparse and not strain.is_strained:
         value, along = stretch_of(*columns)
@@ -183,7 +189,7 @@ def _shape_of(
     return _Shape(stretch, strain.along, bend, deformation)
 
 
-def _together(pairs: Correspondences, close: BoolArray, kept: BoolArray, noise: float, size: float) -> float:
+def _together(pairs: Correspondences, close: BoolArray, kept: IntArray | slice, noise: float, size: float) -> float:
     """Share of the points near a part that lie off it together, beyond the noise."""
     off = pairs.distances[kept] > TOGETHER * max(noise, LEAST_NOISE * size)
     return share_together(pairs.moved[kept], off, close[kept])
@@ -273,12 +279,13 @@ class _Local:
     def of(pairs: Correspondences, width: float) -> _Local:
         scan, found = pairs.scan, pairs.closest
         # Other points have no neighbourhood.
-        rows = slice(None) if scan.fitted is None else scan.fitted
-        residuals, normals, own = scan.residuals[rows], found.normals[rows], scan.normals[rows]
+        rows, own, levers, residuals = scan._fitted_planes
+        normals = found.normals[rows]
         on, known = found.distances[rows] <= width, np.isfinite(residuals)
         with np.errstate(divide="ignore", invalid="ignore"):
             # How far the neighbours leave their plane, in their own extent: no length in it.
-            rough = np.nan_to_num(residuals / np.sqrt(scan.levers[rows]), nan=np.inf)
+            rough = np.minimum(residuals / np.sqrt(levers), np.finfo(float).max)
+        rough[np.isnan(rough)] = np.inf
         compared = (rough < SMOOTH) & on & nonzero_rows(normals)
         cosines = row_dots(normals @ pairs.T_target_source[:3, :3], own)
         cosines = cosines if pairs.same_sign else np.abs(cosines)

@@ -13,7 +13,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.opening import describe
-from dqreg.geometry.scan import THINNED
+from dqreg.geometry.scan_measures import THINNED
 from dqreg.geometry.unit_check import require_same_units
 from dqreg.geometry.voxels import WHOLE, VoxelCloud, cell_size, voxel_size
 from dqreg.icp.coarse_to_fine import COARSE, NEAR

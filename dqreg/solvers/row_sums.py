@@ -107,7 +107,9 @@ class MotionSums:
 
     def information(self) -> FloatArray:
         """See `PatchSums`."""
-        found: FloatArray = self.basis.T @ self._products().sum(axis=0) @ self.basis
+        from dqreg.kernels.motion_sums import PRODUCTS, SMOOTH
+
+        found: FloatArray = self.basis.T @ _squared(self.sums[:, PRODUCTS:SMOOTH].sum(axis=0)) @ self.basis
         return found
 
     def of_smooth(self) -> FloatArray:

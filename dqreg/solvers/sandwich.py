@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import lru_cache
 
 import numpy as np
 
@@ -97,8 +98,26 @@ def scatter_of_sums(
 
 def patch_starts(total: int, counts: FloatArray | None) -> tuple[IntArray, IntArray]:
     """First rows of the larger and of the smaller patches of so many rows, of as many points each."""
-    passed = None if counts is None else np.cumsum(counts)
+    if counts is None:
+        return _even_starts(total)[:2]
+    passed = np.cumsum(counts)
     return _starts(total, PATCHES, passed), _starts(total, SMALL, passed)
+
+
+def all_starts(total: int, counts: FloatArray | None) -> IntArray:
+    """First rows of patches of which both kinds are made, the first row of all among them."""
+    return _even_starts(total)[2] if counts is None else _united(*patch_starts(total, counts))
+
+
+@lru_cache(maxsize=16)
+def _even_starts(total: int) -> tuple[IntArray, IntArray, IntArray]:
+    # The same for every scan of so many points.
+    large, small = _starts(total, PATCHES, None), _starts(total, SMALL, None)
+    return large, small, _united(large, small)
+
+
+def _united(large: IntArray, small: IntArray) -> IntArray:
+    return np.asarray(np.union1d(np.zeros(1, dtype=np.int64), np.concatenate([large, small])), dtype=np.int64)
 
 
 def _starts(total: int, most: int, passed: FloatArray | None) -> IntArray:

@@ -6,7 +6,7 @@ them can be found all the same.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
-from dqreg.geometry.vector_rows import row_dots
 from dqreg.solvers.quadratic import plane_rows
 
 # Neighbouring points of a patch, and the kernel scales that its median may deviate: for 32 points of independent noise
@@ -125,23 +124,19 @@ def waviness_of(residuals: FloatArray, normals: FloatArray, beside: IntArray | N
     Shapes: residuals (n,), normals (n, 3), both in the order of a space-filling curve; beside (n, k): the neighbours of
     each point, those on the curve where none are given.
     """
-    pairs: Sequence[tuple[slice, slice | IntArray]]
-    # Along the curve, views: nothing is copied.
-    pairs = [(slice(lag, None), slice(None, -lag)) for lag in LAGS]
-    if beside is not None:
-        pairs = [(slice(None), each) for each in beside.T]
-    together = alone = 0.0
-    apart = []
-    for first, second in pairs:
-        same = row_dots(normals[first], normals[second]) > SAME_FACE_COS
-        one, two = residuals[first][same], residuals[second][same]
-        together, alone = together + float(one @ two), alone + 0.5 * float(one @ one + two @ two)
-        apart.append(np.abs(one - two))
-    count = sum(map(len, apart))
+    from dqreg.kernels.neighbour_differences import neighbour_differences
+    from dqreg.kernels.threads import as_plain
+
+    if beside is None:
+        beside = np.arange(len(residuals))[:, None] - np.array(LAGS)
+    apart, sums = np.zeros(beside.size), np.zeros(2)
+    columns = as_plain(residuals), as_plain(normals), np.ascontiguousarray(beside, dtype=np.int64)
+    count = neighbour_differences(*columns, SAME_FACE_COS, apart, sums)
     if count < FEWEST_PAIRS:
         return 0.0, np.nan
-    shared = float(np.sqrt(together / count)) if together > IN_COMMON * alone else 0.0
-    return shared, quantile(np.concatenate(apart), QUIET) / QUIET_NORMAL
+    together, alone = sums.tolist()
+    shared = math.sqrt(together / count) if together > IN_COMMON * alone else 0.0
+    return shared, quantile(apart[:count], QUIET) / QUIET_NORMAL
 
 
 # Points off the target are of one feature where so many others that are off stand as near to each as so many points of
@@ -154,9 +149,10 @@ def share_together(points: FloatArray, off: BoolArray, counted: BoolArray) -> fl
 
     Shapes: points (n, 3) in the order of a space-filling curve, off and counted (n,).
     """
-    apart, near = points[off & counted], points[counted]
-    if len(apart) <= max(OTHERS, FEWEST_TOGETHER):
+    together = off & counted
+    if np.count_nonzero(together) <= max(OTHERS, FEWEST_TOGETHER):
         return 0.0
+    apart, near = points[together], points[counted]
     some = near[sample_rows(len(near), USUAL)]
     usual = median(NeighbourTree(near, in_order=True).nearest(some, OTHERS + 1)[1][:, -1])
     together = NeighbourTree(apart, in_order=True).nearest(apart, OTHERS + 1)[1][:, -1] <= AS_NEAR * usual

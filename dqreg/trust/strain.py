@@ -92,7 +92,7 @@ def strain_of(
     # The row is the square of the place along the axis over the lever; a sagitta is over the square of half the length.
     # Of a torsion, the displacement of the ends at the usual distance from the axis.
     radius = float(np.sqrt(np.mean((arms @ axes[:, :2]) ** 2) * 2.0))
-    factor = np.r_[[0.25 * length] * 2, 0.5 * radius] / lever**2
+    factor = np.array([0.25 * length, 0.25 * length, 0.5 * radius]) / lever**2
 
     def is_small(fitted: FloatArray) -> bool:
         # No principal strain is larger than the root of the sum of all squares.
