@@ -125,7 +125,7 @@ class Scan:
             Ascending.
         """
         if self.fitted is not None and count <= len(self.fitted):
-            return self.fitted[sample_rows(len(self.fitted), count)]
+            return self.fitted if count == len(self.fitted) else self.fitted[sample_rows(len(self.fitted), count)]
         return sample_rows(len(self), count)
 
     def taken(self, rows: IntArray) -> Scan:
@@ -158,7 +158,7 @@ class Scan:
     def _fitted_planes(self) -> tuple[IntArray | slice, FloatArray, FloatArray, FloatArray]:
         """Rows at which planes were fitted, and the normals, levers and residuals of these alone."""
         known = vars(self).get("_planes")
-        if known is not None and "normals" not in vars(self):
+        if known is not None:
             return known.rows, known.normals, known.levers, known.residuals
         rows = slice(None) if self.fitted is None else self.fitted
         return rows, self.normals[rows], self.levers[rows], self.residuals[rows]

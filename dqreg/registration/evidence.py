@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +26,7 @@ from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import LEAST_NOISE, NORMALS_APART
 from dqreg.trust.neighbourhoods import Neighbourhoods
 from dqreg.trust.patch_tests import ON, isolated, patches_off, share_together, stretch_of, waviness_of
-from dqreg.trust.strain import strain_of
+from dqreg.trust.strain import Strain, strain_of
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
 # has a say there; on denser scans clutter makes patterns of its own, and the noise is known.
@@ -55,8 +57,6 @@ USUAL, LEAST = 3.0, 3e-4
 STRAINED, SOME_STRAYS = 3_000, 0.05
 # Points are off the target together beyond so many standard deviations of the noise.
 TOGETHER = 5.0
-# Waviness and noise where neither is asked for.
-NOTHING = 0.0, np.nan
 # Normals farther apart than this are of different faces.
 APART_RAD = np.deg2rad(35.0)
 
@@ -70,37 +70,38 @@ def agreement_of(
     *,
     has_border: bool = False,
     pairs: Correspondences | None = None,
+    axis: bool = False,
 ) -> Evidence:
     """Measure it at the end of a run; what needs more than the run is not known yet.
 
-    Pairs are those that `evenly_asked` answers, where they are known.
+    Pairs are those that `evenly_asked` answers. A strain that is no fault has no axis unless that is asked for.
     """
     mixture = run.mixture
     near = NEAR * max_distance
     width = min(ON * mixture.scale, near)
     pairs = evenly_asked(run, scan, surface, mixture.scale, count) if pairs is None else pairs
     on = pairs.distances <= width
-    aside = pairs.point_to_plane[on]
+    here, aside = np.flatnonzero(on), pairs.point_to_plane[on]
     close, around = _close(pairs, surface, mixture.scale, width, near, has_border=has_border)
     alone = isolated(pairs.scan, on, scan if len(scan) <= THINNED else None)
     # Where nothing is left out, as a rule, nothing is copied.
-    some = alone.any() or around.elsewhere.any()
-    kept = np.flatnonzero(~(around.elsewhere | alone)) if some else slice(None)
+    kept = np.flatnonzero(~(around.elsewhere | alone)) if alone.any() or around.elsewhere.any() else slice(None)
     scale = mixture.scale if isinstance(surface, CloudSurface) else min(mixture.scale, _usual_scale(aside, surface))
     asked = pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept]
     patches, off = patches_off(*asked, scale)
     local = _local(run, scan, surface, pairs, width, has_border=has_border)
     is_part, size = not isinstance(surface, CloudSurface), surface.diagonal
     # Against a part, what differs from point to point is noise: the curvature of its faces is known.
-    here = np.flatnonzero(on)
-    waviness, local_noise = waviness_of(aside, np.take(pairs.closest.normals, here, axis=0)) if is_part else NOTHING
+    normals = np.take(pairs.closest.normals, here, axis=0)
+    waviness, local_noise = waviness_of(aside, normals) if is_part else (0.0, np.nan)
     noise = local_noise if np.isfinite(local_noise) else mixture.scale
     shape = _Shape()
     # Between the points of two clouds, tangent planes are guesses; where the time is up, no pose is accepted anyway.
     if is_part and count >= LOOKED_AT:
         counted, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
         clutter, strays = has_border or bool(around.elsewhere.any()), float(np.mean(alone))
-        shape = _shape_of(pairs, counted, noise, size, clutter=clutter, sparse=sparse, strays=strays)
+        fit = functools.partial(strain_of, clutter=clutter, strays=strays > SOME_STRAYS, faults=not axis)
+        shape = _shape_of(pairs, counted, noise, size, fit, clutter=clutter, sparse=sparse)
     return Evidence(
         status=run.status,
         found=run.found,
@@ -163,10 +164,10 @@ def _shape_of(
     counted: BoolArray,
     noise: float,
     size: float,
+    fit: Callable[[FloatArray, FloatArray, FloatArray], Strain],
     *,
     clutter: bool,
     sparse: bool,
-    strays: float,
 ) -> _Shape:
     """How the counted points, (n,), differ from a part, of a noise and size; beside clutter without deformations.
 
@@ -177,7 +178,7 @@ def _shape_of(
     # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
     feet, normals = (np.take(x, rows, axis=0) for x in (pairs.closest.points, pairs.closest.normals))
     columns = feet, normals, pairs.point_to_plane[rows]
-    strain = strain_of(*columns, clutter=clutter, strays=strays > SOME_STRAYS)
+    strain = fit(*columns)
     if sparse and not strain.is_strained:
         value, along = stretch_of(*columns)
         strain = dataclasses.replace(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))

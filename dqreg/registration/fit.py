@@ -104,14 +104,19 @@ class Fit:
         """Make it beside the caller."""
         self.begin("agreement", self._agreement)
 
-    def _agreement(self) -> Evidence:
+    @property
+    def strain_axis(self) -> tuple[float, float, float]:
+        """Axis of a strain of the scan against a part, be it a fault or not; zeros for none."""
+        return self.once("strain axis", lambda: self._agreement(axis=True).stretched_along)
+
+    def _agreement(self, *, axis: bool = False) -> Evidence:
         prepared, reach = self.prepared, self.settings.max_distance
         if self.problem.options.max_distance is not None:
             # A shorter one hides the points that speak against a pose.
             reach = self.problem.reach(prepared)
         count = LOOKED_AT_LATE if self.is_late else LOOKED_AT
         asked, pairs = (self.run, prepared.scan, prepared.surface, reach, count), self.evenly_asked(count)
-        return agreement_of(*asked, has_border=self.has_border, pairs=pairs)
+        return agreement_of(*asked, has_border=self.has_border, pairs=pairs, axis=axis)
 
     def evenly_asked(self, count: int = LOOKED_AT) -> Correspondences:
         """Pairs at the pose of points that were drawn evenly, each of one point."""

@@ -102,8 +102,8 @@ def _motions(fit: Fit, share: float) -> tuple[FloatArray, bool]:
     # An open target ends where it was not measured, and its rim holds nothing.
     held_by_rims = bool(0 < np.count_nonzero(free) <= PLANE and not fit.has_border)
     # One riser on its neighbour's place, and all others off, look like a strain across them.
-    along = fit.agreement.stretched_along
-    strained = np.array([[0.0, 0.0, 0.0, *along]] if share and any(along) else nothing)
+    along = fit.strain_axis if share else ()
+    strained = np.array([[0.0, 0.0, 0.0, *along]] if any(along) else nothing)
     if fit.constraints.any or not (weak.any() or held_by_rims or len(strained)):
         return nothing, False
     unit = information.vectors / scaling_by(information.lever)[:, None]

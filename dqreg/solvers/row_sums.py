@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -109,15 +110,20 @@ class MotionSums:
         """See `PatchSums`."""
         from dqreg.kernels.motion_sums import PRODUCTS, SMOOTH
 
-        found: FloatArray = self.basis.T @ _squared(self.sums[:, PRODUCTS:SMOOTH].sum(axis=0)) @ self.basis
+        found: FloatArray = self.basis.T @ _squared(self._totals[PRODUCTS:SMOOTH]) @ self.basis
         return found
 
     def of_smooth(self) -> FloatArray:
         """The same with the normals of the smooth surface."""
         from dqreg.kernels.motion_sums import SMOOTH
 
-        found: FloatArray = self.information() + self.basis.T @ _squared(self.sums[:, SMOOTH:].sum(axis=0)) @ self.basis
+        found: FloatArray = self.information() + self.basis.T @ _squared(self._totals[SMOOTH:]) @ self.basis
         return found
+
+    @cached_property
+    def _totals(self) -> FloatArray:
+        totals: FloatArray = self.sums.sum(axis=0)
+        return totals
 
     def over(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
         """See `PatchSums`; each start is one of this one's."""

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, product
+from dqreg._arrays import FloatArray, IntArray, median, product
 from dqreg.solvers.row_sums import PatchSums, RowSums
 
 # Patches of neighbouring correspondences whose noise may be common; the fewest from which a scatter can be estimated.
@@ -192,7 +192,7 @@ class _Patches:
             return None
         products, squared = np.zeros(BINS), np.zeros(BINS)
         binned_agreements(points, normals, as_plain(self.residuals), far, products, squared)
-        ranges = NEAREST * float(np.median(nearest)) * FACTOR ** np.arange(STEPS)
+        ranges = NEAREST * median(nearest) * FACTOR ** np.arange(STEPS)
         ranges = ranges[(ranges > 0.0) & (ranges <= far)]
         models = _spherical((np.arange(BINS) + 0.5) * (far / BINS) / ranges[:, None])
         agreements, norms = models @ products, models**2 @ squared

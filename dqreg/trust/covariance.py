@@ -97,7 +97,9 @@ def observe_directions(information: Information, units: str | None = None) -> tu
     'unconstrained: translation along (0.00, 0.00, 1.00)'
     """
     free = information.free
-    vectors = np.hstack([_separated(information.vectors[:, free]), information.vectors[:, ~free]])
+    vectors = information.vectors
+    if free.any():
+        vectors = np.hstack([_separated(vectors[:, free]), vectors[:, ~free]])
     directions = []
     for value, vector, is_free, carriers in zip(information.values, vectors.T, free, information.carriers, strict=True):
         share = FREE_ROTATION if is_free else CONSTRAINED_ROTATION

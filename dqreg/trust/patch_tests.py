@@ -7,6 +7,7 @@ them can be found all the same.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -40,8 +41,8 @@ def isolated(scan: Scan, on: BoolArray, whole: Scan | None = None) -> BoolArray:
     alone = np.zeros(len(points), dtype=bool)
     if len(off) and len(points) - len(off) > NEIGHBOURS:
         some = np.flatnonzero(on)[sample_rows(len(points) - len(off), USUAL)]
-        usual, gaps = (_gaps(scan, rows, whole or scan) for rows in (some, off))
-        alone[off] = gaps > SCATTERED * median(usual)
+        gaps = _gaps(scan, np.concatenate([some, off]), whole or scan)
+        alone[off] = gaps[len(some) :] > SCATTERED * median(gaps[: len(some)])
     return alone
 
 
@@ -127,8 +128,7 @@ def waviness_of(residuals: FloatArray, normals: FloatArray, beside: IntArray | N
     from dqreg.kernels.neighbour_differences import neighbour_differences
     from dqreg.kernels.threads import as_plain
 
-    if beside is None:
-        beside = np.arange(len(residuals))[:, None] - np.array(LAGS)
+    beside = _along_curve(len(residuals)) if beside is None else beside
     apart, sums = np.zeros(beside.size), np.zeros(2)
     columns = as_plain(residuals), as_plain(normals), np.ascontiguousarray(beside, dtype=np.int64)
     count = neighbour_differences(*columns, SAME_FACE_COS, apart, sums)
@@ -137,6 +137,12 @@ def waviness_of(residuals: FloatArray, normals: FloatArray, beside: IntArray | N
     together, alone = sums.tolist()
     shared = math.sqrt(together / count) if together > IN_COMMON * alone else 0.0
     return shared, quantile(apart[:count], QUIET) / QUIET_NORMAL
+
+
+@lru_cache(maxsize=4)
+def _along_curve(count: int) -> IntArray:
+    """Rows that stand so many places before each, (n, lags); below zero before the first. The same for every scan."""
+    return np.asarray(np.arange(count)[:, None] - np.array(LAGS), dtype=np.int64)
 
 
 # Points off the target are of one feature where so many others that are off stand as near to each as so many points of
