@@ -70,10 +70,15 @@ def spherical_covariance(points: FloatArray, sill: float, reach: float, covarian
 
     They fall from the sill at no distance to zero from the reach on (Matheron 1963).
     """
-    for i in range(len(points)):
+    count, xyz = len(points), points.T.copy()
+    x, y, z, apart = xyz[0], xyz[1], xyz[2], np.zeros(count)
+    for i in range(count):
+        a, b, c = x[i], y[i], z[i]
         for j in range(i):
-            dx, dy, dz = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
-            h = np.sqrt(dx * dx + dy * dy + dz * dz) / reach
+            dx, dy, dz = a - x[j], b - y[j], c - z[j]
+            apart[j] = np.sqrt(dx * dx + dy * dy + dz * dz) / reach
+        for j in range(i):
+            h = apart[j]
             if h < 1.0:
                 covariance[i, j] = covariance[j, i] = sill * (1.0 - h * (1.5 - 0.5 * h * h))
 
