@@ -129,8 +129,10 @@ def _as_likely(fit: Fit) -> FloatArray:
     maps = near_maps(fit)
     if not len(maps):
         return NO_POSES
-    pairs = fit.evenly_asked()
-    asked = pairs.scan.points, pairs.distances
+    asked = None
+    if isinstance(surface, MeshSurface):
+        pairs = fit.evenly_asked()
+        asked = pairs.scan.points, pairs.distances
     found = flipped_poses(fit.T_target_source, maps, scan, surface, limit_of(fit), fit.floor, asked)
     others = np.array([T for T, _ in found]).reshape(-1, 4, 4)
     if not len(others):

@@ -5,6 +5,8 @@ Few points refine and compare them first, and more of them what these leave.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
@@ -109,9 +111,14 @@ def _refined(
 ) -> tuple[Poses, PoseScores]:
     """A pose, then the pose followed by each of some motions, (k, 4, 4), and refined; and the scores of all."""
     sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), points[0])])
-    widths = np.geomspace(wide, NARROW, points[2]) * surface.diagonal
+    widths = _widths(wide, points[2]) * surface.diagonal
     poses = Poses.of(T_target_source[None]) + refine(Poses.of(maps @ T_target_source), sample, surface, widths)
     return poses, score_poses(poses, scan.points[sample_rows(len(scan), points[1])], surface, limit, floor)
+
+
+@lru_cache(maxsize=8)
+def _widths(wide: float, steps: int) -> FloatArray:
+    return np.geomspace(wide, NARROW, steps)
 
 
 def _not_clearly_worse(scores: PoseScores, best: int) -> IntArray:
