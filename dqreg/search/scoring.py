@@ -137,8 +137,7 @@ def likely_by(distances: FloatArray, width: float, limit: float) -> PoseScores:
 
 def _moved(poses: Poses, points: FloatArray, surface: Surface, limit: float) -> Closest:
     # In one query, so that threads share it.
-    moved = [points @ R.T + t for R, t in zip(poses.R, poses.t, strict=True)]
-    return surface.closest(np.concatenate(moved), None, limit)
+    return surface.closest(poses.apply(points).reshape(-1, 3), within=limit)
 
 
 def _by_normals(
