@@ -24,8 +24,8 @@ PATCH, OFF = 32, 2.0
 ON = 4.0
 # A point off the target whose neighbour of this rank is so many times as far as for points on it is an outlier.
 NEIGHBOURS, SCATTERED = 5, 2.5
-# Points on the target that tell what is usual.
-USUAL = 250
+# Points on the target that tell what is usual, and the reach, in spacings, within which it may be settled sooner.
+USUAL, NO_FARTHER = 250, 1.5
 # A patch whose plane holds more points far from the target than so many times those near it belongs to an object that
 # the part stands on or leans against.
 BACKGROUND = 1.0
@@ -41,17 +41,23 @@ def isolated(scan: Scan, on: BoolArray, whole: Scan | None = None) -> BoolArray:
     alone = np.zeros(len(points), dtype=bool)
     if len(off) and len(points) - len(off) > NEIGHBOURS:
         some = np.flatnonzero(on)[sample_rows(len(points) - len(off), USUAL)]
-        gaps = _gaps(scan, np.concatenate([some, off]), whole or scan)
-        alone[off] = gaps[len(some) :] > SCATTERED * median(gaps[: len(some)])
+        gaps = _gaps(scan, off, whole or scan)
+        # Where more than half of the others have none nearer than this, it is no more than the usual one.
+        reach = float(gaps.max()) / SCATTERED * (1.0 + 1e-9)
+        if reach <= NO_FARTHER * scan.spacing:
+            capped = _gaps(scan, some, whole or scan, reach)
+            if 2 * np.count_nonzero(capped >= reach * (1.0 - 1e-12)) > len(some):
+                return alone
+        alone[off] = gaps > SCATTERED * median(_gaps(scan, some, whole or scan))
     return alone
 
 
-def _gaps(scan: Scan, rows: IntArray, whole: Scan) -> FloatArray:
-    """Distance of some points of a scan to their neighbour of the last rank in a whole one, (m,)."""
+def _gaps(scan: Scan, rows: IntArray, whole: Scan, within: float = np.inf) -> FloatArray:
+    """Distance of some points of a scan to their neighbour of the last rank in a whole one, (m,), or that distance."""
     # Both are in the order of one curve: as far along the whole stands the point itself, which is the first, or a
     # neighbour of it.
     along = rows * len(whole) // len(scan)
-    return whole.tree.nearest_beside(scan.points[rows], along, NEIGHBOURS + 1)[1][:, -1]
+    return whole.tree.nearest_beside(scan.points[rows], along, NEIGHBOURS + 1, within)[1][:, -1]
 
 
 def patches_off(
