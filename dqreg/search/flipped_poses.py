@@ -30,7 +30,9 @@ FIRST, LAST, MIRRORED = (300, 1_000, 4), (1_000, 5_000, 6), (1_000, 5_000, 12)
 # cost the others three log-likelihoods in the mean, over that number; twice of it in one case of sixteen.
 CLEARLY, FITTED = 2.5, 6.0 / FIRST[0]
 # Poses that few points have refined are told apart for sure where so many times as many points speak against them, and
-# would though each were that many widths nearer to the target: refining on more moves them by a seventh of one.
+# would though each were that many widths nearer to the target: refining on more moves them by a seventh of one, where
+# the steps have come to rest. They have where the second one on more points moves none of them that far: on one ring,
+# of which few faces hold the rotation, they had 16 widths to go.
 SURELY, MOVES = 2.0, 0.5
 # First and last kernel scale of the refinement, in sizes.
 WIDE, NARROW = 6e-3, 1e-3
@@ -131,9 +133,13 @@ def _told_apart(
     poses: Poses, width: float, surface: Surface, limit: float, points: FloatArray, distances: FloatArray
 ) -> BoolArray:
     """Which poses points tell for sure from the one that puts them at some distances, (n,); see `PoseScores`."""
+    some, last = points[sample_rows(len(points), LAST[0])], np.array([NARROW * surface.diagonal])
+    before = refine(poses, OrientedPoints.on_faces(some), surface, last)
+    poses = refine(before, OrientedPoints.on_faces(some), surface, last)
+    rests = np.abs(poses.apply(some) - before.apply(some)).max(axis=(1, 2)) <= MOVES * width
     there = distances_at(poses, points, surface, limit)
     both = np.concatenate([distances[None], np.maximum(there - MOVES * width, 0.0)])
-    return likely_by(both, width, limit).distinguishable(0, SURELY)[1:]
+    return np.asarray(rests & likely_by(both, width, limit).distinguishable(0, SURELY)[1:])
 
 
 def _worth_refining(T_target_source: FloatArray, flips: FloatArray, scan: Scan, surface: Surface) -> FloatArray:
