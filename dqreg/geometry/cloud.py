@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, bounds, one_line, require_workable, shifted
+from dqreg._arrays import (
+    BoolArray,
+    FloatArray,
+    as_float,
+    as_vectors,
+    bounds,
+    one_line,
+    require_workable,
+    require_workable_ends,
+    shifted,
+)
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.depth import depth_points
@@ -92,11 +101,14 @@ class PointCloud:
 
     def _moved(self, offset: FloatArray, scale: float = 1.0) -> PointCloud:
         """The cloud scaled about zero, then shifted: no point has to be checked again."""
-        other = copy.copy(self)
+        # As `copy.copy` has it, which asks for much that a cloud has not.
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
         points = shifted(self.points if scale == 1.0 else scale * self.points, offset)
         # Rounding keeps their order, so the ends stay the ends.
         low, high = (scale * end + offset for end in self._ends)
-        other.__dict__["_known_ends"] = require_workable(np.stack([low, high]), "points")
+        require_workable_ends(low, high, "points")
+        other.__dict__["_known_ends"] = low, high
         viewpoint = None if self.viewpoint is None else scale * self.viewpoint + offset
         _freeze(other, points=points, viewpoint=_viewpoint(viewpoint))
         return other

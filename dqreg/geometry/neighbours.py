@@ -41,9 +41,12 @@ class NeighbourTree:
         """The same of some of the points, (m,) rows: in Morton order each begins at its own place."""
         return self.nearest_beside(np.take(self._points, rows, axis=0), rows, count)
 
-    def nearest_beside(self, queries: FloatArray, rows: IntArray, count: int) -> tuple[IntArray, FloatArray]:
-        """The same of queries near some of the points, (m,) rows."""
-        return self._tree.nearest(queries, count, at=rows) if self._in_order else self._tree.nearest(queries, count)
+    def nearest_beside(
+        self, queries: FloatArray, rows: IntArray, count: int, within: float = np.inf
+    ) -> tuple[IntArray, FloatArray]:
+        """The same of queries near some of the points, (m,) rows; where fewer are within a distance, that distance."""
+        places = {"at": rows} if self._in_order else {}
+        return self._tree.nearest(queries, count, within, **places)
 
     def capped_distances(self, queries: FloatArray, cap: float) -> FloatArray:
         """Distance of each query to the nearest point, (m,), or the cap where that is less: little is looked at."""

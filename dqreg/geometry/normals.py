@@ -18,8 +18,8 @@ FEWEST = 4
 NEAREST, SIN = 8, 0.4
 # Neighbours in the plane, the point among them, without which there is none; rounds of the fit to those.
 FEWEST_HELD, ROUNDS = 6, 3
-# Points by an edge that one thread goes over at a time.
-EDGES = 256
+# Points, and points by an edge, that one thread goes over at a time.
+PLANES, EDGES = 512, 256
 # Bounds the memory of one step: 16 neighbours of 65,536 points are 25 MB.
 CHUNK = 65_536
 
@@ -117,7 +117,7 @@ def _fit_chunk(cloud: FloatArray, indices: IntArray) -> tuple[FloatArray, FloatA
     total, k = indices.shape
     normals, residuals, lever = np.full((total, 3), np.nan), np.full(total, np.nan), np.zeros(total)
     if k >= FEWEST:
-        over_chunks(fit_plane_rows, total, as_plain(cloud), indices, normals, residuals, lever)
+        over_chunks(fit_plane_rows, total, as_plain(cloud), indices, normals, residuals, lever, chunk=PLANES)
     return normals, residuals, lever
 
 
@@ -168,6 +168,8 @@ class ScanPlanes:
 
     def at(self, rows: IntArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         """Normals, levers and residuals of some rows, ascending, and which of them have planes."""
+        if rows is self.rows:
+            return self.normals, self.levers, self.residuals, np.arange(len(rows))
         places = np.minimum(np.searchsorted(self.rows, rows), len(self.rows) - 1)
         fitted = np.flatnonzero(self.rows[places] == rows)
         places = places[fitted]

@@ -14,9 +14,9 @@ from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import distinct_in_order, in_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import PlaneFits, ScanPlanes, fit_planes, fit_planes_at, sample_rows
-from dqreg.geometry.scan_noise import noise_of
-from dqreg.geometry.spacing import Spread, spacing_of
+from dqreg.geometry.normals import ScanPlanes, fit_planes_at, sample_rows
+from dqreg.geometry.scan_measures import THINNED, measure_all, measure_pieces
+from dqreg.geometry.spacing import Spread
 from dqreg.geometry.vector_rows import nonzero_rows
 
 FEWEST_POINTS = 3
@@ -25,13 +25,8 @@ COLUMNS = "normals", "levers", "residuals"
 # Where the residuals of all planes but for this share are more than that share of their levers' lengths, neighbours
 # stand on different faces: some scans of 20 to 120 points came to 1.05, denser ones of all kinds to 0.64 at most.
 FLAT, NOT_FLAT = 0.1, 0.65
-# Points among which neighbours are searched where normals are fitted at a few points only of more than these.
-THINNED = 50_000
 # Points for each of the queries, from which on building a tree costs more than asking it.
 FEW_QUERIES = 4
-# Pieces of the cloud on which spacing and noise are measured then, points of a piece, and those in its middle, whose
-# neighbours are in the piece.
-PIECES, PIECE, MIDDLE = 30, 512, 64
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,7 +125,7 @@ class Scan:
             Ascending.
         """
         if self.fitted is not None and count <= len(self.fitted):
-            return self.fitted[sample_rows(len(self.fitted), count)]
+            return self.fitted if count == len(self.fitted) else self.fitted[sample_rows(len(self.fitted), count)]
         return sample_rows(len(self), count)
 
     def taken(self, rows: IntArray) -> Scan:
@@ -158,6 +153,15 @@ class Scan:
                 fitted = np.flatnonzero(has_plane[rows])
         columns = {"normals": normals, "levers": levers, "residuals": residuals}
         return dataclasses.replace(self, points=points, fitted=fitted, **columns)
+
+    @property
+    def _fitted_planes(self) -> tuple[IntArray | slice, FloatArray, FloatArray, FloatArray]:
+        """Rows at which planes were fitted, and the normals, levers and residuals of these alone."""
+        known = vars(self).get("_planes")
+        if known is not None:
+            return known.rows, known.normals, known.levers, known.residuals
+        rows = slice(None) if self.fitted is None else self.fitted
+        return rows, self.normals[rows], self.levers[rows], self.residuals[rows]
 
     @property
     def represented(self) -> float:
@@ -253,7 +257,9 @@ def prepare_scan(
         few = FEW_QUERIES * len(rows) <= len(points)
         tree = NeighbourTree(points, in_order=few) if surface is None else surface._tree
     of_cells = None if surface is None else surface._all_planes()
-    fits, spacing, (noise, quiet) = _fit_some(points, rows) if tree is None else _fit_all(points, rows, tree, of_cells)
+    fits, spacing, (noise, quiet) = (
+        measure_pieces(points, rows) if tree is None else measure_all(points, rows, tree, of_cells)
+    )
     planes = ScanPlanes.of(rows, fits, len(points))
     if cloud.normals is None and cloud.viewpoint is not None:
         planes = planes.oriented(points, cloud.viewpoint)
@@ -266,27 +272,6 @@ def prepare_scan(
     if tree is not None:
         vars(scan)["tree"] = tree
     return scan
-
-
-def _fit_all(
-    points: FloatArray, rows: IntArray, tree: NeighbourTree, fits: PlaneFits | None
-) -> tuple[PlaneFits, float, tuple[float, float]]:
-    at = points if len(rows) == len(points) else points[rows]
-    fits = fit_planes_at(tree, points, rows) if fits is None else fits
-    return fits, (spacing := spacing_of(fits, at)), noise_of(fits, points, at, tree, spacing)
-
-
-def _fit_some(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, tuple[float, float]]:
-    thinned = np.take(points, sample_rows(len(points), max(THINNED, 2 * len(rows))), axis=0)
-    fits = fit_planes(NeighbourTree(thinned, in_order=True), thinned, np.take(points, rows, axis=0))
-    # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those
-    # in the middle are their neighbours in the whole cloud.
-    firsts = np.linspace(0, len(points) - PIECE, PIECES).astype(np.int64)
-    pieces = np.take(points, (firsts[:, None] + np.arange(PIECE)).ravel(), axis=0)
-    middles = np.take(points, (firsts[:, None] + (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)).ravel(), axis=0)
-    of_pieces = NeighbourTree(pieces, in_order=True)
-    pieced = fit_planes(of_pieces, pieces, middles)
-    return fits, (spacing := spacing_of(pieced, middles)), noise_of(pieced, pieces, middles, of_pieces, spacing)
 
 
 def with_planes(scan: Scan, count: int) -> Scan:

@@ -19,6 +19,8 @@ from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, sample_rows
 
 # Neighbourhoods in which quadrics are fitted; fewer than the least tell nothing.
 FITTED, FEWEST = 400, 40
+# Those that one thread goes over at a time.
+TOGETHER = 100
 # Neighbours along one ring of a LiDAR lie in the plane of its laser, round a corner too, which says nothing of the
 # noise: their least spread is below this share of the largest. Of 64 scans by cameras 98 % of the neighbourhoods were
 # wider at least, of rings down to 58 %; so many have to be.
@@ -70,7 +72,7 @@ def _quadric_residuals(points: FloatArray, neighbours: IntArray, normals: FloatA
 
     residuals = np.zeros(len(neighbours))
     given = as_plain(points), neighbours, as_plain(normals), ROUND
-    over_chunks(quadric_residual_rows, len(neighbours), *given, residuals)
+    over_chunks(quadric_residual_rows, len(neighbours), *given, residuals, chunk=TOGETHER)
     return residuals[np.isfinite(residuals)]
 
 
@@ -81,7 +83,7 @@ def _off_majorities(points: FloatArray, neighbours: IntArray) -> FloatArray:
 
     found = np.zeros(len(neighbours))
     given = as_plain(points), neighbours, _triples(neighbours.shape[1]), MAJORITY, LEAST_AREA
-    over_chunks(majority_plane_rows, len(neighbours), *given, found)
+    over_chunks(majority_plane_rows, len(neighbours), *given, found, chunk=TOGETHER)
     return found[np.isfinite(found)]
 
 

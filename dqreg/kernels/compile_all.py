@@ -24,6 +24,7 @@ from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_r
 from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
 from dqreg.kernels.motion_sums import motion_shares, motion_sums
 from dqreg.kernels.near_rows import near_rows
+from dqreg.kernels.neighbour_differences import neighbour_differences
 from dqreg.kernels.pair_differences import pair_differences
 from dqreg.kernels.patch_pairs import binned_agreements, covariance_products, nearest_others, spherical_covariance
 from dqreg.kernels.patch_sums import BESIDE, patch_sums
@@ -154,6 +155,7 @@ def _shared_noise() -> None:
 
 
 def _patches() -> None:
+    neighbour_differences(ONE, FLAT, FIRST[:0, None], 1.0, NOTHING, ONE)
     patch_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 2, FIRST, np.zeros((1, 3 + BESIDE)))
     motion_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 3, 1.0, FIRST, np.zeros((1, MOTION_SUMS)))
     motion_shares(0, 0, *(FLAT,) * 2, np.eye(6), ONE, NOTHING, ONE, 1.0, 1, np.zeros((1, 2, 6)))

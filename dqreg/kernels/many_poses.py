@@ -75,7 +75,8 @@ def log_likelihoods(
 ) -> None:
     """Turn densities of inliers, (n, m), into log-likelihoods of rows first to last.
 
-    The fraction of inliers of each row comes from so many EM rounds, within ``least`` of none and of all. O(m rounds).
+    The fraction of inliers of each row comes from so many EM rounds, within ``least`` of none and of all; what a round
+    leaves as it was stays. O(m rounds).
     """
     m = inliers.shape[1]
     for k in range(first, last):
@@ -84,6 +85,9 @@ def log_likelihoods(
             total = 0.0
             for i in range(m):
                 total += share * row[i] / (share * row[i] + (1.0 - share) * outlier)
+            before = share
             share = min(max(total / m, least), 1.0 - least)
+            if share == before:
+                break
         for i in range(m):
             row[i] = np.log(share * row[i] + (1.0 - share) * outlier)

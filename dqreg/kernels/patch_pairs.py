@@ -7,23 +7,29 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
 
-# Squares of distances beyond the square of a limit by this factor are of distances beyond it, whatever is rounded.
-BEYOND = 1.0 + 1e-9
-
 
 @compiled
 def nearest_others(points: FloatArray, nearest: FloatArray) -> float:
     """Write the distance of each of some points to the nearest other one, (m,); the largest of all. O(m^2)."""
-    most = 0.0
-    for i in range(len(points)):
-        nearest[i] = np.inf
-    for i in range(len(points)):
-        for j in range(i):
-            dx, dy, dz = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
+    count, xyz = len(points), points.T.copy()
+    x, y, z = xyz[0], xyz[1], xyz[2]
+    farthest = np.zeros(count)
+    for j in range(count):
+        nearest[j] = np.inf
+    # Column by column, each number by itself: so processors take several at a time.
+    for i in range(count):
+        a, b, c, own = x[i], y[i], z[i], nearest[i]
+        for j in range(count):
+            dx, dy, dz = a - x[j], b - y[j], c - z[j]
             square = dx * dx + dy * dy + dz * dz
-            nearest[i], nearest[j], most = min(nearest[i], square), min(nearest[j], square), max(most, square)
-    for i in range(len(points)):
-        nearest[i] = np.sqrt(nearest[i])
+            nearest[j] = min(nearest[j], square)
+            farthest[j] = max(farthest[j], square)
+        # It is not its own neighbour.
+        nearest[i] = own
+    most = 0.0
+    for j in range(count):
+        nearest[j] = np.sqrt(nearest[j])
+        most = max(most, farthest[j])
     return float(np.sqrt(most))
 
 
@@ -41,13 +47,19 @@ def binned_agreements(
     What is added are the product of both residuals times the cosine of their normals, and the square of the cosine.
     Shapes: points and normals (m, 3), residuals (m,); products and squared (bins,), of equal widths from 0 to far.
     """
-    bins = len(products)
-    for i in range(len(points)):
+    bins, count, xyz, uvw = len(products), len(points), points.T.copy(), normals.T.copy()
+    x, y, z, u, v, w = xyz[0], xyz[1], xyz[2], uvw[0], uvw[1], uvw[2]
+    places, cosines = np.zeros(count), np.zeros(count)
+    for i in range(count):
+        a, b, c, p, q, r, scale = x[i], y[i], z[i], u[i], v[i], w[i], bins / far
+        # What needs no bin first: processors take several of these at a time.
         for j in range(i):
-            dx, dy, dz = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
-            k = int(np.sqrt(dx * dx + dy * dy + dz * dz) * (bins / far))
-            if k < bins:
-                same = normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1] + normals[i, 2] * normals[j, 2]
+            dx, dy, dz = a - x[j], b - y[j], c - z[j]
+            places[j] = np.sqrt(dx * dx + dy * dy + dz * dz) * scale
+            cosines[j] = p * u[j] + q * v[j] + r * w[j]
+        for j in range(i):
+            if places[j] < bins:
+                k, same = int(places[j]), cosines[j]
                 products[k] += residuals[i] * residuals[j] * same
                 squared[k] += same * same
 
@@ -58,14 +70,15 @@ def spherical_covariance(points: FloatArray, sill: float, reach: float, covarian
 
     They fall from the sill at no distance to zero from the reach on (Matheron 1963).
     """
-    for i in range(len(points)):
+    count, xyz = len(points), points.T.copy()
+    x, y, z, apart = xyz[0], xyz[1], xyz[2], np.zeros(count)
+    for i in range(count):
+        a, b, c = x[i], y[i], z[i]
         for j in range(i):
-            dx, dy, dz = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
-            square = dx * dx + dy * dy + dz * dz
-            # Most pairs are out of range.
-            if square > BEYOND * reach * reach:
-                continue
-            h = np.sqrt(square) / reach
+            dx, dy, dz = a - x[j], b - y[j], c - z[j]
+            apart[j] = np.sqrt(dx * dx + dy * dy + dz * dz) / reach
+        for j in range(i):
+            h = apart[j]
             if h < 1.0:
                 covariance[i, j] = covariance[j, i] = sill * (1.0 - h * (1.5 - 0.5 * h * h))
 

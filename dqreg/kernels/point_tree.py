@@ -16,7 +16,7 @@ LEAF = 8
 # Points from which on a tree is built on another thread, so that an interrupt is seen at once.
 MANY = 200_000
 # Queries that one thread answers in one go.
-CHUNK = 256
+CHUNK = 128
 
 # No places.
 NOWHERE = np.zeros(0, dtype=np.int64)

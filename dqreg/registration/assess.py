@@ -211,7 +211,7 @@ def _is_partial(fit: Fit) -> bool:
     if not fit.found:
         return False
     rows = sample_rows(len(fit.run.weights), SPREAD)
-    points, weights = fit.run.pairs.moved[rows], fit.run.weights[rows]
+    points, weights = np.take(fit.run.pairs.moved, rows, axis=0), fit.run.weights[rows]
     if not weights.any():
         return False
     arms = points - weights @ points / weights.sum()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +12,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
 from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.scan import THINNED
+from dqreg.geometry.scan_measures import THINNED
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
@@ -18,13 +20,13 @@ from dqreg.icp.rejectors import at_boundary
 from dqreg.registration.surroundings import Surroundings, surroundings_of
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
-from dqreg.trust.chance import places_of, random_ratio
+from dqreg.trust.chance import COUNTED, places_of, random_ratio
 from dqreg.trust.deformation import ON_A_PART, deformation_of, may_be_deformed
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import LEAST_NOISE, NORMALS_APART
 from dqreg.trust.neighbourhoods import Neighbourhoods
 from dqreg.trust.patch_tests import ON, isolated, patches_off, share_together, stretch_of, waviness_of
-from dqreg.trust.strain import strain_of
+from dqreg.trust.strain import Strain, strain_of
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
 # has a say there; on denser scans clutter makes patterns of its own, and the noise is known.
@@ -67,34 +69,38 @@ def agreement_of(
     *,
     has_border: bool = False,
     pairs: Correspondences | None = None,
+    axis: bool = False,
 ) -> Evidence:
     """Measure it at the end of a run; what needs more than the run is not known yet.
 
-    Pairs are those that `evenly_asked` answers, where they are known.
+    Pairs are those that `evenly_asked` answers. A strain that is no fault has no axis unless that is asked for.
     """
     mixture = run.mixture
     near = NEAR * max_distance
     width = min(ON * mixture.scale, near)
     pairs = evenly_asked(run, scan, surface, mixture.scale) if pairs is None else pairs
     on = pairs.distances <= width
-    aside = pairs.point_to_plane[on]
+    here, aside = np.flatnonzero(on), pairs.point_to_plane[on]
     close, around = _close(pairs, surface, mixture.scale, width, near, has_border=has_border)
     alone = isolated(pairs.scan, on, scan if len(scan) <= THINNED else None)
-    kept = ~around.elsewhere & ~alone
+    # Where nothing is left out, as a rule, nothing is copied.
+    kept = np.flatnonzero(~(around.elsewhere | alone)) if alone.any() or around.elsewhere.any() else slice(None)
     scale = mixture.scale if isinstance(surface, CloudSurface) else min(mixture.scale, _usual_scale(aside, surface))
     asked = pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept]
     patches, off = patches_off(*asked, scale)
     local = _local(run, scan, surface, pairs, width, has_border=has_border)
     is_part, size = not isinstance(surface, CloudSurface), surface.diagonal
     # Against a part, what differs from point to point is noise: the curvature of its faces is known.
-    waviness, local_noise = waviness_of(aside, pairs.closest.normals[on]) if is_part else (0.0, np.nan)
+    normals = np.take(pairs.closest.normals, here, axis=0)
+    waviness, local_noise = waviness_of(aside, normals) if is_part else (0.0, np.nan)
     noise = local_noise if np.isfinite(local_noise) else mixture.scale
     shape = _Shape()
     # Between the points of two clouds, tangent planes are guesses.
     if is_part:
         counted, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
         clutter, strays = has_border or bool(around.elsewhere.any()), float(np.mean(alone))
-        shape = _shape_of(pairs, counted, noise, size, clutter=clutter, sparse=sparse, strays=strays)
+        fit = functools.partial(strain_of, clutter=clutter, strays=strays > SOME_STRAYS, faults=not axis)
+        shape = _shape_of(pairs, counted, noise, size, fit, clutter=clutter, sparse=sparse)
     return Evidence(
         status=run.status,
         found=run.found,
@@ -119,7 +125,7 @@ def agreement_of(
         waviness=waviness,
         local_noise=local_noise,
         share_together=_together(pairs, close, kept, noise, min(scan.diagonal, surface.diagonal)) if is_part else 0.0,
-        places=places_of(pairs.moved[on]),
+        places=places_of(np.take(pairs.moved, here[sample_rows(len(here), COUNTED)], axis=0)),
         random_ratio=_random_ratio(pairs, on, surface),
         share_on=around.share_on,
         share_other=around.share_other,
@@ -196,10 +202,10 @@ def _shape_of(
     counted: BoolArray,
     noise: float,
     size: float,
+    fit: Callable[[FloatArray, FloatArray, FloatArray], Strain],
     *,
     clutter: bool,
     sparse: bool,
-    strays: float,
 ) -> _Shape:
     """How the counted points, (n,), differ from a part, of a noise and size; beside clutter without deformations.
 
@@ -208,8 +214,9 @@ def _shape_of(
     rows = np.flatnonzero(counted & nonzero_rows(pairs.closest.normals))
     rows = rows[sample_rows(len(rows), STRAINED)]
     # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
-    columns = pairs.closest.points[rows], pairs.closest.normals[rows], pairs.point_to_plane[rows]
-    strain = strain_of(*columns, clutter=clutter, strays=strays > SOME_STRAYS)
+    feet, normals = (np.take(x, rows, axis=0) for x in (pairs.closest.points, pairs.closest.normals))
+    columns = feet, normals, pairs.point_to_plane[rows]
+    strain = fit(*columns)
     if sparse and not strain.is_strained:
         value, along = stretch_of(*columns)
         strain = dataclasses.replace(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
@@ -221,7 +228,7 @@ def _shape_of(
     return _Shape(stretch, strain.along, bend, deformation)
 
 
-def _together(pairs: Correspondences, close: BoolArray, kept: BoolArray, noise: float, size: float) -> float:
+def _together(pairs: Correspondences, close: BoolArray, kept: IntArray | slice, noise: float, size: float) -> float:
     """Share of the points near a part that lie off it together, beyond the noise."""
     off = pairs.distances[kept] > TOGETHER * max(noise, LEAST_NOISE * size)
     return share_together(pairs.moved[kept], off, close[kept])
@@ -311,12 +318,13 @@ class _Local:
     def of(pairs: Correspondences, width: float) -> _Local:
         scan, found = pairs.scan, pairs.closest
         # Other points have no neighbourhood.
-        rows = slice(None) if scan.fitted is None else scan.fitted
-        residuals, normals, own = scan.residuals[rows], found.normals[rows], scan.normals[rows]
+        rows, own, levers, residuals = scan._fitted_planes
+        normals = found.normals[rows]
         on, known = found.distances[rows] <= width, np.isfinite(residuals)
         with np.errstate(divide="ignore", invalid="ignore"):
             # How far the neighbours leave their plane, in their own extent: no length in it.
-            rough = np.nan_to_num(residuals / np.sqrt(scan.levers[rows]), nan=np.inf)
+            rough = np.minimum(residuals / np.sqrt(levers), np.finfo(float).max)
+        rough[np.isnan(rough)] = np.inf
         compared = (rough < SMOOTH) & on & nonzero_rows(normals)
         cosines = row_dots(normals @ pairs.T_target_source[:3, :3], own)
         cosines = cosines if pairs.same_sign else np.abs(cosines)

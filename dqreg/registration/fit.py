@@ -104,7 +104,12 @@ class Fit:
         """Make it beside the caller."""
         self.begin("agreement", self._agreement)
 
-    def _agreement(self) -> Evidence:
+    @property
+    def strain_axis(self) -> tuple[float, float, float]:
+        """Axis of a strain of the scan against a part, be it a fault or not; zeros for none."""
+        return self.once("strain axis", lambda: self._agreement(axis=True).stretched_along)
+
+    def _agreement(self, *, axis: bool = False) -> Evidence:
         prepared, reach = self.prepared, self.settings.max_distance
         if self.problem.options.max_distance is not None:
             # A shorter one hides the points that speak against a pose.
@@ -112,7 +117,7 @@ class Fit:
         asked = self.run, prepared.scan, prepared.surface, reach
         if self.is_late:
             return agreement_in_time(*asked, has_border=self.has_border)
-        return agreement_of(*asked, has_border=self.has_border, pairs=self.evenly_asked())
+        return agreement_of(*asked, has_border=self.has_border, pairs=self.evenly_asked(), axis=axis)
 
     def evenly_asked(self) -> Correspondences:
         """Pairs at the pose of points that were drawn evenly, each of one point."""

@@ -75,13 +75,15 @@ def _not_rigid(T: FloatArray) -> str:
 def _no_covariance(covariance: FloatArray) -> str:
     if covariance.shape != (6, 6):
         return f"a covariance of shape {covariance.shape}"
-    free = np.isnan(np.diag(covariance))
-    if not np.array_equal(np.isnan(covariance), free[:, None] | free):
-        return "a covariance that is NaN in places, not in whole rows and columns"
-    held = covariance[np.ix_(~free, ~free)]
-    if not np.isfinite(held).all() or (np.diag(held) < 0.0).any():
+    missing, held = np.isnan(covariance), covariance
+    if missing.any():
+        free = missing.diagonal()
+        if not np.array_equal(missing, free[:, None] | free):
+            return "a covariance that is NaN in places, not in whole rows and columns"
+        held = covariance[np.ix_(~free, ~free)]
+    if not np.isfinite(held).all() or (held.diagonal() < 0.0).any():
         return "a covariance with infinite numbers or negative variances"
-    spread = np.sqrt(np.diag(held))
+    spread = np.sqrt(held.diagonal())
     spread = np.where(spread > 0.0, spread, 1.0)
     with np.errstate(over="ignore"):
         correlation = held / spread / spread[:, None]

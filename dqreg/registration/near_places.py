@@ -15,6 +15,7 @@ from dqreg.search.near_symmetry import is_symmetry, near_flips
 from dqreg.search.periods import near_periods
 from dqreg.search.plane_maps import FLAT, LOOKED_AT, LOST, Planes, plane_maps
 from dqreg.search.tangent_planes import TangentPlanes
+from dqreg.trust.information import scaling_by
 from dqreg.trust.patch_tests import ON
 
 # Points of a cloud whose differences tell its periods: it is asked for one scan.
@@ -63,7 +64,7 @@ def _planes_of_scan(fit: Fit) -> Planes:
 def _reaches_over(fit: Fit, whole: FloatArray) -> bool:
     """Whether the scan reaches from end to end of the target along all axes, up to what a motion may lose."""
     pairs = fit.run.pairs
-    near = pairs.moved[pairs.distances <= ON * fit.run.mixture.scale]
+    near = np.take(pairs.moved, np.flatnonzero(pairs.distances <= ON * fit.run.mixture.scale), axis=0)
     return bool((_extent(near) >= (1.0 - LOST) * whole).all())
 
 
@@ -86,7 +87,7 @@ def _half_screws(fit: Fit) -> FloatArray:
     weak = information.free | (information.carriers < HELD * float(fit.run.weights.sum()))
     if not weak.any():
         return np.zeros((0, 4, 4))
-    twists = information.vectors[:, weak].T / np.r_[[information.lever] * 3, [1.0] * 3]
+    twists = information.vectors[:, weak].T / scaling_by(information.lever)
     found = []
     for motion in twists:
         rate = float(np.linalg.norm(motion[:3]))

@@ -13,7 +13,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.opening import describe
-from dqreg.geometry.scan import THINNED
+from dqreg.geometry.scan_measures import THINNED
 from dqreg.geometry.unit_check import require_same_units
 from dqreg.geometry.voxels import WHOLE, VoxelCloud, cell_size, voxel_size
 from dqreg.icp.coarse_to_fine import COARSE, NEAR
@@ -25,7 +25,7 @@ from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.options import Options
 from dqreg.registration.source import CentredSource, centre_source
 from dqreg.registration.target_index import Building, TargetIndex, index_for, index_target, require_one_place
-from dqreg.rigid import pose
+from dqreg.rigid import pose, single_pose
 from dqreg.solvers.dof import Freedom
 
 T = TypeVar("T")
@@ -66,12 +66,12 @@ class SourceAndTarget:
         """Pose between the centred frames, from one between the caller's."""
         R, t = T_target_source[:3, :3], T_target_source[:3, 3]
         # The origins go into the translation first: large numbers cancel here once, not once a point.
-        return pose.from_parts(R, R @ self.source.origin + t - self.target.origin)
+        return single_pose.from_parts(R, R @ self.source.origin + t - self.target.origin)
 
     def to_caller(self, T_centred: FloatArray) -> FloatArray:
         """Inverse of `to_centred`."""
         R, t = T_centred[:3, :3], T_centred[:3, 3]
-        return pose.from_parts(R, t + self.target.origin - R @ self.source.origin)
+        return single_pose.from_parts(R, t + self.target.origin - R @ self.source.origin)
 
     def in_caller_frames(self, record: Iteration) -> Iteration:
         """A record of the loop with its pose between the caller's frames."""

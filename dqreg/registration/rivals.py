@@ -15,7 +15,8 @@ from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of, axis_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.search import symmetry_words
-from dqreg.search.near_symmetry import far_mirrors, flipped_poses, gain_of_mirror, mirrors_about
+from dqreg.search.flipped_poses import far_mirrors, flipped_poses, gain_of_mirror
+from dqreg.search.near_symmetry import mirrors_about
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.problem import SCENE
@@ -43,6 +44,8 @@ FEW_JUDGES, SEEN = 500, 4
 # Points apart from the target by so many standard deviations of most, and at least so many of that share of the size;
 # the share of them from which on the mirror image is asked for.
 APART, LEAST, SOME = 5.0, 1e-4, 0.005
+# Width that more than half of Gaussian distances exceed.
+CERTAIN = 0.6
 # Share of a scan off the part from which on any mirror image may hide.
 HIDES = 0.05
 NO_POSES: FloatArray = np.zeros((0, 4, 4))
@@ -123,7 +126,14 @@ def _as_likely(fit: Fit) -> FloatArray:
     if not fit.found or fit.problem.watch.is_over:
         return NO_POSES
     scan, surface = fit.prepared.scan, fit.prepared.surface
-    found = flipped_poses(fit.T_target_source, near_maps(fit), scan, surface, limit_of(fit), fit.floor)
+    maps = near_maps(fit)
+    if not len(maps):
+        return NO_POSES
+    asked = None
+    if isinstance(surface, MeshSurface):
+        pairs = fit.evenly_asked()
+        asked = pairs.scan.points, pairs.distances
+    found = flipped_poses(fit.T_target_source, maps, scan, surface, limit_of(fit), fit.floor, asked)
     others = np.array([T for T, _ in found]).reshape(-1, 4, 4)
     if not len(others):
         return others
@@ -209,8 +219,16 @@ def _some_apart(fit: Fit) -> bool:
     size = surface.diagonal
     near = pairs.distances <= NEAR * fit.problem.reach(fit.prepared)
     aside = np.abs(pairs.point_to_plane[near])
+    # Where more than half are beyond a length, so is the median: of noise about the width, that settles it.
+    least = CERTAIN * fit.run.mixture.scale
+    if 2 * np.count_nonzero(aside > least) > len(aside) and not _too_many(aside, APART * GAUSSIAN_MEDIAN * least):
+        return False
     usual = max(GAUSSIAN_MEDIAN * median(aside), LEAST * size) if len(aside) else np.inf
-    return bool(np.count_nonzero(aside > APART * usual) > SOME * len(aside))
+    return _too_many(aside, APART * usual)
+
+
+def _too_many(aside: FloatArray, limit: float) -> bool:
+    return bool(np.count_nonzero(aside > limit) > SOME * len(aside))
 
 
 def alternatives_of(fit: Fit, others: FloatArray) -> tuple[Alternative, ...]:

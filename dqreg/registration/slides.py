@@ -25,6 +25,7 @@ from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
 from dqreg.search.scoring import CLEAR
+from dqreg.trust.information import scaling_by
 from dqreg.trust.limits import HOLDS, fewest_carriers
 from dqreg.trust.patch_tests import ON, is_background
 
@@ -101,11 +102,11 @@ def _motions(fit: Fit, share: float) -> tuple[FloatArray, bool]:
     # An open target ends where it was not measured, and its rim holds nothing.
     held_by_rims = bool(0 < np.count_nonzero(free) <= PLANE and not fit.has_border)
     # One riser on its neighbour's place, and all others off, look like a strain across them.
-    along = fit.agreement.stretched_along
-    strained = np.array([[0.0, 0.0, 0.0, *along]] if share and any(along) else nothing)
+    along = fit.strain_axis if share else ()
+    strained = np.array([[0.0, 0.0, 0.0, *along]] if any(along) else nothing)
     if fit.constraints.any or not (weak.any() or held_by_rims or len(strained)):
         return nothing, False
-    unit = information.vectors / np.r_[[information.lever] * 3, [1.0] * 3][:, None]
+    unit = information.vectors / scaling_by(information.lever)[:, None]
     motions = [_mixtures(unit[:, weak]), strained]
     if held_by_rims:
         motions.append(_mixtures(unit[:, free]))

@@ -17,7 +17,7 @@ from dqreg.geometry.opening import open_geometry
 # Points drawn from a mesh that is the source.
 MESH_SAMPLES = 100_000
 # Points that are asked first whether they lie on a line.
-SPREAD_SAMPLE = 2_000
+SPREAD_SAMPLE = 250
 # A cloud whose second largest extent is below this share of its largest is a line.
 LINE = 1e-9
 # Of a cloud that is a line for its strays alone, at least this share spans an area.

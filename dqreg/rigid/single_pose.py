@@ -1,4 +1,4 @@
-"""Exponential and logarithm of one pose, number by number: NumPy's calls on stacks take up to 30 times as long.
+"""One pose: its parts, exponential and logarithm, number by number: NumPy on stacks takes up to 30 times as long.
 
 What comes in is known to be rigid; `dqreg.rigid.twist` checks it and takes stacks.
 """
@@ -13,6 +13,13 @@ from dqreg._arrays import FloatArray
 
 # Angle below which the next terms of the series are beyond the last digit.
 _SERIES_RAD = 1e-3
+
+
+def from_parts(R: FloatArray, t: FloatArray) -> FloatArray:
+    """Pose of a rotation and a translation. Shapes: R (3, 3), t (3,), returns (4, 4)."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, t
+    return T
 
 
 def exp(twist: FloatArray) -> FloatArray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry import Surface
+from dqreg.geometry.surface import Closest
 from dqreg.icp import InlierMixture
 from dqreg.search.poses import Poses
 from dqreg.solvers.robust import LEAST_FRACTION
@@ -69,27 +70,28 @@ class PoseScores:
         deficit, error = self.deficit(best)
         return np.asarray(deficit <= np.clip(ERRORS * error, least, WORSE))
 
-    def distinguishable(self, best: int) -> BoolArray:
+    def distinguishable(self, best: int, surely: float = 1.0) -> BoolArray:
         """Which poses are clearly worse than one of them at some points, and better at next to none, (n,).
 
         A notch is seen by few points, all in a few blocks: their mean is small and its error large, but no point
-        favours the other pose. Where the part deviates from its model, some points favour either.
+        favours the other pose. Where the part deviates from its model, some points favour either. Surely, where so
+        many times as many speak against it.
         """
         gaps = self.likelihoods[best] - self.likelihoods
         clear = np.abs(gaps) > CLEAR
         against, in_favour = clear & (gaps > 0.0), clear & (gaps < 0.0)
         weights = np.where(against, gaps, 0.0).sum(axis=1), np.where(in_favour, -gaps, 0.0).sum(axis=1)
-        clearly: BoolArray = (np.count_nonzero(against, axis=1) >= CLEAR_POINTS) & (
+        clearly: BoolArray = (np.count_nonzero(against, axis=1) >= surely * CLEAR_POINTS) & (
             weights[0] > CLEAR_RATIO * weights[1]
         )
-        return clearly | self._told_by_few(best, gaps, clear)
+        return clearly | self._told_by_few(best, gaps, clear, surely)
 
-    def _told_by_few(self, best: int, gaps: FloatArray, clear: BoolArray) -> BoolArray:
+    def _told_by_few(self, best: int, gaps: FloatArray, clear: BoolArray, surely: float) -> BoolArray:
         """The same by points that lie on the target at one pose and off it at the other: one hole is seen by few."""
         on = self.distances <= ON_TARGET * self.width
         against, in_favour = clear & (gaps > 0.0) & on[best] & ~on, clear & (gaps < 0.0) & on & ~on[best]
         ratio, other = np.where(against, gaps, 0.0).sum(axis=1), np.where(in_favour, -gaps, 0.0).sum(axis=1)
-        is_enough = (np.count_nonzero(against, axis=1) >= FEW_POINTS) & (ratio >= BY_CHANCE)
+        is_enough = (np.count_nonzero(against, axis=1) >= surely * FEW_POINTS) & (ratio >= surely * BY_CHANCE)
         return np.asarray(is_enough & (ratio > CLEAR_RATIO * other))
 
 
@@ -111,24 +113,43 @@ def score_poses(
 
     ``floor`` is the smallest width; with directions it is the width, and points whose normals disagree are outliers.
     """
-    R, t = poses.R, poses.t
-    # Farther off than the limit, how far does not matter.
-    found = [surface.closest(points @ R[k].T + t[k], None, limit) for k in range(len(R))]
-    distances = np.stack([each.distances for each in found])
     if directions is not None:
-        unknown = np.asarray(~directions.any(axis=1))
-        for k, each in enumerate(found):
-            cosines = np.abs(np.einsum("ij,ij->i", directions @ R[k].T, each.normals))
-            distances[k, ~(unknown | (cosines > np.cos(GATE_RAD)))] = np.inf
-        cut = np.minimum(distances, limit)
-        return PoseScores(_likelihoods(distances, InlierMixture.starting(floor, limit)), cut, floor)
-    cut = np.minimum(distances, limit)
+        return _by_normals(poses, points, directions, surface, limit, floor)
+    distances = distances_at(poses, points, surface, limit)
     # The width is that of the pose under which the points are likeliest: one of those with the smallest distances.
-    few = np.argsort(np.sqrt(cut).mean(axis=1), kind="stable")[:ESTIMATED]
+    few = np.argsort(np.sqrt(np.minimum(distances, limit)).mean(axis=1), kind="stable")[:ESTIMATED]
     learned = [_learned(row, limit, floor) for row in distances[few]]
-    best = max(learned, key=lambda pair: pair[0])[1]
     # One width for all: else a wrong pose could explain its misfit as noise.
-    return PoseScores(_likelihoods(distances, InlierMixture.starting(best.scale, limit)), cut, best.scale)
+    return likely_by(distances, max(learned, key=lambda pair: pair[0])[1].scale, limit)
+
+
+def distances_at(poses: Poses, points: FloatArray, surface: Surface, limit: float) -> FloatArray:
+    """How far each of k poses puts points from the target, (k, n), infinite from the limit on."""
+    # Farther off than the limit, how far does not matter.
+    return _moved(poses, points, surface, limit).distances.reshape(len(poses), -1)
+
+
+def likely_by(distances: FloatArray, width: float, limit: float) -> PoseScores:
+    """How poses with such distances, (k, n), explain the points by a width."""
+    likelihoods = _likelihoods(distances, InlierMixture.starting(width, limit))
+    return PoseScores(likelihoods, np.minimum(distances, limit), width)
+
+
+def _moved(poses: Poses, points: FloatArray, surface: Surface, limit: float) -> Closest:
+    # In one query, so that threads share it.
+    return surface.closest(poses.apply(points).reshape(-1, 3), within=limit)
+
+
+def _by_normals(
+    poses: Poses, points: FloatArray, directions: FloatArray, surface: Surface, limit: float, width: float
+) -> PoseScores:
+    found = _moved(poses, points, surface, limit)
+    distances = found.distances.reshape(len(poses), -1).copy()
+    unknown = np.asarray(~directions.any(axis=1))
+    for k, normals in enumerate(found.normals.reshape(len(poses), -1, 3)):
+        cosines = np.abs(np.einsum("ij,ij->i", directions @ poses.R[k].T, normals))
+        distances[k, ~(unknown | (cosines > np.cos(GATE_RAD)))] = np.inf
+    return likely_by(distances, width, limit)
 
 
 def _likelihoods(distances: FloatArray, mixture: InlierMixture) -> FloatArray:

@@ -32,9 +32,10 @@ class Motion:
             # The foot of the centre; NumPy's cross product takes ten times as long.
             foot = np.array([v * z - w * y, w * x - u * z, u * y - v * x]) / (rotation @ rotation)
             vector, point = rotation, centre + foot
-        unit = vector / np.linalg.norm(vector)
-        unit = unit * np.sign(unit[np.abs(unit).argmax()])
-        return Motion(kind, _vector(unit), _vector(point))
+        x, y, z = (vector / np.linalg.norm(vector)).tolist()
+        if max(x, y, z, key=abs) < 0.0:
+            x, y, z = -x, -y, -z
+        return Motion(kind, (x, y, z), _vector(point))
 
     @property
     def words(self) -> str:

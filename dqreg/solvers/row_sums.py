@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -107,15 +108,22 @@ class MotionSums:
 
     def information(self) -> FloatArray:
         """See `PatchSums`."""
-        found: FloatArray = self.basis.T @ self._products().sum(axis=0) @ self.basis
+        from dqreg.kernels.motion_sums import PRODUCTS, SMOOTH
+
+        found: FloatArray = self.basis.T @ _squared(self._totals[PRODUCTS:SMOOTH]) @ self.basis
         return found
 
     def of_smooth(self) -> FloatArray:
         """The same with the normals of the smooth surface."""
         from dqreg.kernels.motion_sums import SMOOTH
 
-        found: FloatArray = self.information() + self.basis.T @ _squared(self.sums[:, SMOOTH:].sum(axis=0)) @ self.basis
+        found: FloatArray = self.information() + self.basis.T @ _squared(self._totals[SMOOTH:]) @ self.basis
         return found
+
+    @cached_property
+    def _totals(self) -> FloatArray:
+        totals: FloatArray = self.sums.sum(axis=0)
+        return totals
 
     def over(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
         """See `PatchSums`; each start is one of this one's."""
@@ -126,29 +134,25 @@ class MotionSums:
 
     def pulls(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
         """See `PatchSums`; each start is one of this one's."""
-        from dqreg.kernels.motion_sums import NORMALS, PRODUCTS, ROTATIONS
+        from dqreg.kernels.motion_sums import NORMALS, PRODUCTS, ROTATIONS, SMOOTH
 
         sums = np.concatenate([self.sums[:, ROTATIONS:PRODUCTS], self.sums[:, NORMALS : NORMALS + 3]], axis=1)
         # Translations displace along the normals: products with them are products with the normals.
-        along = self._together(self._products(), starts)[:, 3:].transpose(1, 2, 0)
+        products = self._together(self.sums[:, PRODUCTS:SMOOTH], starts)
+        along = np.take(products, _PLACES[3:], axis=1).transpose(1, 2, 0)
         return self.basis.T @ self._together(sums, starts).T, self.basis.T @ along
-
-    def _products(self) -> FloatArray:
-        from dqreg.kernels.motion_sums import PRODUCTS, SMOOTH
-
-        return _squared(self.sums[:, PRODUCTS:SMOOTH])
 
     def _together(self, sums: FloatArray, starts: IntArray) -> FloatArray:
         joined: FloatArray = np.add.reduceat(sums, np.searchsorted(self.starts, starts), axis=0)
         return joined
 
 
-_ROWS, _COLUMNS = np.triu_indices(6)
+# Where the elements of a symmetric matrix stand in its upper triangle, row by row.
+_PLACES = np.zeros((6, 6), dtype=np.int64)
+_PLACES[np.triu_indices(6)] = np.arange(21)
+_PLACES = np.maximum(_PLACES, _PLACES.T)
 
 
-def _squared(triangles: FloatArray) -> FloatArray:
-    """Symmetric matrices, (..., 6, 6), from their upper triangles, (..., 21)."""
-    square = np.zeros((*triangles.shape[:-1], 6, 6))
-    square[..., _ROWS, _COLUMNS] = triangles
-    square[..., _COLUMNS, _ROWS] = triangles
-    return square
+def _squared(triangle: FloatArray) -> FloatArray:
+    """Symmetric matrix, (6, 6), from its upper triangle, (21,)."""
+    return np.asarray(triangle[_PLACES])

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import lru_cache
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, product
+from dqreg._arrays import FloatArray, IntArray, median, product
 from dqreg.solvers.row_sums import PatchSums, RowSums
 
 # Patches of neighbouring correspondences whose noise may be common; the fewest from which a scatter can be estimated.
@@ -97,8 +98,26 @@ def scatter_of_sums(
 
 def patch_starts(total: int, counts: FloatArray | None) -> tuple[IntArray, IntArray]:
     """First rows of the larger and of the smaller patches of so many rows, of as many points each."""
-    passed = None if counts is None else np.cumsum(counts)
+    if counts is None:
+        return _even_starts(total)[:2]
+    passed = np.cumsum(counts)
     return _starts(total, PATCHES, passed), _starts(total, SMALL, passed)
+
+
+def all_starts(total: int, counts: FloatArray | None) -> IntArray:
+    """First rows of patches of which both kinds are made, the first row of all among them."""
+    return _even_starts(total)[2] if counts is None else _united(*patch_starts(total, counts))
+
+
+@lru_cache(maxsize=16)
+def _even_starts(total: int) -> tuple[IntArray, IntArray, IntArray]:
+    # The same for every scan of so many points.
+    large, small = _starts(total, PATCHES, None), _starts(total, SMALL, None)
+    return large, small, _united(large, small)
+
+
+def _united(large: IntArray, small: IntArray) -> IntArray:
+    return np.asarray(np.union1d(np.zeros(1, dtype=np.int64), np.concatenate([large, small])), dtype=np.int64)
 
 
 def _starts(total: int, most: int, passed: FloatArray | None) -> IntArray:
@@ -173,7 +192,7 @@ class _Patches:
             return None
         products, squared = np.zeros(BINS), np.zeros(BINS)
         binned_agreements(points, normals, as_plain(self.residuals), far, products, squared)
-        ranges = NEAREST * float(np.median(nearest)) * FACTOR ** np.arange(STEPS)
+        ranges = NEAREST * median(nearest) * FACTOR ** np.arange(STEPS)
         ranges = ranges[(ranges > 0.0) & (ranges <= far)]
         models = _spherical((np.arange(BINS) + 0.5) * (far / BINS) / ranges[:, None])
         agreements, norms = models @ products, models**2 @ squared

@@ -6,6 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, bounds
 from dqreg.geometry import Surface
+from dqreg.geometry.normals import sample_rows
 
 # Points asked about, at so many random poses; and the quantile of those poses that the fit is compared with: an
 # optimised pose of noise is somewhat better than the usual random one.
@@ -22,10 +23,11 @@ def places_of(points: FloatArray) -> int:
     """At how many distinct places points (n, 3) lie, of some of them: a place measured a hundred times fits once."""
     if not len(points):
         return 0
-    some = points[np.linspace(0, len(points) - 1, min(COUNTED, len(points))).round().astype(np.int64)]
+    some = points[sample_rows(len(points), COUNTED)]
     low, high = bounds(some)
     cells = np.floor((some - low) / max(CELL * float(np.linalg.norm(high - low)), np.finfo(float).tiny))
-    return len(np.unique(cells @ (1.0, 2.0 / CELL, (2.0 / CELL) ** 2)))
+    numbers = np.sort(cells @ (1.0, 2.0 / CELL, (2.0 / CELL) ** 2))
+    return 1 + int(np.count_nonzero(numbers[1:] != numbers[:-1]))
 
 
 def random_ratio(placed: FloatArray, inlying: float, rms: float, surface: Surface) -> float:
@@ -33,9 +35,13 @@ def random_ratio(placed: FloatArray, inlying: float, rms: float, surface: Surfac
 
     Shapes: placed (n, 3), the scan at the pose. About 1 is what noise reaches.
     """
-    extent = float(np.linalg.norm(np.subtract(*bounds(placed)))) if len(placed) else 0.0
-    if not rms > OVERWHELMING * extent:
-        return 0.0
+    # Some of the points reach no farther than all, and mostly far enough to tell.
+    some = placed[sample_rows(len(placed), COUNTED)]
+    extent = 0.0
+    for each in (some, placed):
+        extent = float(np.linalg.norm(np.subtract(*bounds(each)))) if len(each) else 0.0
+        if not rms > OVERWHELMING * extent:
+            return 0.0
     from scipy.spatial.transform import Rotation
 
     points = placed[np.linspace(0, len(placed) - 1, min(POINTS, len(placed))).round().astype(np.int64)]

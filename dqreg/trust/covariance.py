@@ -9,7 +9,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.rigid import pose, twist
 from dqreg.solvers.motion_words import Kind, Motion
-from dqreg.trust.information import Information
+from dqreg.trust.information import Information, scaling_by
 from dqreg.trust.records import Direction
 
 # A coordinate takes part in a free motion from this fraction on: less of it is the noise of the fit, and half a turn
@@ -53,7 +53,7 @@ def covariance_of(information: Information) -> FloatArray:
     if math.isfinite(information.by_rims):
         scaled = scaled + information.by_rims**2 * free @ free.T
         free = free[:, :0]
-    unscale = np.r_[[1.0 / information.lever] * 3, [1.0] * 3]
+    unscale = scaling_by(1.0 / information.lever)
     covariance: FloatArray = scaled * unscale[:, None] * unscale
     touched = (np.abs(free) > TOUCHED).any(axis=1)
     covariance[touched] = np.nan
@@ -71,7 +71,7 @@ def partial_information_of(information: Information) -> FloatArray | None:
     if information.vectors.shape[1] < 6 or np.linalg.matrix_rank(spread, hermitian=True) != held.sum():
         return None
     scaled = vectors @ np.linalg.inv(spread) @ vectors.T
-    scale = np.r_[[information.lever] * 3, [1.0] * 3]
+    scale = scaling_by(information.lever)
     return np.asarray(0.5 * (scaled + scaled.T) * scale[:, None] * scale)
 
 
@@ -97,7 +97,9 @@ def observe_directions(information: Information, units: str | None = None) -> tu
     'unconstrained: translation along (0.00, 0.00, 1.00)'
     """
     free = information.free
-    vectors = np.hstack([_separated(information.vectors[:, free]), information.vectors[:, ~free]])
+    vectors = information.vectors
+    if free.any():
+        vectors = np.hstack([_separated(vectors[:, free]), vectors[:, ~free]])
     directions = []
     for value, vector, is_free, carriers in zip(information.values, vectors.T, free, information.carriers, strict=True):
         share = FREE_ROTATION if is_free else CONSTRAINED_ROTATION
@@ -159,7 +161,7 @@ def without_free_motion(T_target_source: FloatArray, T_start: FloatArray, inform
     [0.5, 0.0, 0.0]
     """
     free = information.vectors[:, information.free]
-    scale = np.r_[[information.lever] * 3, [1.0] * 3]
+    scale = scaling_by(information.lever)
     T = T_target_source
     for _ in range(ROUNDS if free.shape[1] else 0):
         moved = twist.log(T @ pose.inverse(T_start)) * scale

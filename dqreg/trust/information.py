@@ -11,7 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray, dot, product
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.solvers.quadratic import ROWS, plane_rows
 from dqreg.solvers.row_sums import MotionSums
-from dqreg.solvers.sandwich import patch_starts, scatter_of_sums
+from dqreg.solvers.sandwich import all_starts, patch_starts, scatter_of_sums
 
 # Information below this fraction of what all correspondences could give with the longest lever is rounding or facets,
 # not shape.
@@ -83,6 +83,11 @@ class Information:
         return alone / found if found > 0.0 else self.weight
 
 
+def scaling_by(lever: float) -> FloatArray:
+    """What a twist is multiplied with, so that its rotations are displacements at a lever, (6,)."""
+    return np.array([lever, lever, lever, 1.0, 1.0, 1.0])
+
+
 def information_of(
     points: FloatArray,
     normals: FloatArray,
@@ -150,13 +155,11 @@ def information_of(
     3
     """
     total = float(weights.sum())
-    scaling = np.r_[[lever] * 3, [1.0] * 3]
+    scaling = scaling_by(lever)
     basis = np.eye(6) if allowed is None else np.linalg.qr(allowed * scaling[:, None])[0]
-    starts = patch_starts(len(weights), counts) if patchwise else (FIRST, FIRST)
     smooth = normals if smooth is None else smooth
-    sums = MotionSums.of(
-        points, normals, smooth, residuals, weights, centre, lever, np.union1d(FIRST, np.concatenate(starts)), basis
-    )
+    first = all_starts(len(weights), counts) if patchwise else FIRST
+    sums = MotionSums.of(points, normals, smooth, residuals, weights, centre, lever, first, basis)
     aside = dot(weights, scattered) if isinstance(scattered, np.ndarray) else total * scattered
     variance = (sums.squares() + aside) / max(total - 6.0, 1.0)
     # What was known beforehand, in the units of the correspondences' own information.
@@ -175,6 +178,7 @@ def information_of(
         return held
     known = motions.T @ known @ motions
     # Facets have an information of their own.
+    starts = patch_starts(len(weights), counts)
     scatter = scatter_of_sums(sums, starts, known, variance, overlap=own is not None, motions=motions)
     outer = basis @ motions
     return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)

@@ -6,7 +6,8 @@ them can be found all the same.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
-from dqreg.geometry.vector_rows import row_dots
 from dqreg.solvers.quadratic import plane_rows
 
 # Neighbouring points of a patch, and the kernel scales that its median may deviate: for 32 points of independent noise
@@ -24,8 +24,8 @@ PATCH, OFF = 32, 2.0
 ON = 4.0
 # A point off the target whose neighbour of this rank is so many times as far as for points on it is an outlier.
 NEIGHBOURS, SCATTERED = 5, 2.5
-# Points on the target that tell what is usual.
-USUAL = 250
+# Points on the target that tell what is usual, and the reach, in spacings, within which it may be settled sooner.
+USUAL, NO_FARTHER = 250, 1.5
 # A patch whose plane holds more points far from the target than so many times those near it belongs to an object that
 # the part stands on or leans against.
 BACKGROUND = 1.0
@@ -41,17 +41,23 @@ def isolated(scan: Scan, on: BoolArray, whole: Scan | None = None) -> BoolArray:
     alone = np.zeros(len(points), dtype=bool)
     if len(off) and len(points) - len(off) > NEIGHBOURS:
         some = np.flatnonzero(on)[sample_rows(len(points) - len(off), USUAL)]
-        usual, gaps = (_gaps(scan, rows, whole or scan) for rows in (some, off))
-        alone[off] = gaps > SCATTERED * median(usual)
+        gaps = _gaps(scan, off, whole or scan)
+        # Where more than half of the others have none nearer than this, it is no more than the usual one.
+        reach = float(gaps.max()) / SCATTERED * (1.0 + 1e-9)
+        if reach <= NO_FARTHER * scan.spacing:
+            capped = _gaps(scan, some, whole or scan, reach)
+            if 2 * np.count_nonzero(capped >= reach * (1.0 - 1e-12)) > len(some):
+                return alone
+        alone[off] = gaps > SCATTERED * median(_gaps(scan, some, whole or scan))
     return alone
 
 
-def _gaps(scan: Scan, rows: IntArray, whole: Scan) -> FloatArray:
-    """Distance of some points of a scan to their neighbour of the last rank in a whole one, (m,)."""
+def _gaps(scan: Scan, rows: IntArray, whole: Scan, within: float = np.inf) -> FloatArray:
+    """Distance of some points of a scan to their neighbour of the last rank in a whole one, (m,), or that distance."""
     # Both are in the order of one curve: as far along the whole stands the point itself, which is the first, or a
     # neighbour of it.
     along = rows * len(whole) // len(scan)
-    return whole.tree.nearest_beside(scan.points[rows], along, NEIGHBOURS + 1)[1][:, -1]
+    return whole.tree.nearest_beside(scan.points[rows], along, NEIGHBOURS + 1, within)[1][:, -1]
 
 
 def patches_off(
@@ -125,23 +131,24 @@ def waviness_of(residuals: FloatArray, normals: FloatArray, beside: IntArray | N
     Shapes: residuals (n,), normals (n, 3), both in the order of a space-filling curve; beside (n, k): the neighbours of
     each point, those on the curve where none are given.
     """
-    pairs: Sequence[tuple[slice, slice | IntArray]]
-    # Along the curve, views: nothing is copied.
-    pairs = [(slice(lag, None), slice(None, -lag)) for lag in LAGS]
-    if beside is not None:
-        pairs = [(slice(None), each) for each in beside.T]
-    together = alone = 0.0
-    apart = []
-    for first, second in pairs:
-        same = row_dots(normals[first], normals[second]) > SAME_FACE_COS
-        one, two = residuals[first][same], residuals[second][same]
-        together, alone = together + float(one @ two), alone + 0.5 * float(one @ one + two @ two)
-        apart.append(np.abs(one - two))
-    count = sum(map(len, apart))
+    from dqreg.kernels.neighbour_differences import neighbour_differences
+    from dqreg.kernels.threads import as_plain
+
+    beside = _along_curve(len(residuals)) if beside is None else beside
+    apart, sums = np.zeros(beside.size), np.zeros(2)
+    columns = as_plain(residuals), as_plain(normals), np.ascontiguousarray(beside, dtype=np.int64)
+    count = neighbour_differences(*columns, SAME_FACE_COS, apart, sums)
     if count < FEWEST_PAIRS:
         return 0.0, np.nan
-    shared = float(np.sqrt(together / count)) if together > IN_COMMON * alone else 0.0
-    return shared, quantile(np.concatenate(apart), QUIET) / QUIET_NORMAL
+    together, alone = sums.tolist()
+    shared = math.sqrt(together / count) if together > IN_COMMON * alone else 0.0
+    return shared, quantile(apart[:count], QUIET) / QUIET_NORMAL
+
+
+@lru_cache(maxsize=4)
+def _along_curve(count: int) -> IntArray:
+    """Rows that stand so many places before each, (n, lags); below zero before the first. The same for every scan."""
+    return np.asarray(np.arange(count)[:, None] - np.array(LAGS), dtype=np.int64)
 
 
 # Points off the target are of one feature where so many others that are off stand as near to each as so many points of
@@ -154,9 +161,10 @@ def share_together(points: FloatArray, off: BoolArray, counted: BoolArray) -> fl
 
     Shapes: points (n, 3) in the order of a space-filling curve, off and counted (n,).
     """
-    apart, near = points[off & counted], points[counted]
-    if len(apart) <= max(OTHERS, FEWEST_TOGETHER):
+    together = off & counted
+    if np.count_nonzero(together) <= max(OTHERS, FEWEST_TOGETHER):
         return 0.0
+    apart, near = points[together], points[counted]
     some = near[sample_rows(len(near), USUAL)]
     usual = median(NeighbourTree(near, in_order=True).nearest(some, OTHERS + 1)[1][:, -1])
     together = NeighbourTree(apart, in_order=True).nearest(apart, OTHERS + 1)[1][:, -1] <= AS_NEAR * usual

@@ -7,40 +7,21 @@ from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_m
 from dqreg.icp import smallest_kernel_scale
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import about_axis, angle_of
-from dqreg.search.near_symmetry import (
-    FIRST,
-    _not_clearly_worse,
-    _refined,
+from dqreg.search.flipped_poses import (
     flipped_poses,
-    gain_of_mirror,
-    is_symmetry,
-    near_flips,
-    near_mirrors,
-    ring_steps,
 )
+from dqreg.search.near_symmetry import is_symmetry, near_flips, near_mirrors, ring_steps
 from dqreg.synth.parts import block, box, bracket, cylinder, flange, gear
 from dqreg.synth.parts.blocks import cells
 from dqreg.synth.parts.patches import weld
-from dqreg.trust.limits import MIRRORED
 
 # Half a turn about an axis leaves this block in place but for one small feature.
 BLOCK = Mesh(*block())
 SURFACE = MeshSurface(BLOCK)
 FLIPS = near_flips(BLOCK, SURFACE)
-NOISE = 2e-4 * BLOCK.diagonal
 PART = Mesh(*bracket())
 PART_SURFACE = MeshSurface(PART)
-TWIN = Mesh(PART.vertices * [-1.0, 1.0, 1.0], PART.faces[:, ::-1])
 UP = np.array([0.0, 0.0, 1.0])
-
-
-def scan_of(points: np.ndarray):
-    rng = np.random.default_rng(0)
-    return prepare_scan(PointCloud(points + NOISE * rng.normal(size=points.shape)), 2_000)
-
-
-def others(T: np.ndarray, scan) -> list:
-    return flipped_poses(T, FLIPS, scan, SURFACE, 0.05 * BLOCK.diagonal, smallest_kernel_scale(scan, SURFACE))
 
 
 def test_a_nearly_symmetric_block_has_flips() -> None:
@@ -69,69 +50,6 @@ def test_a_nearly_cubic_block_has_the_flips_of_its_faces() -> None:
         assert min(angle_of(T[:3, :3] @ np.diag(signs).astype(float)) for T in flips) < np.deg2rad(1.0)
 
 
-def test_the_small_feature_decides_for_the_truth() -> None:
-    # The scan is made in the part's frame: the truth is the identity.
-    scan = scan_of(sample_mesh(BLOCK, 30_000, np.random.default_rng(1)).points)
-    assert others(np.eye(4), scan) == []
-
-
-def test_from_a_flip_the_truth_is_found_as_the_better_one() -> None:
-    scan = scan_of(sample_mesh(BLOCK, 30_000, np.random.default_rng(1)).points)
-    wrong = FLIPS[0]
-    found = others(wrong, scan)
-    assert found
-    # To the noise of a thousand points that refine it.
-    assert min(pose.offset_between(T, np.eye(4), at=BLOCK.centre) for T, _ in found) <= 1e-3 * BLOCK.diagonal
-    assert min(pose.angle_between(T, np.eye(4)) for T, _ in found) <= 2e-3
-
-
-def test_a_scan_that_does_not_see_the_feature_leaves_both_poses() -> None:
-    points = sample_mesh(BLOCK, 60_000, np.random.default_rng(1)).points
-    # What lies on the part in either pose cannot tell them apart.
-    same = SURFACE.closest(pose.apply(FLIPS[0], points)).distances <= 1e-6 * BLOCK.diagonal
-    found = others(np.eye(4), scan_of(points[same]))
-    assert found
-    assert min(pose.angle_between(T, FLIPS[0]) for T, _ in found) <= 1e-2
-
-
-def test_few_points_drop_no_flip_that_is_equally_likely() -> None:
-    # What lies on the part in either pose, with other noise each time. Of 200 seeds none came nearer to being dropped
-    # than one standard error beyond what is allowed; the limit is 2.5.
-    points = sample_mesh(BLOCK, 8_000, np.random.default_rng(1)).points
-    points = points[SURFACE.closest(pose.apply(FLIPS[0], points)).distances <= 1e-6 * BLOCK.diagonal]
-    for seed in range(16):
-        noisy = points + NOISE * np.random.default_rng(seed).normal(size=points.shape)
-        scan = prepare_scan(PointCloud(noisy), 100)
-        lengths = 0.05 * BLOCK.diagonal, 0.3 * NOISE
-        scores = _refined(np.eye(4), FLIPS[:1], scan, SURFACE, *lengths, FIRST)[1]
-        assert len(_not_clearly_worse(FLIPS[:1], scores, 0)) == 1
-
-
-def test_no_flips_cost_nothing() -> None:
-    scan = scan_of(sample_mesh(BLOCK, 3_000, np.random.default_rng(1)).points)
-    assert flipped_poses(np.eye(4), FLIPS[:0], scan, SURFACE, 1.0, 1e-3) == []
-
-
-def gain(mesh: Mesh, seed: int) -> float:
-    # Truth: the samples lie on the part or on its twin, which the first mirror brings nearest to the part; noise of
-    # 3e-4 sizes, and a pose that is off by as much as a registration may be.
-    rng = np.random.default_rng(seed)
-    points = sample_mesh(mesh, 6_000, rng).points
-    if mesh is TWIN:
-        flip = near_mirrors(PART, PART_SURFACE)[0] @ np.diag([-1.0, 1.0, 1.0, 1.0])
-        points = pose.apply(flip, points)
-    scan = prepare_scan(PointCloud(points + 3e-4 * PART.diagonal * rng.normal(size=points.shape)))
-    T = pose.from_parts(np.eye(3), 1e-4 * PART.diagonal * rng.normal(size=3))
-    return gain_of_mirror(
-        T,
-        near_mirrors(PART, PART_SURFACE),
-        scan,
-        PART_SURFACE,
-        0.05 * PART.diagonal,
-        smallest_kernel_scale(scan, PART_SURFACE),
-    )
-
-
 def test_a_near_mirror_has_determinant_minus_one_and_moves_little():
     (mirror,) = near_mirrors(PART, PART_SURFACE)
     assert np.linalg.det(mirror[:3, :3]) == pytest.approx(-1.0, abs=1e-12)
@@ -144,18 +62,6 @@ def test_a_near_mirror_has_determinant_minus_one_and_moves_little():
 def test_what_is_its_own_mirror_image_has_no_twin(shape):
     mesh = Mesh(*shape)
     assert len(near_mirrors(mesh, MeshSurface(mesh))) == 0
-
-
-def test_without_a_mirror_nothing_is_gained():
-    scan = prepare_scan(PointCloud(sample_mesh(PART, 1_000, np.random.default_rng(0)).points))
-    assert gain_of_mirror(np.eye(4), np.zeros((0, 4, 4)), scan, PART_SURFACE, 1.0, 1e-3) == -np.inf
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_twin_gains_in_the_mirror_and_the_part_loses(seed):
-    # A tenth of the bracket's surface is the difference: far from the limit on either side.
-    assert gain(TWIN, seed) > 10.0 * MIRRORED
-    assert gain(PART, seed) < -10.0 * MIRRORED
 
 
 def wheel(teeth: int) -> Mesh:

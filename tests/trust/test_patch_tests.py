@@ -2,8 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from dqreg.trust.patch_tests import PATCH, patches_off, share_together, waviness_of
+from dqreg.geometry import PointCloud, prepare_scan
+from dqreg.geometry.normals import sample_rows
+from dqreg.trust.patch_tests import PATCH, isolated, patches_off, share_together, waviness_of
 
 WIDTH = 0.01
 
@@ -80,3 +83,18 @@ def test_points_of_one_feature_are_off_together_and_outliers_are_not() -> None:
     shares = [share_together(points, row, counted) for row in outliers]
     assert np.mean(np.array(shares) > 0.0) <= 0.01
     assert share_together(points, boss | outliers[0], counted) >= np.mean(boss)
+
+
+@pytest.mark.parametrize("strays", [0, 3, 60])
+@pytest.mark.parametrize("noise", [1e-4, 0.02])
+def test_isolated_points_are_those_with_neighbours_far_beyond_the_usual(strays: int, noise: float) -> None:
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(size=(3_000, 2)), noise * rng.normal(size=3_000)])
+    points[:strays, 2] = rng.uniform(0.3, 1.0, strays)
+    scan = prepare_scan(PointCloud(points))
+    on = np.abs(scan.points[:, 2]) <= 3.0 * noise
+    gaps = cKDTree(scan.points).query(scan.points, 6)[0][:, -1]
+    usual = np.median(gaps[np.flatnonzero(on)[sample_rows(int(on.sum()), 250)]])
+    alone = isolated(scan, on)
+    np.testing.assert_array_equal(alone, ~on & (gaps > 2.5 * usual))
+    assert alone.any() == (strays > 0)

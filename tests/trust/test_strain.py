@@ -123,3 +123,13 @@ def test_one_sided_clutter_is_no_length() -> None:
     beside = (normals[:, 0] > 0.9) & (points[:, 1] > 0.3)
     residuals[beside] += 0.1
     assert not strain_of(points, normals, residuals, clutter=True).is_strained
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8, 1.3, 5.0])
+def test_of_faults_alone_what_is_too_small_for_one_is_none_and_the_others_are_as_they_are(share: float) -> None:
+    points, normals, noise = scanned(box)
+    residuals = share * LEAST * points[:, 0] * normals[:, 0] + 0.03 * noise
+    found, fault = strain_of(points, normals, residuals), strain_of(points, normals, residuals, faults=True)
+    assert found.is_strained == (share > 1.0)
+    assert any(found.along)
+    assert fault == (found if share > 1.0 else Strain())

@@ -1,0 +1,40 @@
+"""What a scan is measured by: planes at some of its points, the spacing of all, and their noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import PlaneFits, fit_planes, fit_planes_at, sample_rows
+from dqreg.geometry.scan_noise import noise_of
+from dqreg.geometry.spacing import spacing_of
+
+# Points among which neighbours are searched where normals are fitted at a few points only of more than these.
+THINNED = 50_000
+# Pieces of the cloud on which spacing and noise are measured then, points of a piece, and those in its middle, whose
+# neighbours are in the piece.
+PIECES, PIECE, MIDDLE = 30, 512, 64
+
+
+def measure_all(
+    points: FloatArray, rows: IntArray, tree: NeighbourTree, fits: PlaneFits | None
+) -> tuple[PlaneFits, float, tuple[float, float]]:
+    """Planes at some points of a cloud, fitted unless they are known; spacing and noises of the cloud."""
+    at = points if len(rows) == len(points) else points[rows]
+    fits = fit_planes_at(tree, points, rows) if fits is None else fits
+    return fits, (spacing := spacing_of(fits, at)), noise_of(fits, points, at, tree, spacing)
+
+
+def measure_pieces(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, tuple[float, float]]:
+    """The same of a large cloud: planes to neighbours in a thinned one, the rest from pieces of it."""
+    thinned = np.take(points, sample_rows(len(points), max(THINNED, 2 * len(rows))), axis=0)
+    fits = fit_planes(NeighbourTree(thinned, in_order=True), thinned, np.take(points, rows, axis=0))
+    # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those
+    # in the middle are their neighbours in the whole cloud.
+    firsts = np.linspace(0, len(points) - PIECE, PIECES).astype(np.int64)
+    pieces = np.take(points, (firsts[:, None] + np.arange(PIECE)).ravel(), axis=0)
+    middles = np.take(points, (firsts[:, None] + (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)).ravel(), axis=0)
+    of_pieces = NeighbourTree(pieces, in_order=True)
+    pieced = fit_planes(of_pieces, pieces, middles)
+    return fits, (spacing := spacing_of(pieced, middles)), noise_of(pieced, pieces, middles, of_pieces, spacing)
