@@ -111,15 +111,14 @@ def score_poses(
 
     ``floor`` is the smallest width; with directions it is the width, and points whose normals disagree are outliers.
     """
-    R, t = poses.R, poses.t
     # Farther off than the limit, how far does not matter.
-    found = [surface.closest(points @ R[k].T + t[k], None, limit) for k in range(len(R))]
-    distances = np.stack([each.distances for each in found])
+    found = surface.closest(poses.apply(points).reshape(-1, 3), within=limit)
+    distances = found.distances.reshape(len(poses), len(points))
     if directions is not None:
         unknown = np.asarray(~directions.any(axis=1))
-        for k, each in enumerate(found):
-            cosines = np.abs(np.einsum("ij,ij->i", directions @ R[k].T, each.normals))
-            distances[k, ~(unknown | (cosines > np.cos(GATE_RAD)))] = np.inf
+        normals = found.normals.reshape(len(poses), len(points), 3)
+        cosines = np.abs(np.einsum("kij,kij->ki", poses.turn(directions), normals))
+        distances = np.where(unknown | (cosines > np.cos(GATE_RAD)), distances, np.inf)
         cut = np.minimum(distances, limit)
         return PoseScores(_likelihoods(distances, InlierMixture.starting(floor, limit)), cut, floor)
     cut = np.minimum(distances, limit)
