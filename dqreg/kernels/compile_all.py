@@ -12,6 +12,7 @@ from dqreg.kernels.cache import keep_beside_package
 from dqreg.kernels.cell_moments import cell_moments, table_of
 from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
+from dqreg.kernels.company import company_rows
 from dqreg.kernels.components import components
 from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
@@ -107,7 +108,7 @@ def _points() -> None:
     corners = CORNERS[0]
     tree = PointTree.of(corners)
     rows, _ = tree.nearest(corners, 3)
-    tree.have_near(1, 1.0)
+    company_rows(0, 0, tree.boxes, tree.places, LEAF, 1, 1.0, np.zeros(0, np.bool_))
     lopsided_rows(0, 0, corners, rows, corners, corners, 1.0, np.zeros(0, np.bool_), np.zeros((0, 3)))
     fit_plane_rows(0, 0, corners, rows, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
     quadric_residual_rows(0, 0, corners, rows, np.zeros((1, 3)), 0.5, np.zeros(1))
