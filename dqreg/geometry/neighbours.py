@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg._open3d import load_open3d
 
 # Neighbours of its own points that a tree remembers: what normals and rims of a cloud are read from.
@@ -47,6 +47,10 @@ class NeighbourTree:
         """The same of queries near some of the points, (m,) rows; where fewer are within a distance, that distance."""
         places = {"at": rows} if self._in_order else {}
         return self._tree.nearest(queries, count, within, **places)
+
+    def have_near(self, count: int, within: float) -> BoolArray:
+        """Which points have so many within a distance, themselves among them, (n,)."""
+        return self._tree.have_near(count, within)
 
     def capped_distances(self, queries: FloatArray, cap: float) -> FloatArray:
         """Distance of each query to the nearest point, (m,), or the cap where that is less: little is looked at."""

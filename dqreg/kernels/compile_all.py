@@ -12,10 +12,12 @@ from dqreg.kernels.cache import keep_beside_package
 from dqreg.kernels.cell_moments import cell_moments, table_of
 from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
+from dqreg.kernels.company import company_rows
 from dqreg.kernels.components import components
 from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
+from dqreg.kernels.lopsided import lopsided_rows
 from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
 from dqreg.kernels.mesh_faces import ENDS, MOMENTS, face_columns, solid_faces, surface_moments
@@ -26,6 +28,8 @@ from dqreg.kernels.motion_sums import motion_shares, motion_sums
 from dqreg.kernels.near_rows import near_rows
 from dqreg.kernels.neighbour_differences import neighbour_differences
 from dqreg.kernels.pair_differences import pair_differences
+from dqreg.kernels.pair_keys import pair_keys
+from dqreg.kernels.pair_poses import pair_poses
 from dqreg.kernels.patch_pairs import binned_agreements, covariance_products, nearest_others, spherical_covariance
 from dqreg.kernels.patch_sums import BESIDE, patch_sums
 from dqreg.kernels.plane_elimination import eliminate_planes
@@ -46,6 +50,7 @@ from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import place_rows, slide_rows, weigh_rows
+from dqreg.kernels.weighted_draws import drawn_rows
 from dqreg.kernels.weighted_planes import (
     COLUMNS,
     orientation_precisions,
@@ -105,6 +110,8 @@ def _points() -> None:
     corners = CORNERS[0]
     tree = PointTree.of(corners)
     rows, _ = tree.nearest(corners, 3)
+    company_rows(0, 0, tree.boxes, tree.places, LEAF, 1, 1.0, np.zeros(0, np.bool_))
+    lopsided_rows(0, 0, corners, rows, corners, corners, 1.0, np.zeros(0, np.bool_), np.zeros((0, 3)))
     fit_plane_rows(0, 0, corners, rows, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
     quadric_residual_rows(0, 0, corners, rows, np.zeros((1, 3)), 0.5, np.zeros(1))
     majority_plane_rows(0, 0, corners, rows, np.zeros((1, 3), dtype=np.int64), 1, 0.5, np.zeros(1))
@@ -181,6 +188,11 @@ def _search() -> None:
     rotations, places = np.eye(3)[None], np.zeros((1, 3))
     counts, none = np.zeros(1, dtype=np.int32), np.zeros(0, dtype=np.bool_)
     pair_differences(places, places, np.ones(4), 1, counts, none, places, FIRST[:0])
+    drawn_rows(ONE + 1.0, NOTHING, FIRST.copy(), FIRST[:0])
+    pair_keys(0, 0, FLAT, FLAT, FIRST[:0], FIRST[:0], 1.0, ONE, ONE, FIRST[:0])
+    sides = 2 * (FLAT, FLAT, FIRST[:0], FIRST[:0])
+    agree = np.zeros((2, 0), dtype=np.bool_)
+    pair_poses(0, 0, *sides, 1.0, 1.0, np.zeros((2, 0, 3, 3)), np.zeros((2, 0, 3)), agree)
     mean_gains(0, 1, rotations, places, places, SHAPE, np.zeros(2, dtype=np.float32), np.zeros(1))
     planes = np.zeros((1, 6), dtype=np.float32)
     grid_planes(0, 0, FLAT, ONE, 1.0, SHAPE, planes, FLAT, FLAT, np.zeros(0), FIRST[:0])

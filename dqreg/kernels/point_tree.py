@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.kernels.company import company_rows
 from dqreg.kernels.kd_order import heap_boxes, kd_order
 from dqreg.kernels.nearest_points import nearest_points
 from dqreg.kernels.threads import as_plain, aside, over_chunks
@@ -60,3 +61,12 @@ class PointTree:
             nearest_points, len(queries), *tree, as_plain(queries), float(within), found, distances, at, chunk=CHUNK
         )
         return found, distances
+
+    def have_near(self, count: int, within: float) -> BoolArray:
+        """Which points have so many within a distance, themselves among them; all count where there are fewer, (n,)."""
+        places = np.zeros(len(self.rows), dtype=bool)
+        asked = self.boxes, self.places, LEAF, min(count, len(self.rows)), float(within)
+        over_chunks(company_rows, len(places), *asked, places)
+        found = np.zeros(len(places), dtype=bool)
+        found[self.rows] = places
+        return found

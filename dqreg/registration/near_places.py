@@ -12,7 +12,7 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.registration.fit import Fit
 from dqreg.rigid import twist
 from dqreg.search.near_symmetry import is_symmetry, near_flips
-from dqreg.search.periods import near_periods
+from dqreg.search.periods import SHORTEST, near_periods
 from dqreg.search.plane_maps import FLAT, LOOKED_AT, LOST, Planes, plane_maps
 from dqreg.search.tangent_planes import TangentPlanes
 from dqreg.trust.information import scaling_by
@@ -25,13 +25,16 @@ OF_CLOUD = 600
 SCREWS, PITCH = 0.3, 3e-3
 # Motions that less than this share of the inliers constrains may be screws.
 HELD = 0.1
+# Share of the inliers that shows an end of a part, this near to it in sizes: after any period they stick out by two
+# thirds of that, and so many are enough to tell.
+END, AT_END = 0.005, 0.35 * SHORTEST
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Places:
     """What is asked of a target, found once."""
 
-    maps: FloatArray  # (k, 4, 4): Rotations and periods that leave most of it in place
+    maps: FloatArray  # (k, 4, 4): Rotations that leave most of it in place, of a cloud periods as well
     planes: Planes
     reach: FloatArray  # (3,): Extent along each axis
 
@@ -51,7 +54,34 @@ def near_maps(fit: Fit) -> FloatArray:
     if scan is None and not _reaches_over(fit, found.reach):
         scan = _planes_of_scan(fit)
     others = [] if scan is None else [plane_maps(scan, found.planes, surface.diagonal)]
-    return np.concatenate([found.maps, _half_screws(fit), *others])
+    return np.concatenate([found.maps, _periods(fit), _half_screws(fit), *others])
+
+
+def _periods(fit: Fit) -> FloatArray:
+    """Periods of a part that may lead to another pose, (k, 4, 4): none where the scan shows all its ends.
+
+    They take longer to find than all else that is asked of a part, and no scan that shows its ends fits one period on.
+    """
+    part = fit.problem.target.geometry
+    if not isinstance(part, Mesh) or _shows_the_ends(fit, part):
+        return np.zeros((0, 4, 4))
+    return fit.problem.target.near_periods
+
+
+def _shows_the_ends(fit: Fit, part: Mesh) -> bool:
+    """Whether some of the scan lies at either end of a part along all axes."""
+    near, margin = _inliers(fit), AT_END * part.diagonal
+    if not len(near):
+        return False
+    rank = min(int(END * len(near)) + 1, len(near) - 1)
+    ends = np.partition(near, (rank, len(near) - 1 - rank), axis=0)
+    low, high = part.bounds
+    return bool((ends[rank] <= low + margin).all() and (ends[len(near) - 1 - rank] >= high - margin).all())
+
+
+def _inliers(fit: Fit) -> FloatArray:
+    pairs = fit.run.pairs
+    return np.take(pairs.moved, np.flatnonzero(pairs.distances <= ON * fit.run.mixture.scale), axis=0)
 
 
 def _planes_of_scan(fit: Fit) -> Planes:
@@ -63,9 +93,7 @@ def _planes_of_scan(fit: Fit) -> Planes:
 
 def _reaches_over(fit: Fit, whole: FloatArray) -> bool:
     """Whether the scan reaches from end to end of the target along all axes, up to what a motion may lose."""
-    pairs = fit.run.pairs
-    near = np.take(pairs.moved, np.flatnonzero(pairs.distances <= ON * fit.run.mixture.scale), axis=0)
-    return bool((_extent(near) >= (1.0 - LOST) * whole).all())
+    return bool((_extent(_inliers(fit)) >= (1.0 - LOST) * whole).all())
 
 
 def _extent(points: FloatArray) -> FloatArray:
@@ -112,7 +140,7 @@ def _of_mesh(fit: Fit) -> _Places:
     assert isinstance(target.geometry, Mesh)
     sample = sample_mesh(target.geometry, LOOKED_AT, np.random.default_rng(0))
     planes = Planes.of(sample.points, np.asarray(sample.normals), fit.prepared.surface.diagonal)
-    return _Places(np.concatenate([target.near_rotations, target.near_periods]), planes, _extent(planes.points))
+    return _Places(target.near_rotations, planes, _extent(planes.points))
 
 
 def _of_cloud(fit: Fit, surface: CloudSurface) -> _Places:

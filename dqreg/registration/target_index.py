@@ -87,9 +87,9 @@ class TargetIndex:
         self.__dict__.update(state, _lock=threading.Lock(), derived={}, _evened={})
 
     def build(self) -> TargetIndex:
-        """Itself, with all built that a registration from a given pose asks for."""
+        """Itself, with all built that each registration asks for."""
         self._build_surface()
-        _ = self.near_rotations, self.near_periods
+        _ = self.near_rotations
         return self
 
     def _build_surface(self) -> None:
@@ -177,7 +177,7 @@ class TargetIndex:
 
     @cached_property
     def near_periods(self) -> FloatArray:
-        """Translations by a period of a part, (k, 4, 4); none for a cloud."""
+        """Translations by a period of a part, (k, 4, 4), for scans that do not show its ends; none for a cloud."""
         return near_periods(self.geometry, self.surface) if isinstance(self.geometry, Mesh) else np.zeros((0, 4, 4))
 
     @cached_property

@@ -41,8 +41,9 @@ RESIDUAL, MEDIANS = 4e-3, 5.0
 def scan_features(scan: Scan, size: float) -> OrientedPoints:
     """Points of a scan on faces, then those at edges."""
     cloud, tree = _without_outliers(scan.thinned(AMONG).points)
-    points = cloud[sample_rows(len(cloud), SCAN_POINTS)]
-    around, _ = tree.nearest(points, NEIGHBOURS)
+    rows = sample_rows(len(cloud), SCAN_POINTS)
+    points = cloud[rows]
+    around, _ = tree.nearest_to(rows, NEIGHBOURS)
     fits = fit_planes_among(cloud, around)
     if not np.isfinite(fits.variances).any():
         # Three points, or points on lines: no plane anywhere, so that no pair has a key.
@@ -67,10 +68,11 @@ def scan_features(scan: Scan, size: float) -> OrientedPoints:
 
 
 def _without_outliers(points: FloatArray) -> tuple[FloatArray, NeighbourTree]:
-    """The points, in Morton order, that have neighbours as near as most have, and a tree of them for fewer queries."""
-    tree = NeighbourTree(points)
-    _, distances = tree.nearest(points, OUTLIER_NEIGHBOURS)
-    near = distances[:, -1] <= OUTLIER_RATIO * np.median(distances[:, -1])
+    """The points, in Morton order, that have neighbours about as near as most have, and a tree of them."""
+    tree = NeighbourTree(points, in_order=True)
+    rows = sample_rows(len(points), SCAN_POINTS // 2)
+    farthest = tree.nearest_to(rows, OUTLIER_NEIGHBOURS)[1][:, -1]
+    near = tree.have_near(OUTLIER_NEIGHBOURS, OUTLIER_RATIO * float(np.median(farthest)))
     return (points, tree) if near.all() else (points[near], NeighbourTree(points[near], in_order=True))
 
 
@@ -131,13 +133,13 @@ def edge_points(
     cloud: FloatArray, around: IntArray, at: FloatArray, normals: FloatArray
 ) -> tuple[BoolArray, FloatArray]:
     """Where a sampled face ends, and the direction that leads off it, from the neighbours of its points, (n, k)."""
-    offsets = np.take(cloud, around, axis=0) - at[:, None, :]
-    mean = offsets.mean(axis=1)
-    mean -= np.einsum("ij,ij->i", mean, normals)[:, None] * normals
-    off = np.linalg.norm(mean, axis=1)
-    spread = np.sqrt((offsets**2).sum(axis=2).mean(axis=1))
-    outwards = -mean / np.maximum(off, np.finfo(float).tiny)[:, None]
-    return (off > LOPSIDED * spread) & normals.any(axis=1), outwards
+    from dqreg.kernels.lopsided import lopsided_rows
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    found, outwards = np.zeros(len(at), dtype=bool), np.zeros((len(at), 3))
+    asked = as_plain(cloud), around, as_plain(at), as_plain(normals), LOPSIDED
+    over_chunks(lopsided_rows, len(at), *asked, found, outwards)
+    return found, outwards
 
 
 def _sharp_edges(mesh: Mesh, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:

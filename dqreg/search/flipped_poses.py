@@ -13,11 +13,10 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.rigid import pose
-from dqreg.search.near_symmetry import gains_of
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
-from dqreg.search.scoring import PoseScores, distances_at, likely_by, score_poses
+from dqreg.search.scoring import PoseScores, distances_at, likely_by, mean_gains, score_poses
 
 # Points that screen a flipped pose, and the mean gain that it may lack by them: few first, which most flips fail.
 # Reach of their gain, in sizes.
@@ -148,6 +147,6 @@ def _worth_refining(T_target_source: FloatArray, flips: FloatArray, scan: Scan, 
         if len(flips):
             few = scan.points[sample_rows(len(scan), count)]
             moved = np.concatenate([pose.apply(T, few) for T in (T_target_source, *(flips @ T_target_source))])
-            gains = gains_of(moved, surface, REACH, len(flips) + 1)
+            gains = mean_gains(moved, surface, REACH, len(flips) + 1)
             flips = flips[gains[1:] >= gains[0] - lacks]
     return flips

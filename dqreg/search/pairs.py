@@ -14,19 +14,20 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, IntArray, bounds
 from dqreg.geometry import Mesh, PointCloud, Surface
-from dqreg.kernels.threads import ask_clock, until
+from dqreg.kernels.threads import until
 from dqreg.rigid.symmetry import Symmetry
 from dqreg.search.features import even_points, target_features
 from dqreg.search.grids import Edges, PlaneGrid
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.symmetry import find_symmetry
-from dqreg.solvers.oriented_pairs import OrientedPairs, poses_from_pairs
 
 # Points of the target whose pairs are tabulated: their square is the table. They are drawn from so many.
 TABLE_POINTS, DENSE = 1_000, 20_000
 # Bins: distance in sizes, angles in radians.
 LENGTH_BIN, ANGLE_BIN = 0.02, 0.2
+# Cosines of the angles at which bins end, up to a right one.
+ANGLE_COSINES = np.cos(ANGLE_BIN * np.arange(1.0, 8.0))
 # Numbers that a key may be: bins of lengths up to the size times eight of each angle.
 KEYS = (round(1.0 / LENGTH_BIN) + 1) * 512
 # Shorter pairs constrain the rotation badly; in sizes.
@@ -39,6 +40,8 @@ LEAST_SINE = 0.15
 NORMALS_RAD = 0.45
 # Pairs drawn from the scan, pairs used of these, counterparts of each, at most.
 DRAWN, USED, COUNTERPARTS = 24_000, 3_000, 30
+# A pair with so many counterparts is common: how many more does not matter.
+COMMON = np.iinfo(np.uint16).max
 # Draws at most where most pairs are too long, in multiples.
 ROUNDS = 12
 
@@ -85,10 +88,11 @@ class PairTable:
         # A target without a single normal has no oriented points, but it has a size.
         bare = target.vertices if isinstance(target, Mesh) else target.points
         low, high = bounds(points.points if len(points) else bare)
-        first, second = np.nonzero(~np.eye(len(points), dtype=bool))
+        first, second = map(np.ascontiguousarray, np.nonzero(~np.eye(len(points), dtype=bool)))
         keys, usable = pair_keys(points, first, second, surface.diagonal)
         rows = np.flatnonzero(usable)
-        rows = rows[np.argsort(keys[rows], kind="stable")]
+        # Sixteen bits are sorted by counting.
+        rows = rows[np.argsort(keys[rows].astype(np.uint16), kind="stable")]
         grid = PlaneGrid(surface, even, low, high)
         known = Edges.of(edges, low, high, surface.diagonal) if len(edges) else None
         first, second = first[rows], second[rows]
@@ -97,23 +101,14 @@ class PairTable:
 
 def pair_keys(oriented: OrientedPoints, i: IntArray, j: IntArray, size: float) -> tuple[IntArray, BoolArray]:
     """One number per pair, of its distance and three angles, binned and without signs; and whether it is usable."""
-    # Single precision is far finer than a bin.
-    points = (oriented.points / size).astype(np.float32)
-    directions = oriented.directions.astype(np.float32)
-    along = points[j] - points[i]
-    length = np.sqrt(np.einsum("ij,ij->i", along, along))
-    along /= np.maximum(length, 1e-6)[:, None]
-    cosines = np.abs(
-        [
-            np.einsum("ij,ij->i", directions[i], along),
-            np.einsum("ij,ij->i", directions[j], along),
-            np.einsum("ij,ij->i", directions[i], directions[j]),
-        ]
-    )
-    angles = (np.arccos(np.minimum(cosines, 1.0)) / ANGLE_BIN).astype(np.int64)
-    usable = (length > SHORTEST) & (length < 1.0) & (cosines[:2].min(axis=0) < np.sqrt(1.0 - LEAST_SINE**2))
-    keys = ((length / LENGTH_BIN).astype(np.int64) * 8 + angles[0]) * 64 + angles[1] * 8 + angles[2]
-    return keys, usable
+    from dqreg.kernels import pair_keys as kernels
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    keys = np.zeros(len(i), dtype=np.int64)
+    limits = np.array([SHORTEST * size, size, np.sqrt(1.0 - LEAST_SINE**2)])
+    points = as_plain(oriented.points), as_plain(oriented.directions)
+    over_chunks(kernels.pair_keys, len(i), *points, i, j, LENGTH_BIN * size, limits, ANGLE_COSINES, keys)
+    return keys, keys >= 0
 
 
 def pair_hypotheses(scan: OrientedPoints, table: PairTable, rng: np.random.Generator) -> Poses:
@@ -121,36 +116,30 @@ def pair_hypotheses(scan: OrientedPoints, table: PairTable, rng: np.random.Gener
     i, j, keys = _draw_pairs(scan, table.size, rng)
     first, last = table.starts[keys], table.starts[keys + 1]
     counts = last - first
-    rare = np.argsort(np.where(counts > 0, counts, np.iinfo(np.int64).max), kind="stable")[:USED]
-    rare = rare[counts[rare] > 0]
+    known = np.flatnonzero(counts)
+    rare = known[np.argsort(np.minimum(counts[known], COMMON).astype(np.uint16), kind="stable")[:USED]]
     taken = np.minimum(counts[rare], COUNTERPARTS)
     rows = np.repeat(rare, taken)
     # Evenly through the counterparts, from a drawn one on: no order of the table is preferred.
     step = np.arange(len(rows)) - np.repeat(np.cumsum(taken) - taken, taken)
     shift = np.repeat(rng.random(len(rare)), taken)
     counterpart = first[rows] + ((step + shift) * counts[rows] / np.repeat(taken, taken)).astype(np.int64)
-    ask_clock()
-    source = OrientedPairs.of(scan.points, scan.directions, i[rows], j[rows])
-    known = table.points
-    target = OrientedPairs.of(known.points, known.directions, table.first[counterpart], table.second[counterpart])
-    poses = _solve(source, target, opposite=False)
-    ask_clock()
-    return poses + _solve(source, target, opposite=True)
+    return _poses_of(scan, table.points, i[rows], j[rows], table.first[counterpart], table.second[counterpart])
 
 
-def _solve(source: OrientedPairs, target: OrientedPairs, opposite: bool) -> Poses:
-    """Poses with directions along the lines, or with the target's opposite where the sign is uncertain."""
-    if opposite:
-        steep = np.abs(source.cosines[:, 0]) <= np.abs(source.cosines[:, 1])
-        guide = np.where(steep, np.abs(source.cosines[:, 0]), np.abs(source.cosines[:, 1]))
-        rows = np.flatnonzero(guide < LEAST_COSINE)
-        source, target = source[rows], target[rows]
-        target = dataclasses.replace(target, first=-target.first, second=-target.second)
-    R, t = poses_from_pairs(source, target)
-    least = np.cos(NORMALS_RAD)
-    agree = np.ones(len(R), dtype=bool)
-    for ours, theirs in ((source.first, target.first), (source.second, target.second)):
-        agree &= np.abs(np.einsum("nij,nj,ni->n", R, ours, theirs, optimize=True)) > least
+def _poses_of(
+    scan: OrientedPoints, known: OrientedPoints, i: IntArray, j: IntArray, first: IntArray, second: IntArray
+) -> Poses:
+    """Poses of pairs (i, j) on known pairs, both of whose directions agree; last those by an uncertain sign."""
+    from dqreg.kernels.pair_poses import pair_poses
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    count = len(i)
+    R, t, agree = np.zeros((2, count, 3, 3)), np.zeros((2, count, 3)), np.zeros((2, count), dtype=bool)
+    source = as_plain(scan.points), as_plain(scan.directions), i, j
+    target = as_plain(known.points), as_plain(known.directions), first, second
+    limits = LEAST_COSINE, float(np.cos(NORMALS_RAD))
+    over_chunks(pair_poses, count, *source, *target, *limits, R, t, agree)
     return Poses(R[agree], t[agree])
 
 

@@ -50,7 +50,11 @@ class Poses:
 
     def apply(self, points: FloatArray) -> FloatArray:
         """Points, (m, 3), moved by each pose, (n, m, 3)."""
-        return points @ self.R.transpose(0, 2, 1) + self.t[:, None, :]
+        return self.turn(points) + self.t[:, None, :]
+
+    def turn(self, directions: FloatArray) -> FloatArray:
+        """Directions, (m, 3), turned by each pose, (n, m, 3)."""
+        return directions @ self.R.transpose(0, 2, 1)
 
     def then(self, T: FloatArray) -> Poses:
         """Each pose followed by each of some motions of the target, (k, 4, 4)."""

@@ -96,8 +96,11 @@ class SearchProblem:
         """Distance beyond which a point is an outlier."""
         return TRUNCATED * self.plan.max_distance
 
-    def order(self, poses: Poses, count: int, reach: float) -> IntArray:
-        """Rows by falling gain on the grids, for so many scan points and this reach in sizes."""
+    def order(self, poses: Poses, count: int, reach: float, least: float = 0.0) -> IntArray:
+        """Rows by falling gain on the grids, for so many scan points and this reach in sizes.
+
+        Of the scan of one part without those that gain less than a share of the best: elsewhere outliers decide.
+        """
         sample, table = self.sample(count), self.table
         gains = table.grid.scores(poses, sample.faces.points, reach * self.size)
         if table.edges is not None and sample.is_edge.any():
@@ -105,7 +108,9 @@ class SearchProblem:
         if self.occupancy is not None:
             there = table.points.sample(count, self.rng)
             gains = gains + self.occupancy.scores(poses, there.faces.points)
-        return np.argsort(-gains, kind="stable")
+        rows = np.argsort(-gains, kind="stable")
+        is_part = isinstance(self.target, Mesh) and self.other_way is None
+        return rows[gains[rows] >= least * gains[rows[0]]] if is_part and len(rows) else rows
 
     def refined(
         self,

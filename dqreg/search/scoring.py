@@ -152,6 +152,12 @@ def _by_normals(
     return likely_by(distances, width, limit)
 
 
+def mean_gains(points: FloatArray, surface: Surface, reach: float, count: int) -> FloatArray:
+    """Mean of ``1 - (d / reach)^2``, 0 beyond the reach in sizes, for each of so many poses of the same points."""
+    apart = surface.closest(points, within=reach * surface.diagonal).distances / (reach * surface.diagonal)
+    return np.asarray(np.maximum(1.0 - apart**2, 0.0).reshape(count, -1).mean(axis=1))
+
+
 def _likelihoods(distances: FloatArray, mixture: InlierMixture) -> FloatArray:
     from dqreg.kernels.many_poses import log_likelihoods
     from dqreg.kernels.threads import over_chunks

@@ -20,11 +20,14 @@ from dqreg.search.problem import SearchProblem
 SCREEN_FEW, SCREEN_MORE, SCREEN_REACH, SHORTLIST = 64, 400, 0.03, 1_500
 # The same reach once the poses are refined roughly.
 REFINED_REACH = 0.02
+# Share of the best gain below which a pose of a part is dropped, there and then: of 218 poses that were found none came
+# from one below 0.70 and 0.75.
+LEAST_GAIN = 0.6
 # Distinct poses kept after each stage, and how far apart they are: radians, sizes.
 ROUGH_KEPT, FIT_KEPT, FINE_KEPT, LAST_KEPT = 160, 40, 12, 8
 ROUGH_APART, FIT_APART, FINE_APART, LAST_APART = (0.15, 0.03), (0.06, 0.015), (0.04, 0.01), (0.03, 0.005)
 # Points that refine: roughly, on the grid, on the target; of near symmetries; finely, and of the last poses.
-ROUGH_POINTS, GRID_POINTS, FIT_POINTS, NEAR_POINTS, FINE_POINTS, LAST_POINTS = 160, 400, 250, 200, 1_000, 4_000
+ROUGH_POINTS, GRID_POINTS, FIT_POINTS, NEAR_POINTS, FINE_POINTS, LAST_POINTS = 160, 400, 250, 200, 1_000, 2_000
 # Kernel scales of the refinement, in sizes: first, last, steps. Down to the second the grid is exact enough.
 ROUGH_WIDTHS, GRID_WIDTHS, FIT_WIDTHS = (0.03, 0.012, 5), (0.012, 0.008, 2), (0.006, 0.004, 2)
 # The same for near symmetries: on the grid, on the target.
@@ -39,6 +42,8 @@ SCORED, FINE_SCORED = 600, 4_000
 WIDTH, FINE_WIDTH = 1e-3, 5e-4
 HOPELESS, BEATEN = 0.7, 0.25
 KEPT_ANYWAY = 3
+# The same once near symmetries are there: the pose that was found lacked 0.014 at most.
+BEHIND = 0.35
 # The same for two clouds: points after the rough refinement; widths there, after the next and after the fine one; poses
 # kept that matches propose.
 CLOUD_SCORED, CLOUD_WIDTHS, MATCHED_KEPT = 200, (8e-3, 4e-3, 2e-3), 80
@@ -90,7 +95,9 @@ def refine_roughly(problem: SearchProblem, poses: Poses) -> Poses:
     """After steps on the planes of the grid."""
     poses = problem.refined(poses, problem.sample(ROUGH_POINTS), ROUGH_WIDTHS, problem.table.grid)
     if isinstance(problem.target, Mesh):
-        return problem.distinct(poses[problem.order(poses, SCREEN_MORE, REFINED_REACH)], FIT_APART, FIT_KEPT)
+        return problem.distinct(
+            poses[problem.order(poses, SCREEN_MORE, REFINED_REACH, LEAST_GAIN)], FIT_APART, FIT_KEPT
+        )
     return problem.distinct(problem.ranked(poses, CLOUD_SCORED, CLOUD_WIDTHS[0], np.inf), FIT_APART, FIT_KEPT)
 
 
@@ -110,7 +117,7 @@ def add_near_symmetric(problem: SearchProblem, poses: Poses) -> Poses:
     more = poses.first(max(1, min(NEAR_OF, NEAR_MOST // len(near)))).then(near)
     more = problem.refined(more, problem.sample(NEAR_POINTS), NEAR_GRID_WIDTHS, problem.table.grid)
     more = problem.refined(more, problem.sample(NEAR_POINTS), NEAR_WIDTHS)
-    return problem.distinct(problem.ranked(poses + more, SCORED, WIDTH, HOPELESS, KEPT_ANYWAY), FINE_APART, FINE_KEPT)
+    return problem.distinct(problem.ranked(poses + more, SCORED, WIDTH, BEHIND, KEPT_ANYWAY), FINE_APART, FINE_KEPT)
 
 
 def refine_finely(problem: SearchProblem, poses: Poses) -> Poses:
@@ -137,8 +144,8 @@ STAGES: tuple[tuple[str, Callable[[SearchProblem, Poses], Poses]], ...] = (
 
 
 def _screened(problem: SearchProblem, poses: Poses, most: int) -> Poses:
-    for count in (SCREEN_FEW, SCREEN_MORE):
-        poses = poses[problem.order(poses, count, SCREEN_REACH)[:SHORTLIST]]
+    for count, least in ((SCREEN_FEW, 0.0), (SCREEN_MORE, LEAST_GAIN)):
+        poses = poses[problem.order(poses, count, SCREEN_REACH, least)[:SHORTLIST]]
     return problem.distinct(poses, ROUGH_APART, most)
 
 

@@ -82,3 +82,15 @@ def test_far_from_the_points_and_far_from_the_origin() -> None:
     expected, apart = brute_force(points, queries, 3)
     np.testing.assert_array_equal(rows, expected)
     np.testing.assert_array_equal(distances, apart)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 300), st.integers(1, 20), st.sampled_from([1, 3, 1000]), st.booleans())
+def test_points_have_others_near_where_the_last_of_the_nearest_is_near(
+    seed: int, size: int, count: int, places: int, in_order: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(places, 3))[rng.integers(0, places, size=size)]
+    tree, within = PointTree.of(points, in_order=in_order), float(rng.uniform(0.0, 2.0))
+    apart = brute_force(points, points, count)[1][:, -1]
+    np.testing.assert_array_equal(tree.have_near(count, within), apart <= within)

@@ -56,6 +56,16 @@ def test_in_the_middle_of_a_lattice_the_next_period_is_named() -> None:
     assert all(abs(other.gain) <= max(3.0 * other.gain_sigma, 0.01) for other in result.alternatives)
 
 
+def test_periods_are_looked_for_where_a_scan_does_not_show_the_ends_of_a_part() -> None:
+    # They take a tenth of a registration to find; one period on, a scan of all of the plate would stick out of it.
+    target, whole = dqreg.prepare_target(PLATE), sample_mesh(PLATE, 30_000, np.random.default_rng(4)).points
+    assert target.register(whole, np.eye(4), effort="fast").alternatives == ()
+    assert "near_periods" not in vars(target.indexed)
+    # A hair less than the last row of pegs is no end.
+    target.register(whole[whole[:, 0] < PLATE.bounds[1][0] - 0.5 * PITCH], np.eye(4), effort="fast")
+    assert len(vars(target.indexed)["near_periods"])
+
+
 def test_alternatives_are_saved_and_read(tmp_path) -> None:
     result = TARGET.register(scan_of(middle=True), np.eye(4), effort="fast", search="never")
     result.save(tmp_path / "result.json")

@@ -178,7 +178,7 @@ def test_a_copy_of_a_target_and_of_a_result_answers_as_they_do(kind: str, how: s
     # Open parts and clouds alike; both hold Open3D's trees and locks by now.
     part = Mesh(PART.vertices, PART.faces[:-20]) if kind == "mesh" else TARGETS["cloud"]
     target = prepare_target(part)
-    before, result = answer(target), target.register(SCAN, TRUTH)
+    before, result, _ = answer(target), target.register(SCAN, TRUTH), target.indexed.near_periods
     again = COPIES[how](target)
     # What took longest to find goes along, so that a copy is ready as soon as its tree is.
     assert kind == "cloud" or {"near_periods", "near_rotations", "spreads"} <= set(vars(again.indexed))

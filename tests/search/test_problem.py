@@ -7,6 +7,7 @@ from dqreg.geometry import Mesh, MeshSurface, PointCloud, Surface, prepare_scan,
 from dqreg.icp import ESTIMATORS, IcpSettings
 from dqreg.rigid import pose
 from dqreg.search.pairs import PairTable
+from dqreg.search.poses import Poses
 from dqreg.search.problem import SearchProblem
 from dqreg.synth.parts import bracket
 
@@ -50,3 +51,14 @@ def test_the_table_of_pairs_is_made_when_it_is_first_needed_and_once():
     assert made == []
     assert problem.table is problem.table
     assert made == [1]
+
+
+def test_poses_far_behind_the_best_are_dropped_of_a_part_and_none_of_a_scene():
+    # A scene is explained by its table: there the part's pose may be far behind.
+    away = np.eye(4)
+    away[0, 3] = 10.0 * PART.diagonal
+    poses = Poses.of(np.stack([away, np.eye(4), away]))
+    points = sample_mesh(PART, 5_000, np.random.default_rng(0)).points
+    assert problem_of(points).order(poses, 100, 0.02, 0.6).tolist() == [1]
+    assert problem_of(points).order(poses, 100, 0.02).tolist() == [1, 0, 2]
+    assert sorted(problem_of(scene()).order(poses, 100, 0.02, 0.6).tolist()) == [0, 1, 2]

@@ -1,0 +1,117 @@
+"""Rings: parts with equal moments across an axis, their steps by a tooth, and the half-turns that fit them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry import Mesh, Surface, sample_mesh
+from dqreg.rigid.rotations import about_axis
+from dqreg.search.axes import moments, principal_axes
+from dqreg.search.scoring import mean_gains
+from dqreg.search.symmetry import NEARLY
+
+# Smaller moment in the larger one of the two across the axis of a ring, at least.
+EQUAL_MOMENTS = 0.9
+# Half-turns across a ring that are tried, and those around each that fits.
+FLIPS, FINER = 72, 7
+# Teeth of a ring that are tried, and points that score a rotation by one.
+TEETH, RING_POINTS = range(5, 41), 500
+# Every so-manieth of these is asked first. Where they bring back less than half of what a step has to, no step fits: of
+# 118 rings whose steps fit none brought back less than four times that. A half-turn that gains less by them is
+# hopeless: of twelve rings with half-turns that stayed, none gained less than 0.69 at the best.
+RING_FIRST, HOPELESS = 5, 0.25
+# A step of a ring fits where so much of what half a step moves out of place comes back into it: else it is the whole of
+# a disc that fits, at any angle, and ICP itself rotates it. What breaks the ring stays out of place: of five bolts
+# beside a block in the flange 0.28 to 0.4 come back, of orders that are none 0.13 at most. Orders that bring back less
+# than so much of what the best one does are none beside it: three teeth and a tenth are no step.
+COMES_BACK, OF_BEST = 0.2, 0.5
+# Numbers of teeth that are kept, the best ones.
+ORDERS_KEPT = 4
+
+
+@dataclasses.dataclass(frozen=True)
+class Ring:
+    """A part with equal moments across one of its axes, in the frame of the principal axes."""
+
+    axis: FloatArray  # (3,): Of the frame
+    centre: FloatArray
+    axes: FloatArray
+    arms: FloatArray  # (m, 3): Points of it, seen from the centre
+    surface: Surface
+
+    @staticmethod
+    def of(mesh: Mesh, surface: Surface) -> Ring | None:
+        """The ring; None where no two moments, or all, are equal."""
+        mean, covariance = moments(mesh)
+        values = np.linalg.eigvalsh(covariance)
+        low, high = (bool(values[k] > EQUAL_MOMENTS * values[k + 1]) for k in (0, 1))
+        if low == high:
+            return None
+        centre, axes = principal_axes(mean, covariance)
+        arms = (sample_mesh(mesh, RING_POINTS, np.random.default_rng(0)).points - centre) @ axes
+        return Ring(np.eye(3)[0 if high else 2], centre, axes, arms, surface)
+
+    def in_place(self, rotations: FloatArray, every: int = 1) -> FloatArray:
+        """Mean gain of the points, or of every so-manieth, after each of some rotations, (k, 3, 3)."""
+        turns = np.asarray(self.axes @ rotations)
+        moved = self.arms[::every] @ turns.transpose(0, 2, 1) + self.centre
+        return mean_gains(moved.reshape(-1, 3), self.surface, NEARLY, len(rotations))
+
+    def brings_back(self, every: int = 1) -> tuple[FloatArray, FloatArray]:
+        """For each number of teeth, the gain after a step, and the share that comes back of what half a step lost."""
+        steps = 2.0 * np.pi / np.array(TEETH)
+        gains = self.in_place(about_axis(self.axis, np.concatenate([steps, 0.5 * steps])), every)
+        whole, half = gains[: len(steps)], gains[len(steps) :]
+        return whole, (whole - half) / np.maximum(1.0 - half, np.finfo(float).eps)
+
+    def flip_gains(self, flips: FloatArray) -> FloatArray:
+        """Mean gain of the points after each of some rotations, (k, 3, 3); by few where these leave no hope."""
+        gains = self.in_place(flips, RING_FIRST)
+        rows = np.flatnonzero(gains >= HOPELESS)
+        if len(rows):
+            gains[rows] = self.in_place(flips[rows])
+        return gains
+
+
+def ring_steps(mesh: Mesh, surface: Surface) -> list[FloatArray]:
+    """Rotations by one tooth of a ring whose teeth fit each other, either way, in the frame of the principal axes.
+
+    About an axis with equal moments across it the rotations of the cube miss them: a ring of 24 teeth fits itself at
+    every 15 degrees.
+    """
+    ring = Ring.of(mesh, surface)
+    if ring is None:
+        return []
+    if ring.brings_back(RING_FIRST)[1].max() < 0.5 * COMES_BACK:
+        return []
+    whole, back = ring.brings_back()
+    # An order beside the right one fits as well, a little worse.
+    beside = np.maximum(np.r_[0.0, whole[:-1]], np.r_[whole[1:], 0.0])
+    back = np.where(whole > beside, back, 0.0)
+    fits = np.flatnonzero(back > max(COMES_BACK, OF_BEST * float(back.max())))
+    fits = fits[np.argsort(-whole[fits], kind="stable")][:ORDERS_KEPT]
+    return [about_axis(ring.axis, sign * 2.0 * np.pi / TEETH[k]) for k in fits for sign in (1.0, -1.0)]
+
+
+def ring_flips(mesh: Mesh, surface: Surface) -> list[FloatArray]:
+    """Half-turns of a ring about axes across its own that leave most of it in place: its moments name none of them."""
+    ring = Ring.of(mesh, surface)
+    if ring is None:
+        return []
+    across = np.roll(ring.axis, 1)
+
+    def flips(angles: FloatArray) -> FloatArray:
+        return about_axis(about_axis(ring.axis, angles) @ across, np.full(len(angles), np.pi))
+
+    angles = np.arange(FLIPS) * np.pi / FLIPS
+    gains = ring.flip_gains(flips(angles))
+    tops = np.flatnonzero((gains >= np.roll(gains, 1)) & (gains > np.roll(gains, -1)) & (gains > gains.mean()))
+    tops = tops[np.argsort(-gains[tops], kind="stable")][:ORDERS_KEPT]
+    found = []
+    for angle in angles[tops]:
+        fine = flips(angle + np.linspace(-0.5, 0.5, FINER) * np.pi / FLIPS)
+        found.append(fine[int(ring.flip_gains(fine).argmax())])
+    return found
