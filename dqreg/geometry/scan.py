@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, one_line
 from dqreg.errors import InputError
@@ -32,6 +33,8 @@ FEW_QUERIES = 4
 # Pieces of the cloud on which spacing and noise are measured then, points of a piece, and those in its middle, whose
 # neighbours are in the piece.
 PIECES, PIECE, MIDDLE = 30, 512, 64
+# Parts of a cloud in its own order, at most; and points that are looked up in one go.
+PARTS, MANY = 8, 65_536
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +67,9 @@ class Scan:
         Within-face scatter: sum of the squared distances of those points from their mean, along the normal.
     quiet : float, or None
         Noise of the quieter faces, from local quadrics: no curvature of a sparse scan is in it.
+    parts : ndarray of uint8, (n,), or None
+        Which of up to `PARTS` parts of the cloud, in its own order, each point stands in (views of a scan follow each
+        other); `PARTS` for the mean of points of several.
     """
 
     __repr__ = one_line
@@ -79,6 +85,7 @@ class Scan:
     counts: FloatArray | None = None
     within: FloatArray | None = None
     quiet: float | None = None
+    parts: NDArray[np.uint8] | None = None
 
     if not TYPE_CHECKING:
 
@@ -156,7 +163,8 @@ class Scan:
                 has_plane = np.zeros(len(self), dtype=bool)
                 has_plane[self.fitted] = True
                 fitted = np.flatnonzero(has_plane[rows])
-        columns = {"normals": normals, "levers": levers, "residuals": residuals}
+        parts = None if self.parts is None else self.parts[rows]
+        columns = {"normals": normals, "levers": levers, "residuals": residuals, "parts": parts}
         return dataclasses.replace(self, points=points, fitted=fitted, **columns)
 
     @property
@@ -259,13 +267,21 @@ def prepare_scan(
         planes = planes.oriented(points, cloud.viewpoint)
     oriented, total = cloud.normals is not None or cloud.viewpoint is not None, len(points) if total is None else total
     measured = {"oriented": oriented, "spacing": spacing, "noise": noise, "quiet": quiet, "total": total}
-    scan = Scan._with(planes, {"points": points, **measured})
+    scan = Scan._with(planes, {"points": points, "parts": _parts_of(order, len(cloud)), **measured})
     if cloud.normals is not None:
         scan = dataclasses.replace(scan, normals=np.take(cloud.normals, order, axis=0))
     vars(scan)["diagonal"] = float(np.linalg.norm(np.subtract(*cloud._ends)))
     if tree is not None:
         vars(scan)["tree"] = tree
     return scan
+
+
+def _parts_of(order: IntArray, total: int) -> NDArray[np.uint8]:
+    # Of a length that is a power of two: between half of them and all are used.
+    parts, shift = np.zeros(len(order), dtype=np.uint8), int(max(-(-total // PARTS) - 1, 0)).bit_length()
+    for i in range(0, len(order), MANY):
+        np.right_shift(order[i : i + MANY], shift, out=parts[i : i + MANY], casting="unsafe")
+    return parts
 
 
 def _fit_all(
