@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, one_line
 from dqreg.errors import InputError
@@ -27,6 +28,8 @@ COLUMNS = "normals", "levers", "residuals"
 FLAT, NOT_FLAT = 0.1, 0.65
 # Points for each of the queries, from which on building a tree costs more than asking it.
 FEW_QUERIES = 4
+# Parts of a cloud in its own order, at most; and points that are looked up in one go.
+PARTS, MANY = 8, 65_536
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +62,9 @@ class Scan:
         Within-face scatter: sum of the squared distances of those points from their mean, along the normal.
     quiet : float, or None
         Noise of the quieter faces, from local quadrics: no curvature of a sparse scan is in it.
+    parts : ndarray of uint8, (n,), or None
+        Which of up to `PARTS` parts of the cloud, in its own order, each point stands in (views of a scan follow each
+        other); `PARTS` for the mean of points of several.
     """
 
     __repr__ = one_line
@@ -74,6 +80,7 @@ class Scan:
     counts: FloatArray | None = None
     within: FloatArray | None = None
     quiet: float | None = None
+    parts: NDArray[np.uint8] | None = None
 
     if not TYPE_CHECKING:
 
@@ -151,7 +158,8 @@ class Scan:
                 has_plane = np.zeros(len(self), dtype=bool)
                 has_plane[self.fitted] = True
                 fitted = np.flatnonzero(has_plane[rows])
-        columns = {"normals": normals, "levers": levers, "residuals": residuals}
+        parts = None if self.parts is None else self.parts[rows]
+        columns = {"normals": normals, "levers": levers, "residuals": residuals, "parts": parts}
         return dataclasses.replace(self, points=points, fitted=fitted, **columns)
 
     @property
@@ -265,13 +273,21 @@ def prepare_scan(
         planes = planes.oriented(points, cloud.viewpoint)
     oriented, total = cloud.normals is not None or cloud.viewpoint is not None, len(points) if total is None else total
     measured = {"oriented": oriented, "spacing": spacing, "noise": noise, "quiet": quiet, "total": total}
-    scan = Scan._with(planes, {"points": points, **measured})
+    scan = Scan._with(planes, {"points": points, "parts": _parts_of(order, len(cloud)), **measured})
     if cloud.normals is not None:
         scan = dataclasses.replace(scan, normals=np.take(cloud.normals, order, axis=0))
     vars(scan)["diagonal"] = float(np.linalg.norm(np.subtract(*cloud._ends)))
     if tree is not None:
         vars(scan)["tree"] = tree
     return scan
+
+
+def _parts_of(order: IntArray, total: int) -> NDArray[np.uint8]:
+    # Of a length that is a power of two: between half of them and all are used.
+    parts, shift = np.zeros(len(order), dtype=np.uint8), int(max(-(-total // PARTS) - 1, 0)).bit_length()
+    for i in range(0, len(order), MANY):
+        np.right_shift(order[i : i + MANY], shift, out=parts[i : i + MANY], casting="unsafe")
+    return parts
 
 
 def with_planes(scan: Scan, count: int) -> Scan:

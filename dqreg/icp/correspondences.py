@@ -27,6 +27,7 @@ class Correspondences:
     T_target_source: FloatArray  # (4, 4): The pose of the search
     closest: Closest  # Closest point on the target for each scan point, in the target frame
     same_sign: bool  # Whether both sides' normals have known signs, so that they may be compared as they are
+    surface: Surface | None = None  # The target that was asked, where it is known
 
     def taken(self, rows: IntArray) -> Correspondences:
         """Those of some rows of the scan alone."""
@@ -34,7 +35,7 @@ class Correspondences:
         others, variances = (None if x is None else x[rows] for x in (found.others, found.variances))
         points, normals = np.take(found.points, rows, axis=0), np.take(found.normals, rows, axis=0)
         closest = Closest(points, normals, found.distances[rows], found.elements[rows], others, variances)
-        some = Correspondences(self.scan.taken(rows), self.T_target_source, closest, self.same_sign)
+        some = Correspondences(self.scan.taken(rows), self.T_target_source, closest, self.same_sign, self.surface)
         if "moved" in vars(self):
             vars(some)["moved"] = np.take(self.moved, rows, axis=0)
         return some
@@ -85,7 +86,7 @@ def find_correspondences(
         return before
     moved = moved_points(T_target_source, scan.points)
     closest = surface.closest(moved, None if before is None else (before.moved, before.closest))
-    found = Correspondences(scan, T_target_source, closest, same_sign=scan.oriented and surface.oriented)
+    found = Correspondences(scan, T_target_source, closest, scan.oriented and surface.oriented, surface)
     vars(found)["moved"] = moved
     return found
 
@@ -118,7 +119,7 @@ def propagate(pairs: Correspondences, T_target_source: FloatArray) -> Correspond
     columns = pairs.scan.points, T_target_source, pairs.moved, found.points, found.normals
     over_chunks(slide_rows, count, *map(as_plain, columns), moved, points, distances, chunk=CHUNK)
     closest = Closest(points, found.normals, distances, found.elements, None, found.variances)
-    slid = Correspondences(pairs.scan, T_target_source, closest, pairs.same_sign)
+    slid = Correspondences(pairs.scan, T_target_source, closest, pairs.same_sign, pairs.surface)
     vars(slid)["moved"] = moved
     return slid
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 
@@ -29,23 +28,6 @@ BEND = 0.04
 BEND_SHARE, LEAST_BEND = 0.2, 1e-3
 # Pairs that are summed in one go: of two planes, and of a point and a plane, which take a quarter of the time each.
 CHUNK, PLANES = 2048, 16_384
-
-
-@dataclasses.dataclass(frozen=True)
-class Precisions:
-    """Factors of the weights by the cell that a normal of the target lies in, see `relative_precisions`."""
-
-    of_cells: FloatArray  # (m,)
-    cells: int  # Along each axis of the cube that the normals lie in
-
-    def times(self, weights: FloatArray, normals: FloatArray) -> FloatArray:
-        """Weights, (n,), times the factor of each normal, (n, 3)."""
-        from dqreg.kernels.threads import as_plain, over_chunks
-        from dqreg.kernels.weighted_planes import times_precisions
-
-        found = weights.copy()
-        over_chunks(times_precisions, len(found), as_plain(normals), self.cells, self.of_cells, found, chunk=PLANES)
-        return found
 
 
 def points_and_normals(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
@@ -89,33 +71,28 @@ def svd_points(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit
     return svd(pairs.scan.points[kept], pairs.closest.points[kept], point_weights=weights[kept])
 
 
-def points_to_planes(
-    pairs: Correspondences, weights: FloatArray, noise: float, precisions: Precisions | None = None
-) -> Fit:
+def points_to_planes(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
     """Point-to-plane: the tangent planes of the target, by Newton's method from the last pose.
 
     Sliding along a face costs nothing, so the loop needs a handful of iterations where point steps need dozens. Far
     from the answer tangent planes mislead; the closed form goes there.
     """
-    form = tangent_planes(pairs, weights, precisions)
+    form = tangent_planes(pairs, weights)
     return points_only(pairs, weights, noise) if form is None else _newton_step(form, pairs, weights)
 
 
-def tangent_planes(
-    pairs: Correspondences, weights: FloatArray, precisions: Precisions | None = None
-) -> QuadraticForm | None:
+def tangent_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm | None:
     """The point-to-plane cost; None for too few normals."""
     from dqreg.kernels.threads import as_plain, over_chunks
-    from dqreg.kernels.weighted_planes import COLUMNS, NOTHING, plane_sums
+    from dqreg.kernels.weighted_planes import COLUMNS, plane_sums
 
     scan, found, count = pairs.scan, pairs.closest, len(weights)
     columns = [as_plain(x) for x in (scan.points, found.points, found.normals, weights)]
-    by_cell = (NOTHING, 0) if precisions is None else (precisions.of_cells, precisions.cells)
     # Any place among the points that count will do: the sums know their own means.
     some = int(weights.argmax())
     origins = np.stack([scan.points[some], found.points[some]])
     sums = np.zeros((max(-(-count // PLANES), 1), COLUMNS))
-    over_chunks(plane_sums, count, *columns, *by_cell, origins, PLANES, sums, chunk=PLANES)
+    over_chunks(plane_sums, count, *columns, origins, PLANES, sums, chunk=PLANES)
     if sums[:, -1].sum() < FEWEST_PLANES:
         return None
     return QuadraticForm(_form_of(sums, origins), *origins)

@@ -17,7 +17,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.mesh_surface import MeshSurface
-from dqreg.geometry.scan import Scan
+from dqreg.geometry.scan import PARTS, Scan
 from dqreg.geometry.surface import Closest
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp.correspondences import Correspondences, find_correspondences
@@ -79,7 +79,7 @@ def gather(
         np.r_[np.abs(heights), found.distances][order],
         np.r_[pairs.closest.elements[gathered], found.elements][order],
     )
-    none = np.zeros((len(gathered), 3))
+    none, mixed = np.zeros((len(gathered), 3)), np.full(len(gathered), PARTS, dtype=np.uint8)
     together = dataclasses.replace(
         scan,
         points=np.concatenate([means[gathered], alone.scan.points])[order],
@@ -89,8 +89,9 @@ def gather(
         fitted=np.zeros(0, dtype=np.int64),
         counts=np.r_[counts[gathered], np.ones(len(asked))][order],
         within=np.r_[within[gathered], np.zeros(len(asked))][order],
+        parts=None if alone.scan.parts is None else np.r_[mixed, alone.scan.parts][order],
     )
-    return Correspondences(together, T, closest, pairs.same_sign)
+    return Correspondences(together, T, closest, pairs.same_sign, surface)
 
 
 def _on_faces(

@@ -14,8 +14,10 @@ from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.company import company_rows
 from dqreg.kernels.components import components
+from dqreg.kernels.creases import near_creases
 from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
+from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, square_heights, times_precisions
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.lopsided import lopsided_rows
 from dqreg.kernels.majority_planes import majority_plane_rows
@@ -51,13 +53,7 @@ from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import place_rows, slide_rows, weigh_rows
 from dqreg.kernels.weighted_draws import drawn_rows
-from dqreg.kernels.weighted_planes import (
-    COLUMNS,
-    orientation_precisions,
-    orientation_sums,
-    plane_sums,
-    times_precisions,
-)
+from dqreg.kernels.weighted_planes import COLUMNS, plane_sums
 
 FLAT, ONE, NOTHING = np.eye(3), np.zeros(3), np.zeros(0)
 CORNERS = np.eye(3)[None] + np.arange(2.0)[:, None, None]
@@ -137,11 +133,19 @@ def _weights() -> None:
     strain_row_columns(0, 3, rows, rows, rows, 1.0, np.zeros((9, 3)))
     slide_rows(0, 3, rows, np.eye(4), *(rows,) * 3, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
     place_rows(0, 3, rows, np.eye(4), rows, rows, np.zeros((3, 3)), np.zeros(3))
-    about, cells = np.zeros((2, 3)), np.ones(8)
-    plane_sums(0, 3, rows, rows, rows, ones, NOTHING, 0, about, 3, np.zeros((1, COLUMNS)))
-    orientation_sums(0, 3, rows, rows, rows, ones, NOTHING, 1, 3, np.zeros((1, 2, 8)))
-    orientation_precisions(np.zeros((1, 2, 8)), 1.0, 1.0, cells)
-    times_precisions(0, 3, rows, 1, cells, ones)
+    plane_sums(0, 3, rows, rows, rows, ones, np.zeros((2, 3)), 3, np.zeros((1, COLUMNS)))
+    faces, part, sums, known = (
+        np.zeros(3, dtype=np.int64),
+        np.zeros(0, dtype=np.uint8),
+        np.zeros((1, 2, 2)),
+        np.ones((1, 2)),
+    )
+    square_heights(0, 3, rows, rows, rows, ones, NOTHING, np.zeros(3))
+    near_creases(0, 3, rows, faces, ones, CORNERS, FLAT, faces.reshape(1, 3), 1.0, 1.0, np.zeros(3, dtype=bool))
+    face_sums(ones, ones, faces, part, sums, FIRST)
+    orientation_cells(0, 3, rows, 1, np.zeros(3, dtype=np.int64))
+    face_precisions(sums, FIRST, rows, 1, np.zeros((8, 2)), 1.0, 1.0, 1.0, known)
+    times_precisions(0, 3, faces, part, known, np.ones(3))
 
 
 def _dense_scans() -> None:

