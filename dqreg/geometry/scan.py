@@ -273,7 +273,7 @@ def prepare_scan(
         planes = planes.oriented(points, cloud.viewpoint)
     oriented, total = cloud.normals is not None or cloud.viewpoint is not None, len(points) if total is None else total
     measured = {"oriented": oriented, "spacing": spacing, "noise": noise, "quiet": quiet, "total": total}
-    scan = Scan._with(planes, {"points": points, "parts": _parts_of(order, len(cloud)), **measured})
+    scan = Scan._with(planes, {"points": points, "parts": _parts_of(order), **measured})
     if cloud.normals is not None:
         scan = dataclasses.replace(scan, normals=np.take(cloud.normals, order, axis=0))
     vars(scan)["diagonal"] = float(np.linalg.norm(np.subtract(*cloud._ends)))
@@ -282,9 +282,9 @@ def prepare_scan(
     return scan
 
 
-def _parts_of(order: IntArray, total: int) -> NDArray[np.uint8]:
-    # Of a length that is a power of two: between half of them and all are used.
-    parts, shift = np.zeros(len(order), dtype=np.uint8), int(max(-(-total // PARTS) - 1, 0)).bit_length()
+def _parts_of(order: IntArray) -> NDArray[np.uint8]:
+    # Up to the last row that counts: copies at the end of a cloud do not. Of a length that is a power of two.
+    parts, shift = np.zeros(len(order), dtype=np.uint8), int(order.max() // PARTS).bit_length()
     for i in range(0, len(order), MANY):
         np.right_shift(order[i : i + MANY], shift, out=parts[i : i + MANY], casting="unsafe")
     return parts

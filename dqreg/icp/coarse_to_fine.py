@@ -22,6 +22,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, median
 from dqreg.geometry.cloud_surface import CloudSurface
+from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan import Scan, with_planes
 from dqreg.geometry.surface import Surface
 from dqreg.icp.correspondences import Correspondences, find_correspondences
@@ -69,7 +70,16 @@ def align_coarse_to_fine(
         level = _near(few, run)
         # Planes lead from few points to all of them in a step or two: a level between would cost more than it saves.
         counts = [counts[0], *counts[1:][-1:]] if level.plan.fine is not None else counts
-    return finish(level, scan, counts[1:], run, observe)
+    return _with_last_step(plan, finish(level, scan, counts[1:], run, observe))
+
+
+def _with_last_step(plan: IcpSettings, run: Alignment) -> Alignment:
+    """The run after one step of the last estimator, from its last correspondences: planes on a mesh have settled."""
+    is_settled = run.found and not run.ended_early and run.history[-1].stage == FINE.name
+    if plan.last is None or not is_settled or not isinstance(run.pairs.surface, MeshSurface):
+        return run
+    fit = plan.last(run.pairs, run.weights, run.mixture.scale)
+    return dataclasses.replace(run, T_target_source=fit.T_target_source)
 
 
 def _placed(level: Level, start: FloatArray, observe: Observer | None, first: int) -> tuple[Alignment, Level]:

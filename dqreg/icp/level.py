@@ -51,6 +51,7 @@ class IcpSettings:
     estimator: Estimator  # From weighted pairs to a pose, where the basin is decided
     max_distance: float  # Largest distance of a pair, target units
     fine: Estimator | None = None  # Estimator of the finer levels, where the pose is near; None keeps the same
+    last: Estimator | None = None  # Estimator of one last step on a mesh, after the fine one; None for no such step
     finest: int | None = None  # Points of the last level; None takes all
     # Width of the kernel to begin with, for a start that is known to be near; None begins at half of the largest
     # distance and decides the basin

@@ -6,19 +6,29 @@ each face is, and where several views are merged one after the other, that of ea
 is estimated from the distances of these points, and they are weighted by one over it (feasible generalised least
 squares). Few points say little: a face begins with the variance of all faces with its orientation, and a part of the
 scan on it with the face's.
+
+In the loop all faces of one orientation share a variance: where nothing holds a motion (a shaft in its bore), weights
+of few points that are learned anew in each iteration push the part to and fro along it for ever. Faces, parts of the
+scan and creases have their say in one last step.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan import PARTS
 from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.creases import without_creases
 from dqreg.icp.estimators import PLANES, points_to_planes
 from dqreg.solvers import Fit
+
+# From correspondences, weights and a kernel scale to other weights.
+Weigher = Callable[[Correspondences, FloatArray, float], FloatArray]
 
 # Cells along each axis of the cube that the normals lie in: normals of one cell differ by six degrees or so.
 CELLS = 20
@@ -26,6 +36,8 @@ CELLS = 20
 # face's each part of the scan on it. Chance takes 0.4 % of the efficiency then at most; of neighbours that share their
 # noise, many are needed to tell as much.
 BEFOREHAND, BEFORE_FACES = 8.0, 128.0
+# So many that faces say nothing beside their orientation.
+ALL_BEFORE = 1e30
 # A kernel scale beyond so many times the scan's own noise measures the misfit, not the scatter of faces.
 MISFIT = 5.0
 # The least variance, as a fraction of the usual one.
@@ -44,6 +56,8 @@ def relative_precisions(
     weights: FloatArray,
     faces: IntArray,
     parts: NDArray[np.uint8] = ONE_PART,
+    *,
+    before_faces: float = BEFORE_FACES,
 ) -> FloatArray:
     """Weights, (n,), over the variance of the heights of points over their planes: that of their face and part.
 
@@ -59,16 +73,25 @@ def relative_precisions(
         over_chunks(orientation_cells, count, normals, CELLS, faces, chunk=PLANES)
     sums, rows, precisions = np.zeros((own, NUMBERS, 2)), np.zeros(own, np.int64), np.ones((own, NUMBERS))
     face_sums(squares, found, faces, parts, sums, rows)
-    limits = BEFOREHAND, BEFORE_FACES, LEAST
+    limits = BEFOREHAND, before_faces, LEAST
     face_precisions(sums, rows, normals, CELLS, np.zeros((cells, 2)), *limits, precisions)
     over_chunks(times_precisions, count, faces, parts, precisions, found, chunk=PLANES)
     return found
 
 
-def weights_by_face(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:
-    """Weights times the precision of each face, none near creases; the same while the misfit is beyond the noise."""
+def weights_by_orientation(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:
+    """Weights times the precision of all faces with one orientation; the same while the misfit is beyond the noise."""
     if noise > MISFIT * pairs.scan.noise:
         return weights
+    found = pairs.closest
+    asked = _square_heights(pairs, weights), found.normals, weights, found.elements
+    return relative_precisions(*asked, before_faces=ALL_BEFORE)
+
+
+def weights_by_face(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:
+    """Weights times the precision of each face and part of the scan, none near creases; on a cloud by orientation."""
+    if noise > MISFIT * pairs.scan.noise or not isinstance(pairs.surface, MeshSurface):
+        return weights_by_orientation(pairs, weights, noise)
     # The covariance asks again for what the last step was weighed with.
     known: tuple[FloatArray, FloatArray] | None = vars(pairs).get("_by_face")
     if known is None or known[0] is not weights:
@@ -92,5 +115,10 @@ def _square_heights(pairs: Correspondences, weights: FloatArray) -> FloatArray:
 
 
 def points_to_weighted_planes(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
-    """Point-to-plane, each face weighted by its own scatter; near the answer only."""
+    """Point-to-plane, each orientation weighted by its own scatter; near the answer only."""
+    return points_to_planes(pairs, weights_by_orientation(pairs, weights, noise), noise)
+
+
+def points_to_weighted_faces(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
+    """Point-to-plane, each face weighted by its own scatter; for one last step."""
     return points_to_planes(pairs, weights_by_face(pairs, weights, noise), noise)

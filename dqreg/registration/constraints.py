@@ -10,7 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.icp import Estimator, constrained
-from dqreg.icp.noise_by_face import weights_by_face
+from dqreg.icp.noise_by_face import Weigher
 from dqreg.rigid import pose
 from dqreg.solvers import Freedom, PoseCost
 
@@ -52,14 +52,14 @@ class PoseConstraints:
         """Whether there are any."""
         return self.freedom is not None or self.prior is not None
 
-    def estimator(self, *, planes: bool, weighed: bool = False) -> Estimator:
-        """Estimator that keeps them, see `constrained`; with faces weighed by their scatter, if so asked."""
+    def estimator(self, *, planes: bool, weighed_by: Weigher | None = None) -> Estimator:
+        """Estimator that keeps them, see `constrained`; with weights by the scatter of faces, if so asked."""
         if self.reference is None:
             raise InputError("locked motions and priors need a start to hold the pose to")
         held = constrained(self.freedom or Freedom.parse("all"), self.reference, self.prior, planes=planes)
-        if not weighed:
+        if weighed_by is None:
             return held
-        return lambda pairs, weights, noise: held(pairs, weights_by_face(pairs, weights, noise), noise)
+        return lambda pairs, weights, noise: held(pairs, weighed_by(pairs, weights, noise), noise)
 
     def project(self, T: FloatArray) -> FloatArray:
         """The pose with its locked motions exactly as they were: an early end may hold an extrapolated one."""

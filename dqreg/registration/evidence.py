@@ -14,11 +14,11 @@ from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan_measures import THINNED
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
-from dqreg.icp import Alignment, Correspondences, Run, find_correspondences, propagate, smallest_kernel_scale
+from dqreg.icp import Alignment, Correspondences, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import at_boundary
+from dqreg.registration.evenly_asked import LOOKED_AT_LATE, evenly_asked, fitted_pairs
 from dqreg.registration.surroundings import Surroundings, surroundings_of
-from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.chance import COUNTED, places_of, random_ratio
 from dqreg.trust.deformation import ON_A_PART, deformation_of, may_be_deformed
@@ -31,14 +31,6 @@ from dqreg.trust.strain import Strain, strain_of
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
 # has a say there; on denser scans clutter makes patterns of its own, and the noise is known.
 SPARSE = 1_000
-# Points that are looked at, evenly over the scan; where the loop has asked about enough of them, those, and of those
-# with a normal of their own.
-LOOKED_AT, ENOUGH, ENOUGH_FITTED = 10_000, 3_000, 1_000
-# The same where the time is up; so many of those that the loop has asked about are enough then.
-LOOKED_AT_LATE, ENOUGH_LATE = 1_000, 500
-# Where no point has moved by more than that many widths since it was asked about, nothing here can tell; by more than
-# so many, a point may be on another face.
-STILL, NEARBY = 0.1, 1.0
 # Fraction of the largest distance within which a point counts as the part's: farther off stands the table.
 NEAR = 0.25
 # Standard deviations of the distances, in the scan's own noise, beyond which that is estimated once more and another
@@ -248,7 +240,7 @@ def _local(
     floor = scan.spacing if has_border else smallest_kernel_scale(scan, surface)
     fitted = pairs
     if scan.fitted is not None and len(pairs.scan) < len(scan):
-        fitted = _fitted_pairs(run, scan, scan.fitted, surface, run.mixture.scale)
+        fitted = fitted_pairs(run, scan, scan.fitted, surface, run.mixture.scale)
     local = _Local.of(fitted, width)
     local = dataclasses.replace(local, noise=max(min(local.noise, noise_on(scan, surface)), floor))
     on = pairs.distances <= width
@@ -267,38 +259,6 @@ def _local(
 def _random_ratio(pairs: Correspondences, on: BoolArray, surface: Surface) -> float:
     rms = float(np.sqrt(np.mean(pairs.distances[on] ** 2))) if on.any() else 0.0
     return random_ratio(pairs.moved, float(np.mean(on)), rms, surface)
-
-
-def evenly_asked(run: Run, scan: Scan, surface: Surface, width: float, count: int = LOOKED_AT) -> Correspondences:
-    """Pairs at the end of a run of points that were drawn evenly, each of one point: of all that it has, or of some."""
-    enough = ENOUGH if count == LOOKED_AT else ENOUGH_LATE
-    for asked in (run.pairs, *run.earlier[::-1]):
-        drawn_evenly = asked.scan.counts is None and (len(asked.scan) == len(scan) or asked is not run.pairs)
-        if drawn_evenly and enough <= len(asked.scan):
-            # Of one level all points were asked about, and they are many.
-            many = len(asked.scan) > LOOKED_AT
-            some = asked.taken(sample_rows(len(asked.scan), LOOKED_AT)) if many else asked
-            return _again(some, surface, run.T_target_source, width)
-    # Thinning for the loop keeps the points with normals; here any will do.
-    return find_correspondences(scan.taken(sample_rows(len(scan), count)), surface, run.T_target_source)
-
-
-def _again(asked: Correspondences, surface: Surface, T: FloatArray, width: float) -> Correspondences:
-    # The last pose is no farther off than a step: most faces and points are still the closest.
-    moved = pose.apply(T, asked.scan.points) - asked.moved
-    farthest = float(np.sqrt(row_dots(moved, moved).max(initial=0.0)))
-    if farthest <= STILL * width:
-        return asked
-    return propagate(asked, T) if farthest <= NEARBY * width else find_correspondences(asked.scan, surface, T, asked)
-
-
-def _fitted_pairs(run: Run, scan: Scan, fitted: IntArray, surface: Surface, width: float) -> Correspondences:
-    """Pairs of points that have a normal of their own."""
-    least = min(ENOUGH_FITTED, len(fitted))
-    for asked in run.earlier[::-1]:
-        if asked.scan.fitted is not None and len(asked.scan) == len(asked.scan.fitted) >= least:
-            return _again(asked, surface, run.T_target_source, width)
-    return find_correspondences(scan.taken(fitted).thinned(LOOKED_AT), surface, run.T_target_source)
 
 
 def _share(part: BoolArray, whole: BoolArray) -> float:

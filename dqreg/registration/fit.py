@@ -30,7 +30,8 @@ from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import weights_by_face
 from dqreg.kernels.threads import Later
 from dqreg.registration.constraints import PoseConstraints
-from dqreg.registration.evidence import agreement_in_time, agreement_of, evenly_asked
+from dqreg.registration.evenly_asked import evenly_asked
+from dqreg.registration.evidence import agreement_in_time, agreement_of
 from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN, InlierMixture

@@ -14,7 +14,12 @@ from dqreg._arrays import LARGEST
 from dqreg.errors import InputError
 from dqreg.icp import COARSE, ESTIMATORS, Estimator, IcpSettings, Stopping
 from dqreg.icp.history import Iteration
-from dqreg.icp.noise_by_face import points_to_weighted_planes
+from dqreg.icp.noise_by_face import (
+    points_to_weighted_faces,
+    points_to_weighted_planes,
+    weights_by_face,
+    weights_by_orientation,
+)
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.search import Stage
 from dqreg.solvers import Freedom
@@ -194,14 +199,19 @@ class Options:
         auto = self.method == "auto"
         coarse: Estimator = ESTIMATORS["dq" if auto else self.method]
         fine: Estimator | None = points_to_weighted_planes if auto else None
+        last: Estimator | None = points_to_weighted_faces if auto else None
         if auto and even:
             fine = ESTIMATORS["generalised"]
         if constraints.any:
             coarse = constraints.estimator(planes=self.method == "plane")
-            fine = constraints.estimator(planes=True, weighed=True) if auto else None
+            fine, last = (
+                constraints.estimator(planes=True, weighed_by=weigh) if auto else None
+                for weigh in (weights_by_orientation, weights_by_face)
+            )
         return IcpSettings(
             estimator=coarse,
             fine=fine,
+            last=last,
             max_distance=max_distance,
             finest=EFFORTS[self.effort],
             first_kernel_scale=kernel_scale if auto else None,

@@ -7,7 +7,7 @@ from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_m
 from dqreg.icp import noise_by_face
 from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.creases import MOST, NEAR, without_creases
-from dqreg.icp.noise_by_face import points_to_weighted_planes
+from dqreg.icp.noise_by_face import points_to_weighted_faces
 from dqreg.rigid import pose
 from dqreg.synth.parts import box
 
@@ -41,7 +41,7 @@ def test_places_near_a_crease_are_left_out_and_none_else(unit: float) -> None:
 def test_a_pose_of_range_data_is_more_accurate_without_them(monkeypatch: pytest.MonkeyPatch) -> None:
     # Two views with noise along their rays: a point of a face seen from above that is carried over an edge meets one
     # seen at a slant, whose points are more exact.
-    rays = np.array([[-0.02, -0.1, -1.0], [0.02, 0.1, 0.7]])
+    rays = np.array([[-0.01, -0.05, -1.0], [0.01, 0.05, 0.7]])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     of_point = rays[np.arange(40_000) // 20_000]
     rng, errors = np.random.default_rng(1), {"without": [], "all": []}
@@ -52,7 +52,7 @@ def test_a_pose_of_range_data_is_more_accurate_without_them(monkeypatch: pytest.
         for name, creases in (("without", without_creases), ("all", lambda pairs, weights, width: weights)):
             monkeypatch.setattr(noise_by_face, "without_creases", creases)
             pairs = pairs_of(points)
-            T = points_to_weighted_planes(pairs, np.ones(len(points)), 0.006).T_target_source
+            T = points_to_weighted_faces(pairs, np.ones(len(points)), 0.006).T_target_source
             errors[name].append(float(np.linalg.norm(pose.apply(T, PART.vertices) - PART.vertices)))
     without, every = (np.sqrt(np.mean(np.square(errors[name]))) for name in ("without", "all"))
     assert without < 0.9 * every

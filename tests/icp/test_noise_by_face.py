@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_mesh
 from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.estimators import points_to_planes
-from dqreg.icp.noise_by_face import LEAST, points_to_weighted_planes, relative_precisions
+from dqreg.icp.noise_by_face import LEAST, points_to_weighted_faces, relative_precisions
 from dqreg.rigid import pose
 from dqreg.synth.parts import box
 
@@ -64,7 +64,7 @@ def test_faces_that_scatter_less_place_the_part_better() -> None:
         points = samples.points + (1e-3 * slant * rng.normal(size=4_000))[:, None] * samples.normals
         pairs = pairs_of(points, part)
         weights = np.ones(len(pairs.distances))
-        for name, estimator in (("weighed", points_to_weighted_planes), ("alike", points_to_planes)):
+        for name, estimator in (("weighed", points_to_weighted_faces), ("alike", points_to_planes)):
             T = estimator(pairs, weights, 1e-3).T_target_source
             errors[name].append(float(np.linalg.norm(pose.apply(T, part.vertices) - part.vertices)))
     assert np.sqrt(np.mean(np.square(errors["weighed"]))) < 0.4 * np.sqrt(np.mean(np.square(errors["alike"])))
