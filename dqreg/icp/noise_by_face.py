@@ -7,9 +7,9 @@ is estimated from the distances of these points, and they are weighted by one ov
 squares). Few points say little: a face begins with the variance of all faces with its orientation, and a part of the
 scan on it with the face's.
 
-In the loop all faces of one orientation share a variance: where nothing holds a motion (a shaft in its bore), weights
-of few points that are learned anew in each iteration push the part to and fro along it for ever. Faces, parts of the
-scan and creases have their say in one last step.
+Where nothing holds a motion (a shaft in its bore), weights of few points that are learned anew in each iteration push
+a part to and fro along it for ever. So faces, parts of the scan and creases have their say in one last step; in the
+loop all points of a part count alike, and on a cloud those with one orientation share a variance.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ def relative_precisions(
 
 
 def weights_by_orientation(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:
-    """Weights times the precision of all faces with one orientation; the same while the misfit is beyond the noise."""
-    if noise > MISFIT * pairs.scan.noise:
+    """On a cloud, weights times the precision of all points with one orientation; unchanged beyond the noise."""
+    if noise > MISFIT * pairs.scan.noise or isinstance(pairs.surface, MeshSurface):
         return weights
     found = pairs.closest
     asked = _square_heights(pairs, weights), found.normals, weights, found.elements
@@ -89,7 +89,7 @@ def weights_by_orientation(pairs: Correspondences, weights: FloatArray, noise: f
 
 
 def weights_by_face(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:
-    """Weights times the precision of each face and part of the scan, none near creases; on a cloud by orientation."""
+    """The same; on a mesh those times the precision of each face and part of the scan, and none near creases."""
     if noise > MISFIT * pairs.scan.noise or not isinstance(pairs.surface, MeshSurface):
         return weights_by_orientation(pairs, weights, noise)
     # The covariance asks again for what the last step was weighed with.
@@ -115,7 +115,7 @@ def _square_heights(pairs: Correspondences, weights: FloatArray) -> FloatArray:
 
 
 def points_to_weighted_planes(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
-    """Point-to-plane, each orientation weighted by its own scatter; near the answer only."""
+    """Point-to-plane, on a cloud each orientation weighted by its own scatter; near the answer only."""
     return points_to_planes(pairs, weights_by_orientation(pairs, weights, noise), noise)
 
 
