@@ -281,7 +281,7 @@ def _solid_faces(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, Floa
 
     solid, ends = np.zeros(len(faces), dtype=bool), np.zeros(((len(faces) - 1) // CHUNK + 1, ENDS))
     # Below float64's own resolution of the face's coordinates, an "area" is rounding.
-    given = as_plain(vertices), faces, CHUNK, float(np.finfo(float).eps), solid, ends
+    given = as_plain(vertices), np.ascontiguousarray(faces), CHUNK, float(np.finfo(float).eps), solid, ends
     over_chunks(solid_faces, len(faces), *given, chunk=CHUNK)
     if ends[:, 6].any():
         raise InputError("the mesh uses a vertex that is NaN or infinite; repair the mesh first")
