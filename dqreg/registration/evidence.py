@@ -89,26 +89,17 @@ def agreement_of(
     shape = _Shape()
     # Between the points of two clouds, tangent planes are guesses.
     if is_part:
-        counted, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
+        asked_of, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
         clutter, strays = has_border or bool(around.elsewhere.any()), float(np.mean(alone))
         fit = functools.partial(strain_of, clutter=clutter, strays=strays > SOME_STRAYS, faults=not axis)
-        shape = _shape_of(pairs, counted, noise, size, fit, clutter=clutter, sparse=sparse)
-    return Evidence(
-        status=run.status,
-        found=run.found,
-        inliers=float(run.weights.sum()),
-        max_distance=max_distance,
-        directions=(),
-        alternatives=(),
-        has_border=has_border,
-        size=size,
-        share_near=_share(on, close),
-        near=near,
+        shape = _shape_of(pairs, asked_of, noise, size, fit, clutter=clutter, sparse=sparse)
+    counted = _counted(run, surface, pairs, close, max_distance, has_border=has_border)
+    return dataclasses.replace(
+        counted,
         patches=patches,
         patches_off=off,
         strays=local.strays,
         normals_apart=local.normals_apart,
-        width=float(np.sqrt(np.mean(aside**2))) if len(aside) else mixture.scale,
         expected=local.noise,
         stretch=shape.stretch,
         stretched_along=shape.stretched_along,
@@ -117,7 +108,6 @@ def agreement_of(
         waviness=waviness,
         local_noise=local_noise,
         share_together=_together(pairs, close, kept, noise, min(scan.diagonal, surface.diagonal)) if is_part else 0.0,
-        places=places_of(np.take(pairs.moved, here[sample_rows(len(here), COUNTED)], axis=0)),
         random_ratio=_random_ratio(pairs, on, surface),
         share_on=around.share_on,
         share_other=around.share_other,
@@ -131,12 +121,21 @@ def agreement_in_time(
 ) -> Evidence:
     """The same where the time is up and no pose is accepted: how many points are inliers, and how far off they are."""
     scale, near = run.mixture.scale, NEAR * max_distance
-    width = min(ON * scale, near)
     pairs = evenly_asked(run, scan, surface, scale, LOOKED_AT_LATE)
-    on, close = pairs.distances <= width, pairs.distances <= near
-    if has_border:
-        close = _within_border(pairs, surface, scale, width, near)
-    aside = pairs.point_to_plane[on]
+    border = surface, scale, min(ON * scale, near), near
+    close = _within_border(pairs, *border) if has_border else pairs.distances <= near
+    counted = _counted(run, surface, pairs, close, max_distance, has_border=has_border)
+    least = scan.spacing if has_border else smallest_kernel_scale(scan, surface)
+    return dataclasses.replace(counted, expected=max(noise_on(scan, surface), least))
+
+
+def _counted(
+    run: Alignment, surface: Surface, pairs: Correspondences, close: BoolArray, max_distance: float, *, has_border: bool
+) -> Evidence:
+    """How many points are inliers, of those that count, (n,), and how far off they are; nothing else is known."""
+    near = NEAR * max_distance
+    on = pairs.distances <= min(ON * run.mixture.scale, near)
+    here, aside = np.flatnonzero(on), pairs.point_to_plane[on]
     return Evidence(
         status=run.status,
         found=run.found,
@@ -152,9 +151,9 @@ def agreement_in_time(
         patches_off=0.0,
         strays=0.0,
         normals_apart=0.0,
-        width=float(np.sqrt(np.mean(aside**2))) if len(aside) else scale,
-        expected=max(noise_on(scan, surface), scan.spacing if has_border else smallest_kernel_scale(scan, surface)),
-        places=places_of(pairs.moved[on]),
+        width=float(np.sqrt(np.mean(aside**2))) if len(aside) else run.mixture.scale,
+        expected=0.0,
+        places=places_of(np.take(pairs.moved, here[sample_rows(len(here), COUNTED)], axis=0)),
         share_on=float(np.mean(on)),
         share_other=float(np.mean(~on)),
     )
