@@ -70,8 +70,11 @@ class Uncertainty:
         return Uncertainty(covariance_of(information), observe_directions(information, units), partial)
 
 
-def uncertainty_of(fit: Fit) -> Uncertainty:
-    """Covariance and observability of a fit; NaN and none where no pose was found."""
+def uncertainty_of(fit: Fit, *, by_rims: bool = True) -> Uncertainty:
+    """Covariance and observability of a fit; NaN and none where no pose was found.
+
+    It may be left out how the rims of a part hold what no normal constrains: the pose is displaced to learn that.
+    """
     if not fit.found:
         return Uncertainty(np.full((6, 6), np.nan), ())
 
@@ -79,7 +82,8 @@ def uncertainty_of(fit: Fit) -> Uncertainty:
         # The pose errs by so much more as residuals follow less of a displacement.
         known, share = fit.information, fit.followed
         scatter = None if known.scatter is None else known.scatter / share**2
-        known = dataclasses.replace(known, sigma=known.sigma / share, scatter=scatter, by_rims=slide_of(fit).by_rims)
+        rims = slide_of(fit).by_rims if by_rims else np.nan
+        known = dataclasses.replace(known, sigma=known.sigma / share, scatter=scatter, by_rims=rims)
         return Uncertainty.of(known, fit.problem.units[1])
 
     return fit.once("uncertainty", uncertainty)

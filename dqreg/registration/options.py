@@ -55,6 +55,7 @@ class RegisterOptions(TypedDict, total=False):
     observe: Callable[[Iteration], object] | None
     observe_search: Callable[[Stage], object] | None
     keep_inputs: bool
+    verdict: bool
     tolerance: float | None
 
 
@@ -83,6 +84,7 @@ RECORDED = (
     "scale",
     "search",
     "clutter",
+    "verdict",
 )
 
 
@@ -111,6 +113,7 @@ class Options:
     observe_search: Callable[[Stage], object] | None = None
     keep_inputs: bool = True
     clutter: str = "allowed"
+    verdict: bool = True
 
     def __post_init__(self) -> None:
         known = ("auto", *ESTIMATORS)
@@ -138,8 +141,12 @@ class Options:
             value = getattr(self, name)
             if not isinstance(value, numbers.Integral):
                 raise InputError(f"{name} must be a whole number; got {value!r}")
-        if not isinstance(self.accelerate, (bool, np.bool_)):
-            raise InputError(f"accelerate must be True or False; got {self.accelerate!r}")
+        for name in ("accelerate", "verdict"):
+            if not isinstance(getattr(self, name), (bool, np.bool_)):
+                raise InputError(f"{name} must be True or False; got {getattr(self, name)!r}")
+        if not self.verdict and (self.search == "always" or self.solves_scale):
+            given = 'search="always"' if self.search == "always" else 'scale="solve"'
+            raise InputError(f"{given} compares poses by their verdicts: leave it out, or verdict=False")
         _require_scale(self.scale)
         if self.time_limit is not None and not self.time_limit > 0.0:
             raise InputError(f"time_limit must be a number of seconds above 0; got {self.time_limit!r}")

@@ -26,7 +26,7 @@ from dqreg.registration.common_faces import on_common_faces
 from dqreg.registration.fallback import Known, best_known, but_on_the_way, is_doubtful
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
-from dqreg.registration.problem import Problem, SourceAndTarget
+from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
 from dqreg.registration.result import Registration
 from dqreg.registration.rivals import (
     NO_POSES,
@@ -40,7 +40,8 @@ from dqreg.registration.rivals import (
 from dqreg.registration.slides import without_slide
 from dqreg.registration.visibility import on_visible_faces, viewpoint_seen
 from dqreg.solvers.status import INTERRUPTED
-from dqreg.trust.records import Alternative, Verdict
+from dqreg.trust import judge
+from dqreg.trust.records import Alternative, Reason, Verdict
 
 # Distances from the planes below this share of the spacing of all points: the points then stand nearer to the surface
 # than to each other, and the mean of a cell hides something. Scans of one body came to 0.16 to 0.23, range scans from a
@@ -56,15 +57,14 @@ MAY_HOLD = 1.0
 # iterations than this is meant.
 UNSETTLED, MEANT = ("iteration limit", "stalled"), 50
 
+NOT_JUDGED = "the pose was not judged, as verdict=False asks: whether it is right is for the caller to tell"
+
 
 def align(problem: Problem) -> Registration:
     """Pose, uncertainty and verdict of a problem."""
     watch, options = problem.watch, problem.options
     with watch.stage("prepare"):
-        prepared = problem.prepare(lambda surface, is_whole: begin_evidence(problem, surface, is_whole=is_whole))
-        if prepared.cell_size > 0.0:
-            # Whatever has not begun by now.
-            begin_evidence(problem, prepared.surface, is_whole=prepared.is_whole)
+        prepared = prepared_to_judge(problem) if options.verdict else problem.prepare()
     search = GlobalSearch.of(problem, prepared)
     with watch.stage("start"):
         start = initial_pose(problem, search)
@@ -79,10 +79,10 @@ def align(problem: Problem) -> Registration:
             with suppress(TimeUpError), until(watch.deadline):
                 fit = on_all_points(fit)
         fit = best_seen(fit, start.T_target_source)
-        begin_judging(fit)
-        with suppress(TimeUpError), until(watch.deadline):
-            fit = on_common_faces(fit)
-            begin_comparing(fit)
+        if options.verdict:
+            fit = begun_to_judge(fit)
+    if not options.verdict:
+        return not_judged(fit)
     with watch.stage("second try"):
         problem.await_target()
         known = second_try(fit, start, search)
@@ -90,13 +90,47 @@ def align(problem: Problem) -> Registration:
         with suppress(TimeUpError), until(watch.deadline):
             fit = on_common_faces(fit)
             gain = mirror_gain(fit, always=known.searched)
-    if problem.viewpoints is not None:
-        with watch.stage("viewpoint"):
-            fit = on_visible_faces(fit, problem.viewpoints)
+    fit = seen_alone(fit)
     watch.seconds["total"] = watch.total
     uncertainty, alternatives = uncertainty_of(fit), alternatives_of(fit, others)
     evidence = evidence_of(fit, uncertainty, alternatives, search=start.search, mirror_gain=gain)
     return registration_of(fit, uncertainty, verdict_on(fit, evidence), alternatives)
+
+
+def prepared_to_judge(problem: Problem) -> Prepared:
+    """Scan and surface for the loop, with the evidence on them begun."""
+    prepared = problem.prepare(lambda surface, is_whole: begin_evidence(problem, surface, is_whole=is_whole))
+    if prepared.cell_size > 0.0:
+        # Whatever has not begun by now.
+        begin_evidence(problem, prepared.surface, is_whole=prepared.is_whole)
+    return prepared
+
+
+def begun_to_judge(fit: Fit) -> Fit:
+    """The fit brought together on what both clouds show, with the evidence on it begun."""
+    begin_judging(fit)
+    with suppress(TimeUpError), until(fit.problem.watch.deadline):
+        fit = on_common_faces(fit)
+        begin_comparing(fit)
+    return fit
+
+
+def seen_alone(fit: Fit) -> Fit:
+    """The fit on the faces that could be seen, where viewpoints were given."""
+    if fit.problem.viewpoints is None:
+        return fit
+    with fit.problem.watch.stage("viewpoint"):
+        return on_visible_faces(fit, fit.problem.viewpoints)
+
+
+def not_judged(fit: Fit) -> Registration:
+    """The answer where the loop ended, with its covariance; where there is no pose the verdict says why."""
+    fit.problem.await_target()
+    fit = seen_alone(fit)
+    uncertainty = uncertainty_of(fit, by_rims=False)
+    verdict = Verdict("suspect", (Reason(NOT_JUDGED, "not_judged"),)) if fit.found else judge(fit.agreement)
+    fit.problem.watch.seconds["total"] = fit.problem.watch.total
+    return registration_of(fit, uncertainty, verdict, ())
 
 
 def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:

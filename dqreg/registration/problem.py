@@ -155,10 +155,11 @@ class Problem(SourceAndTarget):
     def of(source: Any, target: Any, start: Any, options: Options, watch: Stopwatch) -> Problem:
         """Read source and target; a target that is not indexed is being built from here on."""
         T_start, viewpoints = read_start(start, options.prior, options.dof), as_viewpoints(options.viewpoint)
-        if T_start is None and options.search == "never":
-            raise InputError(
-                'search="never" leaves the pose to start=, and there is none: give start, or allow a search'
+        if T_start is None and (options.search == "never" or not options.verdict):
+            given, but = (
+                ('search="never"', "allow a search") if options.verdict else ("verdict=False", "have it judged")
             )
+            raise InputError(f"{given} leaves the pose to start=, and there is none: give start, or {but}")
         with watch.stage("read"):
             index, chord = index_for(target, source, options.source_units)
             # What was prepared is built already, and clouds are built as they are asked.

@@ -46,6 +46,7 @@ def register(
     observe: Callable[[Iteration], object] | None = None,
     observe_search: Callable[[Stage], object] | None = None,
     keep_inputs: bool = True,
+    verdict: bool = True,
     tolerance: float | None = None,
 ) -> Registration:
     """Pose that puts the source on the target.
@@ -114,6 +115,10 @@ def register(
         Called with each `Stage` of a global search; returning False ends it.
     keep_inputs : bool
         Whether the result holds source and target, for `Registration.deviations`, pictures and reports.
+    verdict : bool
+        Whether the pose is judged. With False the result is where the loop ends from ``start``, with its covariance, in
+        about half of the time: nothing is searched for, no evidence is gathered, and the verdict is "suspect" with the
+        code "not_judged". For a caller who has a test of its own, as a filter with a gate has.
     tolerance : float, optional
         Old name of ``convergence``, deprecated: a tolerance is the largest deviation allowed.
 
@@ -164,6 +169,7 @@ def register(
         observe=observe,
         observe_search=observe_search,
         keep_inputs=keep_inputs,
+        verdict=verdict,
     )
     if options.solves_scale:
         return logged(align_with_scale(source, target, start, options))

@@ -55,6 +55,7 @@ Code = Literal[
     "search_time_limit",
     "not_converged",
     "low_confidence",
+    "not_judged",
     "scale_unobservable",
     "scale_misfit",
     "scale_ambiguous",

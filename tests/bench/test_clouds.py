@@ -1,8 +1,8 @@
 """Clouds against clouds beside small_gicp in the same run: ``pytest tests/bench/test_clouds.py --benchmark-only``.
 
-Both begin with raw points and end with a pose: thinning, trees, normals, covariances and, for dqreg, the verdict are
-counted. They take turns, so that a busy machine is busy for both. The figures inform, they never gate on a time; what
-is asserted is the error.
+Both begin with raw points and end with a pose: thinning, trees, normals, covariances and, for dqreg, the covariance of
+the pose and, unless it is left out, the verdict are counted. They take turns, so that a busy machine is busy for both.
+The figures inform, they never gate on a time; what is asserted is the error.
 """
 
 from __future__ import annotations
@@ -51,14 +51,15 @@ def in_turns(runs: dict[str, Callable[[], object]], rounds: int) -> dict[str, Fl
 
 
 @pytest.mark.real
+@pytest.mark.parametrize("verdict", [True, False], ids=["judged", "not judged"])
 @pytest.mark.parametrize("effort", ["fast", "normal"])
-def test_a_lidar_pair_beside_small_gicp(benchmark, capsys, real_data: Path, effort: str) -> None:
+def test_a_lidar_pair_beside_small_gicp(benchmark, capsys, real_data: Path, effort: str, verdict: bool) -> None:
     folder = real_data / "small_gicp_kitti_pair"
     source, target = (open_geometry(folder / f"{name}.ply", name).points for name in ("source", "target"))
     T_truth = np.loadtxt(folder / "T_target_source.txt")
 
     def ours() -> np.ndarray:
-        return dqreg.register(source, target, "identity", effort=effort).T_target_source
+        return dqreg.register(source, target, "identity", effort=effort, verdict=verdict).T_target_source
 
     def peer() -> np.ndarray:
         return small_gicp(source, target)

@@ -135,6 +135,10 @@ def test_always_searches_beside_a_good_start_and_keeps_the_pose() -> None:
     ("given", "words"),
     [
         ({"start": None, "search": "never"}, "there is none"),
+        ({"start": None, "verdict": False}, "verdict=False leaves the pose to start="),
+        ({"start": np.eye(4), "verdict": False, "search": "always"}, "leave it out, or verdict=False"),
+        ({"start": np.eye(4), "verdict": False, "scale": "solve"}, "leave it out, or verdict=False"),
+        ({"start": np.eye(4), "verdict": "no"}, "verdict must be True or False"),
         ({"start": np.eye(4), "search": "always", "dof": "rz"}, "know nothing of dof"),
         ({"start": np.eye(4), "search": "sometimes"}, "never, doubt, always"),
     ],

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -135,3 +136,31 @@ def test_dense_clouds_come_to_the_same_bits_by_one_thread_and_by_several(monkeyp
         assert result.settings["cell_size"] > 0.0
         found.append((result.T_target_source.tobytes(), result.covariance.tobytes(), repr(result.verdict)))
     assert found == found[:1] * 3
+
+
+def test_without_a_verdict_the_pose_and_the_covariance_are_those_of_the_loop(tmp_path: Path) -> None:
+    # Truth: the scan is made in the part's frame. Nothing speaks against the pose, so that judging changes nothing.
+    part, rng = dqreg.Mesh(*bracket()), np.random.default_rng(4)
+    scanner, noise = Scanner([(1.0, 1.0, 1.0), (-1.0, 0.3, 0.6)], pixels=150), Noise(range_sigma=3e-4 * part.diagonal)
+    scan = scan_mesh(part.vertices, part.faces, scanner, noise, rng=rng).points
+    start = disturbance(rng, np.deg2rad(3.0), 0.01 * part.diagonal, part.centre)
+    judged, plain = (dqreg.register(scan, part, start, verdict=verdict) for verdict in (True, False))
+    np.testing.assert_array_equal(plain.T_target_source, judged.T_target_source)
+    np.testing.assert_array_equal(plain.covariance, judged.covariance)
+    assert (judged.verdict.level, plain.verdict.level, plain.verdict.codes) == ("accepted", "suspect", ("not_judged",))
+    assert set(plain.timings) == {"read", "prepare", "start", "register", "total"}
+    plain.save(tmp_path / "result.json")
+    kept = dqreg.Registration.load(tmp_path / "result.json")
+    assert (kept.verdict.codes, kept.settings["verdict"]) == (("not_judged",), False)
+
+
+def test_without_a_verdict_nothing_is_searched_for_and_no_pose_is_named_so() -> None:
+    part, stages = dqreg.Mesh(*bracket()), []
+    scan = sample_mesh(part, 3_000, np.random.default_rng(5)).points
+    upside_down = pose.from_parts(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, 0.0])
+    result = dqreg.register(scan, part, upside_down, verdict=False, observe_search=stages.append)
+    assert (result.verdict.codes, stages) == (("not_judged",), [])
+    far = pose.from_parts(np.eye(3), [10.0 * part.diagonal, 0.0, 0.0])
+    lost = dqreg.register(scan, part, far, verdict=False)
+    assert (lost.verdict.level, lost.verdict.codes) == ("failed", ("no_correspondences",))
+    assert np.isnan(lost.T_target_source).all()

@@ -22,7 +22,7 @@ from dqreg.registration.batch.row import Row
 from dqreg.registration.batch.row_names import RowNames, natural_order
 
 # Told by the batch itself, or no text.
-NOT_OFFERED = ("observe", "keep_inputs", "tolerance")
+NOT_OFFERED = ("observe", "keep_inputs", "verdict", "tolerance")
 # Words that a manifest of old has, and what to write.
 RENAMED = {
     "tolerance": "it set when the iterations end, which is convergence now; the column tolerance is that of the part"
