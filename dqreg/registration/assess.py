@@ -16,7 +16,8 @@ from dqreg.registration.common_faces import begin_sampling, overlap_at, overlap_
 from dqreg.registration.exposures import second_pose
 from dqreg.registration.fit import Fit, own_normals
 from dqreg.registration.free_space import begin_free_space, looked_through_at
-from dqreg.registration.problem import Prepared, Problem
+from dqreg.registration.prepared import Prepared
+from dqreg.registration.problem import Problem
 from dqreg.registration.rivals import is_scene
 from dqreg.registration.slides import slide_of
 from dqreg.rigid import pose
@@ -199,6 +200,12 @@ def begin_comparing(fit: Fit) -> None:
     if (overlap := overlap_of(fit)[2]) is not None:
         size = fit.prepared.surface.diagonal
         fit.begin("shapes", lambda: overlap.shapes(size))
+
+
+def begin_uncertainty(fit: Fit) -> None:
+    """Make what the covariance of a pose between two clouds asks beside the information of its correspondences."""
+    if fit.found and _is_worth_it(fit.prepared):
+        fit.begin_followed()
 
 
 def _is_worth_it(prepared: Prepared) -> bool:

@@ -13,7 +13,8 @@ from dqreg.geometry import CloudSurface, PointCloud, Surface
 from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, sample_rows
 from dqreg.icp.history import Iteration
 from dqreg.registration.fit import Fit
-from dqreg.registration.problem import Prepared, Problem
+from dqreg.registration.prepared import Prepared
+from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
 from dqreg.trust.overlap import IndexedPoints, Overlap

@@ -32,7 +32,8 @@ from dqreg.kernels.threads import Later
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.evenly_asked import evenly_asked
 from dqreg.registration.evidence import agreement_in_time, agreement_of
-from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
+from dqreg.registration.prepared import Prepared
+from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN, InlierMixture
 from dqreg.trust import Evidence, Information, information_of

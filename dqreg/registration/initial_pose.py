@@ -11,7 +11,8 @@ from dqreg.geometry import Scan
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.options import Options
-from dqreg.registration.problem import Prepared, Problem
+from dqreg.registration.prepared import Prepared
+from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.search import Candidate, search
 

@@ -16,6 +16,7 @@ from dqreg.registration.assess import (
     begin_comparing,
     begin_evidence,
     begin_judging,
+    begin_uncertainty,
     evidence_of,
     status_of,
     uncertainty_of,
@@ -26,7 +27,8 @@ from dqreg.registration.common_faces import on_common_faces
 from dqreg.registration.fallback import Known, best_known, but_on_the_way, is_doubtful
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
-from dqreg.registration.problem import Prepared, Problem, SourceAndTarget
+from dqreg.registration.prepared import Prepared
+from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.result import Registration
 from dqreg.registration.rivals import (
     NO_POSES,
@@ -127,6 +129,7 @@ def not_judged(fit: Fit) -> Registration:
     """The answer where the loop ended, with its covariance; where there is no pose the verdict says why."""
     fit.problem.await_target()
     fit = seen_alone(fit)
+    begin_uncertainty(fit)
     uncertainty = uncertainty_of(fit, by_rims=False)
     verdict = Verdict("suspect", (Reason(NOT_JUDGED, "not_judged"),)) if fit.found else judge(fit.agreement)
     fit.problem.watch.seconds["total"] = fit.problem.watch.total

@@ -10,12 +10,11 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, as_float, as_pose, departure, require_workable
 from dqreg.errors import InputError
-from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
+from dqreg.geometry import PointCloud
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.opening import describe
 from dqreg.geometry.scan_measures import THINNED
 from dqreg.geometry.unit_check import require_same_units
-from dqreg.geometry.voxels import WHOLE, VoxelCloud, cell_size, voxel_size
 from dqreg.icp.coarse_to_fine import COARSE, NEAR
 from dqreg.icp.correspondences import moved_points
 from dqreg.icp.history import Iteration
@@ -23,22 +22,19 @@ from dqreg.icp.stopwatch import Stopwatch
 from dqreg.kernels.threads import Later
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.options import Options
+from dqreg.registration.prepared import Begin, Prepared
 from dqreg.registration.source import CentredSource, centre_source
-from dqreg.registration.target_index import Building, TargetIndex, index_for, index_target, require_one_place
+from dqreg.registration.target_index import Building, Evening, TargetIndex, index_for, index_target, require_one_place
 from dqreg.rigid import pose, single_pose
 from dqreg.solvers.dof import Freedom
 
 T = TypeVar("T")
-# Begins what is asked of a thinned target beside the caller, once its cells are there; the scan may be whole.
-Begin = Callable[[Surface, bool], None]
 
 # Largest distance of a correspondence, in diagonals of the smaller of source and target.
 REACH = 0.2
 # Points that are prepared, a second of the time limit: they take a quarter of it on a core of 2020.
 IN_TIME = 1_000_000
 FEWEST = 1_000
-# A source that fills less than this share of the cells wanted is small beside the target, and asks for smaller ones.
-SMALL = 0.5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -90,54 +86,6 @@ class SourceAndTarget:
         return moved_points(self.to_centred(T_target_source), self.source.cloud.points)
 
 
-@dataclasses.dataclass(frozen=True)
-class Prepared:
-    """Source and target as the loop compares them: points to move, and a surface to ask."""
-
-    scan: Scan
-    surface: Surface
-    cell_size: float = 0.0  # Edge of the cells by whose means dense clouds stand, target units; 0 where there are none
-    even: bool = False  # Whether both are clouds with a plane fitted at every point that is left
-    is_whole: bool = True  # Whether the scan is of the points of the source, each place once, and not of means
-
-    @staticmethod
-    def whole(cloud: PointCloud, target: TargetIndex, fitted: int | None) -> Prepared:
-        """Both as they are, with planes fitted at some points of the source."""
-        return Prepared(prepare_scan(cloud, fitted), target.surface)
-
-    @staticmethod
-    def downsampled(cloud: PointCloud, target: TargetIndex, count: int, begin: Begin | None = None) -> Prepared:
-        """Two clouds, thinned to one point a cell where they are denser, with planes fitted at all that are left.
-
-        LiDARs crowd their points near the sensor, where they constrain a rotation least, and depth cameras give many
-        times what noise lets them tell apart. Cells are equal on both sides, so that neither is finer than the other.
-        """
-        evened, edge = target.begin_evened(count)
-        # Meanwhile, with the cells that the target will have unless its points stay in lines.
-        meanwhile = VoxelCloud.across_lines(cloud, edge) if edge and evened.is_beside else None
-        stands, geometry = evened.result(), target.geometry
-        if not stands.size or not isinstance(geometry, PointCloud):
-            moves = VoxelCloud.of(cloud, voxel_size(cloud.points, count))
-        else:
-            is_there = meanwhile is not None and stands.size == edge
-            moves = meanwhile if meanwhile and is_there else VoxelCloud.across_lines(cloud, stands.size)
-            size, wanted = moves.size, min(count, len(stands.cloud))
-            if len(moves.cloud) < SMALL * wanted:
-                size = min(size, cell_size(cloud.points, min(count, int(WHOLE * len(cloud.points)))))
-                moves = VoxelCloud.of(cloud, size)
-            if size != stands.size:
-                stands = VoxelCloud.of(geometry, size)
-        thinned = stands.surface is not None or moves.surface is not None
-        planes = Later(stands.surface.fit_cells, beside=moves.surface is not None) if stands.surface else None
-        if begin is not None and stands.surface is not None:
-            begin(stands.surface, moves.surface is None)
-        scan = prepare_scan(moves.cloud, surface=moves.surface, total=len(cloud))
-        if planes is not None:
-            planes.result()
-        edge, is_whole = moves.size if thinned else 0.0, moves.surface is None
-        return Prepared(scan, stands.surface or target.surface, edge, even=True, is_whole=is_whole)
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Problem(SourceAndTarget):
     """What was asked, read and checked."""
@@ -149,6 +97,7 @@ class Problem(SourceAndTarget):
     asked: dict[str, Any]  # What a result repeats of it
     watch: Stopwatch
     _building: Building | None = dataclasses.field(default=None, repr=False, compare=False)
+    _evening: Evening | None = dataclasses.field(default=None, repr=False, compare=False)
     _ahead: dict[str, Later[Any]] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
 
     @staticmethod
@@ -165,6 +114,9 @@ class Problem(SourceAndTarget):
             # What was prepared is built already, and clouds are built as they are asked.
             is_built = index is getattr(target, "indexed", target) or index.kind == "cloud"
             building = None if is_built else index.build_beside()
+            # A search sees all points first.
+            cells = options.cells if T_start is not None and index.kind == "cloud" else None
+            evening = None if cells is None else index.begin_evened(cells)
             unit = options.target_units or index.units
             centred = centre_source(source, options.source_units, unit, options.seed, float(options.scale))
             if viewpoints is not None:
@@ -187,7 +139,7 @@ class Problem(SourceAndTarget):
             "prior": options.prior is not None,
             "viewpoint": None if viewpoints is None else viewpoints.tolist(),
         }
-        return Problem(centred, index, options, T_start, viewpoints, units, asked, watch, building)
+        return Problem(centred, index, options, T_start, viewpoints, units, asked, watch, building, evening)
 
     def prepare(self, begin: Begin | None = None) -> Prepared:
         """Scan with normals and surface to ask; where an initial pose was given, two dense clouds are downsampled."""
@@ -204,7 +156,7 @@ class Problem(SourceAndTarget):
     def _downsampled(self, begin: Begin | None = None) -> Prepared | None:
         if self.options.cells is None or self.target.kind != "cloud":
             return None
-        return Prepared.downsampled(self._in_time, self.target, self.options.cells, begin)
+        return Prepared.downsampled(self._in_time, self.target, self.options.cells, begin, self._evening)
 
     def begin(self, name: str, make: Callable[[], T]) -> None:
         """Make ahead what `once` will be asked for, beside the caller; under a time limit nothing is."""

@@ -8,7 +8,7 @@ import os
 import threading
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -113,14 +113,16 @@ class TargetIndex:
         building.start()
         return building
 
-    def begin_evened(self, count: int) -> tuple[Later[VoxelCloud], float]:
-        """`evened`, made beside the caller, and the edge of its cells, unless they turn out wider; 0 if it has none."""
+    def begin_evened(self, count: int) -> Evening:
+        """`evened`, made beside the caller where the cloud is dense."""
         geometry, known = self.geometry, self._evened.get(count)
         if known is not None or not isinstance(geometry, PointCloud):
-            return Later(lambda: self.evened(count), beside=False), 0.0 if known is None else known.size
-        size = first_size(geometry.points, count, geometry._ends)
-        edge = size if len(geometry.points) > DENSE * count else 0.0
-        return Later(lambda: self.evened(count, size), beside=edge > 0.0), edge
+            size = 0.0 if known is None else known.size
+            return Evening(Later(lambda: size, beside=False), Later(lambda: self.evened(count), beside=False))
+        if len(geometry.points) <= DENSE * count:
+            return Evening(Later(lambda: 0.0, beside=False), Later(lambda: self.evened(count), beside=False))
+        edge = Later(lambda: first_size(geometry.points, count, geometry._ends))
+        return Evening(edge, Later(lambda: self.evened(count, edge.result())))
 
     def evened(self, count: int, size: float | None = None) -> VoxelCloud:
         """The cloud as the means of about so many cells, and their surface; built once and only read from then on.
@@ -262,6 +264,13 @@ def cut_for(target: Path, source: Any, source_units: str | None) -> tuple[Mesh, 
         data = read_step(path, chord)
     # Surfaces that curve both ways may have been cut less finely than asked.
     return Mesh(data.vertices, data.faces, data.units, regions=data.regions), max(chord, data.chord or 0.0)
+
+
+class Evening(NamedTuple):
+    """A cloud that is being evened beside the caller."""
+
+    edge: Later[float]  # Edge of its cells, unless they turn out wider; 0 if it has none
+    cloud: Later[VoxelCloud]
 
 
 class Building(threading.Thread):

@@ -13,7 +13,7 @@ from dqreg.icp.history import Iteration
 from dqreg.kernels import threads
 from dqreg.registration.fit import coarse_to_fine
 from dqreg.registration.pipeline import all_points_say_more, settled
-from dqreg.registration.problem import Prepared
+from dqreg.registration.prepared import Prepared
 from dqreg.rigid import pose, twist
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
 from dqreg.synth.parts import box, bracket

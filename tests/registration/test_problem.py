@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry import CloudSurface, Mesh, PointCloud
-from dqreg.registration.problem import Prepared, SourceAndTarget
+from dqreg.registration.prepared import Prepared
+from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.source import CentredSource, centre_source
 from dqreg.registration.target_index import TargetIndex, index_target
 from dqreg.rigid import pose

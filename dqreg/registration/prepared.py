@@ -1,0 +1,68 @@
+"""Source and target as the loop compares them: as they are, or two clouds thinned alike."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
+from dqreg.geometry.voxels import WHOLE, VoxelCloud, cell_size, voxel_size
+from dqreg.kernels.threads import Later
+from dqreg.registration.target_index import Evening, TargetIndex
+
+# Begins what is asked of a thinned target beside the caller, once its cells are there; the scan may be whole.
+Begin = Callable[[Surface, bool], None]
+
+# A source that fills less than this share of the cells wanted is small beside the target, and asks for smaller ones.
+SMALL = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """Source and target as the loop compares them: points to move, and a surface to ask."""
+
+    scan: Scan
+    surface: Surface
+    cell_size: float = 0.0  # Edge of the cells by whose means dense clouds stand, target units; 0 where there are none
+    even: bool = False  # Whether both are clouds with a plane fitted at every point that is left
+    is_whole: bool = True  # Whether the scan is of the points of the source, each place once, and not of means
+
+    @staticmethod
+    def whole(cloud: PointCloud, target: TargetIndex, fitted: int | None) -> Prepared:
+        """Both as they are, with planes fitted at some points of the source."""
+        return Prepared(prepare_scan(cloud, fitted), target.surface)
+
+    @staticmethod
+    def downsampled(
+        cloud: PointCloud, target: TargetIndex, count: int, begin: Begin | None = None, evening: Evening | None = None
+    ) -> Prepared:
+        """Two clouds, thinned to one point a cell where they are denser, with planes fitted at all that are left.
+
+        LiDARs crowd their points near the sensor, where they constrain a rotation least, and depth cameras give many
+        times what noise lets them tell apart. Cells are equal on both sides, so that neither is finer than the other.
+        """
+        evening = evening or target.begin_evened(count)
+        edge = evening.edge.result()
+        # Meanwhile, with the cells that the target will have unless its points stay in lines.
+        meanwhile = VoxelCloud.across_lines(cloud, edge) if edge and evening.cloud.is_beside else None
+        stands, geometry = evening.cloud.result(), target.geometry
+        if not stands.size or not isinstance(geometry, PointCloud):
+            moves = VoxelCloud.of(cloud, voxel_size(cloud.points, count))
+        else:
+            is_there = meanwhile is not None and stands.size == edge
+            moves = meanwhile if meanwhile and is_there else VoxelCloud.across_lines(cloud, stands.size)
+            size, wanted = moves.size, min(count, len(stands.cloud))
+            if len(moves.cloud) < SMALL * wanted:
+                size = min(size, cell_size(cloud.points, min(count, int(WHOLE * len(cloud.points)))))
+                moves = VoxelCloud.of(cloud, size)
+            if size != stands.size:
+                stands = VoxelCloud.of(geometry, size)
+        thinned = stands.surface is not None or moves.surface is not None
+        planes = Later(stands.surface.fit_cells, beside=moves.surface is not None) if stands.surface else None
+        if begin is not None and stands.surface is not None:
+            begin(stands.surface, moves.surface is None)
+        scan = prepare_scan(moves.cloud, surface=moves.surface, total=len(cloud))
+        if planes is not None:
+            planes.result()
+        edge, is_whole = moves.size if thinned else 0.0, moves.surface is None
+        return Prepared(scan, stands.surface or target.surface, edge, even=True, is_whole=is_whole)
