@@ -72,6 +72,14 @@ class NeighbourTree:
             farthest[missing] = distances[:, -1]
         return np.take(indices, rows, axis=0), farthest[rows]
 
+    def nearest_known(self, rows: IntArray, count: int) -> IntArray:
+        """Indices of `nearest_to`, (m, k): from memory where the neighbours of all of these points are known."""
+        if count <= AROUND and "_around" in vars(self):
+            indices, farthest = self._around
+            if not (farthest[rows] < 0.0).any():
+                return np.take(indices, rows, axis=0)[:, :count].astype(np.int64)
+        return self.nearest_to(rows, count)[0]
+
     @cached_property
     def _around(self) -> tuple[NDArray[np.int32], FloatArray]:
         return np.zeros((self.size, min(AROUND, self.size)), dtype=np.int32), np.full(self.size, -1.0)

@@ -12,7 +12,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import ContextVar, copy_context
 from typing import Any, Generic, TypeVar
@@ -156,6 +156,13 @@ class Later(Generic[T]):
             return self._call()
         finally:
             _running.pop()
+
+
+def all_results(begun: Sequence[Later[T]]) -> list[T]:
+    """Results of what was begun, in its order: the caller works from the end on, others are at the beginning."""
+    for later in reversed(begun):
+        later.result()
+    return [later.result() for later in begun]
 
 
 def _submit(call: Callable[..., Any], *arguments: Any, stage: bool = False) -> Future[Any] | None:

@@ -139,6 +139,8 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
     if overlap is None:
         return fit.agreement
     size = fit.prepared.surface.diagonal
+    if planes is not None:
+        planes.begin()
     strain, deformation, waviness = fit.once("shapes", lambda: overlap.shapes(size))
     return dataclasses.replace(
         fit.agreement,

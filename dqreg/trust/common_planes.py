@@ -11,7 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray, product
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.spacing import measure_spacing
-from dqreg.kernels.threads import Later
+from dqreg.kernels.threads import Later, all_results
 from dqreg.rigid import pose
 from dqreg.trust.face_rims import (
     Faces,
@@ -101,22 +101,15 @@ class CommonPlanes:
         for few such rims. Asked where a plane holds what looks its way: a pose that is off by the width of a wall would
         leave all else there apart.
         """
-        return float(np.fmax.reduce([share.result() for share in self._opposed], initial=np.nan))
+        return float(np.fmax.reduce(all_results(self._opposed), initial=np.nan))
 
     def begin(self) -> None:
         """Make what `opposed_edges` asks of each plane beside the caller, who takes over what is left of it."""
-        vars(self)["_opposed"] = self._opposed_in_each(beside=True)
+        _ = self._opposed
 
     def closed_hole(self) -> float:
         """Diameter of the largest hole in a face of either cloud that the other one's face closes; 0 for none."""
-        (one, _), (other, _) = self.sides
-        widest = 0.0
-        for plane, faces, first, second in zip(self.planes, zip(*self._faces, strict=True), *self._rims, strict=True):
-            if first is not None and second is not None:
-                here = closed_hole(one, other, faces, plane, self.within, first.spacing)
-                there = closed_hole(other, one, faces[::-1], plane, self.within, second.spacing)
-                widest = max(widest, here, there)
-        return widest
+        return max(self._holes)
 
     def ends_apart(self) -> float:
         """Share of the faces in the planes that reach beyond the other cloud, of that of two which has less of it.
@@ -131,7 +124,7 @@ class CommonPlanes:
 
         Where two planes meet their faces end together, whatever the part: those rims are left out. NaN for few rims.
         """
-        one, other = self._rims
+        one, other = self._rims()
         return float(np.fmax(shared_rims(one, other), shared_rims(other, one)))
 
     def rims_elsewhere(self, size: float) -> tuple[float, float]:
@@ -147,27 +140,29 @@ class CommonPlanes:
             axis = normal - np.linalg.pinv(rest) @ (rest @ normal) if len(rest) else normal
             if not len(rest) or np.linalg.norm(axis) < LEANING:
                 continue
-            kept = [[rims for j, rims in enumerate(side) if j != k] for side in self._rims]
-            slides, shares = shared_along(kept[0], kept[1], axis / np.linalg.norm(axis), REACH * size)
+            one, other = self._rims(but=k)
+            slides, shares = shared_along(one, other, axis / np.linalg.norm(axis), REACH * size)
             gained = np.nan_to_num(shares - shares[len(shares) // 2])
             best = int(gained.argmax())
             found = max(found, (float(gained[best]), abs(float(slides[best]))))
         return found
 
+    def _rims(self, but: int | None = None) -> tuple[list[Rims | None], list[Rims | None]]:
+        """Rims of either cloud's faces in the planes but one."""
+        shown = [each for k, each in enumerate(self._shown) if k != but]
+        return [here.rims for here, _ in shown], [there.rims for _, there in shown]
+
     @cached_property
     def _opposed(self) -> list[Later[float]]:
-        return self._opposed_in_each(beside=False)
-
-    def _opposed_in_each(self, *, beside: bool) -> list[Later[float]]:
         """Shares of opposed rims, plane by plane."""
-        heights = Later(self._heights, beside=beside)
+        heights = Later(self._heights)
 
         def share(k: int) -> float:
             one, other = heights.result()
             return opposed_share(self.sides, (one[k], other[k]), self.planes[k], self.within)
 
         told = (k for k, alike in enumerate(self.alike) if alike >= LEAST_ALIKE)
-        return [Later(partial(share, k), beside=beside) for k in told]
+        return [Later(partial(share, k)) for k in told]
 
     def _heights(self) -> tuple[FloatArray, FloatArray]:
         """Heights of all points of either cloud over each of the planes, (k, n): at once, each would take as long."""
@@ -177,36 +172,58 @@ class CommonPlanes:
         return one, other
 
     @cached_property
-    def _rims(self) -> tuple[list[Rims | None], list[Rims | None]]:
-        """Rims of either cloud's faces in each of the planes."""
-        one, other = (
-            [
-                rims_in(points, faces, plane, self.planes, self.within)
-                for plane, faces in zip(self.planes, side, strict=True)
-            ]
-            for (points, _), side in zip(self.sides, self._faces, strict=True)
-        )
-        return one, other
+    def _shown(self) -> list[tuple[Shown, Shown]]:
+        """What either cloud shows in each of the planes."""
+
+        def shown(plane: Plane, side: Points) -> Shown:
+            faces = Faces.of(side, plane, self.within)
+            return Shown(faces, rims_in(side[0], faces, plane, self.planes))
+
+        found = all_results([Later(partial(shown, plane, side)) for plane in self.planes for side in self.sides])
+        return list(zip(found[::2], found[1::2], strict=True))
 
     @cached_property
-    def _faces(self) -> tuple[list[Faces], list[Faces]]:
-        """Points of either cloud in each of the planes."""
-        one, other = ([Faces.of(side, plane, self.within) for plane in self.planes] for side in self.sides)
-        return one, other
+    def _holes(self) -> list[float]:
+        """Holes of either cloud in each of the planes that the other's faces close, see `closed_hole`."""
+        (one, _), (other, _) = self.sides
+
+        def hole(plane: Plane, here: Shown, there: Shown, points: FloatArray, others: FloatArray) -> float:
+            if here.rims is None or there.rims is None:
+                return 0.0
+            return closed_hole(points, others, (here.faces, there.faces), plane, self.within, here.rims.spacing)
+
+        asked = []
+        for plane, (here, there) in zip(self.planes, self._shown, strict=True):
+            asked += [Later(partial(hole, plane, here, there, one, other))]
+            asked += [Later(partial(hole, plane, there, here, other, one))]
+        return all_results(asked)
 
     def _beyond(self, side: int) -> float:
         """Share of a cloud's faces in the planes that has no point of the other one beside it; NaN for few points."""
-        points, others, inside, beyond = self.sides[side][0], self.sides[1 - side][0], 0, 0
-        # What is as far away is all that is asked.
-        gap = GAP * self.spacing
-        for faces, theirs in zip(self._faces[side], self._faces[1 - side], strict=True):
-            rows = faces.flat(FLAT)
-            if not len(rows) or not len(theirs.rows):
-                continue
-            tree = NeighbourTree(others[theirs.rows], in_order=True)
-            apart = tree.capped_distances(points[rows], BEYOND * gap)
-            inside, beyond = inside + len(rows), beyond + int(np.count_nonzero(apart > gap))
-        return beyond / inside if inside >= FEWEST else np.nan
+        (points, _), (others, _) = self.sides[side], self.sides[1 - side]
+        faces = [(shown[side].faces, shown[1 - side].faces) for shown in self._shown]
+        found = all_results([Later(partial(_beyond, points, *each, others, GAP * self.spacing)) for each in faces])
+        inside, beyond = np.sum(found, axis=0)
+        return float(beyond / inside) if inside >= FEWEST else np.nan
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Shown:
+    """What a cloud shows in a plane."""
+
+    faces: Faces
+    rims: Rims | None
+
+
+def _beyond(points: FloatArray, faces: Faces, theirs: Faces, others: FloatArray, gap: float) -> tuple[int, int]:
+    """Points of a cloud's faces in a plane, and those without one of the other's within a gap; none for no faces."""
+    rows = faces.flat(FLAT)
+    if not len(rows) or not len(theirs.rows):
+        return 0, 0
+    # What is as far away is all that is asked.
+    tree = NeighbourTree(others[theirs.rows], in_order=True)
+    apart = tree.capped_distances(points[rows], BEYOND * gap)
+    return len(rows), int(np.count_nonzero(apart > gap))
 
 
 def _planes(overlap: Overlap, within: float) -> tuple[tuple[Plane, ...], tuple[float, ...]]:

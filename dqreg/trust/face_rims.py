@@ -85,7 +85,7 @@ class Faces:
         points, tree = cloud
         near = plane.holds(points, within)
         rows = np.flatnonzero(near)
-        beside = tree.nearest_to(rows, BESIDE)[0]
+        beside = tree.nearest_known(rows, BESIDE)
         return Faces(rows, beside, near[beside].mean(axis=1) if len(rows) else np.zeros(0))
 
     def flat(self, share: float = MOSTLY) -> IntArray:
@@ -93,7 +93,7 @@ class Faces:
         return self.rows[self.shares > share]
 
 
-def rims_in(points: FloatArray, faces: Faces, plane: Plane, planes: Sequence[Plane], within: float) -> Rims | None:
+def rims_in(points: FloatArray, faces: Faces, plane: Plane, planes: Sequence[Plane]) -> Rims | None:
     """Rims of a cloud's faces in one of some planes; None where few of its points are."""
     held = faces.flat()
     if len(held) < FEWEST:

@@ -195,6 +195,25 @@ def test_what_is_begun_is_made_once_with_the_deadline_of_its_beginning(
             late.result()
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_all_results_come_in_order_from_the_caller_at_the_end_and_others_at_the_beginning(
+    monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    monkeypatch.setattr(threads, "thread_count", lambda: count)
+    here, at_first, at_last = threading.get_ident(), threading.Event(), threading.Event()
+
+    def work(k: int) -> tuple[int, bool]:
+        # With another thread, the first and the last are computed at once: each waits for the other to have begun.
+        if count > 1 and k in (0, 4):
+            (at_first if k == 0 else at_last).set()
+            assert (at_last if k == 0 else at_first).wait(30.0)
+        return k, threading.get_ident() == here
+
+    found = threads.all_results([threads.Later(lambda k=k: work(k)) for k in range(5)])
+    assert [k for k, _ in found] == list(range(5))
+    assert (found[0][1], found[4][1]) == (count == 1, True)
+
+
 def test_callers_that_all_have_stages_beside_them_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(threads, "thread_count", lambda: 3)
     rows = np.zeros((8, 2, 3_000), dtype=int)
