@@ -53,7 +53,7 @@ from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import place_rows, slide_rows, weigh_rows
 from dqreg.kernels.weighted_draws import drawn_rows
-from dqreg.kernels.weighted_planes import COLUMNS, plane_sums
+from dqreg.kernels.weighted_planes import COLUMNS, STEP, plane_sums, step_sums
 
 FLAT, ONE, NOTHING = np.eye(3), np.zeros(3), np.zeros(0)
 CORNERS = np.eye(3)[None] + np.arange(2.0)[:, None, None]
@@ -134,6 +134,7 @@ def _weights() -> None:
     slide_rows(0, 3, rows, np.eye(4), *(rows,) * 3, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
     place_rows(0, 3, rows, np.eye(4), rows, rows, np.zeros((3, 3)), np.zeros(3))
     plane_sums(0, 3, rows, rows, rows, ones, np.zeros((2, 3)), 3, np.zeros((1, COLUMNS)))
+    step_sums(0, 3, rows, rows, rows, ones, ONE, 3, np.zeros((1, STEP)))
     faces, part, sums, known = (
         np.zeros(3, dtype=np.int64),
         np.zeros(0, dtype=np.uint8),

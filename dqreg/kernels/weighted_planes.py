@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
 from dqreg.kernels.pose_forms import SUMS, add_pair
@@ -9,6 +11,8 @@ from dqreg.kernels.pose_forms import SUMS, add_pair
 # Columns of the sums: those of `form_of_sums`, and after them the sums of weights, of points and of their feet, and the
 # count.
 COLUMNS = SUMS + 8
+# A triangle of products of six motions and a height, and the count.
+STEP = 29
 
 
 @compiled
@@ -43,3 +47,69 @@ def plane_sums(
         for value in (w, w * p, w * q, w * r, w * x, w * y, w * z, 1.0):
             at += 1
             total[at] += value
+
+
+@compiled
+def step_sums(
+    first: int,
+    last: int,
+    moved: FloatArray,
+    feet: FloatArray,
+    normals: FloatArray,
+    weights: FloatArray,
+    origin: FloatArray,
+    chunk: int,
+    sums: FloatArray,
+) -> None:
+    """Add the normal equations of a short motion about an origin, (3,), from one chunk, (28,) and the count. O(n).
+
+    Rows ``J = [(x - o) x n, n]`` of points x that stand a height over their planes: a triangle of products of J with
+    itself, J times the height, and its square. What does not count for `plane_sums` does not here.
+    """
+    total, found = sums[first // chunk], np.zeros(STEP)
+    for i in range(first, last):
+        w, u, v, s = weights[i], normals[i, 0], normals[i, 1], normals[i, 2]
+        if not w > 0.0 or (u == 0.0 and v == 0.0 and s == 0.0):
+            continue
+        x, y, z = moved[i, 0] - origin[0], moved[i, 1] - origin[1], moved[i, 2] - origin[2]
+        h = u * (moved[i, 0] - feet[i, 0]) + v * (moved[i, 1] - feet[i, 1]) + s * (moved[i, 2] - feet[i, 2])
+        a, b, c = y * s - z * v, z * u - x * s, x * v - y * u
+        # Written out: in loops it takes half as long again.
+        t = w * a
+        found[0] += t * a
+        found[1] += t * b
+        found[2] += t * c
+        found[3] += t * u
+        found[4] += t * v
+        found[5] += t * s
+        found[6] += t * h
+        t = w * b
+        found[7] += t * b
+        found[8] += t * c
+        found[9] += t * u
+        found[10] += t * v
+        found[11] += t * s
+        found[12] += t * h
+        t = w * c
+        found[13] += t * c
+        found[14] += t * u
+        found[15] += t * v
+        found[16] += t * s
+        found[17] += t * h
+        t = w * u
+        found[18] += t * u
+        found[19] += t * v
+        found[20] += t * s
+        found[21] += t * h
+        t = w * v
+        found[22] += t * v
+        found[23] += t * s
+        found[24] += t * h
+        t = w * s
+        found[25] += t * s
+        found[26] += t * h
+        t = w * h
+        found[27] += t * h
+        found[28] += 1.0
+    for k in range(STEP):
+        total[k] += found[k]

@@ -16,13 +16,13 @@ from dqreg.registration.common_faces import begin_sampling, overlap_at, overlap_
 from dqreg.registration.exposures import second_pose
 from dqreg.registration.fit import Fit, own_normals
 from dqreg.registration.free_space import begin_free_space, looked_through_at
+from dqreg.registration.loop_status import status_of
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem
 from dqreg.registration.rivals import is_scene
 from dqreg.registration.slides import slide_of
 from dqreg.rigid import pose
 from dqreg.solvers.motion_words import Vector
-from dqreg.solvers.status import Status
 from dqreg.trust import (
     Evidence,
     Information,
@@ -45,9 +45,6 @@ STAYS = 0.99
 SHOWN = 0.15
 # Points from which a drift along the scan is fitted.
 DRIFTING = 3_000
-# Iterations at the end of a run that stalled, and the share of the width of the inliers within which they stay where it
-# goes to and fro over a point that is an inlier in one of two poses: it has converged as far as the noise can tell.
-LAST, TO_AND_FRO, ASKED = 10, 0.1, 100
 # A scan whose inliers spread less than this share of the target's spread shows a detail of it; points that tell.
 PARTIAL, SPREAD = 0.6, 2_000
 # No direction, and no drift.
@@ -139,8 +136,6 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
     if overlap is None:
         return fit.agreement
     size = fit.prepared.surface.diagonal
-    if planes is not None:
-        planes.begin()
     strain, deformation, waviness = fit.once("shapes", lambda: overlap.shapes(size))
     return dataclasses.replace(
         fit.agreement,
@@ -160,13 +155,17 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
 
 
 def _planes_of(fit: Fit) -> CommonPlanes | None:
-    """The planes that two clouds have in common at the pose of a fit; None for none."""
+    """The planes that two clouds have in common at the pose of a fit, already asked about beside; None for none."""
 
     def found() -> CommonPlanes | None:
         moves, stands, overlap = overlap_of(fit)
         if overlap is None:
             return None
-        return CommonPlanes.of(overlap.on_no_edge, moves, stands, fit.T_target_source, fit.prepared.surface.diagonal)
+        size = fit.prepared.surface.diagonal
+        planes = CommonPlanes.of(overlap.on_no_edge, moves, stands, fit.T_target_source, size)
+        if planes is not None:
+            planes.begin()
+        return planes
 
     return fit.once("planes", found)
 
@@ -196,8 +195,7 @@ def begin_comparing(fit: Fit) -> None:
         return
     if not isinstance(fit.target.geometry, PointCloud):
         return
-    if (planes := _planes_of(fit)) is not None:
-        planes.begin()
+    _planes_of(fit)
     fit.begin_followed()
     if (overlap := overlap_of(fit)[2]) is not None:
         size = fit.prepared.surface.diagonal
@@ -234,18 +232,6 @@ def _is_partial(fit: Fit) -> bool:
         spread < PARTIAL**2 * whole
         or (is_flat(points[weights > 0.0]) and not any(motion.is_free for motion in uncertainty_of(fit).directions))
     )
-
-
-def status_of(fit: Fit) -> Status:
-    """How the loop ended; converged too where it goes to and fro by less than the noise."""
-    history, scan = fit.run.history, fit.prepared.scan
-    if fit.run.status != "stalled" or len(history) < LAST:
-        return fit.run.status
-    points = scan.points[sample_rows(len(scan), ASKED)]
-    here = pose.apply(fit.T_target_source, points)
-    moved = (pose.apply(record.T_target_source, points) - here for record in history[-LAST:])
-    farthest = max(float(np.sqrt((each**2).sum(axis=1).mean())) for each in moved)
-    return "converged" if farthest <= TO_AND_FRO * fit.run.mixture.scale else "stalled"
 
 
 def verdict_on(fit: Fit, evidence: Evidence) -> Verdict:

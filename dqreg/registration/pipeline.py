@@ -18,7 +18,6 @@ from dqreg.registration.assess import (
     begin_judging,
     begin_uncertainty,
     evidence_of,
-    status_of,
     uncertainty_of,
     verdict_on,
     without_drift,
@@ -27,6 +26,7 @@ from dqreg.registration.common_faces import on_common_faces
 from dqreg.registration.fallback import Known, best_known, but_on_the_way, is_doubtful
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
+from dqreg.registration.loop_status import status_of
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.result import Registration
