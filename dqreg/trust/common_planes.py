@@ -23,7 +23,7 @@ from dqreg.trust.face_rims import (
     shared_along,
     shared_rims,
 )
-from dqreg.trust.opposed_edges import opposed_share
+from dqreg.trust.opposed_edges import Opposed, opposed_share
 from dqreg.trust.overlap import IndexedPoints, Overlap
 
 # Planes of a corner, which fix a pose and leave nothing to check it by; most planes that are found, of which a corner
@@ -101,7 +101,7 @@ class CommonPlanes:
         for few such rims. Asked where a plane holds what looks its way: a pose that is off by the width of a wall would
         leave all else there apart.
         """
-        return float(np.fmax.reduce([share.result() for share in self._opposed], initial=np.nan))
+        return opposed_share([plane.result() for plane in self._opposed])
 
     def begin(self) -> None:
         """Make what `opposed_edges` asks of each plane beside the caller, who takes over what is left of it."""
@@ -155,19 +155,19 @@ class CommonPlanes:
         return found
 
     @cached_property
-    def _opposed(self) -> list[Later[float]]:
+    def _opposed(self) -> list[Later[Opposed | None]]:
         return self._opposed_in_each(beside=False)
 
-    def _opposed_in_each(self, *, beside: bool) -> list[Later[float]]:
-        """Shares of opposed rims, plane by plane."""
+    def _opposed_in_each(self, *, beside: bool) -> list[Later[Opposed | None]]:
+        """Opposed rims, plane by plane."""
         heights = Later(self._heights, beside=beside)
 
-        def share(k: int) -> float:
+        def opposed(k: int) -> Opposed | None:
             one, other = heights.result()
-            return opposed_share(self.sides, (one[k], other[k]), self.planes[k], self.within)
+            return Opposed.of(self.sides, (one[k], other[k]), self.planes[k], self.within)
 
         told = (k for k, alike in enumerate(self.alike) if alike >= LEAST_ALIKE)
-        return [Later(partial(share, k), beside=beside) for k in told]
+        return [Later(partial(opposed, k), beside=beside) for k in told]
 
     def _heights(self) -> tuple[FloatArray, FloatArray]:
         """Heights of all points of either cloud over each of the planes, (k, n): at once, each would take as long."""
