@@ -42,6 +42,8 @@ T = TypeVar("T")
 # Points that are asked how residuals follow a displacement by their usual size; those beyond so many of these are of
 # another face, and they follow this share of it at least.
 FOLLOWING, OUTSIDE, LEAST_FOLLOWED = 1_000, 3.0, 0.05
+# What is known by a pose alone, however the loop ended.
+OF_THE_POSE = ("followed", "slide", "uncertainty")
 # Rounds of EM that learn the mixture at a pose where the loop has not ended.
 EM_ROUNDS = 30
 
@@ -198,6 +200,15 @@ class Fit:
         before, mixture = self.run.pairs, self.run.mixture
         pairs = find_correspondences(before.scan, self.prepared.surface, T, before)
         return self._ended(pairs, mixture, (pairs.distances <= mixture.limit) & (self.run.weights > 0.0))
+
+    def late(self) -> Fit:
+        """The fit where the time is up before it could be judged: little more is asked of its pose."""
+        if not self.found:
+            return self
+        found = dataclasses.replace(self, run=dataclasses.replace(self.run, status="time limit"))
+        vars(found).update({name: value for name, value in vars(self).items() if name == "information"})
+        found._known.update({name: value for name, value in self._known.items() if name in OF_THE_POSE})
+        return found
 
     def _ended(self, pairs: Correspondences, mixture: InlierMixture, kept: BoolArray) -> Fit:
         weights = np.where(kept, mixture.weight(pairs.distances), 0.0)
