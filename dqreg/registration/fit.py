@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Hashable
-from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -43,7 +42,7 @@ T = TypeVar("T")
 # another face, and they follow this share of it at least.
 FOLLOWING, OUTSIDE, LEAST_FOLLOWED = 1_000, 3.0, 0.05
 # What is known by a pose alone, however the loop ended.
-OF_THE_POSE = ("followed", "slide", "uncertainty")
+OF_THE_POSE = ("followed", "information", "slide", "uncertainty")
 # Rounds of EM that learn the mixture at a pose where the loop has not ended.
 EM_ROUNDS = 30
 
@@ -127,9 +126,16 @@ class Fit:
         scan, surface, width = self.prepared.scan, self.prepared.surface, self.run.mixture.scale
         return self.once("evenly asked", lambda: evenly_asked(self.run, scan, surface, width))
 
-    @cached_property
+    @property
     def information(self) -> Information:
         """Information of the six motions from the last correspondences, the constraints and the prior."""
+        return self.once("information", self._information)
+
+    def begin_information(self) -> None:
+        """Make it beside the caller."""
+        self.begin("information", self._information)
+
+    def _information(self) -> Information:
         T, pairs, weights = self.T_target_source, self.run.pairs, self.run.weights
         points, heights = placed(pairs, T)
         if self.settings.fine is not None and self.settings.fine is not ESTIMATORS["generalised"]:
@@ -206,7 +212,6 @@ class Fit:
         if not self.found:
             return self
         found = dataclasses.replace(self, run=dataclasses.replace(self.run, status="time limit"))
-        vars(found).update({name: value for name, value in vars(self).items() if name == "information"})
         found._known.update({name: value for name, value in self._known.items() if name in OF_THE_POSE})
         return found
 

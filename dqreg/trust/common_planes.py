@@ -101,7 +101,8 @@ class CommonPlanes:
         for few such rims. Asked where a plane holds what looks its way: a pose that is off by the width of a wall would
         leave all else there apart.
         """
-        return opposed_share([plane.result() for plane in self._opposed])
+        # Where they were begun beside the caller, another thread is at the first.
+        return opposed_share([plane.result() for plane in reversed(self._opposed)])
 
     def begin(self) -> None:
         """Make what `opposed_edges` asks of each plane beside the caller, who takes over what is left of it."""

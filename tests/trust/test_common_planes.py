@@ -122,7 +122,7 @@ def test_planes_of_a_round_body_are_not_asked_for_opposed_edges_and_walls_are(mo
     assert not asked
     walls = between(corner((30.0, 40.0, 55.0), 1), corner((30.0, 40.0, 55.0), 2))
     assert walls.opposed_edges() == 0.0
-    assert tuple(asked) == walls.planes
+    assert set(asked) == set(walls.planes)
     assert len(asked) == 3
 
 
