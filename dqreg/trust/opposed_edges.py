@@ -64,6 +64,11 @@ class InPlane:
         return InPlane(cloud, plane, within, heights, rows, _most_spacing(cloud[0], heights, rows))
 
     @cached_property
+    def over(self) -> FloatArray:
+        """Heights of the points over the plane, (m,)."""
+        return np.asarray(self.heights[self.rows])
+
+    @cached_property
     def flat(self) -> FloatArray:
         """Where the points are in the plane, (m, 2)."""
         return np.asarray((np.take(self.cloud[0], self.rows, axis=0) - self.plane.middle) @ self.plane.across.T)
@@ -77,7 +82,7 @@ class InPlane:
     @cached_property
     def beside(self) -> IntArray:
         """Those of the points that may stand beside one of them, (k,): no other does."""
-        k = np.flatnonzero(np.abs(self.heights[self.rows]) > self.within - self.reach)
+        k = np.flatnonzero(np.abs(self.over) > self.within - self.reach)
         near: IntArray = k[_near(self.cloud[0], self.rows[k], self.cloud[0], self.off, self.reach)]
         return near
 
@@ -93,13 +98,13 @@ class InPlane:
     def beside_any(self, reach: float) -> IntArray:
         """Which of those that may do stand within a shorter reach of a point off the plane, (m,)."""
         off = self.off[np.abs(self.heights[self.off]) < self.within + reach]
-        k = self.beside[np.abs(self.heights[self.rows[self.beside]]) > self.within - reach]
+        k = self.beside[np.abs(self.over[self.beside]) > self.within - reach]
         near: IntArray = k[_near(self.cloud[0], self.rows[k], self.cloud[0], off, reach)]
         return near
 
     def lower(self, side: float, limit: float) -> IntArray:
         """Rows so high on a side of the plane, 1 or -1, that one beyond may be beside them, and no higher, (k,)."""
-        heights = side * self.heights[self.rows]
+        heights = side * self.over
         return self.rows[(heights > self.within - self.reach) & (heights < limit)]
 
     def beside_one(self, rows: IntArray, side: float) -> IntArray:
