@@ -22,9 +22,11 @@ SPAN = 6.0
 @inside_kernels
 def box_distance(box: FloatArray, j: int, x: float, y: float, z: float) -> float:
     """Squared distance from a point to box j; 0 inside."""
-    dx = max(box[j, 0] - x, x - box[j, 3], 0.0)
-    dy = max(box[j, 1] - y, y - box[j, 4], 0.0)
-    dz = max(box[j, 2] - z, z - box[j, 5], 0.0)
+    # A number below zero would count from the end, which each access asks of a signed one.
+    k = np.uint64(j)
+    dx = max(box[k, 0] - x, x - box[k, 3], 0.0)
+    dy = max(box[k, 1] - y, y - box[k, 4], 0.0)
+    dz = max(box[k, 2] - z, z - box[k, 5], 0.0)
     square: float = dx * dx + dy * dy + dz * dz
     return square
 

@@ -8,6 +8,8 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.closest_triangles import DEEPEST, SPAN, box_distance
 from dqreg.kernels.compiled import compiled, inside_kernels
 
+# What stands between brackets counts from the end where it is below zero, which each access asks of a signed number.
+U = np.uint64
 # A bound from the query before is rounded up, so that nothing within it is lost.
 WIDER = 1.0 + 1e-12
 
@@ -49,7 +51,7 @@ def nearest_points(
     way between the two. From the leaf of that place it goes on to those beside the boxes above it.
     """
     n, half, count = len(places), len(boxes) // 2, found.shape[1]
-    stack, away = np.zeros(DEEPEST, np.int64), np.zeros(DEEPEST)
+    stack, away, last_of = np.zeros(DEEPEST, np.int64), np.zeros(DEEPEST), U(count - 1)
     kept, best = np.zeros(count, np.int64), np.zeros(count)
     place = n
     for i in range(first, last):
@@ -58,27 +60,27 @@ def nearest_points(
             place = at[i]
         if place < n:
             low = leaf_above(boxes, places, leaf, place, x, y, z)
-        reach = within * within
+        limit = within * within
         if i > first and len(at) == 0:
             dx, dy, dz = x - queries[i - 1, 0], y - queries[i - 1, 1], z - queries[i - 1, 2]
             farthest = (distances[i - 1, count - 1] + np.sqrt(dx * dx + dy * dy + dz * dz)) * WIDER
             # The next number above, so that what is at the bound is within it.
-            reach = min(farthest * farthest * WIDER + 1e-300, reach)
+            limit = min(farthest * farthest * WIDER + 1e-300, limit)
         for j in range(count):
-            best[j], kept[j] = reach, n
+            best[j], kept[j] = limit, n
         node, waiting = low, 0
         while True:
             if node >= half:
                 for t in range((node - half) * leaf, min((node - half + 1) * leaf, n)):
-                    dx, dy, dz = places[t, 0] - x, places[t, 1] - y, places[t, 2] - z
-                    d, row = dx * dx + dy * dy + dz * dz, rows[t]
-                    j = count - 1
-                    if d > best[j] or (d == best[j] and row > kept[j]):
+                    dx, dy, dz = places[U(t), 0] - x, places[U(t), 1] - y, places[U(t), 2] - z
+                    d, row, j = dx * dx + dy * dy + dz * dz, rows[U(t)], count - 1
+                    if d > limit or (d == limit and row > kept[last_of]):
                         continue
-                    while j > 0 and (d < best[j - 1] or (d == best[j - 1] and row < kept[j - 1])):
-                        best[j], kept[j] = best[j - 1], kept[j - 1]
+                    while j > 0 and (d < best[U(j - 1)] or (d == best[U(j - 1)] and row < kept[U(j - 1)])):
+                        best[U(j)], kept[U(j)] = best[U(j - 1)], kept[U(j - 1)]
                         j -= 1
-                    best[j], kept[j] = d, row
+                    best[U(j)], kept[U(j)] = d, row
+                    limit = best[last_of]
                     if j == 0:
                         place = t
             else:
@@ -86,22 +88,22 @@ def nearest_points(
                 d0, d1 = box_distance(boxes, near, x, y, z), box_distance(boxes, far, x, y, z)
                 if d1 < d0:
                     near, far, d0, d1 = far, near, d1, d0
-                if d0 <= best[count - 1]:
-                    if d1 <= best[count - 1]:
-                        stack[waiting], away[waiting] = far, d1
+                if d0 <= limit:
+                    if d1 <= limit:
+                        stack[U(waiting)], away[U(waiting)] = far, d1
                         waiting += 1
                     node = near
                     continue
-            while waiting > 0 and away[waiting - 1] > best[count - 1]:
+            while waiting > 0 and away[U(waiting - 1)] > limit:
                 waiting -= 1
             if waiting > 0:
                 waiting -= 1
-                node = stack[waiting]
+                node = stack[U(waiting)]
                 continue
             beyond = True
             while low > 1 and beyond:
                 node, low = low ^ 1, low >> 1
-                beyond = box_distance(boxes, node, x, y, z) > best[count - 1]
+                beyond = box_distance(boxes, node, x, y, z) > limit
             if beyond:
                 break
         for j in range(count):

@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import ContextVar, copy_context
+from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -156,6 +157,14 @@ class Later(Generic[T]):
             return self._call()
         finally:
             _running.pop()
+
+
+class unlocked_property(cached_property[T]):  # noqa: N801
+    """`cached_property` without the lock that Python 3.11 has for all objects of a class: threads make the same."""
+
+    def __init__(self, make: Callable[[Any], T]) -> None:
+        super().__init__(make)
+        self.lock = contextlib.nullcontext()
 
 
 def all_results(begun: Sequence[Later[T]]) -> list[T]:

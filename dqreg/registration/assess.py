@@ -136,12 +136,14 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
     if overlap is None:
         return fit.agreement
     size = fit.prepared.surface.diagonal
+    # From the last on that was begun beside the caller, who is at the first.
     strain, deformation, waviness = fit.once("shapes", lambda: overlap.shapes(size))
+    faces_apart, opposed_edges = overlap.apart(size, covariance), planes.opposed_edges() if planes else np.nan
     return dataclasses.replace(
         fit.agreement,
-        faces_apart=overlap.apart(size, covariance),
+        faces_apart=faces_apart,
+        opposed_edges=opposed_edges,
         ends_apart=planes.ends_apart() if planes and planes.are_all else np.nan,
-        opposed_edges=planes.opposed_edges() if planes else np.nan,
         closed_hole=planes.closed_hole() if planes and planes.are_all else np.nan,
         rims_shared=planes.rims_shared() if planes and planes.are_all else np.nan,
         rims_elsewhere=planes.rims_elsewhere(size) if planes and planes.are_a_corner else (np.nan, 0.0),
@@ -185,6 +187,8 @@ def begin_judging(fit: Fit) -> None:
     """Make what the evidence on a fit will ask first, beside what else is asked of it."""
     target = fit.target.geometry
     if fit.found and _is_worth_it(fit.prepared) and isinstance(target, PointCloud):
+        # First what is asked first.
+        fit.begin_information()
         fit.begin_agreement()
         fit.begin("overlap", lambda: overlap_at(fit))
 

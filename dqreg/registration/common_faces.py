@@ -106,7 +106,7 @@ def _recorded(before: Fit, fit: Fit, found: Compared, residuals: FloatArray, beg
 def sampled_source(problem: Problem) -> IndexedPoints:
     """Some points of the source, and planes at those that are compared."""
     points = problem.source.cloud.points
-    found = IndexedPoints.of(points[sample_rows(len(points), COMPARED)])
+    found = IndexedPoints.of(np.take(points, sample_rows(len(points), COMPARED), axis=0))
     _ = found.some
     return found
 
@@ -118,7 +118,7 @@ def indexed_target(index: TargetIndex, surface: Surface, target: PointCloud) -> 
         return IndexedPoints(surface._points, surface._tree, is_remembered=True)
     # The same for every scan that is registered to it.
     if "compared" not in derived:
-        derived["compared"] = IndexedPoints.of(points[sample_rows(len(points), COMPARED)])
+        derived["compared"] = IndexedPoints.of(np.take(points, sample_rows(len(points), COMPARED), axis=0))
     found: IndexedPoints = derived["compared"]
     return found
 

@@ -18,6 +18,7 @@ from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.solvers.status import INTERRUPTED
+from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import own_noise
 
 # Fraction of the points near a part that lie off it beyond which the same is done: right poses leave 0.002, and half
@@ -99,13 +100,16 @@ def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
 def _is_doubtful(fit: Fit, ask_mirror: bool) -> bool:
     if not fit.found:
         return _was_near(fit)
-    found = fit.agreement
-    is_off = found.share_near < 1.0 - OFF - OFF_PER_STRAY * found.strays or found.share_together > TOGETHER
     # Two scans of one scene always differ somewhere, and the noise between them is not known as well.
-    is_rough = found.width > MISFIT * own_noise(found) > 0.0
-    if not fit.has_border and (is_off or is_rough):
+    if not fit.has_border and _is_off_or_rough(fit.agreement):
         return True
     return _is_beside(fit) or not is_sound(fit, ask_mirror=ask_mirror)
+
+
+def _is_off_or_rough(found: Evidence) -> bool:
+    """Whether some of a scan lies off its part, or it lies there by more than its noise."""
+    is_off = found.share_near < 1.0 - OFF - OFF_PER_STRAY * found.strays or found.share_together > TOGETHER
+    return is_off or found.width > MISFIT * own_noise(found) > 0.0
 
 
 def _is_beside(fit: Fit) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Hashable
-from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -43,6 +42,8 @@ T = TypeVar("T")
 # Points that are asked how residuals follow a displacement by their usual size; those beyond so many of these are of
 # another face, and they follow this share of it at least.
 FOLLOWING, OUTSIDE, LEAST_FOLLOWED = 1_000, 3.0, 0.05
+# What is known by a pose alone, however the loop ended.
+OF_THE_POSE = ("followed", "information", "slide", "uncertainty")
 # Rounds of EM that learn the mixture at a pose where the loop has not ended.
 EM_ROUNDS = 30
 
@@ -126,9 +127,16 @@ class Fit:
         scan, surface, width = self.prepared.scan, self.prepared.surface, self.run.mixture.scale
         return self.once("evenly asked", lambda: evenly_asked(self.run, scan, surface, width))
 
-    @cached_property
+    @property
     def information(self) -> Information:
         """Information of the six motions from the last correspondences, the constraints and the prior."""
+        return self.once("information", self._information)
+
+    def begin_information(self) -> None:
+        """Make it beside the caller."""
+        self.begin("information", self._information)
+
+    def _information(self) -> Information:
         T, pairs, weights = self.T_target_source, self.run.pairs, self.run.weights
         points, heights = placed(pairs, T)
         if self.settings.fine is not None and self.settings.fine is not ESTIMATORS["generalised"]:
@@ -199,6 +207,14 @@ class Fit:
         before, mixture = self.run.pairs, self.run.mixture
         pairs = find_correspondences(before.scan, self.prepared.surface, T, before)
         return self._ended(pairs, mixture, (pairs.distances <= mixture.limit) & (self.run.weights > 0.0))
+
+    def late(self) -> Fit:
+        """The fit where the time is up before it could be judged: little more is asked of its pose."""
+        if not self.found:
+            return self
+        found = dataclasses.replace(self, run=dataclasses.replace(self.run, status="time limit"))
+        found._known.update({name: value for name, value in self._known.items() if name in OF_THE_POSE})
+        return found
 
     def _ended(self, pairs: Correspondences, mixture: InlierMixture, kept: BoolArray) -> Fit:
         weights = np.where(kept, mixture.weight(pairs.distances), 0.0)

@@ -97,10 +97,12 @@ def _seen(points: FloatArray, viewpoint: FloatArray | None, origin: FloatArray) 
     # Rays that met nothing come as points at the origin.
     some = _some(points, COMPARED)
     # Neighbours asked for one after the other are soon found.
-    some = some[morton_order(some)]
+    some = np.take(some, morton_order(some), axis=0)
     arms = some - origin
     ranges = np.sqrt(np.einsum("ij,ij->i", arms, arms))
-    return Seen(some[ranges > NOTHING * ranges.max()], viewpoint, origin)
+    is_any = ranges > NOTHING * ranges.max()
+    # Where nothing is left out, as a rule, nothing is copied.
+    return Seen(some if is_any.all() else some[is_any], viewpoint, origin)
 
 
 def _some(points: FloatArray, count: int) -> FloatArray:

@@ -86,9 +86,11 @@ def _inliers(fit: Fit) -> FloatArray:
 
 def _planes_of_scan(fit: Fit) -> Planes:
     pairs = fit.run.pairs
-    near = pairs.distances <= ON * fit.run.mixture.scale
-    normals = np.where(near[:, None], pairs.closest.normals, 0.0)
-    return Planes.of(pairs.moved, normals, fit.prepared.surface.diagonal)
+    # Those that are looked at there.
+    rows = sample_rows(len(pairs.moved), LOOKED_AT)
+    near = pairs.distances[rows] <= ON * fit.run.mixture.scale
+    normals = np.where(near[:, None], pairs.closest.normals[rows], 0.0)
+    return Planes.of(pairs.moved[rows], normals, fit.prepared.surface.diagonal)
 
 
 def _reaches_over(fit: Fit, whole: FloatArray) -> bool:

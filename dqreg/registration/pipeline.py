@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dqreg._arrays import FloatArray
 from dqreg.geometry import MeshSurface
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
@@ -94,9 +95,7 @@ def align(problem: Problem) -> Registration:
             gain = mirror_gain(fit, always=known.searched)
     fit = seen_alone(fit)
     watch.seconds["total"] = watch.total
-    uncertainty, alternatives = uncertainty_of(fit), alternatives_of(fit, others)
-    evidence = evidence_of(fit, uncertainty, alternatives, search=start.search, mirror_gain=gain)
-    return registration_of(fit, uncertainty, verdict_on(fit, evidence), alternatives)
+    return concluded(fit, others, start.search, gain)
 
 
 def prepared_to_judge(problem: Problem) -> Prepared:
@@ -123,6 +122,26 @@ def seen_alone(fit: Fit) -> Fit:
         return fit
     with fit.problem.watch.stage("viewpoint"):
         return on_visible_faces(fit, fit.problem.viewpoints)
+
+
+def concluded(fit: Fit, others: FloatArray, search: str, gain: float) -> Registration:
+    """The answer; where the time is up before all is known that two clouds say, as of a loop that the limit ended."""
+    found, deadline = None, fit.problem.watch.deadline
+    with suppress(TimeUpError), until(deadline if fit.problem.target.kind == "cloud" else np.inf):
+        found = judged(fit, others, search, gain)
+    if found is None:
+        fit = fit.late()
+        found = judged(fit, others, search, gain)
+    return registration_of(fit, *found)
+
+
+def judged(
+    fit: Fit, others: FloatArray, search: str, gain: float
+) -> tuple[Uncertainty, Verdict, tuple[Alternative, ...]]:
+    """How sure a fit is, and the other poses, (k, 4, 4), that explain the scan as well."""
+    uncertainty, alternatives = uncertainty_of(fit), alternatives_of(fit, others)
+    evidence = evidence_of(fit, uncertainty, alternatives, search=search, mirror_gain=gain)
+    return uncertainty, verdict_on(fit, evidence), alternatives
 
 
 def not_judged(fit: Fit) -> Registration:

@@ -156,7 +156,7 @@ def _of_the_part(fit: Fit, rows: IntArray) -> BoolArray:
     off = np.flatnonzero(~on & of_the_part)
     if len(off) and far.any():
         around = pairs.moved[NeighbourTree(pairs.moved).nearest(pairs.moved[off], AROUND)[0]]
-        of_the_part[off[is_background(around, pairs.moved[on], pairs.moved[far], fit.run.mixture.scale)]] = False
+        of_the_part[off[is_background(around, pairs.moved, on, far, fit.run.mixture.scale)]] = False
     return of_the_part
 
 

@@ -8,7 +8,6 @@ from functools import cached_property, partial
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, product
-from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.spacing import measure_spacing
 from dqreg.kernels.threads import Later, all_results
@@ -23,7 +22,7 @@ from dqreg.trust.face_rims import (
     shared_along,
     shared_rims,
 )
-from dqreg.trust.opposed_edges import opposed_share
+from dqreg.trust.opposed_edges import Opposed, opposed_share, stand_near
 from dqreg.trust.overlap import IndexedPoints, Overlap
 
 # Planes of a corner, which fix a pose and leave nothing to check it by; most planes that are found, of which a corner
@@ -39,8 +38,6 @@ ALIKE_COS, LEAST_ALIKE = np.cos(np.deg2rad(30.0)), 0.125
 # Distances, in spacings, beyond which a point has none of the other cloud beside it; points in the planes without which
 # nothing is said.
 FLAT, GAP, FEWEST = 0.9, 4.0, 100
-# A search may end there: farther off than a gap, whatever is rounded.
-BEYOND = 1.001
 # Points of a cloud of which its spacing is measured.
 SAMPLE = 1_000
 # Slides that are tried, in sizes; a plane that leans on the others by more of its normal than this is slid along none.
@@ -101,7 +98,7 @@ class CommonPlanes:
         for few such rims. Asked where a plane holds what looks its way: a pose that is off by the width of a wall would
         leave all else there apart.
         """
-        return float(np.fmax.reduce(all_results(self._opposed), initial=np.nan))
+        return opposed_share(all_results(self._opposed))
 
     def begin(self) -> None:
         """Make what `opposed_edges` asks of each plane beside the caller, who takes over what is left of it."""
@@ -153,16 +150,16 @@ class CommonPlanes:
         return [here.rims for here, _ in shown], [there.rims for _, there in shown]
 
     @cached_property
-    def _opposed(self) -> list[Later[float]]:
-        """Shares of opposed rims, plane by plane."""
+    def _opposed(self) -> list[Later[Opposed | None]]:
+        """Opposed rims, plane by plane."""
         heights = Later(self._heights)
 
-        def share(k: int) -> float:
+        def opposed(k: int) -> Opposed | None:
             one, other = heights.result()
-            return opposed_share(self.sides, (one[k], other[k]), self.planes[k], self.within)
+            return Opposed.of(self.sides, (one[k], other[k]), self.planes[k], self.within)
 
         told = (k for k, alike in enumerate(self.alike) if alike >= LEAST_ALIKE)
-        return [Later(partial(share, k)) for k in told]
+        return [Later(partial(opposed, k)) for k in told]
 
     def _heights(self) -> tuple[FloatArray, FloatArray]:
         """Heights of all points of either cloud over each of the planes, (k, n): at once, each would take as long."""
@@ -220,10 +217,9 @@ def _beyond(points: FloatArray, faces: Faces, theirs: Faces, others: FloatArray,
     rows = faces.flat(FLAT)
     if not len(rows) or not len(theirs.rows):
         return 0, 0
-    # What is as far away is all that is asked.
-    tree = NeighbourTree(others[theirs.rows], in_order=True)
-    apart = tree.capped_distances(points[rows], BEYOND * gap)
-    return len(rows), int(np.count_nonzero(apart > gap))
+    return len(rows), int(
+        np.count_nonzero(~stand_near(points, rows, others, theirs.rows, float(np.nextafter(gap, np.inf))))
+    )
 
 
 def _planes(overlap: Overlap, within: float) -> tuple[tuple[Plane, ...], tuple[float, ...]]:

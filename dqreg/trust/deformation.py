@@ -44,8 +44,8 @@ BETWEEN_CLOUDS = Limits(
 ON_A_PART = Limits((Limit(40.0, 5e-4, 9e-4),), (Limit(40.0, 5e-4, 9e-4),))
 # Share of what is shown that residuals have beyond the noise at least.
 LEFT = 0.7
-# Numbers of a motion.
-MOTIONS = 6
+# Numbers of a motion, of bends and a torsion, and of fields that are quadratic in the place.
+MOTIONS, BENDS, QUADRATICS = 6, 3, 18
 # Places for each number that is fitted: with fewer, all that neighbours have in common looks like some deformation.
 PLACES_EACH = 16
 
@@ -67,10 +67,10 @@ def deformation_of(
     axes = np.linalg.eigh(arms.T @ arms)[1][:, ::-1]
     p, n = arms @ axes / lever, normals @ axes
     strains = _strains(p)
-    few, many = np.concatenate([strains, _bends(p)]), np.concatenate([strains, _quadratics(p)])
-    for fields, told in ((few, limits.few), (many, limits.many)):
-        if len(points) < PLACES_EACH * (MOTIONS + len(fields)):
+    for others, count, told in ((_bends, BENDS, limits.few), (_quadratics, QUADRATICS, limits.many)):
+        if len(points) < PLACES_EACH * (MOTIONS + len(strains) + count):
             continue
+        fields = np.concatenate([strains, others(p)])
         found = _explained(fields, p * lever, n, residuals, lever, told, size)
         if any(found.exceeds(limit, size) for limit in told):
             return found.shown
@@ -143,11 +143,13 @@ def _explained(
         return _NOTHING
     covariance = scatter[len(motions) :, len(motions) :]
     covariance = covariance + np.eye(len(modes)) * 1e-12 * np.trace(covariance)
-    by_scatter = math.sqrt(max(float(of_modes @ np.linalg.solve(covariance, of_modes)), 0.0))
+    sigmas = min(math.sqrt(max(float(of_modes @ np.linalg.solve(covariance, of_modes)), 0.0)), gained)
+    if not any(_Found(sigmas, shown, math.inf).exceeds(limit, size) for limit in told):
+        return _NOTHING
     displaced = np.einsum("k,kni->ni", of_modes, fields)
     each = np.stack([plane_rows(points, np.broadcast_to(axis, points.shape), np.zeros(3), lever) for axis in np.eye(3)])
     by_points = unexplained(displaced.T.ravel(), np.concatenate([*each], axis=1), np.ones(3 * len(points)))
-    return _Found(min(by_scatter, gained), shown, math.sqrt(3.0) * by_points)
+    return _Found(sigmas, shown, math.sqrt(3.0) * by_points)
 
 
 def may_be_deformed(width: float, noise: float, size: float) -> bool:

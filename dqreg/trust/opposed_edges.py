@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray, median
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
+from dqreg.kernels.threads import unlocked_property
 from dqreg.trust.face_rims import (
     AROUND,
     BESIDE,
@@ -38,6 +40,8 @@ BESIDE_RIM, REACH, TURNING, NEARLY_ALL, FEWEST_TURNING = 20, 3.0, 2, 0.9, 10
 # Points of a plane of which its spacing is measured: good to some per cent; and those next to each along the curve that
 # tell what it is at most.
 SAMPLE, WINDOW = 100, 48
+# What heights are rounded by at most, in distances within which a point lies in the plane.
+ROUNDING = 1e-6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -49,24 +53,43 @@ class InPlane:
     within: float  # Distance from the plane within which a point lies in it
     heights: FloatArray  # (n,): Of all points of the cloud over the plane
     rows: IntArray  # (m,): Of the cloud
-    flat: FloatArray  # (m, 2): Where those are in the plane
     most_spacing: float  # What the edge of the square that a point has for itself is at most
-    off: IntArray  # (l,): Rows of the cloud off the plane that a point in it may stand beside
-    beside: IntArray  # (k,): Those that may stand beside one of them: no other does
 
     @staticmethod
     def of(cloud: Points, heights: FloatArray, plane: Plane, within: float) -> InPlane | None:
         """Of a cloud whose heights over the plane are known; None where few of its points are in the plane."""
-        aside = np.abs(heights)
-        rows = np.flatnonzero(aside < within)
+        rows = np.flatnonzero(np.abs(heights) < within)
         if len(rows) < FEWEST:
             return None
-        flat = (np.take(cloud[0], rows, axis=0) - plane.middle) @ plane.across.T
-        most = _most_spacing(flat)
-        off = np.flatnonzero((aside > within) & (aside < within + REACH * most))
-        beside = np.flatnonzero(aside[rows] > within - REACH * most)
-        beside = beside[_near(cloud[0], rows[beside], cloud[0], off, REACH * most)]
-        return InPlane(cloud, plane, within, heights, rows, flat, most, off, beside)
+        return InPlane(cloud, plane, within, heights, rows, _most_spacing(cloud[0], heights, rows))
+
+    @unlocked_property
+    def over(self) -> FloatArray:
+        """Heights of the points over the plane, (m,)."""
+        return np.asarray(self.heights[self.rows])
+
+    @unlocked_property
+    def flat(self) -> FloatArray:
+        """Where the points are in the plane, (m, 2)."""
+        return np.asarray((np.take(self.cloud[0], self.rows, axis=0) - self.plane.middle) @ self.plane.across.T)
+
+    @unlocked_property
+    def off(self) -> IntArray:
+        """Rows of the cloud off the plane that a point in it may stand beside, (l,)."""
+        aside = np.abs(self.heights)
+        return np.flatnonzero((aside > self.within) & (aside < self.within + self.reach))
+
+    @unlocked_property
+    def beside(self) -> IntArray:
+        """Those of the points that may stand beside one of them, (k,): no other does."""
+        k = np.flatnonzero(np.abs(self.over) > self.within - self.reach)
+        near: IntArray = k[stand_near(self.cloud[0], self.rows[k], self.cloud[0], self.off, self.reach)]
+        return near
+
+    @property
+    def reach(self) -> float:
+        """How far the points beside a rim are away from it at most."""
+        return REACH * self.most_spacing
 
     def places(self, k: IntArray) -> FloatArray:
         """Where some of the points are, (k, 3)."""
@@ -75,14 +98,19 @@ class InPlane:
     def beside_any(self, reach: float) -> IntArray:
         """Which of those that may do stand within a shorter reach of a point off the plane, (m,)."""
         off = self.off[np.abs(self.heights[self.off]) < self.within + reach]
-        k = self.beside[np.abs(self.heights[self.rows[self.beside]]) > self.within - reach]
-        near: IntArray = k[_near(self.cloud[0], self.rows[k], self.cloud[0], off, reach)]
+        k = self.beside[np.abs(self.over[self.beside]) > self.within - reach]
+        near: IntArray = k[stand_near(self.cloud[0], self.rows[k], self.cloud[0], off, reach)]
         return near
 
-    def beside_one(self, side: float) -> IntArray:
-        """Which rows of the cloud that may do may stand beside a point on a side of the plane, 1 or -1, (m,)."""
-        off, rows = self.off[side * self.heights[self.off] > 0.0], self.rows[self.beside]
-        near: IntArray = rows[_near(self.cloud[0], rows, self.cloud[0], off, REACH * self.most_spacing)]
+    def lower(self, side: float, limit: float) -> IntArray:
+        """Rows so high on a side of the plane, 1 or -1, that one beyond may be beside them, and no higher, (k,)."""
+        heights = side * self.over
+        return self.rows[(heights > self.within - self.reach) & (heights < limit)]
+
+    def beside_one(self, rows: IntArray, side: float) -> IntArray:
+        """Which of some rows of the cloud may stand beside a point off the plane on a side, 1 or -1, (m,)."""
+        off = self.off[side * self.heights[self.off] > 0.0]
+        near: IntArray = rows[stand_near(self.cloud[0], rows, self.cloud[0], off, self.reach)]
         return near
 
 
@@ -141,38 +169,76 @@ class Turning(NamedTuple):
     side: FloatArray  # (n,): Side of the plane to which the faces turn: 1 along its normal, or -1
 
 
-def opposed_share(
-    clouds: tuple[Points, Points], heights: tuple[FloatArray, FloatArray], plane: Plane, within: float
-) -> float:
-    """Share of the rims that both clouds have in a plane beside which faces turn to opposite sides; NaN for few.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Opposed:
+    """Points of two clouds that lie in a plane, and to which sides the faces beside their rims turn."""
 
-    0 where there can be none, however many rims there are. Heights are those of all points over the plane, (n,) each.
+    one: InPlane
+    other: InPlane
+
+    @staticmethod
+    def of(
+        clouds: tuple[Points, Points], heights: tuple[FloatArray, FloatArray], plane: Plane, within: float
+    ) -> Opposed | None:
+        """None where few points are in the plane. Heights are those of all points over the plane, (n,) each."""
+        one, other = (InPlane.of(*side, plane, within) for side in zip(clouds, heights, strict=True))
+        if one is None or other is None:
+            return None
+        found = Opposed(one, other)
+        _ = found.share
+        return found
+
+    @unlocked_property
+    def share(self) -> float | None:
+        """Share of the rims that both have beside which faces turn to opposite sides; NaN for few, None for nowhere."""
+        if not _may_be_opposed(self.one, self.other):
+            return None
+        first, second = Beside.of(self.one), Beside.of(self.other)
+        reach = SAME * max(first.spacing, second.spacing)
+        # What has none of the other cloud's beside it is no rim of both, whatever it is.
+        here, there = ((x.held.cloud[0], x.held.rows[x.rows]) for x in (first, second))
+        asked = stand_near(*here, *there, reach), stand_near(*there, *here, reach)
+        if np.count_nonzero(asked[0]) < FEWEST_TURNING:
+            return np.nan
+        return _opposed_of(first.rims(asked[0]), second.rims(asked[1]), reach)
+
+    @property
+    def may_have_rims(self) -> bool:
+        """Whether enough points of either cloud may be on rims, which are opposed nowhere."""
+        return min(len(self.one.beside), len(self.other.beside)) >= FEWEST_TURNING
+
+
+def opposed_share(planes: Sequence[Opposed | None]) -> float:
+    """Share of the rims beside which faces turn to opposite sides, of the plane with most of it; NaN for few rims.
+
+    0 where there can be none, however many rims there are: of those planes no more is asked where others tell.
     """
-    one, other = (InPlane.of(*side, plane, within) for side in zip(clouds, heights, strict=True))
-    if one is None or other is None:
-        return np.nan
-    if not _may_be_opposed(one, other):
-        return 0.0 if min(len(one.beside), len(other.beside)) >= FEWEST_TURNING else np.nan
-    first, second = Beside.of(one), Beside.of(other)
-    reach = SAME * max(first.spacing, second.spacing)
-    # What has none of the other cloud's beside it is no rim of both, whatever it is.
-    here, there = (one.cloud[0], one.rows[first.rows]), (other.cloud[0], other.rows[second.rows])
-    asked = _near(*here, *there, reach), _near(*there, *here, reach)
-    if np.count_nonzero(asked[0]) < FEWEST_TURNING:
-        return np.nan
-    return _opposed_of(first.rims(asked[0]), second.rims(asked[1]), reach)
+    known = [plane for plane in planes if plane is not None]
+    found = float(np.fmax.reduce([plane.share for plane in known if plane.share is not None], initial=np.nan))
+    if math.isnan(found) and any(plane.share is None and plane.may_have_rims for plane in known):
+        return 0.0
+    return found
 
 
 def _may_be_opposed(one: InPlane, other: InPlane) -> bool:
     """Whether anywhere a point of one cloud stands beside others on one side, and one of the other on the other side.
 
-    A rim is such a point, whichever these are. In scans of one scene there is hardly any.
+    A rim is such a point, whichever these are. In scans of one scene there is hardly any: the two have to be near each
+    other, and each so near to its side of the plane, which leaves few to be asked.
     """
     reach = SAME * max(one.most_spacing, other.most_spacing)
-    return any(
-        _near(one.cloud[0], one.beside_one(side), other.cloud[0], other.beside_one(-side), reach).any()
-        for side in (1.0, -1.0)
-    )
+    for side in (1.0, -1.0):
+        # Rounded up.
+        here = one.lower(side, (other.reach - one.within + reach) + ROUNDING * one.within)
+        there = other.lower(-side, (one.reach - one.within + reach) + ROUNDING * one.within)
+        if len(here) and len(there):
+            here = here[stand_near(one.cloud[0], here, other.cloud[0], there, reach)]
+        if not len(here) or not len(there):
+            continue
+        here, there = one.beside_one(here, side), other.beside_one(there, -side)
+        if stand_near(one.cloud[0], here, other.cloud[0], there, reach).any():
+            return True
+    return False
 
 
 def _opposed_of(one: Turning, other: Turning, reach: float) -> float:
@@ -187,19 +253,21 @@ def _opposed_of(one: Turning, other: Turning, reach: float) -> float:
     return opposed / told if told >= FEWEST_TURNING else np.nan
 
 
-def _most_spacing(flat: FloatArray) -> float:
-    """What the edge of the square of a point of a plane, (n, 2), is at most.
+def _most_spacing(points: FloatArray, heights: FloatArray, rows: IntArray) -> float:
+    """What the edge of the square of a point of a plane is at most, of those of a cloud, (m,), and all heights over it.
 
     Its neighbours are no farther off than those among the points next to it along the curve.
     """
-    rows, count = sample_rows(len(flat), SAMPLE), min(WINDOW, len(flat))
-    firsts, last = np.clip(rows - count // 2, 0, len(flat) - count), min(AROUND, count - 1)
-    # Number by number: pairs are too short to go over one after the other.
-    x, y = (axis[firsts[:, None] + np.arange(count)] - axis[rows, None] for axis in flat.T.copy())
-    return OF_SPACING * math.sqrt(median(np.partition(x * x + y * y, last, axis=1)[:, last]))
+    some, count = sample_rows(len(rows), SAMPLE), min(WINDOW, len(rows))
+    firsts, last = np.clip(some - count // 2, 0, len(rows) - count), min(AROUND, count - 1)
+    beside, some = rows[firsts[:, None] + np.arange(count)], rows[some]
+    arms = np.take(points, beside, axis=0) - np.take(points, some, axis=0)[:, None]
+    # Along the plane: what is left without the difference in height.
+    square = np.einsum("ijk,ijk->ij", arms, arms) - (heights[beside] - heights[some, None]) ** 2
+    return OF_SPACING * math.sqrt(max(median(np.partition(square, last, axis=1)[:, last]), 0.0))
 
 
-def _near(points: FloatArray, rows: IntArray, cloud: FloatArray, others: IntArray, reach: float) -> BoolArray:
+def stand_near(points: FloatArray, rows: IntArray, cloud: FloatArray, others: IntArray, reach: float) -> BoolArray:
     """Which rows of some points, (m,), have one of the other rows of a cloud within reach; all along curves."""
     from dqreg.kernels.near_rows import near_rows
     from dqreg.kernels.point_tree import LEAF

@@ -72,7 +72,7 @@ class IndexedPoints:
     @staticmethod
     def of(points: FloatArray) -> IndexedPoints:
         """Of points in any order, for few queries."""
-        points = points[distinct_in_order(points)]
+        points = np.take(points, distinct_in_order(points), axis=0)
         return IndexedPoints(points, NeighbourTree(points, in_order=True))
 
     @property

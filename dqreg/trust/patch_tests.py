@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median, product, quantile
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
@@ -41,6 +41,11 @@ def isolated(scan: Scan, on: BoolArray, whole: Scan | None = None) -> BoolArray:
     alone = np.zeros(len(points), dtype=bool)
     if len(off) and len(points) - len(off) > NEIGHBOURS:
         some = np.flatnonzero(on)[sample_rows(len(points) - len(off), USUAL)]
+        if len(off) > len(some):
+            # Of many it is only asked whether they are farther apart: the search ends there, whatever is rounded.
+            limit = SCATTERED * median(_gaps(scan, some, whole or scan))
+            alone[off] = _gaps(scan, off, whole or scan, limit * (1.0 + 1e-9)) > limit
+            return alone
         gaps = _gaps(scan, off, whole or scan)
         # Where more than half of the others have none nearer than this, it is no more than the usual one.
         reach = float(gaps.max()) / SCATTERED * (1.0 + 1e-9)
@@ -85,7 +90,7 @@ def patches_off(
     doubtful = np.flatnonzero(off & counted)
     if len(doubtful) and not near.all():
         patches = points[whole].reshape(count, PATCH, 3)[doubtful]
-        counted[doubtful[is_background(patches, points[near], points[~near], width)]] = False
+        counted[doubtful[is_background(patches, points, near, ~near, width)]] = False
     total = int(np.count_nonzero(counted))
     return total, float(np.count_nonzero(off & counted)) / total if total else 0.0
 
@@ -96,16 +101,15 @@ def _medians(rows: FloatArray) -> FloatArray:
     return np.asarray(np.partition(rows, (half - 1, half), axis=1)[:, half - 1 : half + 1].mean(axis=1))
 
 
-def is_background(patches: FloatArray, near: FloatArray, far: FloatArray, width: float) -> BoolArray:
-    """Which patches lie in a plane that holds more points far from the target than near it, (k,)."""
+def is_background(patches: FloatArray, points: FloatArray, near: BoolArray, far: BoolArray, width: float) -> BoolArray:
+    """Which patches lie in a plane that holds more points far from the target than near it, both (n,); (k,)."""
     # The median point and the flattest axis: some points of a patch may be of the part that stands on the table.
     middles = np.median(patches, axis=1)
     centred = patches - patches.mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.matmul(centred.transpose(0, 2, 1), centred))[1][:, :, 0]
     heights = np.einsum("ki,ki->k", normals, middles)
-    on_far, on_near = (
-        np.count_nonzero(np.abs(some @ normals.T - heights) <= ON * width, axis=0) for some in (far, near)
-    )
+    held = np.abs(product(normals, points.T) - heights[:, None]) <= ON * width
+    on_far, on_near = (np.count_nonzero(held & some, axis=1) for some in (far, near))
     return np.asarray(on_far > BACKGROUND * on_near)
 
 

@@ -9,6 +9,7 @@ import pytest
 import dqreg
 from dqreg.compare.trust.kinds import KINDS
 from dqreg.geometry import sample_mesh
+from dqreg.icp import stopwatch
 from dqreg.icp.history import Iteration
 from dqreg.kernels import threads
 from dqreg.registration.fit import coarse_to_fine
@@ -164,3 +165,39 @@ def test_without_a_verdict_nothing_is_searched_for_and_no_pose_is_named_so() -> 
     lost = dqreg.register(scan, part, far, verdict=False)
     assert (lost.verdict.level, lost.verdict.codes) == ("failed", ("no_correspondences",))
     assert np.isnan(lost.T_target_source).all()
+
+
+class Clock:
+    """A clock that stands still until it is asked so often; then the time is up."""
+
+    def __init__(self, most: float) -> None:
+        self.asked, self.most = 0, most
+
+    def perf_counter(self) -> float:
+        self.asked += 1
+        return 0.0 if self.asked < self.most else 1e9
+
+
+def test_two_clouds_are_judged_by_the_whole_evidence_or_the_verdict_says_that_the_time_was_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def registered(clock: Clock) -> dqreg.Registration:
+        for module in (threads, stopwatch):
+            monkeypatch.setattr(module, "time", clock)
+        return dqreg.register(moved_back(DENSE[::8]), DENSE[1::8], "identity", time_limit=1.0)
+
+    clock = Clock(np.inf)
+    whole = registered(clock)
+    assert whole.verdict.level == "accepted"
+    judged = [registered(Clock(share * clock.asked)) for share in np.linspace(0.0, 1.0, 16)]
+    late = [found for found in judged if found.status == "time limit"]
+    for found in late:
+        assert found.verdict.level == "suspect"
+        assert "not_converged" in found.verdict.codes
+    for found in judged:
+        if found not in late:
+            assert str(found.verdict.checks) == str(whole.verdict.checks)
+    # Of some the loop had ended: the pose is the same, and how sure it is.
+    there = [found for found in late if np.array_equal(found.T_target_source, whole.T_target_source)]
+    assert 2 <= len(there) < len(late) < len(judged)
+    assert all(np.array_equal(found.covariance, whole.covariance) for found in there)

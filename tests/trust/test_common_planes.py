@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.trust import common_planes, opposed_edges
+from dqreg.trust import opposed_edges
 from dqreg.trust.common_planes import CommonPlanes
+from dqreg.trust.face_rims import Plane
 from dqreg.trust.limits import ENDS_APART, ONE_PLANE, OPPOSED_EDGES, RIMS_GAINED, RIMS_SHARED
+from dqreg.trust.opposed_edges import Opposed
 from dqreg.trust.overlap import IndexedPoints, Overlap
 from tests.strategies import FloatArray
 from tests.trust.shapes import sphere
@@ -112,14 +114,16 @@ def test_what_is_left_out_where_no_edges_can_be_opposed_is_opposed_nowhere(
 
 
 def test_planes_of_a_round_body_are_not_asked_for_opposed_edges_and_walls_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[float] = []
-    monkeypatch.setattr(common_planes, "opposed_share", lambda *_: asked.append(0.0) or 0.0)
+    asked: list[Plane] = []
+    of = Opposed.of
+    monkeypatch.setattr(Opposed, "of", lambda *given: asked.append(given[2]) or of(*given))
     ball, again = (SIZE / 2.0 * sphere(np.random.default_rng(seed), 3_000)[0] for seed in (1, 2))
     assert np.isnan(between(ball, again).opposed_edges())
     assert not asked
     walls = between(corner((30.0, 40.0, 55.0), 1), corner((30.0, 40.0, 55.0), 2))
     assert walls.opposed_edges() == 0.0
-    assert len(asked) == len(walls.planes) == 3
+    assert set(asked) == set(walls.planes)
+    assert len(asked) == 3
 
 
 def test_a_face_that_ends_at_nothing_opposes_none() -> None:
