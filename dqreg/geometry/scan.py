@@ -151,8 +151,7 @@ class Scan:
         """
         points, parts = np.take(self.points, rows, axis=0), None if self.parts is None else self.parts[rows]
         if (planes := vars(self).get("_planes")) is not None:
-            some = planes.at(rows)
-            of_all = {name: getattr(self, name) for name in OF_ALL}
+            some, of_all = planes.at(rows), {name: getattr(self, name) for name in OF_ALL}
             return Scan._with(some, {**of_all, "points": points, "parts": parts, "fitted": some.rows})
         normals, levers, residuals = np.take(self.normals, rows, axis=0), self.levers[rows], self.residuals[rows]
         fitted = None

@@ -121,11 +121,10 @@ def propagate(pairs: Correspondences, T_target_source: FloatArray) -> Correspond
 
 def slid_distances(pairs: Correspondences, T_target_source: FloatArray, rows: IntArray) -> FloatArray:
     """Distances of some rows of the same, (m,)."""
-    found = pairs.closest
-    if 2 * len(rows) > len(found.distances):
+    columns = pairs.scan.points, pairs.moved, pairs.closest.points, pairs.closest.normals
+    if 2 * len(rows) > len(pairs.scan):
         # To take most of them would cost more than to slide all.
-        return propagate(pairs, T_target_source).distances[rows]
-    columns = pairs.scan.points, pairs.moved, found.points, found.normals
+        return _slid(T_target_source, *columns)[2][rows]
     return _slid(T_target_source, *(np.take(column, rows, axis=0) for column in columns))[2]
 
 

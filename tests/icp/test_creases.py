@@ -6,8 +6,7 @@ import pytest
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_mesh
 from dqreg.icp import noise_by_face
 from dqreg.icp.correspondences import Correspondences, find_correspondences
-from dqreg.icp.creases import MOST, NEAR, _hold, _near, without_creases
-from dqreg.icp.noise_by_face import points_to_weighted_faces
+from dqreg.icp.noise_by_face import MOST, NEAR, _hold, _near, points_to_weighted_faces, without_creases
 from dqreg.rigid import pose
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.solvers.row_sums import squared
