@@ -83,8 +83,13 @@ def relative_precisions(
     count, found, cells, normals = len(weights), weights.copy(), (CELLS + 1) ** 3, as_plain(normals)
     own = int(faces.max(initial=0)) + 1
     if own > min(weights.sum() / POINTS, FACES):
-        faces, own = np.zeros(count, dtype=np.int64), cells
+        faces = np.zeros(count, dtype=np.int64)
         over_chunks(orientation_cells, count, normals, CELLS, faces, chunk=PLANES)
+        # Few of the cells hold any: sums of all would take longer to clear than to add to.
+        numbers = np.zeros(cells, dtype=np.int64)
+        numbers[faces] = 1
+        np.cumsum(numbers, out=numbers)
+        faces, own = numbers[faces] - 1, int(numbers[-1])
     sums, rows, precisions = np.zeros((own, NUMBERS, 2)), np.zeros(own, np.int64), np.ones((own, NUMBERS))
     face_sums(squares, found, faces, parts, sums, rows)
     limits = BEFOREHAND, before_faces, LEAST
