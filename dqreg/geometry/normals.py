@@ -166,16 +166,15 @@ class ScanPlanes:
         """The same with normals that face a viewpoint, of all points."""
         return dataclasses.replace(self, normals=orient_towards(self.normals, points[self.rows], viewpoint))
 
-    def at(self, rows: IntArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-        """Normals, levers and residuals of some rows, ascending, and which of them have planes."""
+    def at(self, rows: IntArray) -> ScanPlanes:
+        """Those at some rows, ascending, counted among these."""
         if rows is self.rows:
-            return self.normals, self.levers, self.residuals, np.arange(len(rows))
+            return ScanPlanes(np.arange(len(rows)), self.normals, self.levers, self.residuals, len(rows))
         places = np.minimum(np.searchsorted(self.rows, rows), len(self.rows) - 1)
         fitted = np.flatnonzero(self.rows[places] == rows)
         places = places[fitted]
         normals = np.take(self.normals, places, axis=0)
-        some = ScanPlanes(fitted, normals, self.levers[places], self.residuals[places], len(rows))
-        return some.whole("normals"), some.whole("levers"), some.whole("residuals"), fitted
+        return ScanPlanes(fitted, normals, self.levers[places], self.residuals[places], len(rows))
 
     def whole(self, name: str) -> FloatArray:
         """A column of all points: those without a plane have zeros, and NaN as their residual."""

@@ -21,8 +21,9 @@ from dqreg.geometry.spacing import Spread
 from dqreg.geometry.vector_rows import nonzero_rows
 
 FEWEST_POINTS = 3
-# What planes tell of points.
+# What planes tell of points, and what some of these have in common with all.
 COLUMNS = "normals", "levers", "residuals"
+OF_ALL = "oriented", "spacing", "noise", "total", "quiet"
 # Where the residuals of all planes but for this share are more than that share of their levers' lengths, neighbours
 # stand on different faces: some scans of 20 to 120 points came to 1.05, denser ones of all kinds to 0.64 at most.
 FLAT, NOT_FLAT = 0.1, 0.65
@@ -148,18 +149,17 @@ class Scan:
         Scan
             With the spacing, noise and total of the whole.
         """
-        points, planes = np.take(self.points, rows, axis=0), vars(self).get("_planes")
-        if planes is not None:
-            normals, levers, residuals, fitted = planes.at(rows)
-        else:
-            normals, levers, residuals = np.take(self.normals, rows, axis=0), self.levers[rows], self.residuals[rows]
-            fitted = None
-            if self.fitted is not None:
-                has_plane = np.zeros(len(self), dtype=bool)
-                has_plane[self.fitted] = True
-                fitted = np.flatnonzero(has_plane[rows])
-        parts = None if self.parts is None else self.parts[rows]
-        columns = {"normals": normals, "levers": levers, "residuals": residuals, "parts": parts}
+        points, parts = np.take(self.points, rows, axis=0), None if self.parts is None else self.parts[rows]
+        if (planes := vars(self).get("_planes")) is not None:
+            some, of_all = planes.at(rows), {name: getattr(self, name) for name in OF_ALL}
+            return Scan._with(some, {**of_all, "points": points, "parts": parts, "fitted": some.rows})
+        normals, levers, residuals = np.take(self.normals, rows, axis=0), self.levers[rows], self.residuals[rows]
+        fitted = None
+        if self.fitted is not None:
+            has_plane = np.zeros(len(self), dtype=bool)
+            has_plane[self.fitted] = True
+            fitted = np.flatnonzero(has_plane[rows])
+        columns: dict[str, Any] = {"normals": normals, "levers": levers, "residuals": residuals, "parts": parts}
         return dataclasses.replace(self, points=points, fitted=fitted, **columns)
 
     @property

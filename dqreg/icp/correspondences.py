@@ -111,17 +111,34 @@ def propagate(pairs: Correspondences, T_target_source: FloatArray) -> Correspond
 
     On a face that is what it does, and between the points of a cloud it leaves the gaps as wide as they were.
     """
-    from dqreg.kernels.threads import as_plain, over_chunks
-    from dqreg.kernels.weighing import slide_rows
-
-    found, count = pairs.closest, len(pairs.scan)
-    moved, points, distances = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
-    columns = pairs.scan.points, T_target_source, pairs.moved, found.points, found.normals
-    over_chunks(slide_rows, count, *map(as_plain, columns), moved, points, distances, chunk=CHUNK)
+    found = pairs.closest
+    moved, points, distances = _slid(T_target_source, pairs.scan.points, pairs.moved, found.points, found.normals)
     closest = Closest(points, found.normals, distances, found.elements, None, found.variances)
     slid = Correspondences(pairs.scan, T_target_source, closest, pairs.same_sign, pairs.surface)
     vars(slid)["moved"] = moved
     return slid
+
+
+def slid_distances(pairs: Correspondences, T_target_source: FloatArray, rows: IntArray) -> FloatArray:
+    """Distances of some rows of the same, (m,)."""
+    columns = pairs.scan.points, pairs.moved, pairs.closest.points, pairs.closest.normals
+    if 2 * len(rows) > len(pairs.scan):
+        # To take most of them would cost more than to slide all.
+        return _slid(T_target_source, *columns)[2][rows]
+    return _slid(T_target_source, *(np.take(column, rows, axis=0) for column in columns))[2]
+
+
+def _slid(
+    T_target_source: FloatArray, points: FloatArray, before: FloatArray, feet: FloatArray, normals: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points at the pose and their feet, slid from where they were before, (n, 3), and their distances, (n,)."""
+    from dqreg.kernels.threads import as_plain, over_chunks
+    from dqreg.kernels.weighing import slide_rows
+
+    moved, slid, distances = np.zeros(points.shape), np.zeros(points.shape), np.zeros(len(points))
+    columns = points, T_target_source, before, feet, normals
+    over_chunks(slide_rows, len(points), *map(as_plain, columns), moved, slid, distances, chunk=CHUNK)
+    return moved, slid, distances
 
 
 def placed(pairs: Correspondences, T_target_source: FloatArray) -> tuple[FloatArray, FloatArray]:

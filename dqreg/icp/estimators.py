@@ -28,7 +28,7 @@ BEND = 0.04
 # noise come to 0.02, and to a third of the error.
 BEND_SHARE, LEAST_BEND = 0.2, 1e-3
 # Pairs that are summed in one go: of two planes, and of a point and a plane, which take a quarter of the time each.
-CHUNK, PLANES = 2048, 16_384
+CHUNK, PLANES = 2048, 8_192
 # Correspondences from which on a step so short that the first order of its rotation is all of it is taken by
 # Gauss-Newton: the sums of the exact cost take nearly three times as long, and below cost no more than a call.
 MANY = 50_000

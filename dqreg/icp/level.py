@@ -13,7 +13,7 @@ from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
-from dqreg.icp.correspondences import Correspondences, propagate
+from dqreg.icp.correspondences import Correspondences, slid_distances
 from dqreg.icp.estimators import Estimator
 from dqreg.icp.loop import Alignment, Icp, Observer, Run
 from dqreg.icp.rejectors import NormalAngle, WithinDistance, boundary_rejectors
@@ -199,11 +199,9 @@ class Level:
     def _learned(self, mixture: InlierMixture, run: Run, schedule: AnnealingSchedule) -> InlierMixture:
         kept, pairs = np.flatnonzero(run.weights), run.pairs
         rows = kept[sample_rows(len(kept), LEARNED_FROM)]
-        # Of many points few need be slid.
-        few, some = (pairs.taken(rows), slice(None)) if len(kept) > LEARNED_FROM else (pairs, rows)
         # Near the answer the last step is all that is wrong with the distances.
-        slid = propagate(few, run.T_target_source) if self.near else few
-        return mixture.fit(slid.distances[some], floor=self.floor, rounds=schedule.rounds)
+        distances = slid_distances(pairs, run.T_target_source, rows) if self.near else pairs.distances[rows]
+        return mixture.fit(distances, floor=self.floor, rounds=schedule.rounds)
 
     def _contraction(self, run: Run) -> float:
         # Two steps from a start that is near show how fast they shrink.

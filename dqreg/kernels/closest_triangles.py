@@ -88,14 +88,24 @@ def closest_places(
         x, y, z, low = queries[i, 0], queries[i, 1], queries[i, 2], 0
         if len(guesses) > 0:
             slot = slots[guesses[i]]
-        if slot >= 0:
-            low = box_above(nodes, links, leaves[slot], SPAN * SPAN * closest_on(packed, slot, x, y, z)[0])
-        node, waiting, equals, slot = low, 0, 0, none
         best, reach, u, v = bound * bound, bound * bound, 0.0, 0.0
+        if slot >= 0:
+            d, a, b = closest_on(packed, slot, x, y, z)
+            low = box_above(nodes, links, leaves[slot], SPAN * SPAN * d)
+            if d < reach:
+                # What is farther than the guess is not looked at from the first box on.
+                best, u, v = d, a, b
+                border = u == 0.0 or v == 0.0 or u + v >= 1.0
+                reach = best + (best * EQUAL + floor if border else 0.0)
+            else:
+                slot = none
+        node, waiting, equals = low, 0, 0
         while True:
             near = links[node, 0]
             if links[node, 1] > 0:
                 for t in range(near, near + links[node, 1]):
+                    if t == slot:
+                        continue
                     d, a, b = closest_on(packed, t, x, y, z)
                     if not d < reach:
                         continue

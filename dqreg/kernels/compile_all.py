@@ -14,6 +14,7 @@ from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.company import company_rows
 from dqreg.kernels.components import components
+from dqreg.kernels.creases import COLUMNS as OF_CREASES
 from dqreg.kernels.creases import near_creases
 from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
@@ -142,7 +143,8 @@ def _weights() -> None:
         np.ones((1, 2)),
     )
     square_heights(0, 3, rows, rows, rows, ones, NOTHING, np.zeros(3))
-    near_creases(0, 3, rows, faces, ones, CORNERS, FLAT, faces.reshape(1, 3), 1.0, 1.0, np.zeros(3, dtype=bool))
+    across, near, found = faces.reshape(1, 3), np.zeros(3, dtype=bool), np.zeros((1, OF_CREASES))
+    near_creases(0, 3, rows, rows, faces, ones, CORNERS, FLAT, across, ones, 1.0, 1.0, 1.0, 3, near, found)
     face_sums(ones, ones, faces, part, sums, FIRST)
     orientation_cells(0, 3, rows, 1, np.zeros(3, dtype=np.int64))
     face_precisions(sums, FIRST, rows, 1, np.zeros((8, 2)), 1.0, 1.0, 1.0, known)

@@ -4,30 +4,42 @@ from __future__ import annotations
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.kernels.compiled import compiled
+from dqreg.kernels.motion_sums import add_products, motion_row
+
+# Sums of the points near creases, and of the others: their weights, and the products of the motions among themselves.
+PRODUCTS = 21
+COLUMNS = 2 * (1 + PRODUCTS)
 
 
 @compiled
 def near_creases(
     first: int,
     last: int,
+    points: FloatArray,
     places: FloatArray,
     faces: IntArray,
     weights: FloatArray,
     corners: FloatArray,
     normals: FloatArray,
     neighbours: IntArray,
+    centre: FloatArray,
+    lever: float,
     cosine: float,
     margin: float,
+    chunk: int,
     near: BoolArray,
+    sums: FloatArray,
 ) -> None:
-    """Write which places with a weight are nearer than a margin to a crease of their face, (n,). O(n).
+    """Write which places with a weight are nearer than a margin to a crease of their face, (n,), and add to the sums.
 
-    There the normals of the two faces have a lower cosine. Shapes: places (n, 3), faces (n,); of all m faces corners
-    (m, 3, 3), normals (m, 3) and the one across each side (m, 3).
+    There the normals of the two faces have a lower cosine. The sums are of what the points near creases, and the
+    others, tell of the six motions, see `motion_sums`. O(n). Shapes: points and places (n, 3), faces (n,); of all m
+    faces corners (m, 3, 3), normals (m, 3) and the one across each side (m, 3); sums (chunks, 44), zeros.
     """
+    own = sums[first // chunk]
     for i in range(first, last):
-        face = faces[i]
-        if not weights[i] > 0.0 or face < 0:
+        face, weight = faces[i], weights[i]
+        if not weight > 0.0 or face < 0:
             continue
         for k in range(3):
             other, turn = neighbours[face, k], 0.0
@@ -43,3 +55,6 @@ def near_creases(
                 size, along, away = size + side * side, along + side * off, away + off * off
             if size > 0.0 and away - along * along / size < margin * margin:
                 near[i] = True
+        at = 0 if near[i] else 1 + PRODUCTS
+        own[at] += weight
+        add_products(motion_row(points, normals, i, face, centre, lever), weight, own, at + 1)

@@ -15,10 +15,10 @@ COLUMNS = SMOOTH + 21
 
 
 @inside_kernels
-def motion_row(points: FloatArray, normals: FloatArray, i: int, centre: FloatArray, lever: float) -> Row:
-    """Displacements along a normal by rotations about a centre times the lever, and by translations."""
+def motion_row(points: FloatArray, normals: FloatArray, i: int, k: int, centre: FloatArray, lever: float) -> Row:
+    """Displacements of point i along normal k by rotations about a centre times the lever, and by translations."""
     x, y, z = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
-    u, v, w = normals[i, 0], normals[i, 1], normals[i, 2]
+    u, v, w = normals[k, 0], normals[k, 1], normals[k, 2]
     return (y * w - z * v) / lever, (z * u - x * w) / lever, (x * v - y * u) / lever, u, v, w
 
 
@@ -57,7 +57,7 @@ def motion_sums(
             w, r = weights[i], residuals[i]
             if w == 0.0:
                 continue
-            row = motion_row(points, normals, i, centre, lever)
+            row = motion_row(points, normals, i, i, centre, lever)
             pull = w * r
             for k in range(6):
                 own[k] += pull * row[k]
@@ -73,7 +73,7 @@ def motion_sums(
             # In a loop: each call would be compiled once more.
             for part in range(3 if differs else 1):
                 if part == 2:
-                    row = motion_row(points, smooth, i, centre, lever)
+                    row = motion_row(points, smooth, i, i, centre, lever)
                 add_products(row, -w if part == 1 else w, own, PRODUCTS if part == 0 else SMOOTH)
 
 
@@ -100,7 +100,7 @@ def motion_shares(
     for i in range(first, last):
         if weights[i] == 0.0:
             continue
-        a, b, c, u, v, w = motion_row(points, normals, i, centre, lever)
+        a, b, c, u, v, w = motion_row(points, normals, i, i, centre, lever)
         part = 1.0 / counts[i] if len(counts) else 1.0
         for m in range(len(vectors)):
             along = vectors[m, 0] * a + vectors[m, 1] * b + vectors[m, 2] * c

@@ -73,15 +73,15 @@ def _shows_the_ends(fit: Fit, part: Mesh) -> bool:
     near, margin = _inliers(fit), AT_END * part.diagonal
     if not len(near):
         return False
+    # Where more points are at an end than a rank says, so is the one of that rank.
     rank = min(int(END * len(near)) + 1, len(near) - 1)
-    ends = np.partition(near, (rank, len(near) - 1 - rank), axis=0)
-    low, high = part.bounds
-    return bool((ends[rank] <= low + margin).all() and (ends[len(near) - 1 - rank] >= high - margin).all())
+    ends = zip(near.T, *(part.bounds + np.array([[margin], [-margin]])), strict=True)
+    return all(min(map(np.count_nonzero, (x <= low, x >= high))) > rank for x, low, high in ends)
 
 
 def _inliers(fit: Fit) -> FloatArray:
-    pairs = fit.run.pairs
-    return np.take(pairs.moved, np.flatnonzero(pairs.distances <= ON * fit.run.mixture.scale), axis=0)
+    pairs, within = fit.run.pairs, ON * fit.run.mixture.scale
+    return fit.once("inliers", lambda: np.take(pairs.moved, np.flatnonzero(pairs.distances <= within), axis=0))
 
 
 def _planes_of_scan(fit: Fit) -> Planes:

@@ -135,10 +135,13 @@ def _told_apart(
     some, last = points[sample_rows(len(points), LAST[0])], np.array([NARROW * surface.diagonal])
     before = refine(poses, OrientedPoints.on_faces(some), surface, last)
     poses = refine(before, OrientedPoints.on_faces(some), surface, last)
-    rests = np.abs(poses.apply(some) - before.apply(some)).max(axis=(1, 2)) <= MOVES * width
-    there = distances_at(poses, points, surface, limit)
-    both = np.concatenate([distances[None], np.maximum(there - MOVES * width, 0.0)])
-    return np.asarray(rests & likely_by(both, width, limit).distinguishable(0, SURELY)[1:])
+    told: BoolArray = np.abs(poses.apply(some) - before.apply(some)).max(axis=(1, 2)) <= MOVES * width
+    # Only those that have come to rest are asked about.
+    if (rests := np.flatnonzero(told)).size:
+        there = np.maximum(distances_at(poses[rests], points, surface, limit) - MOVES * width, 0.0)
+        scores = likely_by(np.concatenate([distances[None], there]), width, limit)
+        told[rests] = scores.distinguishable(0, SURELY)[1:]
+    return told
 
 
 def _worth_refining(T_target_source: FloatArray, flips: FloatArray, scan: Scan, surface: Surface) -> FloatArray:

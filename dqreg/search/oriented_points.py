@@ -34,7 +34,7 @@ class OrientedPoints:
     @property
     def faces(self) -> OrientedPoints:
         """Those on faces."""
-        return self[np.flatnonzero(~self.is_edge)]
+        return self[np.flatnonzero(~self.is_edge)] if self.is_edge.any() else self
 
     @property
     def edges(self) -> OrientedPoints:

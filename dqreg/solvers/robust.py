@@ -25,6 +25,8 @@ STILL = 1e-10
 EVEN, WIDEST = 0.5, 0.5
 # The least scale: its square would be zero, but no distance is divided by zero.
 TINY = float(np.finfo(float).tiny)
+# What squares of distances are multiplied with at most: infinity times zero is no number.
+STEEPEST = -1e300
 # Standard deviation of a Gaussian over the median of its distances from zero.
 GAUSSIAN_MEDIAN = 1.4826
 
@@ -189,13 +191,11 @@ class InlierMixture:
 
     def fit(self, distances: FloatArray, *, floor: float = 0.0, rounds: int = 1) -> InlierMixture:
         """Scale and inlier fraction after EM rounds on distances within the limit."""
-        scale, fraction = self.scale, self.inlier_fraction
+        scale, fraction = max(self.scale, TINY), self.inlier_fraction
         squares, weights, beside = distances**2, np.zeros(len(distances)), np.zeros(len(distances))
         for _ in range(rounds):
-            # As `weight` has it, where the numbers stand already.
-            np.divide(distances, scale, out=weights)
-            np.multiply(weights, weights, out=weights)
-            np.multiply(weights, -0.5, out=weights)
+            # As `weight` has it but for rounding, where the numbers stand already.
+            np.multiply(squares, max(-0.5 / scale / scale, STEEPEST), out=weights)
             np.exp(weights, out=weights)
             np.add(weights, odds_of(scale, fraction, self.limit), out=beside)
             np.divide(weights, beside, out=weights)

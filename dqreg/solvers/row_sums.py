@@ -110,14 +110,14 @@ class MotionSums:
         """See `PatchSums`."""
         from dqreg.kernels.motion_sums import PRODUCTS, SMOOTH
 
-        found: FloatArray = self.basis.T @ _squared(self._totals[PRODUCTS:SMOOTH]) @ self.basis
+        found: FloatArray = self.basis.T @ squared(self._totals[PRODUCTS:SMOOTH]) @ self.basis
         return found
 
     def of_smooth(self) -> FloatArray:
         """The same with the normals of the smooth surface."""
         from dqreg.kernels.motion_sums import SMOOTH
 
-        found: FloatArray = self.information() + self.basis.T @ _squared(self._totals[SMOOTH:]) @ self.basis
+        found: FloatArray = self.information() + self.basis.T @ squared(self._totals[SMOOTH:]) @ self.basis
         return found
 
     @cached_property
@@ -153,6 +153,6 @@ _PLACES[np.triu_indices(6)] = np.arange(21)
 _PLACES = np.maximum(_PLACES, _PLACES.T)
 
 
-def _squared(triangle: FloatArray) -> FloatArray:
+def squared(triangle: FloatArray) -> FloatArray:
     """Symmetric matrix, (6, 6), from its upper triangle, (21,)."""
     return np.asarray(triangle[_PLACES])

@@ -90,7 +90,7 @@ def scatter_of_sums(
     if shared is None:
         return coarse
     pulls, along = sums.pulls(small)
-    between = sum(product(pull, shared) @ pull.T for pull in mix.T @ along)
+    between = _between(mix.T @ along, shared)
     left = patches.left_by_fit(shared, mix.T @ pulls, bread)
     fine = _sandwich(bread, mix.T @ scores, variance * known)
     return larger(coarse, fine + bread @ (between / left) @ bread)
@@ -126,6 +126,18 @@ def _starts(total: int, most: int, passed: FloatArray | None) -> IntArray:
         return np.linspace(0, total, patches, endpoint=False).astype(np.int64)
     starts = np.searchsorted(passed, np.linspace(0.0, passed[-1], patches, endpoint=False), side="right")
     return np.asarray(starts[np.diff(starts, prepend=-1) > 0])
+
+
+def _between(along: FloatArray, shared: FloatArray) -> FloatArray:
+    """Sum of ``P S P^T`` over the pulls P along each axis, (3, k, m), for a covariance S between patches, (m, m)."""
+    from dqreg.kernels.patch_pairs import covariance_products
+
+    patches = along.shape[2]
+    columns = np.ascontiguousarray(along.reshape(-1, patches).T)
+    # Most pairs are out of range, and the product of matrices takes several times as long.
+    products, alike = np.zeros(columns.shape), np.tile([1.0, 0.0, 0.0], (patches, 1))
+    covariance_products(shared, alike, columns, products)
+    return np.asarray(np.einsum("akm,mal->kl", along, products.reshape(patches, 3, -1)))
 
 
 def _sandwich(bread: FloatArray, scores: FloatArray, known: FloatArray) -> FloatArray:

@@ -6,9 +6,10 @@ import pytest
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_mesh
 from dqreg.icp import noise_by_face
 from dqreg.icp.correspondences import Correspondences, find_correspondences
-from dqreg.icp.creases import MOST, NEAR, without_creases
-from dqreg.icp.noise_by_face import points_to_weighted_faces
+from dqreg.icp.noise_by_face import MOST, NEAR, _hold, _near, points_to_weighted_faces, without_creases
 from dqreg.rigid import pose
+from dqreg.solvers.quadratic import plane_rows
+from dqreg.solvers.row_sums import squared
 from dqreg.synth.parts import box
 
 SIDES = (3.0, 2.0, 1.0)
@@ -84,3 +85,25 @@ def test_a_cloud_has_none() -> None:
     )
     weights = np.ones(100)
     assert without_creases(Correspondences(pairs.scan, np.eye(4), pairs.closest, False), weights, 1.0) is weights
+
+
+def test_the_information_of_the_points_is_that_of_rows_that_are_kept() -> None:
+    rng = np.random.default_rng(5)
+    pairs, weights = pairs_of(sample_mesh(PART, 9_000, rng).points), rng.uniform(0.0, 1.0, 9_000)
+    surface = pairs.surface
+    assert isinstance(surface, MeshSurface)
+    near, sums = _near(pairs, surface, weights, 0.05)
+    rows = plane_rows(pairs.moved, pairs.closest.normals, surface.centre, 0.5 * surface.diagonal)
+    for found, some in zip(sums, (near, ~near), strict=True):
+        assert found[0] == pytest.approx(weights[some].sum(), rel=1e-12)
+        kept = (rows * weights)[:, some] @ rows[:, some].T
+        np.testing.assert_allclose(squared(found[1:]), kept, rtol=0, atol=1e-12 * np.trace(kept))
+
+
+def test_a_motion_is_held_by_some_points_where_they_tell_more_than_a_share_of_it() -> None:
+    # Whatever the units of the motions, and where nothing holds one of them.
+    rng = np.random.default_rng(6)
+    mix = rng.normal(size=(6, 6)) * [1e3, 1e3, 1e3, 1.0, 1.0, 1.0]
+    for shares, holds in (([0.05] * 5, False), ([0.05, 0.05, 0.11, 0.0, 0.0], True)):
+        own, whole = (mix @ np.diag([*values, 0.0]) @ mix.T for values in (shares, [1.0] * 5))
+        assert _hold(own, whole - own) == holds

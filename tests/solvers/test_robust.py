@@ -220,3 +220,10 @@ def test_log_likelihoods_at_a_fixed_scale_take_the_likeliest_share(share: float)
 def test_the_widest_start_is_half_the_limit_and_never_below_the_floor() -> None:
     assert InlierMixture.widest(4.0, 0.1) == InlierMixture(2.0, 0.5, 4.0)
     assert InlierMixture.widest(4.0, 3.0) == InlierMixture(3.0, 0.5, 4.0)
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-308, 1.0])
+def test_exact_data_without_a_floor_teach_a_mixture(scale: float) -> None:
+    learned = InlierMixture.starting(scale, 1.0).fit(np.zeros(20), rounds=30)
+    assert 0.0 < learned.scale <= 1e-300
+    assert learned.inlier_fraction > 0.99

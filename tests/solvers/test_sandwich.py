@@ -6,7 +6,7 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg.geometry.morton import morton_order
 from dqreg.rigid import pose, twist
-from dqreg.solvers.sandwich import scatter_of
+from dqreg.solvers.sandwich import _between, scatter_of
 from dqreg.trust import Information, without_free_motion
 from tests.trust.shapes import box, judged, plane
 
@@ -131,3 +131,15 @@ def test_outliers_without_weight_are_no_noise_that_neighbours_share() -> None:
     assert C is not None
     assert alone is not None
     np.testing.assert_array_less(np.diag(C), 4.0 * np.diag(alone))
+
+
+def test_what_shared_noise_adds_is_the_product_of_matrices() -> None:
+    rng = np.random.default_rng(7)
+    along, shared = (
+        rng.normal(size=(3, 4, 40)),
+        np.where(rng.uniform(size=(40, 40)) < 0.1, rng.normal(size=(40, 40)), 0),
+    )
+    shared = shared + shared.T
+    np.fill_diagonal(shared, 0.0)
+    expected = sum(pulls @ shared @ pulls.T for pulls in along)
+    np.testing.assert_allclose(_between(along, shared), expected, rtol=0, atol=1e-12)
