@@ -19,6 +19,7 @@ from numba.core.runtime import rtsys
 
 from dqreg.kernels.cache import claim, folders
 from dqreg.kernels.file_locks import FileLocks
+from dqreg.kernels.kernel_compiler import KernelCompiler
 from dqreg.kernels.second_process import start_if_allowed
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -53,7 +54,7 @@ def _dispatcher(function: Callable[..., Any], **options: bool) -> Any:
     # A wrapper for callers in C would cost a tenth of the time that compiling takes; looking for expressions of whole
     # arrays, which no kernel has, a twenty-fifth.
     switches = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "no_rewrites": True}
-    dispatcher = numba.njit(**switches, **options)(function)
+    dispatcher = numba.njit(pipeline_class=KernelCompiler, **switches, **options)(function)
     dispatcher._cache = KeptCode(f"{function.__module__.rpartition('.')[2]}.{function.__name__}")
     return dispatcher
 

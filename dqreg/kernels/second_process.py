@@ -5,10 +5,11 @@ Only programs of our own ask for it: `sys.executable` of a program that calls th
 
 from __future__ import annotations
 
-import gc
 import os
 import subprocess
 import sys
+
+from dqreg.kernels import garbage
 
 # What it does: each process reads what the other has compiled, until both meet.
 CODE = "from dqreg.kernels.compile_all import compile_all; compile_all(backwards=True)"
@@ -18,17 +19,16 @@ _asking: int | None = None
 
 
 def allow() -> None:
-    """Let this process start a second one at the first kernel that is not kept; a fork of it may not."""
+    """Let this process, a program of our own, start a second one at the first kernel not kept; a fork may not."""
     global _asking  # noqa: PLW0603
     _asking = os.getpid()
+    garbage.leave_alone()
 
 
 def start_if_allowed() -> None:
     """Start it, once, where this process may; it ends by itself when all is compiled."""
     global _asking  # noqa: PLW0603
     if _asking == os.getpid():
-        # Numba makes millions of objects: those that are there already need not be looked through again and again.
-        gc.freeze()
         start()
     _asking = None
 
