@@ -1,11 +1,13 @@
-"""How Numba compiles a kernel: of its passes those that a kernel needs, and next to no search for garbage."""
+"""How Numba compiles a kernel: by the passes that a kernel needs, and code once, for what Python calls."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import llvmlite.binding as llvm
 from numba.core import typed_passes as typed
 from numba.core import untyped_passes as untyped
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase
 from numba.core.compiler_machinery import PassManager
 
@@ -24,6 +26,8 @@ PASSES = (
     typed.NativeLowering,
     typed.NoPythonBackend,
 )
+# What the names of Numba's variables for a function's constants begin with: it looks for them by address.
+CONSTANTS = "_ZN08NumbaEnv"
 
 
 class KernelCompiler(CompilerBase):  # type: ignore[misc]
@@ -36,8 +40,36 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
 
     def define_pipelines(self) -> list[PassManager]:
         """One list of passes, without another way where it fails."""
+        state = self.state
+        library = InsideLibrary if state.flags.no_cpython_wrapper else KernelLibrary
+        state.library = library(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
         passes = PassManager("kernel")
         for each in PASSES:
             passes.add_pass(each, each.name())
         passes.finalize()
         return [passes]
+
+
+class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """A kernel and the functions inside it, optimised once: all together."""
+
+    def _optimize_functions(self, module: Any) -> None:
+        # Numba would optimise each function by itself first.
+        module.data_layout = self._codegen._data_layout
+
+
+class InsideLibrary(KernelLibrary):
+    """A function that kernels alone call: it is optimised and made machine code inside them."""
+
+    def _optimize_final_module(self) -> None:
+        """Leave it to the kernels."""
+
+    def _finalize_final_module(self) -> None:
+        function = self._final_module
+        names = (v.name for v in function.global_variables if v.name.startswith(CONSTANTS))
+        lines = [f'target triple = "{function.triple}"', *(f'@"{name}" = common global i64 0' for name in names)]
+        self._final_module = llvm.parse_assembly("\n".join(lines))
+        super()._finalize_final_module()
+        # The engine keeps what it was given for as long as the library lives.
+        self._in_engine, self._final_module = self._final_module, function

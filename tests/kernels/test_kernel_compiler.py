@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -64,3 +65,29 @@ def test_who_looks_for_no_garbage_goes_on_so(monkeypatch: pytest.MonkeyPatch) ->
         assert gc.get_freeze_count() == before
     finally:
         gc.enable()
+
+
+def kernel_with_a_function_inside() -> tuple[Any, Any]:
+    inside: Any = compiled.inside_kernels(lambda x: x * x + 1.0)
+    inside_too: Any = compiled.inside_kernels(lambda x: inside(x) * inside(x + 1.0))
+    return compiled.compiled(lambda x: inside_too(x) - inside(x)), inside_too
+
+
+def test_a_function_inside_kernels_is_kept_for_the_next_kernel_and_has_no_code_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(compiled, "folders", lambda: ((tmp_path,), tmp_path))
+    monkeypatch.setattr(compiled.KeptCode, "_file", lambda self, *_: Path(f"{names.index(self)}.code"))
+    names: list[Any] = []
+    for found in (0, 1):
+        kernel, inside = kernel_with_a_function_inside()
+        names[:] = [kernel._cache, inside._cache, inside.py_func.__closure__[0].cell_contents._cache]
+        assert kernel(3.0) == 10.0 * 17.0 - 10.0
+        assert sum(inside.stats.cache_hits.values()) == found
+        (result,) = inside.overloads.values()
+        engine = result.library.codegen._engine
+        # Names of what was kept are known as well.
+        assert found or not engine.is_symbol_defined(result.fndesc.llvm_func_name)
+        assert engine.get_global_value_address(result.environment.env_name)
+        # Another kernel, which is not kept, calls it as well.
+        (tmp_path / "0.code").unlink()
