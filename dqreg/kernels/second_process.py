@@ -23,6 +23,8 @@ def allow() -> None:
     global _asking  # noqa: PLW0603
     _asking = os.getpid()
     garbage.leave_alone()
+    # Numba writes, and colours, thousands of messages why a type does not fit, and throws them away.
+    os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 
 
 def start_if_allowed() -> None:
@@ -31,6 +33,14 @@ def start_if_allowed() -> None:
     if _asking == os.getpid():
         start()
     _asking = None
+
+
+def start_where_nothing_is_kept() -> None:
+    """Start it before the first kernel is asked for: its imports, a second, go on beside those of this process."""
+    from dqreg.kernels.cache import kept
+
+    if _asking == os.getpid() and not kept():
+        start_if_allowed()
 
 
 def start() -> subprocess.Popen[bytes] | None:
