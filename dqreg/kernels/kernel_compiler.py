@@ -62,14 +62,16 @@ class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
 class InsideLibrary(KernelLibrary):
     """A function that kernels alone call: it is optimised and made machine code inside them."""
 
+    _final_module: Any
+
     def _optimize_final_module(self) -> None:
         """Leave it to the kernels."""
 
     def _finalize_final_module(self) -> None:
-        function = self._final_module
+        function: Any = self._final_module
         names = (v.name for v in function.global_variables if v.name.startswith(CONSTANTS))
         lines = [f'target triple = "{function.triple}"', *(f'@"{name}" = common global i64 0' for name in names)]
         self._final_module = llvm.parse_assembly("\n".join(lines))
         super()._finalize_final_module()
-        # The engine keeps what it was given for as long as the library lives.
+        # What the engine was given lives as long as the library.
         self._in_engine, self._final_module = self._final_module, function
