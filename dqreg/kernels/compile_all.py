@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable
 
 import numpy as np
@@ -18,6 +17,7 @@ from dqreg.kernels.creases import near_creases
 from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
 from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, square_heights, times_precisions
+from dqreg.kernels.garbage import not_collected
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.lopsided import lopsided_rows
 from dqreg.kernels.majority_planes import majority_plane_rows
@@ -63,15 +63,9 @@ SHAPE = np.ones(3, dtype=np.int64)
 
 def compile_all(*, backwards: bool = False) -> None:
     """Compile every kernel for the arrays that it is called with, and keep the code."""
-    # A process that does nothing else: looking for garbage would be a tenth of its time.
-    collects = gc.isenabled()
-    gc.disable()
-    try:
+    with not_collected():
         for step in STEPS[::-1] if backwards else STEPS:
             step()
-    finally:
-        if collects:
-            gc.enable()
 
 
 def compile_for_all_users() -> None:

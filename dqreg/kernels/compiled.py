@@ -14,12 +14,11 @@ from typing import Any, TypeVar, cast
 import numba
 from numba.core import serialize
 from numba.core.compiler import CompileResult
-from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 
 from dqreg.kernels.cache import claim, folders
 from dqreg.kernels.file_locks import FileLocks
-from dqreg.kernels.kernel_compiler import KernelCompiler
+from dqreg.kernels.kernel_compiler import InsideKernels, KernelCompiler
 from dqreg.kernels.second_process import start_if_allowed
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -40,14 +39,6 @@ def inside_kernels(function: Function) -> Function:
     dispatcher = _dispatcher(function, no_cpython_wrapper=True)
     dispatcher.__class__ = InsideKernels
     return cast(Function, dispatcher)
-
-
-class InsideKernels(CPUDispatcher):  # type: ignore[misc]
-    """A function that cannot be called from Python: there is nothing to call, and Numba does not look."""
-
-    def __call__(self, *_: Any) -> None:
-        """Refuse."""
-        raise TypeError(f"{self.py_func.__name__} is called by kernels alone; from Python, call its py_func")
 
 
 def _dispatcher(function: Callable[..., Any], **options: bool) -> Any:
