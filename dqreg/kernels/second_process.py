@@ -39,7 +39,7 @@ def start_where_nothing_is_kept() -> None:
     """Start it before the first kernel is asked for: its imports, a second, go on beside those of this process."""
     from dqreg.kernels.cache import kept
 
-    if _asking == os.getpid() and not kept():
+    if not kept():
         start_if_allowed()
 
 
