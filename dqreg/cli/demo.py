@@ -11,6 +11,7 @@ import click
 
 from dqreg.cli.outputs import consoles, quiet_option, say, write_outputs
 from dqreg.cli.values import FILE
+from dqreg.kernels.second_process import start_where_nothing_is_kept
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,6 +32,7 @@ def demo(out: Path, quiet: bool) -> int:
     The scan is virtual: three views that see 58 % of the surface, 0.05 mm of noise, 2 % outliers. Its true pose is
     known, so the error can be printed.
     """
+    start_where_nothing_is_kept()
     from dqreg._open3d import load_open3d
     from dqreg.files.atomic import require_writable
     from dqreg.registration.register import register

@@ -22,6 +22,7 @@ from dqreg.cli.outputs import (
 )
 from dqreg.cli.values import FILE, UNITS, ScaleType, ToleranceType
 from dqreg.errors import InputError
+from dqreg.kernels.second_process import start_where_nothing_is_kept
 
 # The same words as in the library, which a test compares: importing them would load the solvers for `--help`.
 METHODS = ("auto", "dq", "dq-points", "svd", "plane", "generalised")
@@ -124,6 +125,8 @@ def register_command(
     Exit codes: 0 alignment trusted and, with --tolerance, the part passes; 1 alignment not trusted; 2 bad input (one
     line on standard error); 3 alignment trusted, but the part fails or is undecided.
     """
+    if scan.exists() and target.exists():
+        start_where_nothing_is_kept()
     from dqreg._open3d import load_open3d
     from dqreg.files.poses import read_start
     from dqreg.inspection import decide

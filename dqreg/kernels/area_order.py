@@ -69,7 +69,7 @@ def box_of(spans: FloatArray, first: int, last: int, nodes: FloatArray, node: in
             nodes[node, 3 + k] = max(nodes[node, 3 + k], spans[i, 3 + k])
 
 
-@compiled
+@inside_kernels
 def cut(
     spans: FloatArray,
     order: IntArray,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable
 
 import numpy as np
@@ -19,6 +18,7 @@ from dqreg.kernels.creases import near_creases
 from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
 from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, square_heights, times_precisions
+from dqreg.kernels.garbage import not_collected
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.lopsided import lopsided_rows
 from dqreg.kernels.majority_planes import majority_plane_rows
@@ -64,15 +64,9 @@ SHAPE = np.ones(3, dtype=np.int64)
 
 def compile_all(*, backwards: bool = False) -> None:
     """Compile every kernel for the arrays that it is called with, and keep the code."""
-    # A process that does nothing else: looking for garbage would be a tenth of its time.
-    collects = gc.isenabled()
-    gc.disable()
-    try:
+    with not_collected():
         for step in STEPS[::-1] if backwards else STEPS:
             step()
-    finally:
-        if collects:
-            gc.enable()
 
 
 def compile_for_all_users() -> None:
@@ -104,21 +98,27 @@ def _order() -> None:
 
 
 def _points() -> None:
-    corners = CORNERS[0]
-    tree = PointTree.of(corners)
-    rows, _ = tree.nearest(corners, 3)
-    company_rows(0, 0, tree.boxes, tree.places, LEAF, 1, 1.0, np.zeros(0, np.bool_))
-    lopsided_rows(0, 0, corners, rows, corners, corners, 1.0, np.zeros(0, np.bool_), np.zeros((0, 3)))
-    fit_plane_rows(0, 0, corners, rows, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
+    tree = PointTree.of(CORNERS[0])
+    rows, _ = tree.nearest(CORNERS[0], 3)
+    fit_plane_rows(0, 0, CORNERS[0], rows, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
+
+
+def _neighbourhoods() -> None:
+    corners, rows, none = CORNERS[0], np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np.bool_)
     quadric_residual_rows(0, 0, corners, rows, np.zeros((1, 3)), 0.5, np.zeros(1))
     majority_plane_rows(0, 0, corners, rows, np.zeros((1, 3), dtype=np.int64), 1, 0.5, np.zeros(1))
-    none = np.zeros(1, dtype=np.bool_)
     edge_plane_rows(0, 0, corners, rows, 1, 0.5, 1.0, 1, 1, np.zeros((1, 3)), np.zeros(1), none)
     with_others_rows(0, 0, FIRST, corners, corners, 1.0, 0.5, 0.5, 1, none)
     near, far, motion = np.full(3, -1), np.zeros(3), np.eye(4)[:3].copy()
-    close_points(0, 3, tree.boxes, tree.places, LEAF, tree.rows, corners, corners, motion, 1.0, 1.0, near, far)
+    close_points(0, 0, np.zeros((1, 6)), corners, LEAF, FIRST, corners, corners, motion, 1.0, 1.0, near, far)
     plain, open_all = (corners, corners), np.zeros(3, dtype=np.bool_)
     facing_matches(*plain, motion, near, *plain, open_all, 1.0, 0.0, True, near.copy(), far, far.copy())
+
+
+def _features() -> None:
+    rows, none = np.zeros((0, 3), dtype=np.int64), np.zeros(0, dtype=np.bool_)
+    company_rows(0, 0, np.zeros((1, 6)), FLAT, LEAF, 1, 1.0, none)
+    lopsided_rows(0, 0, FLAT, rows, FLAT, FLAT, 1.0, none, np.zeros((0, 3)))
 
 
 def _steps() -> None:
@@ -165,12 +165,12 @@ def _shared_noise() -> None:
     nearest_others(FLAT, np.zeros(3))
     binned_agreements(FLAT, FLAT, ONE, 1.0, np.zeros(2), np.zeros(2))
     spherical_covariance(FLAT, 1.0, 1.0, np.zeros((3, 3)))
+    patch_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 2, FIRST, np.zeros((1, 3 + BESIDE)))
     covariance_products(np.zeros((3, 3)), FLAT, FLAT, np.zeros((3, 3)))
 
 
 def _patches() -> None:
     neighbour_differences(ONE, FLAT, FIRST[:0, None], 1.0, NOTHING, ONE)
-    patch_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 2, FIRST, np.zeros((1, 3 + BESIDE)))
     motion_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 3, 1.0, FIRST, np.zeros((1, MOTION_SUMS)))
     motion_shares(0, 0, *(FLAT,) * 2, np.eye(6), ONE, NOTHING, ONE, 1.0, 1, np.zeros((1, 2, 6)))
 
@@ -193,8 +193,6 @@ def _rims() -> None:
 
 def _search() -> None:
     rotations, places = np.eye(3)[None], np.zeros((1, 3))
-    counts, none = np.zeros(1, dtype=np.int32), np.zeros(0, dtype=np.bool_)
-    pair_differences(places, places, np.ones(4), 1, counts, none, places, FIRST[:0])
     drawn_rows(ONE + 1.0, NOTHING, FIRST.copy(), FIRST[:0])
     pair_keys(0, 0, FLAT, FLAT, FIRST[:0], FIRST[:0], 1.0, ONE, ONE, FIRST[:0])
     sides = 2 * (FLAT, FLAT, FIRST[:0], FIRST[:0])
@@ -213,25 +211,28 @@ def _meshes() -> None:
     faces, none, ends = np.arange(3)[None], np.zeros(1, dtype=bool), np.zeros((1, ENDS))
     solid_faces(0, 1, FLAT, faces, 1, 0.0, none, ends)
     face_columns(0, 1, FLAT, faces, CORNERS[0].copy(), np.zeros(1))
+
+
+def _sides() -> None:
+    faces, none = np.arange(3)[None], np.zeros(1, dtype=bool)
     number_sides(faces, 3, none, faces.copy(), faces.copy(), faces.copy())
     smooth_corners(FLAT[:1].copy(), FIRST[:, None] * faces, 0.5, faces, 3, faces.copy())
     surface_moments(0, 1, CORNERS, ONE, ONE, 1, np.zeros((1, MOMENTS)))
-
-
-def _normals() -> None:
     flat = np.eye(3)
     corner_angles(0, 0, CORNERS, flat)
     add_scaled_rows(flat, 1, NOTHING, FIRST[:0], flat)
-    smooth_normals_at(0, 0, flat, FIRST, np.zeros(1, dtype=np.bool_), CORNERS, CORNERS, flat)
 
 
 def _signs() -> None:
     flat = np.eye(3)
+    smooth_normals_at(0, 0, flat, FIRST, np.zeros(1, dtype=np.bool_), CORNERS, CORNERS, flat)
     put_rows(FIRST[:0], NOTHING, flat, FIRST, NOTHING, flat, FIRST)
     pseudo_normals_at(0, 0, flat, flat, FIRST, CORNERS, CORNERS, FIRST[None], flat, 1e-6, 1.0, flat, ONE)
 
 
 def _pairs() -> None:
+    places, counts, none = np.zeros((1, 3)), np.zeros(1, dtype=np.int32), np.zeros(0, dtype=np.bool_)
+    pair_differences(places, places, np.ones(4), 1, counts, none, places, FIRST[:0])
     disc_pair_sums(0, 0, *(FLAT,) * 4, *(ONE,) * 3, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
 
 
@@ -239,13 +240,14 @@ def _many_problems() -> None:
     largest_eigenvectors(0, 1, np.eye(3)[:, :, None].copy(), np.zeros((3, 1)), np.zeros((4, 1)))
 
 
-# A second process begins at the end: there is what a first registration to a part needs last, before that what it does
-# not need, and first what it needs at once and compiles itself.
+# The order in which a first registration to a part needs them, which a second process goes through from the end. What
+# such a registration does not need stands where the two are to meet: neither comes to it before all else is done.
 STEPS: tuple[Callable[[], None], ...] = (
     _meshes,
+    _sides,
     _order,
     _faces,
-    _points,
+    _neighbourhoods,
     _common_planes,
     _many_problems,
     _rims,
@@ -253,8 +255,9 @@ STEPS: tuple[Callable[[], None], ...] = (
     _shared_noise,
     _signs,
     _dense_scans,
+    _points,
+    _features,
     _search,
-    _normals,
     _patches,
     _weights,
     _steps,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.plane_fits import ELEMENTS, diagonalise
 
 
@@ -52,7 +52,7 @@ def edge_plane_rows(
         found[i] = kept >= fewest and held[0]
 
 
-@compiled
+@inside_kernels
 def _hold_best_of_three(arms: FloatArray, nearest: int, sine: float, within: float, held: BoolArray) -> None:
     """Write which arms, (k, 3), the best plane through their origin and two of the nearest holds; none for no plane."""
     best = np.inf
@@ -80,7 +80,7 @@ def _hold_best_of_three(arms: FloatArray, nearest: int, sine: float, within: flo
                     held[j] = abs(x * arms[j, 0] + y * arms[j, 1] + z * arms[j, 2]) <= within
 
 
-@compiled
+@inside_kernels
 def _fit_held(arms: FloatArray, held: BoolArray, a: FloatArray) -> tuple[float, float, float, int]:
     """Write the scatter of the arms that are held about their mean; that, and how many they are."""
     x = y = z = 0.0

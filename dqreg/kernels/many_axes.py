@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.compiled import inside_kernels
 
 # Matrices that are turned together: what is read and written for them stays in the fastest cache.
 LANES = 64
@@ -15,7 +15,7 @@ ROWS, AXES = 15, 6
 ROUNDS = 12
 
 
-@compiled
+@inside_kernels
 def diagonalise_lanes(count: int, lanes: FloatArray) -> None:
     """Turn the first matrices, (15, LANES), into their eigenvalues, in xx, yy, zz, and axes: the bits of `diagonalise`.
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.compiled import inside_kernels
 
 # Of the six motions, the first: rotations about the origin; translations follow.
 TURNS = 3
@@ -17,7 +17,7 @@ ROUNDS = 20
 MOST, FLATTEST = 1e12, 1e-9
 
 
-@compiled
+@inside_kernels
 def symmetric_axes(a: FloatArray, v: FloatArray) -> None:
     """Turn a symmetric matrix by Jacobi's rotations into its eigenvalues, on the diagonal, and v into their axes.
 

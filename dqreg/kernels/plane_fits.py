@@ -71,7 +71,7 @@ def least_of_lane(lanes: FloatArray, lane: int) -> tuple[int, float, float]:
     return least, min(one, two), max(one, two)
 
 
-@compiled
+@inside_kernels
 def diagonalise(a: FloatArray, v: FloatArray) -> None:
     """Turn a symmetric matrix (xx, yy, zz, xy, xz, yz) into its eigenvalues, in xx, yy, zz, and v into their axes.
 
@@ -112,13 +112,13 @@ def diagonalise(a: FloatArray, v: FloatArray) -> None:
     v[0, 2], v[1, 2], v[2, 2] = z0, z1, z2
 
 
-@compiled
+@inside_kernels
 def _adds_nothing(p: float, q: float, off: float) -> bool:
     """Whether an element off the diagonal changes the sum of neither of its two on the diagonal."""
     return abs(p) + abs(off) == abs(p) and abs(q) + abs(off) == abs(q)
 
 
-@compiled
+@inside_kernels
 def _rotation(p: float, q: float, off: float) -> tuple[float, float, float]:
     """Tangent, cosine and sine of the rotation that makes an element zero."""
     h = 0.5 * (q - p)

@@ -5,10 +5,11 @@ Only programs of our own ask for it: `sys.executable` of a program that calls th
 
 from __future__ import annotations
 
-import gc
 import os
 import subprocess
 import sys
+
+from dqreg.kernels import garbage
 
 # What it does: each process reads what the other has compiled, until both meet.
 CODE = "from dqreg.kernels.compile_all import compile_all; compile_all(backwards=True)"
@@ -18,19 +19,28 @@ _asking: int | None = None
 
 
 def allow() -> None:
-    """Let this process start a second one at the first kernel that is not kept; a fork of it may not."""
+    """Let this process, a program of our own, start a second one at the first kernel not kept; a fork may not."""
     global _asking  # noqa: PLW0603
     _asking = os.getpid()
+    garbage.leave_alone()
+    # Numba writes, and colours, thousands of messages why a type does not fit, and throws them away.
+    os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 
 
 def start_if_allowed() -> None:
     """Start it, once, where this process may; it ends by itself when all is compiled."""
     global _asking  # noqa: PLW0603
     if _asking == os.getpid():
-        # Numba makes millions of objects: those that are there already need not be looked through again and again.
-        gc.freeze()
         start()
     _asking = None
+
+
+def start_where_nothing_is_kept() -> None:
+    """Start it before the first kernel is asked for: its imports, a second, go on beside those of this process."""
+    from dqreg.kernels.cache import kept
+
+    if not kept():
+        start_if_allowed()
 
 
 def start() -> subprocess.Popen[bytes] | None:

@@ -6,7 +6,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.area_order import LEVELS, SLABS, area_order, cut
+from dqreg.kernels.area_order import LEVELS, SLABS, area_order
+from dqreg.kernels.area_order import cut as cut_inside
+from dqreg.kernels.compiled import compiled
+
+
+@compiled
+def cut(
+    spans: FloatArray,
+    order: IntArray,
+    first: int,
+    last: int,
+    slabs: FloatArray,
+    beyond: FloatArray,
+    nodes: FloatArray,
+    node: int,
+) -> int:
+    return cut_inside(spans, order, first, last, slabs, beyond, nodes, node)
 
 
 def tree_over(spans: FloatArray, leaf: int) -> tuple[FloatArray, IntArray, FloatArray, IntArray]:

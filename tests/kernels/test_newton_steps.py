@@ -5,12 +5,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dqreg._arrays import FloatArray
+from dqreg.kernels.compiled import compiled
 from dqreg.kernels.newton_steps import symmetric_axes
 from dqreg.rigid import pose
 from dqreg.solvers.newton import descend, local_minimum
 from dqreg.solvers.quadratic import QuadraticForm, plane_form, point_form
 from tests.solvers.free_chart import FreeChart
 from tests.solvers.problems import fast
+
+
+@compiled
+def turn(a: FloatArray, v: FloatArray) -> None:
+    symmetric_axes(a, v)
 
 
 def cost(rng: np.random.Generator, count: int, noise: float, free: int) -> tuple[QuadraticForm, np.ndarray]:
@@ -65,7 +72,7 @@ def test_axes_are_those_of_lapack(seed: int, n: int, grade: float) -> None:
     rows = rng.normal(size=(n, n)) * np.logspace(0.0, grade, n)
     a, axes = rows.T @ rows, np.zeros((n, n))
     found = a.copy()
-    symmetric_axes(found, axes)
+    turn(found, axes)
     values = np.diag(found)
     np.testing.assert_allclose(np.sort(values), np.linalg.eigvalsh(a), atol=1e-14 * np.abs(a).max() * n)
     np.testing.assert_allclose(axes.T @ axes, np.eye(n), atol=1e-13)

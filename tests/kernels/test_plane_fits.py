@@ -5,6 +5,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from dqreg._arrays import FloatArray
+from dqreg.kernels.compiled import compiled
 from dqreg.kernels.plane_fits import diagonalise, fit_plane_rows
 from dqreg.rigid import quaternion
 
@@ -13,12 +15,17 @@ components = st.floats(-1.0, 1.0)
 ROWS, COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
 
 
+@compiled
+def turn(a: FloatArray, v: FloatArray) -> None:
+    diagonalise(a, v)
+
+
 def least_axes(elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues, ascending, and the axis of the least, of matrices by their elements, (6, n)."""
     values, axes = np.zeros((elements.shape[1], 3)), np.zeros((elements.shape[1], 3))
     for k, matrix in enumerate(elements.T.copy()):
         vectors = np.zeros((3, 3))
-        diagonalise(matrix, vectors)
+        turn(matrix, vectors)
         values[k], axes[k] = np.sort(matrix[:3]), vectors[:, np.argmin(matrix[:3])]
     return values, axes
 

@@ -1,0 +1,86 @@
+"""How Numba compiles a kernel: by the passes that a kernel needs, and code once, for what Python calls."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import llvmlite.binding as llvm
+from numba.core import typed_passes as typed
+from numba.core import untyped_passes as untyped
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase
+from numba.core.compiler_machinery import PassManager
+from numba.core.registry import CPUDispatcher
+
+from dqreg.kernels.garbage import not_collected
+
+# Not those for closures, comprehensions, `with`, literals as types and errors with text, which no kernel has, and none
+# that annotates for readers: a thirtieth of the time.
+PASSES = (
+    untyped.TranslateByteCode,
+    untyped.FixupArgs,
+    untyped.IRProcessing,
+    untyped.ReconstructSSA,
+    typed.NopythonTypeInference,
+    typed.PreLowerStripPhis,
+    typed.IRLegalization,
+    typed.NativeLowering,
+    typed.NoPythonBackend,
+)
+# What the names of Numba's variables for a function's constants begin with: it looks for them by address.
+CONSTANTS = "_ZN08NumbaEnv"
+
+
+class KernelCompiler(CompilerBase):  # type: ignore[misc]
+    """What Numba asks for the passes of one function."""
+
+    def compile_extra(self, function: Any) -> Any:
+        """The compiled function."""
+        with not_collected():
+            return super().compile_extra(function)
+
+    def define_pipelines(self) -> list[PassManager]:
+        """One list of passes, without another way where it fails."""
+        state = self.state
+        library = InsideLibrary if state.flags.no_cpython_wrapper else KernelLibrary
+        state.library = library(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        passes = PassManager("kernel")
+        for each in PASSES:
+            passes.add_pass(each, each.name())
+        passes.finalize()
+        return [passes]
+
+
+class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """A kernel and the functions inside it, optimised once: all together."""
+
+    def _optimize_functions(self, module: Any) -> None:
+        # Numba would optimise each function by itself first.
+        module.data_layout = self._codegen._data_layout
+
+
+class InsideLibrary(KernelLibrary):
+    """A function that kernels alone call: it is optimised and made machine code inside them."""
+
+    _final_module: Any
+
+    def _optimize_final_module(self) -> None:
+        """Leave it to the kernels."""
+
+    def _finalize_final_module(self) -> None:
+        function: Any = self._final_module
+        names = (v.name for v in function.global_variables if v.name.startswith(CONSTANTS))
+        lines = [f'target triple = "{function.triple}"', *(f'@"{name}" = common global i64 0' for name in names)]
+        self._final_module = llvm.parse_assembly("\n".join(lines))
+        super()._finalize_final_module()
+        # What the engine was given lives as long as the library.
+        self._in_engine, self._final_module = self._final_module, function
+
+
+class InsideKernels(CPUDispatcher):  # type: ignore[misc]
+    """A function that cannot be called from Python: there is nothing to call, and Numba does not look."""
+
+    def __call__(self, *_: Any) -> None:
+        """Refuse."""
+        raise TypeError(f"{self.py_func.__name__} is called by kernels alone; from Python, call its py_func")

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import gc
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numba.core.errors import NumbaError
+
+from dqreg.kernels import compiled, garbage
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(compiled, "folders", lambda: ((), None))
+    frozen = gc.get_freeze_count()
+    yield
+    assert gc.isenabled()
+    if gc.get_freeze_count() > frozen:
+        gc.unfreeze()
+
+
+def seen_while_compiling(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    seen: list[bool] = []
+    infer = compiled.KernelCompiler.define_pipelines
+
+    def define(self: Any) -> Any:
+        seen.append(gc.isenabled())
+        return infer(self)
+
+    monkeypatch.setattr(compiled.KernelCompiler, "define_pipelines", define)
+    return seen
+
+
+@pytest.mark.parametrize("ours", [False, True])
+def test_nobody_looks_for_garbage_while_a_kernel_is_compiled(monkeypatch: pytest.MonkeyPatch, ours: bool) -> None:
+    monkeypatch.setattr(garbage, "_leaves_alone", ours)
+    seen = seen_while_compiling(monkeypatch)
+    before = gc.get_freeze_count()
+    halved: Any = compiled.compiled(lambda x: x / 2.0)
+    assert halved(3.0) == 1.5
+    assert seen == [False]
+    # A caller's objects are not ours to leave alone.
+    assert (gc.get_freeze_count() > before) == ours
+
+
+def test_after_a_kernel_that_cannot_be_compiled_garbage_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = seen_while_compiling(monkeypatch)
+    wrong: Any = compiled.compiled(lambda x: x.nothing)
+    with pytest.raises(NumbaError):
+        wrong(3.0)
+    assert seen == [False]
+    assert gc.isenabled()
+
+
+def test_who_looks_for_no_garbage_goes_on_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(garbage, "_leaves_alone", True)
+    before = gc.get_freeze_count()
+    gc.disable()
+    try:
+        tripled: Any = compiled.compiled(lambda x: x * 3.0)
+        assert tripled(2.0) == 6.0
+        assert not gc.isenabled()
+        assert gc.get_freeze_count() == before
+    finally:
+        gc.enable()
+
+
+def kernel_with_a_function_inside() -> tuple[Any, Any]:
+    inside: Any = compiled.inside_kernels(lambda x: x * x + 1.0)
+    inside_too: Any = compiled.inside_kernels(lambda x: inside(x) * inside(x + 1.0))
+    return compiled.compiled(lambda x: inside_too(x) - inside(x)), inside_too
+
+
+def test_a_function_inside_kernels_is_kept_for_the_next_kernel_and_has_no_code_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(compiled, "folders", lambda: ((tmp_path,), tmp_path))
+    monkeypatch.setattr(compiled.KeptCode, "_file", lambda self, *_: Path(f"{names.index(self)}.code"))
+    names: list[Any] = []
+    for found in (0, 1):
+        kernel, inside = kernel_with_a_function_inside()
+        names[:] = [kernel._cache, inside._cache, inside.py_func.__closure__[0].cell_contents._cache]
+        assert kernel(3.0) == 10.0 * 17.0 - 10.0
+        assert sum(inside.stats.cache_hits.values()) == found
+        (result,) = inside.overloads.values()
+        engine = result.library.codegen._engine
+        # Names of what was kept are known as well.
+        assert found or not engine.is_symbol_defined(result.fndesc.llvm_func_name)
+        assert engine.get_global_value_address(result.environment.env_name)
+        # Another kernel, which is not kept, calls it as well.
+        (tmp_path / "0.code").unlink()
