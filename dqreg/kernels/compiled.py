@@ -14,15 +14,18 @@ from typing import Any, TypeVar, cast
 import numba
 from numba.core import serialize
 from numba.core.compiler import CompileResult
+from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 
 from dqreg.kernels.cache import claim, folders
 from dqreg.kernels.file_locks import FileLocks
-from dqreg.kernels.kernel_compiler import InsideKernels, KernelCompiler
 from dqreg.kernels.second_process import start_if_allowed
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 ANNOUNCEMENT = "dqreg: compiling inner loops that were not used on this machine before; it takes seconds, once\n"
+
+# `kernel_compiler` uses what Numba promises to nobody: the first and the last version that it was tried with.
+FIRST_TRIED, LAST_TRIED = (0, 60), (0, 68)
 
 # Whether this process has said so, and the folders in which it has looked for what is out of date.
 _announced = False
@@ -41,13 +44,33 @@ def inside_kernels(function: Function) -> Function:
     return cast(Function, dispatcher)
 
 
+class InsideKernels(CPUDispatcher):  # type: ignore[misc]
+    """A function that cannot be called from Python: there is nothing to call, and Numba does not look."""
+
+    def __call__(self, *_: Any) -> None:
+        """Refuse."""
+        raise TypeError(f"{self.py_func.__name__} is called by kernels alone; from Python, call its py_func")
+
+
+def compiler(version: str) -> dict[str, Any]:
+    """What Numba of a version is to compile kernels with: its own passes where ours were not tried with it."""
+    if not FIRST_TRIED <= tuple(int(n) for n in version.split(".")[:2]) <= LAST_TRIED:
+        return {}
+    from dqreg.kernels.kernel_compiler import KernelCompiler
+
+    return {"pipeline_class": KernelCompiler}
+
+
 def _dispatcher(function: Callable[..., Any], **options: bool) -> Any:
     # A wrapper for callers in C would cost a tenth of the time that compiling takes; looking for expressions of whole
     # arrays, which no kernel has, a twenty-fifth.
     switches = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "no_rewrites": True}
-    dispatcher = numba.njit(pipeline_class=KernelCompiler, **switches, **options)(function)
+    dispatcher = numba.njit(**switches, **options, **COMPILER)(function)
     dispatcher._cache = KeptCode(f"{function.__module__.rpartition('.')[2]}.{function.__name__}")
     return dispatcher
+
+
+COMPILER = compiler(numba.__version__)
 
 
 class KeptCode:

@@ -10,7 +10,6 @@ from numba.core import untyped_passes as untyped
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase
 from numba.core.compiler_machinery import PassManager
-from numba.core.registry import CPUDispatcher
 
 from dqreg.kernels.garbage import not_collected
 
@@ -76,11 +75,3 @@ class InsideLibrary(KernelLibrary):
         super()._finalize_final_module()
         # What the engine was given lives as long as the library.
         self._in_engine, self._final_module = self._final_module, function
-
-
-class InsideKernels(CPUDispatcher):  # type: ignore[misc]
-    """A function that cannot be called from Python: there is nothing to call, and Numba does not look."""
-
-    def __call__(self, *_: Any) -> None:
-        """Refuse."""
-        raise TypeError(f"{self.py_func.__name__} is called by kernels alone; from Python, call its py_func")

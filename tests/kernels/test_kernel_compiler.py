@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from numba.core.errors import NumbaError
 
-from dqreg.kernels import compiled, garbage
+from dqreg.kernels import compiled, garbage, kernel_compiler
 
 
 @pytest.fixture(autouse=True)
@@ -23,13 +23,13 @@ def nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def seen_while_compiling(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     seen: list[bool] = []
-    infer = compiled.KernelCompiler.define_pipelines
+    infer = kernel_compiler.KernelCompiler.define_pipelines
 
     def define(self: Any) -> Any:
         seen.append(gc.isenabled())
         return infer(self)
 
-    monkeypatch.setattr(compiled.KernelCompiler, "define_pipelines", define)
+    monkeypatch.setattr(kernel_compiler.KernelCompiler, "define_pipelines", define)
     return seen
 
 
@@ -91,3 +91,12 @@ def test_a_function_inside_kernels_is_kept_for_the_next_kernel_and_has_no_code_o
         assert engine.get_global_value_address(result.environment.env_name)
         # Another kernel, which is not kept, calls it as well.
         (tmp_path / "0.code").unlink()
+
+
+def test_a_version_of_numba_that_was_not_tried_compiles_by_its_own_passes(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert compiled.compiler("0.59.1") == compiled.compiler("0.69.0rc1") == compiled.compiler("1.0.0") == {}
+    assert compiled.compiler("0.60.0") == compiled.compiler("0.68.1") == compiled.COMPILER
+    seen = seen_while_compiling(monkeypatch)
+    monkeypatch.setattr(compiled, "COMPILER", {})
+    halved: Any = compiled.compiled(lambda x: x / 2.0)
+    assert (halved(3.0), seen) == (1.5, [])
