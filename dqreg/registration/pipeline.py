@@ -94,7 +94,6 @@ def align(problem: Problem) -> Registration:
             fit = on_common_faces(fit)
             gain = mirror_gain(fit, always=known.searched)
     fit = seen_alone(fit)
-    watch.seconds["total"] = watch.total
     return concluded(fit, others, start.search, gain)
 
 
@@ -132,6 +131,7 @@ def concluded(fit: Fit, others: FloatArray, search: str, gain: float) -> Registr
     if found is None:
         fit = fit.late()
         found = judged(fit, others, search, gain)
+    fit.problem.watch.seconds["total"] = fit.problem.watch.total
     return registration_of(fit, *found)
 
 

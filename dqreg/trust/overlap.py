@@ -144,9 +144,9 @@ class Overlap:
         if min(len(moves.points), len(stands.points)) < FEWEST:
             return None
         rows, one = moves.some
-        placed = pose.apply(T_target_source, moves.points[rows])
+        placed = pose.apply(T_target_source, np.take(moves.points, rows, axis=0))
         found = stands.tree.nearest(placed, 1)[0][:, 0]
-        fixed, other = stands.points[found], stands.planes_at(found)
+        fixed, other = np.take(stands.points, found, axis=0), stands.planes_at(found)
         gaps, reach = placed - fixed, np.sqrt(np.fmax(one.lever, other.lever))
         near = np.linalg.norm(gaps, axis=1) < NEAR * reach
         one, is_inner = moves.faces_among(one, rows, near)
