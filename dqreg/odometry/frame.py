@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_float
+from dqreg._arrays import FloatArray, as_float, median
 from dqreg.errors import InputError
 from dqreg.files import read_cloud
 from dqreg.files.cloud_data import TimedCloudData
@@ -19,6 +19,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes, sample_rows
 from dqreg.geometry.objects import recognise
 from dqreg.geometry.spacing import measure_spacing
+from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.odometry.kiss import thin
 from dqreg.trust.records import Reason
 
@@ -30,6 +31,8 @@ MOST = 6_000
 NEIGHBOURS = 12
 # Points whose distance to the nearest is asked: their median is good to two per cent.
 MEASURED = 1_000
+# Coordinates beyond which a return is no measurement.
+LARGEST = 1e150
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,8 +52,9 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
     """
     values, own_times = _values_of(points)
     timestamps = own_times if timestamps is None else timestamps
-    # Half of the largest number squared would overflow in every length taken of it.
-    keep = np.isfinite(values).all(axis=1) & values.any(axis=1) & (np.abs(values) < 1e150).all(axis=1)
+    # NaN is not below. Half of the largest number squared would overflow in every length taken of it.
+    x, y, z = np.abs(values).T < LARGEST
+    keep = x & y & z & nonzero_rows(values)
     notes = []
     if lost := len(values) - int(np.count_nonzero(keep)):
         words = f"{lost} of {len(values)} returns are NaN, infinite or at the origin, and were left out"
@@ -65,6 +69,8 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
         elif keep.any() and not np.ptp(times[keep]) > 0.0:
             notes.append(Reason("all points have one time: the sweep was not deskewed", "not_deskewed"))
             times = None
+    if not lost:
+        return RawFrame(values, times, tuple(notes))
     return RawFrame(values[keep], None if times is None else times[keep], tuple(notes))
 
 
@@ -105,7 +111,7 @@ def downsample_frame(
     begin(reach)
     tree = NeighbourTree(dense)
     fits = fit_planes(tree, dense, sparse, NEIGHBOURS)
-    known = np.asarray(np.isfinite(fits.normals).all(axis=1))
+    known = fits.known
     scan = Scan(
         points=sparse,
         normals=np.where(known[:, None], fits.normals, 0.0),
@@ -114,7 +120,7 @@ def downsample_frame(
         fitted=np.arange(len(sparse)),
         oriented=False,
         spacing=measure_spacing(tree, dense, MEASURED),
-        noise=float(np.median(fits.residuals[known])) if known.any() else 0.0,
+        noise=median(fits.residuals[known]) if known.any() else 0.0,
         total=len(dense),
     )
     return DownsampledFrame(dense, scan, reach)

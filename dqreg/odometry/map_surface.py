@@ -51,7 +51,7 @@ class MapSurface:
         rows, distances, others = self._nearest(points, hint)
         missing = rows[~self._fitted[rows]]
         if len(missing):
-            missing = np.flatnonzero(np.bincount(missing, minlength=len(self._points)))
+            missing = np.unique(missing)
             fits = fit_planes(self._tree, self._points, np.take(self._points, missing, axis=0), NEIGHBOURS)
             self._normals[missing] = np.where(fits.known[:, None], fits.normals, 0.0)
             self._variances[missing] = fits.variances
