@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg._open3d import load_open3d
+
+if TYPE_CHECKING:
+    from dqreg.kernels.point_tree import PointTree
 
 # Neighbours of its own points that a tree remembers: what normals and rims of a cloud are read from.
 AROUND = 24
@@ -26,16 +29,16 @@ class NeighbourTree:
         # Points in Morton order that few queries are asked of need no other order.
         self._tree = PointTree.of(points, in_order=in_order)
 
-    def renumbered(self) -> tuple[FloatArray, NeighbourTree]:
-        """The points in the order of the tree, (n, 3), and the tree of these: what it answers counts in that order."""
-        points, other = self._tree.places, object.__new__(NeighbourTree)
-        other.size, other._points, other._in_order = self.size, points, True
-        other._tree = dataclasses.replace(self._tree, rows=np.arange(self.size))
-        return points, other
+    @staticmethod
+    def holding(tree: PointTree, points: FloatArray, size: int) -> NeighbourTree:
+        """A tree that was built before, of the first so many of the points."""
+        made = object.__new__(NeighbourTree)
+        made.size, made._points, made._in_order, made._tree = size, points, False, tree
+        return made
 
     def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
         """Nearest points of each query, closest first. Shapes: indices (m, k), distances (m, k)."""
-        return self._tree.nearest(queries, count)
+        return self._tree.nearest(queries, min(count, self.size))
 
     def nearest_to(self, rows: IntArray, count: int) -> tuple[IntArray, FloatArray]:
         """The same of some of the points, (m,) rows: in Morton order each begins at its own place."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -96,10 +95,8 @@ class DownsampledFrame:
     reach: float  # Distance of the farthest point from the sensor
 
 
-def downsample_frame(
-    points: FloatArray, voxel_size: float, begin: Callable[[float], None] = lambda _: None
-) -> DownsampledFrame | None:
-    """Downsample a frame and fit its normals; what depends on its reach alone may begin in between."""
+def downsample_frame(points: FloatArray, voxel_size: float) -> DownsampledFrame | None:
+    """Downsample a frame and fit its normals."""
     dense = thin(points, DENSE * voxel_size) if len(points) else points
     sparse = thin(dense, SPARSE * voxel_size) if len(points) else points
     if len(sparse) < 3:
@@ -108,7 +105,6 @@ def downsample_frame(
     dense, sparse = (rows[morton_order(rows)] for rows in (dense, sparse))
     sparse = sparse[sample_rows(len(sparse), MOST)]
     reach = float(np.linalg.norm(sparse, axis=1).max())
-    begin(reach)
     tree = NeighbourTree(dense)
     fits = fit_planes(tree, dense, sparse, NEIGHBOURS)
     known = fits.known
