@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import functools
 from collections import deque
 from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose
+from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import MapLink, first_frame, frame_result, without_pose
 from dqreg.odometry.deskewing import Deskewed
@@ -16,6 +19,7 @@ from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.rivals import placed
+from dqreg.odometry.self_similarity import View
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
 from dqreg.odometry.timeline import Timeline
@@ -62,7 +66,8 @@ class Tracker:
             step = rigid(pose.inverse(self._T_last) @ expected.T_map_frame)
             self._motion = rigid(predict(np.eye(4), step, 1.0 / max(ratio, 1.0)))
         inside = kiss.compensate(raw.points, raw.times, self._motion)
-        frame = downsample_frame(inside, lengths.voxel_size)
+        with contextlib.nullcontext() if self._map is None else self._map.growing():
+            frame = downsample_frame(inside, lengths.voxel_size)
         if frame is None or len(frame.scan) < FEWEST_POINTS:
             why = (
                 f"downsampling leaves {0 if frame is None else len(frame.scan)} of {len(raw.points)} points (within "
@@ -98,17 +103,21 @@ class Tracker:
         surface.about(self._T_last[:3, 3], frame.reach + lengths.reach)
         search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(T_predicted))
         trusted = expected is not None or kiss.deviation <= lengths.voxel_size
+        seen = Later(functools.partial(View.of, frame.dense, lengths.near))
         aligned, notes = search.find(frame.scan, trust_motion=trusted), raw.notes
         if raw.times is not None and self.settings.deskew:
             deskewed = Deskewed(kiss, raw, lengths.voxel_size, frame, aligned, self._motion)
             deskewed = deskewed.repeated(search, self._T_last, ratio)
+            if deskewed.frame is not frame:
+                seen = Later(functools.partial(View.of, deskewed.frame.dense, lengths.near), beside=False)
             frame, aligned, notes = deskewed.frame, deskewed.aligned, notes + deskewed.notes
         # After a frame that was not trusted constant velocity is worth nothing, and before any motion is known, little.
         is_first = expected is None and not self._usual
         deviation = np.inf if self._timeline.missed else kiss.deviation * (FIRST_STEP if is_first else 1.0)
         measured = expected is not None and expected.information is not None
         spread = expected.spread if expected is not None and measured else deviation
-        place = placed(search, frame, aligned, T_predicted, spread, measured=measured, timed=self._timeline.is_timed)
+        timed = self._timeline.is_timed
+        place = placed(search, frame.scan, seen, aligned, T_predicted, spread, measured=measured, timed=timed)
         found = frame_result(place, surface, frame, self._usual_fraction, notes, self._words(frame), expected)
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.kernels.threads import Later
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.settings import Resolved
 from dqreg.rigid import pose
@@ -17,24 +21,38 @@ FAR, STEP = 1.0 / 8.0, 1.0 / 32.0
 
 
 class VoxelMap:
-    """Points of a map; the same as in KISS-ICP's, which forgets what is out of range at once."""
+    """Points of a map; the same as in KISS-ICP's, which forgets what is out of range at once.
+
+    A frame that is inserted is added when the map is asked for the next time, or beside what its caller does before.
+    """
 
     def __init__(self, lengths: Resolved, points: FloatArray | None = None) -> None:
         self._lengths, self._counted_at = lengths, np.zeros(3)
+        self._waiting: tuple[FloatArray, FloatArray] | None = None
         self._make(np.zeros((0, 3)) if points is None else points)
 
-    def _make(self, points: FloatArray, voxels: int = 1) -> None:
-        """A map of points, with room for so many voxels: those of a map are all taken again, in their order."""
-        room, size = max(len(points), voxels), 1
-        while size < SPARSE * room:
+    def _make(self, points: FloatArray) -> None:
+        """A map of points alone."""
+        self._surface = MapSurface(np.zeros((0, 3)))
+        self._open(len(points))
+        self._admit(points)
+
+    def _open(self, voxels: int) -> None:
+        """Room for so many voxels, none of which holds a point."""
+        size = 1
+        while size < SPARSE * voxels:
             size *= 2
-        self.surface = MapSurface(np.zeros((0, 3)))
         # Points and voxels so far.
         self._counts, self._table = np.zeros(2, dtype=np.int64), np.full(size, -1)
-        self._cells = np.zeros((room, 3), dtype=np.int64)
-        self._members = np.zeros((room, self._lengths.max_points_per_voxel), dtype=np.int64)
-        self._filled = np.zeros(room, dtype=np.int64)
-        self._add(points)
+        self._cells = np.zeros((voxels, 3), dtype=np.int64)
+        self._members = np.zeros((voxels, self._lengths.max_points_per_voxel), dtype=np.int64)
+        self._filled = np.zeros(voxels, dtype=np.int64)
+
+    @property
+    def surface(self) -> MapSurface:
+        """All points as a surface."""
+        self._add_waiting()
+        return self._surface
 
     @property
     def points(self) -> FloatArray:
@@ -43,6 +61,22 @@ class VoxelMap:
 
     def insert(self, points: FloatArray, T_map_frame: FloatArray) -> None:
         """Add the points of a frame, (n, 3), and forget what is out of range from there."""
+        self._add_waiting()
+        self._waiting = points, T_map_frame
+
+    @contextlib.contextmanager
+    def growing(self) -> Iterator[None]:
+        """Add what was inserted beside what is done meanwhile, without the map."""
+        added = Later(self._add_waiting)
+        try:
+            yield
+        finally:
+            added.result()
+
+    def _add_waiting(self) -> None:
+        if self._waiting is None:
+            return
+        (points, T_map_frame), self._waiting = self._waiting, None
         self._add(pose.apply(T_map_frame, points))
         place, reach = T_map_frame[:3, 3], self._lengths.max_range
         if np.linalg.norm(place - self._counted_at) > STEP * reach:
@@ -52,22 +86,28 @@ class VoxelMap:
     def _forget(self, place: FloatArray, reach: float) -> None:
         voxels = int(self._counts[1])
         # The first point stands for its voxel.
-        away = self.points[self._members[:voxels, 0]] - place
+        away = self._surface.points[self._members[:voxels, 0]] - place
         far = np.einsum("ij,ij->i", away, away) > reach**2
         if np.count_nonzero(far) > FAR * voxels:
             gone = self._members[:voxels][far]
             gone = gone[np.arange(gone.shape[1]) < self._filled[:voxels][far, None]]
-            self._make(np.delete(self.points, gone, axis=0))
+            self._make(np.delete(self._surface.points, gone, axis=0))
 
     def _add(self, points: FloatArray) -> None:
+        voxels = int(self._counts[1]) + len(points)
+        if voxels > len(self._filled):
+            known = self._surface.points.copy()
+            self._open(2 * voxels)
+            # As they came they are all taken again, to the same rows.
+            self._admit(known)
+        self._admit(points)
+
+    def _admit(self, points: FloatArray) -> None:
         from dqreg.kernels.threads import as_plain
         from dqreg.kernels.voxel_points import admit_points
 
-        most = int(self._counts[1]) + len(points)
-        if most > len(self._filled):
-            self._make(self.points, 2 * most)
         size, most = self._lengths.voxel_size, self._lengths.max_points_per_voxel
-        room = self.surface.room(len(points))
+        room = self._surface.room(len(points))
         voxels = self._table, self._cells, self._members, self._filled, self._counts
         admit_points(as_plain(points), size, size / float(np.sqrt(most)), room, *voxels)
-        self.surface.grow(int(self._counts[0]))
+        self._surface.grow(int(self._counts[0]))
