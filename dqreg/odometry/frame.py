@@ -17,7 +17,7 @@ from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes, sample_rows
 from dqreg.geometry.objects import recognise
-from dqreg.geometry.spacing import measure_spacing
+from dqreg.geometry.spacing import spacing_of
 from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.odometry.kiss import thin
 from dqreg.trust.records import Reason
@@ -28,8 +28,6 @@ DENSE, SPARSE = 0.5, 1.5
 MOST = 6_000
 # Points of a fit: rings of a LiDAR leave few neighbours across them.
 NEIGHBOURS = 12
-# Points whose distance to the nearest is asked: their median is good to two per cent.
-MEASURED = 1_000
 # Coordinates beyond which a return is no measurement.
 LARGEST = 1e150
 
@@ -105,8 +103,7 @@ def downsample_frame(points: FloatArray, voxel_size: float) -> DownsampledFrame 
     dense, sparse = (rows[morton_order(rows)] for rows in (dense, sparse))
     sparse = sparse[sample_rows(len(sparse), MOST)]
     reach = float(np.linalg.norm(sparse, axis=1).max())
-    tree = NeighbourTree(dense)
-    fits = fit_planes(tree, dense, sparse, NEIGHBOURS)
+    fits = fit_planes(NeighbourTree(dense), dense, sparse, NEIGHBOURS)
     known = fits.known
     scan = Scan(
         points=sparse,
@@ -115,7 +112,7 @@ def downsample_frame(points: FloatArray, voxel_size: float) -> DownsampledFrame 
         residuals=fits.residuals,
         fitted=np.arange(len(sparse)),
         oriented=False,
-        spacing=measure_spacing(tree, dense, MEASURED),
+        spacing=spacing_of(fits, dense),
         noise=median(fits.residuals[known]) if known.any() else 0.0,
         total=len(dense),
     )
