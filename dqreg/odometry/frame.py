@@ -19,7 +19,7 @@ from dqreg.geometry.normals import fit_planes, sample_rows
 from dqreg.geometry.objects import recognise
 from dqreg.geometry.spacing import spacing_of
 from dqreg.geometry.vector_rows import nonzero_rows
-from dqreg.odometry.kiss import thin
+from dqreg.odometry.kiss import KissParts, thin
 from dqreg.trust.records import Reason
 
 # Voxels a point, over the map's: of what enters the map, and of what the pose is found from.
@@ -39,6 +39,8 @@ class RawFrame:
     points: FloatArray  # (n, 3): Finite points in the sensor's frame; n may be 0
     times: FloatArray | None  # (n,): Time of each point, where they can be used to undo the motion
     notes: tuple[Reason, ...]  # What was left out and why
+    # What it was downsampled to ahead of its turn, and the parts that took what is out of range away
+    ahead: tuple[KissParts, DownsampledFrame | None] | None = None
 
 
 def read_frame(points: Any, timestamps: Any) -> RawFrame:

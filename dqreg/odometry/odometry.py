@@ -15,7 +15,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
 from dqreg.geometry.fields import stamp_of
 from dqreg.odometry.assess import MapLink
-from dqreg.odometry.frame import downsample_frame, read_frame
+from dqreg.odometry.frame import RawFrame, downsample_frame, read_frame
 from dqreg.odometry.kiss import KissParts, load_kiss, rigid
 from dqreg.odometry.map_file import SavedMap, load_map, save_map
 from dqreg.odometry.prediction import Prediction
@@ -143,7 +143,11 @@ class Odometry(Tracker):
         """
         began = clock.perf_counter()
         raw, expected = read_frame(points, timestamps), Prediction.of(prediction, prediction_covariance)
-        stamp = stamp_of(points) if stamp is None else stamp
+        return self._registered(raw, stamp_of(points) if stamp is None else stamp, expected, began, insert=insert)
+
+    def _registered(
+        self, raw: RawFrame, stamp: float | None, expected: Prediction | None, began: float, *, insert: bool = True
+    ) -> Registration:
         ratio, doubt = self._timeline.ratio(stamp)
         result = self._place(raw, ratio, expected, insert=insert)
         if doubt is not None:

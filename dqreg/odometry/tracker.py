@@ -65,9 +65,8 @@ class Tracker:
             # What deskews the frame: the motion that is expected, over the frames that it spans.
             step = rigid(pose.inverse(self._T_last) @ expected.T_map_frame)
             self._motion = rigid(predict(np.eye(4), step, 1.0 / max(ratio, 1.0)))
-        inside = kiss.compensate(raw.points, raw.times, self._motion)
         with contextlib.nullcontext() if self._map is None else self._map.growing():
-            frame = downsample_frame(inside, lengths.voxel_size)
+            frame = self._downsampled(kiss, raw, lengths)
         if frame is None or len(frame.scan) < FEWEST_POINTS:
             why = (
                 f"downsampling leaves {0 if frame is None else len(frame.scan)} of {len(raw.points)} points (within "
@@ -80,6 +79,18 @@ class Tracker:
             self._merge(self._map, frame)
             return first_frame(self._T_last, raw.notes, self._words(frame))
         return self._register(kiss, self._map, lengths, frame, raw, ratio, expected, insert=insert)
+
+    def _downsampled(self, kiss: KissParts, raw: RawFrame, lengths: Resolved) -> DownsampledFrame | None:
+        if raw.ahead is not None and raw.ahead[0] is kiss:
+            return raw.ahead[1]
+        return downsample_frame(kiss.compensate(raw.points, raw.times, self._motion), lengths.voxel_size)
+
+    def _ahead(self, raw: RawFrame) -> RawFrame:
+        """A frame downsampled ahead of its turn, beside the frame before, where that decides nothing of it."""
+        kiss, lengths = self._kiss, self._lengths
+        if kiss is None or lengths is None or raw.times is not None or not len(raw.points):
+            return raw
+        return dataclasses.replace(raw, ahead=(kiss, self._downsampled(kiss, raw, lengths)))
 
     def _failed(self, why: str, raw: RawFrame, status: str) -> Registration:
         self._timeline.missed += 1
