@@ -26,14 +26,21 @@ class NeighbourTree:
 
         self.size = len(points)
         self._points, self._in_order = points, in_order
+        self._standing: IntArray | None = None
         # Points in Morton order that few queries are asked of need no other order.
         self._tree = PointTree.of(points, in_order=in_order)
 
     @staticmethod
-    def holding(tree: PointTree, points: FloatArray, size: int) -> NeighbourTree:
-        """A tree that was built before, of the first so many of the points."""
+    def holding(tree: PointTree, points: FloatArray, standing: IntArray) -> NeighbourTree:
+        """A tree that was built before, of the first of the points, and at which of its places each stands, (n,)."""
         made = object.__new__(NeighbourTree)
-        made.size, made._points, made._in_order, made._tree = size, points, False, tree
+        made.size, made._points, made._in_order, made._tree, made._standing = (
+            len(standing),
+            points,
+            False,
+            tree,
+            standing,
+        )
         return made
 
     def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
@@ -49,7 +56,9 @@ class NeighbourTree:
     ) -> tuple[IntArray, FloatArray]:
         """The same of queries near some of the points, (m,) rows; where fewer are within a distance, that distance."""
         places = {"at": rows} if self._in_order else {}
-        return self._tree.nearest(queries, count, within, **places)
+        if self._standing is not None:
+            places = {"at": np.take(self._standing, rows)}
+        return self._tree.nearest(queries, min(count, self.size), within, **places)
 
     def have_near(self, count: int, within: float) -> BoolArray:
         """Which points have so many within a distance, themselves among them, (n,)."""

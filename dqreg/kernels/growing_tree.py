@@ -24,7 +24,7 @@ class GrowingTree:
     """
 
     def __init__(self) -> None:
-        self._order, self._keys = np.zeros(0, dtype=np.int64), np.zeros(0)
+        self._order, self._keys, self._room = np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0, dtype=np.int64)
         self._make(1)
 
     def _make(self, leaves: int) -> None:
@@ -36,6 +36,11 @@ class GrowingTree:
         self._counts, self._cuts = np.zeros(2 * leaves, dtype=np.int64), np.zeros((leaves, 2))
         self.count = 0
 
+    @property
+    def standing(self) -> IntArray:
+        """Place of each point in the tree, (n,)."""
+        return self._room[: self.count]
+
     def grow(self, points: FloatArray, count: int) -> None:
         """Take the points, (n, 3), up to a count, of which those taken before are the first."""
         if count > self._limits[-1]:
@@ -43,10 +48,11 @@ class GrowingTree:
             while FULL * LEAF * leaves < 2 * count:
                 leaves *= 2
             self._make(leaves)
-        tree, some = self.tree, np.arange(self.count, count)
-        state = self._limits, tree.boxes, self._counts, self._cuts, tree.places, tree.rows
         if len(self._keys) < count:
             self._order, self._keys = np.zeros(2 * count, dtype=np.int64), np.zeros(2 * count)
+            self._room = np.concatenate([self._room[: self.count], np.zeros(2 * count - self.count, dtype=np.int64)])
+        tree, some = self.tree, np.arange(self.count, count)
+        state = self._limits, tree.boxes, self._counts, self._cuts, tree.places, tree.rows, self._room
         grow_tree(as_plain(points), LEAF, *state, some, self._order, self._keys)
         self.count = count
 
@@ -61,13 +67,14 @@ def grow_tree(
     cuts: FloatArray,
     places: FloatArray,
     rows: IntArray,
+    standing: IntArray,
     added: IntArray,
     order: IntArray,
     keys: FloatArray,
 ) -> None:
     """Put rows of points that were added into a tree, all at once; at a node of height h it holds ``limits[h]`` points.
 
-    ``cuts``, (leaves, 2), are the axis across which a node is cut, and where.
+    ``cuts``, (leaves, 2), are the axis across which a node is cut, and where; ``standing`` are the places of the rows.
 
     O(log n) a point, and O(m log m) for parts of m points that are spread anew. The order and the keys are room for as
     many as there are points.
@@ -84,13 +91,28 @@ def grow_tree(
         if height == 0:
             first = (node - leaves) * leaf + counts[node] - (end - start)
             for i in range(start, end):
-                _put(first + i - start, added[i], points, places, rows)
+                _put(first + i - start, added[i], points, places, rows, standing)
             continue
         middle = _lower_first(node, start, end, points, added, cuts)
         left, right, most = counts[2 * node] + middle - start, counts[2 * node + 1] + end - middle, limits[height - 1]
         if left > most or right > most:
             _spread(
-                node, height, start, end, points, leaf, boxes, counts, cuts, places, rows, added, order, keys, sample
+                node,
+                height,
+                start,
+                end,
+                points,
+                leaf,
+                boxes,
+                counts,
+                cuts,
+                places,
+                rows,
+                standing,
+                added,
+                order,
+                keys,
+                sample,
             )
             continue
         for child in range(2):
@@ -114,8 +136,8 @@ def _take(
 
 
 @inside_kernels
-def _put(place: int, row: int, points: FloatArray, places: FloatArray, rows: IntArray) -> None:
-    rows[place] = row
+def _put(place: int, row: int, points: FloatArray, places: FloatArray, rows: IntArray, standing: IntArray) -> None:
+    rows[place], standing[row] = row, place
     places[place, 0], places[place, 1], places[place, 2] = points[row, 0], points[row, 1], points[row, 2]
 
 
@@ -144,6 +166,7 @@ def _spread(
     cuts: FloatArray,
     places: FloatArray,
     rows: IntArray,
+    standing: IntArray,
     added: IntArray,
     order: IntArray,
     keys: FloatArray,
@@ -165,7 +188,7 @@ def _spread(
             for i in range(leaf):
                 place = (j - leaves) * leaf + i
                 if low + i < high:
-                    _put(place, order[low + i], points, places, rows)
+                    _put(place, order[low + i], points, places, rows, standing)
                 else:
                     rows[place], places[place, 0], places[place, 1], places[place, 2] = NO_ROW, np.inf, np.inf, np.inf
             continue

@@ -11,7 +11,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.cloud_surface import ROUNDING
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import fit_planes
+from dqreg.geometry.normals import fit_planes_at
 from dqreg.geometry.surface import Closest, Hint
 
 NEIGHBOURS = 12
@@ -54,7 +54,7 @@ class MapSurface:
         self._growing.grow(self._points, count)
         # Planes know the points that there were.
         self._count, self._fitted[:] = count, False
-        self._tree = NeighbourTree.holding(self._growing.tree, self._points, count)
+        self._tree = NeighbourTree.holding(self._growing.tree, self._points, self._growing.standing)
         self.about(np.zeros(3), np.inf)
 
     def about(self, place: FloatArray, reach: float) -> None:
@@ -82,7 +82,7 @@ class MapSurface:
         if len(missing):
             # In the order of the queries: those that lie close together are answered sooner.
             missing = missing[np.sort(np.unique(missing, return_index=True)[1])]
-            fits = fit_planes(self._tree, self._points, np.take(self._points, missing, axis=0), NEIGHBOURS)
+            fits = fit_planes_at(self._tree, self._points, missing, NEIGHBOURS)
             self._normals[missing] = np.where(fits.known[:, None], fits.normals, 0.0)
             self._variances[missing] = fits.variances
             self._fitted[missing] = True
@@ -93,17 +93,15 @@ class MapSurface:
         """Row of the nearest, distance to it, and what no other is nearer than, (n,) each."""
         others_before = None if hint is None else hint[1].others
         if hint is None or others_before is None or self._count < 2:
-            return self._asked(points)
+            indices, apart = self._tree.nearest(points, 2)
+            return indices[:, 0], apart[:, 0], apart[:, -1]
         places, before = hint
         rows, distances = before.elements.copy(), _apart(points, before.points)
         others = (others_before - _apart(points, places)) * (1.0 - ROUNDING)
         again = np.flatnonzero(distances >= others)
-        rows[again], distances[again], others[again] = self._asked(np.take(points, again, axis=0))
+        indices, apart = self._tree.nearest_beside(np.take(points, again, axis=0), rows[again], 2)
+        rows[again], distances[again], others[again] = indices[:, 0], apart[:, 0], apart[:, -1]
         return rows, distances, others
-
-    def _asked(self, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        indices, distances = self._tree.nearest(points, 2)
-        return indices[:, 0], distances[:, 0], distances[:, -1]
 
     def normal_variances(self, rows: IntArray) -> FloatArray:
         """Variance of the normals at map points that `closest` gave as elements, rad^2, (n,); infinite for none."""

@@ -42,6 +42,7 @@ def test_each_point_stands_in_one_place_and_all_boxes_hold_theirs() -> None:
         held = np.isfinite(tree.places).all(axis=1)
         np.testing.assert_array_equal(np.sort(tree.rows[held]), np.arange(taken))
         np.testing.assert_array_equal(tree.places[held], points[tree.rows[held]])
+        np.testing.assert_array_equal(tree.places[grown.standing], points[:taken])
         for node in range(1, 2 * leaves):
             height = leaves.bit_length() - node.bit_length()
             part = slice(((node << height) - leaves) * LEAF, (((node + 1) << height) - leaves) * LEAF)
