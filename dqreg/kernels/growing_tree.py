@@ -10,8 +10,9 @@ from dqreg.kernels.kd_order import DEEPEST, MANY_KEYS, part_keys, widest_side
 from dqreg.kernels.point_tree import PointTree
 from dqreg.kernels.threads import as_plain
 
-# Places a leaf, and the share of all that are taken at most; of which a tree that is made anew takes half.
-LEAF, FULL = 12, 0.7
+# Places a leaf; the share of its places that a large part of the tree holds at most, and from which on the whole is made
+# anew, twice as large: were it nearly as full as its parts may be, large ones would be spread at every turn.
+LEAF, FULL, MOST = 12, 0.8, 0.6
 # Row of a place that holds no point: behind all others.
 NO_ROW = 2**62
 
@@ -43,9 +44,9 @@ class GrowingTree:
 
     def grow(self, points: FloatArray, count: int) -> None:
         """Take the points, (n, 3), up to a count, of which those taken before are the first."""
-        if count > self._limits[-1]:
+        if count > MOST * LEAF * len(self._cuts):
             leaves = 1
-            while FULL * LEAF * leaves < 2 * count:
+            while MOST * LEAF * leaves < 2 * count:
                 leaves *= 2
             self._make(leaves)
         if len(self._keys) < count:
