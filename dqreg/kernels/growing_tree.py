@@ -10,8 +10,8 @@ from dqreg.kernels.kd_order import DEEPEST, MANY_KEYS, part_keys, widest_side
 from dqreg.kernels.point_tree import PointTree
 from dqreg.kernels.threads import as_plain
 
-# Places a leaf; the share of its places that a large part of the tree holds at most, and the share of all from which on
-# the tree is made anew, twice as large: were it nearly as full as its parts may be, these would be spread at every turn.
+# Places a leaf; the share of its places that a large part of the tree holds at most; and the share of all from which on
+# the tree is made anew, twice as large: nearly as full as its parts may be, these would be spread at every turn.
 LEAF, FULL, MOST = 12, 0.8, 0.6
 # Row of a place that holds no point: behind all others.
 NO_ROW = 2**62
