@@ -236,8 +236,8 @@ def _pairs() -> None:
 
 def _maps() -> None:
     GrowingTree().grow(FLAT, 3)
-    cells = np.zeros((3, 3), dtype=np.int64)
-    admit_points(FLAT, 1.0, 1.0, np.zeros((3, 3)), np.full(8, -1), cells, cells.copy(), FIRST.copy(), FIRST.repeat(2))
+    links, voxels = np.zeros((3, 2), dtype=np.int64), np.zeros((3, 5), dtype=np.int64)
+    admit_points(FLAT, 1.0, 1.0, 1, np.zeros((3, 3)), links, np.full(8, -1), voxels, FIRST.repeat(2))
 
 
 def _many_problems() -> None:

@@ -82,9 +82,10 @@ def grow_tree(
     """
     leaves, stack = len(boxes) // 2, np.zeros((2 * DEEPEST, 4), np.int64)
     sample = np.zeros(MANY_KEYS[1])
-    _take(1, 0, len(added), points, added, boxes, counts)
     # Nodes that are to take some of the rows: node, height, first and last of the rows.
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 1, len(limits) - 1, 0, len(added)
+    # From the stack: for a constant of its own the function would be compiled once more.
+    _take(stack[0, 0], stack[0, 2], stack[0, 3], points, added, boxes, counts)
     waiting = 1 if len(added) > 0 else 0
     while waiting > 0:
         waiting -= 1

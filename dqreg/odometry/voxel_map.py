@@ -44,9 +44,7 @@ class VoxelMap:
             size *= 2
         # Points and voxels so far.
         self._counts, self._table = np.zeros(2, dtype=np.int64), np.full(size, -1)
-        self._cells = np.zeros((voxels, 3), dtype=np.int64)
-        self._members = np.zeros((voxels, self._lengths.max_points_per_voxel), dtype=np.int64)
-        self._filled = np.zeros(voxels, dtype=np.int64)
+        self._voxels, self._links = np.zeros((voxels, 5), dtype=np.int64), np.zeros((0, 2), dtype=np.int64)
 
     @property
     def surface(self) -> MapSurface:
@@ -84,18 +82,16 @@ class VoxelMap:
             self._forget(place, reach)
 
     def _forget(self, place: FloatArray, reach: float) -> None:
-        voxels = int(self._counts[1])
+        voxels, points = int(self._counts[1]), self._surface.points
         # The first point stands for its voxel.
-        away = self._surface.points[self._members[:voxels, 0]] - place
+        away = points[self._voxels[:voxels, 3]] - place
         far = np.einsum("ij,ij->i", away, away) > reach**2
         if np.count_nonzero(far) > FAR * voxels:
-            gone = self._members[:voxels][far]
-            gone = gone[np.arange(gone.shape[1]) < self._filled[:voxels][far, None]]
-            self._make(np.delete(self._surface.points, gone, axis=0))
+            self._make(points[~far[self._links[: len(points), 1]]])
 
     def _add(self, points: FloatArray) -> None:
         voxels = int(self._counts[1]) + len(points)
-        if voxels > len(self._filled):
+        if voxels > len(self._voxels):
             known = self._surface.points.copy()
             self._open(2 * voxels)
             # As they came they are all taken again, to the same rows.
@@ -107,7 +103,9 @@ class VoxelMap:
         from dqreg.kernels.voxel_points import admit_points
 
         size, most = self._lengths.voxel_size, self._lengths.max_points_per_voxel
-        room = self._surface.room(len(points))
-        voxels = self._table, self._cells, self._members, self._filled, self._counts
-        admit_points(as_plain(points), size, size / float(np.sqrt(most)), room, *voxels)
+        room, links = self._surface.room(len(points)), self._links
+        if len(links) < len(room):
+            self._links = np.concatenate([links, np.zeros((len(room) - len(links), 2), dtype=np.int64)])
+        voxels = self._links, self._table, self._voxels, self._counts
+        admit_points(as_plain(points), size, size / float(np.sqrt(most)), most, room, *voxels)
         self._surface.grow(int(self._counts[0]))

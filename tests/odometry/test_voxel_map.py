@@ -43,6 +43,13 @@ def test_a_map_that_is_saved_and_taken_anew_is_the_same() -> None:
     np.testing.assert_array_equal(VoxelMap(given, first.points).points, first.points)
 
 
+def test_room_does_not_follow_the_largest_number_of_a_voxel() -> None:
+    points = np.random.default_rng(0).uniform(-1, 1, (1_000, 3))
+    ours = VoxelMap(lengths(1e3, most=10**12))
+    ours.insert(points, np.eye(4))
+    np.testing.assert_array_equal(ours.points, points)
+
+
 def test_it_forgets_what_is_out_of_range() -> None:
     rng, given = np.random.default_rng(1), lengths(10.0)
     ours = VoxelMap(given)
