@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg._open3d import load_open3d
+
+if TYPE_CHECKING:
+    from dqreg.kernels.point_tree import PointTree
 
 # Neighbours of its own points that a tree remembers: what normals and rims of a cloud are read from.
 AROUND = 24
@@ -23,19 +26,26 @@ class NeighbourTree:
 
         self.size = len(points)
         self._points, self._in_order = points, in_order
+        self._standing: IntArray | None = None
         # Points in Morton order that few queries are asked of need no other order.
         self._tree = PointTree.of(points, in_order=in_order)
 
-    def renumbered(self) -> tuple[FloatArray, NeighbourTree]:
-        """The points in the order of the tree, (n, 3), and the tree of these: what it answers counts in that order."""
-        points, other = self._tree.places, object.__new__(NeighbourTree)
-        other.size, other._points, other._in_order = self.size, points, True
-        other._tree = dataclasses.replace(self._tree, rows=np.arange(self.size))
-        return points, other
+    @staticmethod
+    def holding(tree: PointTree, points: FloatArray, standing: IntArray) -> NeighbourTree:
+        """A tree that was built before, of the first of the points, and at which of its places each stands, (n,)."""
+        made = object.__new__(NeighbourTree)
+        made.size, made._points, made._in_order, made._tree, made._standing = (
+            len(standing),
+            points,
+            False,
+            tree,
+            standing,
+        )
+        return made
 
     def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
         """Nearest points of each query, closest first. Shapes: indices (m, k), distances (m, k)."""
-        return self._tree.nearest(queries, count)
+        return self._tree.nearest(queries, min(count, self.size))
 
     def nearest_to(self, rows: IntArray, count: int) -> tuple[IntArray, FloatArray]:
         """The same of some of the points, (m,) rows: in Morton order each begins at its own place."""
@@ -46,7 +56,9 @@ class NeighbourTree:
     ) -> tuple[IntArray, FloatArray]:
         """The same of queries near some of the points, (m,) rows; where fewer are within a distance, that distance."""
         places = {"at": rows} if self._in_order else {}
-        return self._tree.nearest(queries, count, within, **places)
+        if self._standing is not None:
+            places = {"at": np.take(self._standing, rows)}
+        return self._tree.nearest(queries, min(count, self.size), within, **places)
 
     def have_near(self, count: int, within: float) -> BoolArray:
         """Which points have so many within a distance, themselves among them, (n,)."""

@@ -19,6 +19,7 @@ from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
 from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, square_heights, times_precisions
 from dqreg.kernels.garbage import not_collected
+from dqreg.kernels.growing_tree import GrowingTree
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.lopsided import lopsided_rows
 from dqreg.kernels.majority_planes import majority_plane_rows
@@ -51,6 +52,7 @@ from dqreg.kernels.smooth_corners import smooth_corners
 from dqreg.kernels.split_sort import split_sorted_rows
 from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
+from dqreg.kernels.voxel_points import admit_points
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import place_rows, slide_rows, weigh_rows
 from dqreg.kernels.weighted_draws import drawn_rows
@@ -236,6 +238,12 @@ def _pairs() -> None:
     disc_pair_sums(0, 0, *(FLAT,) * 4, *(ONE,) * 3, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
 
 
+def _maps() -> None:
+    GrowingTree().grow(FLAT, 3)
+    links, voxels = np.zeros((3, 2), dtype=np.int64), np.zeros((3, 5), dtype=np.int64)
+    admit_points(FLAT, 1.0, 1.0, 1, np.zeros((3, 3)), links, np.full(8, -1), voxels, FIRST.repeat(2))
+
+
 def _many_problems() -> None:
     largest_eigenvectors(0, 1, np.eye(3)[:, :, None].copy(), np.zeros((3, 1)), np.zeros((4, 1)))
 
@@ -250,6 +258,7 @@ STEPS: tuple[Callable[[], None], ...] = (
     _neighbourhoods,
     _common_planes,
     _many_problems,
+    _maps,
     _rims,
     _pairs,
     _shared_noise,

@@ -53,10 +53,10 @@ def cut_nodes(
                 continue
             middle = (start + count // 2) * leaf
             if middle < high:
-                axis = _widest_side(places, order, low, high)
+                axis = widest_side(places, order, low, high)
                 for i in range(low, high):
                     keys[i] = places[order[i], axis]
-                _part(keys, order, low, high - 1, middle, sample)
+                part_keys(keys, order, low, high - 1, middle, sample)
             if deep:
                 # Number by number: a pair at once would compile checks of shapes for seconds.
                 stack[2 * waiting], stack[2 * waiting + 1] = start, count // 2
@@ -65,8 +65,9 @@ def cut_nodes(
 
 
 @inside_kernels
-def _widest_side(places: FloatArray, order: IntArray, low: int, high: int) -> int:
-    # All sides in one go: the places lie anywhere in memory.
+def widest_side(places: FloatArray, order: IntArray, low: int, high: int) -> int:
+    """Axis along which places spread most."""
+    # All sides in one go: they lie anywhere in memory.
     row = order[low]
     x0 = x1 = places[row, 0]
     y0 = y1 = places[row, 1]
@@ -80,8 +81,8 @@ def _widest_side(places: FloatArray, order: IntArray, low: int, high: int) -> in
 
 
 @inside_kernels
-def _part(keys: FloatArray, order: IntArray, left: int, right: int, middle: int, sample: FloatArray) -> None:
-    # Selection: afterwards no key before the middle is greater than one from there on.
+def part_keys(keys: FloatArray, order: IntArray, left: int, right: int, middle: int, sample: FloatArray) -> None:
+    """Selection: afterwards no key before the middle is greater than the key there, and none behind it smaller."""
     state = np.uint64(left + 1)
     while left < right:
         count, few = right - left + 1, 1

@@ -30,6 +30,7 @@ class PointTree:
     boxes: FloatArray  # (2 L, 6): Box of each node, lowest and highest corner; node 0 is none
     places: FloatArray  # (n, 3): Points in that order
     rows: IntArray  # (n,): Row of each place
+    leaf: int = LEAF  # Places a leaf
 
     @staticmethod
     def of(points: FloatArray, *, in_order: bool = False) -> PointTree:
@@ -56,7 +57,7 @@ class PointTree:
         """
         count = min(count, len(self.rows))
         found, distances = np.zeros((len(queries), count), dtype=np.int64), np.zeros((len(queries), count))
-        tree = self.boxes, self.places, LEAF, self.rows
+        tree = self.boxes, self.places, self.leaf, self.rows
         over_chunks(
             nearest_points, len(queries), *tree, as_plain(queries), float(within), found, distances, at, chunk=CHUNK
         )
@@ -65,7 +66,7 @@ class PointTree:
     def have_near(self, count: int, within: float) -> BoolArray:
         """Which points have so many within a distance, themselves among them; all count where there are fewer, (n,)."""
         places = np.zeros(len(self.rows), dtype=bool)
-        asked = self.boxes, self.places, LEAF, min(count, len(self.rows)), float(within)
+        asked = self.boxes, self.places, self.leaf, min(count, len(self.rows)), float(within)
         over_chunks(company_rows, len(places), *asked, places)
         found = np.zeros(len(places), dtype=bool)
         found[self.rows] = places

@@ -79,7 +79,9 @@ class FrameSearch:
         starts = screen(surface, scan.points, poses, 0.5 * lengths.reach, keep) if len(poses) > 1 else poses
         wide = InlierMixture.starting(WIDE * lengths.reach, lengths.reach)
         runs = [coarse.descend(wide, start, QUICK, None, 1) for start in starts]
-        run = min(runs, key=lambda run: np.inf if run.ended_early else coarse.mean_nll(run))
+        run = runs[0]
+        if len(runs) > 1:
+            run = min(runs, key=lambda run: np.inf if run.ended_early else coarse.mean_nll(run))
         if run.ended_early:
             return run
         fine = dataclasses.replace(plan, max_distance=lengths.near, stopping=Stopping(TOLERANCE, ITERATIONS))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, product
 from dqreg.icp import NO_POSE, Alignment
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
@@ -28,6 +28,7 @@ LOST = 1.0 / 3.0
 SPURIOUS = 3.0
 # A step of so many standard deviations is none.
 STILL = 0.1
+TINY = float(np.finfo(float).tiny)
 
 
 def frame_result(
@@ -154,9 +155,7 @@ def _without_spurious(
     information: Information, arms: FloatArray, normals: FloatArray, noise: FloatArray
 ) -> Information:
     """Information with the motions free that only the noise of the normals constrains."""
-    moved = information.vectors[3:].T[:, None] + np.cross(information.vectors[:3].T[:, None], arms)
-    across = np.sum(moved**2, axis=2) - np.einsum("kij,ij->ki", moved, normals) ** 2
-    spurious = across @ (0.5 * noise) / max(information.weight, np.finfo(float).tiny)
+    spurious = across_normals(information.vectors, arms, normals, 0.5 * noise) / max(information.weight, TINY)
     values = np.where(information.values < SPURIOUS * spurious, 0.0, information.values)
     order = np.argsort(values, kind="stable")
     return dataclasses.replace(
@@ -165,6 +164,20 @@ def _without_spurious(
         vectors=information.vectors[:, order],
         carriers=information.carriers[order],
     )
+
+
+def across_normals(motions: FloatArray, arms: FloatArray, normals: FloatArray, weights: FloatArray) -> FloatArray:
+    """Weighted sum of what motions, (6, k) one a column, move points by across their normals, squared: (k,).
+
+    All of each motion less what goes along the normal: quadratic forms, from sums over the points.
+    """
+    along = np.hstack([np.cross(arms, normals), normals])
+    x, y, z = weights @ arms
+    second = product((arms * weights[:, None]).T, arms)
+    turned = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    whole = np.block([[np.trace(second) * np.eye(3) - second, turned], [turned.T, weights.sum() * np.eye(3)]])
+    across = whole - product((along * weights[:, None]).T, along)
+    return np.asarray(np.einsum("ik,ij,jk->k", motions, across, motions))
 
 
 def _without(information: Information, motion: FloatArray) -> Information:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_float
+from dqreg._arrays import FloatArray, as_float, median
 from dqreg.errors import InputError
 from dqreg.files import read_cloud
 from dqreg.files.cloud_data import TimedCloudData
@@ -18,8 +17,9 @@ from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes, sample_rows
 from dqreg.geometry.objects import recognise
-from dqreg.geometry.spacing import measure_spacing
-from dqreg.odometry.kiss import thin
+from dqreg.geometry.spacing import spacing_of
+from dqreg.geometry.vector_rows import nonzero_rows
+from dqreg.odometry.kiss import KissParts, thin
 from dqreg.trust.records import Reason
 
 # Voxels a point, over the map's: of what enters the map, and of what the pose is found from.
@@ -28,8 +28,8 @@ DENSE, SPARSE = 0.5, 1.5
 MOST = 6_000
 # Points of a fit: rings of a LiDAR leave few neighbours across them.
 NEIGHBOURS = 12
-# Points whose distance to the nearest is asked: their median is good to two per cent.
-MEASURED = 1_000
+# Coordinates beyond which a return is no measurement.
+LARGEST = 1e150
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,6 +39,8 @@ class RawFrame:
     points: FloatArray  # (n, 3): Finite points in the sensor's frame; n may be 0
     times: FloatArray | None  # (n,): Time of each point, where they can be used to undo the motion
     notes: tuple[Reason, ...]  # What was left out and why
+    # What it was downsampled to ahead of its turn, and the parts that took what is out of range away
+    ahead: tuple[KissParts, DownsampledFrame | None] | None = None
 
 
 def read_frame(points: Any, timestamps: Any) -> RawFrame:
@@ -49,8 +51,9 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
     """
     values, own_times = _values_of(points)
     timestamps = own_times if timestamps is None else timestamps
-    # Half of the largest number squared would overflow in every length taken of it.
-    keep = np.isfinite(values).all(axis=1) & values.any(axis=1) & (np.abs(values) < 1e150).all(axis=1)
+    # NaN is not below. Half of the largest number squared would overflow in every length taken of it.
+    x, y, z = np.abs(values).T < LARGEST
+    keep = x & y & z & nonzero_rows(values)
     notes = []
     if lost := len(values) - int(np.count_nonzero(keep)):
         words = f"{lost} of {len(values)} returns are NaN, infinite or at the origin, and were left out"
@@ -65,6 +68,8 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
         elif keep.any() and not np.ptp(times[keep]) > 0.0:
             notes.append(Reason("all points have one time: the sweep was not deskewed", "not_deskewed"))
             times = None
+    if not lost:
+        return RawFrame(values, times, tuple(notes))
     return RawFrame(values[keep], None if times is None else times[keep], tuple(notes))
 
 
@@ -90,10 +95,8 @@ class DownsampledFrame:
     reach: float  # Distance of the farthest point from the sensor
 
 
-def downsample_frame(
-    points: FloatArray, voxel_size: float, begin: Callable[[float], None] = lambda _: None
-) -> DownsampledFrame | None:
-    """Downsample a frame and fit its normals; what depends on its reach alone may begin in between."""
+def downsample_frame(points: FloatArray, voxel_size: float) -> DownsampledFrame | None:
+    """Downsample a frame and fit its normals."""
     dense = thin(points, DENSE * voxel_size) if len(points) else points
     sparse = thin(dense, SPARSE * voxel_size) if len(points) else points
     if len(sparse) < 3:
@@ -102,10 +105,8 @@ def downsample_frame(
     dense, sparse = (rows[morton_order(rows)] for rows in (dense, sparse))
     sparse = sparse[sample_rows(len(sparse), MOST)]
     reach = float(np.linalg.norm(sparse, axis=1).max())
-    begin(reach)
-    tree = NeighbourTree(dense)
-    fits = fit_planes(tree, dense, sparse, NEIGHBOURS)
-    known = np.asarray(np.isfinite(fits.normals).all(axis=1))
+    fits = fit_planes(NeighbourTree(dense), dense, sparse, NEIGHBOURS)
+    known = fits.known
     scan = Scan(
         points=sparse,
         normals=np.where(known[:, None], fits.normals, 0.0),
@@ -113,8 +114,8 @@ def downsample_frame(
         residuals=fits.residuals,
         fitted=np.arange(len(sparse)),
         oriented=False,
-        spacing=measure_spacing(tree, dense, MEASURED),
-        noise=float(np.median(fits.residuals[known])) if known.any() else 0.0,
+        spacing=spacing_of(fits, dense),
+        noise=median(fits.residuals[known]) if known.any() else 0.0,
         total=len(dense),
     )
     return DownsampledFrame(dense, scan, reach)

@@ -44,18 +44,17 @@ def thin(points: FloatArray, size: float) -> FloatArray:
 
 
 class KissParts:
-    """KISS-ICP's voxel map, motion compensation and adaptive threshold, set up for one sequence."""
+    """KISS-ICP's motion compensation and adaptive threshold, set up for one sequence."""
 
     def __init__(self, settings: Resolved) -> None:
         s = settings
         config = load_kiss("config").KISSConfig()
         config.data.max_range, config.data.min_range, config.data.deskew = s.max_range, s.min_range, s.deskew
-        config.mapping.voxel_size, config.mapping.max_points_per_voxel = s.voxel_size, s.max_points_per_voxel
+        config.mapping.voxel_size = s.voxel_size
         # One voxel is what the loop can always bridge, so a motion of a tenth of it is none.
         config.adaptive_threshold.initial_threshold = s.reach
         config.adaptive_threshold.min_motion_th = 0.1 * s.voxel_size
         config.registration.max_num_threads = s.threads
-        self._map = load_kiss("mapping").get_voxel_hash_map(config)
         self._preprocessor = load_kiss("preprocess").get_preprocessor(config)
         self._threshold = load_kiss("threshold").get_threshold_estimator(config)
 
@@ -72,15 +71,3 @@ class KissParts:
     def learn(self, deviation: FloatArray) -> None:
         """Tell the threshold how far the prediction was off, (4, 4)."""
         self._threshold.update_model_deviation(rigid(deviation))
-
-    def insert(self, points: FloatArray, T_map_frame: FloatArray) -> None:
-        """Add the points of a frame to the map, and forget what is out of range from there."""
-        self._map.update(points, rigid(T_map_frame))
-
-    def load(self, points: FloatArray) -> None:
-        """Fill the map with points of its own frame."""
-        self._map.add_points(points)
-
-    def points(self) -> FloatArray:
-        """All points of the map, (n, 3)."""
-        return np.array(self._map.point_cloud(), dtype=np.float64).reshape(-1, 3)

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.cloud_surface import ROUNDING
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import fit_planes
+from dqreg.geometry.normals import fit_planes_at
 from dqreg.geometry.surface import Closest, Hint
 
 NEIGHBOURS = 12
 
 
 class MapSurface:
-    """Points of a map as a surface, for one thread.
+    """Points of a map that grows as a surface, for one thread.
 
     >>> flat = np.stack(np.meshgrid(range(8), range(8), [0.0]), axis=-1).reshape(-1, 3)
     >>> found = MapSurface(flat).closest(np.array([[3.2, 4.1, 2.0]]))
@@ -29,19 +29,48 @@ class MapSurface:
     oriented = False
 
     def __init__(self, points: FloatArray) -> None:
-        # In the order of a tree: what is asked for one after the other lies close together then, and is soon found.
-        self._points, self._tree = NeighbourTree(points).renumbered()
-        self._normals = np.zeros_like(points)
-        self._variances = np.zeros(len(points))
-        self._fitted = np.zeros(len(points), dtype=bool)
-        low, high = bounds(points)
+        from dqreg.kernels.growing_tree import GrowingTree
+
+        self._growing, self._count = GrowingTree(), 0
+        self._points = self._normals = np.zeros((0, 3))
+        self._variances, self._fitted = np.zeros(0), np.zeros(0, dtype=bool)
+        self.room(len(points))[: len(points)] = points
+        self.grow(len(points))
+
+    def room(self, more: int) -> FloatArray:
+        """Points so far, and behind them room for so many, (m, 3)."""
+        if self._count + more > len(self._points):
+            rows = 2 * (self._count + more)
+            self._points = np.vstack([self.points, np.zeros((rows - self._count, 3))])
+            self._normals, self._variances, self._fitted = (
+                np.zeros((rows, 3)),
+                np.zeros(rows),
+                np.zeros(rows, dtype=bool),
+            )
+        return self._points
+
+    def grow(self, count: int) -> None:
+        """Take the points that were written behind those so far, up to a count of all."""
+        self._growing.grow(self._points, count)
+        # Planes know the points that there were.
+        self._count, self._fitted[:] = count, False
+        self._tree = NeighbourTree.holding(self._growing.tree, self._points, self._growing.standing)
+        self.about(np.zeros(3), np.inf)
+
+    def about(self, place: FloatArray, reach: float) -> None:
+        """Measure the surface by what a frame can meet of it: what lies within a reach of a place."""
+        low, high = self._growing.tree.boxes[1].reshape(2, 3)
+        if not self._count:
+            low = high = np.zeros(3)
+        near = np.maximum(low, place - reach), np.minimum(high, place + reach)
+        low, high = near if (near[0] < near[1]).any() and (near[0] <= near[1]).all() else (low, high)
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))
 
     @property
     def points(self) -> FloatArray:
         """Of the map, (n, 3)."""
-        return self._points
+        return self._points[: self._count]
 
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Nearest map point for each query, (n, 3), with the normal there; zero where the neighbours fix none.
@@ -51,8 +80,9 @@ class MapSurface:
         rows, distances, others = self._nearest(points, hint)
         missing = rows[~self._fitted[rows]]
         if len(missing):
-            missing = np.flatnonzero(np.bincount(missing, minlength=len(self._points)))
-            fits = fit_planes(self._tree, self._points, np.take(self._points, missing, axis=0), NEIGHBOURS)
+            # In the order of the queries: those that lie close together are answered sooner.
+            missing = missing[np.sort(np.unique(missing, return_index=True)[1])]
+            fits = fit_planes_at(self._tree, self._points, missing, NEIGHBOURS)
             self._normals[missing] = np.where(fits.known[:, None], fits.normals, 0.0)
             self._variances[missing] = fits.variances
             self._fitted[missing] = True
@@ -62,18 +92,16 @@ class MapSurface:
     def _nearest(self, points: FloatArray, hint: Hint | None) -> tuple[IntArray, FloatArray, FloatArray]:
         """Row of the nearest, distance to it, and what no other is nearer than, (n,) each."""
         others_before = None if hint is None else hint[1].others
-        if hint is None or others_before is None or len(self._points) < 2:
-            return self._asked(points)
+        if hint is None or others_before is None or self._count < 2:
+            indices, apart = self._tree.nearest(points, 2)
+            return indices[:, 0], apart[:, 0], apart[:, -1]
         places, before = hint
         rows, distances = before.elements.copy(), _apart(points, before.points)
         others = (others_before - _apart(points, places)) * (1.0 - ROUNDING)
         again = np.flatnonzero(distances >= others)
-        rows[again], distances[again], others[again] = self._asked(np.take(points, again, axis=0))
+        indices, apart = self._tree.nearest_beside(np.take(points, again, axis=0), rows[again], 2)
+        rows[again], distances[again], others[again] = indices[:, 0], apart[:, 0], apart[:, -1]
         return rows, distances, others
-
-    def _asked(self, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        indices, distances = self._tree.nearest(points, 2)
-        return indices[:, 0], distances[:, 0], distances[:, -1]
 
     def normal_variances(self, rows: IntArray) -> FloatArray:
         """Variance of the normals at map points that `closest` gave as elements, rad^2, (n,); infinite for none."""
@@ -82,13 +110,6 @@ class MapSurface:
     def distances(self, points: FloatArray, cap: float = np.inf) -> FloatArray:
         """Distance of each query, (n, 3), to the nearest map point, or the cap where that is less, (n,)."""
         return self._tree.capped_distances(points, cap)
-
-
-def surface_within(points: FloatArray, centre: FloatArray, reach: float) -> MapSurface:
-    """The part of a map around a place, as a surface; all of it where nothing is near."""
-    away = points - centre
-    near = np.einsum("ij,ij->i", away, away) <= reach**2
-    return MapSurface(points if near.all() or not near.any() else points[near])
 
 
 def _apart(points: FloatArray, others: FloatArray) -> FloatArray:

@@ -15,12 +15,13 @@ from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
 from dqreg.geometry.fields import stamp_of
 from dqreg.odometry.assess import MapLink
-from dqreg.odometry.frame import downsample_frame, read_frame
+from dqreg.odometry.frame import RawFrame, downsample_frame, read_frame
 from dqreg.odometry.kiss import KissParts, load_kiss, rigid
 from dqreg.odometry.map_file import SavedMap, load_map, save_map
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.settings import OdometryOptions, OdometrySettings
 from dqreg.odometry.tracker import FEWEST_POINTS, Tracker
+from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.log import logged
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
@@ -62,7 +63,7 @@ class Odometry(Tracker):
         self, settings: OdometrySettings | None = None, *, start: Any = None, **options: Unpack[OdometryOptions]
     ) -> None:
         # Imports of seconds belong here, not into the first frame.
-        load_kiss("mapping")
+        load_kiss("preprocess")
         load_open3d()
         super().__init__((settings or OdometrySettings()).replaced(options), start)
 
@@ -94,7 +95,7 @@ class Odometry(Tracker):
     @property
     def local_map(self) -> FloatArray:
         """Points of the map, (n, 3)."""
-        return np.zeros((0, 3)) if self._kiss is None else self._kiss.points()
+        return np.zeros((0, 3)) if self._map is None else self._map.points.copy()
 
     def register_frame(
         self,
@@ -142,7 +143,11 @@ class Odometry(Tracker):
         """
         began = clock.perf_counter()
         raw, expected = read_frame(points, timestamps), Prediction.of(prediction, prediction_covariance)
-        stamp = stamp_of(points) if stamp is None else stamp
+        return self._registered(raw, stamp_of(points) if stamp is None else stamp, expected, began, insert=insert)
+
+    def _registered(
+        self, raw: RawFrame, stamp: float | None, expected: Prediction | None, began: float, *, insert: bool = True
+    ) -> Registration:
         ratio, doubt = self._timeline.ratio(stamp)
         result = self._place(raw, ratio, expected, insert=insert)
         if doubt is not None:
@@ -172,14 +177,14 @@ class Odometry(Tracker):
             If there is no map, or too few points are left.
         """
         raw = read_frame(points, None)
-        if self._kiss is None or self._lengths is None:
+        if self._kiss is None or self._map is None or self._lengths is None:
             raise InputError("there is no map to be found in: register a frame first, or load a map")
         frame = downsample_frame(self._kiss.compensate(raw.points, None, np.eye(4)), self._lengths.voxel_size)
         if frame is None or len(frame.scan) < FEWEST_POINTS:
             raise InputError(f"downsampling leaves too few of {len(raw.points)} points; {FEWEST_POINTS} are needed")
-        found = register(PointCloud(frame.dense, viewpoint=np.zeros(3)), self._kiss.points(), start)
+        found = register(PointCloud(frame.dense, viewpoint=np.zeros(3)), self._map.points, start)
         if found.verdict.level == "accepted":
-            self._T_last, self._motion, self._surface = rigid(found.T_target_source), np.eye(4), None
+            self._T_last, self._motion = rigid(found.T_target_source), np.eye(4)
             self._T_doubtful, self._kept_out, self._timeline.missed, self._link = None, 0, 0, MapLink()
         return found
 
@@ -196,9 +201,9 @@ class Odometry(Tracker):
         InputError
             If there is no map yet, or the file cannot be written.
         """
-        if self._kiss is None or self._lengths is None:
+        if self._map is None or self._lengths is None:
             raise InputError("there is no map to save; register a frame first")
-        save_map(path, SavedMap(self._kiss.points(), self._T_last, self.settings, self._lengths))
+        save_map(path, SavedMap(self._map.points, self._T_last, self.settings, self._lengths))
 
     @staticmethod
     def load(path: str | Path) -> Odometry:
@@ -222,5 +227,5 @@ class Odometry(Tracker):
         saved = load_map(path)
         made = Odometry(saved.settings, start=saved.T_map_frame)
         made._lengths, made._kiss = saved.lengths, KissParts(saved.lengths)
-        made._kiss.load(saved.points)
+        made._map = VoxelMap(saved.lengths, saved.points)
         return made

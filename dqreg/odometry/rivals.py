@@ -15,8 +15,8 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Alignment
+from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
-from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.self_similarity import CONTRADICTED, ROUGHLY, View, behind_faces, self_similar_shifts
 from dqreg.rigid import pose
@@ -61,7 +61,8 @@ class Placed:
 
 def placed(
     search: FrameSearch,
-    frame: DownsampledFrame,
+    scan: Scan,
+    seen: Later[View],
     aligned: Alignment,
     T_predicted: FloatArray,
     deviation: float,
@@ -74,17 +75,17 @@ def placed(
     A prediction that was measured, with its covariance, decides between them. Without times, frames may be missing, and
     constant velocity excludes no place where the frame is like itself.
     """
-    place = _along_weakest(search, frame.scan, aligned, T_predicted, deviation, measured=measured)
+    place = _along_weakest(search, scan, aligned, T_predicted, deviation, measured=measured)
     if not place.aligned.found:
         return place
-    T, view = place.aligned.T_target_source, View.of(frame.dense, search.lengths.near)
+    T, view = place.aligned.T_target_source, seen.result()
     points = search.surface.points
     nearer, alike = view.compared(points[sample_rows(len(points), VIEWED)], pose.inverse(T))
     if nearer + alike >= FEWEST:
         place = dataclasses.replace(place, looked_through=nearer / (nearer + alike))
     if timed or measured or place.rivals:
         return place
-    return dataclasses.replace(place, rivals=_repeated(search, frame.scan, place.aligned, view))
+    return dataclasses.replace(place, rivals=_repeated(search, scan, place.aligned, view))
 
 
 def _along_weakest(

@@ -14,8 +14,8 @@ from dqreg._arrays import FloatArray
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.rigid import twist
 
-# Points that each pose is judged by.
-JUDGES = 150
+# Points that each pose is judged by; first, all by a few, and the best of them, so many for each that is kept, by all.
+JUDGES, FIRST_JUDGES, SHORTLIST = 150, 30, 10
 
 
 @functools.cache
@@ -42,10 +42,12 @@ def candidates(T_last: FloatArray, T_predicted: FloatArray, limit_deg: float, st
 
 def screen(surface: MapSurface, points: FloatArray, poses: FloatArray, cap: float, keep: int) -> FloatArray:
     """The poses under which the points lie nearest to the map. Shapes: poses (m, 4, 4), returns (keep, m)."""
-    judges = points[np.linspace(0, len(points) - 1, min(JUDGES, len(points))).round().astype(np.int64)]
-    moved = np.matmul(judges, poses[:, :3, :3].transpose(0, 2, 1)) + poses[:, None, :3, 3]
-    away = surface.distances(moved.reshape(-1, 3), cap).reshape(len(poses), -1)
-    return poses[np.argsort(away.mean(axis=1), kind="stable")[:keep]]
+    for judges, kept in ((FIRST_JUDGES, SHORTLIST * keep), (JUDGES, keep)):
+        rows = np.linspace(0, len(points) - 1, min(judges, len(points))).round().astype(np.int64)
+        moved = np.matmul(points[rows], poses[:, :3, :3].transpose(0, 2, 1)) + poses[:, None, :3, 3]
+        away = surface.distances(moved.reshape(-1, 3), cap).reshape(len(poses), -1)
+        poses = poses[np.argsort(away.mean(axis=1), kind="stable")[:kept]]
+    return poses
 
 
 def predict(T_last: FloatArray, motion: FloatArray, ratio: float) -> FloatArray:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import functools
 from collections import deque
 from typing import Any
 
@@ -15,12 +17,13 @@ from dqreg.odometry.assess import MapLink, first_frame, frame_result, without_po
 from dqreg.odometry.deskewing import Deskewed
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
-from dqreg.odometry.map_surface import MapSurface, surface_within
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.rivals import placed
+from dqreg.odometry.self_similarity import View
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
 from dqreg.odometry.timeline import Timeline
+from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
 from dqreg.trust.doubts import fraction_fits
@@ -44,9 +47,7 @@ class Tracker:
     def _begin(self, start: Any) -> None:
         self._lengths: Resolved | None = None
         self._kiss: KissParts | None = None
-        # Of the map as it is; and what is being made of it beside the frame at hand.
-        self._surface: MapSurface | None = None
-        self._building: Later[MapSurface] | None = None
+        self._map: VoxelMap | None = None
         self._T_last = np.eye(4) if start is None else as_pose(start, "start")
         self._motion = np.eye(4)
         self._T_doubtful: FloatArray | None = None
@@ -64,27 +65,32 @@ class Tracker:
             # What deskews the frame: the motion that is expected, over the frames that it spans.
             step = rigid(pose.inverse(self._T_last) @ expected.T_map_frame)
             self._motion = rigid(predict(np.eye(4), step, 1.0 / max(ratio, 1.0)))
-        inside = kiss.compensate(raw.points, raw.times, self._motion)
-        self._building = None
-        frame = downsample_frame(inside, lengths.voxel_size, lambda reach: self._build(kiss, reach + lengths.reach))
+        with contextlib.nullcontext() if self._map is None else self._map.growing():
+            frame = self._downsampled(kiss, raw, lengths)
         if frame is None or len(frame.scan) < FEWEST_POINTS:
             why = (
                 f"downsampling leaves {0 if frame is None else len(frame.scan)} of {len(raw.points)} points (within "
                 f"{lengths.max_range:.4g}, voxels of {lengths.voxel_size:.4g}); {FEWEST_POINTS} are needed"
             )
             return self._failed(why, raw, "too few points")
-        if self._kiss is None:
-            self._lengths, self._kiss = lengths, kiss
+        if self._map is None:
+            self._lengths, self._kiss, self._map = lengths, kiss, VoxelMap(lengths)
             self._T_last = self._T_last if expected is None else expected.T_map_frame
-            self._merge(kiss, frame)
+            self._merge(self._map, frame)
             return first_frame(self._T_last, raw.notes, self._words(frame))
-        return self._register(kiss, lengths, frame, raw, ratio, expected, insert=insert)
+        return self._register(kiss, self._map, lengths, frame, raw, ratio, expected, insert=insert)
 
-    def _build(self, kiss: KissParts, reach: float) -> None:
-        """Begin the map's surface beside the frame: points farther off than its own can reach cannot be met."""
-        if self._kiss is not None and self._surface is None:
-            points, place = kiss.points(), self._T_last[:3, 3]
-            self._building = Later(lambda: surface_within(points, place, reach))
+    def _downsampled(self, kiss: KissParts, raw: RawFrame, lengths: Resolved) -> DownsampledFrame | None:
+        if raw.ahead is not None and raw.ahead[0] is kiss:
+            return raw.ahead[1]
+        return downsample_frame(kiss.compensate(raw.points, raw.times, self._motion), lengths.voxel_size)
+
+    def _ahead(self, raw: RawFrame) -> RawFrame:
+        """A frame downsampled ahead of its turn, beside the frame before, where that decides nothing of it."""
+        kiss, lengths = self._kiss, self._lengths
+        if kiss is None or lengths is None or raw.times is not None or not len(raw.points):
+            return raw
+        return dataclasses.replace(raw, ahead=(kiss, self._downsampled(kiss, raw, lengths)))
 
     def _failed(self, why: str, raw: RawFrame, status: str) -> Registration:
         self._timeline.missed += 1
@@ -93,6 +99,7 @@ class Tracker:
     def _register(
         self,
         kiss: KissParts,
+        world: VoxelMap,
         lengths: Resolved,
         frame: DownsampledFrame,
         raw: RawFrame,
@@ -102,27 +109,30 @@ class Tracker:
         insert: bool,
     ) -> Registration:
         T_predicted = rigid(predict(self._T_last, self._motion, ratio)) if expected is None else expected.T_map_frame
-        if self._building is not None:
-            self._surface = self._building.result()
-        assert self._surface is not None
-        surface = self._surface
+        surface = world.surface
+        # Points farther off than its own can reach cannot be met.
+        surface.about(self._T_last[:3, 3], frame.reach + lengths.reach)
         search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(T_predicted))
         trusted = expected is not None or kiss.deviation <= lengths.voxel_size
+        seen = Later(functools.partial(View.of, frame.dense, lengths.near))
         aligned, notes = search.find(frame.scan, trust_motion=trusted), raw.notes
         if raw.times is not None and self.settings.deskew:
             deskewed = Deskewed(kiss, raw, lengths.voxel_size, frame, aligned, self._motion)
             deskewed = deskewed.repeated(search, self._T_last, ratio)
+            if deskewed.frame is not frame:
+                seen = Later(functools.partial(View.of, deskewed.frame.dense, lengths.near), beside=False)
             frame, aligned, notes = deskewed.frame, deskewed.aligned, notes + deskewed.notes
         # After a frame that was not trusted constant velocity is worth nothing, and before any motion is known, little.
         is_first = expected is None and not self._usual
         deviation = np.inf if self._timeline.missed else kiss.deviation * (FIRST_STEP if is_first else 1.0)
         measured = expected is not None and expected.information is not None
         spread = expected.spread if expected is not None and measured else deviation
-        place = placed(search, frame, aligned, T_predicted, spread, measured=measured, timed=self._timeline.is_timed)
+        timed = self._timeline.is_timed
+        place = placed(search, frame.scan, seen, aligned, T_predicted, spread, measured=measured, timed=timed)
         found = frame_result(place, surface, frame, self._usual_fraction, notes, self._words(frame), expected)
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)
-        self._learn(kiss, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
+        self._learn(kiss, world, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
         return result
 
     def _fits(self, result: Registration) -> bool:
@@ -136,6 +146,7 @@ class Tracker:
     def _learn(
         self,
         kiss: KissParts,
+        world: VoxelMap,
         frame: DownsampledFrame,
         result: Registration,
         T_predicted: FloatArray,
@@ -160,16 +171,16 @@ class Tracker:
         self._timeline.trust()
         self._T_last = T
         self._usual.append(result.inlier_fraction)
-        self._merge(kiss, frame, insert=insert)
+        self._merge(world, frame, insert=insert)
 
     @property
     def _usual_fraction(self) -> float:
         return float(np.median(self._usual)) if self._usual else np.nan
 
-    def _merge(self, kiss: KissParts, frame: DownsampledFrame, *, insert: bool = True) -> None:
+    def _merge(self, world: VoxelMap, frame: DownsampledFrame, *, insert: bool = True) -> None:
         if insert:
-            kiss.insert(frame.dense, self._T_last)
-        self._surface, self._kept_out, self._T_doubtful = None, 0, None
+            world.insert(frame.dense, self._T_last)
+        self._kept_out, self._T_doubtful = 0, None
 
     def _words(self, frame: DownsampledFrame) -> dict[str, Any]:
         return {

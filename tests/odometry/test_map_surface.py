@@ -42,11 +42,17 @@ def test_few_are_asked_again_after_a_small_motion(monkeypatch: pytest.MonkeyPatc
     assert sum(asked) < 70
 
 
-def test_the_map_is_numbered_in_the_order_of_its_tree() -> None:
-    cloud = points(4_000)
-    surface, queries = MapSurface(cloud), points(300) + np.array([0.02, 0.03, 0.0])
-    assert np.array_equal(np.sort(surface.points.view("f8,f8,f8").ravel()), np.sort(cloud.view("f8,f8,f8").ravel()))
-    found = surface.closest(queries)
-    apart = np.linalg.norm(queries[:, None] - surface.points, axis=2)
-    assert np.array_equal(found.points, surface.points[found.elements])
-    assert (apart[np.arange(300), found.elements] == apart.min(axis=1)).all()
+def test_what_is_found_is_nearest_among_the_points_so_far() -> None:
+    cloud, queries = points(4_000), points(300) + np.array([0.02, 0.03, 0.0])
+    surface = MapSurface(cloud[:10])
+    for count in (1_000, 1_900, 4_000):
+        more = cloud[len(surface.points) : count]
+        surface.room(len(more))[len(surface.points) : count] = more
+        surface.grow(count)
+        assert np.array_equal(surface.points, cloud[:count])
+        found = surface.closest(queries)
+        apart = np.linalg.norm(queries[:, None] - surface.points, axis=2)
+        assert np.array_equal(found.points, surface.points[found.elements])
+        assert (apart[np.arange(300), found.elements] == apart.min(axis=1)).all()
+        # The planes are those of a surface that had all points at once.
+        assert np.array_equal(found.normals, MapSurface(cloud[:count]).closest(queries).normals)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,10 @@ pytest.importorskip("kiss_icp")
 
 from dqreg.errors import InputError
 from dqreg.files import write_cloud
+from dqreg.kernels import threads
+from dqreg.odometry import Odometry
 from dqreg.odometry.engines import run_ours
-from dqreg.odometry.scans import open_scans
+from dqreg.odometry.scans import FrameData, Scans, open_scans
 from dqreg.odometry.settings import OdometrySettings
 
 
@@ -121,6 +125,26 @@ def test_a_damaged_file_is_a_frame_that_failed(tmp_path, jerky):
     trip = run_ours(open_scans(tmp_path), OdometrySettings())
     assert [r.verdict.level for r in trip.results] == ["accepted", "failed", "accepted"]
     assert "1.ply" in trip.results[1].verdict.reasons[0]
+
+
+@pytest.mark.parametrize("timed", [False, True])
+@pytest.mark.parametrize("cores", [1, 2])
+def test_frames_are_read_in_turn_by_one_thread_and_prepared_ahead_to_the_same_bits(monkeypatch, smooth, timed, cores):
+    monkeypatch.setattr(threads, "thread_count", lambda: cores)
+    reads, frames = [], [*smooth.frames[:3], np.zeros((0, 3)), *smooth.frames[3:]]
+    times = [*smooth.times[:3], np.zeros(0), *smooth.times[3:]] if timed else [None] * len(frames)
+
+    def read(number):
+        reads.append((number, threading.get_ident()))
+        return FrameData(frames[number], times[number])
+
+    trip = run_ours(Scans(tuple("abcdefghi"), read), OdometrySettings())
+    odometry = Odometry()
+    results = [odometry.register_frame(*frame) for frame in zip(frames, times, strict=True)]
+    assert reads == [(number, threading.get_ident()) for number in range(9)]
+    np.testing.assert_array_equal(trip.poses, odometry.poses)
+    assert [r.verdict.reasons for r in trip.results] == [r.verdict.reasons for r in results]
+    assert [r.verdict.level for r in trip.results][3] == "failed"
 
 
 def test_kiss_icps_loaders_are_used_and_named(tmp_path, points):

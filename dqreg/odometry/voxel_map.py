@@ -1,0 +1,111 @@
+"""The map: points in voxels, so many in each at most, with a surface that grows with it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.kernels.threads import Later
+from dqreg.odometry.map_surface import MapSurface
+from dqreg.odometry.settings import Resolved
+from dqreg.rigid import pose
+
+# Places of the table of voxels for each that there is room for.
+SPARSE = 2
+# Share of the voxels that are out of range from which on they are forgotten, since the map is made anew then; and how
+# far the sensor has to move, over the range, until they are counted again.
+FAR, STEP = 1.0 / 8.0, 1.0 / 32.0
+
+
+class VoxelMap:
+    """Points of a map; the same as in KISS-ICP's, which forgets what is out of range at once.
+
+    A frame that is inserted is added when the map is asked for the next time, or beside what its caller does before.
+    """
+
+    def __init__(self, lengths: Resolved, points: FloatArray | None = None) -> None:
+        self._lengths, self._counted_at = lengths, np.zeros(3)
+        self._waiting: tuple[FloatArray, FloatArray] | None = None
+        self._make(np.zeros((0, 3)) if points is None else points)
+
+    def _make(self, points: FloatArray) -> None:
+        """A map of points alone."""
+        self._surface = MapSurface(np.zeros((0, 3)))
+        self._open(len(points))
+        self._admit(points)
+
+    def _open(self, voxels: int) -> None:
+        """Room for so many voxels, none of which holds a point."""
+        size = 1
+        while size < SPARSE * voxels:
+            size *= 2
+        # Points and voxels so far.
+        self._counts, self._table = np.zeros(2, dtype=np.int64), np.full(size, -1)
+        self._voxels, self._links = np.zeros((voxels, 5), dtype=np.int64), np.zeros((0, 2), dtype=np.int64)
+
+    @property
+    def surface(self) -> MapSurface:
+        """All points as a surface."""
+        self._add_waiting()
+        return self._surface
+
+    @property
+    def points(self) -> FloatArray:
+        """All points, (n, 3), the oldest first."""
+        return self.surface.points
+
+    def insert(self, points: FloatArray, T_map_frame: FloatArray) -> None:
+        """Add the points of a frame, (n, 3), and forget what is out of range from there."""
+        self._add_waiting()
+        self._waiting = points, T_map_frame
+
+    @contextlib.contextmanager
+    def growing(self) -> Iterator[None]:
+        """Add what was inserted beside what is done meanwhile, without the map."""
+        added = Later(self._add_waiting)
+        try:
+            yield
+        finally:
+            added.result()
+
+    def _add_waiting(self) -> None:
+        if self._waiting is None:
+            return
+        (points, T_map_frame), self._waiting = self._waiting, None
+        self._add(pose.apply(T_map_frame, points))
+        place, reach = T_map_frame[:3, 3], self._lengths.max_range
+        if np.linalg.norm(place - self._counted_at) > STEP * reach:
+            self._counted_at = place.copy()
+            self._forget(place, reach)
+
+    def _forget(self, place: FloatArray, reach: float) -> None:
+        voxels, points = int(self._counts[1]), self._surface.points
+        # The first point stands for its voxel.
+        away = points[self._voxels[:voxels, 3]] - place
+        far = np.einsum("ij,ij->i", away, away) > reach**2
+        if np.count_nonzero(far) > FAR * voxels:
+            self._make(points[~far[self._links[: len(points), 1]]])
+
+    def _add(self, points: FloatArray) -> None:
+        voxels = int(self._counts[1]) + len(points)
+        if voxels > len(self._voxels):
+            known = self._surface.points.copy()
+            self._open(2 * voxels)
+            # As they came they are all taken again, to the same rows.
+            self._admit(known)
+        self._admit(points)
+
+    def _admit(self, points: FloatArray) -> None:
+        from dqreg.kernels.threads import as_plain
+        from dqreg.kernels.voxel_points import admit_points
+
+        size, most = self._lengths.voxel_size, self._lengths.max_points_per_voxel
+        room, links = self._surface.room(len(points)), self._links
+        if len(links) < len(room):
+            self._links = np.concatenate([links, np.zeros((len(room) - len(links), 2), dtype=np.int64)])
+        voxels = self._links, self._table, self._voxels, self._counts
+        admit_points(as_plain(points), size, size / float(np.sqrt(most)), most, room, *voxels)
+        self._surface.grow(int(self._counts[0]))
