@@ -13,7 +13,7 @@ from dqreg.compare.trust.calibration import (
     fit_confidence,
     rescale_confidence,
 )
-from dqreg.compare.trust.plots import reliability_plot
+from dqreg.compare.trust.output import reliability_plot
 from dqreg.compare.trust.trial import Trial
 from dqreg.errors import InputError
 from dqreg.trust.confidence import NAMES
