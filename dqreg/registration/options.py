@@ -162,6 +162,10 @@ class Options:
             raise InputError(
                 f"convergence is a share of the target's size, above 0 and below 1; got {self.convergence!r}"
             )
+        # A float32 would bring its short digits into all that is computed with it.
+        for name in ("max_distance", "max_angle_deg", "convergence", "time_limit"):
+            value = getattr(self, name)
+            object.__setattr__(self, name, None if value is None else float(value))
         for name in ("observe", "observe_search"):
             observer = getattr(self, name)
             if observer is not None and not callable(observer):
