@@ -179,11 +179,14 @@ def as_screw(real: FloatArray, dual: FloatArray) -> Screw:
     sign = canonical_sign(real)[..., np.newaxis]
     real, dual = sign * real, sign * dual
     r4, r, s4, s = real[..., 0], real[..., 1:], dual[..., 0], dual[..., 1:]
-    sine, half_shift = np.sqrt(_dot(r, r)), np.linalg.norm(s, axis=-1)
-    slides = sine <= _NO_TURN
-    still = slides & (half_shift == 0.0)
-    length = np.where(slides, np.where(still, 1.0, half_shift), sine)[..., np.newaxis]
-    n = np.where(still[..., np.newaxis], [1.0, 0.0, 0.0], np.where(slides[..., np.newaxis], s, r) / length)
+    # By the largest component first: squares of a shift of 1e-154 have no digits left.
+    largest = np.abs(s).max(axis=-1)
+    shift = s / np.where(largest > 0.0, largest, 1.0)[..., np.newaxis]
+    sine, over = np.sqrt(_dot(r, r)), np.linalg.norm(shift, axis=-1)
+    slides, half_shift = sine <= _NO_TURN, largest * over
+    still = slides & (largest == 0.0)
+    length = np.where(slides, np.where(still, 1.0, over), sine)[..., np.newaxis]
+    n = np.where(still[..., np.newaxis], [1.0, 0.0, 0.0], np.where(slides[..., np.newaxis], shift, r) / length)
     half_distance = np.where(slides, half_shift, r4 * _dot(s, n) - sine * s4)
     # n x s / sin(theta/2) is n x m: the part of s along n drops out.
     point = np.where(slides[..., np.newaxis], 0.0, np.cross(n, s) / length)
