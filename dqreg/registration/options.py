@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import numbers
 from collections.abc import Callable
 from typing import Any, Literal, TypedDict
@@ -133,6 +134,20 @@ class Options:
             raise InputError(f'units must be "check" or "ignore"; got {self.units!r}')
         if self.clutter not in ("allowed", "none"):
             raise InputError(f'clutter must be "allowed" or "none"; got {self.clutter!r}')
+        for name in ("accelerate", "verdict"):
+            if not isinstance(getattr(self, name), (bool, np.bool_)):
+                raise InputError(f"{name} must be True or False; got {getattr(self, name)!r}")
+        if not self.verdict and (self.search == "always" or self.solves_scale):
+            given = 'search="always"' if self.search == "always" else 'scale="solve"'
+            raise InputError(f"{given} compares poses by their verdicts: leave it out, or verdict=False")
+        _require_scale(self.scale)
+        self._require_numbers()
+        for name in ("observe", "observe_search"):
+            observer = getattr(self, name)
+            if observer is not None and not callable(observer):
+                raise InputError(f"{name} must be a function of one record, or None; got {observer!r:.80}")
+
+    def _require_numbers(self) -> None:
         for name in ("max_distance", "max_angle_deg", "max_iterations", "convergence", "seed", "time_limit"):
             value = getattr(self, name)
             if not isinstance(value, numbers.Real) and not (value is None and name in ("max_distance", "time_limit")):
@@ -141,16 +156,13 @@ class Options:
             value = getattr(self, name)
             if not isinstance(value, numbers.Integral):
                 raise InputError(f"{name} must be a whole number; got {value!r}")
-        for name in ("accelerate", "verdict"):
-            if not isinstance(getattr(self, name), (bool, np.bool_)):
-                raise InputError(f"{name} must be True or False; got {getattr(self, name)!r}")
-        if not self.verdict and (self.search == "always" or self.solves_scale):
-            given = 'search="always"' if self.search == "always" else 'scale="solve"'
-            raise InputError(f"{given} compares poses by their verdicts: leave it out, or verdict=False")
-        _require_scale(self.scale)
+        # A float32 would bring its short digits into all that is computed with it.
+        for name in ("max_distance", "max_angle_deg", "convergence", "time_limit"):
+            value = getattr(self, name)
+            object.__setattr__(self, name, None if value is None else _as_float(value))
         if self.time_limit is not None and not self.time_limit > 0.0:
             raise InputError(f"time_limit must be a number of seconds above 0; got {self.time_limit!r}")
-        if self.max_distance is not None and not 0.0 < float(self.max_distance) <= LARGEST:
+        if self.max_distance is not None and not 0.0 < self.max_distance <= LARGEST:
             raise InputError(f"max_distance must be a length above 0 in target units; got {self.max_distance!r}")
         if not 0.0 < self.max_angle_deg <= 90.0:
             raise InputError(f"max_angle_deg must be above 0 and at most 90; got {self.max_angle_deg!r}")
@@ -162,14 +174,6 @@ class Options:
             raise InputError(
                 f"convergence is a share of the target's size, above 0 and below 1; got {self.convergence!r}"
             )
-        # A float32 would bring its short digits into all that is computed with it.
-        for name in ("max_distance", "max_angle_deg", "convergence", "time_limit"):
-            value = getattr(self, name)
-            object.__setattr__(self, name, None if value is None else float(value))
-        for name in ("observe", "observe_search"):
-            observer = getattr(self, name)
-            if observer is not None and not callable(observer):
-                raise InputError(f"{name} must be a function of one record, or None; got {observer!r:.80}")
 
     @property
     def recorded(self) -> dict[str, Any]:
@@ -230,6 +234,14 @@ class Options:
             accelerate=self.accelerate,
             stopping=Stopping(convergence=self.convergence, iterations=self.max_iterations),
         )
+
+
+def _as_float(number: Any) -> float:
+    """The number as Python's; infinite where it is beyond all of these."""
+    try:
+        return float(number)
+    except OverflowError:
+        return math.copysign(math.inf, 1 if number > 0 else -1)
 
 
 def _require_scale(scale: object) -> None:

@@ -146,7 +146,6 @@ def register(
     >>> result.verdict.level, result.T_target_source[:3, 3].round(6).tolist()
     ('accepted', [-1.0, 2.0, -0.5])
     """
-    watch = Stopwatch(time_limit)
     options = Options(
         method=method,
         max_distance=max_distance,
@@ -173,4 +172,4 @@ def register(
     )
     if options.solves_scale:
         return logged(align_with_scale(source, target, start, options))
-    return logged(align(Problem.of(source, target, start, options, watch)))
+    return logged(align(Problem.of(source, target, start, options, Stopwatch(options.time_limit))))

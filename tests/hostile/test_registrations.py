@@ -204,6 +204,8 @@ TAKEN: dict[str, dict[str, Any]] = {
     "numbers of NumPy": {"max_distance": np.float32(30.0), "max_angle_deg": np.int16(60)},
     "no time at all": {"time_limit": 1e-300},
     "endless time": {"time_limit": 1e300},
+    "time beyond all floats": {"time_limit": 10**400},
+    "distance beyond all floats": {"max_distance": 10**400},
     "no time to search": {"start": None, "time_limit": 1e-9},
     "prior of zero covariance": {"prior": (START, 0.0 * COVARIANCE)},
     "prior beyond reach": {"prior": (pose.from_parts(np.eye(3), [1e6, 0, 0]), 1e-12 * COVARIANCE)},
