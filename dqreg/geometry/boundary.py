@@ -11,6 +11,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
+from dqreg.kernels.threads import unlocked_property
 
 # Pieces that the free edges are cut into, about, so that their middles can be looked up.
 PIECES = 20_000
@@ -122,7 +123,6 @@ class CloudBoundary:
         self._tree, self._points = tree, points
         self._rim = np.zeros(len(points), dtype=bool)
         self._known = np.zeros(len(points), dtype=bool)
-        self._in_lines: bool | None = None
 
     def at(self, rows: IntArray, normals: FloatArray) -> BoolArray:
         """Whether points lie on the boundary of the cloud."""
@@ -147,15 +147,9 @@ class CloudBoundary:
             over_chunks(one_sided_rows, len(rows), *around, ONE_SIDED, LINE, found)
         return found
 
-    @property
+    @unlocked_property
     def in_lines(self) -> bool:
         """Whether the cloud lies in lines, as of a LiDAR's rings."""
-        # No `cached_property`: in Python 3.11 that holds one lock for all clouds.
-        if self._in_lines is None:
-            self._in_lines = self._lies_in_lines()
-        return self._in_lines
-
-    def _lies_in_lines(self) -> bool:
         from dqreg.kernels.rims import line_rows
         from dqreg.kernels.threads import as_plain, over_chunks
 

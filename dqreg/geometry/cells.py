@@ -15,6 +15,7 @@ from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import LONG, CodeArray, Ends, edge_of_cells, morton_codes, sorted_codes
 from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, fit_planes, fit_planes_around
 from dqreg.geometry.surface import Closest
+from dqreg.kernels.threads import unlocked_property
 
 # Cells count as neighbours whose means are within so many edges, in their block of eight or those around it: about
 # twenty of a surface.
@@ -78,21 +79,17 @@ class CellSurface(CloudSurface):
 
     def __init__(self, means: PointCloud, cells: Cells) -> None:
         self._cells = cells
-        self._found: tuple[PlaneFits, BoolArray, BoolArray] | None = None
         super().__init__(means, derived=True)
 
     def _ordered(self, points: FloatArray) -> IntArray:
         # Cells are in Morton order, and each has one mean.
         return np.arange(len(points))
 
-    @property
+    @unlocked_property
     def _of_cells(self) -> tuple[PlaneFits, BoolArray, BoolArray]:
         """Planes where neighbouring cells make one, which of these lie on a rim, and where there is none, (m,)."""
-        # No `cached_property`: in Python 3.11 that holds one lock for the cells of all clouds.
-        if self._found is None:
-            fits, rims = self._cells.planes()
-            self._found = fits, rims, ~fits.known
-        return self._found
+        fits, rims = self._cells.planes()
+        return fits, rims, ~fits.known
 
     def fit_cells(self) -> None:
         """Fit the planes of the cells, which whoever asks for matches needs."""
